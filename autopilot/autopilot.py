@@ -1,7 +1,7 @@
-"""The flight controller above its compiled inner loop: commander, modes, failsafes, parameters and MAVLink ports.
+"""The flight controller around the compiled inner loop: commander, modes, failsafes, parameters and MAVLink ports.
 
-One table leads from the type of a received message to the service that handles it. The small services that keep a link
-alive are here: heartbeats of others, PING, TIMESYNC, old stream requests, the key.
+`HANDLERS` maps the type of a received message to its handler. This module has the small handlers: HEARTBEAT, PING,
+TIMESYNC, REQUEST_DATA_STREAM and SETUP_SIGNING.
 """
 
 from collections.abc import Callable
@@ -23,14 +23,14 @@ from autopilot.parameters import ParameterTable
 from foundation.airframe import Airframe
 from foundation.mavlink import dialect
 
-COMMANDER_US = 20_000  # 50 Hz: modes and failsafes change slowly, telemetry and the inner loop have rates of their own
+COMMANDER_US = 20_000  # 50 Hz; telemetry and the inner loop run at their own rates
 
 
 class Core(Protocol):
     """The interface of the inner loop to the commander (`autopilot.control.flight_core.FlightCore`)."""
 
     estimate: Any  # ESTIMATE record, read
-    state: Any  # its field `landed` is written: 1 while the vehicle stands
+    state: Any  # CONTROL_STATE record; its field `landed` is written: 1 while the vehicle is on the ground
     setpoint: Any  # SETPOINT record, written
 
     def set_parameter(self, name: str, value: float) -> float | None: ...
@@ -41,15 +41,15 @@ class Core(Protocol):
 class Autopilot:
     """Flies one vehicle. Call `update` every 10 ms of vehicle time, after the inner loop has run.
 
-    Pure: no socket, no thread, no wall clock. Time is `core.estimate.time_us`, or the sensors' before the first
-    estimate. `actuators` (ACTUATORS record, read only) feeds SERVO_OUTPUT_RAW.
+    It uses no socket, no thread and no wall clock. Time is `core.estimate.time_us`, or the sensors' time before the
+    first estimate. `actuators` (ACTUATORS record, read only) feeds SERVO_OUTPUT_RAW.
     `log_dir` (one per vehicle) receives a ULog file for every flight; without it nothing is logged.
     `card_dir` (one per vehicle) is the memory card, on which clients store files by MAVLink FTP.
-    `inject` (unit, type, instance as in MAV_CMD_INJECT_FAILURE) breaks or mends a part of the simulated vehicle and
-    returns whether it could; without it failure injection is unsupported.
+    `inject` (unit, type, instance as in MAV_CMD_INJECT_FAILURE) breaks or repairs a part of the simulated vehicle and
+    returns whether this is possible; without it failure injection is unsupported.
     `gimbal` carries the camera; without it gimbal commands are unsupported.
-    `parameter_file` and `plan_file` keep what a flight controller keeps without power; a missing one is begun.
-    Raises UsageError when one of them exists but cannot be read, or `log_dir` or `card_dir` cannot be made.
+    `parameter_file` and `plan_file` store parameters and plans across restarts; a missing file is created when needed.
+    Raises UsageError if one of them exists but cannot be read, or `log_dir` or `card_dir` cannot be created.
     """
 
     def __init__(
@@ -106,18 +106,18 @@ class Autopilot:
             port.tick(now)
 
     def stream(self) -> None:
-        """Queue the telemetry that is due between two updates. Call it as often as `stream_us` asks for."""
+        """Queue the telemetry that is due between two updates. Call it every `stream_us` µs if that is below 10 ms."""
         self.state.refresh()
         for port in self.node.ports:
             port.stream(self.state.time_us)
 
     @property
     def stream_us(self) -> int:
-        """The interval (µs) of the fastest stream that a client has asked for; below 10 ms `stream` is wanted."""
+        """The interval (µs) of the fastest stream on all ports. Below 10 ms, `stream` must be called too."""
         return self.node.shortest_us
 
     def close(self) -> None:
-        """End the flight log that is being written, if any."""
+        """End the open flight log, if any."""
         if self.log is not None:
             self.log.close()
 
@@ -132,17 +132,17 @@ class Autopilot:
         return port
 
     def close_port(self, port: Port) -> None:
-        """Forget a port. Raises ValueError when it is not open here."""
+        """Remove a port. Raises ValueError if the port is not open."""
         self.node.ports.remove(port)
         self.node.find_shortest()
 
     @property
     def reboot_requested(self) -> bool:
-        """True if a client has requested a restart. The owner of this object may grant it by making a new one."""
+        """True if a client has requested a restart. The owner of this object may then replace it by a new one."""
         return self.node.reboot_requested
 
     def adopt(self, former: "Autopilot") -> None:
-        """Take over what outlives a restart: the parameters, the plans and the item of the mission that comes next."""
+        """Copy what survives a restart: the parameters, the plans and the number of the next mission item."""
         for name in former.parameters.names:
             self.parameters.set(name, former.parameters[name])
         self._keep_plans(former.commander.flight.plans)
@@ -162,7 +162,7 @@ class Autopilot:
 
 
 def _as_mavlink2(frame: bytes, crc_extra: int) -> bytes:
-    """Return a packed message in MAVLink 2, which is all that our links carry; older clients begin with MAVLink 1."""
+    """Return a packed message as MAVLink 2. Older clients begin with MAVLink 1, but our links carry only MAVLink 2."""
     if frame[0] != dialect.PROTOCOL_MARKER_V1:
         return frame
     length, sequence, system, component, number = frame[1:6]
@@ -172,7 +172,7 @@ def _as_mavlink2(frame: bytes, crc_extra: int) -> bytes:
 
 
 def heartbeat(node: Node, port: Port, message: Message) -> None:
-    """Remember when a ground station was last heard, and let the other links know of the sender."""
+    """Store the time of a ground station's heartbeat. Forward the heartbeats of other systems to the other ports."""
     if message.get_srcSystem() != node.system_id:
         node.forward(port, _as_mavlink2(bytes(message.get_msgbuf()), message.crc_extra))
     if message.type == dialect.MAV_TYPE_GCS:
@@ -180,7 +180,7 @@ def heartbeat(node: Node, port: Port, message: Message) -> None:
 
 
 def ping(node: Node, port: Port, message: Message) -> None:
-    """Answer a request (target 0/0) with its own time and number, addressed to the sender."""
+    """Reply to a request (target 0/0) with the time and sequence number of the request."""
     if message.target_system == 0 and message.target_component == 0:
         port.send(
             dialect.MAVLink_ping_message(
@@ -190,13 +190,13 @@ def ping(node: Node, port: Port, message: Message) -> None:
 
 
 def timesync(node: Node, port: Port, message: Message) -> None:
-    """Answer a request (tc1 = 0) with the vehicle's time in ns."""
+    """Reply to a request (tc1 = 0) with the vehicle's time in ns."""
     if message.tc1 == 0:
         port.send(dialect.MAVLink_timesync_message(node.time_us * 1000, message.ts1))
 
 
 def request_data_stream(node: Node, port: Port, message: Message) -> None:
-    """Raise the rates of a group of streams, never below what the port already sends; stop = back to the default."""
+    """Raise the rates of a group of streams; a higher present rate stays. A stop request restores the default rates."""
     for name in GROUPS.get(message.req_stream_id, ()):
         message_id = BY_NAME[name].message_id
         if not message.start_stop:
@@ -208,9 +208,9 @@ def request_data_stream(node: Node, port: Port, message: Message) -> None:
 
 
 def setup_signing(node: Node, port: Port, message: Message) -> None:
-    """Take the key of SETUP_SIGNING for every port, as PX4 does. It never goes further; only the addressed take it.
+    """Set the key of SETUP_SIGNING on every port, as PX4 does. Only the addressed vehicle does this.
 
-    An armed vehicle takes none: its agent must not be shut out in flight.
+    The message is not forwarded. An armed vehicle refuses the key, because a new key would lock out its agent.
     """
     if message.target_system != node.system_id:
         return
@@ -256,11 +256,11 @@ HANDLERS: dict[str, MessageHandler] = {
     "LOG_REQUEST_END": file_transfer.request_end,
     "LOG_ERASE": file_transfer.erase,
 }
-_COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # answered even if another component is addressed
+_COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # a command to another system or component is also answered
 
 
 def handle(node: Node, port: Port, message: Message) -> None:
-    """Let the right service act. A message that breaks it is counted and said once, never raised."""
+    """Call the handler of a message. An error of the handler is counted, not raised; the first is sent as a text."""
     kind = message.get_type()
     handler = HANDLERS.get(kind)
     if handler is None or (message.get_srcSystem() == node.system_id and message.get_srcComponent() == COMPONENT_ID):

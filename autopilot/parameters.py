@@ -1,7 +1,7 @@
-"""The parameters: PX4's names, types and defaults, and a store that tells the compiled core what changed.
+"""The parameters: PX4's names, types and defaults, and a table of values that passes changes to the compiled core.
 
-A default written as an int is an INT32, one written as a float a REAL32. Source of names and values: the PX4 parameter
-reference, except MC_* and MPC_* gains, which come from the core that was designed for the airframe.
+An int default means INT32, a float default REAL32. Source of names and values: the PX4 parameter reference. The
+defaults of the MC_* and MPC_* gains come from the compiled core, which designs them for the airframe.
 """
 
 import json
@@ -47,7 +47,7 @@ DEFAULTS: dict[str, int | float] = {
     "FLW_TGT_RS": 0.1, "FLW_TGT_ALT_M": 0, "FLW_TGT_MAX_VEL": 5.0, "MC_ORBIT_RAD_MAX": 1000.0, "MC_ORBIT_YAW_MOD": 0,
     "PLD_BTOUT": 5.0, "PLD_MAX_SRCH": 3, "TRIG_MODE": 0, "MNT_MODE_IN": -1, "SDLOG_MODE": 0, "SDLOG_PROFILE": 1,
     "SDLOG_DIRS_MAX": 0,
-    # multicopter position control as far as a mode uses it
+    # multicopter control
     "MPC_XY_CRUISE": 5.0, "MPC_XY_VEL_MAX": 12.0, "MPC_XY_VEL_ALL": -10.0, "MPC_Z_VEL_MAX_UP": 3.0,
     "MPC_Z_VEL_MAX_DN": 1.5, "MPC_Z_V_AUTO_UP": 3.0, "MPC_Z_V_AUTO_DN": 1.5, "MPC_Z_VEL_ALL": -3.0,
     "MPC_VEL_MANUAL": 10.0, "MPC_VEL_MAN_BACK": -1.0, "MPC_VEL_MAN_SIDE": -1.0, "MPC_MAN_TILT_MAX": 35.0,
@@ -65,12 +65,12 @@ DEFAULTS: dict[str, int | float] = {
     "MPC_Z_VEL_D_ACC": 0.0, "MPC_YAWRAUTO_MAX": 60.0, "MPC_YAWRAUTO_ACC": 20.0, "MPC_XY_TRAJ_P": 0.5,
     "MPC_XY_ERR_MAX": 2.0, "LNDMC_Z_VEL_MAX": 0.25, "LNDMC_XY_VEL_MAX": 1.5, "LNDMC_ROT_MAX": 20.0,
     "LNDMC_TRIG_TIME": 1.0, "LNDMC_ALT_MAX": -1.0, "LNDMC_ALT_GND": 2.0, "LND_FLIGHT_T_HI": 0, "LND_FLIGHT_T_LO": 0,
-    # estimator names that clients look for
+    # estimator: the parameters that clients read
     "EKF2_EN": 1, "EKF2_GPS_CTRL": 7, "EKF2_BARO_CTRL": 1, "EKF2_MAG_TYPE": 0, "EKF2_HGT_REF": 1,
     "EKF2_NOAID_TOUT": 5000000, "EKF2_AID_MASK": 1,
-    # simulator names
+    # simulator
     "SIM_BAT_DRAIN": 60.0, "SIM_BAT_ENABLE": 1, "SIM_BAT_MIN_PCT": 50.0, "SIM_GPS_USED": 10,
-    # radio control as far as a client asks
+    # radio control: the parameters that clients read
     "RC_CHAN_CNT": 0, "RC_MAP_ROLL": 0, "RC_MAP_PITCH": 0, "RC_MAP_YAW": 0, "RC_MAP_THROTTLE": 0,
 }  # fmt: skip
 
@@ -83,12 +83,12 @@ def _float32(value: float) -> float:
 
 
 class ParameterTable:
-    """The values in force: `parameters["MPC_LAND_SPEED"]`; names sorted, so that an index always means the same name.
+    """The present values: `parameters["MPC_LAND_SPEED"]`. Names are sorted, so an index always means the same name.
 
-    `core_defaults` are the parameters that the compiled core honours; every later change of one of them goes to
-    `set_core`, which may return the value that it holds instead. Changed values are kept in `file` (JSON), if given;
-    `unsaved` is the reason why the last change could not be, None while all are. Raises UsageError when the file is
-    unreadable or holds a value that its parameter cannot.
+    `core_defaults` are the parameters of the compiled core. Every later change of one of them is passed to `set_core`,
+    which may return a different value that it has set. Values other than the defaults are saved in `file` (JSON), if
+    given. `unsaved` is the reason if the last save failed, else None. Raises UsageError if the file cannot be read or
+    has a value that its parameter cannot hold.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class ParameterTable:
         self._values = dict(self._defaults)
         self._core_names = frozenset(core_defaults)
         self._set_core = set_core
-        self._file: Path | None = None  # until it is read: a change while reading would write a part over the whole
+        self._file: Path | None = None  # None while `file` is read: saving then would lose the values not yet read
         self.unsaved: str | None = None
         self.names = tuple(self._values)
         self._index = {name: i for i, name in enumerate(self.names)}
@@ -123,7 +123,7 @@ class ParameterTable:
         return len(self.names)
 
     def index(self, name: str) -> int:
-        """Return the dense index of a parameter. Raises KeyError for an unknown name."""
+        """Return the index of a parameter in `names`. Raises KeyError for an unknown name."""
         return self._index[name]
 
     def is_integer(self, name: str) -> bool:
@@ -131,7 +131,7 @@ class ParameterTable:
         return isinstance(self._defaults[name], int)
 
     def set(self, name: str, value: float) -> None:
-        """Put a value in force. Raises KeyError for an unknown name, ValueError for one that its type cannot hold."""
+        """Set a value. Raises KeyError for an unknown name, ValueError for a value that the type cannot hold."""
         coerced = _coerced(value, self.is_integer(name))
         if self._values[name] == coerced:
             return
@@ -144,7 +144,7 @@ class ParameterTable:
             self._save(self._file)
 
     def reset(self) -> None:
-        """Put every default back in force."""
+        """Set every parameter to its default."""
         for name, value in self._defaults.items():
             self.set(name, value)
 
@@ -155,7 +155,7 @@ class ParameterTable:
         except UsageError as error:
             raise UsageError(f"{error}. Correct the file or delete it.") from error
         for name, value in changes.items():
-            if name not in self._values:  # a name that an older version knew is no reason to refuse to fly
+            if name not in self._values:  # a name of an older version is ignored
                 continue
             try:
                 self.set(name, value)
@@ -167,12 +167,12 @@ class ParameterTable:
         try:
             write_text(file, json.dumps(changed, indent=1) + "\n")
             self.unsaved = None
-        except OSError as error:  # a full disk is no reason to stop flying
+        except OSError as error:  # a full disk must not stop the flight
             self.unsaved = error.strerror or "the disk refused"
 
 
 def _coerced(value: float, integer: bool) -> int | float:
-    """Return the value as its type holds it. Raises ValueError when it cannot."""
+    """Convert a value to the type of its parameter. Raises ValueError if this is impossible."""
     if not math.isfinite(value):
         raise ValueError("a parameter must be finite")
     if not integer:

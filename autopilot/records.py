@@ -1,8 +1,8 @@
-"""Records that the compiled inner loop and the commander exchange, the setpoint as a value, and compiled conversions.
+"""Records that the compiled inner loop and the commander exchange, the setpoint as a tuple, and compiled conversions.
 
 The inner loop writes ESTIMATE a thousand times a simulated second; the commander reads it at its own rate and writes
-SETPOINT. As in PX4's TrajectorySetpoint, NaN in a setpoint field means "not controlled". The conversions are those of
-`foundation.frames`.
+SETPOINT. As in PX4's TrajectorySetpoint, NaN in a setpoint field means "not controlled". The conversions are compiled
+versions of those in `foundation.frames`.
 """
 
 import math
@@ -14,7 +14,7 @@ from foundation import frames
 from foundation.compiled import njit
 from foundation.frames import Quat, Vec3
 
-# SETPOINT.kind: which level of the cascade the setpoint enters at
+# SETPOINT.kind: the loop of the cascade that gets the setpoint
 KIND_IDLE = 0  # rotors stopped (disarmed) or idling (armed)
 KIND_TRAJECTORY = 1  # position, velocity, acceleration, yaw, yaw rate; NaN = not controlled
 KIND_ATTITUDE = 2  # attitude, yaw rate and collective thrust
@@ -40,9 +40,9 @@ SETPOINT = np.dtype(
     align=True,
 )
 
-# what is tested of a sample: places in the arrays of innovations
-VELOCITY_TEST = 0  # and the two after it: a fix's velocity, NED
-POSITION_TEST = 3  # and the one after it: a fix's position, north and east
+# indices of the tests of a sample in the arrays of innovations
+VELOCITY_TEST = 0  # to 2: velocity of a fix, NED
+POSITION_TEST = 3  # and 4: position of a fix, north and east
 HEIGHT_TEST = 5  # barometer, down
 HEADING_TEST = 6  # magnetometer
 TESTS = 7
@@ -71,17 +71,17 @@ ESTIMATE = np.dtype(
         ("velocity_std_v", "f8"),  # m/s
         ("tilt_std", "f8"),  # rad
         ("yaw_std", "f8"),  # rad
-        ("innovation", "f8", (TESTS,)),  # m/s, m and rad: of the newest sample of each kind, less what was expected
+        ("innovation", "f8", (TESTS,)),  # m/s, m and rad: newest sample of each kind minus its expected value
         ("innovation_variance", "f8", (TESTS,)),
-        ("test_ratio", "f8", (TESTS,)),  # innovation² over (gate² · variance): a sample above 1 is not used
-        ("attitude_setpoint", "f8", (4,)),  # what the cascade asks for, published as ATTITUDE_TARGET
+        ("test_ratio", "f8", (TESTS,)),  # innovation² over (gate² · variance); above 1 the sample is not used
+        ("attitude_setpoint", "f8", (4,)),  # setpoint of the attitude loop, sent as ATTITUDE_TARGET
         ("rates_setpoint", "f8", (3,)),  # rad/s
         ("thrust_setpoint", "f8"),  # 0 … 1
         ("hover_thrust", "f8"),  # 0 … 1
-        ("resets", "i8"),  # times the filter set a quantity anew or began anew, since boot
-        ("vibration_accel", "f8"),  # m/s², the smoothed change of accel_frd from one look to the next: PX4's metric
+        ("resets", "i8"),  # number of resets of a quantity and restarts of the filter since boot
+        ("vibration_accel", "f8"),  # m/s², smoothed change of accel_frd between two checks (50 Hz): PX4's metric
         ("vibration_gyro", "f8"),  # rad/s, the same of rates_frd
-        ("clipped", "i8", (3,)),  # looks at which an axis of the accelerometer was at full scale
+        ("clipped", "i8", (3,)),  # number of checks at which an axis of the accelerometer was at full scale
     ],
     align=True,
 )
@@ -127,8 +127,8 @@ geodetic_to_ned = njit(cache=True)(frames.geodetic_to_ned)
 def quat_advance(q: Quat, x: float, y: float, z: float) -> Quat:
     """Return q ⊗ exp((x, y, z)/2): q after a small body-frame rotation vector (rad).
 
-    Third-order series instead of sin and cos, one Newton step instead of a square root: exact to 1e-9 for the 0.05 rad
-    that a fast multirotor turns in one millisecond.
+    It uses third-order series instead of sin and cos, and one Newton step instead of a square root. It is exact to 1e-9
+    for 0.05 rad, which a fast multirotor turns in one millisecond.
     """
     h = 0.25 * (x * x + y * y + z * z)
     s = 0.5 - h / 12.0

@@ -1,14 +1,14 @@
-"""Measures the agent's own time of a step, and the cost of many flights that wait for their models.
+"""Measures the agent's own time per step, and the cost of many flights that wait for their models.
 
     python -m benchmarks.agent [--json] [--steps N] [--jobs N] [--seconds S] [--short]
 
-`step_ms…` is our own time of a step: from the frame in hand until the question is at the model's, and from its reply
-until the setpoint is the link's. Real frames of a map, the real client over HTTP on the loopback, the real logs on
-disk; vehicle and camera are stand-ins that cost nothing, and so is the model.
+`step_ms…` is the agent's own time per step: from the delivery of the frame until the question reaches the model, and
+from the reply until the link gets the setpoint. The frames of a map, the HTTP client and the logs on disk are real.
+Vehicle, camera and model are stand-ins that take no time.
 
-`in_flight` flies so many episodes at once in lockstep, every frame rendered, under a model that takes 2 s for each
-question: its `wall_over_model` is the wall time of all of them by that which the model alone takes for the longest, and
-`rss_mb` the greatest sum of the resident memory of all processes (`pss_mb`: what they share counted once).
+`in_flight` flies `--jobs` episodes at once in lockstep and renders every frame. The model takes 2 s per question.
+`wall_over_model` is the wall time of all flights divided by the time that the model alone takes for the longest flight.
+`rss_mb` is the largest sum of the resident memory of all processes; `pss_mb` counts shared memory once.
 """
 
 import math
@@ -46,16 +46,16 @@ from foundation.run_folder.writing import LineLog
 from foundation.setpoints import Setpoint, Sight
 from foundation.threads import InlineExecutor
 
-EPISODE = "blocks-commanding-01"  # four starts, from each of which there is something to see
+EPISODE = "blocks-commanding-01"  # has four starts, each with objects in view
 ACTION = '{"action": "go", "point": [480, 520], "depth_m": 9.5}'
 MODEL_S = 2.0
 TICK_US = 50_000
-UNCOUNTED = 5  # steps at the beginning, in which connections are made and caches filled
+UNCOUNTED = 5  # first steps, which open connections and fill caches; not counted
 
 
 @contextmanager
 def stand_in(seconds: float, reply: str) -> Iterator[str]:
-    """Run a model that sends `reply` after `seconds`, in a process of its own, and return its address."""
+    """Run a stand-in model in its own process and yield its address. It sends `reply` after `seconds`."""
     command = [sys.executable, "-m", "benchmarks.stand_in", str(seconds), reply]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
@@ -69,7 +69,7 @@ def stand_in(seconds: float, reply: str) -> Iterator[str]:
 
 
 class StandInAircraft:
-    """A vehicle whose time passes at once. Keeps the time of its last command."""
+    """A vehicle whose ticks take no wall time. It stores the time of its last command."""
 
     steady = True
 
@@ -92,7 +92,7 @@ class StandInAircraft:
 
 
 class StandInCamera:
-    """Delivers the same frames again and again. Keeps the time of the last one."""
+    """Delivers the same frames again and again. It stores the time of the last delivery."""
 
     def __init__(self, frames: Sequence[Frame], aircraft: Sequence[StandInAircraft]) -> None:
         self._frames, self._aircraft = frames, aircraft
@@ -122,7 +122,7 @@ def frames() -> list[Frame]:
 
 
 def own_time(seen: Sequence[Frame], steps: int) -> dict[str, float]:
-    """Return our own milliseconds of a step, for one decider of as many drones as there are frames."""
+    """Return the agent's own milliseconds per step, for one model that decides for `len(seen)` drones."""
     reply = ACTION if len(seen) == 1 else "[" + ", ".join([ACTION] * len(seen)) + "]"
     aircraft = [StandInAircraft() for _ in seen]
     camera = StandInCamera(seen, aircraft)
@@ -141,7 +141,7 @@ def own_time(seen: Sequence[Frame], steps: int) -> dict[str, float]:
         )  # fmt: skip
 
         def note_step(decision: Decision) -> bool:
-            """Note the times of a step after it was commanded."""
+            """Note the times of a commanded step. Return whether it is the last one."""
             if decision.drone == 0:
                 times = looker.get(f"{address}/times").json()
                 before.append(times["asked"] - camera.in_hand_s)
@@ -165,7 +165,7 @@ class Memory:
     """Samples the memory of this process and of all its children twice a second."""
 
     def __init__(self) -> None:
-        self.rss, self.pss = 0, 0  # bytes, the most at a time
+        self.rss, self.pss = 0, 0  # bytes, largest sum at one time
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self._thread.start()
@@ -182,7 +182,7 @@ class Memory:
 
 
 def _held(process: psutil.Process) -> tuple[int, int] | None:
-    """Return the resident bytes of a process, and the same with shared bytes counted once; None after its end."""
+    """Return (RSS, PSS) of a process in bytes; None after its end."""
     try:
         full = process.memory_full_info()
     except psutil.Error:
@@ -191,7 +191,7 @@ def _held(process: psutil.Process) -> tuple[int, int] | None:
 
 
 def in_flight(jobs: int, seconds: float) -> dict[str, Any]:
-    """Return the cost of `jobs` episodes at once beside their model, each `seconds` of vehicle time long."""
+    """Return the cost of `jobs` simultaneous episodes, each `seconds` of vehicle time long."""
     episodes = catalogue.suite_ids("one-drone")[:: max(1, 80 // jobs)][:jobs]
     memory = Memory()
     with stand_in(MODEL_S, ACTION) as address, tempfile.TemporaryDirectory() as folder:

@@ -1,15 +1,20 @@
-"""A minute of scripted flight over bad wires: what our link survives, and how far it leads the vehicle astray.
+"""Flies a scripted minute over bad wires: measures which wires the link survives, and how far the path deviates.
 
     python -m benchmarks.bad_wire [--json] [--only NAME …] [--seed N] [--short] [--px4 COMMAND | --to URL --truth URL]
 
-Every row is a whole flight in real time, all of it over the wire: connecting, arming, take-off, a minute of velocities,
-turns and holds, landing. `astray` is the farthest that the truth was from the flight over the perfect wire at the same
-second of the minute, `end` the distance at its end, `cut speed` the speed two seconds after the cable was pulled. A cut
-is survived when the link comes back and finds the vehicle holding, which ends the agent's flight.
-Our own simulator flies, a fresh one for each row, under our autopilot or under the PX4 that COMMAND starts; with --to
-an autopilot that is running and landed. There `heading off` tells whether paths can be compared: PX4's own simulation
-has been 4° off one way and 4° the other. `--short` flies a part of the minute over the perfect wire and one that loses,
-with our simulator at three times real time: whether it runs, and nothing to quote.
+Every row is a whole flight in real time over one wire: connecting, arming, take-off, a minute of velocities, turns and
+holds, landing. Figures of a row:
+
+    astray_m          largest distance between the true path and that of the perfect wire, at the same second
+    end_m             this distance at the end of the minute
+    cut_speed_mps     true speed two seconds after the cable was pulled
+    heading_off_deg   error of the autopilot's heading at the start of the minute
+
+A flight with a cut has survived if the link comes back and the autopilot holds, which ends the agent's flight. By
+default each row starts a new simulator of this project, with its own autopilot or with the PX4 that COMMAND starts.
+With --to, a running autopilot on the ground flies. Then `heading_off_deg` shows whether paths can be compared: PX4's
+own simulation has been 4° off in either direction. `--short` flies a part of the minute over the perfect wire and a
+lossy one, in the project's simulator at three times real time. It only checks that everything runs.
 """
 
 import argparse
@@ -40,10 +45,10 @@ from hil.link.parameters import Parameters
 from hil.link.transport import UdpTransport, connect
 
 EPISODE = "campus-approaching-01"
-ORIGIN = (47.397742, 8.545594, 488.0)  # only differences are looked at
-SILENCE_S = 30.0  # wall seconds, more than a cable is out here; `fly --connect` gives up after 6
-PROPOSED = {"COM_OBL_RC_ACT": 5.0, "COM_OF_LOSS_T": 0.5}  # for the flights in which it is: Hold, after half a second
-CUT_AT_S, CUT_S = 20.0, 10.0  # of the minute
+ORIGIN = (47.397742, 8.545594, 488.0)  # only differences matter
+SILENCE_S = 30.0  # s of wall time, longer than a cut; `fly --connect` gives up after 6 s
+PROPOSED = {"COM_OBL_RC_ACT": 5.0, "COM_OF_LOSS_T": 0.5}  # for rows with a cut: Hold, after half a second
+CUT_AT_S, CUT_S = 20.0, 10.0  # s of the minute, s
 LEG: tuple[tuple[Setpoint, float], ...] = (
     (Velocity(1.2, None), 5.0),
     (Hold(), 2.0),
@@ -51,13 +56,13 @@ LEG: tuple[tuple[Setpoint, float], ...] = (
     (Hold(), 3.5),
 )
 MINUTE = LEG * 5
-SHORT = ("perfect", "10 % loss")  # no delay, cut or baud rate, which the wall's clock counts
+SHORT = ("perfect", "10 % loss")  # no delay, cut or baud rate, because these use wall time
 SHORT_SPEED = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A wire."""
+    """The impairments of one wire in both directions."""
 
     name: str
     up: Impairment
@@ -87,7 +92,7 @@ ROWS = (
 
 
 class Truth:
-    """Listens to the truth on a thread of its own. A PX4 that simulates itself does not stamp it: our clock does."""
+    """Listens to the truth bus on its own thread. PX4's own simulation sends no time: then the wall clock counts."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -134,7 +139,7 @@ def _wall_us() -> int:
 
 @contextlib.contextmanager
 def autopilot(args: argparse.Namespace) -> Iterator[tuple[str, str]]:
-    """Give the URLs of an autopilot's link and of its truth."""
+    """Yield the URLs of an autopilot's link and of its truth bus."""
     if args.to:
         yield args.to, args.truth
         return
@@ -152,7 +157,7 @@ def autopilot(args: argparse.Namespace) -> Iterator[tuple[str, str]]:
             ports = simulator.ready()
             while px4 and not simulator.do("in step"):
                 time.sleep(0.1)
-            way = "udpin" if px4 else "udpout"  # PX4 speaks first, to a place that it knows
+            way = "udpin" if px4 else "udpout"  # PX4 sends first, to a configured port
             yield f"{way}://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
         finally:
             supervisor.close()
@@ -162,10 +167,10 @@ Path3 = list[tuple[float, float, float]]
 
 
 def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
-    """Return the figures of a flight, and its path: ahead, right and down of its start, every 0.1 s.
+    """Return the figures of a flight, and its path: m ahead, right and down of its start, every 0.1 s.
 
-    Ahead is where the autopilot believes that the nose points: a compass that is off turns all that is flown, and that
-    is not the wire's doing.
+    Ahead is the heading that the autopilot estimates, because a compass error turns the whole path and is not caused by
+    the wire.
     """
     figures: dict[str, Any] = {"wire": row.name, "survived": False, "why": ""}
     path: Path3 = []
@@ -206,7 +211,7 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
                 link.set_mode("LAND")
                 link.wait_for(lambda state: not state.armed, 60.0, "landing and disarming")
                 figures["survived"] = True
-            except TakeoverError as taken:  # back after a cut, it finds that the autopilot holds: as it should be
+            except TakeoverError as taken:  # expected after a cut: the autopilot holds
                 figures["survived"], figures["why"] = row.cut, f"{phase}: {taken}"
             except DronecatsError as fault:
                 figures["why"] = f"{phase}: {fault}"
@@ -233,7 +238,7 @@ def _seen_from(start: TruthSample, heading: float, sample: TruthSample) -> tuple
 
 
 def rescue(to: str) -> None:
-    """Land what a bad wire has left in the air, over a good one."""
+    """Land a vehicle that is still in the air, over a good wire."""
     link = Link(connect(to))
     with contextlib.suppress(DronecatsError):
         link.connect()
@@ -244,7 +249,7 @@ def rescue(to: str) -> None:
 
 
 def astray(path: Path3, reference: Path3) -> dict[str, float]:
-    """Return the farthest and the last distance of a path from the reference at the same second, m."""
+    """Return the largest and the last distance (m) of a path from the reference at the same time."""
     distances = [math.dist(a, b) for a, b in zip(path, reference, strict=False)]
     return {"astray_m": round(max(distances), 2), "end_m": round(distances[-1], 2)} if distances else {}
 

@@ -2,9 +2,9 @@
 
     python -m benchmarks.bench [--json] [--suite NAME] [--jobs N] [--rendered] [--short]
 
-`episodes_per_hour` counts `dronecats bench --pilot oracle` from the start of the command to its end, with the start of
-the workers, ascents, landings and verdicts. `cpu_s_per_episode` is the processor time of all its processes for each
-episode, which a busy machine changes less. `again_s` is the time of the same command when nothing is left to fly.
+`episodes_per_hour` covers the whole command `dronecats bench --pilot oracle`, including the start of the workers,
+ascents, landings and verdicts. `cpu_s_per_episode` is the processor time of all its processes per episode; it varies
+less on a busy machine. `again_s` is the wall time of the same command when nothing is left to fly.
 """
 
 import json

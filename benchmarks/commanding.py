@@ -1,10 +1,10 @@
-"""The three ways of commanding side by side, as docs/commanding.md has them.
+"""Compares the three ways of commanding a fleet, as in docs/commanding.md.
 
     python -m benchmarks.commanding [EPISODE …] [--pilot NAME] [--drones N] [--seconds S] [--json] [--short]
 
-Each episode is flown flat, solo and hierarchical in lockstep, the hierarchy under the scripted commander. Neither the
-pilots nor that commander are models: tokens are those that a served pilot's endpoint estimates. `--short` flies one
-episode for a few seconds, which shows whether all of it runs and no more.
+Each episode is flown flat, solo and hierarchical in lockstep. The hierarchy has the scripted commander. The pilots and
+this commander are not models; the endpoint of a served pilot estimates their tokens. `--short` flies one episode for a
+few seconds and only checks that everything runs.
 """
 
 import json
@@ -35,7 +35,7 @@ class CommandedFlight:
     steps: int  # as numbered in decisions.jsonl
     seconds: float  # s of vehicle time
     questions: int  # questions to the pilot
-    question_tokens: int | None  # in and out, all of them; None: not reported
+    question_tokens: int | None  # in and out, of all questions; None: not reported
     commanded: int  # questions to the commander
     commanded_tokens: int
 
@@ -64,7 +64,7 @@ def fly_commanded(mode: Mode, episode: str, pilot: str, drones: int | None, seco
 
 
 def table(by_mode: dict[str, list[CommandedFlight]]) -> str:
-    """Return the rows of each mode as Markdown; all but `solved` are means over its flights."""
+    """Return a Markdown table with a row for each mode. All columns but `solved` are means over flights."""
     lines = [
         "| command | solved | declarations | steps | seconds | questions | tokens | to the commander | its tokens |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
@@ -94,7 +94,7 @@ def table(by_mode: dict[str, list[CommandedFlight]]) -> str:
 
 
 def main() -> int:
-    """Fly, and print the table, or with --json every flight; return the exit status."""
+    """Fly the episodes; print the table, or every flight with --json; return the exit status."""
     parser = benchmark_parser(__doc__, short="fly one episode with two drones for a few seconds")
     parser.add_argument("episodes", nargs="*", help="episodes by id (default: the commanding suite)")
     parser.add_argument("--pilot", default="oracle", help="oracle (default) or vision")

@@ -1,8 +1,8 @@
-"""Measures how long a film takes: `python -m benchmarks.film --json`.
+"""Measures how long the making of a film takes: `python -m benchmarks.film --json`.
 
-An episode is flown by the oracle in lockstep, without pictures, and filmed as `dronecats film` does it. Processor times
-are those of all processes, their beginnings and the encoder included; `shared_out_s` is that by `jobs`: what is left of
-the wall where nothing else runs.
+The oracle flies an episode in lockstep without pictures. The flight is then filmed as by `dronecats film`. Processor
+times include all processes, their start and the encoder. `shared_out_s` is the processor time divided by `jobs`: the
+wall time to expect on an idle machine.
 """
 
 import os
@@ -26,7 +26,7 @@ SHORT_SIZE, SHORT_FPS = (320, 180), 10
 
 
 def filmed(folder: Path, size: tuple[int, int], fps: int, seconds: float, jobs: int) -> dict[str, Any]:
-    """Return the cost of a film of that many seconds of a flight, and its length as read back."""
+    """Return the cost of a film of `seconds` of a flight, and its length as read back from the file."""
     film_plan = plan(filmable(folder), size=size, fps=fps, speed=1.0, from_s=0.0, to_s=seconds, drone=None)
     film_plan = replace(film_plan, closing=0)
     film = folder.parent / "film.mp4"
@@ -41,7 +41,7 @@ def filmed(folder: Path, size: tuple[int, int], fps: int, seconds: float, jobs: 
 
 
 def figures(scratch: Path, size: tuple[int, int], fps: int, seconds: float, jobs: int) -> dict[str, Any]:
-    """Return the cost of a film of so many seconds, and of a picture of it."""
+    """Return the cost of a film of `seconds`, in total and per picture."""
     machine = Machine()
     flight = FlightSpec(
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True

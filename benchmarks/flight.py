@@ -1,15 +1,16 @@
-"""Measures how fast our flight stack flies, and how well it holds real time.
+"""Measures how fast the project's flight stack flies, and how well it holds real time.
 
     python -m benchmarks.flight [--json] [--repeat N] [--seconds S] [--quick] [--short] [--peers --peers-dir DIR]
 
-prints times faster than real time (`…_rtf`) for the plant with its autopilot, for the same flown through MAVLink by an
-agent-like client, and for a fleet of four; the memory of one simulator process; how long a first run compiles; and how
-well real-time mode holds its rate. The task is the same everywhere: hover and steps of 1 m/s.
+Prints the factor on real time (`…_rtf`) for the plant with its autopilot (`core`), for a client that flies it through
+MAVLink as an agent does (`mavlink`), and for a fleet of four (`fleet4`). Also prints the memory of one simulator
+process, the compile time of a first run, and how well real-time mode holds its rate. The task is always the same: hover
+and steps of 1 m/s.
 
-Every `…_rtf` is a median over the repetitions, of vehicle seconds per wall second; `…_rtf_cpu` beside it counts the
-seconds of processor time instead, which other programs on a shared machine disturb less, and `…_rtf_x_loop` is that
-times `machine.python_loop_ms`, which tells little of the machine (`benchmarks/machine.py`). `--short` only shows, in
-seconds, that every figure can be had.
+Every `…_rtf` is the median over the repetitions of vehicle seconds per wall second. `…_rtf_cpu` counts processor
+seconds instead, which other programs on a shared machine disturb less. `…_rtf_x_loop` is `…_rtf_cpu` times
+`machine.python_loop_ms`; it depends little on the machine (`benchmarks/machine.py`). `--short` takes seconds and only
+checks that every figure can be measured.
 """
 
 import json
@@ -37,10 +38,10 @@ from vehicles import airframe
 
 ORIGIN = (47.397742, 8.545594, 488.0)  # latitude °, longitude °, altitude m
 HEIGHT_M = 5.0
-STEP_S = 2.0  # s each part of the task lasts
+STEP_S = 2.0  # s, duration of each part of the task
 STEPS_NED = ((0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (0.0, 1.0), (0.0, 0.0), (-1.0, 0.0), (0.0, 0.0), (0.0, -1.0))  # m/s
 MOVES: tuple[Setpoint, ...] = (Hold(), Velocity(1.0, None), Hold(), Turn(0.5), Hold(), Velocity(1.0, None))
-SETTLE_S = 25.0  # s for the estimator to find itself before a take-off
+SETTLE_S = 25.0  # s for the estimator to converge before take-off
 FLIGHTS = ("core", "mavlink", "mavlink_onboard", "fleet4")
 
 
@@ -54,7 +55,7 @@ class Stretch:
 
 
 def stretch(clock_us: Callable[[], int], fly_on: Callable[[float], None], seconds: float) -> Stretch:
-    """Return the duration of `fly_on(seconds)`."""
+    """Return the durations of `fly_on(seconds)`."""
     began_us, wall, cpu = clock_us(), time.perf_counter(), time.process_time()
     fly_on(seconds)
     return Stretch((clock_us() - began_us) / 1e6, time.perf_counter() - wall, time.process_time() - cpu)
@@ -72,7 +73,7 @@ def simulation(count: int, seed: int) -> Simulation[SimulatedVehicle]:
 
 
 class CoreFlight:
-    """Plant and autopilot with no port open: setpoints are handed to the commander as its MAVLink service would."""
+    """Plant and autopilot without open ports. The commander gets setpoints as from its MAVLink service."""
 
     def __init__(self, seed: int) -> None:
         self.vehicle = simulation(1, seed).vehicles[0]
@@ -113,9 +114,9 @@ class CoreFlight:
 
 
 class LinkedFlight:
-    """A fleet flown through `hil.link.link.Link`, 20 Hz each: every message encoded, decoded and acted upon.
+    """A fleet flown through `hil.link.link.Link` at 20 Hz each. Every message is encoded, decoded and handled.
 
-    `profile` of the ports: what `Lockstep.transport` opens for an agent, unless said otherwise.
+    `profile`: of the MAVLink ports, by default that of an agent's port.
     """
 
     def __init__(self, count: int, seed: int, profile: str = "minimal") -> None:
@@ -167,7 +168,7 @@ class LinkedFlight:
 
 
 def figures(name: str, runs: list[Stretch]) -> dict[str, float]:
-    """Return the medians of times-real-time, by the wall and by the processor."""
+    """Return the median factors on real time, by wall time and by processor time."""
     return {
         f"{name}_rtf": round(statistics.median(r.vehicle_s / r.wall_s for r in runs), 1),
         f"{name}_rtf_cpu": round(statistics.median(r.vehicle_s / r.cpu_s for r in runs), 1),
@@ -175,7 +176,7 @@ def figures(name: str, runs: list[Stretch]) -> dict[str, float]:
 
 
 def pace(seconds: float, period_s: float, work: Callable[[], None]) -> dict[str, float]:
-    """Return the lateness of a loop that does `work` every `period_s` in real time. Waits that long."""
+    """Return the lateness of a loop that calls `work` every `period_s` in real time, for `seconds`."""
     for _ in range(100):
         work()
     keeper = RateKeeper(period_s)
@@ -209,7 +210,7 @@ print(json.dumps({"load_s": loaded - began, "first_step_s": compiled - loaded,
 
 
 def child(cache: str | None) -> dict[str, float]:
-    """Return seconds to the first step and megabytes of a fresh simulator process. `cache`: of compiled code."""
+    """Return the start times and the memory of a fresh simulator process. `cache`: folder of compiled code."""
     environment = dict(os.environ) | ({"NUMBA_CACHE_DIR": cache} if cache else {})
     done = subprocess.run(
         [sys.executable, "-c", CHILD],
@@ -224,7 +225,7 @@ def child(cache: str | None) -> dict[str, float]:
 
 
 def processes() -> dict[str, float]:
-    """Return the figures of a process that compiles everything, and of the next one, which finds it compiled."""
+    """Return the figures of a process that compiles everything, and of one that loads the compiled code."""
     with tempfile.TemporaryDirectory() as cache:
         cold, warm = child(cache), child(cache)
     return {
@@ -237,7 +238,7 @@ def processes() -> dict[str, float]:
 
 
 def measure(repeat: int, seconds: float, quick: bool) -> dict[str, Any]:
-    """Return every figure of our own stack."""
+    """Return all figures of the project's flight stack."""
     results: dict[str, Any] = {
         "seconds": seconds,
         "repeat": repeat,

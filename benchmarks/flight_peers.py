@@ -1,6 +1,7 @@
-"""The hover-and-step task in other simulators, each in its own virtual environment, timed in the same run as ours.
+"""Flies the hover-and-step task in other simulators (peers), each in its own virtual environment, and times them.
 
-`compare` starts this file with the Python of each environment found; there it imports the peer and nothing of ours.
+`compare` runs this file with the Python of each environment that exists. There the file imports only the peer and
+nothing of this project.
 Environments: DIR/rotorpy, DIR/gym-pybullet-drones, DIR/PyFlyt and DIR/crazyflow, one package each.
 """
 
@@ -15,7 +16,7 @@ from typing import Any
 
 HEIGHT_M = 1.0
 STEP_S = 2.0
-UNTIMED_S = 8.0  # vehicle time: two hovers and two steps
+UNTIMED_S = 8.0  # s of vehicle time: two hovers and two steps
 REPEAT = 3
 LIMIT_S = 300  # wall time of one peer
 
@@ -24,16 +25,16 @@ Place = tuple[float, float, float]  # m, up positive
 
 
 def target(t: float) -> Place:
-    """Return the wanted place: hover, a step of 1 m, back, every 2 s."""
+    """Return the target place at `t` (s): every 2 s it steps by 1 m, away and back."""
     return (1.0 if int(t / STEP_S) % 2 else 0.0, 0.0, HEIGHT_M)
 
 
 def timed(step: Callable[[int], Place], dt: float, seconds: float) -> dict[str, float]:
-    """Return vehicle seconds per wall and per processor second, medians of `REPEAT` flights of so many vehicle seconds.
+    """Return vehicle seconds per wall and per processor second: medians of `REPEAT` flights of `seconds` each.
 
-    `step(number)` advances by `dt` and returns where the vehicle then is, which a client needs anyway. The first
-    `UNTIMED_S` compile, allocate and climb. Raises RuntimeError when the vehicle then leaves the task by more than
-    half a step, or never takes it: its time would be that of another flight.
+    `step(number)` advances by `dt` (s) and returns the vehicle's place, which every client needs. The first `UNTIMED_S`
+    are for compiling, allocating and climbing. Raises RuntimeError if the vehicle then deviates from the task by more
+    than half a step, or does not step, because its time would not be comparable.
     """
     number, steps = round(UNTIMED_S / dt), round(seconds / dt)
     for i in range(number):
@@ -89,7 +90,7 @@ def gym_pybullet_drones() -> dict[str, float]:
     from gym_pybullet_drones.envs.CtrlAviary import CtrlAviary
     from gym_pybullet_drones.utils.enums import DroneModel
 
-    rate = 240  # Hz, of physics and control alike: its own default
+    rate = 240  # Hz, of physics and control: the peer's default
     env = CtrlAviary(drone_model=DroneModel.CF2X, num_drones=1, pyb_freq=rate, ctrl_freq=rate, gui=False)
     control, dt = DSLPIDControl(drone_model=DroneModel.CF2X), 1.0 / rate
     env.reset()
@@ -109,7 +110,7 @@ def pyflyt() -> dict[str, float]:
 
     env = Aviary(start_pos=np.array([[0.0, 0.0, HEIGHT_M]]), start_orn=np.zeros((1, 3)), drone_type="quadx")
     env.set_mode(7)  # x, y, yaw, z
-    dt = float(env.step_period)  # of its controller; physics at twice that rate
+    dt = float(env.step_period)  # s, of its controller; the physics runs at twice that rate
 
     def step(i: int) -> Place:
         x, y, z = target(i * dt)
@@ -136,7 +137,7 @@ def crazyflow() -> dict[str, float]:
         command[0, 0, :3] = target(i * dt)
         sim.state_control(command)
         sim.step(every)
-        return tuple(np.asarray(sim.data.states.pos)[0, 0])  # waits for what is computed in the background
+        return tuple(np.asarray(sim.data.states.pos)[0, 0])  # waits for the computation in the background
 
     return timed(step, dt, 16.0)
 
@@ -150,9 +151,9 @@ PEERS: dict[str, Callable[[], dict[str, float]]] = {
 
 
 def compare(folder: Path, core_rtf: float, core_rtf_cpu: float) -> dict[str, Any]:
-    """Return per peer its times-real-time and ours divided by it, or a `note` on why it was skipped.
+    """Return per peer its factor on real time and the project's divided by it, or a `note` on why it was skipped.
 
-    Both by the wall and by the processor (`…_cpu`): where other programs run too, only the second ratio means much.
+    Both are by wall time and by processor time (`…_cpu`). If other programs run too, only the latter is meaningful.
     """
     results: dict[str, Any] = {}
     this = Path(__file__).absolute()
@@ -164,7 +165,7 @@ def compare(folder: Path, core_rtf: float, core_rtf_cpu: float) -> dict[str, Any
         try:
             done = subprocess.run(
                 [python, this, name], cwd=folder, capture_output=True, text=True, timeout=LIMIT_S, check=True
-            )  # some of them leave logs where they are started
+            )  # some peers write logs into the working folder
             results[name] = json.loads(done.stdout.splitlines()[-1])
             results[name]["ours_over_it"] = round(core_rtf / results[name]["rtf"], 1)
             results[name]["ours_over_it_cpu"] = round(core_rtf_cpu / results[name]["rtf_cpu"], 1)

@@ -1,10 +1,11 @@
-"""Landings at random places of every map: on the ground, on roofs, cars, trees and fences.
+"""Flies landings at random places of every map: on the ground, on roofs, cars, trees and fences.
 
     python -m benchmarks.landings [--places N] [--seed N] [--jobs N] [--json] [--short]
 
-Half of the places are drawn from the whole map, half from above a random thing. The vehicle boots on a platform above
-the place, takes off, the platform goes, and the vehicle is ordered to land. A landing ends `upright`, or it `says why`
-not: the autopilot sends a warning. `silent` is neither, and the goal is that no landing is.
+Half of the places are drawn from the whole map, half from above a random object. The vehicle boots on a platform above
+the place and takes off. Then the platform is removed, and the vehicle is ordered to land. The result is `upright` if
+the vehicle is disarmed and upright, `says why` if not but the autopilot sent a warning, and `silent` otherwise. The
+goal is that no landing is silent.
 """
 
 import json
@@ -29,24 +30,24 @@ from vehicles import airframe
 from vehicles.ground import peaks
 
 MAPS = {"residential": RESIDENTIAL, "campus": CAMPUS, "blocks": BLOCKS}
-ABOVE_M = 4.0  # of the platform over all that stands within AROUND_M
+ABOVE_M = 4.0  # m, of the platform above the highest point within AROUND_M
 AROUND_M = 2.0
 HOVER_S, LANDING_S = 8.0, 90.0
-TICKS = 100  # a second
+TICKS = 100  # per second
 
 
 @dataclass(frozen=True, slots=True)
 class Landing:
-    """The end of a landing."""
+    """The result of a landing."""
 
     map: str
-    place: str  # the thing below the middle of the vehicle at first, or 'ground'
+    place: str  # name of the object below the vehicle at the start, or 'ground'
     north_m: float
     east_m: float
     disarmed: bool
     lean_deg: float
     crashed: bool
-    texts: tuple[str, ...]  # warnings from the order to land on
+    texts: tuple[str, ...]  # warnings since the order to land
 
     @property
     def result(self) -> str:
@@ -57,7 +58,7 @@ class Landing:
 
 
 def top(world: World, solid: Obstacles, north: float, east: float) -> tuple[float, str]:
-    """Return the NED z (m) of the highest surface at a point, and the name of the thing or 'ground'."""
+    """Return the NED z (m) of the highest surface at a point, and the name of the object or 'ground'."""
     best, name = world.ground_down(north, east), "ground"
     middle, radius = solid.bounds[:, :2], solid.bounds[:, 3]
     for t in np.flatnonzero(np.hypot(*(middle - (north, east)).T) <= radius):
@@ -74,7 +75,7 @@ def top(world: World, solid: Obstacles, north: float, east: float) -> tuple[floa
 
 
 def draw(world: World, solid: Obstacles, rng: np.random.Generator, over_thing: bool) -> tuple[float, float]:
-    """Return a random place (m): of the extent of all things, or above one of them."""
+    """Return a random place (north, east; m): within the extent of all objects, or above one of them."""
     points: NDArray[np.float32] = solid.bounds
     if over_thing:
         points = points[solid.owner == rng.integers(len(solid.names))]
@@ -87,7 +88,7 @@ def draw(world: World, solid: Obstacles, rng: np.random.Generator, over_thing: b
 
 
 def land(map_: str, number: int, seed: int) -> Landing:
-    """Land at the place of this number."""
+    """Fly the landing at the place with this number."""
     world = load_world(MAPS[map_])
     solid = obstacles(world.scene)
     rng = np.random.default_rng((seed, list(MAPS).index(map_), number))

@@ -2,9 +2,9 @@
 
     python -m benchmarks.page [--json] [--embed] [--flights N] [--keep DIR] [--short]
 
-makes up N flights (720: nine pilots, eighty episodes) of sixty steps, each with a picture of 25 kB and a reply of 500
-letters, writes their page and opens it from the disk in a headless Chromium. The logs and pictures are the same few
-files under many names, which the page does not know. `--short` shows, in seconds, that every figure can be had.
+Creates N artificial flights (720: nine pilots, eighty episodes) of sixty steps, each with a picture of 25 kB and a
+reply of 500 characters. Writes their page and opens it from disk in a headless Chromium. The pilots share their logs
+and pictures by hard links. `--short` takes seconds and only checks that every figure can be measured.
 """
 
 import json
@@ -54,7 +54,7 @@ location.hash = hash;
 
 
 def made_up(folder: Path, flights: int, steps: int) -> None:
-    """Write runs of this many flights in all."""
+    """Write runs with `flights` flights in total, each of `steps` steps."""
     pilots = min(PILOTS, flights)
     names = [f"{MAPS[k % 2]}-{CELLS[k // 2 % 4]}-{k // 8 + 1:02}" for k in range(math.ceil(flights / pilots))]
     first = folder / "pilot-0"

@@ -1,4 +1,4 @@
-"""A client of a page without a browser: receives everything that the page sends."""
+"""A client of a live page that replaces a browser. It receives everything that the page sends."""
 
 import time
 from typing import Any
@@ -9,7 +9,7 @@ import zstandard
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-HEAD = 16  # bytes: how long the messages are, and how long compressed
+HEAD = 16  # bytes: sizes of the messages, uncompressed and compressed
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 5.0), "fov": 1.0,
     "near": 0.1, "far": 1000.0, "image_height": 600, "image_width": 800, "look_at": (0.0, 0.0, 0.0),
@@ -21,7 +21,7 @@ class PageClient:
     """Connects as a browser does, sends its camera, and receives messages."""
 
     def __init__(self, url: str) -> None:
-        """`url` is the page's. Raises OSError if it is not served."""
+        """`url`: of the page. Raises OSError if the page is not served."""
         address = url.replace("http://", "ws://")
         protocol = Subprotocol(f"viser-v{viser.__version__}")
         self._socket = connect(address, subprotocols=[protocol], max_size=None, compression=None)
@@ -43,7 +43,7 @@ class PageClient:
         return decoded(data)
 
     def until(self, wanted: Any, timeout_s: float) -> list[dict[str, Any]]:
-        """Return all messages until one for which `wanted` is true. Raises TimeoutError."""
+        """Return all messages up to the first delivery with one for which `wanted` is true. Raises TimeoutError."""
         due_s, messages = time.monotonic() + timeout_s, []
         while True:
             left_s = due_s - time.monotonic()
@@ -59,7 +59,7 @@ class PageClient:
 
 
 def decoded(delivery: bytes) -> list[dict[str, Any]]:
-    """Return the messages in what a page sends at once. Arrays are left out: what stands for them is a number."""
+    """Return the messages in one delivery of a page. Numbers replace the arrays in them."""
     size, packed = (int.from_bytes(delivery[at : at + 8], "little") for at in (0, 8))
     inner = zstandard.ZstdDecompressor().decompress(delivery[HEAD : HEAD + packed], max_output_size=size)
     return list(msgspec.msgpack.decode(inner)["messages"])

@@ -1,8 +1,8 @@
-"""Flights that press against obstacles: walls, posts, cars, trees, slopes and the ground, on every map.
+"""Flies a vehicle against obstacles (presses): walls, posts, cars, trees, slopes and the ground, on every map.
 
-Each press takes off before a thing, flies into it at 1.2 m/s as an agent's go does, goes on pushing, and then backs
-off. From the first contact on the truth is compared with what the autopilot believes. Prints one line a press, with the
-names of the limits that it exceeds:
+In each press the vehicle takes off before an obstacle, flies into it at 1.2 m/s as with an agent's go, keeps pushing,
+and then backs off. From the first contact on, the truth is compared with the autopilot's estimate. Prints one line per
+press, with the names of the exceeded limits:
 
     python -m benchmarks.presses [--seeds N] [--only WORD] [--jobs N] [--json] [--px4 COMMAND]
 """
@@ -38,11 +38,11 @@ from hil.link.link import Link
 from vehicles.solids import in_triangle
 
 SPEED = 1.2  # m/s, as fast as the agent's controller flies
-BEFORE_M = 3.0  # of free way before the thing
-ROOM_M = 3.0  # beside the way to the thing: more is not asked for
-AHEAD_S = 12.0  # within which it has to meet the thing
+BEFORE_M = 3.0  # m of free way before the obstacle
+ROOM_M = 3.0  # m beside the way to the obstacle; more room is not needed
+AHEAD_S = 12.0  # s within which the vehicle must meet the obstacle
 BACK_S = 6.0
-AWAY_M = 2.0  # that it has to come away within BACK_S, unless it meets another thing; it came from 2.4 m away
+AWAY_M = 2.0  # m that it must back off within BACK_S, unless it meets another obstacle; it came from 2.4 m away
 TICK_S = TICK_US / 1e6
 WATCHED = (
     dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
@@ -57,13 +57,13 @@ COMPARED = ("attitude_deg", "velocity_error", "position_error_m", "speed", "tilt
 class Press:
     """An obstacle, and the course into it."""
 
-    episode: str  # whose map it is
+    episode: str  # its map is used
     thing: str  # name of an instance, or 'ground'
-    turn_deg: float = 0.0  # between the course and the nearest axis of the thing: 0 is head-on
-    beside: float = 0.0  # how far the course passes the thing's middle, over half of the thing's width
+    turn_deg: float = 0.0  # between the course and the nearest axis of the obstacle; 0: head-on
+    beside: float = 0.0  # distance of the course from the obstacle's middle, over half of its width
     seconds: float = 30.0  # of pushing
-    wind_n: float = 0.0  # m/s, to the north
-    height_m: float | None = None  # above the ground; None: two thirds of the thing's, at most 2 m
+    wind_n: float = 0.0  # m/s, wind to the north
+    height_m: float | None = None  # above the ground; None: two thirds of the obstacle's, within 0.6 … 2 m
 
 
 RESIDENTIAL, CAMPUS, BLOCKS = "residential-searching-01", "campus-searching-01", "blocks-commanding-01"
@@ -100,32 +100,32 @@ PRESSES = (
     Press(BLOCKS, "pyramid-1", 15.0),
 )
 
-# The most that a press may do: `Outcome` fields and their limits.
+# Upper limits of a press, by field of `Outcome`.
 LIMITS = {"attitude_deg": 3.0, "velocity_error": 1.0, "position_error_m": 3.0, "speed": 1.5 * SPEED, "tilt_deg": 90.0}
-PX4_LIMITS = {"position_error_m": 5.0, "speed": 3.0}  # the same of a real PX4, which answers for the rest
+PX4_LIMITS = {"position_error_m": 5.0, "speed": 3.0}  # the same for a real PX4; its other figures have no limit
 
 
 @dataclass(frozen=True, slots=True)
 class Fastest:
     """The moment of the greatest true speed, and the flight since the last hit before it.
 
-    A speed that grows after the hit, while the vehicle leans as commanded, was made by the controller. A speed that is
-    there at the hit, or grows against the commanded lean, was made by the contact.
+    If the speed grows after the hit while the vehicle leans as commanded, the controller caused it. If the speed exists
+    at the hit or grows against the commanded lean, the contact caused it.
     """
 
-    second: float  # since the first contact
+    second: float  # s since the first contact
     phase: str
     since_hit_s: float
     speed_at_hit: float  # m/s, true, 20 ms after the last hit
     speed_believed: float  # m/s, by LOCAL_POSITION_NED
-    lean_commanded_deg: float  # greatest lean of ATTITUDE_TARGET since the last hit, for the last second at most
-    lean_deg: float  # the same, true
+    lean_commanded_deg: float  # largest lean of ATTITUDE_TARGET since the last hit, within the last second
+    lean_deg: float  # the same of the true attitude
     off_target_deg: float  # median angle between true and commanded attitude over that time
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The worst of a press, from the first contact to the end of backing off."""
+    """The worst figures of a press, from the first contact to the end of backing off."""
 
     press: Press
     seed: int
@@ -135,18 +135,18 @@ class Outcome:
     position_error_m: float
     speed: float  # m/s, true
     tilt_deg: float  # true
-    ratio: float  # worst test ratio of the fixes' velocity
+    ratio: float  # worst test ratio of the GPS velocity (ESTIMATOR_STATUS)
     resets: int
-    clipped: int  # milliseconds beyond the accelerometer's range
+    clipped: int  # samples of 1 ms beyond the accelerometer's range, counted for each axis
     crashed: bool
-    left_m: float  # how far it came while backing off, which ends at AWAY_M or at another thing
-    met_another: bool  # it came away and flew into another thing
+    left_m: float  # distance backed off; it ends at AWAY_M or at another obstacle
+    met_another: bool  # it backed off into another obstacle
     fastest: Fastest | None
     px4: bool = False  # flown by a real PX4
 
     @property
     def limits(self) -> dict[str, float]:
-        """The limits that hold for it."""
+        """The limits for its autopilot."""
         return PX4_LIMITS if self.px4 else LIMITS
 
     @property
@@ -203,17 +203,17 @@ class Pose(NamedTuple):
     position_ned: NDArray[np.float64]  # m
     velocity_ned: NDArray[np.float64]  # m/s
     attitude: NDArray[np.float64]  # FRD to NED
-    target: NDArray[np.float64] | None = None  # the attitude that the autopilot commands, its yaw by the estimate
+    target: NDArray[np.float64] | None = None  # commanded attitude, with yaw relative to the estimate
 
 
 def lean_deg(attitude: NDArray[np.float64]) -> float:
-    """Return the angle between the vehicle's axis and the vertical."""
+    """Return the angle between the vehicle's down axis and the vertical."""
     _, x, y, _ = attitude
     return math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * float(x**2 + y**2)))))
 
 
 def between_axes_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    """Return the angle between the vehicle's axes of two attitudes of almost the same heading."""
+    """Return the angle between the down axes of two attitudes with almost the same heading."""
     (w, x, y, z), (a, b, c, d) = first, second
     down = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
     other_down = np.array([2 * (b * d + a * c), 2 * (c * d - a * b), 1 - 2 * (b**2 + c**2)])
@@ -221,7 +221,7 @@ def between_axes_deg(first: NDArray[np.float64], second: NDArray[np.float64]) ->
 
 
 class Left(NamedTuple):
-    """A vehicle when it was ordered back: its place, its count of hits and the number of its last obstacle."""
+    """The vehicle when it was ordered to back off: place, count of hits and number of the last obstacle."""
 
     position_ned: NDArray[np.float64]  # m
     hits: int
@@ -230,7 +230,7 @@ class Left(NamedTuple):
 
 @dataclass(slots=True)
 class Watch:
-    """Follows a press: the truth at every tick, and what the autopilot tells of itself compared with it."""
+    """Follows a press: records the truth at every tick and compares the autopilot's messages with it."""
 
     press: Press
     vehicle: Vehicle
@@ -253,7 +253,7 @@ class Watch:
     fastest: Fastest | None = None
 
     def look(self) -> None:
-        """Take the truth of this tick, and go on to the next phase when this one is over."""
+        """Record the truth of this tick, and begin the next phase if this one is over."""
         state, truth = self.vehicle.plant.state, self.vehicle.plant.truth
         tick = self.vehicle.time_us // TICK_US
         position, velocity, attitude = (truth[name].copy() for name in ("position_ned", "velocity_ned", "attitude"))
@@ -285,7 +285,7 @@ class Watch:
                 self._begin("over")
 
     def compare(self, message: dialect.MAVLink_message) -> None:
-        """Compare a message of the autopilot with the truth of that time."""
+        """Compare a message of the autopilot with the truth of the same time."""
         kind = message.get_msgId()
         if kind == dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET:
             self.target = np.array(message.q)
@@ -311,7 +311,7 @@ class Watch:
                 self._worst("position_error_m", math.dist(truth.position_ned, where))
 
     def _moment(self, tick: int) -> Fastest:
-        """Describe this tick by what was flown since the last hit, for the last second at most."""
+        """Describe this tick by the flight since the last hit, within the last second."""
         since = [pose for then, pose in self.passed.items() if then >= self.hit]
         steered = [(pose.attitude, pose.target) for pose in since if pose.target is not None]
         off_target = [between_axes_deg(*pair) for pair in steered]
@@ -338,9 +338,9 @@ class Watch:
 
 
 def aim(link: Link, vehicle: Vehicle, start: StartPose) -> float:
-    """Fly to where the press really begins, and return the bearing (rad, + right) of the thing from there.
+    """Fly to the true start of the press, and return the bearing (rad, + right) of the obstacle from there.
 
-    Place and heading by the estimate are off by more than a post is wide.
+    The start is corrected by the truth, because the estimate's errors are larger than the width of a post.
     """
     assert link.state.position_ned is not None
     off = np.array(start.position_ned) - vehicle.plant.truth["position_ned"]
@@ -351,7 +351,7 @@ def aim(link: Link, vehicle: Vehicle, start: StartPose) -> float:
 
 
 def fly(press: Press, seed: int, px4: str | None = None) -> Outcome:
-    """Fly one press under our autopilot, or under the PX4 that the command `px4` starts."""
+    """Fly one press under the project's autopilot, or under the PX4 that the command `px4` starts."""
     pose, height = before(load_world(press.episode), press)
     record = catalogue.load(press.episode)
     start = StartPose((*pose.position_ned[:2], pose.position_ned[2] - height), math.degrees(pose.yaw))

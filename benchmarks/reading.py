@@ -2,10 +2,11 @@
 
     python -m benchmarks.reading [--json] [--each N] [--short]
 
-renders boards and cars alone, with inscriptions that no episode uses, through the picture that a pilot gets (640×360,
-JPEG), and reads the line, cut out where it is known to be. Printed per kind, distance and angle off square: how many
-were read whole, and how many gave another text of the right length with the confidence that the pilot believes; then
-the CPU milliseconds a line takes. `--short` only shows, in seconds, that every figure can be had.
+Renders single boards and cars, with inscriptions that no episode uses, as the picture that a pilot gets (640×360,
+JPEG). Cuts out the line of text at its known place and reads it. Prints, for each kind, distance and viewing angle (0°:
+head-on), how many lines were read fully, and how many gave a wrong text of the right length with a confidence that the
+pilot accepts. Then prints the CPU milliseconds per line. `--short` takes seconds and only checks that every figure can
+be measured.
 """
 
 import json
@@ -41,12 +42,12 @@ class LegibilityRow:
     distance_m: float
     angle_deg: float
     pictures: int
-    package: int  # read whole by the OCR package
-    wrong: int  # believed, and another text of the same length
+    package: int  # read fully by the OCR package
+    wrong: int  # accepted by the pilot, but a wrong text of the same length
 
 
 def text_for(kind: str, rng: np.random.Generator, taken: set[str]) -> str:
-    """Return a sign's five letters or a car's four digits, that no episode uses."""
+    """Return five letters for a sign or four digits for a car, which no episode uses."""
     letters, count = (probe.LETTERS, 5) if kind == "sign" else (probe.DIGITS, 4)
     while True:
         text = "".join(letters[k] for k in rng.integers(0, len(letters), count))
@@ -57,7 +58,7 @@ def text_for(kind: str, rng: np.random.Generator, taken: set[str]) -> str:
 def line_of(
     kind: probe.InscriptionKind, text: str, distance_m: float, angle_deg: float, eye_m: float
 ) -> NDArray[np.uint8]:
-    """Return the part of the pilot's picture that the line of text fills, a margin about it, BGR."""
+    """Return the part of the pilot's picture (BGR) with the line of text and a margin around it."""
     mesh = assets.build(kind.asset, kind.paint, text)
     face = probe.face_of(mesh, kind.material)
     side, angle = math.copysign(1.0, face.ahead), math.radians(angle_deg)
@@ -74,7 +75,7 @@ def line_of(
 
 
 def by_package(part: NDArray[np.uint8], angle_deg: float) -> ReadText:
-    """Return the pilot's reading of a line, widened as a line seen at an angle is."""
+    """Return the pilot's reading of a line, which is widened first to undo the viewing angle."""
     lines = ocr.read_line(part, min(1.0 / math.cos(math.radians(angle_deg)), 3.0))
     return lines[0] if lines else ReadText("", 0.0)
 

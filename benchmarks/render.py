@@ -3,14 +3,14 @@
     python -m benchmarks.render [--json] [--map NAME] [--repeat N] [--threads N] [--poses N] [--short]
                                 [--peers --peers-dir DIR]
 
-prints, for each shipped map in a process of its own, the median milliseconds per frame at 1280×720 and 640×360, of the
-agent's picture until it is a JPEG, of those of four drones that share one world, and the resident memory in MB.
-`ssim…` compare the agent's picture with the frame of 1280×720 reduced to its size, over `--poses` places of the map.
-`cpu_ms…` counts all processors, which says more than the wall where other programs run too; `…_per_loop` is that
-divided by `python_loop_ms`, which tells little of the machine (`benchmarks/machine.py`). The figures that stand first
-are the residential map's. `--peers` draws that map, from the same poses, with the software renderers of MuJoCo and
-PyBullet. `--short` only shows, in seconds, that every figure can be had: one round over the simplest map, which is then
-what the peers draw.
+Prints the median milliseconds per frame for each shipped map, which has its own process: at 1280×720, at 640×360, of
+the agent's picture with its JPEG encoding, and of the pictures of four drones in one world. Also prints the resident
+memory in MB. `ssim…` compares the agent's picture with the frame of 1280×720 reduced to the same size, at `--poses`
+places of the map. `cpu_ms…` counts all processors, which is more meaningful than wall time if other programs run too.
+`…_per_loop` is `cpu_ms…` divided by `python_loop_ms`; it depends little on the machine (`benchmarks/machine.py`). The
+first figures are those of the residential map. `--peers` draws that map, from the same poses, with the software
+renderers of MuJoCo and PyBullet. `--short` takes seconds and only checks that every figure can be measured: one round
+over the simplest map, which the peers then draw too.
 """
 
 import json
@@ -43,12 +43,12 @@ MAPS = ("residential", "campus", "blocks")
 SIMPLEST = "blocks"
 FIRST = ("ms_1280x720", "ms_640x360", "ms_agent", "ms_fleet4_agent", "cpu_ms_agent_per_loop", "ssim_mean", "rss_mb")
 FLEET = 4
-VIEWS = 8  # headings over which a figure is taken
+VIEWS = 8  # number of headings for each figure
 LARGE, SMALL = CameraModel(1280, 720), CameraModel(640, 360)
 
 
 def headings(scene: Scene, count: int, height: float = 6.0) -> list[CameraPose]:
-    """Return poses that look around from above the map's free place, slightly down."""
+    """Return poses above the map's free place that look around and slightly down."""
     n, e, d = scene.spawn_ned
     turns = (scene.spawn_yaw + 2.0 * math.pi * k / count for k in range(count))
     return [CameraPose((n, e, d - height), quat_from_euler(0.0, -0.08, turn)) for turn in turns]
@@ -79,7 +79,7 @@ def fleet_ms(draw: Callable[[CameraPose], object], poses: list[CameraPose], repe
 
 
 def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
-    """Return the mean structural similarity of two RGB pictures, of their grey.
+    """Return the mean structural similarity of two RGB pictures in greyscale.
 
     Source: Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, with its
     window (Gaussian, 11 px, 1.5 px) and constants.
@@ -154,7 +154,7 @@ def measure(name: str, repeat: int, threads: int, compared_poses: int) -> dict[s
 
 
 def measured_apart(name: str, repeat: int, threads: int, compared_poses: int) -> dict[str, Any]:
-    """Return the figures of one map, taken in a process that has never seen another: memory is per process."""
+    """Return the figures of one map, measured in a new process, because memory is per process."""
     command = [sys.executable, "-m", "benchmarks.render", "--json", "--map", name]
     command += ["--repeat", str(repeat), "--threads", str(threads), "--poses", str(compared_poses)]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
@@ -162,7 +162,7 @@ def measured_apart(name: str, repeat: int, threads: int, compared_poses: int) ->
 
 
 def compared(name: str, folder: Path, repeat: int, threads: int) -> dict[str, Any]:
-    """Return the peers' figures on a map, ours taken just before each of theirs."""
+    """Return the peers' figures on a map. The project's renderer is measured just before each peer."""
     scene = maps.build(name)
     poses = headings(scene, VIEWS)
     with tempfile.TemporaryDirectory(prefix="dronecats-peers-") as kept:

@@ -1,4 +1,4 @@
-"""A scene of ours as files that any other renderer reads: one Wavefront OBJ per piece of one colour, and a list."""
+"""Exports a scene for other renderers: one Wavefront OBJ file for each piece of one colour, and a list."""
 
 import json
 import math
@@ -12,15 +12,15 @@ from episodes.camera.renderer.layout import eye_of
 from episodes.maps.scene import Material, Mesh, Scene
 from foundation.camera import CameraModel, CameraPose
 
-LEAST_AREA_M2 = 1e-7  # smaller pieces are refused by MuJoCo as degenerate
+LEAST_AREA_M2 = 1e-7  # MuJoCo rejects smaller pieces as degenerate
 
 
 def export(scene: Scene, poses: list[CameraPose], camera: CameraModel, folder: Path) -> None:
     """Write `scene.json` and its OBJ files. World axes are north, west, up; an asset's are ahead, left, up.
 
-    Each material becomes its mean colour: textures are left out. `pieces` places files in the world, `views` are
-    cameras, and `covered` tells for each the share of pixels in which we see anything but sky, so that a renderer that
-    draws something else is found out.
+    Each material is replaced by its mean colour, without texture. In scene.json, `pieces` are the files with their
+    poses in the world, `views` are the cameras, and `covered` is the share of pixels without sky in each view, which
+    shows whether another renderer draws the same scene.
     """
     files: dict[int, list[dict[str, Any]]] = {}
     pieces: list[dict[str, Any]] = []

@@ -1,8 +1,9 @@
-"""The residential map in other software renderers, each in its own virtual environment, timed in the same run as ours.
+"""Draws a map in other software renderers (peers), each in its own virtual environment, and times them.
 
-`compare` starts this file with the Python of each environment found; there it imports the peer and nothing of ours.
-Environments: DIR/mujoco and DIR/pybullet, one package each. MuJoCo draws through OpenGL without a display, so it wants
-Mesa's libEGL or libOSMesa (Debian: libegl1 with libgl1-mesa-dri, or libosmesa6); PyBullet's TinyRenderer wants nothing.
+`compare` runs this file with the Python of each environment that exists. There the file imports only the peer and
+nothing of this project. Environments: DIR/mujoco and DIR/pybullet, one package each. MuJoCo draws through OpenGL
+without a display and needs Mesa's libEGL or libOSMesa (Debian: libegl1 with libgl1-mesa-dri, or libosmesa6). PyBullet's
+TinyRenderer needs nothing.
 """
 
 import json
@@ -19,8 +20,8 @@ SIZES = ((1280, 720), (640, 360))  # px
 NEAR_M, FAR_M = 0.1, 600.0
 ROUNDS = 2  # over the views
 LIMIT_S = 240  # wall time of one peer
-TOLERANCE = 0.04  # of the share of pixels that show anything but sky
-SHADOW_CELLS = 4096  # per side, where it can be chosen
+TOLERANCE = 0.04  # of the share of pixels without sky
+SHADOW_CELLS = 4096  # of a shadow map, per side, if the peer has such a setting
 
 Draw = Callable[[int, tuple[int, int]], Any]  # view and size → (H, W, 3) uint8
 Covered = Callable[[int], float]  # view → share of pixels that are not sky
@@ -29,7 +30,7 @@ Covered = Callable[[int], float]  # view → share of pixels that are not sky
 def timed(draw: Draw, covered: Covered, scene: dict[str, Any]) -> dict[str, float]:
     """Return the median milliseconds per frame at each size, over all views: by the wall, and by all processors.
 
-    Raises RuntimeError for a peer that sees something else than we do: its time would be that of another picture.
+    Raises RuntimeError if the peer draws another scene, because its time would not be comparable.
     """
     for view, wanted in enumerate(scene["covered"]):
         seen = covered(view)
@@ -112,7 +113,7 @@ def mujoco(scene: dict[str, Any], folder: Path) -> dict[str, float]:
 
 
 def _mjcf(scene: dict[str, Any], folder: Path) -> str:
-    """Return the scene as MuJoCo's XML; nothing collides, so that no convex hull is looked for."""
+    """Return the scene as MuJoCo's XML. Collisions are off, so that MuJoCo computes no convex hulls."""
 
     def text(values: Any) -> str:
         return " ".join(f"{v:.6f}" for v in values)
@@ -143,10 +144,10 @@ PEERS: dict[str, Callable[[dict[str, Any], Path], dict[str, float]]] = {"mujoco"
 
 
 def compare(folder: Path, exported: Path, ours: Callable[[], dict[str, float]]) -> dict[str, Any]:
-    """Return per peer its milliseconds, ours, and its divided by ours, or a `note` on why it is absent.
+    """Return per peer its milliseconds, the project's, and their ratio, or a `note` on why it is absent.
 
-    `exported` holds what `render_export.export` wrote; `ours` times our renderer, just before each peer. What each
-    peer saw first is left as `DIR/NAME.npy`, (720, 1280, 3).
+    `exported` is the folder that `render_export.export` wrote. `ours` times the project's renderer and is called before
+    each peer. The first picture of each peer is kept as `DIR/NAME.npy`, (720, 1280, 3).
     """
     results: dict[str, Any] = {}
     this = Path(__file__).absolute()

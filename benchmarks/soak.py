@@ -1,20 +1,23 @@
-"""Hours of take-offs and landings of `dronecats sitl`'s vehicles: what they refuse, and what grows.
+"""Flies hours of take-offs and landings with the vehicles of `dronecats sitl`: counts refused orders, memory and files.
 
     python -m benchmarks.soak [--json] [--hours H | --full] [--vehicles N …] [--speed N] [--short]
 
-A client of its own connects to every vehicle on the open ground where `dronecats sitl` starts, and flies rounds: arm,
-take off, fly 10 m north and back, land on its own place. Meanwhile a camera is asked for a picture every 2 s of vehicle
-time. One vehicle flies first, then four. Nothing is started again and no vehicle is put back.
+One client per vehicle connects on the open ground where `dronecats sitl` starts, and flies rounds: arm, take off, fly
+10 m north and back, land on the vehicle's own place. Meanwhile another client requests a picture from the camera every
+2 s of vehicle time. The first session has one vehicle, the second has four. Within a session no process is restarted
+and no vehicle is reset.
 
-`refused` are the orders that were not carried out, each with what the autopilot said, and `without a cause` those of
-which it said nothing. `memory %` is by how much the memory that a process has for itself has changed from the first
-third of the samples to the last third, the largest of all processes; the samples of the first three rounds are left
-out, in which caches fill. `files` are the open files of all processes, the fewest and the most after these rounds: a
-request to the camera holds some while it lasts, and so does a log while it is written. `grown` is by how much their
-mean has changed between the same thirds.
-`logs` is the most that stood in a vehicle's folder of logs, of which SDLOG_DIRS_MAX keeps 10.
+    refused           orders that were not carried out, by reason
+    without a cause   those of them about which the autopilot sent no text
+    memory %          change of a process's private memory from the first to the last third of the samples, the largest
+                      of all processes; samples of the first three rounds, in which caches fill, are left out
+    files             lowest and highest number of open files of all processes after these rounds; a request to the
+                      camera and a log that is being written each hold some
+    grown             change of their mean between the same thirds
+    logs              largest number of logs in a vehicle's folder, of which SDLOG_DIRS_MAX keeps 10
 
-Without an option a quarter of an hour is flown. `--full` is the benchmark: eight hours. `--short` flies a round each.
+By default a session lasts a quarter of an hour of vehicle time; with `--full`, the real benchmark, eight hours; with
+`--short` one round.
 """
 
 import argparse
@@ -51,13 +54,13 @@ FULL_H, DEFAULT_H = 8.0, 0.25
 VEHICLES = (1, 4)
 SPEED = 10.0  # × real time
 SHORT_ROUNDS = 1
-WARM_ROUNDS = 3  # whose samples are left out
+WARM_ROUNDS = 3  # first rounds, whose samples are left out
 HEIGHT_M, LAP_M = 4.0, 10.0
-APART_M = 6.0  # further than the vehicles stand at boot, which is too near for landing beside one another
-NEAR_M, SLOW_MPS = 0.8, 0.3  # of a place that was reached
+APART_M = 6.0  # m between landing places; the places at boot are too close together for landing
+NEAR_M, SLOW_MPS = 0.8, 0.3  # m and m/s, tolerances of a reached place
 PICTURE_S = 2.0  # s of vehicle time
-KEPT = 10  # logs
-GIVEN_UP = 3  # rounds that fail one after the other: the session has ended for good
+KEPT = 10  # logs per vehicle
+GIVEN_UP = 3  # consecutive failed rounds, after which a pilot gives up
 LEAST_CHARGE = 0.5  # as in `dronecats sitl`
 
 
@@ -67,17 +70,17 @@ class Rounds:
 
     count: int = 0
     failed: int = 0
-    refusals: Counter[str] = field(default_factory=Counter)  # by order and reason
+    refusals: Counter[str] = field(default_factory=Counter)  # by reason
     without_cause: int = 0
     hours: float = 0.0
-    logs: int = 0  # the most in its folder
+    logs: int = 0  # largest number in its folder
 
 
 class Pilot(threading.Thread):
     """Flies one vehicle."""
 
     def __init__(self, number: int, url: str, logs: Path, hours: float, rounds: int | None) -> None:
-        """Fly until so many hours of vehicle time have passed, or so many rounds were flown."""
+        """Fly for `hours` of vehicle time or, if given, `rounds` rounds."""
         super().__init__(daemon=True)
         self.rounds = Rounds()
         self.over = threading.Event()
@@ -109,7 +112,7 @@ class Pilot(threading.Thread):
         return self.client.time_us - begun_us >= self._hours * 3.6e9
 
     def _prepare(self) -> None:
-        """Bound the logs, and choose the place to land on."""
+        """Limit the number of logs, and choose the landing place."""
         link = Link(connect(self._url))
         link.connect()
         Parameters(link).set("SDLOG_DIRS_MAX", KEPT)
@@ -120,7 +123,7 @@ class Pilot(threading.Thread):
         self._place = (north, east + APART_M * self._number, -HEIGHT_M)
 
     def _round(self) -> bool:
-        """Fly one round; return whether all of it was carried out. Raises LinkError when the vehicle is gone."""
+        """Fly one round; return whether all orders were carried out."""
         try:
             self._order_us = self.client.time_us
             self.client.wait_for(lambda state: state.healthy, 60.0, "becoming ready to arm")
@@ -167,7 +170,7 @@ class Pilot(threading.Thread):
         self.client.send(message)
 
     def _land(self) -> None:
-        """Land unless it is disarmed already."""
+        """Land if the vehicle is armed."""
         if not self.client.state.armed:
             return
         try:
@@ -177,14 +180,14 @@ class Pilot(threading.Thread):
             self._note(str(fault))
 
     def _note(self, fault: str) -> None:
-        """Note what was not carried out; with no word of the autopilot it has no cause."""
+        """Count a fault. It has no cause if the autopilot has sent no text since the order."""
         if not self.client.texts.since(self._order_us):
             self.rounds.without_cause += 1
         self.rounds.refusals[fault] += 1
 
 
 class Photographer(threading.Thread):
-    """Asks a camera for a picture of one drone after the other."""
+    """Requests pictures of the drones in turn from the camera."""
 
     def __init__(self, url: str, pilots: list[Pilot]) -> None:
         super().__init__(daemon=True)
@@ -212,10 +215,10 @@ class Photographer(threading.Thread):
 
 
 class Watch:
-    """Samples the memory and the open files of this process and of all that it started."""
+    """Samples the memory and the open files of this process and of its children."""
 
     def __init__(self) -> None:
-        self.memory: dict[int, list[float]] = {}  # by process, MB of its own
+        self.memory: dict[int, list[float]] = {}  # by process, MB of private memory (USS)
         self.files: list[int] = []  # of all processes together
         self.names: dict[int, str] = {}
 
@@ -253,14 +256,14 @@ def _thirds(values: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
 
 
 def _name(process: psutil.Process) -> str:
-    """Return the name of a process of a flight: the last word of its module."""
+    """Return the name of a process of a flight: the last part of its module's name."""
     words = process.cmdline()
     return words[-1].rsplit(".", 1)[-1] if "dronecats.flight.processes.child" in words else "client"
 
 
 @contextlib.contextmanager
 def rig(vehicles: int, speed: float) -> Iterator[tuple[list[str], str, Path]]:
-    """Give the URLs of the vehicles, that of their camera and the folder of their states."""
+    """Start the processes; yield the URLs of the vehicles, that of their camera and the folder of their states."""
     with tempfile.TemporaryDirectory(prefix="dronecats-soak-") as name:
         folder = Path(name)
         supervisor = Supervisor(folder)
@@ -314,7 +317,7 @@ def soak(vehicles: int, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def line(figures: dict[str, Any]) -> str:
-    """Return the figures of a session as people read them."""
+    """Return the figures of a session as a row of the table."""
     return (
         f"{figures['vehicles']:8} {figures['hours']:6.2f} {figures['rounds']:6} {figures['failed']:6}"
         f" {sum(figures['refused'].values()):7} {figures['without_cause']:15} {figures['memory_percent']:8.1f}"

@@ -1,10 +1,10 @@
-"""A server that sends one reply after a fixed time, in place of a model: the rest of a step's time is the agent's.
+"""A server that replaces a model and sends one reply after a fixed time, to measure the agent's own time.
 
     python -m benchmarks.stand_in SECONDS REPLY
 
-An OpenAI-compatible endpoint on the loopback, whose address is its first line of output; it ends when its standard
-input does. `GET /times` returns when the newest question was there and when its reply left, s of the system's monotonic
-clock, which every process of a machine shares.
+The endpoint is OpenAI-compatible and on the loopback. It prints its address as the first line, and ends when its
+standard input ends. `GET /times` returns the times of the newest question and of its reply, in s of the system's
+monotonic clock, which all processes of a machine share.
 """
 
 import json
@@ -34,7 +34,7 @@ class _Handler(BaseHTTPRequestHandler):
     server: StandIn
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True
-    wbufsize = -1  # header and body leave together
+    wbufsize = -1  # sends header and body together
 
     def do_GET(self) -> None:
         self._send(json.dumps(self.server.times if self.path == "/times" else {"data": []}).encode())
@@ -55,7 +55,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, *_: object) -> None:
-        """Silent."""
+        """Log nothing."""
 
 
 def main() -> None:

@@ -1,12 +1,12 @@
-"""Measures the step responses and the hover drift of every airframe: through sensors, estimator, commander and cascade.
+"""Measures the step responses and the hover drift of every airframe, with sensors, estimator, commander and cascade.
 
     python -m benchmarks.steps [--json] [--plots DIR] [--table FILE] [--airframe NAME …] [--short]
 
-All figures are of the truth. An answer is the mean of five flights whose sensors err differently: what is left is the
-vehicle's own. Rise: 10 to 90 % of the step. Overshoot: beyond the goal, in per cent of the step. Steady error: of the
-mean over the last three seconds, the same. Drift: the farthest from where it was when a minute in still air began, as
-the receiver and the barometer wander; the median and the largest of the five. `--short` flies one airframe once, which
-shows whether all of it runs and no more.
+All figures are of the true state. A response is the mean of five flights with different sensor errors, to average these
+out. Rise: time from 10 to 90 % of the step. Overshoot: in % of the step. Steady error: error of the mean over the last
+three seconds, in % of the step. Drift: largest distance from the start during a minute of hover in still air, caused by
+the drift of GPS receiver and barometer; the median and the largest of the five flights. `--short` flies one airframe
+once and only checks that everything runs.
 """
 
 import json
@@ -31,12 +31,12 @@ HEIGHT_M = 10.0
 TICK_S = TICK_US / 1e6
 STREAM_TICKS = 5  # a setpoint every 50 ms, as an agent sends them
 SEEDS = (1, 2, 3, 4, 5)
-OVERSHOOT_MOST, STEADY_MOST, DRIFT_MOST = 10.0, 2.0, 0.3  # %, %, m: the goals
+OVERSHOOT_MOST, STEADY_MOST, DRIFT_MOST = 10.0, 2.0, 0.3  # %, %, m: goals, at most
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step and where to read the answer."""
+    """A step of one setpoint, and the unit of the response."""
 
     name: str
     size: float  # m/s, rad or m
@@ -93,7 +93,7 @@ class Flight:
         offboard.setpoint, offboard.time_us = self.setpoint, self.vehicle.autopilot.state.time_us
 
     def fly(self, seconds: float) -> Array:
-        """Return the truth of every tick: rows of north, east, down (m), velocity north (m/s), yaw (rad)."""
+        """Fly; return the truth of every tick: rows of north, east, down (m), velocity north (m/s), yaw (rad)."""
         rows = np.empty((round(seconds / TICK_S), 5))
         truth = self.vehicle.plant.truth
         for tick in range(len(rows)):
@@ -105,7 +105,7 @@ class Flight:
         return rows
 
     def step(self, step: Step) -> Array:
-        """Return (n,) how far the answer to a step has come from its beginning, in the step's unit, every tick."""
+        """Fly a step; return (n,) the response at every tick, relative to the start, in the step's unit."""
         before, hold = self.fly(2.0), self.setpoint
         if step.velocity_north is not None:
             self.setpoint = hold._replace(
@@ -131,7 +131,7 @@ class Flight:
 
 
 def figures(step: Step, answer: Array) -> dict[str, float]:
-    """Return rise_s, overshoot_percent and steady_error_percent of a step's answer."""
+    """Return rise_s, overshoot_percent and steady_error_percent of a response."""
     share = answer / step.size
     high = np.flatnonzero(share >= 0.9)
     rise = (high[0] - np.flatnonzero(share >= 0.1)[0]) * TICK_S if high.size else math.nan
@@ -144,7 +144,7 @@ def figures(step: Step, answer: Array) -> dict[str, float]:
 
 
 def measure(name: str, seeds: tuple[int, ...] = SEEDS) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Return an airframe's figures, and its answers by step for plotting."""
+    """Return an airframe's figures, and its responses by step for plotting."""
     flights = [Flight(name, seed) for seed in seeds]
     answers = {step.name: np.asarray(np.mean([flight.step(step) for flight in flights], axis=0)) for step in STEPS}
     rows: dict[str, Any] = {step.name: figures(step, answers[step.name]) for step in STEPS}
@@ -194,7 +194,7 @@ def table(airframes: dict[str, dict[str, Any]]) -> str:
 
 
 def draw(answers: dict[str, dict[str, Array]], folder: Path) -> Path:
-    """Draw every step of every airframe into steps.png and return its path."""
+    """Plot every response of every airframe into steps.png and return its path."""
     from matplotlib.figure import Figure
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -239,7 +239,7 @@ BEGIN, END = "<!-- steps begin -->\n", "<!-- steps end -->"
 
 
 def write(airframes: dict[str, dict[str, Any]], path: Path) -> None:
-    """Put the table between its marks in a Markdown file. Raises ValueError when the file has no marks."""
+    """Put the table between BEGIN and END in a Markdown file. Raises ValueError if the file lacks them."""
     text = path.read_text(encoding="utf-8")
     head, tail = text.index(BEGIN) + len(BEGIN), text.index(END)
     path.write_text(text[:head] + table(airframes) + "\n" + text[tail:], encoding="utf-8")

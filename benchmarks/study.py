@@ -2,15 +2,17 @@
 
     python -m benchmarks.study [--json] [--suite NAME] [--drawn NAME] [--short]
 
-`undrawn` is `dronecats bench --pilot noisy --flights 2` of the eighty episodes of one drone, as one job and as two,
-`fleets` the same of the twenty of four, `drawn` the twelve of `quick` with vision, which looks at every frame, as two;
-all as typed, from the start of the command to its end. `episodes_per_core_hour` counts the processor's time, all
-processes and their start included, and says something on a busy machine, too; `episodes_per_hour`, `minutes_for_2000`
-(of one drone), `minutes_for_2000_of_all` (four in five of them) and `two_jobs_over_one` count the wall's and want an
-idle one.
-`parts` and `phases` are shares of the processor's time of undrawn episodes that one process flies one after another,
-its own start left out: of the innermost of our functions that runs, and of the phase of the flight, sampled every
-2 ms of processor time.
+Three benchmarks are timed from the start of the command to its end:
+
+    undrawn   `dronecats bench --pilot noisy --flights 2`, the eighty episodes of one drone, with one job and with two
+    fleets    the same for the twenty episodes of four drones, with two jobs
+    drawn     the twelve episodes of `quick` with the pilot vision, which looks at every frame, with two jobs
+
+`episodes_per_core_hour` counts processor time of all processes with their start; it is meaningful on a busy machine
+too. `episodes_per_hour`, `minutes_for_2000` (of one drone), `minutes_for_2000_of_all` (one in five of four drones) and
+`two_jobs_over_one` count wall time and need an idle machine. `parts` and `phases` are shares of the processor time of
+undrawn episodes that one process flies one after another, without its start. `parts` are by the innermost function of
+the project that runs, `phases` by the phase of the flight; both are sampled every 2 ms of processor time.
 """
 
 import signal
@@ -32,8 +34,8 @@ from dronecats.pilots.vision import ocr
 from episodes.records import catalogue
 
 ROOT = Path(__file__).parent.parent
-LOOK_S = 0.002  # s of processor time
-PROFILED = 12  # episodes of the suite, evenly over it
+LOOK_S = 0.002  # s of processor time between samples
+PROFILED = 12  # number of episodes, evenly spread over the suite
 WORK = {  # folder or file → its work; the first match counts
     "dronecats/flight/sitl/fused.py": "physics, estimator and inner loops (compiled)",
     "foundation/wire.py": "MAVLink packed and parsed",
@@ -63,14 +65,14 @@ GOALS = {
 
 
 class Sampler:
-    """Counts what runs whenever so much processor time has passed."""
+    """Counts the running work and the phase, at fixed intervals of processor time."""
 
     def __init__(self) -> None:
         self.work: Counter[str] = Counter()
         self.phases: Counter[str] = Counter()
 
     def look(self, number: int, frame: FrameType | None) -> None:
-        """Count the work of the innermost of our functions, and the phase."""
+        """Count the work of the innermost function of the project, and the phase."""
         part = phase = None
         while frame is not None:
             place = _place(frame.f_code.co_filename)
@@ -85,7 +87,7 @@ class Sampler:
 
     @contextmanager
     def looking(self) -> Iterator[None]:
-        """Sample every LOOK_S of this process's time."""
+        """Sample every LOOK_S of this process's processor time during the block."""
         before = signal.signal(signal.SIGPROF, self.look)
         signal.setitimer(signal.ITIMER_PROF, LOOK_S, LOOK_S)
         try:
@@ -96,18 +98,18 @@ class Sampler:
 
 
 def part_of(place: str) -> str:
-    """Return the work of one of our files, by its path in the repository."""
+    """Return the work of a file of the project, by its path in the repository."""
     return next((name for folder, name in WORK.items() if place.startswith(folder)), "else")
 
 
 def _place(file: str) -> str:
-    """Return a file's path in the repository; empty when it is none of ours."""
+    """Return a file's path in the repository; empty for any other file."""
     path = Path(file)
     return path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) and "site-packages" not in file else ""
 
 
 def profiled(episodes: Sequence[str], folder: Path) -> Sampler:
-    """Fly each episode once for the caches, and once looked at."""
+    """Fly each episode once to fill the caches, and once with the sampler."""
     worker.compile_all()
     sampler = Sampler()
     for turn in ("first", "looked at"):
@@ -146,7 +148,7 @@ def benched(words: list[str], jobs: int) -> dict[str, Any]:
 
 
 def minutes(episodes: int, measured: dict[str, Any]) -> float:
-    """Return the wall minutes of so many episodes at the pace that was measured."""
+    """Return the wall minutes of `episodes` episodes at the measured pace."""
     return float(episodes * measured["wall_s"] / measured["episodes"] / 60.0)
 
 

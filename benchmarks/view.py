@@ -1,11 +1,11 @@
 """Measures the delay, the update rate and the cost of the live page: `python -m benchmarks.view --json`.
 
-An episode is flown in real time by `dronecats fly --view`, with a browser's end of the page connected that notes when
-each attitude of the truth bus arrives. The simulator's clock is laid over the wall's by the earliest moment at which
-any sample was in flight.tlog after its own time: what a sample waits for in logger, file, viewer and socket counts,
-but for the least wait of the first two. Drawing is the browser's own and not in it: a frame, 17 ms, where there is a
-graphics card. `flush_ratio` is the processor time of flights in lockstep whose logger hands on every delivery, by that
-of flights whose logger does not, flown by turns: medians.
+`dronecats fly --view` flies an episode in real time. A client connects to the page as a browser does, and notes when
+each attitude of the truth bus arrives. The offset between the simulator's clock and the wall clock is the smallest time
+from any sample to its appearance in flight.tlog. So the delay includes the waits in logger, file, viewer and socket,
+but not the smallest wait in the first two. It does not include drawing in the browser: one frame, 17 ms, with a
+graphics card. `flush_ratio` is the processor time of lockstep flights whose logger flushes every delivery, divided by
+that of flights whose logger does not. Both kinds alternate, and the medians are compared.
 """
 
 import math
@@ -37,11 +37,11 @@ EPISODE = "residential-approaching-03"
 NODE = "/world/flight/drone-0"
 GOALS = {"late_ms_p95": "<= 150", "updates_hz": ">= 15", "viewer_core": "<= 0.10"}
 READY_S = 300.0
-DIGITS = 9  # of a quaternion, by which a sample is told
+DIGITS = 9  # decimals of a quaternion, by which a sample is recognised
 
 
 class Arrivals(threading.Thread):
-    """When each attitude of the drone came to a browser's end: quaternion → wall s."""
+    """Notes when each attitude of the drone arrives at a page's client: quaternion → wall s."""
 
     def __init__(self, url: str) -> None:
         from benchmarks.page_client import PageClient
@@ -60,7 +60,7 @@ class Arrivals(threading.Thread):
 
 
 class Written(threading.Thread):
-    """When each true pose was in flight.tlog: (quaternion in the browser's axes, vehicle s, wall s)."""
+    """Notes when each true pose appears in flight.tlog: (quaternion in the browser's axes, vehicle s, wall s)."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(daemon=True)
@@ -95,7 +95,7 @@ def _key(quaternion: Any) -> tuple[float, ...]:
 
 
 def viewer_of(pid: int) -> int:
-    """Return the process that serves the page of a command. Raises StopIteration where there is none."""
+    """Return the id of the process that serves the page of a command. Raises StopIteration without one."""
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     for child in children:
         if b"viewer_process" in Path(f"/proc/{child}/cmdline").read_bytes():
@@ -111,12 +111,12 @@ def free_port() -> int:
 
 
 def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
-    """Return the ratio of a lockstep flight's computing time with and without the logger's flush of every delivery."""
+    """Return the processor time of a lockstep flight whose logger flushes every delivery, over that without flush."""
     spec = FlightSpec(
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True
     )
     flush, used = TelemetryLog.flush, {True: list[float](), False: list[float]()}
-    for flight in range(-1 if flights > 1 else 0, flights):  # the first one reads the kernels
+    for flight in range(-1 if flights > 1 else 0, flights):  # the first one loads the kernels
         for handed_on in (True, False):
             setattr(TelemetryLog, "flush", flush if handed_on else _keep_back)  # noqa: B010 - a method of another flight
             began_s = time.process_time()
@@ -130,7 +130,7 @@ def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
 
 
 def figures(scratch: Path, seconds: float) -> dict[str, Any]:
-    """Fly, and return the figures of so many seconds of it."""
+    """Fly, and return the figures of `seconds` of the flight."""
     machine, run = Machine(), scratch / "run"
     words = ["fly", "--sitl", "--pilot", "oracle", "--full", "--episode", EPISODE, "--out", str(run)]
     command = subprocess.Popen(

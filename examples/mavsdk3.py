@@ -1,7 +1,7 @@
 """A MAVSDK 3 script: takes off, flies body velocities offboard, lands. `python examples/mavsdk3.py [URL]`.
 
-It needs an environment of its own, since DroneCATS installs mavsdk 4: `pip install "mavsdk<4"`. URL is the connection
-to the vehicle, that of `dronecats sitl` by default. For mavsdk 4 see mavsdk4.py.
+It needs its own environment, since DroneCATS installs mavsdk 4: `pip install "mavsdk<4"`. URL is the connection to the
+vehicle, by default that of `dronecats sitl`. For mavsdk 4 see mavsdk4.py.
 """
 
 import asyncio
@@ -18,7 +18,7 @@ WAIT_S = 60.0
 
 
 async def first(stream: AsyncIterator[Any], is_wanted: Callable[[Any], bool]) -> Any:
-    """Return the first value of a telemetry stream that is wanted. Raises TimeoutError after WAIT_S."""
+    """Return the first value of a telemetry stream for which `is_wanted` is true. Raises TimeoutError after WAIT_S."""
 
     async def wait() -> Any:
         async for value in stream:
@@ -45,7 +45,7 @@ async def fly(url: str) -> None:
     await drone.action.takeoff()
     high = await first(drone.telemetry.position(), lambda position: position.relative_altitude_m > 2.7)
     print(f"height {high.relative_altitude_m:.2f} m")
-    await drone.offboard.set_velocity_body(VelocityBodyYawspeed(0.0, 0.0, 0.0, 0.0))  # offboard begins with a setpoint
+    await drone.offboard.set_velocity_body(VelocityBodyYawspeed(0.0, 0.0, 0.0, 0.0))  # offboard needs a first setpoint
     await drone.offboard.start()
     await drone.offboard.set_velocity_body(VelocityBodyYawspeed(2.0, 0.0, 0.0, 0.0))
     fast = await first(drone.telemetry.velocity_ned(), lambda velocity: speed(velocity) > 1.9)

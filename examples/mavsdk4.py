@@ -1,6 +1,6 @@
 """A MAVSDK 4 script: takes off, flies body velocities offboard, lands. `python examples/mavsdk4.py [URL]`.
 
-URL is the connection to the vehicle, that of `dronecats sitl` by default. For mavsdk 3 see mavsdk3.py.
+URL is the connection to the vehicle, by default that of `dronecats sitl`. For mavsdk 3 see mavsdk3.py.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ WAIT_S = 60.0
 
 
 async def first(stream: AsyncIterator[Any], is_wanted: Callable[[Any], bool]) -> Any:
-    """Return the first value of a telemetry stream that is wanted. Raises TimeoutError after WAIT_S."""
+    """Return the first value of a telemetry stream for which `is_wanted` is true. Raises TimeoutError after WAIT_S."""
 
     async def wait() -> Any:
         async for value in stream:
@@ -49,7 +49,7 @@ async def fly(url: str) -> None:
         await action.takeoff()
         high = await first(telemetry.subscribe_position(), lambda position: position.relative_altitude_m > 2.7)
         print(f"height {high.relative_altitude_m:.2f} m")
-        await offboard.set_velocity_body(VelocityBodyYawspeed(0.0, 0.0, 0.0, 0.0))  # offboard begins with a setpoint
+        await offboard.set_velocity_body(VelocityBodyYawspeed(0.0, 0.0, 0.0, 0.0))  # offboard needs a first setpoint
         await offboard.start()
         await offboard.set_velocity_body(VelocityBodyYawspeed(2.0, 0.0, 0.0, 0.0))
         fast = await first(telemetry.subscribe_velocity_ned(), lambda velocity: speed(velocity) > 1.9)

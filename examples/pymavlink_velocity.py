@@ -1,6 +1,6 @@
 """A pymavlink script: takes off, flies body velocities offboard, lands. `python examples/pymavlink_velocity.py [URL]`.
 
-URL is the connection in pymavlink's notation, that of `dronecats sitl` by default.
+URL is the connection in pymavlink's notation, by default that of `dronecats sitl`.
 """
 
 import math
@@ -14,8 +14,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 SITL = "udpin:0.0.0.0:14540"
 WAIT_S = 60.0
-PERIOD_S = 0.05  # of the setpoints; PX4 wants at least 2 Hz
-KEEP = math.nan  # a parameter that the vehicle chooses itself
+PERIOD_S = 0.05  # interval of the setpoints; PX4 needs more than 2 Hz
+KEEP = math.nan  # NaN: the vehicle chooses the parameter itself
 VELOCITY_ONLY = 0b0101_1100_0111  # ignore position, acceleration and yaw
 
 
@@ -29,7 +29,7 @@ class Vehicle:
         self.system: int = beat.get_srcSystem()
 
     def wait_for(self, kind: str, is_wanted: Callable[[Any], bool]) -> Any:
-        """Return the first wanted message. Send heartbeats and setpoints meanwhile. Raises TimeoutError."""
+        """Return the first wanted message. Send heartbeats and setpoints until then. Raises TimeoutError."""
         end = time.monotonic() + WAIT_S
         while time.monotonic() < end:
             self.link.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
@@ -63,7 +63,7 @@ def fly(url: str) -> None:
     vehicle.command(mavlink.MAV_CMD_NAV_TAKEOFF, KEEP, KEEP, KEEP, KEEP, KEEP, KEEP, KEEP)
     position = vehicle.wait_for("LOCAL_POSITION_NED", lambda position: position.z < -2.3)
     print(f"height {-position.z:.2f} m")
-    vehicle.forward_mps = 2.0  # offboard begins with setpoints
+    vehicle.forward_mps = 2.0  # PX4 needs setpoints before offboard
     vehicle.command(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 6)  # PX4's mode Offboard
     position = vehicle.wait_for("LOCAL_POSITION_NED", lambda position: math.hypot(position.vx, position.vy) > 1.9)
     print(f"speed {math.hypot(position.vx, position.vy):.2f} m/s")

@@ -1,4 +1,4 @@
-"""The constants of a multirotor: read by the physics, and by the autopilot's design step that turns them into gains."""
+"""Constants of a multirotor, used by the physics and by the design step that computes the autopilot's gains."""
 
 import math
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from foundation.frames import GRAVITY, Vec3
 from foundation.sensors import MAX_ROTORS
 
 MAX_CONTACTS = 16  # contact points in the records of the compiled physics (`vehicles/records.py`)
-LARGE = 1e12  # no constant of an aircraft is larger
+LARGE = 1e12  # upper bound of all constants
 
 Positive = Annotated[float, Meta(gt=0.0, lt=LARGE)]
 NotNegative = Annotated[float, Meta(ge=0.0, lt=LARGE)]
@@ -21,10 +21,10 @@ MavType = Annotated[int, Meta(gt=0, lt=1000)]
 
 @dataclass(frozen=True, slots=True)
 class Rotor:
-    """One rotor where it sits on the airframe."""
+    """Position and direction of rotation of one rotor."""
 
     position_frd: Vec3  # m, hub relative to the centre of mass
-    spin: int  # +1 turns counter-clockwise seen from above (its reaction torque yaws the body clockwise), -1 clockwise
+    spin: int  # +1: counter-clockwise seen from above (the reaction torque yaws the body clockwise); -1: clockwise
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class RotorCurve:
     inertia: Positive  # kg·m², rotor and bell about the spin axis
     radius_m: Positive  # m
     drag_coefficient: NotNegative  # N / ((rad/s)·(m/s)), in-plane (blade) drag
-    rotating_kg: NotNegative = 0.0  # kg, propeller and bell, whose imbalance shakes the frame; 0: no shaking
+    rotating_kg: NotNegative = 0.0  # kg, propeller and bell; their imbalance shakes the frame; 0: no vibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +53,12 @@ class Battery:
     cells: CellCount
     capacity_ah: Positive
     resistance_ohm: NotNegative  # whole pack
-    avionics_w: NotNegative  # constant draw beside the rotors
+    avionics_w: NotNegative  # W, constant power of everything except the rotors
 
 
 @dataclass(frozen=True, slots=True)
 class Airframe:
-    """A multirotor. Loaded from `vehicles/airframes/NAME.toml`, where each constant names its source."""
+    """A multirotor, read from a file like `vehicles/airframes/x500.toml`, which names the source of each constant."""
 
     name: str
     mass_kg: Positive
@@ -67,7 +67,7 @@ class Airframe:
     curve: RotorCurve
     drag_linear_frd: tuple[NotNegative, NotNegative, NotNegative]  # N / (m/s), body axes
     drag_quadratic_frd: tuple[NotNegative, NotNegative, NotNegative]  # N / (m/s)², body axes
-    # m, feet and other points that touch the ground
+    # m, feet and other points that can touch the ground
     contact_points_frd: Annotated[tuple[Vec3, ...], Meta(min_length=3, max_length=MAX_CONTACTS)]
     battery: Battery
     mav_type: MavType = 2  # MAV_TYPE: 2 quadrotor, 13 hexarotor
@@ -84,7 +84,7 @@ class Airframe:
         return math.sqrt(self.mass_kg * GRAVITY / (len(self.rotors) * self.curve.thrust_coefficient))
 
     def balanced(self) -> "Airframe":
-        """Return the airframe with rotors that do not shake it."""
+        """Return the airframe with perfectly balanced rotors, which do not shake it."""
         return replace(self, curve=replace(self.curve, rotating_kg=0.0))
 
     @property

@@ -1,4 +1,4 @@
-"""The forward camera: its geometry, its frames, and their JPEGs for the model. Paper, appendix "Execution"."""
+"""Geometry of the forward camera, its frames, and their JPEGs for the model. Paper, appendix "Execution"."""
 
 import math
 from dataclasses import dataclass, replace
@@ -19,16 +19,16 @@ class CameraModel:
     height: int = 720  # px
     hfov_deg: float = 90.0
     offset_frd: Vec3 = (0.5, 0.0, 0.1)  # m from the body origin
-    pitch_deg: float = 0.0  # of its mount, up from body forward; on a gimbal from the horizon
-    gimballed: bool = False  # it is level in roll, and its pitch changes in flight
+    pitch_deg: float = 0.0  # of the mount: up from body forward; with a gimbal, up from the horizon
+    gimballed: bool = False  # a gimbal holds it level in roll and changes its pitch in flight
 
     @property
     def focal_px(self) -> float:
-        """px: W / (2 tan(φ/2))."""
+        """Focal length (px): W / (2 tan(φ/2))."""
         return self.width / (2.0 * math.tan(math.radians(self.hfov_deg) / 2.0))
 
     def at_pitch(self, gimbal_pitch: float | None) -> "CameraModel":
-        """Return the camera with its gimbal at a pitch (rad, up from the horizon); None: the camera as it is."""
+        """Return the camera with this gimbal pitch (rad, up from the horizon); None: the camera unchanged."""
         return self if gimbal_pitch is None else replace(self, pitch_deg=math.degrees(gimbal_pitch))
 
 
@@ -39,7 +39,7 @@ def camera_on(mount: CameraMount) -> CameraModel:
 
 @dataclass(frozen=True, slots=True)
 class CameraPose:
-    """Where a camera was when it took a frame."""
+    """The pose of a camera when it took a frame."""
 
     position_ned: Vec3  # m, optical centre
     attitude: Quat  # camera axes (forward, right, down) → NED
@@ -48,8 +48,8 @@ class CameraPose:
 def camera_pose(position_ned: Vec3, attitude: Quat, camera: CameraModel) -> CameraPose:
     """Return the pose of a vehicle's camera.
 
-    `position_ned` (m) is the body origin and `attitude` rotates body FRD into NED; the camera sits at
-    `camera.offset_frd` and looks along body forward, raised by its pitch; on a gimbal it keeps the horizon.
+    `position_ned` (m) is the body origin and `attitude` rotates body FRD into NED. The camera is at `camera.offset_frd`
+    and looks along body forward, raised by its pitch. A gimbal keeps it level in roll, at a pitch from the horizon.
     """
     offset = rotate(attitude, camera.offset_frd)
     position = (position_ned[0] + offset[0], position_ned[1] + offset[1], position_ned[2] + offset[2])
@@ -57,7 +57,7 @@ def camera_pose(position_ned: Vec3, attitude: Quat, camera: CameraModel) -> Came
 
 
 def camera_attitude(attitude: Quat, camera: CameraModel) -> Quat:
-    """Return the attitude (camera axes → NED) of a camera on a body, by that of the body (FRD → NED)."""
+    """Return the attitude of a camera (camera axes → NED) on a body with this attitude (FRD → NED)."""
     if camera.gimballed:
         return quat_from_euler(0.0, math.radians(camera.pitch_deg), quat_yaw(attitude))
     if not camera.pitch_deg:
@@ -67,17 +67,17 @@ def camera_attitude(attitude: Quat, camera: CameraModel) -> Quat:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One picture with the instant at which it was taken."""
+    """One camera image and the time of its capture."""
 
     frame_id: int
     drone: int
     time_us: int  # µs, vehicle clock at capture
     image_rgb: NDArray[np.uint8]  # (H, W, 3)
-    depth_mm: NDArray[np.uint16] | None = None  # (H, W) mm along the optical axis at each pixel's middle; 0: none known
+    depth_mm: NDArray[np.uint16] | None = None  # (H, W) mm along the optical axis, at pixel centres; 0: unknown
 
 
 class Camera(Protocol):
-    """Anything that can show the drone's newest view."""
+    """A source of camera frames."""
 
     def newest(self, drone: int = 0) -> Frame:
         """Return the newest frame. Raises CameraError when there is none."""
@@ -86,31 +86,31 @@ class Camera(Protocol):
     def close(self) -> None: ...
 
 
-WIDTH_MAX = 640  # px; the model gets no wider picture. Paper, "API Request Format"
-QUALITY = 85  # of the JPEG
+WIDTH_MAX = 640  # px, largest width of the model's pictures. Paper, "API Request Format"
+QUALITY = 85  # JPEG quality
 
 
 def reduced_size(width: int, height: int) -> tuple[int, int]:
-    """Return the (width, height), px, at which the model gets a picture of this size, aspect ratio kept."""
+    """Return the (width, height) in px of a picture of this size for the model. The aspect ratio stays the same."""
     return (WIDTH_MAX, round(height * WIDTH_MAX / width)) if width > WIDTH_MAX else (width, height)
 
 
 def reduced(image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return an (H, W, 3) RGB image at the size at which the model gets it."""
-    import cv2  # slow to import, and only some users of the geometry need it
+    """Return an (H, W, 3) RGB image, reduced to the size for the model."""
+    import cv2  # slow to import, and not needed for the geometry
 
     height, width = image_rgb.shape[:2]
     if width <= WIDTH_MAX:
         return image_rgb
     size = reduced_size(width, height)
-    return np.asarray(cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA), np.uint8)  # area keeps small text
+    return np.asarray(cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA), np.uint8)  # keeps small text legible
 
 
-DEPTH_MAX_M = 65.535  # of a depth picture: 16 bits of millimetres
+DEPTH_MAX_M = 65.535  # largest depth in a depth picture: 16 bits of millimetres
 
 
 def in_millimetres(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Return depths (m) as millimetres; 0 beyond DEPTH_MAX_M, and for the sky."""
+    """Return depths (m) as millimetres; 0 beyond DEPTH_MAX_M and for the sky."""
     near = depth_m <= DEPTH_MAX_M
     return np.where(near, np.rint(1000.0 * np.where(near, depth_m, 0.0)), 0.0).astype(np.uint16)
 
@@ -123,18 +123,18 @@ def encode_depth(depth_mm: NDArray[np.uint16]) -> bytes:
 
 
 def decode_depth(data: bytes) -> NDArray[np.uint16] | None:
-    """Return the (H, W) depth picture of a 16-bit PNG; None if it is none."""
+    """Return the (H, W) depth picture in a 16-bit PNG; None if `data` is not one."""
     import cv2
 
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    except cv2.error:  # a size in the header that no picture has
+    except cv2.error:  # the header has an impossible size
         return None
     return np.asarray(picture) if picture is not None and picture.dtype == np.uint16 and picture.ndim == 2 else None
 
 
 def encode(image_rgb: NDArray[np.uint8]) -> bytes:
-    """Return the JPEG of an (H, W, 3) RGB image as the model gets it."""
+    """Return an (H, W, 3) RGB image as the JPEG for the model, reduced in size. Raises ValueError."""
     import cv2
 
     picture = cv2.cvtColor(reduced(image_rgb), cv2.COLOR_RGB2BGR)

@@ -1,4 +1,4 @@
-"""The mount of a vehicle's camera, in its airframe's file."""
+"""The camera mount of a vehicle, as its airframe file declares it."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -10,7 +10,7 @@ PitchDeg = Annotated[float, Meta(ge=-90.0, le=90.0)]
 
 @dataclass(frozen=True, slots=True)
 class GimbalLimits:
-    """A gimbal with a pitch axis, which holds the camera level in roll."""
+    """Limits of a gimbal that changes the camera's pitch and holds it level in roll."""
 
     pitch_min_deg: PitchDeg = -90.0  # up from the horizon
     pitch_max_deg: PitchDeg = 30.0
@@ -21,8 +21,8 @@ class GimbalLimits:
 class CameraMount:
     """Mount of the forward camera."""
 
-    pitch_deg: PitchDeg = 0.0  # up from body forward, on a gimbal from the horizon; the benchmark's camera looks level
-    gimbal: GimbalLimits | None = None  # None: it is fixed to the body
+    pitch_deg: PitchDeg = 0.0  # up from body forward; with a gimbal, up from the horizon; 0 in the benchmark
+    gimbal: GimbalLimits | None = None  # None: the camera is fixed to the body
 
 
 LEVEL = CameraMount()

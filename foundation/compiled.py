@@ -1,8 +1,8 @@
-"""`njit` for every kernel of the project, with a cache on disk that is never out of date.
+"""The `njit` decorator of all kernels, with a cache on disk that is never out of date.
 
 numba's own cache notices a change only in the file of the outermost function: after an edit of `vehicles/rotor.py`, a
-cached `vehicles.multirotor.step` would still use the old rotor. So the cache folder is named after the sources of all
-kernels.
+cached `vehicles.multirotor.step` would still use the old rotor. So the name of the cache folder is a digest of the
+sources of all kernels.
 """
 
 import contextlib
@@ -25,8 +25,8 @@ from foundation.machine import user_cache
 
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
-# in a kernel's signature:
-Record = Any  # a numpy record, its fields as attributes; the argument's name gives its dtype
+# types in the signatures of kernels
+Record = Any  # a numpy record with its fields as attributes; the argument's name tells its dtype
 Grid = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,7 +44,7 @@ SOURCES = (
     "dronecats/flight/sitl/fused.py",
     "dronecats/study/loop/feedback.py",
 )
-KEPT_S = 30 * 86_400  # s, an older unused cache is removed
+KEPT_S = 30 * 86_400  # s; a cache that is unused for longer is removed
 
 
 def digest() -> str:
@@ -67,7 +67,7 @@ def cache_folder() -> Path:
 
 
 def _prepare() -> bool:
-    """Set numba's cache folder and return whether it is writable. At import, since decorators read it."""
+    """Set numba's cache folder and return whether it is writable. Runs at import, because decorators need it."""
     try:
         folder = cache_folder()
     except UsageError:
@@ -78,7 +78,7 @@ def _prepare() -> bool:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError:
         return False
-    with contextlib.suppress(OSError):  # another process may be tidying up, too
+    with contextlib.suppress(OSError):  # another process may remove old caches at the same time
         os.utime(folder)
         for folder_entry in folder.parent.iterdir():
             if time.time() - folder_entry.stat().st_mtime > KEPT_S:
@@ -88,7 +88,7 @@ def _prepare() -> bool:
 
 @contextlib.contextmanager
 def in_turn() -> Iterator[None]:
-    """Let one process at a time compile, so that the next ones read its results from the cache."""
+    """Let one process compile at a time, so that later ones read the compiled code from the cache."""
     if not KEEPS:
         yield
         return
@@ -103,19 +103,19 @@ class Kernel(Protocol[P, R]):
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R: ...
 
     def compile(self, sig: tuple[numba.types.Type, ...]) -> object:
-        """Compile it for arguments of these types and leave it in the cache."""
+        """Compile the kernel for these argument types and store it in the cache."""
 
 
 def njit(*, cache: bool = True, allocates: bool = False, **options: Any) -> Callable[[Callable[P, R]], Kernel[P, R]]:
     """Return the decorator `numba.njit(…)` with caching; it keeps signatures for the type checker.
 
-    `allocates`: the kernel, or one that it calls, makes an array. Only then numba counts references: every view of an
-    array (`a[k]`, a field of a named tuple) costs two locked instructions, for which threads that share the array wait
-    on one another; short kernels spend most of their time there.
+    `allocates`: the kernel, or a kernel that it calls, creates an array. Only then does numba count references. With
+    reference counts, every view of an array (`a[k]`, a field of a named tuple) costs two locked instructions, and
+    threads that share the array wait for one another. Short kernels would spend most of their time there.
 
-    Without a writable folder nothing is cached, and each start compiles: numba's own default, a cache beside the
-    sources, gets out of date, or fails where they are read-only. The wrapper for calls from C is left out, which saves
-    a tenth of the compile time, and so are checks for a division by zero, which gives infinity or NaN as in numpy.
+    Without a writable cache folder each start compiles again. numba's default, a cache beside the sources, is not used:
+    it gets out of date and fails if the sources are read-only. The wrapper for calls from C is omitted, which saves a
+    tenth of the compile time. Division by zero is not checked and gives infinity or NaN, as in numpy.
     """
     defaults = {"cache": cache and KEEPS, "no_cfunc_wrapper": True, "error_model": "numpy", "_nrt": allocates}
     compiled: Callable[[Callable[P, R]], Kernel[P, R]] = numba.njit(**{**defaults, **options})
@@ -123,4 +123,4 @@ def njit(*, cache: bool = True, allocates: bool = False, **options: Any) -> Call
 
 
 prange = numba.prange
-KEEPS = _prepare()  # compiled code is cached for the next start
+KEEPS = _prepare()  # whether compiled code is cached for the next start

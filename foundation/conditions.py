@@ -5,12 +5,12 @@ from typing import Any, Literal
 
 import msgspec
 
-LOWEST_DEG = 3.0  # elevation of a sun that shines: below it shadows reach across the whole map
+LOWEST_DEG = 3.0  # lowest elevation of the sun; below it, shadows reach across the whole map
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneConditions:
-    """Light and season. None: as the map has it."""
+    """Light and season. None: the value of the map."""
 
     sun_azimuth_deg: float | None = None  # clockwise from north
     sun_elevation_deg: float | None = None  # above the horizon, LOWEST_DEG … 90
@@ -22,7 +22,7 @@ AS_BUILT = SceneConditions()
 
 
 def recorded(flight: Any) -> SceneConditions:
-    """Return the conditions in the JSON of a flight, as its run.json has it; those of the map where it has none."""
+    """Return the conditions in the flight object of a run.json; AS_BUILT if it has none."""
     try:
         return msgspec.convert(flight["disturbances"]["conditions"], SceneConditions)
     except (KeyError, TypeError, msgspec.ValidationError):

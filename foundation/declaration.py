@@ -1,4 +1,4 @@
-"""Declarations of numbers that users set, on the dataclass field that holds them.
+"""Declares numbers that users set, on the dataclass fields that hold them.
 
     loss: float = number(0.0, "loss", "share of frames that never arrive", high=1.0, words="{percent:g} % lost")
 
@@ -31,7 +31,7 @@ class DeclaredNumber:
     help: str  # its meaning, one line
     low: float = 0.0  # both bounds are allowed values
     high: float
-    unit: str = ""  # "s", "m/s" …; "" of shares
+    unit: str = ""  # "s", "m/s" …; "" for shares
     whole: bool = False  # whole numbers only
 
     @property
@@ -43,7 +43,7 @@ class DeclaredNumber:
         )
 
     def read(self, value: object) -> float:
-        """Return a number, or the number in a text. Raises UsageError for any other value, or out of bounds."""
+        """Return the number in `value`, a number or text. Raises UsageError for other values and out of bounds."""
         try:
             number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else None
         except (ValueError, OverflowError):
@@ -59,8 +59,8 @@ class Declaration:
     """The metadata of a declared field."""
 
     quantity: DeclaredNumber | None = None  # None: the value is checked elsewhere
-    size: Callable[[Any], float] = float  # the number of a value with several numbers, such as the speed of a wind
-    words: str | Callable[[Any], str] = ""  # of a value other than the default; format of value, percent and owner
+    size: Callable[[Any], float] = float  # value → the number to check, such as the speed of a wind vector
+    words: str | Callable[[Any], str] = ""  # about a value that is not the default; format of value, percent, owner
     first: bool = False  # its words come before those of the other fields
 
 
@@ -81,7 +81,7 @@ def declarations(owner: type) -> dict[str, Any]:
 
 
 def check_bounds(owner: Any) -> None:
-    """Raise UsageError where a declared value of a dataclass is out of bounds. None is allowed."""
+    """Raise UsageError if a declared value of a dataclass is out of bounds. None is allowed."""
     for name, declaration in declarations(type(owner)).items():
         value = getattr(owner, name)
         if declaration.quantity is not None and value is not None:

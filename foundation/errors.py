@@ -20,13 +20,13 @@ class InfrastructureError(DronecatsError):
 
 
 class LinkError(InfrastructureError):
-    """The autopilot is silent or gone, or has refused a necessary command."""
+    """The autopilot does not answer, or has rejected a necessary command."""
 
 
 class ModelError(InfrastructureError):
     """The model endpoint cannot be reached or answers with something that is not a chat completion."""
 
-    lost: tuple[int, int] = (0, 0)  # tokens of questions and replies that the vendor counted in answers without a reply
+    lost: tuple[int, int] = (0, 0)  # tokens (in, out) that the vendor counted in answers without a reply
 
 
 class ModelRejectedError(ModelError):
@@ -34,7 +34,7 @@ class ModelRejectedError(ModelError):
 
     def __init__(self, message: str, status: int) -> None:
         super().__init__(message)
-        self.status = status  # of HTTP
+        self.status = status  # HTTP status
 
     def __reduce__(self) -> tuple[type, tuple[str, int]]:
         """Pickle both arguments."""

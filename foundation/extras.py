@@ -23,7 +23,7 @@ class Extra:
         return f'pip install "dronecats[{self.name}]"'
 
 
-# An extra that comes first is the one to install for a package that two of them add.
+# If two extras add a package, the first one is recommended.
 EXTRAS = (
     Extra(
         "sim",
@@ -56,12 +56,12 @@ EXTRAS = (
 
 
 def extra_of(module: str) -> Extra | None:
-    """Return the extra that adds an imported module; None without one."""
+    """Return the extra that adds an imported module; None if no extra does."""
     return next((extra for extra in EXTRAS for name in extra.modules if f"{module}.".startswith(f"{name}.")), None)
 
 
 def is_installed(module: str) -> bool:
-    """Return whether a module can be found. It is not imported."""
+    """Return whether a module is installed, without importing it."""
     try:
         return find_spec(module) is not None
     except ImportError:

@@ -1,4 +1,4 @@
-"""Files that stay intact after a kill or on a full disk: text and JSON written atomically, and SQLite files."""
+"""Writes files that stay intact after a kill or on a full disk: atomic text and JSON files, and SQLite files."""
 
 import contextlib
 import json
@@ -16,7 +16,7 @@ from foundation.errors import InfrastructureError, UsageError
 
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield the path of a draft beside `path`, which replaces it when the block succeeds, and is removed otherwise.
+    """Yield the path of a draft file. It replaces `path` if the block succeeds and is removed otherwise.
 
     Each thread and process has its own draft of a file; the last one to finish wins. Raises OSError.
     """
@@ -39,10 +39,10 @@ def write_text(path: Path, text: str, *, errors: str = "strict") -> None:
 def write_json(path: Path, value: Any) -> None:
     """Write a JSON file atomically. Raises OSError."""
     text = json.dumps(value, indent=2, ensure_ascii=False) + "\n"
-    write_text(path, text, errors="backslashreplace")  # for half a surrogate pair, valid in JSON
+    write_text(path, text, errors="backslashreplace")  # half a surrogate pair is valid in JSON but not in UTF-8
 
 
-BUSY_S = 30.0  # wall s that another process may hold the file
+BUSY_S = 30.0  # s of wall time to wait for another process that uses the file
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +52,11 @@ class FileKind:
     name: str  # in messages
     application_id: int  # in the file's header
     version: int  # of the tables
-    tables: str  # SQL that makes them
+    tables: str  # SQL that creates the tables
 
 
 class SqliteFile:
-    """An open SQLite file for several processes. One statement or transaction at a time, from any thread."""
+    """An open SQLite file that processes and threads share. One statement or transaction runs at a time."""
 
     def __init__(self, path: Path, kind: FileKind) -> None:
         """Open the file, or create it.
@@ -73,7 +73,7 @@ class SqliteFile:
             raise UsageError(f"the {kind.name} {path} cannot be opened: {reason}") from None
         try:
             self._check()
-            self._db.execute("PRAGMA synchronous=NORMAL")  # a kill loses nothing; a power cut may lose the last moment
+            self._db.execute("PRAGMA synchronous=NORMAL")  # a kill loses nothing; a power cut may lose the last writes
         except sqlite3.DatabaseError as error:
             self._db.close()
             raise UsageError(f"{path} is not a {kind.name}: {error}. Move it away, or name another file") from None
@@ -131,7 +131,7 @@ def _connected(path: Path) -> sqlite3.Connection:
 
 
 def make(path: Path, kind: FileKind) -> None:
-    """Create the file as a draft and link it to its place: the second of two processes keeps the first one's."""
+    """Create the file as a draft and link it to `path`. If another process was first, its file stays."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.part")
     try:

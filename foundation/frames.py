@@ -1,4 +1,4 @@
-"""Frames and their conversions, in this file only.
+"""All coordinate frames and their conversions.
 
 Conventions
     NED   world frame: north, east, down, metres, origin at the map's geodetic origin.
@@ -6,13 +6,13 @@ Conventions
     q     attitude quaternion (w, x, y, z), Hamilton, unit, rotates FRD vectors into NED.
     yaw   rad, 0 = north, positive towards east (clockwise seen from above).
 
-Every function takes and returns plain floats and tuples, so that the same source serves ordinary Python and, wrapped
-by `numba.njit`, the compiled kernels of `vehicles` and `autopilot`.
+Every function takes and returns plain floats and tuples. So ordinary Python and, through `numba.njit`, the compiled
+kernels of `vehicles` and `autopilot` use the same source.
 """
 
 import math
 
-EARTH_RADIUS_M = 6371000.0  # PX4's CONSTANTS_RADIUS_OF_EARTH: on the same sphere local frames agree
+EARTH_RADIUS_M = 6371000.0  # PX4's CONSTANTS_RADIUS_OF_EARTH, so that local frames agree with PX4's
 GRAVITY = 9.80665  # m/s²
 
 Vec3 = tuple[float, float, float]
@@ -23,7 +23,7 @@ def wrap_pi(angle: float) -> float:
     """Return `angle` (rad) wrapped into [-π, π)."""
     turned = angle + math.pi
     if 0.0 <= turned < 2.0 * math.pi:
-        return turned - math.pi  # as below, without the slow division
+        return turned - math.pi  # same result as below, without the slow division
     return turned % (2.0 * math.pi) - math.pi
 
 
@@ -51,7 +51,7 @@ def quat_normalized(q: Quat) -> Quat:
 
 
 def rotate(q: Quat, v: Vec3) -> Vec3:
-    """Return v, given in FRD, expressed in NED."""
+    """Return the FRD vector v in NED."""
     tx = 2.0 * (q[2] * v[2] - q[3] * v[1])
     ty = 2.0 * (q[3] * v[0] - q[1] * v[2])
     tz = 2.0 * (q[1] * v[1] - q[2] * v[0])
@@ -63,7 +63,7 @@ def rotate(q: Quat, v: Vec3) -> Vec3:
 
 
 def rotate_inverse(q: Quat, v: Vec3) -> Vec3:
-    """Return v, given in NED, expressed in FRD."""
+    """Return the NED vector v in FRD."""
     tx = 2.0 * (-q[2] * v[2] + q[3] * v[1])
     ty = 2.0 * (-q[3] * v[0] + q[1] * v[2])
     tz = 2.0 * (-q[1] * v[1] + q[2] * v[0])
@@ -101,7 +101,7 @@ def quat_yaw(q: Quat) -> float:
 
 
 def quat_integrate(q: Quat, rotation_vector: Vec3) -> Quat:
-    """Return q after the body-frame rotation vector (rad): q ⊗ exp(rotation_vector / 2)."""
+    """Return q rotated by a rotation vector (rad) in the body frame: q ⊗ exp(rotation_vector / 2)."""
     angle = math.sqrt(rotation_vector[0] ** 2 + rotation_vector[1] ** 2 + rotation_vector[2] ** 2)
     s = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
     dq = (math.cos(0.5 * angle), s * rotation_vector[0], s * rotation_vector[1], s * rotation_vector[2])
@@ -111,11 +111,11 @@ def quat_integrate(q: Quat, rotation_vector: Vec3) -> Quat:
 def geodetic_to_ned(lat0: float, lon0: float, alt0: float, lat: float, lon: float, alt: float) -> Vec3:
     """Return NED metres of (lat, lon in degrees, alt in metres) about the origin (lat0, lon0, alt0).
 
-    Azimuthal equidistant projection on a sphere, as PX4's MapProjection::project.
+    Azimuthal equidistant projection on a sphere, as in PX4's MapProjection::project.
     """
     phi0, phi = math.radians(lat0), math.radians(lat)
     dlam = math.radians(lon - lon0)
-    # half-angle form: keeps millimetres for points close to the origin, where acos of almost 1 would lose them
+    # half-angle form: close to the origin, acos of almost 1 would lose millimetres
     h = math.sin(0.5 * (phi - phi0)) ** 2 + math.cos(phi0) * math.cos(phi) * math.sin(0.5 * dlam) ** 2
     c = 2.0 * math.asin(min(1.0, math.sqrt(h)))
     k = 1.0

@@ -1,8 +1,8 @@
-"""This machine: the user's cache folder, the limit of address space, and the holder of a local port.
+"""Queries of this machine: the user's cache folder, the limit on address space, and the program that holds a port.
 
-The limit is checked before compiled code is loaded, which crashes without memory. A limit on the address space
-(`ulimit -v`, RLIMIT_AS) counts reserved memory, several times the used memory: each thread reserves a stack and an
-arena of the allocator.
+The limit is checked before compiled code is loaded, because compiled code crashes when it runs out of memory. A limit
+on the address space (`ulimit -v`, RLIMIT_AS) counts reserved memory, which is several times the used memory: each
+thread reserves a stack and an arena of the allocator.
 """
 
 import os
@@ -21,7 +21,7 @@ def user_cache() -> Path:
         raise UsageError("this user has no home folder for compiled code. Set NUMBA_CACHE_DIR to a folder") from None
 
 
-PER_CORE_GB = 0.08  # reserved by the threads of numerical libraries, one per core
+PER_CORE_GB = 0.08  # address space that numerical libraries reserve for one thread per core
 CORES_MEASURED = 2  # cores of the machine on which callers measured `needed_gb`
 
 
@@ -32,9 +32,9 @@ def limit_gb() -> float | None:
 
 
 def check(name: str, needed_gb: float) -> None:
-    """Raise UsageError if the limit on the address space is below what `what` needs.
+    """Raise UsageError if the limit on the address space is below what `name` needs.
 
-    `needed_gb`: on `CORES_MEASURED` cores; on a machine with more it is more.
+    `needed_gb`: as measured on `CORES_MEASURED` cores; more cores need more.
     """
     limit = limit_gb()
     if needed_gb and limit is not None and limit < (needed := on_this_machine(needed_gb)):
@@ -45,12 +45,12 @@ def check(name: str, needed_gb: float) -> None:
 
 
 def on_this_machine(needed_gb: float) -> float:
-    """Return the memory needed here, from that measured on `CORES_MEASURED` cores."""
+    """Return the address space (GB) that is needed on this machine, if `CORES_MEASURED` cores need `needed_gb`."""
     return needed_gb + PER_CORE_GB * max(0, (os.cpu_count() or 1) - CORES_MEASURED)
 
 
 def port_holder(protocol: str, port: int) -> str | None:
-    """Return 'name (process id N)' of the program that holds a local port, None when that cannot be known.
+    """Return 'name (process id N)' of the program that holds a local port; None if unknown.
 
     `protocol`: 'UDP' or 'TCP'.
     """

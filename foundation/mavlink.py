@@ -1,7 +1,7 @@
-"""The MAVLink dialect, its parser and packer, and PX4's numbers of flight modes, which our autopilot shares.
+"""The MAVLink dialect, its parser and packer, and the flight modes of PX4 and of the project's autopilot.
 
-`development` is the upstream dialect that has CURRENT_MODE and AVAILABLE_MODES beside all of `common`. The modes are
-those of px4_custom_mode.h.
+`development` is the upstream dialect that adds CURRENT_MODE and AVAILABLE_MODES to `common`. The numbers of the modes
+are those of px4_custom_mode.h.
 """
 
 from dataclasses import dataclass
@@ -40,10 +40,10 @@ class Parser:
         return frames
 
     def _decoded(self, frame: bytes) -> list[dialect.MAVLink_message]:
-        """Return the message of a MAVLink 1 or signed frame; empty where pymavlink rejects it."""
+        """Return the message of a MAVLink 1 or signed frame; empty if pymavlink rejects it."""
         try:
             return [self._mav.decode(bytearray(frame))]
-        except Exception:  # hostile lengths raise more than MAVError, and must never stop the flight
+        except Exception:  # malformed lengths raise other errors than MAVError too; none may stop the flight
             self.bad += 1
             return []
 

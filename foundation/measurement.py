@@ -1,4 +1,4 @@
-"""The true measurement of one drone and its target at one instant, which the logger writes and the judge reads.
+"""The true measurement of one drone and its target at one time. The logger writes it, and the judge reads it.
 
 Its fields are declared here once, for `World.measure`, for the rows of truth.jsonl and for their published schema.
 """
@@ -8,7 +8,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-LARGE = 1e12  # beyond it a number is damage
+LARGE = 1e12  # a larger number counts as damage
 
 # `wrong`: the reader's message about any other value
 Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]

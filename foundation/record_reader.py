@@ -1,4 +1,4 @@
-"""Reads fields of a numpy record as plain Python numbers, ten times as fast as the record's own items."""
+"""Reads fields of a numpy record as plain Python numbers, ten times as fast as item access."""
 
 import math
 import struct
@@ -8,9 +8,9 @@ from typing import Any
 
 
 def reader(record: Any, *names: str) -> Callable[[], tuple[Any, ...]]:
-    """Return a function that reads these fields of `record` (`numpy.void`): one flat tuple, arrays as their entries.
+    """Return a function that reads these fields of `record` (`numpy.void`) as one flat tuple; arrays are flattened.
 
-    The fields are 64 bits wide and named in the record's order; KeyError or ValueError where they are not.
+    The fields must be 64 bits wide and named in the record's order. Raises KeyError or ValueError otherwise.
     """
     layout, end = "=", 0
     for name in names:

@@ -1,17 +1,18 @@
-"""The socket below the autopilot: sensor samples in, actuator commands out, the fields of PX4's simulator interface.
+"""Interface between a vehicle and its autopilot: sensor samples, actuator commands, and the vehicle's true state.
 
-A vehicle owns one record of each dtype. They are numpy records rather than dataclasses because both sides are compiled
-kernels that read and write them a thousand times a simulated second; `hil` turns the same fields into HIL_SENSOR,
-HIL_GPS and HIL_ACTUATOR_CONTROLS for a real PX4. A sample is new when its `*_time_us` has changed; 0 means none yet.
+The fields are those of PX4's simulator interface. A vehicle owns one record of each dtype. They are numpy records
+rather than dataclasses because compiled kernels read and write them a thousand times per simulated second. `hil`
+converts them to HIL_SENSOR and HIL_GPS, and from HIL_ACTUATOR_CONTROLS, for a real PX4. A sample is new if its
+`*_time_us` has changed; 0 means no sample yet.
 """
 
 import numpy as np
 
 MAX_ROTORS = 8
-RANGE_M = (0.1, 12.0)  # m, what the rangefinder measures: TFmini Plus data sheet
+RANGE_M = (0.1, 12.0)  # m, range of the rangefinder: TFmini Plus data sheet
 
-# The time (µs since 1970, UTC) that a simulated GPS receiver tells at vehicle time 0: 2026-01-01. It is the same in
-# each flight, so that a flight does not depend on the day on which it is flown.
+# The time (µs since 1970, UTC) that a simulated GPS receiver reports at vehicle time 0: 2026-01-01. It is the same in
+# each flight, so that a flight does not depend on the date.
 CALENDAR_START_US = 1_767_225_600_000_000
 
 SENSORS = np.dtype(

@@ -1,8 +1,8 @@
-"""MAVLink 2 message signing of one end of a wire: off until a key is set, then only signed messages are accepted.
+"""MAVLink 2 message signing at one end of a link. Once a key is set, only signed messages are accepted.
 
-Source: mavlink.io, guide/message_signing. A signature is the link, a timestamp and the first 48 bits of
-SHA-256(key, message, link, timestamp). pymavlink's own check stores the timestamp of a message before it verifies the
-signature, so that one forged message shuts out the true sender.
+Source: mavlink.io, guide/message_signing. A signature consists of the link id, a timestamp and the first 48
+bits of SHA-256(key, message, link id, timestamp). pymavlink's own check is not used: it stores the timestamp of a
+message before it verifies the signature, so one forged message locks out the true sender.
 """
 
 import hashlib
@@ -14,16 +14,16 @@ from foundation.errors import UsageError
 from foundation.mavlink import dialect
 
 KEY_BYTES = 32
-SIGNATURE_BYTES = 13  # link, 48-bit timestamp, 48-bit digest
+SIGNATURE_BYTES = 13  # link id, 48-bit timestamp, 48-bit digest
 SIGNED = dialect.MAVLINK_IFLAG_SIGNED
-UNITS_PER_MINUTE = 6_000_000  # a timestamp counts 10 µs
+UNITS_PER_MINUTE = 6_000_000  # a timestamp has units of 10 µs
 LATEST = (1 << 48) - 1
-UNSIGNED_MESSAGES = frozenset({"RADIO_STATUS"})  # modems speak without a key
+UNSIGNED_MESSAGES = frozenset({"RADIO_STATUS"})  # radio modems have no key
 EPOCH_S = 1_420_070_400  # s of Unix time, 2015-01-01
 
 
 def load_key(path: Path) -> bytes:
-    """Return the 32 bytes of a key file: as they are, or as 64 hexadecimal digits. Raises UsageError."""
+    """Return the key in a file of 32 bytes or 64 hexadecimal digits. Raises UsageError."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -32,7 +32,7 @@ def load_key(path: Path) -> bytes:
     if len(digits) == 2 * KEY_BYTES:
         try:
             data = bytes.fromhex(digits.decode("ascii"))
-        except ValueError:  # its text contains the key
+        except ValueError:  # the error's text contains the key, so it is not shown
             data = b""
     if len(data) != KEY_BYTES or not any(data):
         raise UsageError(
@@ -43,12 +43,12 @@ def load_key(path: Path) -> bytes:
 
 
 def timestamp(unix_s: float) -> int:
-    """Return a time of day as a signature's timestamp: 10 µs since 2015-01-01."""
+    """Return a Unix time (s) as a signature's timestamp, in units of 10 µs since 2015-01-01."""
     return max(0, round((unix_s - EPOCH_S) * 1e5))
 
 
 def is_signed(frame: bytes) -> bool:
-    """Return whether a message has a signature, valid or not, other than that of a key of zeros.
+    """Return whether a message has a signature, valid or not. The signature of a key of zeros does not count.
 
     PX4 1.17 signs with 32 zero bytes while it has no key.
     """
@@ -67,12 +67,12 @@ class Signing:
     """Signs the messages of a port and verifies received ones, once a key is set."""
 
     def __init__(self, link: int) -> None:
-        self.rejected = 0  # messages without a good signature, …
-        self.unsigned = 0  # … of these without any
-        self.believed = 0  # messages with a good one
+        self.rejected = 0  # messages without a valid signature
+        self.unsigned = 0  # of these, messages without any signature
+        self.believed = 0  # messages with a valid signature
         self._link = link & 0xFF
         self._key = b""
-        self._time = 0  # newest timestamp sent or believed
+        self._time = 0  # newest timestamp, sent or accepted
         self._set_us = 0  # vehicle time of `_time`
         self._newest_times: dict[tuple[int, int, int], int] = {}  # system, component, link → newest timestamp
 
@@ -88,7 +88,7 @@ class Signing:
         self._newest_times.clear()
 
     def accepts(self, message: dialect.MAVLink_message, now_us: int) -> bool:
-        """Return whether a message may be acted on. Counts those that may not."""
+        """Return whether the receiver may act on a message, and count the result."""
         if not self._key or message.get_type() in UNSIGNED_MESSAGES:
             return True
         frame = bytes(message.get_msgbuf())
@@ -105,7 +105,7 @@ class Signing:
         timestamp = int.from_bytes(frame[-12:-6], "little")
         speaker = (frame[5], frame[6], frame[-13])
         now = self._now(now_us)
-        # the first message of a sender may be a minute late; after it time only increases, against replays
+        # the first message of a sender may be a minute old; later timestamps must increase, against replays
         if timestamp <= self._newest_times.get(speaker, now - UNITS_PER_MINUTE):
             return False
         self._newest_times[speaker] = timestamp

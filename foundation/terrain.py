@@ -1,4 +1,4 @@
-"""The world of the physics: height of the ground, solid triangles, and a moving box."""
+"""The shapes that the physics collides with: height of the ground, solid triangles, and a moving box."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,10 @@ from foundation.frames import Vec3
 
 @dataclass(frozen=True, slots=True)
 class HeightField:
-    """Ground on a regular grid; outside the grid the nearest edge value holds.
+    """Ground on a regular grid; outside the grid, the nearest edge value is used.
 
-    `down[i, j]` belongs to north = origin_north + i · cell_m, east = origin_east + j · cell_m; between nodes bilinear.
+    `down[i, j]` belongs to north = origin_north + i · cell_m, east = origin_east + j · cell_m.
+    Heights between nodes are interpolated bilinearly.
     """
 
     origin_north: float  # m, NED
@@ -47,16 +48,16 @@ class MovingBox:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacles:
-    """Solid triangles sorted into the cells of a regular grid; the ground is not among them.
+    """Solid triangles without the ground, sorted into the cells of a regular grid.
 
     Cell (i, j, k) has the number (i · columns + j) · layers + k and begins at `origin_ned` + `cell_m` · (i, j, k). Its
-    triangles are `index[start[n] : start[n + 1]]`: all that come within `reach_m` of any point of the cell, so that a
-    vehicle no larger than that needs to look into the one cell where its origin is.
+    triangles are `index[start[n] : start[n + 1]]`: all within `reach_m` of any point of the cell. A vehicle no larger
+    than `reach_m` therefore needs only the cell that contains its origin.
     """
 
     corners: NDArray[np.float32]  # (T, 9) m, NED, three points, counter-clockwise seen from outside
-    bounds: NDArray[np.float32]  # (T, 4) m, NED, middle and radius of a ball around each
-    owner: NDArray[np.int32]  # (T,) row of `names`
+    bounds: NDArray[np.float32]  # (T, 4) m, NED, centre and radius of a ball around each triangle
+    owner: NDArray[np.int32]  # (T,) index in `names`
     names: tuple[str, ...]
     origin_ned: Vec3  # m
     cell_m: float

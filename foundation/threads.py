@@ -1,8 +1,8 @@
-"""Threads of one process: values computed once, turns at computing, and work for the newest request only.
+"""Tools for threads: turns to compute, values computed once, work on the newest request only, and executors.
 
-Eight threads of one interpreter that all compute are no faster than one. They take the interpreter from each other some
-thousand times a second, which on two cores costs as much as the computation (`python -m benchmarks.agent`). So they
-compute in turns and wait side by side.
+Eight threads of one interpreter that all compute are no faster than one. They switch the interpreter lock about a
+thousand times a second, which on two cores costs as much as the computation (`python -m benchmarks.agent`). So threads
+compute in turns and wait in parallel.
 """
 
 import sys
@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Generic, ParamSpec, TypeVar
 
-STEPS = 8  # in one turn; a thread that waits in every step never reaches it
+STEPS = 8  # steps in one turn; a thread that waits in every step never reaches this limit
 
 
 class ComputingTurn:
@@ -23,12 +23,12 @@ class ComputingTurn:
     def __init__(self) -> None:
         self._guard = threading.Lock()
         self._taken = False
-        self._queue: deque[threading.Lock] = deque()  # each locked, and released for its owner
+        self._queue: deque[threading.Lock] = deque()  # each is locked, and released when its owner gets the turn
         self._own = threading.local()
 
     @contextmanager
     def taken(self) -> Iterator[None]:
-        """Hold the turn for the block, after all earlier requests. Not reentrant."""
+        """Wait for all earlier requests, then hold the turn during the block. Not reentrant."""
         self._take()
         try:
             yield
@@ -37,9 +37,9 @@ class ComputingTurn:
 
     @contextmanager
     def lent(self) -> Iterator[None]:
-        """Release the turn during the block, which only waits, and queue for it again afterwards.
+        """Release the turn during a block that only waits, and queue for the turn again afterwards.
 
-        Without effect in a thread that does not hold it.
+        No effect in a thread that does not hold the turn.
         """
         if not getattr(self._own, "has", False):
             yield
@@ -51,9 +51,9 @@ class ComputingTurn:
             self._take()
 
     def step(self) -> None:
-        """Count a step. After STEPS of them in one turn the other threads have theirs.
+        """Count a step. After more than STEPS steps in one turn, let the waiting threads have their turns.
 
-        Without effect in a thread that does not hold the turn.
+        No effect in a thread that does not hold the turn.
         """
         if getattr(self._own, "has", False):
             self._own.steps += 1
@@ -81,14 +81,14 @@ class ComputingTurn:
                 self._taken = False
 
 
-COMPUTING = ComputingTurn()  # of this process
+COMPUTING = ComputingTurn()  # the turn of this process
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Return a thread-safe decorator that caches the `maxsize` values used last, and computes each only once."""
+    """Return a decorator that caches the last `maxsize` used values. Thread-safe: each value is computed once."""
 
     def keeping(make: Callable[P, T]) -> Callable[P, T]:
         kept: OrderedDict[object, T] = OrderedDict()
@@ -124,7 +124,7 @@ class Latest(Generic[T]):
         self._thread.start()
 
     def put(self, item: T) -> None:
-        """Request work on an item. It replaces one that still waits."""
+        """Request work on an item. The item replaces an item that still waits."""
         with self._news:
             self._waiting = [item]
             self._news.notify_all()
@@ -157,7 +157,7 @@ class Latest(Generic[T]):
 
 
 class InlineExecutor(Executor):
-    """Runs a call at once, in the caller's thread. The executor of lockstep."""
+    """Runs each call at once in the caller's thread. Used in lockstep."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         future: Future[T] = Future()

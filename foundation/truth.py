@@ -1,6 +1,7 @@
-"""Messages of the truth bus: HIL_STATE_QUATERNION and STATUSTEXT on contacts from the simulator, CAMERA_IMAGE_CAPTURED.
+"""Messages of the truth bus, and a reader that keeps the newest samples.
 
-The agent and the autopilot may not import this.
+The simulator sends HIL_STATE_QUATERNION, GIMBAL_DEVICE_ATTITUDE_STATUS and, about contacts, STATUSTEXT. The camera
+sends CAMERA_IMAGE_CAPTURED. The agent and the autopilot must not import this module.
 """
 
 import re
@@ -14,11 +15,11 @@ from foundation import wire
 from foundation.frames import GRAVITY, Quat, Vec3, geodetic_to_ned, ned_to_geodetic, quat_normalized, quat_to_euler
 from foundation.mavlink import Parser, dialect
 
-TRUTH_COMPONENT = 51  # MAV_COMP_ID_USER27: a simulator has no id of its own, and 1 would pass for the autopilot
+TRUTH_COMPONENT = 51  # MAV_COMP_ID_USER27: MAVLink has no id for a simulator, and 1 is the autopilot's
 Origin = tuple[float, float, float]  # lat °, lon °, alt m of the map's NED frame
-KEPT = 25  # samples of each drone: half a second at 50 Hz
-UNREAD = 1000  # unread deliveries of the bus, at most: 20 s at 50 Hz
-SILENT_US = 100_000  # µs; a drone that is silent for longer is not waited for
+KEPT = 25  # samples kept of each drone: half a second at 50 Hz
+UNREAD = 1000  # maximum of unread deliveries of the bus: 20 s at 50 Hz
+SILENT_US = 100_000  # µs; `together` does not wait for a drone that is silent for longer
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,7 @@ class TruthSample:
     position_ned: Vec3  # m, map frame
     velocity_ned: Vec3  # m/s
     attitude: Quat  # FRD → NED
-    gimbal_pitch: float | None = None  # rad, up from the horizon, of the camera's gimbal; None: it has none
+    gimbal_pitch: float | None = None  # rad, up from the horizon, of the camera's gimbal; None: no gimbal
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,7 @@ class FrameTaken:
 def truth_message(
     time_us: int, position: Vec3, velocity: Vec3, attitude: Quat, rates: Vec3, accel: Vec3, origin: Origin
 ) -> dialect.MAVLink_message:
-    """Return HIL_STATE_QUATERNION. Places are carried in 1e-7 degrees: 1.1 cm."""
+    """Return HIL_STATE_QUATERNION. Positions have a resolution of 1e-7 degrees (1.1 cm)."""
     lat, lon, alt = ned_to_geodetic(*origin, *position)
     return dialect.MAVLink_hil_state_quaternion_message(
         time_us,
@@ -62,7 +63,7 @@ def truth_message(
 
 
 def gimbal_message(time_us: int, camera: Quat) -> dialect.MAVLink_message:
-    """Return GIMBAL_DEVICE_ATTITUDE_STATUS: the attitude of a camera on a gimbal (its axes → NED)."""
+    """Return GIMBAL_DEVICE_ATTITUDE_STATUS: the attitude of a camera on a gimbal (camera axes → NED)."""
     flags = dialect.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
     return dialect.MAVLink_gimbal_device_attitude_status_message(
         0, 0, time_us // 1000 % (1 << 32), flags, list(camera), 0.0, 0.0, 0.0, 0
@@ -75,9 +76,9 @@ def gimbal_pitch(message: dialect.MAVLink_message) -> float:
 
 
 def truth_sample(message: dialect.MAVLink_message, origin: Origin, gimbal_pitch: float | None = None) -> TruthSample:
-    """Return the sample in a HIL_STATE_QUATERNION; the drone's number is its system id less one.
+    """Return the sample in a HIL_STATE_QUATERNION; the drone's number is the system id minus one.
 
-    `gimbal_pitch`: that of its camera's gimbal at the same time, which comes in a message before it.
+    `gimbal_pitch` (rad): from the GIMBAL_DEVICE_ATTITUDE_STATUS of the same time, which is sent before the sample.
     """
     return TruthSample(
         drone=message.get_srcSystem() - 1,
@@ -100,9 +101,9 @@ T = TypeVar("T", bound=Timed)
 
 
 def nearest(samples: Sequence[T] | deque[T], time_us: int) -> T:
-    """Return the sample nearest to `time_us`, the earlier of two. Raises ValueError without samples.
+    """Return the sample nearest to `time_us`; of two equally near, the earlier. Raises ValueError without samples.
 
-    The samples are in order; the search begins at the newest.
+    The samples must be in order of time. The search begins at the newest.
     """
     best: T | None = None
     for sample in reversed(samples):
@@ -117,11 +118,11 @@ def nearest(samples: Sequence[T] | deque[T], time_us: int) -> T:
 class NewestTruth:
     """Follows the truth bus and keeps the newest samples of each drone.
 
-    It is fed fifty times a second and queried rarely, so a query decodes the bytes, and only the newest.
+    Bytes arrive fifty times a second and queries are rare. So only queries decode bytes, and only the newest ones.
     """
 
     def __init__(self, origin: Origin, kept: int = KEPT) -> None:
-        """`kept`: number of samples of each drone."""
+        """`kept`: number of samples to keep of each drone."""
         self._origin, self._kept = origin, kept
         self._parser = Parser()
         self._unread: deque[bytes] = deque()
@@ -129,7 +130,7 @@ class NewestTruth:
         self._samples: dict[int, deque[TruthSample]] = {}
 
     def feed(self, data: bytes) -> None:
-        """Take bytes of the bus."""
+        """Store bytes from the bus."""
         self._unread.append(data)  # without the lock, so that the feeder does not wait
         if len(self._unread) > UNREAD:
             self._read()
@@ -162,9 +163,10 @@ class NewestTruth:
             return samples[-1] if samples else None
 
     def together(self, drone: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
-        """Return the newest sample of a drone at a time that all have reached, and the others' of that time, by number.
+        """Return a drone's newest sample at a time that all drones have reached, and the others' by number.
 
-        A drone that is silent for SILENT_US is not waited for: its last sample counts. None without own samples.
+        A drone that is silent for longer than SILENT_US does not count: its last sample is used. None without a sample
+        of `drone`.
         """
         with self._lock:
             self._read()
@@ -176,9 +178,10 @@ class NewestTruth:
             return self._with_others(sample if own[-1].time_us - sample.time_us <= SILENT_US else own[-1])
 
     def at(self, drone: int, time_us: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
-        """Return the first sample of a drone at a time or after it, and the others' of that time, by number.
+        """Return a drone's first sample at or after a time, and the others' samples of that time by number.
 
-        The newest if that time has not come, the oldest kept one if it is too long ago. None without a sample.
+        The newest sample if the time is still to come; the oldest kept one if it is too long ago. None without a sample
+        of `drone`.
         """
         with self._lock:
             self._read()
@@ -192,7 +195,7 @@ class NewestTruth:
         return sample, {k: nearest(samples, sample.time_us) for k, samples in tracks.items()}
 
     def before(self, sample: TruthSample) -> TruthSample:
-        """Return the sample of the same drone before this one; itself if that is no longer kept."""
+        """Return the same drone's previous sample; `sample` itself if the previous one is no longer kept."""
         with self._lock:
             self._read()
             own = self._samples.get(sample.drone, ())
@@ -228,10 +231,10 @@ def _int16(value: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class HitReport:
-    """The beginning of a contact, in a STATUSTEXT."""
+    """The beginning of a contact, as a STATUSTEXT reports it."""
 
     what: str  # name of the obstacle
-    closing_speed: float | None  # m/s; None: it was the ground
+    closing_speed: float | None  # m/s; None: contact with the ground
     crash: bool  # hard enough to break something
 
 
@@ -248,7 +251,7 @@ def hit_text(hit: HitReport) -> str:
 
 
 def clear_text(seconds: float) -> str:
-    """Return the text of the end of a contact of so many seconds."""
+    """Return the text about the end of a contact that lasted `seconds`."""
     return f"Collision: clear after {seconds:.2f} s"
 
 
@@ -259,6 +262,6 @@ def hit_of(text: str) -> HitReport | None:
 
 
 def seconds_of(text: str) -> float | None:
-    """Return the length (s) of a contact from the text of its end; None for another text."""
+    """Return the duration (s) of a contact from the text about its end; None for another text."""
     match = CLEAR.fullmatch(text)
     return float(match[1]) if match else None

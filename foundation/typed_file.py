@@ -2,8 +2,8 @@
 
 A dataclass declares each key once: its type, its bounds and its description (`msgspec.Meta`). msgspec checks the
 values. This module also rejects values that msgspec accepts (unknown keys, nulls, numbers that are not finite), and
-turns an error into one sentence with the file, the key, the value and the rule. `Meta(extra={"wrong": "is not …"})` is
-the message of a field.
+turns an error into one sentence with the file, the key, the value and the rule. `Meta(extra={"wrong": "is not …"})`
+sets the message of a field.
 """
 
 import json
@@ -22,10 +22,10 @@ import msgspec
 from foundation.errors import UsageError
 from foundation.wording import suggestion
 
-BYTES_MAX = 1_000_000  # of a file that people write by hand
+BYTES_MAX = 1_000_000  # of a file that people write
 DEPTH_MAX = 12  # levels of brackets in a JSON file
-SHOWN = 60  # characters of a value in a sentence
-STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")  # of the path at the end of a message of msgspec
+SHOWN = 60  # characters of a value in a message
+STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")  # a step of the path at the end of a msgspec message
 REFUSALS = ("Expected", "Invalid", "Object", "Number")  # beginnings of msgspec's messages
 MISSING = re.compile(r"missing required field `(\w+)`")
 WRONG = {
@@ -119,7 +119,7 @@ def typed(value: Any, kind: type[T], where: str, at: str = "") -> T:
 
 
 def replaced(base: T, table: dict[str, Any], where: str) -> T:
-    """Return a dataclass with the changes of a table. Raises UsageError."""
+    """Return a copy of a dataclass with the values of a table. Raises UsageError."""
     fields = fields_of(type(base))
     if stray := next((key for key in table if key not in fields), None):
         raise UsageError(f"{where}: {shown(stray)} {unknown(stray, fields)}")
@@ -136,7 +136,7 @@ def shown(value: Any) -> str:
     """Return a value for a message, short and on one line."""
     try:
         text = repr(value)
-    except ValueError:  # Python writes no number of thousands of digits
+    except ValueError:  # Python does not print numbers with thousands of digits
         return "too long a number"
     return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
 
@@ -155,7 +155,7 @@ def no_choice(value: Any, choices: Iterable[str]) -> str:
 class FieldRule:
     """The parts of an annotation."""
 
-    kind: Any  # without Annotated and None; a union of several kinds
+    kind: Any  # the type without Annotated and None; may be a union
     meta: tuple[msgspec.Meta, ...]  # outermost first
     optional: bool
 
@@ -192,7 +192,7 @@ class FieldRule:
         return f"and must be {' and '.join(bounds)}" if bounds else "which is too large"
 
     def bound(self, name: str) -> Any:
-        """Return a bound by its name in `msgspec.Meta`; None where there is none."""
+        """Return a bound by its name in `msgspec.Meta`; None if not set."""
         return next((bound for meta in self.meta if (bound := getattr(meta, name)) is not None), None)
 
     def item(self, index: int) -> Any:
@@ -274,13 +274,13 @@ def _rejected(error: str, value: Any, annotation: Any, at: str) -> PlacedFault:
     """Return the fault of a value that msgspec rejected with this message."""
     for key, index in STEP.findall(error.partition(" - at `$")[2]):
         rule = rule_of(annotation)
-        if get_origin(rule.kind) in (Union, UnionType):  # several kinds: msgspec does not say which one
+        if get_origin(rule.kind) in (Union, UnionType):  # a union: msgspec does not say which member failed
             break
         if key:
             annotation, at, value = fields_of(rule.kind)[key], join(at, key), value[key]
         elif index.isdecimal():
             annotation, at, value = rule.item(int(index)), f"{at}[{index}]", value[int(index)]
-        else:  # of a dict: msgspec does not say the key
+        else:  # a dict: msgspec does not say which key
             annotation = rule.item(0)
             key = next(name for name, inner in value.items() if not _converts(inner, annotation))
             at, value = join(at, key), value[key]

@@ -1,8 +1,8 @@
-"""Fast codec of MAVLink 2 frames, by tables from pymavlink's message classes.
+"""Fast codec of MAVLink 2 frames, with tables from pymavlink's message classes.
 
-It is several times as fast as pymavlink, with the same bytes and fields, which the tests check for every message of the
-dialect. It finds frames of any kind, and decodes plain MAVLink 2 frames; `foundation.mavlink.Parser` gives the other
-intact ones (version 1, signed) to pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
+It is several times as fast as pymavlink and gives the same bytes and fields; tests check this for every message of the
+dialect. It finds frames of any kind, but decodes only unsigned MAVLink 2 frames. `foundation.mavlink.Parser` passes
+other intact frames (MAVLink 1, signed) to pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
 """
 
 import re
@@ -15,14 +15,14 @@ from pymavlink.dialects.v20 import development as dialect
 MARKER, MARKER_V1 = 0xFD, 0xFE
 HEADER_BYTES, HEADER_BYTES_V1, CHECKSUM_BYTES = 10, 6, 2
 SIGNATURE_BYTES = 13
-SIGNED = 0x01  # of the incompatibility flags
+SIGNED = 0x01  # bit in the incompatibility flags
 
 _LOG_TIME = struct.Struct(">Q")  # before each frame of a tlog
 _SANE_US = 1 << 56  # two thousand years; a larger value is not a time
 _SHORTEST_LOGGED = _LOG_TIME.size + HEADER_BYTES_V1 + CHECKSUM_BYTES
-_LENGTH_KNOWN = 3  # first bytes of a frame, which determine its length
+_LENGTH_KNOWN = 3  # number of first bytes that determine a frame's length
 _MARKERS = re.compile(rb"[\xfd\xfe]")
-Fields = tuple[Any, ...]  # of a message, in the dialect's order; numbers left out at the end are zero
+Fields = tuple[Any, ...]  # of a message, in the dialect's order; omitted fields at the end are zero
 _HEADER = struct.Struct("<BBBBBBHB")  # length, both flags, sequence, system, component, message id low and high
 checksum = dialect.mcrf4xx or (lambda data: dialect.x25crc(data).crc)  # CRC-16/MCRF4XX
 
@@ -44,7 +44,7 @@ def _header(frame: bytes) -> Any:
 
 
 def _decoded_class(base: Any) -> Any:
-    """Return a subclass of `base` that behaves as if pymavlink had parsed it, but is made from a frame."""
+    """Return a subclass of `base` for messages decoded here; they behave as if pymavlink had parsed them."""
     members = {
         "__doc__": base.__doc__,
         "__module__": base.__module__,
@@ -58,7 +58,7 @@ def _decoded_class(base: Any) -> Any:
         "_instance_offset": base.instance_offset,
         "_header": _OnDemand("_header", _header),
         "_msgbuf": _OnDemand("_msgbuf", bytearray),
-        # from byte 6, not from the end of the header, as pymavlink has it
+        # as in pymavlink: from byte 6, not from the end of the header
         "_payload": _OnDemand("_payload", lambda frame: bytearray(frame[6:-CHECKSUM_BYTES])),
         "_crc": _OnDemand("_crc", lambda frame: frame[-2] | frame[-1] << 8),
         "get_msgId": lambda message, number=base.id: number,
@@ -70,7 +70,7 @@ def _decoded_class(base: Any) -> Any:
 
 
 class MessageLayout:
-    """One message on the wire. `extra`: CRC_EXTRA as a byte."""
+    """Wire layout of one message of the dialect. `extra`: CRC_EXTRA as a byte."""
 
     def __init__(self, base: Any) -> None:
         self.extra = bytes([base.crc_extra])
@@ -96,9 +96,9 @@ class MessageLayout:
         return self._packed(self._read(message))
 
     def payload_of(self, fields: Fields) -> bytes:
-        """Return the same of the fields of a message; texts are bytes.
+        """Return the payload of a message with these fields, without trailing zeros; texts are bytes.
 
-        Three times as fast as a message object and its payload. Raises struct.error.
+        Three times as fast as a message object and `payload`. Raises struct.error.
         """
         return self._packed(self._in_wire_order(fields + self._zeros[len(fields) :]))
 
@@ -143,7 +143,7 @@ class MessageLayout:
 
 
 class OwnPacking(MessageLayout):
-    """A message whose class has a `pack` of its own, such as a parameter that carries an integer's bytes."""
+    """Layout of a message class that overrides `pack`, such as a parameter that carries an integer's bytes."""
 
     def frame(self, message: Any, sequence: int, system: int, component: int) -> bytes:
         mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -177,8 +177,8 @@ BY_CLASS = LayoutsByClass()
 def scan(data: bytes) -> tuple[list[bytes], int, int]:
     """Return (intact frames, offset of an incomplete last frame, count of garbage) of a part of a byte stream.
 
-    Garbage is counted as in pymavlink: a stretch without a marker counts 1, and so does a damaged frame or one of an
-    unknown message, which is skipped. Frames are MAVLink 1 or 2, signed or not; signatures are not verified.
+    Garbage is skipped and counted as in pymavlink: a stretch without a marker counts 1, and so does a damaged frame or
+    a frame of an unknown message. Frames are MAVLink 1 or 2, signed or not; signatures are not verified.
     """
     frames, bad, at, end = [], 0, 0, len(data)
     while at < end:
@@ -270,8 +270,8 @@ def message(frame: bytes) -> Any:
 def logged_frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
     """Return the (µs, frame) pairs in a part of a tlog, and the offset of an incomplete last frame.
 
-    A tlog has frames of MAVLink 1 or 2, each after eight bytes of time. Frames are found by their lengths, and checked
-    only after garbage, which is skipped; the caller checks the others.
+    A tlog has frames of MAVLink 1 or 2, each after eight bytes of time. Frames are found by their lengths.
+    Garbage is skipped. Only the frame after garbage is checked here; the caller checks the others.
     """
     frames, at, end, lost = [], 0, len(data), False
     while end - at >= _SHORTEST_LOGGED:
@@ -293,9 +293,9 @@ def logged_frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
 
 
 def newest(data: bytes, message_id: int, count: int) -> bytes:
-    """Return, from complete plain MAVLink 2 frames, the last `count` of a message from each system, in their order.
+    """Return the last `count` frames of a message from each system, in their order.
 
-    Other data is returned unchanged, for a parser.
+    `data` must consist of complete unsigned MAVLink 2 frames. Other data is returned unchanged, for a parser.
     """
     low, middle, high = message_id & 0xFF, message_id >> 8 & 0xFF, message_id >> 16
     of_system: dict[int, list[int]] = {}

@@ -1,7 +1,7 @@
-"""Words of messages: counted nouns, suggestions for mistyped names, and safe display of foreign text.
+"""Helpers for messages: counted nouns, suggestions for mistyped names, and safe display of untrusted text.
 
-Text of a model, a server or a file may contain anything: sequences that move the cursor or write the clipboard,
-characters that reverse a line, half a surrogate pair. A terminal gets them only escaped.
+Text from a model, a server or a file may contain sequences that move the cursor or write the clipboard, characters
+that reverse a line, or half a surrogate pair. `printable` escapes them before they reach a terminal.
 """
 
 import difflib
@@ -18,7 +18,7 @@ def nearest(word: str, names: Iterable[str], count: int = 3, cutoff: float = 0.6
     """Return at most `count` names that are similar to a word, the most similar first.
 
     Case and punctuation do not matter. A name that begins with the word comes before other similar ones. `cutoff`: the
-    least similarity, 0 … 1, as in `difflib.get_close_matches`.
+    lowest similarity, 0 … 1, as in `difflib.get_close_matches`.
     """
     sought = _letters(word[:100])
     by_letters: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""Airframes by name or by TOML file, checked, and with a payload under the body."""
+"""Loads and checks airframes, by name or from a TOML file, and adds payloads to them."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +11,7 @@ from foundation.typed_file import fields_of, toml_table, typed, unknown
 from foundation.wording import suggestion
 
 _FOLDER = Path(__file__).parent / "airframes"
-PX4_ROTORS = 4  # of PX4's airframe none_iris
+PX4_ROTORS = 4  # rotors of PX4's airframe none_iris
 
 
 def names() -> list[str]:
@@ -39,7 +39,7 @@ def load(name_or_path: str) -> Airframe:
 
 
 def quadrotor(airframe: Airframe) -> Airframe:
-    """Return an airframe of four rotors: PX4's simulated one (`none_iris`) mixes for four. Raises UsageError."""
+    """Return `airframe`. Raises UsageError unless it has four rotors, as PX4's simulated airframe (`none_iris`) has."""
     if len(airframe.rotors) != PX4_ROTORS:
         raise UsageError(
             f"PX4 flies only quadrotors here, but {airframe.name} has {len(airframe.rotors)} rotors. Choose"
@@ -51,7 +51,7 @@ def quadrotor(airframe: Airframe) -> Airframe:
 def parse(table: dict[str, Any], name: str) -> Airframe:
     """Return the airframe that a parsed TOML table describes. Raises UsageError naming the field and the reason."""
     where = f"airframe '{name}'"
-    if "name" in table:  # which the file's own name is
+    if "name" in table:  # the name is that of the file
         raise UsageError(f"{where}: 'name' {unknown('name', [key for key in fields_of(Airframe) if key != 'name'])}")
     airframe = typed({**table, "name": name}, Airframe, where)
     if any(rotor.spin not in (-1, 1) for rotor in airframe.rotors):
@@ -69,16 +69,16 @@ def parse(table: dict[str, Any], name: str) -> Airframe:
     return airframe
 
 
-HOVER_MAX = 0.8  # of the full thrust: beyond it nothing is left to steer with, and no autopilot is designed for it
+HOVER_MAX = 0.8  # share of the full thrust; above it, too little is left for control, and no autopilot is designed
 
 
 def laden(airframe: Airframe, payload_kg: float) -> Airframe:
     """Return the airframe with `payload_kg` fixed halfway down its legs, where cameras and batteries hang.
 
-    The mass adds to the weight, and with its distance from the body's origin to the inertia of roll and pitch; a point
-    on the axis adds nothing to that of yaw. Rotors and feet keep their places about the origin, so the shift of the
-    centre of mass along the axis, about which the rotors' thrust has no lever, is left out. Raises UsageError for one
-    with which the airframe hovers above HOVER_MAX of its thrust.
+    The payload is a point mass on the vertical axis. It adds to the weight and to the inertia of roll and pitch, but
+    not to that of yaw. Rotors and feet keep their places relative to the origin: the shift of the centre of mass is
+    neglected, because it is along the axis, where the rotors' thrust has no lever. Raises UsageError if the airframe
+    would hover above HOVER_MAX of its thrust.
     """
     if payload_kg == 0.0:
         return airframe
@@ -89,12 +89,12 @@ def laden(airframe: Airframe, payload_kg: float) -> Airframe:
         )
     empty_kg = airframe.mass_kg
     below_m = airframe.standing_m / 2.0
-    # about the common centre of mass, by the reduced mass
+    # inertia about the common centre of mass: reduced mass times the squared distance
     turned = payload_kg * empty_kg / (payload_kg + empty_kg) * below_m**2
     roll, pitch, yaw = airframe.inertia_frd
     return replace(airframe, mass_kg=empty_kg + payload_kg, inertia_frd=(roll + turned, pitch + turned, yaw))
 
 
 def liftable_kg(airframe: Airframe) -> float:
-    """Return the heaviest payload (kg) that the airframe can be flown with; 0 where it is heavy enough as it is."""
+    """Return the heaviest payload (kg) that the airframe can carry; 0 if it can carry none."""
     return max(HOVER_MAX * airframe.thrust_max / GRAVITY - airframe.mass_kg, 0.0)

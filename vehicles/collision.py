@@ -1,15 +1,16 @@
-"""Flying into things: a vehicle made of balls against triangles and one moving box, settled by small impulses.
+"""Collisions of a vehicle, modelled as balls, with solid triangles and one moving box, solved by small impulses.
 
-Every rotor disc is a ball, and so are the hull, the feet and the camera. Bumpers, rows of balls, run from the front
-rotors to the camera, so that no post and no board gets behind it. A ball that overlaps a surface is pushed out by a
-spring with the damper of Hunt and Crossley ("Coefficient of restitution interpreted as damping in vibroimpact", Journal
-of Applied Mechanics, 1975), which grows with the overlap: a touch begins without a jump, and a contact throws nothing
-out faster than REBOUND_SPEED. Several contacts and their friction are settled together, each for the end of the
-step (sequential impulses, as Catto, "Iterative dynamics with temporal coherence", 2005), so that no vehicle is too
-light and no approach too fast for a step of 1 ms. Contacts change velocities and nothing else, and the inertial sensors
-feel each change.
+Every rotor disc is a ball, and so are the hull, the feet and the camera. Bumpers, which are rows of balls, connect the
+front rotors to the camera, so that no post or board gets behind the camera.
 
-Looking is what costs. Each look notes how far the vehicle may move before another one is worth while.
+A spring and a damper push a ball out of a surface that it overlaps (Hunt and Crossley, "Coefficient of restitution
+interpreted as damping in vibroimpact", Journal of Applied Mechanics, 1975). Both forces grow with the overlap. So the
+force begins without a jump, and the ball leaves no faster than REBOUND_SPEED. All contacts and their friction are
+solved together, implicitly for the end of the step (sequential impulses, as in Catto, "Iterative dynamics with temporal
+coherence", 2005). So a step of 1 ms is stable for any mass and any speed of approach. Contacts change only velocities;
+the inertial sensors measure each change.
+
+The search for contacts takes most of the time. Each search notes how far the vehicle may move before the next one.
 """
 
 import math
@@ -23,25 +24,25 @@ from vehicles.ground import CRASH_BODY, CRASH_FOOT
 from vehicles.records import STEP_S, STEP_US, rotate, rotate_inverse
 from vehicles.solids import BALLS, BUMPERS, CANDIDATES, NEAR, SOLIDS, Grid32, SolidTriangles, in_box, in_triangle
 
-# rad/s, of the whole vehicle on one contact: 7.4 kN/m for the X500. An arm of 16 mm carbon tube has 18 kN/m at its end
-# (3 E I / L³), a plastic guard a few, and what is hit gives way as well. A bump at 1.2 m/s takes 56 ms, is 11 mm deep
-# and reaches 96 m/s²
+# rad/s, resonance of the whole vehicle on one contact: 7.4 kN/m for the X500. An arm of 16 mm carbon tube has 18 kN/m
+# at its end (3 E I / L³), a plastic guard a few kN/m, and the obstacle yields too. A bump at 1.2 m/s lasts 56 ms, is
+# 11 mm deep and reaches 96 m/s²
 RESONANCE = 60.0
-REBOUND_SPEED = 0.4  # m/s: a bump at 1.2 m/s gives back 0.31 of its speed, one at 0.2 m/s 0.75
-HIT_LEAST = 0.15  # m/s, a contact that begins slower is no hit unless it lasts
-FRICTION = 0.45  # of plastic and carbon on walls and car bodies, dry
-ROUNDS = 8  # of impulses: enough for four feet on a roof
-AHEAD = 0.15  # m, candidates are gathered for this much of motion
-TURN = 2.25  # at least 2.22: the angle between two attitudes over the distance of their quaternions
-BREAKING = 2.0  # m/s, at which a propeller does not survive what it hits
-CAMERA_RADIUS = 0.085  # m, so that at 3 m/s no surface comes nearer to the lens than the renderer's near plane
-BUMPER_SHARES = (1 / 3, 2 / 3)  # of the way from a rotor to the camera: where a bumper has its balls
+REBOUND_SPEED = 0.4  # m/s; the vehicle rebounds from 1.2 m/s with 0.31 of its speed, and from 0.2 m/s with 0.75
+HIT_LEAST = 0.15  # m/s; a contact that begins more slowly is not a hit unless it lasts
+FRICTION = 0.45  # of plastic and carbon on dry walls and car bodies
+ROUNDS = 8  # iterations of the impulses: enough for four feet on a roof
+AHEAD = 0.15  # m of motion for which candidate triangles are gathered in advance
+TURN = 2.25  # upper bound, above 2.22: angle between two attitudes over the distance of their quaternions
+BREAKING = 2.0  # m/s, closing speed above which a propeller breaks
+CAMERA_RADIUS = 0.085  # m; up to 3 m/s no surface gets nearer to the lens than the renderer's near plane
+BUMPER_SHARES = (1 / 3, 2 / 3)  # places of a bumper's balls, as shares of the way from a rotor to the camera
 BOX = -1  # owner number of the moving box
 
 
 @njit(cache=True)
 def collide(params: Record, state: Record, solids: Record, near: Record, triangles: SolidTriangles) -> None:
-    """Let the vehicle bump into what it overlaps: changes its motion and notes hits in `state`. Cheap in the open."""
+    """Change the motion of the vehicle by its contacts and note hits in `state`. Fast if nothing is near."""
     if solids.here == 0:
         return
     if solids.box != 0:
@@ -62,7 +63,7 @@ def collide(params: Record, state: Record, solids: Record, near: Record, triangl
         count = _look(state, solids, near, triangles, count)
     if count > 0:
         _settle(params, state, solids, near, count)
-        near.free = 0.0  # it was moved
+        near.free = 0.0  # the contacts changed its motion
 
 
 @njit(cache=True)
@@ -75,7 +76,7 @@ def ball_centre(state: Record, solids: Record, k: int) -> Vec3:
 
 @njit(cache=True)
 def _look(state: Record, solids: Record, near: Record, triangles: SolidTriangles, count: int) -> int:
-    """Look for triangles that balls overlap and return the number of contacts, `count` of them already there."""
+    """Find the triangles that balls overlap. Return the number of contacts, including the `count` earlier ones."""
     for i in range(3):
         near.looked_at[i] = state.position[i]
     for i in range(4):
@@ -129,7 +130,7 @@ def _note(
     face: bool,
     owner: int,
 ) -> None:
-    """Write contact number `count`: where a ball overlaps a triangle. Behind a face the way out is through it."""
+    """Write contact number `count`, of a ball and a triangle. A ball behind a face is pushed out through the face."""
     c = corners[which]
     ux, uy, uz = c[3] - c[0], c[4] - c[1], c[5] - c[2]
     vx, vy, vz = c[6] - c[0], c[7] - c[1], c[8] - c[2]
@@ -150,7 +151,7 @@ def _note(
 
 @njit(cache=True)
 def _gather(state: Record, solids: Record, near: Record, triangles: SolidTriangles) -> None:
-    """List the triangles within reach, and note for how far a way the list holds."""
+    """List the triangles within reach, and note the distance of travel for which the list holds."""
     x, y, z = state.position[0], state.position[1], state.position[2]
     for i in range(3):
         near.gathered_at[i] = state.position[i]
@@ -159,12 +160,12 @@ def _gather(state: Record, solids: Record, near: Record, triangles: SolidTriangl
     u, v, w = (x - solids.origin[0]) / cell, (y - solids.origin[1]) / cell, (z - solids.origin[2]) / cell
     rows, columns, layers = solids.cells[0], solids.cells[1], solids.cells[2]
     outside = max(max(max(-u, u - rows), max(-v, v - columns)), max(-w, w - layers))
-    if not outside < 0.0:  # or not a number
+    if not outside < 0.0:  # also for NaN
         near.holds = max(outside, 0.0) * cell + 1e-3
         return
     i, j, k = int(u), int(v), int(w)
     u, v, w = u - i, v - j, w - k
-    # nothing else comes within the grid's reach of this cell; the vehicle's own reach leaves the millimetre beyond it
+    # the cell lists all triangles within the grid's reach; the vehicle's reach includes 1 mm of margin beyond the cell
     holds = cell * min(min(min(u, 1.0 - u), min(v, 1.0 - v)), min(w, 1.0 - w)) + 1e-3
     number = (i * columns + j) * layers + k
     corners, bounds, start = triangles.corners, triangles.bounds, triangles.start
@@ -189,7 +190,7 @@ def _gather(state: Record, solids: Record, near: Record, triangles: SolidTriangl
 
 @njit(cache=True)
 def _collide_with_box(state: Record, solids: Record, near: Record) -> None:
-    """Write the contacts with the moving box, first of all contacts."""
+    """Write the contacts with the moving box, before all other contacts."""
     near.box_count = 0
     since = (state.time_us - solids.box_time_us) * 1e-6
     mx = solids.box_centre[0] + solids.box_velocity[0] * since
@@ -222,7 +223,7 @@ def _collide_with_box(state: Record, solids: Record, near: Record) -> None:
 
 @njit(cache=True)
 def _approach(state: Record, near: Record, n: int, q: Quat) -> tuple[Vec3, Vec3]:
-    """Return (arm m FRD from the body origin to contact n, its velocity m/s NED against the obstacle)."""
+    """Return (arm from the body origin to contact n in m FRD, its velocity relative to the obstacle in m/s NED)."""
     arm = rotate_inverse(
         q,
         (
@@ -242,7 +243,7 @@ def _approach(state: Record, near: Record, n: int, q: Quat) -> tuple[Vec3, Vec3]
 
 @njit(cache=True)
 def mobility(params: Record, arm: Vec3, way: Vec3) -> float:
-    """Return the speed (m/s) along the unit vector `way` (FRD) that one newton-second at `arm` (m, FRD) gives there."""
+    """Return the change of speed (m/s) at `arm` (m, FRD) by an impulse of 1 N·s, both along unit vector `way` (FRD)."""
     x = arm[1] * way[2] - arm[2] * way[1]
     y = arm[2] * way[0] - arm[0] * way[2]
     z = arm[0] * way[1] - arm[1] * way[0]
@@ -264,7 +265,7 @@ def _strike(params: Record, state: Record, q: Quat, arm: Vec3, impulse: Vec3) ->
 
 @njit(cache=True)
 def _settle(params: Record, state: Record, solids: Record, near: Record, count: int) -> None:
-    """Let `count` contacts push and rub over one step, and note those that begin with a hit."""
+    """Apply the normal and friction impulses of `count` contacts over one step, and note new hits."""
     q = (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3])
     before = (state.velocity[0], state.velocity[1], state.velocity[2])
     for n in range(count):
@@ -289,7 +290,7 @@ def _settle(params: Record, state: Record, solids: Record, near: Record, count: 
             arm, moving = _approach(state, near, n, q)
             away = moving[0] * normal[0] + moving[1] * normal[1] + moving[2] * normal[2]
             ease = mobility(params, arm, rotate_inverse(q, normal))
-            # the spring's impulse with the depth that this impulse leaves at the end of the step
+            # implicit: the spring's impulse for the depth that remains at the end of the step
             spring = STEP_S * near.stiffness[n]
             push = (spring * (near.depth[n] - STEP_S * away) - near.pressed[n]) / (1.0 + spring * STEP_S * ease)
             push = max(min(push, (REBOUND_SPEED - away) / ease), -near.pressed[n])
@@ -310,7 +311,7 @@ def _settle(params: Record, state: Record, solids: Record, near: Record, count: 
 
 @njit(cache=True)
 def _rub(params: Record, state: Record, near: Record, n: int, q: Quat, normal: Vec3) -> None:
-    """Let friction stop the sliding of contact n, as far as what presses it allows (Coulomb)."""
+    """Apply the friction of contact n: it stops the sliding, within the Coulomb limit of the normal impulse."""
     arm, moving = _approach(state, near, n, q)
     away = moving[0] * normal[0] + moving[1] * normal[1] + moving[2] * normal[2]
     sx, sy, sz = moving[0] - away * normal[0], moving[1] - away * normal[1], moving[2] - away * normal[2]
@@ -331,7 +332,7 @@ def _rub(params: Record, state: Record, near: Record, n: int, q: Quat, normal: V
 
 @njit(cache=True)
 def remember(state: Record, solids: Record, ball: int, owner: int, closing: float) -> None:
-    """Note a hit: who was hit and how hard; latch a crash and break a propeller when it was hard enough for that."""
+    """Note a hit with its obstacle and speed. A hard hit latches a crash; a harder one breaks the ball's propeller."""
     state.hits += 1
     state.hit_speed = closing
     state.hit_owner = owner
@@ -343,9 +344,9 @@ def remember(state: Record, solids: Record, ball: int, owner: int, closing: floa
 
 
 def solids_record(params: np.void, obstacles: Obstacles, camera_frd: Vec3 | None) -> np.void:
-    """Return the SOLIDS record: a vehicle's balls, and where the cells lie.
+    """Return the SOLIDS record: a vehicle's balls and the grid of the obstacles.
 
-    A camera at `camera_frd` (m) is held by bumpers from the two nearest rotors, so that nothing gets behind it.
+    Bumpers connect a camera at `camera_frd` (m) to the two nearest rotors, so that nothing gets behind it.
     """
     record: np.void = np.zeros(1, SOLIDS)[0]
     rotors, radius = int(params["rotors"]), float(params["rotor_radius"])
@@ -373,7 +374,7 @@ def solids_record(params: np.void, obstacles: Obstacles, camera_frd: Vec3 | None
 
 
 def fresh_near() -> np.void:
-    """Return a NEAR record that has not looked yet."""
+    """Return the NEAR record of a vehicle before its first search for contacts."""
     near: np.void = np.zeros(1, NEAR)[0]
     near["touched_us"] = near["newest_us"] = near["leant_us"] = -2 * STEP_US
     return near

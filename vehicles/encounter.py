@@ -1,7 +1,8 @@
-"""Two vehicles that meet: both are pushed, equally and oppositely, by what parts them.
+"""Collisions between two vehicles, with equal and opposite forces.
 
-Each is one ball around its rotors. The fleet looks at every pair between two ticks, and where the balls will touch
-within the coming one, both get the impulse of that contact as a force over it, so that the accelerometers feel it.
+Each vehicle is one ball around its rotors. The fleet checks every pair between two ticks. If the balls will touch
+within the next tick, both vehicles get the contact's impulse as a force over that tick, so that their accelerometers
+measure it.
 """
 
 import math
@@ -16,15 +17,15 @@ from vehicles.ground import CRASH_BODY
 from vehicles.multirotor import Multirotor
 from vehicles.records import rotate, rotate_inverse
 
-DRONE = -2  # owner number of another vehicle, beside `collision.BOX`
-SURELY_M = 1e-3  # m, beside what a tick can close, from which on two vehicles cannot touch within it
-RESTITUTION = 0.3  # of plastic and carbon: most of the energy of a bump is lost
-PARTING = 3.0  # 1/s, speed with which an overlap is undone, over its depth
+DRONE = -2  # owner number of another vehicle, like `collision.BOX`
+SURELY_M = 1e-3  # m, safety margin of `Ball.may_touch`
+RESTITUTION = 0.3  # coefficient for plastic and carbon: a bump loses most of its energy
+PARTING = 3.0  # 1/s, speed of separation per depth of overlap
 
 
 @njit(cache=True)
 def _first_touch(gap: Vec3, speed: Vec3, reach: float, tick_s: float) -> float:
-    """Return when (s, within the tick) two balls `reach` apart between middles touch; -1 when they do not."""
+    """Return when (s, within the tick) the centres of two balls are `reach` (m) apart; -1 if they never are."""
     apart = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2] - reach * reach
     if apart <= 0.0:
         return 0.0
@@ -68,7 +69,7 @@ def _push(state: Record, arm: Vec3, force: Vec3, sign: float) -> None:
 
 @njit(cache=True)
 def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
-    """Note a hit; a hard one is a crash and costs the propeller nearest to it."""
+    """Note a hit. A hard one latches a crash; a harder one also breaks the nearest propeller."""
     state.hits += 1
     state.hit_speed = closing
     state.hit_owner = DRONE
@@ -87,7 +88,7 @@ def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
 
 @njit(cache=True)
 def _lean(state: Record, near: Record, closing: float, tick_s: float) -> None:
-    """Note a touch that a hit need not have begun."""
+    """Note a contact, whether or not it began with a hit."""
     near.newest_us = state.time_us
     if state.on_ground != 0:
         return
@@ -108,7 +109,7 @@ def _push_apart(
     other_size: float,
     tick_s: float,
 ) -> bool:
-    """Add to the external forces and torques of both vehicles; return whether they touch within the tick."""
+    """Add the contact to the external forces and torques of both; return whether they touch within the tick."""
     p, q, v, u = state.position, other.position, state.velocity, other.velocity
     gap = (p[0] - q[0], p[1] - q[1], p[2] - q[2])
     speed = (v[0] - u[0], v[1] - u[1], v[2] - u[2])
@@ -151,7 +152,7 @@ def _ease(params: Record, state: Record, arm: Vec3, way: Vec3) -> float:
 
 
 def push_apart(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
-    """Push two vehicles apart over the coming tick and return whether they touch; adds to their external forces."""
+    """Add the contact of two vehicles in the coming tick to their external forces. Return whether they touch."""
     return bool(
         _push_apart(
             one.params, one.state, one.near, girth(one), other.params, other.state, other.near, girth(other), tick_s
@@ -161,20 +162,20 @@ def push_apart(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Ball:
-    """A vehicle's ball at the beginning of a tick, as plain numbers, since a fleet looks at every pair."""
+    """A vehicle's ball at the beginning of a tick. Plain numbers are fast, as a fleet checks every pair."""
 
     position: Sequence[float]  # (3,) m, NED
     velocity: Sequence[float]  # (3,) m/s
     radius_m: float
 
     def may_touch(self, other: "Ball", tick_s: float) -> bool:
-        """Return whether two can touch within a tick; nothing is the matter with those for which they cannot."""
+        """Return whether two balls can touch within a tick; never False for two that do."""
         room = math.dist(self.position, other.position) - self.radius_m - other.radius_m - SURELY_M
         return room <= math.dist(self.velocity, other.velocity) * tick_s
 
 
 def balls(vehicles: Sequence[Multirotor]) -> Callable[[], list[Ball]]:
-    """Return a function that looks where the vehicles' balls, of the radius of their `girth`, are now."""
+    """Return a function that returns the vehicles' balls at the time of the call."""
     looks = [(reader(vehicle.state, "position", "velocity"), girth(vehicle)) for vehicle in vehicles]
 
     def look() -> list[Ball]:

@@ -1,4 +1,4 @@
-"""A fault script as a TOML file: which part of the vehicle breaks, how, and from when until when."""
+"""Reads a fault script, a TOML file with the part, kind, start and end of each fault."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,20 +12,20 @@ from vehicles.faults import FOR_EVER_US, Fault, script
 from vehicles.records import MAX_FAULTS
 from vehicles.sensors import Suite
 
-LONGEST_S = 1e9  # thirty years; keeps the times within what the record's integers hold
+LONGEST_S = 1e9  # s, thirty years; keeps times within the range of the record's integers
 LARGE = 1e12
 WITH_VALUE = ("bias", "delay", "weaken")
 
 BootSeconds = Annotated[float, Meta(ge=0.0, le=LONGEST_S, description="s since boot")]
 Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
-# not `tuple[Number, Number, Number]`: beside a bounded number msgspec 0.22 loses its length, and crashes
+# not `tuple[Number, Number, Number]`: in a union with a bounded number, msgspec 0.22 loses its length and crashes
 Triple = Annotated[tuple[Number, ...], Meta(min_length=3, max_length=3)]
 FaultValue = Annotated[Number | Triple | None, Meta(extra={"wrong": "is not a finite number or a list of three"})]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultScript:
-    """A whole file."""
+    """Content of a fault script file."""
 
     fault: tuple[Any, ...] = ()  # a `FaultEntry` each
 
@@ -37,8 +37,8 @@ class FaultEntry:
     part: str  # as in `vehicles.faults`
     kind: str
     from_s: BootSeconds = 0.0
-    until_s: BootSeconds | None = None  # None: for ever
-    value: FaultValue = None  # as the kind asks for
+    until_s: BootSeconds | None = None  # None: no end
+    value: FaultValue = None  # required by the kinds in WITH_VALUE, not allowed for others
 
     @property
     def fault(self) -> Fault:
@@ -49,7 +49,7 @@ class FaultEntry:
 
 
 def load(path: Path, rotors: int, suite: Suite | None = None) -> list[Fault]:
-    """Return the faults of a file, in its order, for a vehicle with so many rotors and these sensors.
+    """Return the faults of a file, in its order, for a vehicle with `rotors` rotors and these sensors.
 
     Raises UsageError that names the file, the entry and the reason.
     """
@@ -57,7 +57,7 @@ def load(path: Path, rotors: int, suite: Suite | None = None) -> list[Fault]:
 
 
 def parse(table: dict[str, Any], name: str, rotors: int, suite: Suite | None = None) -> list[Fault]:
-    """Return the faults that a parsed TOML table lists; `name` stands for it in errors. Raises UsageError."""
+    """Return the faults that a parsed TOML table lists. `name`: of the file, for errors. Raises UsageError."""
     suite = suite or Suite()
     where = f"fault script {name}"
     entries = typed(table, FaultScript, where).fault

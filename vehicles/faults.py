@@ -1,12 +1,12 @@
-"""A script of faults, which the kernel looks up as the vehicle's time passes.
+"""Scheduled faults of sensors and rotors. The kernel looks them up by the vehicle's time.
 
-A part is a sensor or a rotor. What a fault of each kind does:
-    fail     the sensor falls silent; the rotor stops
-    freeze   new samples keep coming, with the value of the last sound one
-    bias     `value` is added, in the sensor's unit and axes; a fix moves by metres north, east, down
-    delay    fixes come `value[0]` seconds later than the receiver's own latency (gps only)
-    weaken   the rotor reaches only the share `value[0]` of the speed it is asked for
-A failed accelerometer or gyroscope silences the inertial unit as a whole.
+Effects of the kinds of faults:
+    fail     the sensor sends no samples; the rotor stops
+    freeze   the sensor continues to send samples, with the last value before the fault
+    bias     `value` is added, in the sensor's unit and axes; for gps in metres north, east, down
+    delay    fixes arrive `value[0]` seconds later, in addition to the receiver's latency (gps only)
+    weaken   the rotor reaches only the share `value[0]` of its commanded speed
+If the accelerometer or the gyroscope fails, the whole inertial unit sends no samples.
 """
 
 from collections.abc import Iterable
@@ -34,17 +34,17 @@ PARTS = {"accel": ACCEL, "gyro": GYRO, "mag": MAG, "baro": BARO, "gps": GPS, "ra
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One part misbehaves for a while."""
+    """A fault of one part for a period of time."""
 
     part: str  # a key of PARTS; rotors count from 1 in the airframe's order
     kind: str  # a key of KINDS
     from_us: int = 0  # µs since boot
     until_us: int = FOR_EVER_US  # µs since boot
-    value: Vec3 = (0.0, 0.0, 0.0)  # a scalar sensor reads the first component
+    value: Vec3 = (0.0, 0.0, 0.0)  # a scalar sensor uses the first component
 
 
 def script(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency_us: int) -> np.void:
-    """Return the FAULTS record of a script; of faults that overlap on one part the first one listed holds.
+    """Return the FAULTS record of a script. If faults of one part overlap, the first one listed is active.
 
     Raises UsageError for a part, kind or combination that does not exist.
     """
@@ -77,7 +77,7 @@ def script(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency
 
 @njit(cache=True)
 def active(faults: Record, part: int, now: int) -> tuple[int, int]:
-    """Return (kind, row of the table) of what ails `part` at `now` (µs); (NONE, 0) when nothing does."""
+    """Return (kind, row in `faults`) of the fault of `part` that is active at `now` (µs); (NONE, 0) without one."""
     for i in range(faults.count):
         if faults.part[i] == part and faults.from_us[i] <= now < faults.until_us[i]:
             return faults.kind[i], i
@@ -86,7 +86,7 @@ def active(faults: Record, part: int, now: int) -> tuple[int, int]:
 
 @njit(cache=True)
 def strike_rotors(faults: Record, state: Record, rotors: int) -> None:
-    """Write the health of each rotor that the script names."""
+    """Set the health of each rotor that has a fault in the script."""
     for i in range(faults.count):
         rotor = faults.part[i] - ROTOR_1
         if 0 <= rotor < rotors:

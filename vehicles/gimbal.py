@@ -1,4 +1,4 @@
-"""A camera gimbal: it holds the camera level in roll and at a pitch from the horizon, and turns with the vehicle."""
+"""A camera gimbal. It holds the camera level in roll and at a pitch from the horizon, and yaws with the vehicle."""
 
 import math
 
@@ -7,32 +7,32 @@ from foundation.frames import Quat, quat_from_euler, quat_yaw
 
 
 class Gimbal:
-    """Moves at a limited rate to the pitch (rad, up from the horizon) that was commanded last."""
+    """Moves at a limited rate to the last commanded pitch (rad, up from the horizon)."""
 
     def __init__(self, limits: GimbalLimits, pitch_deg: float) -> None:
-        """`pitch_deg`: at boot."""
+        """`pitch_deg`: pitch at boot, up from the horizon."""
         self.low, self.high = math.radians(limits.pitch_min_deg), math.radians(limits.pitch_max_deg)
         self.rate_max = math.radians(limits.rate_deg_s)
         self.neutral = min(max(math.radians(pitch_deg), self.low), self.high)
         self.restore()
 
     def restore(self) -> None:
-        """Be as at boot."""
+        """Reset to the state at boot."""
         self.pitch = self.neutral
         self.pitch_rate = 0.0  # rad/s
-        self._wanted: float | None = self.pitch  # None: it moves at a rate, to the end of its range
-        self._rate = 0.0  # rad/s, + up, of such a move
+        self._wanted: float | None = self.pitch  # rad; None: moves at `_rate` to the end of its range
+        self._rate = 0.0  # rad/s, + up
 
     def aim(self, pitch: float) -> None:
-        """Go to a pitch, within the range."""
+        """Command a pitch (rad). It is limited to the range."""
         self._wanted = min(max(pitch, self.low), self.high)
 
     def move(self, rate: float) -> None:
-        """Go on at a rate (rad/s, + up) until another command or the end of the range."""
+        """Command a rate (rad/s, + up). It lasts until another command or the end of the range."""
         self._wanted, self._rate = None, min(max(rate, -self.rate_max), self.rate_max)
 
     def advance(self, seconds: float) -> None:
-        """Move for this time."""
+        """Advance the motion by this time."""
         reach = self.rate_max * seconds
         wanted = self.pitch + self._rate * seconds if self._wanted is None else self._wanted
         step = min(max(wanted - self.pitch, -reach), reach)

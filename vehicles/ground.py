@@ -1,8 +1,8 @@
-"""The ground: its height below a point, and the force with which it holds up a vehicle that stands on it.
+"""The ground: its height at a point, and its contact forces on a vehicle.
 
-Each contact point of the airframe is a spring and damper along the surface normal. Along the surface a second spring
-ties the point to an anchor, and the anchor slips when the spring pulls harder than Coulomb friction allows; so a
-vehicle at rest stays at rest, in wind and on a slope, instead of creeping as it would on friction that needs motion.
+Each contact point of the airframe is a spring and damper along the surface normal. A second spring along the surface
+ties the point to an anchor. The anchor slips if the spring force exceeds the limit of Coulomb friction. So a vehicle at
+rest stays at rest, in wind and on a slope. With friction that depends on velocity it would creep.
 """
 
 import math
@@ -14,30 +14,30 @@ from foundation.frames import GRAVITY, Quat, Vec3
 from foundation.terrain import HeightField
 from vehicles.records import STEP_S, Load, rotate, rotate_inverse
 
-# rad/s, vertical resonance of a vehicle on four feet: rests 0.7 mm deep, and a one-point landing stays far from the
-# limit of RK4 at 1 kHz (2.8 rad per step) on every airframe, whose tips weigh about a tenth of the whole
+# rad/s, vertical resonance of a vehicle on four feet, which rest 0.7 mm deep. A landing on one point, with an effective
+# mass of about a tenth of the vehicle's, stays far from the stability limit of RK4 at 1 kHz (2.8 rad per step)
 RESONANCE = 120.0
 DAMPING_RATIO = 0.6
 FRICTION = 0.7  # rubber or plastic on dry hard ground
 TANGENTIAL = 0.7  # stiffness along the surface relative to the normal one
-DEEPEST = 0.2  # m, penetration beyond which the spring no longer hardens: steps in the height field do not catapult
-MARGIN = 0.005  # m, beyond the way of one step: what accelerations add to it
-STILL = 1e-5  # m/s, rad/s and m/s²: slower than this is standing
-STEADY = 1e-4  # of the weight (and of it at the vehicle's reach): a smaller change of the rotors' pull moves nothing
+DEEPEST = 0.2  # m, penetration above which the spring force is constant: steps of the terrain do not catapult a vehicle
+MARGIN = 0.005  # m, added to the travel in one step, for accelerations
+STILL = 1e-5  # m/s, rad/s and m/s²; a vehicle below these limits stands still
+STEADY = 1e-4  # share of the weight (moments: times the reach); smaller changes of the rotors' load move nothing
 CRASH_FOOT = 5.0  # m/s, normal speed that breaks a landing gear: a fall of 1.3 m
 CRASH_BODY = 1.0  # m/s, the same for a propeller or the hull
 
 
 def peaks(terrain: HeightField, reach: float) -> Grid:
     """Return the highest ground (NED z, m, same shape as the grid) within `reach` (m) of each cell."""
-    from scipy.ndimage import minimum_filter  # only terrains need it, and only once
+    from scipy.ndimage import minimum_filter  # slow to import; needed once per terrain
 
     return np.ascontiguousarray(minimum_filter(terrain.down, size=2 * (math.ceil(reach / terrain.cell_m) + 1) + 1))
 
 
 @njit(cache=True)
 def surface(params: Record, down: Grid, north: float, east: float) -> Vec3:
-    """Return (NED z of the ground in m, its slope to the north, its slope to the east); as `HeightField.at`."""
+    """Return (NED z of the ground in m, its slope to the north, its slope to the east), as in `HeightField.at`."""
     rows, columns = down.shape
     if rows * columns == 1:
         return down[0, 0], 0.0, 0.0
@@ -143,10 +143,10 @@ def support(
 
 @njit(cache=True)
 def at_rest(params: Record, state: Record, load: Load, breeze: Vec3) -> bool:
-    """Return whether the vehicle stands, with nothing new that could move it.
+    """Return whether the vehicle stands still and nothing new could move it.
 
-    `load` is what the rotors do, `breeze` (m/s, NED) the wind. Friction has then stopped all but a creep far below
-    every sensor's noise; as long as idling rotors pull as they did when it stopped, the motion need not be integrated.
+    `load` is the load of the rotors, `breeze` (m/s, NED) the wind. The remaining motion is then far below the noise of
+    every sensor. It need not be integrated while the load of the rotors stays the same.
     """
     if state.on_ground == 0:
         return False
@@ -170,7 +170,7 @@ def at_rest(params: Record, state: Record, load: Load, breeze: Vec3) -> bool:
 
 @njit(cache=True)
 def hold(state: Record) -> None:
-    """Keep a vehicle that is at rest exactly where it is."""
+    """Keep a vehicle at rest exactly in place."""
     felt = rotate_inverse(
         (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3]), (0.0, 0.0, -GRAVITY)
     )
@@ -183,7 +183,7 @@ def hold(state: Record) -> None:
 
 @njit(cache=True)
 def settle(params: Record, state: Record, down: Grid, load: Load, mask: int) -> None:
-    """After a step: note what the ground bore and which points touch, move anchors that slipped, latch a crash."""
+    """Update the contacts after a step: note the rotors' load and the contacts, move slipped anchors, latch a crash."""
     position = (state.position[0], state.position[1], state.position[2])
     velocity = (state.velocity[0], state.velocity[1], state.velocity[2])
     rates = (state.rates[0], state.rates[1], state.rates[2])

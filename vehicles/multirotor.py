@@ -1,4 +1,4 @@
-"""A multirotor, composed once: actuators → rotors → forces → motion → sensors → truth, one millisecond at a time."""
+"""A simulated multirotor: actuators → rotors → forces → motion → sensors → truth, in steps of 1 ms."""
 
 import math
 from collections.abc import Iterable
@@ -48,7 +48,7 @@ PLANT = np.dtype(
 def step(plant: Record, down: Grid, peak: Grid, triangles: SolidTriangles) -> None:
     """Advance one vehicle by exactly STEP_US: reads `actuators`, writes `state`, `air`, `memory`, `sensors`, `truth`.
 
-    The arguments are a Multirotor's `kernel_args`. Callable from any compiled loop.
+    The arguments are a Multirotor's `kernel_args`. Any compiled loop may call it.
     """
     params, state, air, faults = plant.params, plant.state, plant.air, plant.faults
     if air.w20 > 0.0 and state.time_us >= air.next_us:
@@ -101,13 +101,13 @@ def _tell(state: Record, truth: Record) -> None:
 
 @njit(cache=True)
 def run(steps: int, plant: Record, down: Grid, peak: Grid, triangles: SolidTriangles) -> None:
-    """Advance one vehicle by `steps` steps with the actuators as they are."""
+    """Advance one vehicle by `steps` steps with the present actuator commands."""
     for _ in range(steps):
         step(plant, down, peak, triangles)
 
 
 class PlantArguments(NamedTuple):
-    """The arguments of `step`, of one vehicle."""
+    """The arguments of `step` for one vehicle."""
 
     plant: np.void  # PLANT
     down: NDArray[np.float64]  # m, heights of the terrain
@@ -116,11 +116,11 @@ class PlantArguments(NamedTuple):
 
 
 class Multirotor:
-    """One vehicle: its records, and the time it has lived.
+    """One simulated vehicle: its records and its time.
 
     `params`, `state`, `air`, `suite`, `memory` and `faults` are records of `vehicles.records` and `vehicles.sensors`;
     `sensors`, `actuators` and `truth` are records of `foundation.sensors`. All of them are fields of `record`, one
-    PLANT. `kernel_args` is what `step` takes: that record, the ground, and what stands on it.
+    PLANT. `kernel_args` are the arguments of `step`: that record, the ground and the obstacles.
     """
 
     def __init__(
@@ -131,17 +131,16 @@ class Multirotor:
         origin: tuple[float, float, float],  # latitude, longitude (degrees) and altitude (m) of the map's NED origin
         terrain: HeightField = FLAT,
         obstacles: Obstacles = OPEN,
-        camera_frd: Vec3 | None = None,  # m, a camera that sticks out and is as solid as the rest
+        camera_frd: Vec3 | None = None,  # m, place of a camera outside the frame; it collides too
         position_ned: Vec3 = (0.0, 0.0, 0.0),
         yaw: float = 0.0,
         wind: Wind | None = None,
         suite: Suite | None = None,
         faults: Iterable[Fault] = (),
     ) -> None:
-        """Put a vehicle at `position_ned` (m), level, heading `yaw` (rad), standing on the ground if not above it.
+        """Place a level vehicle at `position_ned` (m) with heading `yaw` (rad), or on the ground if that is higher.
 
-        Raises UsageError for a pose that is not finite, a fault that cannot be, or obstacles sorted for a smaller
-        vehicle.
+        Raises UsageError for a pose that is not finite, an impossible fault, or obstacles sorted for a smaller vehicle.
         """
         if not all(math.isfinite(x) for x in (*position_ned, yaw, *origin)):
             raise UsageError(f"vehicle pose {position_ned}, yaw {yaw}, origin {origin} must be finite numbers")
@@ -180,7 +179,7 @@ class Multirotor:
         self._place(*self._boot)
 
     def restore(self) -> None:
-        """Stand where it was put at first, upright, whole and with a full battery. Its time and sensors go on."""
+        """Reset the vehicle to its first pose, undamaged and with a full battery. Its time and sensors continue."""
         time_us, plant = int(self.state["time_us"]), self.record
         plant["state"] = np.zeros(1, STATE)[0]
         plant["near"] = fresh_near()
@@ -188,28 +187,28 @@ class Multirotor:
         self._place(*self._boot)
 
     def keep_charge(self, share: float) -> None:
-        """From now on the battery is never drained below this share of its capacity."""
+        """Never drain the battery below this share of its capacity from now on."""
         self.params["charge_least_ah"] = share * self.airframe.battery.capacity_ah
 
     def advance(self, steps: int) -> None:
-        """Live through `steps` milliseconds with the actuators as they are."""
+        """Advance by `steps` milliseconds with the present actuator commands."""
         run(steps, *self.kernel_args)
 
     def set_wind(self, wind: Wind) -> None:
-        """From now on fly in this wind."""
+        """Set the wind from now on."""
         self.air["mean"], self.air["w20"] = wind.mean_ned, wind.w20
         self.air["next_us"] = self.state["time_us"]
 
     def sense(self, suite: Suite) -> None:
-        """From now on sense like this; what is drawn at boot and the samples' times stay.
+        """Use this sensor suite from now on. Errors drawn at boot and the times of samples stay.
 
-        Errors that wander are as much larger at once as they will be from now on: their times are longer than a flight.
+        Slowly varying errors are scaled at once, because their correlation times are longer than a flight.
         """
         before, self.record["suite"] = self.record["suite"].copy(), suite_record(suite, self._origin)
         grow(self.memory, before, self.record["suite"])
 
     def place_box(self, position_ned: Vec3, yaw: float, velocity_ned: Vec3, yaw_rate: float) -> None:
-        """Say where the moving obstacle is at this vehicle's time (m, rad) and how it goes on (m/s, rad/s)."""
+        """Set the moving obstacle's pose at this vehicle's time (m, rad) and its velocities (m/s, rad/s)."""
         box, solids = self.obstacles.moving, self.solids
         if box is None:
             raise UsageError("these obstacles have no moving box: build them from a scene with a movable solid")
@@ -229,7 +228,7 @@ class Multirotor:
         sag = self.airframe.mass_kg * GRAVITY / (feet * float(self.params["contact_stiffness"]))
         below = terrain.at(north, east)
         c, s = math.cos(yaw), math.sin(yaw)
-        # on a slope or a kerb the foot that stands highest decides: one that began in the ground would be thrown out
+        # on a slope or a kerb the foot on the highest ground decides: a foot inside the ground would be thrown out
         stands = min(
             terrain.at(north + c * x - s * y, east + s * x + c * y) - z for x, y, z in self.airframe.contact_points_frd
         )
@@ -266,7 +265,7 @@ def parameters(airframe: Airframe, terrain: HeightField = FLAT) -> np.void:
     record["contacts"] = len(points)
     record["contact_position"][: len(points)] = points
     lowest = max(point[2] for point in points)
-    # feet: the points that the vehicle stands on, within the play of a landing gear
+    # feet: the lowest points, within 2 % for the play of a landing gear
     record["contact_is_foot"][: len(points)] = [point[2] > lowest - 0.02 * max(lowest, 0.0) - 1e-9 for point in points]
     record["contact_stiffness"] = airframe.mass_kg * ground.RESONANCE**2 / 4.0
     record["contact_damping"] = 2.0 * ground.DAMPING_RATIO * airframe.mass_kg * ground.RESONANCE / 4.0

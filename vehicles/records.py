@@ -1,7 +1,7 @@
-"""Records of the compiled physics, field by field, and the frame conversions of its kernels.
+"""Record types of the compiled physics, and the frame conversions of its kernels.
 
-PARAMS never changes in flight; the rest is the complete state of one vehicle, so that copying the records copies the
-vehicle. Sensor, actuator and truth records are in `foundation/sensors.py`.
+PARAMS never changes in flight. The other records are the complete state of one vehicle, so a copy of the records is a
+copy of the vehicle. Sensor, actuator and truth records are in `foundation/sensors.py`.
 """
 
 import numpy as np
@@ -14,13 +14,13 @@ from foundation.frames import Vec3
 from foundation.sensors import MAX_ROTORS
 
 RandomStream = NDArray[np.uint64]  # (1,), the state of one stream of random numbers
-Load = tuple[Vec3, Vec3, float]  # of the rotors: force N FRD, moment N·m FRD, angular momentum about z in N·m·s
+Load = tuple[Vec3, Vec3, float]  # of the rotors: force (N, FRD), moment (N·m, FRD), angular momentum about z (N·m·s)
 
 STEP_US = 1000  # µs, the plant's step
 STEP_S = 1e-3
 
 MAX_FAULTS = 16
-GPS_QUEUE = 16  # fixes that can be under way at once: bounds latency · rate
+GPS_QUEUE = 16  # largest number of fixes under way: limits latency · rate
 
 PARAMS = np.dtype(
     [
@@ -31,13 +31,13 @@ PARAMS = np.dtype(
         ("rotors", "i8"),
         ("rotor_position", "f8", (MAX_ROTORS, 3)),  # m, FRD
         ("rotor_spin", "f8", (MAX_ROTORS,)),  # +1 counter-clockwise seen from above
-        ("rotor_height", "f8"),  # m, mean of the rotors above the body origin
+        ("rotor_height", "f8"),  # m, mean height of the rotors above the body origin
         ("thrust_coefficient", "f8"),  # N / (rad/s)²
         ("torque_coefficient", "f8"),  # N·m / (rad/s)²
         ("speed_max", "f8"),  # rad/s at nominal voltage
         ("speed_idle", "f8"),  # rad/s
-        ("gain_up", "f8"),  # share of a speed error gone after one step while spinning up
-        ("gain_down", "f8"),  # the same while spinning down
+        ("gain_up", "f8"),  # share of a speed error that one step removes, spinning up
+        ("gain_down", "f8"),  # the same, spinning down
         ("rotor_inertia", "f8"),  # kg·m²
         ("rotor_radius", "f8"),  # m
         ("blade_drag", "f8"),  # N / ((rad/s)·(m/s))
@@ -50,7 +50,7 @@ PARAMS = np.dtype(
         ("reach", "f8"),  # m, farthest contact point from the body origin
         ("cells", "f8"),
         ("capacity_ah", "f8"),
-        ("charge_least_ah", "f8"),  # below which the pack is not drained
+        ("charge_least_ah", "f8"),  # Ah, charge below which the pack is not drained
         ("resistance_ohm", "f8"),
         ("avionics_w", "f8"),
         ("ground_north", "f8"),  # m, NED origin and cell of the height field
@@ -70,8 +70,8 @@ STATE = np.dtype(
         ("specific_force", "f8", (3,)),  # m/s², FRD, mean over the last step
         ("mean_rates", "f8", (3,)),  # rad/s, FRD, mean over the last step
         ("rotor_speed", "f8", (MAX_ROTORS,)),  # rad/s, magnitude
-        ("rotor_turn", "f8", (MAX_ROTORS,)),  # rad, where its heavy side is, from forward, the way it turns
-        ("rotor_health", "f8", (MAX_ROTORS,)),  # 1 sound … 0 dead: scales the commanded speed
+        ("rotor_turn", "f8", (MAX_ROTORS,)),  # rad, angle of the heavy side from forward, in the direction of rotation
+        ("rotor_health", "f8", (MAX_ROTORS,)),  # 1 intact … 0 failed: factor on the commanded speed
         ("rotor_power", "f8"),  # W, mechanical, all rotors
         ("charge_ah", "f8"),
         ("voltage", "f8"),  # V, at the terminals
@@ -79,14 +79,14 @@ STATE = np.dtype(
         ("height", "f8"),  # m, body origin above the ground below it
         ("anchor", "f8", (MAX_CONTACTS, 3)),  # m, NED, where friction holds each contact point
         ("contact", "i8", (MAX_CONTACTS,)),  # bool: the point touches the ground
-        ("carried", "f8", (4,)),  # N and N·m, vertical force and moment of the rotors that the ground last bore
+        ("carried", "f8", (4,)),  # N and N·m, vertical force and moment of the rotors in the last integrated step
         ("on_ground", "i8"),  # bool: any point touches
-        ("crashed", "i8"),  # bool, latched: a foot hit the ground very hard, or anything else hit anything hard
-        ("hits", "i8"),  # contacts with obstacles that began with any speed, so far
-        ("hit_speed", "f8"),  # m/s, with which the last one began
-        ("hit_owner", "i8"),  # row of `Obstacles.names`, or `collision.BOX`
+        ("crashed", "i8"),  # bool, latched: a hit above CRASH_FOOT (a foot) or CRASH_BODY (other parts)
+        ("hits", "i8"),  # number of hits so far: contacts with obstacles that began above HIT_LEAST
+        ("hit_speed", "f8"),  # m/s, closing speed of the last hit
+        ("hit_owner", "i8"),  # index in `Obstacles.names`, `collision.BOX` or `encounter.DRONE`
         ("upside_down", "i8"),  # bool: body z axis points up
-        ("external_force", "f8", (3,)),  # N, NED at the body origin: obstacles, ropes, hands; stays until rewritten
+        ("external_force", "f8", (3,)),  # N, NED at the body origin, such as from other vehicles; stays until rewritten
         ("external_torque", "f8", (3,)),  # N·m, FRD
     ],
     align=True,
@@ -107,7 +107,7 @@ AIR = np.dtype(
 FAULTS = np.dtype(
     [
         ("count", "i8"),
-        ("part", "i8", (MAX_FAULTS,)),  # numbers of `vehicles.faults`
+        ("part", "i8", (MAX_FAULTS,)),  # numbers from `vehicles.faults`
         ("kind", "i8", (MAX_FAULTS,)),
         ("from_us", "i8", (MAX_FAULTS,)),
         ("until_us", "i8", (MAX_FAULTS,)),

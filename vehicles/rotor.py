@@ -1,10 +1,10 @@
-"""Rotors: from an actuator command to a speed, from the speed and the air to a force and a moment on the body.
+"""Rotors and battery: from actuator commands to rotor speeds, and to the force and moment on the body.
 
-A rotor is never quite balanced: its heavy side shakes the frame once a turn, by the square of its speed, so that
-accelerometer and gyroscope feel what they feel on a real frame.
+Rotors are not perfectly balanced. The heavy side of a rotor shakes the frame once per turn, with the square of the
+speed, so that accelerometer and gyroscope measure vibration as on a real frame.
 
 Signs: body axes are forward, right, down. A rotor of spin +1 turns counter-clockwise seen from above, that is about -z;
-what resists it turns the body about +z.
+its drag torque turns the body about +z.
 """
 
 import math
@@ -16,13 +16,13 @@ from foundation.frames import Vec3
 from vehicles.records import STEP_S, Load
 
 NOMINAL_CELL_V = 3.8  # the voltage at which a rotor reaches its `speed_max`: a LiPo cell in mid-discharge
-PERIOD_US = 10_000  # the pack is slow; ten steps share one update
+PERIOD_US = 10_000  # µs between updates of the battery, which changes slowly
 EFFICIENCY = 0.7  # electrical to shaft power, motor and speed controller together; usual for hobby power trains
 
 # V per cell at 0, 5, 10, 20 … 100 % charge at rest: the usual shape of a LiPo's discharge curve at low current.
 _CHARGE = np.array([0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
 _VOLTAGE = np.array([3.0, 3.45, 3.62, 3.72, 3.76, 3.79, 3.83, 3.88, 3.94, 4.01, 4.09, 4.2])
-COLLAPSE = -0.01  # charge at which the voltage of an over-discharged pack is gone
+COLLAPSE = -0.01  # charge at which the voltage of an over-discharged pack is 0
 
 
 @njit(cache=True)
@@ -42,41 +42,42 @@ def open_circuit(charge: float) -> float:
 
 @njit(cache=True)
 def drain(params: Record, state: Record) -> None:
-    """Take `PERIOD_US` worth of the present power out of the pack; writes charge, voltage and current."""
+    """Drain the pack by the present power over `PERIOD_US`; writes charge, voltage and current."""
     rest = params.cells * open_circuit(state.charge_ah / params.capacity_ah)
     power = state.rotor_power / EFFICIENCY + params.avionics_w
-    # the last terminal voltage stands in for the present one: at 100 Hz it lags the pack by less than its noise
+    # uses the last terminal voltage: at 100 Hz the difference is below a pack's noise
     current = power / max(state.voltage, 0.5 * rest, 0.1) if rest > 0.0 else 0.0
     state.current = current
     state.voltage = max(rest - current * params.resistance_ohm, 0.0)
     state.charge_ah = max(state.charge_ah - current * PERIOD_US / 3.6e9, params.charge_least_ah)
 
 
-# Advance ratio V / (n·D) at which a static-pitch propeller stops pulling. UIUC Propeller Data Site: 10x4.7 and 5x3
+# Advance ratio V / (n·D) at which a fixed-pitch propeller has no thrust. UIUC Propeller Data Site: 10x4.7 and 5x3
 # propellers reach C_T = 0 between 0.6 and 0.7, and C_T falls almost linearly towards it.
 ADVANCE_ZERO_THRUST = 0.65
-# Same source: C_P there is still about half of its static value.
+# Same source: at that ratio C_P is still about half of its static value.
 TORQUE_LEFT = 0.5
-# Ceiling of the gain in descent; beyond it the rotor meets its own wake and the linear law is void.
+# Highest thrust gain in descent; beyond it the rotor meets its own wake and the linear law does not hold.
 THRUST_GAIN_MAX = 1.5
-# Cheeseman and Bennett (1955) is quoted for z / R > 0.5; closer in, its value there is held.
+# rotor radii; the formula of Cheeseman and Bennett (1955) holds for z / R > 0.5, and is constant below.
 GROUND_EFFECT_NEAREST = 0.5
 GROUND_EFFECT_FARTHEST = 4.0  # rotor radii; the gain there is 0.4 %
-# m/s, of a rotor's centre of mass about its axis at hover: balance grade G 16 of ISO 21940-11, the coarse grade that it
-# gives for propeller shafts. With it the X500 hovers at 0.4 m/s² (1σ) on each axis. Quadrotors in public PX4 logs (the
-# test files of flight-review-rs; means over 5 ms, above 10 Hz) show 1.3 to 2.2 m/s² forward and right, 1.4 to 5.2 down.
+# m/s, speed of a rotor's centre of mass around its axis at hover: balance grade G 16 of ISO 21940-11, its coarse grade
+# for propeller shafts. It gives the hovering X500 0.4 m/s² (1σ) of vibration on each axis. Quadrotors in public PX4
+# logs (the test files of flight-review-rs; means over 5 ms, above 10 Hz) show 1.3 to 2.2 m/s² forward and right, 1.4 to
+# 5.2 down.
 IMBALANCE_SPEED = 0.016
-FIRST_TURN = 2.4  # rad between the first turns of two rotors: no two alike, so that they do not shake in step
+FIRST_TURN = 2.4  # rad between the first angles of successive rotors, so that they do not shake in phase
 REVOLUTION = 2.0 * math.pi  # rad
 STANDSTILL = 0.1  # rad/s, speed below which a rotor that slows down stops
 
 
 @njit(cache=True)
 def commanded_speed(armed: int, command: float, idle: float, ceiling: float) -> float:
-    """Return the speed (rad/s) that the speed controller asks of a rotor, from `idle` up to a `ceiling` (rad/s)."""
+    """Return the commanded speed (rad/s) of a rotor, from `idle` to `ceiling` (rad/s); 0 if disarmed."""
     if armed == 0:
         return 0.0
-    share = command if command > 0.0 else 0.0  # a NaN command compares false and stops at idle
+    share = command if command > 0.0 else 0.0  # a NaN command compares false and gives idle speed
     if share > 1.0:
         share = 1.0
     return max(share * ceiling, idle)
@@ -94,7 +95,7 @@ def inflow_gain(climb: float, speed: float, radius: float) -> tuple[float, float
 
 @njit(cache=True)
 def ground_gain(height: float, radius: float) -> float:
-    """Return thrust near the ground relative to free air, `height` (m) being that of the rotor disc."""
+    """Return the thrust near the ground relative to free air. `height` (m): of the rotor disc."""
     if height > GROUND_EFFECT_FARTHEST * radius:
         return 1.0
     z = max(height, GROUND_EFFECT_NEAREST * radius)
@@ -103,7 +104,7 @@ def ground_gain(height: float, radius: float) -> float:
 
 @njit(cache=True)
 def push(params: Record, state: Record, actuators: Record, air: Vec3, rates: Vec3, near_ground: float) -> Load:
-    """Advance the rotor speeds by one step and return what the rotors do to the body.
+    """Advance the rotor speeds by one step and return the load of the rotors on the body.
 
     `air` (m/s, FRD) is the body's velocity through the air, `near_ground` the factor of `ground_gain`.
     Returns (force N FRD, moment N·m FRD, angular momentum of the rotors about z in N·m·s); writes the shaft power.
@@ -111,7 +112,7 @@ def push(params: Record, state: Record, actuators: Record, air: Vec3, rates: Vec
     fx = fy = fz = mx = my = mz = momentum = power = 0.0
     thrust_coefficient, torque_coefficient = params.thrust_coefficient, params.torque_coefficient
     armed = actuators.armed
-    ceiling = params.speed_max * state.voltage / (NOMINAL_CELL_V * params.cells)  # what the voltage allows
+    ceiling = params.speed_max * state.voltage / (NOMINAL_CELL_V * params.cells)  # rad/s at this voltage
     idle = min(params.speed_idle, ceiling)
     for i in range(params.rotors):
         x, y, z = params.rotor_position[i, 0], params.rotor_position[i, 1], params.rotor_position[i, 2]
@@ -120,7 +121,7 @@ def push(params: Record, state: Record, actuators: Record, air: Vec3, rates: Vec
         error = commanded_speed(armed, actuators.command[i], idle, ceiling) * state.rotor_health[i] - before
         change = error * (params.gain_up if error > 0.0 else params.gain_down)
         if error < 0.0 and before < STANDSTILL:
-            change = error  # stiction ends what the exponential never would
+            change = error  # stiction stops the rotor; the exponential alone never would
         speed = before + change
         state.rotor_speed[i] = speed
 
@@ -132,10 +133,10 @@ def push(params: Record, state: Record, actuators: Record, air: Vec3, rates: Vec
         thrust = thrust_coefficient * speed * speed * gain_thrust * near_ground
         torque = torque_coefficient * speed * speed * gain_torque
         drag = params.blade_drag * speed
-        # The heavy side pulls outwards as it goes round. The arms bend, so that about as much of it arrives along z.
-        turn = state.rotor_turn[i] + speed * STEP_S  # less than one revolution further
+        # The heavy side pulls outwards as it turns. The arms bend, so that a force of about the same size acts along z.
+        turn = state.rotor_turn[i] + speed * STEP_S  # less than one revolution per step
         if turn >= REVOLUTION:
-            turn -= REVOLUTION  # the bits of `%`, without its division
+            turn -= REVOLUTION  # same bits as `%`, without the division
         state.rotor_turn[i] = turn
         shake = params.imbalance * speed * speed
         forward = shake * math.cos(turn)

@@ -1,6 +1,6 @@
-"""Sensors: the truth, late and noisy, at each sensor's own rate. Writes the fields of `foundation/sensors.py` SENSORS.
+"""Sensor models: the true state with latency and noise, at each sensor's rate. They write `foundation.sensors.SENSORS`.
 
-The default suite is that of a small autopilot board of today. Every number can be set; zero switches an error off.
+The default suite is that of a current small autopilot board. Every number can be set; zero switches an error off.
 """
 
 import math
@@ -19,7 +19,7 @@ from vehicles.records import GPS_QUEUE, STEP_US, RandomStream, ned_to_geodetic, 
 from vehicles.solids import SolidTriangles, first_solid
 from vehicles.wind import normal
 
-BIAS_PERIOD_US = 100_000  # how often the slow errors of the inertial sensors move
+BIAS_PERIOD_US = 100_000  # µs between updates of the inertial sensors' slow errors
 BATTERY_PERIOD_US = 100_000
 PRESSURE_0 = 1013.25  # hPa, ISA sea level
 TEMPERATURE_0 = 288.15  # K, ISA sea level
@@ -46,39 +46,39 @@ class Suite:
     imu_period_us: int = 1000
     accel_noise_density: float = 1.72e-3  # m/s²/√Hz: BMI088 data sheet, 175 µg/√Hz
     accel_random_walk: float = 1.0e-3  # m/s²/√s: estimate, about 1 mg of drift in a minute
-    accel_bias: float = 0.03  # m/s² at boot: what a field calibration leaves
+    accel_bias: float = 0.03  # m/s² at boot: remains after a field calibration
     accel_scale: float = 0.002  # relative: the same
-    accel_range: float = 156.9  # m/s²: ±16 g, as PX4 sets the ICM-42688-P and the BMI055; HIL_SENSOR carries no more
+    accel_range: float = 156.9  # m/s²: ±16 g, as PX4 sets the ICM-42688-P and the BMI055; also the limit of HIL_SENSOR
     gyro_noise_density: float = 2.44e-4  # rad/s/√Hz: BMI088 data sheet, 0.014 °/s/√Hz
     gyro_random_walk: float = 3.9e-5  # rad/s/√s: 8 °/h/√s-class MEMS, as in RotorS' ADIS16448
-    gyro_bias: float = 0.003  # rad/s at boot: what a calibration at another temperature leaves
+    gyro_bias: float = 0.003  # rad/s at boot: remains after a calibration at another temperature
     gyro_scale: float = 0.001  # relative
     gyro_range: float = 34.9  # rad/s: BMI088, ±2000 °/s
     mag_period_us: int = 10_000
     mag_noise: float = 0.003  # gauss: IST8310 data sheet, 0.3 µT
-    mag_bias: float = 0.004  # gauss: hard iron that a calibration leaves
+    mag_bias: float = 0.004  # gauss: hard iron that remains after a calibration
     mag_declination_deg: float = 3.2  # WMM 2025 near Zurich
     mag_inclination_deg: float = 63.5  # the same
     mag_strength: float = 0.48  # gauss, the same
     baro_period_us: int = 20_000
     baro_noise_hpa: float = 0.012  # hPa, about 0.1 m: BMP388 data sheet at low oversampling
     baro_drift_hpa: float = 0.04  # hPa: weather and warming, Gauss-Markov
-    baro_drift_time_s: float = 1200.0  # so that it wanders by 0.1 m in a minute, as 1 hPa an hour of weather does
+    baro_drift_time_s: float = 1200.0  # s: drifts by 0.1 m in a minute, as with weather of 1 hPa per hour
     gps_period_us: int = 100_000
     gps_latency_us: int = 100_000  # receiver and serial line: u-blox M8 at 10 Hz
-    gps_late_us: int = 0  # on top of it, and not reported: a fix is that much older than its time stamp
+    gps_late_us: int = 0  # additional and unreported: a fix is this much older than its time stamp
     gps_error_h: float = 0.4  # m per horizontal axis: open sky with SBAS, Gauss-Markov
     gps_error_v: float = 0.8  # m
-    # s: the atmosphere's delay wanders over 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of their
-    # troposphere model)
+    # s: correlation time of the atmosphere's delay, 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of
+    # their troposphere model)
     gps_error_time_s: float = 1800.0
-    # m per horizontal axis: estimate of what reflections do to the ranges in the open. They change within a minute: the
-    # autocorrelation of recorded positions bends there (D. L. Wilson, GPS accuracy page); PX4's Gazebo has 60 s
+    # m per horizontal axis: estimated effect of reflections in the open. They change within a minute, where the
+    # autocorrelation of recorded positions has a bend (D. L. Wilson, GPS accuracy page); PX4's Gazebo has 60 s
     gps_multipath_h: float = 0.25
     gps_multipath_v: float = 0.5  # m
     gps_multipath_time_s: float = 60.0
-    gps_smoothing_s: float = 10.0  # of the receiver's own filter, which goes by the carrier's Doppler: estimate
-    gps_noise: float = 0.02  # m, white, on top
+    gps_smoothing_s: float = 10.0  # s, of the receiver's filter, which uses the carrier's Doppler: estimate
+    gps_noise: float = 0.02  # m, additional white noise
     gps_velocity_noise_h: float = 0.042  # m/s per axis: u-blox M8 data sheet, half of all fixes within 0.05 m/s
     gps_velocity_noise_v: float = 0.1  # m/s
     gps_eph_m: float = 0.7  # m, reported
@@ -87,7 +87,7 @@ class Suite:
     gps_satellites: int = 14
     range_period_us: int = 20_000
     range_max_m: float = RANGE_M[1]  # 0: not fitted
-    range_noise_m: float = 0.02  # the same: about 1 % below 6 m
+    range_noise_m: float = 0.02  # m: same data sheet as RANGE_M, about 1 % below 6 m
 
     def __post_init__(self) -> None:
         for name in ("imu", "mag", "baro", "gps", "range"):
@@ -103,15 +103,15 @@ class Suite:
 
     @property
     def gps_age_us(self) -> int:
-        """µs from a fix's instant until it is delivered."""
+        """Time (µs) from the validity of a fix to its delivery."""
         return self.gps_latency_us + self.gps_late_us
 
     def worsened(self, *, gps_delay_s: float = 0.0, gps_noise: float = 1.0, noise: float = 1.0) -> "Suite":
-        """Return the suite with fixes so much later than they say, and factors on what wavers.
+        """Return the suite with an additional, unreported delay of fixes and with larger errors.
 
-        `gps_noise` is on all errors of a fix but what the receiver reports of them; `noise` on white noise and drift of
-        accelerometer, gyroscope, compass and barometer, not on what was wrong at boot. Raises UsageError for a delay
-        that is longer than the fixes under way.
+        `gps_noise`: factor on all errors of a fix, but not on the accuracies that the receiver reports. `noise`: factor
+        on white noise and drift of accelerometer, gyroscope, compass and barometer, but not on errors drawn at boot.
+        Raises UsageError for a delay that is too long for the queue of fixes.
         """
         return replace(
             self,
@@ -122,7 +122,7 @@ class Suite:
 
 
 _TRUE: dict[str, Any] = dict.fromkeys((*BOOT_ERRORS, *NOISE, *GPS_ERRORS, "range_noise_m"), 0.0)
-PERFECT = replace(Suite(), **_TRUE)  # late, but true
+PERFECT = replace(Suite(), **_TRUE)  # latency, but no errors
 
 SUITE = np.dtype(
     [(name, "i8" if kind in (int, "int") else "f8") for name, kind in Suite.__annotations__.items()]
@@ -145,12 +145,12 @@ MEMORY = np.dtype(
         ("mag_bias", "f8", (3,)),  # gauss
         ("baro_drift", "f8"),  # hPa
         ("gps_error", "f8", (3,)),  # m, NED, of the atmosphere
-        ("gps_reflected", "f8", (3,)),  # m, NED, of reflections, as they are
-        ("gps_multipath", "f8", (3,)),  # m, NED, of reflections, as the receiver's filter lets them in
-        ("accel_sum", "f8", (3,)),  # m/s² times steps, of the inertial sample under way
+        ("gps_reflected", "f8", (3,)),  # m, NED, of reflections, before the receiver's filter
+        ("gps_multipath", "f8", (3,)),  # m, NED, of reflections, after the receiver's filter
+        ("accel_sum", "f8", (3,)),  # m/s² times steps, for the next inertial sample
         ("gyro_sum", "f8", (3,)),  # rad/s times steps
         ("imu_steps", "i8"),  # steps in these sums
-        ("accel_clipped", "i8"),  # steps on one axis beyond the accelerometer's range, so far
+        ("accel_clipped", "i8"),  # steps beyond the accelerometer's range so far, counted for each axis
         ("imu_next_us", "i8"),
         ("bias_next_us", "i8"),
         ("mag_next_us", "i8"),
@@ -158,10 +158,10 @@ MEMORY = np.dtype(
         ("gps_next_us", "i8"),
         ("range_next_us", "i8"),
         ("battery_next_us", "i8"),
-        ("queue_head", "i8"),  # index of the oldest fix under way
+        ("queue_head", "i8"),  # index of the oldest fix in the queue
         ("queue_count", "i8"),
-        ("queue_time_us", "i8", (GPS_QUEUE,)),  # µs of validity, as the fix will say
-        ("queue_due_us", "i8", (GPS_QUEUE,)),  # µs of delivery
+        ("queue_time_us", "i8", (GPS_QUEUE,)),  # µs, time stamp of the fix
+        ("queue_due_us", "i8", (GPS_QUEUE,)),  # µs, time of delivery
         ("queue_position", "f8", (GPS_QUEUE, 3)),  # m, NED
         ("queue_velocity", "f8", (GPS_QUEUE, 3)),  # m/s, NED
     ],
@@ -186,7 +186,7 @@ def suite_record(suite: Suite, origin: tuple[float, float, float]) -> np.void:
 
 
 def fresh_memory(suite: Suite, stream: int) -> np.void:
-    """Return the MEMORY record of sensors just switched on: turn-on errors drawn, first samples due, in steps apart."""
+    """Return the MEMORY record of sensors at boot: random turn-on errors, and first samples due one step apart."""
     memory: np.void = np.zeros(1, MEMORY)[0]
     memory["rng"][0] = stream
     draw = np.random.Generator(np.random.PCG64(int(stream)))
@@ -200,12 +200,12 @@ def fresh_memory(suite: Suite, stream: int) -> np.void:
     multipath = (suite.gps_multipath_h, suite.gps_multipath_h, suite.gps_multipath_v)
     memory["gps_reflected"] = memory["gps_multipath"] = np.array(multipath) * draw.standard_normal(3)
     for i, name in enumerate(("imu", "mag", "baro", "gps", "range", "battery", "bias")):
-        memory[f"{name}_next_us"] = STEP_US * (i + 1)  # apart, so that no step pays for all of them
+        memory[f"{name}_next_us"] = STEP_US * (i + 1)  # apart, so that no step computes all of them
     return memory
 
 
 def grow(memory: np.void, before: np.void, after: np.void) -> None:
-    """Scale what wanders now by what it wanders after and before, of two SUITE records; what did not wander stays."""
+    """Scale slowly varying errors by the ratio of their 1σ in two SUITE records. Errors with a 1σ of 0 before stay."""
     for kind, wanders in (("gps_error", ("gps_error",)), ("gps_multipath", ("gps_reflected", "gps_multipath"))):
         for i, axis in enumerate("hhv"):
             for each in wanders:
@@ -233,7 +233,7 @@ def _corrupt(faults: Record, row: int, value: Grid) -> None:
 
 @njit(cache=True)
 def _integrate(suite: Record, memory: Record, state: Record) -> None:
-    """Add one step to the inertial sample under way; what is beyond a sensor's range is lost."""
+    """Add one step to the next inertial sample, clipped to the sensors' ranges."""
     accel_range, gyro_range = suite.accel_range, suite.gyro_range
     memory.imu_steps += 1
     for i in range(3):
@@ -247,7 +247,7 @@ def _integrate(suite: Record, memory: Record, state: Record) -> None:
 
 @njit(cache=True)
 def _inertial(suite: Record, memory: Record, faults: Record, state: Record, sensors: Record) -> None:
-    """One inertial sample: the mean over the steps since the last one, and white noise over the sample's period."""
+    """Write one inertial sample: the mean over the steps since the last one, plus white noise for the period."""
     rng = memory.rng
     accel_fault, accel_row = active(faults, ACCEL, state.time_us)
     gyro_fault, gyro_row = active(faults, GYRO, state.time_us)
@@ -278,7 +278,7 @@ def _inertial(suite: Record, memory: Record, faults: Record, state: Record, sens
 
 @njit(cache=True)
 def _wander(suite: Record, memory: Record) -> None:
-    """Let the inertial biases walk for one BIAS_PERIOD."""
+    """Advance the random walk of the inertial biases by BIAS_PERIOD_US."""
     root = math.sqrt(BIAS_PERIOD_US * 1e-6)
     for i in range(3):
         memory.accel_bias[i] += suite.accel_random_walk * root * normal(memory.rng)
@@ -301,7 +301,7 @@ def _magnetic(suite: Record, memory: Record, faults: Record, state: Record, atti
 
 @njit(cache=True)
 def _wandered(value: float, sigma: float, share: float, rng: RandomStream) -> float:
-    """Return a Gauss-Markov process of this 1σ after `share` of its correlation time."""
+    """Return the next value of a Gauss-Markov process with this 1σ, after `share` of its correlation time."""
     keep = math.exp(-share)
     return keep * value + math.sqrt(1.0 - keep * keep) * sigma * normal(rng)
 
@@ -324,7 +324,7 @@ def _barometric(suite: Record, memory: Record, faults: Record, state: Record, se
 
 @njit(cache=True)
 def _satellite_fix(suite: Record, memory: Record, faults: Record, state: Record) -> None:
-    """Take a fix that is valid now and put it on its way."""
+    """Compute a fix that is valid now and put it into the queue."""
     rng = memory.rng
     period_s = suite.gps_period_us * 1e-6
     smoothing = 1.0 - math.exp(-period_s / suite.gps_smoothing_s)
@@ -363,7 +363,7 @@ def _satellite_fix(suite: Record, memory: Record, faults: Record, state: Record)
 
 @njit(cache=True)
 def _satellite_delivery(suite: Record, memory: Record, now: int, sensors: Record) -> None:
-    """Hand over the oldest fix under way."""
+    """Deliver the oldest fix in the queue."""
     slot = memory.queue_head
     memory.queue_head = (slot + 1) % GPS_QUEUE
     memory.queue_count -= 1
@@ -399,7 +399,7 @@ def _rangefinder(
     triangles: SolidTriangles,
     sensors: Record,
 ) -> None:
-    """Measure along the body's down axis, against what stands there and the plane of the ground below the vehicle."""
+    """Measure along the body's down axis, to a solid or to a level plane at the height of the ground below."""
     fault, row = active(faults, RANGE, state.time_us)
     if fault == FAIL:
         return

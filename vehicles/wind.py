@@ -2,7 +2,7 @@
 
 Random numbers: one 64-bit word of state per stream, kept in the vehicle's records. Generator: SplitMix64 (Steele, Lea,
 Flood 2014). Normal deviates: the ziggurat of Marsaglia and Tsang (2000) with 128 layers in the form of Doornik (2005).
-Bytes depend on the seed alone, not on the numpy version.
+The numbers depend only on the seed, not on the numpy version.
 
 Spectra of the gusts, with tau = L / V (3.7.2 of the standard):
     along     sigma · sqrt(2·tau) / (1 + tau·s)                            (scaled for unit-intensity white noise)
@@ -19,7 +19,7 @@ from foundation.compiled import Grid, Record, njit
 from foundation.frames import Vec3
 from vehicles.records import RandomStream
 
-_TAIL = 3.442619855899  # where the tail begins, 128 layers
+_TAIL = 3.442619855899  # x at which the tail begins, for 128 layers
 _AREA = 9.91256303526217e-3  # of each layer
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -39,7 +39,7 @@ def _layers() -> Grid:
 
 
 _EDGE = _layers()
-_INNER = _EDGE[1:] / _EDGE[:-1]  # share of each layer that lies under the curve for certain
+_INNER = _EDGE[1:] / _EDGE[:-1]  # share of each layer that is certainly under the curve
 
 
 def streams(seed: int, count: int) -> RandomStream:
@@ -89,7 +89,7 @@ PERIOD_US = 10_000
 PERIOD_S = 0.01
 FOOT = 0.3048
 SQRT_3 = math.sqrt(3.0)
-# Frozen turbulence needs the air to pass by; a vehicle that drifts with the wind still meets some eddies.
+# Lower limit: frozen turbulence needs airspeed, but a vehicle that drifts with the wind still meets some eddies.
 AIRSPEED_MIN = 1.0  # m/s
 
 
@@ -108,7 +108,7 @@ CALM = Wind()
 def scales(height: float, w20: float) -> tuple[float, float, float, float]:
     """Return (sigma along and across, sigma vertical in m/s, length along and across, length vertical in m).
 
-    MIL-F-8785C 3.7.3.4, for `height` (m) above ground held within the standard's 10 to 1000 ft.
+    MIL-F-8785C 3.7.3.4, for `height` (m) above ground, clamped to the standard's 10 to 1000 ft.
     """
     feet = min(max(height / FOOT, 10.0), 1000.0)
     shape = 0.177 + 0.000823 * feet
@@ -120,8 +120,9 @@ def scales(height: float, w20: float) -> tuple[float, float, float, float]:
 def _across(states: Grid, sigma: float, tau: float, rng: RandomStream) -> float:
     """Advance one second-order filter by PERIOD_S and return the gust (m/s).
 
-    H = √3·a + (1 - √3)·b with a = w / (1 + tau·s), b = a / (1 + tau·s); the covariance of the two is the integral of
-    their impulse responses over the period. States are kept for tau = 1 intensity, so that tau may change in flight.
+    H = √3·a + (1 - √3)·b with a = w / (1 + tau·s), b = a / (1 + tau·s); their covariance is the integral of the
+    products of their impulse responses over the period. The states have unit intensity, so that tau may change in
+    flight.
     """
     h = PERIOD_S / tau
     p, p2 = math.exp(-h), math.exp(-2.0 * h)
@@ -149,7 +150,7 @@ def gust(air: Record, velocity: Grid, height: float) -> None:
     along = sigma_h * air.filter[0, 0]
     across = _across(air.filter[1], sigma_h, tau_h, air.rng)
     air.gust[2] = _across(air.filter[2], sigma_v, tau_v, air.rng)
-    # axes: along the steady wind, as the standard has it at low altitude
+    # axes along the steady wind, as in the standard at low altitude
     calm = math.sqrt(air.mean[0] ** 2 + air.mean[1] ** 2)
     c, s = (air.mean[0] / calm, air.mean[1] / calm) if calm > 0.1 else (1.0, 0.0)
     air.gust[0] = c * along - s * across

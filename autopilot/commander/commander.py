@@ -1,7 +1,7 @@
-"""The commander: armed or not, which mode was asked for, which one flies, and what goes to the inner loop.
+"""The commander: it executes requests, selects the flight mode, and writes the setpoint of the inner loop.
 
-`intended` is the mode that was asked for; `mode` is the one shown in HEARTBEAT, which differs during a failsafe.
-Results of requests are MAV_RESULT numbers, as a real PX4 was measured to answer them.
+`intended` is the requested mode. `mode` is the mode in HEARTBEAT; the two differ during a failsafe.
+Requests return a MAV_RESULT, as measured on a real PX4.
 """
 
 import math
@@ -41,11 +41,11 @@ ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
 DENIED = int(dialect.MAV_RESULT_DENIED)
 
-HOME_LOOK_US = 1_000_000  # a vehicle carried about takes its home with it
+HOME_LOOK_US = 1_000_000  # interval at which home is moved to a disarmed vehicle that has been carried away
 
 
 class SetpointWriter:
-    """Writes a CascadeSetpoint into a SETPOINT record, and only when something has changed."""
+    """Writes a CascadeSetpoint into a SETPOINT record if it has changed."""
 
     def __init__(self, record: Any) -> None:
         self._record = record
@@ -53,7 +53,7 @@ class SetpointWriter:
         self.write(IDLE, armed=False)
 
     def write(self, setpoint: CascadeSetpoint, armed: bool) -> None:
-        """Put the setpoint and the armed flag into the record."""
+        """Write the setpoint and the armed flag into the record."""
         if self._last == (setpoint, armed):
             return
         record = self._record
@@ -64,14 +64,14 @@ class SetpointWriter:
 
 
 class Terminated(Mode):
-    """Rotors idle."""
+    """TERMINATION: the rotors idle."""
 
     def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         return IDLE
 
 
 class Commander:
-    """Runs the flight modes over the two records. `send_text` receives texts for the ground."""
+    """Runs the flight modes: reads `state` and writes to `writer`. `send_text` gets the texts for ground stations."""
 
     def __init__(
         self, state: EstimatedState, parameters: ParameterTable, writer: SetpointWriter, send_text: StatusText
@@ -83,8 +83,8 @@ class Commander:
         self.mode = "HOLD"
         self.supervision = Supervision(parameters, send_text)
         self.takeoff_us = 0  # vehicle time of the last lift-off, 0 = none
-        self.demand: CascadeSetpoint = IDLE  # what the active mode asks
-        self.passed: CascadeSetpoint = IDLE  # what went to the inner loop
+        self.demand: CascadeSetpoint = IDLE  # setpoint of the active mode
+        self.passed: CascadeSetpoint = IDLE  # setpoint of the inner loop, after the take-off ramp
         self.hold, self.takeoff, self.orbit, self.mission = HoldMode(), Takeoff(), Orbit(), Mission()
         self._behaviours = self._modes()
         self._active: Mode | None = None
@@ -99,9 +99,9 @@ class Commander:
         self._override = StickOverride()
 
     def _modes(self) -> dict[str, Mode]:
-        """Return the behaviour of each mode's name.
+        """Return the behaviour of each mode by name.
 
-        PRECLAND, without a beacon to aim at, lands where it is. External modes are never flown: the failsafe ends them.
+        PRECLAND lands in place, because there is no beacon. External modes are never flown: a failsafe replaces them.
         """
         land, stabilized = Land(), Stabilized()
         return {
@@ -124,7 +124,7 @@ class Commander:
             **dict.fromkeys(EXTERNAL_MODES, self.hold),
         }
 
-    # what others may ask
+    # queries
 
     @property
     def landed(self) -> bool:
@@ -132,12 +132,12 @@ class Commander:
 
     @property
     def custom_mode(self) -> int:
-        """HEARTBEAT.custom_mode of the shown mode."""
+        """HEARTBEAT.custom_mode of `mode`."""
         return MODES[self.mode].custom_mode
 
     @property
     def failsafe(self) -> Failsafe:
-        """The active reaction of the vehicle itself."""
+        """The active failsafe."""
         return self.supervision.failsafe
 
     @property
@@ -145,7 +145,7 @@ class Commander:
         return self.failsafe.action > Reaction.WARN
 
     def arming_failures(self) -> list[str]:
-        """Return why the vehicle would refuse to arm in its present mode; empty when it would arm."""
+        """Return the reasons why the vehicle would refuse to arm in its present mode; empty if it would arm."""
         mode = self._mode_after_arming()
         if mode in NO_ARMING_MODES:
             return [f"mode {mode} cannot arm"]
@@ -154,10 +154,10 @@ class Commander:
             failures.append("outside the geofence")
         return failures
 
-    # what others may order
+    # requests
 
     def arm(self, force: bool = False) -> int:
-        """Start the rotors. Returns ACCEPTED (also when armed already), REJECTED or DENIED, and says why."""
+        """Start the rotors. Returns ACCEPTED (also if already armed), or REJECTED or DENIED and sends the reason."""
         if self.armed:
             return ACCEPTED
         mode = self._mode_after_arming()
@@ -202,7 +202,7 @@ class Commander:
         return ACCEPTED
 
     def set_mode(self, mode: str) -> int:
-        """Ask for a flight mode by name (see `foundation.mavlink.MODES`)."""
+        """Request a flight mode by name (see `foundation.mavlink.MODES`)."""
         if self.mode == "TERMINATION" and self.armed:
             return REJECTED
         if self.armed:
@@ -228,11 +228,11 @@ class Commander:
             self._active = None
 
     def take_off(self, z_ned: float) -> int:
-        """Go to TAKEOFF; nan = to MIS_TAKEOFF_ALT above the ground."""
+        """Request TAKEOFF to a local z (m, NED); nan means the height MIS_TAKEOFF_ALT."""
         if self.mode == "TAKEOFF" and self.armed:
             if not self.landed:
                 return ACCEPTED  # the same command repeated: keep the first target
-            self._active = None  # it has not left the ground, and enters the mode again with this height
+            self._active = None  # still on the ground: enter the mode again with the new height
         self.takeoff.aim(z_ned)
         result = self.set_mode("TAKEOFF")
         if result != ACCEPTED:
@@ -240,7 +240,10 @@ class Commander:
         return result
 
     def reposition(self, position_ned: Vec3, yaw: float, speed: float) -> int:
-        """Fly to a local position in HOLD; nan coordinates keep the present ones."""
+        """Fly to a local position (m, NED) in HOLD. A nan coordinate or yaw means the present one.
+
+        A `speed` (m/s) that is not positive means MPC_XY_CRUISE.
+        """
         result = self.set_mode("HOLD")
         if result != ACCEPTED or not self.armed:
             return result
@@ -252,9 +255,10 @@ class Commander:
         return result
 
     def circle(self, centre_ned: Vec3, radius: float, speed: float, yaw_behaviour: int = 0) -> int:
-        """Go to ORBIT; nan coordinates of the centre mean the present place. `yaw_behaviour`: ORBIT_YAW_BEHAVIOUR.
+        """Request ORBIT. A nan coordinate of the centre means the present one. `yaw_behaviour`: ORBIT_YAW_BEHAVIOUR.
 
-        Refused on the ground to a vehicle that has fallen over.
+        Returns DENIED if the vehicle is armed and the radius (m) is not in 1 … MC_ORBIT_RAD_MAX. Returns REJECTED if it
+        has fallen over on the ground.
         """
         here = self.flight.state.position_ned
         n, e, z = (w if math.isfinite(w) else h for w, h in zip(centre_ned, here, strict=True))
@@ -270,14 +274,14 @@ class Commander:
         return self.set_mode("ORBIT")
 
     def replace_plan(self, kind: int, items: tuple[PlanItem, ...]) -> None:
-        """Put a mission (0), fence (1) or rally points (2) in force; another mission is flown from its first item."""
+        """Replace the mission (0), fence (1) or rally points (2). A changed mission starts at its first item."""
         if self.flight.plans.replace(kind, items) and kind == MISSION:
             self.mission.rewind()
             if self._active is self.mission and items:
                 self.mission.enter(self.flight)
 
     def fly_item(self, number: int) -> bool:
-        """Go on with this item of the mission. Returns False when there is none of that number."""
+        """Continue the mission at an item. Returns False if the mission has no item with this number."""
         if not 0 <= number < len(self.flight.plans.mission):
             return False
         self.mission.rewind(number)
@@ -286,12 +290,12 @@ class Commander:
         return True
 
     def change_speed(self, speed: float) -> None:
-        """Fly at another horizontal speed (m/s) until the mode changes; not positive or nan = MPC_XY_CRUISE again."""
+        """Set the horizontal speed (m/s) until the mode changes. A value not in (0, inf) restores MPC_XY_CRUISE."""
         limit = float(self.parameters["MPC_XY_VEL_MAX"])
         self.flight.cruise_speed = min(speed, limit) if 0.0 < speed < math.inf else math.nan
 
     def terminate(self) -> int:
-        """End the flight at once: rotors idle until disarmed."""
+        """End the flight at once: the rotors idle until the vehicle is disarmed."""
         if not self.armed:
             return DENIED
         self.intended = self.mode = "TERMINATION"
@@ -302,7 +306,7 @@ class Commander:
     # the tick
 
     def tick(self) -> None:
-        """Run one step on the newest snapshot."""
+        """Run one step with the newest state."""
         flight, state = self.flight, self.flight.state
         now = state.time_us
         if not self.armed:
@@ -349,7 +353,7 @@ class Commander:
             self.disarm(why=reason)
 
     def _supervise(self, now: int) -> None:
-        """Choose the mode that flies: the intended one, or the failsafe's."""
+        """Activate the intended mode, or the mode of the failsafe."""
         if self.intended == "TERMINATION":
             return
         offboard_signal = self.intended == "OFFBOARD" and self._offboard_usable()
@@ -370,9 +374,9 @@ class Commander:
             self._active.enter(self.flight)
 
     def _reaction(self) -> tuple[str, str]:
-        """Return (mode shown, behaviour flown)."""
+        """Return (mode in HEARTBEAT, name of the behaviour to fly)."""
         if self.supervision.failsafe is QUIET and self.intended not in STICK_MODES:
-            return self.intended, self.intended  # as `reaction` would say, at nearly every tick
+            return self.intended, self.intended  # shortcut for nearly every tick; `reaction` returns the same
         return reaction(
             self.failsafe,
             self.intended,
@@ -382,7 +386,7 @@ class Commander:
         )
 
     def _yield_to_sticks(self) -> None:
-        """Give the vehicle to a pilot who moves the sticks in an automatic mode."""
+        """Switch to POSCTL or ALTCTL if the pilot moves the sticks in an automatic mode."""
         sticks = self.flight.sticks
         if self.flight.landed or not overridable(self.mode, self.parameters):
             self._override.forget()
@@ -401,7 +405,7 @@ class Commander:
         self.demand = self.passed = IDLE
         self._writer.write(IDLE, self.armed)
 
-    # what the vehicle has
+    # availability
 
     def _mode_failures(self, mode: str) -> list[str]:
         return mode_failures(
@@ -415,10 +419,10 @@ class Commander:
         )
 
     def _mode_after_arming(self) -> str:
-        """Return the mode that arming would fly.
+        """Return the mode after arming.
 
-        A vehicle that landed by itself stays in LAND or RETURN; unless a mode was chosen since it disarmed, it
-        is armed again in HOLD rather than refused.
+        After an automatic landing the mode is still LAND or RETURN, in which the vehicle cannot arm. It then arms in
+        HOLD, unless a client has chosen a mode since the vehicle disarmed.
         """
         if self.intended in NO_ARMING_MODES and not self._mode_chosen_disarmed:
             return "HOLD"
@@ -432,7 +436,7 @@ class Commander:
         return self.supervision.sticks_fresh(self.flight)
 
     def _follow_home_on_ground(self, now: int) -> None:
-        """Keep home where the vehicle stands, so that clients have one before arming."""
+        """Keep home at the vehicle's position while it is disarmed, so that clients get a home before arming."""
         if now - self._home_looked_us < HOME_LOOK_US:
             return
         self._home_looked_us = now

@@ -1,10 +1,10 @@
-"""Leaving the ground and reaching it: take-off ramp, land detector, watch over landings, and disarming by itself.
+"""Take-off and landing: take-off ramp, land detector, warnings about landings, and automatic disarming.
 
-The ramp is PX4's take-off handling: spool-up, ready, ramp, flight. Attitude and rate setpoints pass it: their thrust is
-the pilot's own. The thresholds of the land detector are PX4's LNDMC_* parameters.
+The ramp is PX4's take-off handling: spool-up, ready, ramp, flight. It does not change attitude and rate setpoints,
+because the pilot sets their thrust. The thresholds of the land detector are PX4's LNDMC_* parameters.
 
-PX4 says nothing of a landing that does not end: a vehicle that hangs on a roof's edge stays armed in LAND without a
-word, and one that lies on its side learns it at the next arming. The watch over landings says it.
+PX4 does not report a failed landing. A vehicle that hangs on a roof's edge stays armed in LAND. A vehicle that lies on
+its side reports this only at the next arming. `LandingWatch` warns of both.
 """
 
 import math
@@ -22,7 +22,7 @@ RAMP_START = 0.15  # thrust limit at which the ramp starts: far below hover for 
 
 
 def wants_climb(setpoint: CascadeSetpoint, state: EstimatedState) -> bool:
-    """Return whether a setpoint asks to leave the ground."""
+    """Return whether a setpoint commands the vehicle to leave the ground."""
     if setpoint.kind == KIND_IDLE:
         return False
     if setpoint.kind != KIND_TRAJECTORY:
@@ -36,7 +36,7 @@ def wants_climb(setpoint: CascadeSetpoint, state: EstimatedState) -> bool:
 
 
 class TakeoffRamp:
-    """Gates every setpoint while the vehicle is on the ground."""
+    """Limits trajectory setpoints on the ground and during the take-off."""
 
     def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
@@ -48,7 +48,7 @@ class TakeoffRamp:
         self._armed_us, self._ramp_us = now_us, None
 
     def gate(self, setpoint: CascadeSetpoint, state: EstimatedState, landed: bool) -> CascadeSetpoint:
-        """Return the setpoint that may pass: idle on the ground, thrust-limited in the ramp, unchanged in flight."""
+        """Return the limited setpoint: idle on the ground, thrust-limited in the ramp, unchanged in flight."""
         if setpoint.kind != KIND_TRAJECTORY:
             return setpoint
         now = state.time_us
@@ -67,7 +67,7 @@ class TakeoffRamp:
             if not landed:
                 self._ramp_us = None
             return setpoint
-        # on the ground a tilt overturns the vehicle, so the way to a distant place begins in the air
+        # a tilt on the ground overturns the vehicle, so horizontal motion starts in the air
         upright = setpoint
         if landed:
             z, vz, az = setpoint.position_ned[2], setpoint.velocity_ned[2], setpoint.acceleration_ned[2]
@@ -77,34 +77,34 @@ class TakeoffRamp:
         return upright._replace(thrust_limit=RAMP_START + (1.0 - RAMP_START) * elapsed / ramp_s)
 
 
-# In the air the vertical speed cannot stay near zero while thrust carries clearly less than the weight, so both
-# together for LNDMC_TRIG_TIME prove that something else carries the vehicle.
+# A vehicle in the air sinks if its thrust is clearly below hover thrust. If the thrust is low and the vertical speed
+# stays near zero for LNDMC_TRIG_TIME, then the ground carries the vehicle.
 SUPPORTED_THRUST = 0.8  # of hover thrust
-RANGE_IN_AIR_M = 1.0  # a fresh range beyond this is never a standing vehicle
+RANGE_IN_AIR_M = 1.0  # with a longer fresh range, the vehicle is in the air
 LIFT_OFF_M = 0.25
 LIFT_OFF_SPEED = 0.3  # m/s
 
 
-CONTACT_SPEED = 0.3  # m/s downwards, from which on a demand has to move a vehicle that is in the air
-CONTACT_M = 0.5  # m below the vehicle, the same for a demanded height
-CONTACT_SHARE = 0.3  # of what is demanded: a vehicle that descends less is carried
+CONTACT_SPEED = 0.3  # m/s downwards; a faster demand makes a vehicle in the air descend
+CONTACT_M = 0.5  # m; the same for a demanded height that is this far below the vehicle
+CONTACT_SHARE = 0.3  # of the demanded descent; if the vehicle descends less, something carries it
 
 
 class LandDetector:
-    """Keeps `landed`, which begins true, and `contact`: it should descend and does not, so something carries it.
+    """Detects `landed` (True at first) and `contact`: the vehicle does not follow a demand to descend.
 
-    PX4 has three stages of a third of LNDMC_TRIG_TIME each, of which `contact` is the first and `landed` the last.
+    PX4 has three stages of LNDMC_TRIG_TIME / 3 each; `contact` is the first stage, `landed` the last.
     """
 
     def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
         self.landed, self.contact = True, False
         self._contact_since_us: int | None = None
-        self._dive: tuple[int, float] | None = None  # µs and m, NED: since when and from where it should descend
+        self._dive: tuple[int, float] | None = None  # time (µs) and z (m, NED) at which the demanded descent began
         self._ground_z: float | None = None
 
     def update(self, state: EstimatedState, armed: bool, climbing: bool, demand: CascadeSetpoint) -> None:
-        """Follow one tick. `climbing`: the demand wants to leave the ground (`demand` is what the flight mode asks)."""
+        """Update with one tick. `demand`: the setpoint of the flight mode; `climbing`: whether it `wants_climb`."""
         if not armed:
             self.landed, self._contact_since_us, self._ground_z = True, None, None
             self.contact, self._dive = False, None
@@ -123,12 +123,12 @@ class LandDetector:
             self.landed, self._contact_since_us = False, None
 
     def _watch_contact(self, state: EstimatedState, demand: CascadeSetpoint) -> None:
-        """Compare what a demand to descend achieves with what it asks for, over a third of LNDMC_TRIG_TIME."""
+        """Compare the achieved descent with the demanded one over LNDMC_TRIG_TIME / 3."""
         speed, z = _dive(state, demand), state.position_ned[2]
         if speed is None or state.range_m() > RANGE_IN_AIR_M:
             self.contact, self._dive = False, None
         elif self._dive is None:
-            if state.velocity_ned[2] > -CONTACT_SPEED:  # not while a climb is still being stopped
+            if state.velocity_ned[2] > -CONTACT_SPEED:  # not while the vehicle still climbs
                 self._dive = state.time_us, z
         else:
             since, above = self._dive
@@ -160,9 +160,9 @@ class LandDetector:
 
 
 def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
-    """Return the speed (m/s) at which a demand descends at least; None where a vehicle in the air need not follow.
+    """Return the least speed (m/s) of a demanded descent; None if the demand is not a clear descent.
 
-    A demand that leads aside as well is no landing: what carries the vehicle is an obstacle, which it may slide along.
+    A demand with horizontal speed is not a landing: an obstacle may carry the vehicle, which then slides along it.
     """
     north, east, vz = demand.velocity_ned
     sinks = vz >= CONTACT_SPEED
@@ -175,27 +175,27 @@ def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
 
 def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:
     if demand.kind != KIND_TRAJECTORY:
-        return True  # attitude and rate demands carry their intent in the thrust alone
+        return True  # of an attitude or rate demand only the thrust counts
     z, vz = demand.position_ned[2], demand.velocity_ned[2]
     return vz > 0.05 or z > state.position_ned[2] + 0.1
 
 
 LANDING = ("LAND", "DESCEND")  # modes that end on the ground
-BLOCKED_US = 10_000_000  # µs in LAND without having sunk
+BLOCKED_US = 10_000_000  # µs without a descent of SUNK_M, after which a landing counts as blocked
 SUNK_M = 0.3
-UPRIGHT_DEG = 20.0  # from the vertical; the maps' ground slopes less
+UPRIGHT_DEG = 20.0  # largest lean of an upright vehicle; the slopes of the maps are smaller
 
 
 class LandingWatch:
-    """Follows the landings of one vehicle."""
+    """Warns of a blocked landing, and of a vehicle that is not upright after landing."""
 
     def __init__(self, send_text: Callable[[int, str], None]) -> None:
         self._send_text = send_text
-        self._lowest: tuple[int, float] | None = None  # µs and m, NED: when it last got lower, and how low
+        self._lowest: tuple[int, float] | None = None  # time (µs) and z (m, NED) of the last descent
         self._has_warned = False
 
     def follow(self, state: EstimatedState, landing: bool) -> None:
-        """Follow one tick. `landing`: a landing has been ordered and has not ended."""
+        """Update with one tick. `landing`: the mode is one of LANDING, and the vehicle has not landed yet."""
         if not landing:
             self._lowest, self._has_warned = None, False
             return
@@ -209,20 +209,20 @@ class LandingWatch:
             )
 
     def ended(self, state: EstimatedState) -> None:
-        """Look how it stands when the rotors have been stopped."""
+        """Check the attitude after disarming."""
         self._lowest, self._has_warned = None, False
         if (lean := lean_deg(state)) > UPRIGHT_DEG:
             self._send_text(dialect.MAV_SEVERITY_WARNING, f"Landed and not upright: leans {lean:.0f} deg")
 
 
 def lean_deg(state: EstimatedState) -> float:
-    """Return the angle (°) between the body's vertical axis and the vertical, 180 upside down."""
+    """Return the angle (°) between the body's vertical axis and the vertical; 180 is upside down."""
     _, x, y, _ = state.attitude
     return math.degrees(math.acos(min(max(1.0 - 2.0 * (x * x + y * y), -1.0), 1.0)))
 
 
 class AutoDisarm:
-    """Follows one armed stay on the ground, before a flight or after it."""
+    """Decides when a vehicle that stays armed on the ground must disarm."""
 
     def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
@@ -231,11 +231,11 @@ class AutoDisarm:
         self._was_airborne = False
 
     def arm(self, now_us: int) -> None:
-        """Begin with the arming."""
+        """Start to measure the time from the arming."""
         self._armed_us, self._landed_us, self._was_airborne = now_us, None, False
 
     def reason(self, now_us: int, landed: bool, climbing: bool) -> str:
-        """Follow one tick and return why to disarm now, empty to go on. `climbing`: a take-off is wanted."""
+        """Update with one tick; return the reason to disarm now, empty for none. `climbing`: a take-off is demanded."""
         if not landed:
             self._was_airborne, self._landed_us = True, None
             return ""

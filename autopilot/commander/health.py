@@ -1,17 +1,17 @@
 """Health of the vehicle: the checks before arming, the limits in flight, and calibrations on the ground.
 
-In flight the limits of an estimate are COM_POS_FS_EPH and COM_VEL_FS_EVH, with PX4's hysteresis. What is in use is
-believed until its deviation passes 2.5 times the parameter; what is not, once it has been below the parameter itself
-for a second. A negative parameter switches the check off. Source: the parameter reference of PX4 1.15 and its
-`EstimatorChecks`, as far as behaviour goes.
+In flight COM_POS_FS_EPH and COM_VEL_FS_EVH limit the standard deviations of position and velocity, with PX4's
+hysteresis. A quantity becomes invalid when its deviation exceeds 2.5 times the parameter. It becomes valid again when
+the deviation has been below the parameter for a second. A negative parameter switches the check off. Source: the
+parameter reference of PX4 1.15 and the behaviour of its `EstimatorChecks`.
 
-One rule is ours. After a blow our estimator reports a velocity that is uncertain by metres a second, until the next fix
-corrects it a tenth of a second later. PX4's filter does not detect blows and does not report this. So the deviation of
-a velocity must last for some time before it counts. Otherwise every bump into a lamp post would end in a failsafe.
+One rule differs from PX4. After an impact our estimator reports a velocity deviation of metres a second, until the next
+fix corrects it a tenth of a second later. PX4's filter does not detect impacts and does not report this. So a velocity
+deviation must last for LASTING_US before it counts. Otherwise every bump into a lamp post would trigger a failsafe.
 
-A calibration checks its sensor at rest, since the estimator finds the biases in flight. A vehicle in a simulator, or on
-a desk, is not turned about: accelerometer and compass are judged in their present attitude. Texts are those of PX4 that
-MAVSDK and QGroundControl read.
+A calibration checks its sensor at rest, because the estimator finds the biases in flight. Clients need not turn the
+vehicle: accelerometer and compass are checked in the present attitude. The texts are PX4's, which MAVSDK and
+QGroundControl parse.
 """
 
 import math
@@ -23,29 +23,32 @@ from autopilot.parameters import ParameterTable
 from foundation.frames import GRAVITY
 from foundation.mavlink import MODES, dialect
 
-IN_USE = 2.5  # times the parameter
+IN_USE = 2.5  # factor on the parameter for a quantity that is valid so far
 PROBATION_US = 1_000_000
 LASTING_US = 500_000
 
 
 def required(parameters: ParameterTable, name: str) -> float:
-    """Return the deviation (m or m/s) that COM_POS_FS_EPH or COM_VEL_FS_EVH asks for, inf where it is switched off."""
+    """Return the largest deviation that COM_POS_FS_EPH (m) or COM_VEL_FS_EVH (m/s) allows; inf if it is negative."""
     value = float(parameters[name])
     return value if value >= 0.0 else math.inf
 
 
 class _Hysteresis:
-    """One quantity: believed or not."""
+    """Decides with a hysteresis whether one quantity is valid (`_believed`)."""
 
     def __init__(self, lasting_us: int = 0) -> None:
-        """`lasting_us`: how long a deviation has to last, µs."""
+        """`lasting_us` (µs): a large deviation counts after this time."""
         self._lasting_us = lasting_us
         self._believed = True
         self._failed_us = 0
-        self._good_us = 0  # when it was last as certain as it has to be
+        self._good_us = 0  # last time at which the deviation was small enough
 
     def limit(self, now_us: int, valid: bool, deviation: float, wanted: float) -> float:
-        """Return the deviation from which on it is not believed; below any deviation while it is on probation."""
+        """Return the deviation above which the quantity is invalid; -inf: it is invalid at any deviation.
+
+        `valid` is the estimator's own flag; `wanted` is the value of `required`.
+        """
         if valid and deviation < (wanted * IN_USE if self._believed else wanted):
             self._good_us = now_us
             if now_us - self._failed_us >= PROBATION_US:
@@ -58,7 +61,7 @@ class _Hysteresis:
 
 
 class AccuracyWatch:
-    """Sets the limits of a vehicle's state while it flies. Call `look` about ten times a second."""
+    """Sets `position_limit` and `velocity_limit` of an EstimatedState. Call `look` about ten times a second."""
 
     def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
@@ -66,13 +69,13 @@ class AccuracyWatch:
         self._limited: EstimatedState | None = None
 
     def reset(self) -> None:
-        """Believe the estimator's own flags until the next look: the vehicle was armed or disarmed."""
+        """Remove both limits until the next `look`. Called when the vehicle is armed or disarmed."""
         self._position, self._velocity = _Hysteresis(), _Hysteresis(LASTING_US)
         if self._limited is not None:
             self._limited.position_limit = self._limited.velocity_limit = math.inf
 
     def look(self, state: EstimatedState) -> None:
-        """Follow the deviations. The record is read, since the snapshot shows what the limits have made of it."""
+        """Update both limits. Reads the ESTIMATE record, because the flags of `state` already depend on the limits."""
         self._limited = state
         now, p, e = state.time_us, self._parameters, state.estimate
         state.position_limit = self._position.limit(
@@ -86,14 +89,14 @@ class AccuracyWatch:
 SENSOR_TIMEOUT_US = 500_000
 NO_ARMING_MODES = frozenset({"LAND", "RETURN", "ORBIT", "PRECLAND", "FOLLOW", "TERMINATION"})  # PX4 mode requirements
 STICK_MODES = frozenset({"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED"})
-EXTERNAL_MODES = frozenset(name for name in MODES if name.startswith("EXTERNAL"))  # flown by another computer
-UNREGISTERED = "mode is not registered"  # no computer can register one here
+EXTERNAL_MODES = frozenset(name for name in MODES if name.startswith("EXTERNAL"))  # a companion computer flies these
+UNREGISTERED = "mode is not registered"  # this autopilot has no registration of external modes
 POSITION_MODES = frozenset({"HOLD", "TAKEOFF", "MISSION", "RETURN", "ORBIT", "FOLLOW", "POSCTL"})
 
 
 @dataclass(frozen=True, slots=True)
 class SensorHealth:
-    """The sensors that deliver samples."""
+    """Whether each sensor delivers usable samples."""
 
     imu: bool
     mag: bool
@@ -104,7 +107,7 @@ class SensorHealth:
 
 
 def sensor_health(state: EstimatedState) -> SensorHealth:
-    """Return which sensors gave a usable sample within the last half second (GPS: a 3-D fix within a second)."""
+    """Return which sensors delivered a sample in the last 0.5 s; 1 s for the battery and for a 3-D fix of the GPS."""
     return SensorHealth(
         imu=state.age_us("imu") < SENSOR_TIMEOUT_US,
         mag=state.age_us("mag") < SENSOR_TIMEOUT_US,
@@ -116,7 +119,7 @@ def sensor_health(state: EstimatedState) -> SensorHealth:
 
 
 def attitude_failures(state: EstimatedState, parameters: ParameterTable) -> list[str]:
-    """Return in which axes the vehicle leans beyond FD_FAIL_R and FD_FAIL_P (°, 0 = off), in PX4's words."""
+    """Return PX4's text for each axis, roll or pitch, whose angle exceeds FD_FAIL_R or FD_FAIL_P (°, 0 = off)."""
     if not state.attitude_valid:
         return []
     limits = {"roll": parameters["FD_FAIL_R"], "pitch": parameters["FD_FAIL_P"]}
@@ -128,7 +131,7 @@ def attitude_failures(state: EstimatedState, parameters: ParameterTable) -> list
 
 
 def preflight_failures(state: EstimatedState, parameters: ParameterTable) -> list[str]:
-    """Return the reasons, short enough for one STATUSTEXT each, why no mode could fly now; empty when ready."""
+    """Return the reasons why no mode can fly now, each short enough for one STATUSTEXT; empty if ready."""
     health, p = sensor_health(state), parameters
     reasons = []
     if not health.imu:
@@ -163,9 +166,9 @@ def mode_failures(
     offboard: bool,
     mission: list[str],
 ) -> list[str]:
-    """Return the reasons why `mode` cannot run now; the flags say what is available. PX4 mode_requirements.
+    """Return the reasons why `mode` cannot run now. Source: PX4 mode_requirements.
 
-    `mission`: what is wrong with the loaded mission.
+    `home`, `sticks` and `offboard`: whether each is available. `mission`: the faults of the loaded mission.
     """
     reasons = [UNREGISTERED] if mode in EXTERNAL_MODES else []
     accurate = state.position_valid and state.position_std_h < required(parameters, "COM_POS_FS_EPH")
@@ -181,7 +184,7 @@ def mode_failures(
 
 
 class AttitudeWatch:
-    """`failed` once roll or pitch has exceeded FD_FAIL_R or FD_FAIL_P (°, 0 = off) for FD_FAIL_R_TTRI or _P_TTRI."""
+    """Sets `failed` if roll or pitch exceeds FD_FAIL_R or FD_FAIL_P (°, 0 = off) for FD_FAIL_R_TTRI or _P_TTRI (s)."""
 
     def __init__(self, parameters: ParameterTable) -> None:
         self.failed = False
@@ -189,11 +192,11 @@ class AttitudeWatch:
         self._since_us: list[int | None] = [None, None]
 
     def reset(self) -> None:
-        """Forget what was seen."""
+        """Clear `failed` and start again."""
         self.failed, self._since_us = False, [None, None]
 
     def look(self, state: EstimatedState, *, controlled: bool) -> None:
-        """Follow one look. `controlled`: the mode controls the attitude; a pilot in ACRO may turn over on purpose."""
+        """Update `failed`. `controlled`: the mode controls the attitude; in ACRO the pilot may turn over on purpose."""
         self.failed = False
         for i, name in enumerate(("FD_FAIL_R", "FD_FAIL_P")):
             limit = float(self._parameters[name])
@@ -219,7 +222,7 @@ StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
 
 
 class SensorCalibration:
-    """At most one at a time, moved on by `tick` in vehicle time."""
+    """Calibrates sensors, one at a time. `tick` advances the calibration in vehicle time."""
 
     def __init__(self, state: EstimatedState, send_text: StatusText) -> None:
         self._state = state
@@ -233,7 +236,7 @@ class SensorCalibration:
         return bool(self._queue)
 
     def start(self, sensors: list[str]) -> bool:
-        """Begin with these of SENSORS, one after the other. Returns False while others are running."""
+        """Calibrate `sensors` ("gyro", "mag", "accel", "level") one by one. Returns False while another one runs."""
         if self._queue:
             return self._queue == sensors  # the same request repeated
         self._queue = list(sensors)
@@ -241,13 +244,13 @@ class SensorCalibration:
         return True
 
     def cancel(self) -> None:
-        """Give up."""
+        """Stop the running calibration, if any."""
         if self._queue:
             self._queue.clear()
             self._report("calibration cancelled")
 
     def tick(self) -> None:
-        """Look at the sensor, tell the progress, and judge at the end."""
+        """Check the sensor, report the progress, and report the result at the end."""
         if not self._queue:
             return
         sensor, elapsed = self._queue[0], self._state.time_us - self._since_us
@@ -275,7 +278,7 @@ class SensorCalibration:
         self._send_text(severity, f"[cal] {text}")
 
     def _fault(self, sensor: str) -> str:
-        """Return the fault of the sensor, empty when there is none."""
+        """Return the fault of the sensor; empty if there is none."""
         s = self._state
         if s.age_us("mag" if sensor == "mag" else "imu") > DURATION_US // 4:
             return "no data"

@@ -1,11 +1,10 @@
-"""Plans: missions, geofence and rally points, their items, the checks of uploads, and their storage.
+"""Plans: missions, geofences and rally points, their items, the checks of uploads, and their storage.
 
-The geofence has polygons and circles, and the cylinder of GF_MAX_HOR_DIST and GF_MAX_VER_DIST. As on PX4 a place must
-lie in at least one inclusion area, if there is any, and in no exclusion area.
+The geofence has polygons and circles, and the cylinder of GF_MAX_HOR_DIST and GF_MAX_VER_DIST. As on PX4, a position
+must be inside at least one inclusion area, if there is any, and outside all exclusion areas.
 
-A plan is replaced as a whole, never in part: an upload that breaks off changes nothing. With a file the plans outlive
-the process, as in the memory that PX4 calls dataman: missions, geofence and rally points, and the number of the
-mission's item that comes next. Results of checks are MAV_MISSION_RESULT numbers.
+A plan is always replaced as a whole: an incomplete upload changes nothing. A file keeps the plans and the number of the
+next mission item across restarts, as PX4's dataman does. The checks return MAV_MISSION_RESULT numbers.
 """
 
 import json
@@ -32,7 +31,7 @@ MOVED_VERTICAL_M = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """The place to which the vehicle returns."""
+    """The position to which the vehicle returns."""
 
     position_ned: Vec3  # m, local frame
     yaw: float  # rad
@@ -42,7 +41,7 @@ class Home:
 
 
 def home_at(state: EstimatedState, position_ned: Vec3 | None = None) -> Home | None:
-    """Return a home at a local position (m), here by default; None while the global position is not known."""
+    """Return a home at a local position (m), by default the vehicle's; None while the global position is unknown."""
     if not state.global_valid:
         return None
     place = position_ned or state.position_ned
@@ -50,7 +49,7 @@ def home_at(state: EstimatedState, position_ned: Vec3 | None = None) -> Home | N
 
 
 def moved(home: Home, state: EstimatedState) -> bool:
-    """Return whether the vehicle stands clearly elsewhere, so that home should follow it while it is disarmed."""
+    """Return whether the vehicle is clearly away from home, so that home must follow while it is disarmed."""
     n, e, z = state.position_ned
     away = math.hypot(n - home.position_ned[0], e - home.position_ned[1])
     return away > MOVED_HORIZONTAL_M or abs(z - home.position_ned[2]) > MOVED_VERTICAL_M
@@ -69,34 +68,34 @@ GLOBAL_FRAMES = ABOVE_SEA | ABOVE_HOME
 
 @dataclass(frozen=True, slots=True)
 class PlanItem:
-    """One item. x and y are kept as they came, so that a download returns the very bits of the upload."""
+    """One item. x and y keep the integers of the upload, so that a download returns exactly the same values."""
 
     command: int  # MAV_CMD
     frame: int  # MAV_FRAME
     p: tuple[float, float, float, float]
     x: int  # 1e-7 deg of latitude in the global frames
     y: int  # 1e-7 deg of longitude
-    z: float  # m, above sea level or home as the frame says
+    z: float  # m, above sea level or above home, according to `frame`
     autocontinue: int = 1
 
     @property
     def lat_deg(self) -> float:
-        """Latitude, nan where the item names no place."""
+        """Latitude; nan if the item has no position."""
         return math.nan if self._nowhere else self.x * DEGREES
 
     @property
     def lon_deg(self) -> float:
-        """Longitude, nan where the item names no place."""
+        """Longitude; nan if the item has no position."""
         return math.nan if self._nowhere else self.y * DEGREES
 
     @property
     def _nowhere(self) -> bool:
-        # (0, 0) is what clients send for 'where you are' in landings and take-offs
+        # in landings and take-offs, clients send (0, 0) for the present position
         return NOT_GIVEN in (self.x, self.y) or (self.x == 0 and self.y == 0)
 
 
 def horizontal(lat_deg: float, lon_deg: float, state: EstimatedState) -> tuple[float, float]:
-    """Return (north, east) in m of a place in the local frame, nan for nan."""
+    """Return a latitude and longitude as (north, east) in m, local frame; nan for nan."""
     if not (math.isfinite(lat_deg) and math.isfinite(lon_deg)):
         return (math.nan, math.nan)
     north, east, _ = geodetic_to_ned(state.origin_lat_deg, state.origin_lon_deg, 0.0, lat_deg, lon_deg, 0.0)
@@ -104,7 +103,7 @@ def horizontal(lat_deg: float, lon_deg: float, state: EstimatedState) -> tuple[f
 
 
 def local_place(item: PlanItem, state: EstimatedState, home: Home | None) -> Vec3:
-    """Return the item's place in the local frame (m, NED), nan for what it does not say or what has no reference."""
+    """Return the item's local position (m, NED). A coordinate is nan if the item or the reference lacks it."""
     if item.frame not in GLOBAL_FRAMES:
         return (math.nan, math.nan, math.nan)
     north, east = horizontal(item.lat_deg, item.lon_deg, state)
@@ -142,7 +141,7 @@ class FenceArea:
 
 
 def well_formed(items: tuple[PlanItem, ...]) -> bool:
-    """Return whether every polygon has as many consecutive vertices as its first one announces, and at least three."""
+    """Return whether each polygon has the number of consecutive vertices in its first item, at least three."""
     i = 0
     while i < len(items):
         item = items[i]
@@ -166,7 +165,7 @@ def areas(items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea
         item = items[i]
         count = int(item.p[0]) if item.command in POLYGONS else 1
         if item.command != RETURN_POINT:
-            # a place of (0, 0) is a real one here, though no vehicle is near it
+            # (0, 0) is a real position here, so `lat_deg` and `lon_deg` are not used
             points = tuple(horizontal(v.x * 1e-7, v.y * 1e-7, state) for v in items[i : i + count])
             radius = item.p[0] if item.command not in POLYGONS else 0.0
             result.append(FenceArea(item.command in (POLYGON_IN, CIRCLE_IN), points, radius))
@@ -175,14 +174,14 @@ def areas(items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea
 
 
 class Fence:
-    """The areas in force, worked out once per plan and origin."""
+    """The areas of the present fence, computed once per plan and origin."""
 
     def __init__(self) -> None:
         self._of: tuple[int, float, float] | None = None
         self._areas: tuple[FenceArea, ...] = ()
 
     def areas(self, version: int, items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea, ...]:
-        """Return the areas of the plan in force, whose `version` tells it from others."""
+        """Return the areas of a fence. `version` identifies the plan."""
         key = (version, state.origin_lat_deg, state.origin_lon_deg)
         if key != self._of:
             self._of, self._areas = key, areas(items, state)
@@ -190,7 +189,7 @@ class Fence:
 
 
 def breach(place_ned: Vec3, home: Home | None, p: ParameterTable, areas: Iterable[FenceArea]) -> str:
-    """Return which limit a local place breaks: 'height', 'distance' or 'area'; empty when none."""
+    """Return the limit that a local position breaks: 'height', 'distance' or 'area'; empty if none."""
     if home is not None:
         n, e, z = home.position_ned
         if 0.0 < p["GF_MAX_VER_DIST"] < z - place_ned[2]:
@@ -220,7 +219,7 @@ CHANGE_SPEED, JUMP, SET_HOME = (
 )  # fmt: skip
 PLACES = frozenset({WAYPOINT, TAKEOFF, LAND, LOITER, LOITER_TIME})
 NAVIGATION = PLACES | {RETURN, DELAY}
-# payload items that plans of ground stations carry; there is no payload here, so they are passed over
+# payload items in the plans of ground stations; this vehicle has no payload, so it skips them
 PAYLOAD = frozenset(
     int(getattr(dialect, f"MAV_CMD_{name}"))
     for name in (
@@ -236,7 +235,7 @@ _COMMANDS = {MISSION: NAVIGATION | IMMEDIATE, FENCE: FENCE_COMMANDS, RALLY: {int
 
 
 def refusal(kind: int, item: PlanItem, total: int) -> int:
-    """Return why one item of an upload of `total` items cannot be taken, ACCEPTED when it can."""
+    """Return the reason to refuse one item of an upload of `total` items; ACCEPTED if there is none."""
     if item.command not in _COMMANDS[kind]:
         return UNSUPPORTED
     placed = kind != MISSION or item.command in PLACES
@@ -257,7 +256,7 @@ def refusal(kind: int, item: PlanItem, total: int) -> int:
 
 
 def plan_refusal(kind: int, items: tuple[PlanItem, ...]) -> int:
-    """Return why a complete plan cannot be taken, ACCEPTED when it can."""
+    """Return the reason to refuse a complete plan; ACCEPTED if there is none."""
     return ACCEPTED if kind != FENCE or well_formed(items) else INVALID_PARAM1
 
 
@@ -268,7 +267,7 @@ def mission_failures(
     parameters: ParameterTable,
     areas: Sequence[FenceArea],
 ) -> list[str]:
-    """Return why a mission cannot be flown from here: MIS_DIST_1WP, the geofence's `areas`; empty when it can."""
+    """Return why a mission cannot be flown from here (MIS_DIST_1WP, geofence with `areas`); empty if it can."""
     if not items:
         return ["no valid mission"]
     places = [(i, local_place(item, state, home)) for i, item in enumerate(items) if item.command in PLACES]
@@ -291,7 +290,7 @@ NAMES = {MISSION: "mission", FENCE: "fence", RALLY: "rally"}
 
 
 Int32 = Annotated[int, Meta(gt=-(1 << 31), lt=1 << 31)]
-StoredNumber = float | str  # a text for what JSON has no number for, as nan: not given
+StoredNumber = float | str  # a text if JSON has no such number, for example "nan" for a value that is not given
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -308,32 +307,32 @@ class StoredItem:
 
     @property
     def item(self) -> PlanItem:
-        """The item that is flown. Raises ValueError for a text that is no number."""
+        """The stored item as a PlanItem. Raises ValueError for a text that is not a number."""
         a, b, c, d = (float(value) for value in self.p)
         return PlanItem(self.command, self.frame, (a, b, c, d), self.x, self.y, float(self.z), self.autocontinue)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredPlans:
-    """The file of the plans in force."""
+    """The content of the plan file."""
 
     mission: tuple[StoredItem, ...] = ()
     fence: tuple[StoredItem, ...] = ()
     rally: tuple[StoredItem, ...] = ()
-    current: int = 0  # the mission's item that comes next
+    current: int = 0  # number of the next mission item
 
 
 class Plans:
-    """Items by MAV_MISSION_TYPE; `version` counts the replacements.
+    """The plans by MAV_MISSION_TYPE; `version` counts the replacements.
 
-    What is put in force is kept in `file` (JSON), if given; `unsaved` is the reason why the last change could not be,
-    None while all are. Raises UsageError when the file cannot be read or holds a plan that could not be uploaded.
+    Every change is saved in `file` (JSON), if given. `unsaved` is the reason if the last save failed, else None.
+    Raises UsageError if the file cannot be read or contains a plan that an upload would not accept.
     """
 
     def __init__(self, file: Path | None = None) -> None:
         self.items: dict[int, tuple[PlanItem, ...]] = dict.fromkeys(KINDS, ())
         self.version = 0
-        self.current = 0  # the mission's item that comes next, as last remembered
+        self.current = 0  # number of the next mission item, as of the last `remember`
         self.unsaved: str | None = None
         self._file = file
         if file is not None and file.exists():
@@ -352,7 +351,7 @@ class Plans:
         return self.items[RALLY]
 
     def replace(self, kind: int, items: tuple[PlanItem, ...]) -> bool:
-        """Put a plan in force. Returns whether it differs from the one before."""
+        """Replace a plan. Returns whether the new plan differs from the old one."""
         if _bits(items) == _bits(self.items[kind]):
             return False
         self.items[kind] = items
@@ -363,7 +362,7 @@ class Plans:
         return True
 
     def remember(self, current: int) -> None:
-        """Keep the number of the mission's item that comes next."""
+        """Store the number of the next mission item."""
         current = current if 0 <= current < len(self.mission) else 0
         if current != self.current:
             self.current = current
@@ -379,7 +378,7 @@ class Plans:
                 if len(items) > CAPACITY[kind] or any(result != ACCEPTED for result in results):
                     raise UsageError(f"{where}: the {name} could not be flown")
                 self.items[kind] = items
-        except (UsageError, ValueError) as error:  # a text that is no number
+        except (UsageError, ValueError) as error:  # ValueError: a text is not a number
             raise UsageError(f"{error}. Correct the file or delete it.") from error
         self.current = stored.current if 0 <= stored.current < len(self.mission) else 0
 
@@ -390,12 +389,12 @@ class Plans:
         try:
             write_text(self._file, json.dumps({**content, "current": self.current}, indent=1) + "\n")
             self.unsaved = None
-        except OSError as error:  # a full disk is no reason to stop flying
+        except OSError as error:  # a full disk must not stop the flight
             self.unsaved = error.strerror or "the disk refused"
 
 
 def _entry(item: PlanItem) -> dict[str, Any]:
-    """Return an item for the file. Numbers that JSON does not know (nan: not given) are texts."""
+    """Return an item for the file. Numbers that JSON does not have (nan: not given) become texts."""
     numbers = [value if abs(value) < float("inf") else str(value) for value in (*item.p, item.z)]
     return {
         "command": item.command, "frame": item.frame, "p": numbers[:4], "x": item.x, "y": item.y, "z": numbers[4],
@@ -404,4 +403,4 @@ def _entry(item: PlanItem) -> dict[str, Any]:
 
 
 def _bits(items: tuple[PlanItem, ...]) -> str:
-    return repr(items)  # nan parameters are equal as text, and unequal as numbers
+    return repr(items)  # nan parameters are equal as text, but not as numbers

@@ -1,7 +1,7 @@
-"""Failsafes: the table from condition to action, and the watch over an armed vehicle.
+"""Failsafes: a table of rules from conditions to actions, and the supervision of an armed vehicle.
 
-The most severe of several actions wins. The watch knows which failsafe is active, since when, and which ones the pilot
-has overruled. The pilot also takes over by moving the sticks (COM_RC_OVERRIDE, COM_RC_STICK_OV). Sources: PX4
+The most severe of several actions wins. `Supervision` stores the active failsafe, its start, and the causes that the
+pilot has overruled. The pilot also takes over by moving the sticks (COM_RC_OVERRIDE, COM_RC_STICK_OV). Sources: PX4
 docs/en/config/safety.md and the parameter reference.
 """
 
@@ -29,7 +29,7 @@ class Reaction(IntEnum):
 
     NONE = 0
     WARN = 1
-    STICKS = 2  # a manual mode; it descends when there is no stick input
+    STICKS = 2  # a manual mode; the vehicle descends if there is no stick input
     HOLD = 3
     RETURN = 4
     LAND = 5
@@ -39,22 +39,22 @@ class Reaction(IntEnum):
 
 
 class Conditions(NamedTuple):
-    """The inputs of the supervision, gathered by the commander."""
+    """The inputs of the rules."""
 
     mode: str  # the requested mode
     offboard_signal: bool
     sticks: bool  # whether there is stick input
-    sticks_lost_s: float  # s since the last MANUAL_CONTROL; nan when the flight began without sticks
-    station_lost_s: float  # s since the last ground station heartbeat; nan when there never was one
-    battery: float  # 0 … 1, nan when unknown
+    sticks_lost_s: float  # s since the last MANUAL_CONTROL; nan if the vehicle armed without sticks
+    station_lost_s: float  # s since the last ground station heartbeat; nan if there never was one
+    battery: float  # 0 … 1, nan if unknown
     battery_at_arming: float
     position_valid: bool
     velocity_valid: bool
     altitude_valid: bool
     flight_time_s: float
-    fence_breach: str  # which limit, empty when none
+    fence_breach: str  # the limit that is broken, empty if none
     attitude_failed: bool
-    just_armed: bool  # within COM_LKDOWN_TKO of the spool-up
+    just_armed: bool  # within COM_SPOOLUP_TIME + COM_LKDOWN_TKO of the arming
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,20 +63,20 @@ class Failsafe:
 
     cause: str = ""
     action: Reaction = Reaction.NONE
-    shown: str = ""  # the manual mode that STICKS shows
-    delayed: bool = True  # COM_FAIL_ACT_T of HOLD come first; not where the mode itself can no longer be flown
-    sticky: bool = False  # lasts until another mode is chosen, although the condition has passed
+    shown: str = ""  # the manual mode, if the action is STICKS
+    delayed: bool = True  # the vehicle first holds for COM_FAIL_ACT_T; False if the present mode can no longer fly
+    sticky: bool = False  # the action stays after the condition has ended, until another mode is chosen
 
 
 QUIET = Failsafe()
 FENCE_BREACHED, OFFBOARD_LOST, POSITION_LOST = "geofence breached", "offboard signal lost", "position lost"
-FLIGHT_TERMINATION_BREAKER = 121212  # CBRK_FLIGHTTERM: termination by the failure detector is switched off
+FLIGHT_TERMINATION_BREAKER = 121212  # CBRK_FLIGHTTERM: this value switches off the termination by the failure detector
 _LINK_ACTIONS = {1: Reaction.HOLD, 2: Reaction.RETURN, 3: Reaction.LAND, 5: Reaction.TERMINATE, 6: Reaction.DISARM}
 _OFFBOARD_ACTIONS = {3: Reaction.RETURN, 4: Reaction.LAND, 5: Reaction.HOLD, 6: Reaction.TERMINATE, 7: Reaction.DISARM}
 _OFFBOARD_STICKS = {0: "POSCTL", 1: "ALTCTL", 2: "STABILIZED"}
 _FENCE_ACTIONS = {1: Reaction.WARN, 2: Reaction.HOLD, 3: Reaction.RETURN, 4: Reaction.TERMINATE, 5: Reaction.LAND}
 _LANDING = frozenset({"LAND", "PRECLAND"})
-# a lost link stops no landing, and a take-off only once it has reached its height: it is safer there than at half of it
+# a lost link does not interrupt a landing or a take-off; after a take-off the mode changes, and the failsafe acts
 _NEAR_GROUND = _LANDING | {"TAKEOFF"}
 _AUTO = ("HOLD", "TAKEOFF", "LAND", "PRECLAND", "RETURN", "ORBIT", "FOLLOW")
 _EXEMPT_BIT = {"MISSION": 1, "OFFBOARD": 4} | dict.fromkeys(_AUTO, 2)  # COM_RCL_EXCEPT, COM_DLL_EXCEPT
@@ -109,7 +109,7 @@ def _station_loss(c: Conditions, p: ParameterTable) -> Failsafe:
 def _battery(c: Conditions, p: ParameterTable) -> Failsafe:
     emergency, critical, low = p["BAT_EMERGEN_THR"], p["BAT_CRIT_THR"], p["BAT_LOW_THR"]
     if not c.battery < low or (c.battery_at_arming < low and c.battery >= critical):
-        return QUIET  # a level that was there at arming is no news
+        return QUIET  # no warning if the battery was already low at arming
     acts = int(p["COM_LOW_BAT_ACT"])
     if c.battery < emergency and acts in (2, 3):
         return Failsafe("battery at emergency level", Reaction.LAND)
@@ -132,7 +132,7 @@ def _position_loss(c: Conditions, p: ParameterTable) -> Failsafe:
 
 
 def _no_such_mode(c: Conditions, p: ParameterTable) -> Failsafe:
-    """PX4 returns from a mode that cannot run, which only arming by force can begin."""
+    """Return home from an external mode, as PX4 does. Only a forced arming can start such a mode."""
     return Failsafe(UNREGISTERED, Reaction.RETURN, delayed=False) if c.mode in EXTERNAL_MODES else QUIET
 
 
@@ -172,12 +172,12 @@ TABLE: tuple[Callable[[Conditions, ParameterTable], Failsafe], ...] = (
 
 
 def evaluate(conditions: Conditions, parameters: ParameterTable, overridden: frozenset[str] = frozenset()) -> Failsafe:
-    """Return the most severe reaction due now. Causes in `overridden` (the pilot chose otherwise) only warn."""
+    """Return the most severe failsafe of all rules. Causes in `overridden` (the pilot chose another mode) only warn."""
     worst = QUIET
     for rule in TABLE:
         due = rule(conditions, parameters)
         if due.action == Reaction.RETURN and (conditions.mode == "RETURN" or conditions.mode in _LANDING):
-            due = Failsafe(due.cause, Reaction.WARN)  # it is on its way already
+            due = Failsafe(due.cause, Reaction.WARN)  # the vehicle already returns or lands
         if due.cause in overridden and Reaction.WARN < due.action < Reaction.DISARM:
             due = Failsafe(due.cause, Reaction.WARN)
         if due.action > worst.action:
@@ -186,9 +186,10 @@ def evaluate(conditions: Conditions, parameters: ParameterTable, overridden: fro
 
 
 def reaction(failsafe: Failsafe, intended: str, *, sticks: bool, position: bool, home: bool) -> tuple[str, str]:
-    """Return (mode shown, behaviour flown) for a failsafe, from what is available.
+    """Return (mode in HEARTBEAT, name of the behaviour to fly) for a failsafe.
 
-    A manual mode without sticks is shown all the same while the vehicle sinks at MPC_LAND_SPEED, as measured on PX4.
+    `sticks`, `position` and `home`: whether each is available. In a manual mode without sticks, HEARTBEAT shows that
+    mode while the vehicle descends at MPC_LAND_SPEED, as measured on PX4.
     """
     action = failsafe.action
     if action in (Reaction.NONE, Reaction.WARN, Reaction.STICKS, Reaction.DISARM):
@@ -204,7 +205,7 @@ def reaction(failsafe: Failsafe, intended: str, *, sticks: bool, position: bool,
 
 
 def seconds_since(now_us: int, stamp_us: int | None) -> float:
-    """Return the age in s, nan when it never happened."""
+    """Return the age (s) of a time stamp; nan if there is none."""
     return math.nan if stamp_us is None or stamp_us < 0 else (now_us - stamp_us) * 1e-6
 
 
@@ -213,25 +214,25 @@ AUTO_BIT, OFFBOARD_BIT = 1, 2  # COM_RC_OVERRIDE
 
 def overridable(mode: str, parameters: ParameterTable) -> bool:
     """Return whether stick movements may end this mode."""
-    if mode in STICK_MODES or mode in ("TERMINATION", "ORBIT"):  # sticks are part of an orbit
+    if mode in STICK_MODES or mode in ("TERMINATION", "ORBIT"):  # the sticks change the orbit
         return False
     bit = OFFBOARD_BIT if mode == "OFFBOARD" else AUTO_BIT
     return bool(int(parameters["COM_RC_OVERRIDE"]) & bit)
 
 
 class StickOverride:
-    """Compares the sticks with where they were when the mode began."""
+    """Detects stick movements: compares the sticks with their positions at the start of the mode."""
 
     def __init__(self) -> None:
         self._mode = ""
         self._reference: tuple[float, float, float, float] | None = None
 
     def forget(self) -> None:
-        """Take the next sticks for those with which a mode begins."""
+        """Use the next stick positions as the reference."""
         self._reference = None
 
     def moved(self, mode: str, sticks: Sticks, parameters: ParameterTable) -> bool:
-        """Return whether a fresh stick has moved by more than COM_RC_STICK_OV (% of full deflection) in this mode."""
+        """Return whether a stick has moved by more than COM_RC_STICK_OV (% of full deflection) in this mode."""
         now = (sticks.forward, sticks.right, sticks.yaw, 2.0 * sticks.throttle - 1.0)
         if mode != self._mode or self._reference is None:
             self._mode, self._reference = mode, now
@@ -241,18 +242,18 @@ class StickOverride:
 
 
 StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
-# causes that end with the mode or cannot be argued with: choosing another mode is not remembered against them
+# causes that the pilot cannot overrule: they end with the mode, or the vehicle has no other choice
 UNDENIABLE = frozenset({OFFBOARD_LOST, POSITION_LOST})
 DELAYED = frozenset({Reaction.RETURN, Reaction.LAND, Reaction.DESCEND})
 NAMES = {Reaction.HOLD: "Hold", Reaction.RETURN: "Return", Reaction.LAND: "Land", Reaction.DESCEND: "Descend"}
-LOOK_US = 100_000  # slow conditions (battery, links, fence) are looked at 10 times a second
+LOOK_US = 100_000  # slow conditions (battery, links, fence) are checked 10 times a second
 
 
 class Supervision:
-    """Follows the conditions of one flight.
+    """Decides on the failsafe of an armed vehicle.
 
-    `failsafe` is what the vehicle does now: HOLD for COM_FAIL_ACT_T, in which the pilot may choose another mode, and
-    then the action itself. `breach` is the geofence's limit that is broken, empty when none.
+    `failsafe` is the present reaction: HOLD for COM_FAIL_ACT_T, so that the pilot can choose another mode, and then the
+    action itself. `breach` is the broken limit of the geofence, empty if none.
     """
 
     def __init__(self, parameters: ParameterTable, send_text: StatusText) -> None:
@@ -273,18 +274,18 @@ class Supervision:
 
     @property
     def waiting(self) -> bool:
-        """True while the vehicle holds before the action of the failsafe."""
+        """True while the vehicle holds for COM_FAIL_ACT_T, before the action itself."""
         return self.failsafe.action != self._due.action
 
     def begin(self, flight: FlightContext) -> None:
-        """Start afresh with the arming of a vehicle."""
+        """Start the supervision at arming."""
         self.end()
         self._armed_us, self._looked_us = flight.state.time_us, 0
         self._armed_with_sticks = self.sticks_fresh(flight)
         self._battery_at_arming = battery(flight)
 
     def end(self) -> None:
-        """Forget everything with the disarming."""
+        """End the supervision at disarming."""
         self.failsafe = self._due = QUIET
         self.breach = ""
         self._waiting_since_us, self._overridden = None, frozenset()
@@ -292,18 +293,18 @@ class Supervision:
         self._accuracy.reset()
 
     def overrule(self) -> None:
-        """The pilot has chosen a mode: the present cause only warns until it has gone."""
+        """Overrule the present failsafe, because the pilot has chosen a mode: its cause only warns until it ends."""
         if self.failsafe.action > Reaction.WARN and self.failsafe.cause not in UNDENIABLE:
             self._overridden |= {self.failsafe.cause}
         self._due = QUIET if self._due.sticky else self._due
-        self._looked_us = 0  # the choice counts at once
+        self._looked_us = 0  # the next `look` checks the conditions at once
 
     def sticks_fresh(self, flight: FlightContext) -> bool:
-        """Return whether the sticks are held."""
+        """Return whether MANUAL_CONTROL arrived within COM_RC_LOSS_T."""
         return flight.sticks.fresh(flight.state.time_us, self._parameters["COM_RC_LOSS_T"])
 
     def look(self, flight: FlightContext, mode: str, offboard_signal: bool, takeoff_us: int) -> None:
-        """Follow one tick; `mode` is the one that was asked for, `takeoff_us` the lift-off (0 = none)."""
+        """Update with one tick. `mode` is the requested mode, `takeoff_us` the time of the lift-off (0 = none)."""
         now = flight.state.time_us
         urgent = (mode == "OFFBOARD" and not offboard_signal) or self.failsafe.cause == OFFBOARD_LOST
         if not urgent and now - self._looked_us < LOOK_US:
@@ -320,7 +321,7 @@ class Supervision:
         self._due, self.failsafe = due, in_force
         if due.action == Reaction.NONE:
             self._overridden = frozenset()
-        self._accuracy.look(flight.state)  # its limits hold from the next tick on
+        self._accuracy.look(flight.state)  # its limits apply from the next tick on
 
     def _in_force(self, now: int, due: Failsafe) -> Failsafe:
         if not (due.delayed and due.action in DELAYED):
@@ -367,6 +368,6 @@ class Supervision:
 
 
 def battery(flight: FlightContext) -> float:
-    """Return the remaining charge of the battery (0 … 1), nan when unknown."""
+    """Return the remaining charge of the battery (0 … 1); nan if unknown."""
     time_us, remaining = flight.state.battery()
     return remaining if time_us else math.nan

@@ -1,11 +1,11 @@
-"""One inertial sample through the cascade: setpoint and estimate in, actuator commands out.
+"""The control cascade: computes actuator commands from a setpoint and an estimate at every inertial sample.
 
-Rates run with every sample, attitude every 2 ms, position and velocity every 10 ms. Any value on the way that is not a
-number ends in the fallback, level at hover thrust, and never at a rotor.
+The rate loop runs at every sample, the attitude loop every 2 ms, the position and velocity loops every 10 ms. If an
+intermediate value is not finite, `fallback` commands level flight at hover thrust, so that no rotor gets that value.
 
-The attitude loop brings the thrust axis home first and the heading second (reduced attitude control), after
-Brescianini, Hehn, D'Andrea 2013, "Nonlinear quadrocopter attitude control". The derivative of the rate loop is on the
-filtered measurement.
+The attitude loop corrects the thrust axis first and the heading second (reduced attitude control), after Brescianini,
+Hehn, D'Andrea 2013, "Nonlinear quadrocopter attitude control". The derivative of the rate loop acts on the filtered
+measurement.
 """
 
 import math
@@ -29,16 +29,18 @@ from foundation.frames import GRAVITY, Quat, Vec3
 
 @njit(cache=True)
 def wanted_rates(params: Record, attitude: Quat, target: Quat, yaw_rate: float) -> Vec3:
-    """Return the body rates (rad/s) from `attitude` towards `target`, both FRD → NED, yaw_rate (rad/s) added about NED
-    down; each axis within its limit."""
+    """Return the body rates (rad/s) that turn `attitude` towards `target`, both FRD → NED.
+
+    `yaw_rate` (rad/s, about NED down) is added. Each axis is limited to `params.rate_max`.
+    """
     error = quat_multiply(quat_conjugate(attitude), target)
-    axis = rotate(error, (0.0, 0.0, 1.0))  # where the body's down axis has to go, in the body frame
-    half = math.sqrt(max(0.5 * (1.0 + axis[2]), 0.0))  # cosine of half the tilt to make good
-    over = (0.0, 1.0, 0.0, 0.0)  # upside down: over the side
+    axis = rotate(error, (0.0, 0.0, 1.0))  # target direction of the body's down axis, in the body frame
+    half = math.sqrt(max(0.5 * (1.0 + axis[2]), 0.0))  # cosine of half the tilt error
+    over = (0.0, 1.0, 0.0, 0.0)  # upside down: roll by 180°
     tilt = (half, -axis[1] / (2.0 * half), axis[0] / (2.0 * half), 0.0) if half > 1e-3 else over
     twist = quat_multiply(quat_conjugate(tilt), error)
     turn = twist[3] if twist[0] >= 0.0 else -twist[3]
-    turn = min(max(turn, -params.yaw_weight), params.yaw_weight)  # a large heading error must not starve roll and pitch
+    turn = min(max(turn, -params.yaw_weight), params.yaw_weight)  # a large heading error must not limit roll and pitch
     ahead = rotate_inverse(attitude, (0.0, 0.0, yaw_rate))
     p = params.attitude_p
     x = 2.0 * p[0] * tilt[1] + ahead[0]
@@ -48,12 +50,12 @@ def wanted_rates(params: Record, attitude: Quat, target: Quat, yaw_rate: float) 
     return min(max(x, -top[0]), top[0]), min(max(y, -top[1]), top[1]), min(max(z, -top[2]), top[2])
 
 
-RATE_PLAUSIBLE = 1000.0  # rad/s, beyond any gyro's range: the sample is nonsense and the filters start anew
+RATE_PLAUSIBLE = 1000.0  # rad/s; more is beyond any gyro's range: the sample is invalid, and the filters are reset
 
 
 @njit(cache=True)
 def filter_rates(params: Record, state: Record, rates: Grid, dt: float) -> None:
-    """Low-pass the measured rates and their derivative (IMU_GYRO_CUTOFF, IMU_DGYRO_CUTOFF)."""
+    """Low-pass filter the measured rates and their derivative (IMU_GYRO_CUTOFF, IMU_DGYRO_CUTOFF)."""
     first = dt * 2.0 * math.pi * params.gyro_cutoff_hz
     first = first / (1.0 + first)
     second = dt * 2.0 * math.pi * params.gyro_derivative_cutoff_hz
@@ -72,8 +74,8 @@ def filter_rates(params: Record, state: Record, rates: Grid, dt: float) -> None:
 def torque(params: Record, state: Record, dt: float, idle: bool) -> Vec3:
     """Return the normalised torque (roll, pitch, yaw), each in [-1, 1].
 
-    `state.torque_scale`, what the mixer achieved last time, stops an integral that would only push on a full actuator;
-    `idle` (on the ground) empties the integrals.
+    `state.torque_scale` is the share that the mixer achieved last time. Below 1, the actuators are saturated, and an
+    integral that would increase the torque stops. `idle` (on the ground or nearly without thrust) resets the integrals.
     """
     out = (0.0, 0.0, 0.0)
     x, y, z = out
@@ -99,16 +101,16 @@ def torque(params: Record, state: Record, dt: float, idle: bool) -> Vec3:
 
 OUTER_PERIOD_US = 10_000
 ATTITUDE_PERIOD_US = 2_000
-SHORTEST_S, LONGEST_S = 1e-4, 0.02  # s, bounds on a step so that a gap in the samples cannot make a spike
+SHORTEST_S, LONGEST_S = 1e-4, 0.02  # s, bounds of a time step, so that a gap in the samples causes no spike
 ACCELERATION_CUTOFF = 2.0 * math.pi * 10.0  # rad/s, for the velocity loop's derivative
-LIGHT = 0.3  # fraction of the hover thrust below which a vehicle stands or falls: its rate errors teach nothing
-ACCELERATION_PLAUSIBLE = 1000.0  # m/s², beyond any accelerometer's range
-ROTOR_LAG_S = 0.02  # s, how late thrust follows its command, for the hover estimate
+LIGHT = 0.3  # fraction of the hover thrust; below it the vehicle stands or falls, and the rate integrals are reset
+ACCELERATION_PLAUSIBLE = 1000.0  # m/s²; more is beyond any accelerometer's range
+ROTOR_LAG_S = 0.02  # s, lag of the thrust behind its command, for the estimate of the hover thrust
 
 
 @njit(cache=True)
 def fallback(params: Record, state: Record, estimate: Record) -> None:
-    """Ask for level flight on the present heading at hover thrust, and forget what may be poisoned."""
+    """Command level flight with the present heading at hover thrust, and reset every state that may not be finite."""
     q = estimate.attitude
     yaw = quat_yaw((q[0], q[1], q[2], q[3]))
     level = quat_from_euler(0.0, 0.0, yaw if math.isfinite(yaw) else 0.0)
@@ -134,7 +136,7 @@ def fallback(params: Record, state: Record, estimate: Record) -> None:
 
 @njit(cache=True)
 def outer(params: Record, state: Record, setpoint: Record, estimate: Record, ceiling: float, dt: float) -> None:
-    """Trajectory setpoint → attitude and thrust setpoint."""
+    """Compute the attitude and thrust setpoint from a trajectory setpoint. `ceiling` limits the thrust (0 … 1)."""
     q = estimate.attitude
     head(params, state, setpoint, quat_yaw((q[0], q[1], q[2], q[3])), dt)
     horizontal, vertical = steer(params, state, setpoint, estimate, dt)
@@ -158,7 +160,7 @@ def outer(params: Record, state: Record, setpoint: Record, estimate: Record, cei
 
 @njit(cache=True)
 def direct(params: Record, state: Record, setpoint: Record, estimate: Record, ceiling: float) -> None:
-    """Attitude or rate setpoint with its thrust, as given; what is not a number is replaced by level, still, hover."""
+    """Copy an attitude or rate setpoint and its thrust. Non-finite values become level, rate 0 and hover thrust."""
     thrust = setpoint.thrust
     if not math.isfinite(thrust):
         thrust = state.hover_thrust
@@ -187,7 +189,7 @@ def direct(params: Record, state: Record, setpoint: Record, estimate: Record, ce
 
 @njit(cache=True)
 def stop(params: Record, state: Record, setpoint: Record, actuators: Record) -> None:
-    """Rotors stopped (disarmed) or idling (armed); every memory of the last flight emptied."""
+    """Stop the rotors (disarmed) or let them idle (armed), and reset the state of the last flight."""
     for i in range(3):
         state.rate_integral[i] = 0.0
         state.velocity_integral[i] = 0.0
@@ -205,7 +207,10 @@ def stop(params: Record, state: Record, setpoint: Record, actuators: Record) -> 
 
 @njit(cache=True)
 def drive(params: Record, state: Record, estimate: Record, actuators: Record, dt: float) -> None:
-    """Rates setpoint and thrust → rotor commands, which are fractions of full speed: thrust goes with their square."""
+    """Compute the rotor commands from the rates setpoint and the thrust.
+
+    A command is a fraction of full speed; thrust is proportional to its square.
+    """
     roll, pitch, yaw = torque(
         params, state, dt, state.landed != 0 or state.thrust_setpoint < LIGHT * state.hover_thrust
     )
@@ -236,8 +241,7 @@ def drive(params: Record, state: Record, estimate: Record, actuators: Record, dt
 
 @njit(cache=True)
 def update(params: Record, state: Record, setpoint: Record, estimate: Record, actuators: Record) -> None:
-    """Run what is due for the inertial sample of `estimate.time_us` and write `actuators` and the setpoint fields of
-    `estimate`."""
+    """Run the loops that are due at `estimate.time_us`; write `actuators` and the setpoint fields of `estimate`."""
     time_us = estimate.time_us
     dt = min(max((time_us - state.time_us) * 1e-6, SHORTEST_S), LONGEST_S)
     state.time_us = time_us
@@ -283,7 +287,7 @@ def update(params: Record, state: Record, setpoint: Record, estimate: Record, ac
 
 @njit(cache=True)
 def measure(state: Record, estimate: Record, dt: float) -> None:
-    """Low-pass the measured acceleration (NED, gravity removed)."""
+    """Low-pass filter the measured acceleration (NED, gravity removed)."""
     q, s = estimate.attitude, estimate.accel_frd
     x, y, z = rotate((q[0], q[1], q[2], q[3]), (s[0], s[1], s[2]))
     weight = dt * ACCELERATION_CUTOFF

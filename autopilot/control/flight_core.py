@@ -1,4 +1,4 @@
-"""The compiled inner loop of one flight controller: sensors in, actuators and estimate out, once per millisecond."""
+"""The compiled inner loop of one flight controller: it updates estimate and actuators every millisecond."""
 
 from typing import NamedTuple
 
@@ -34,13 +34,13 @@ def update(
     actuators: Record,
 ) -> None:
     """Run the estimator and, on a new inertial sample, the cascade. Arguments: `FlightCore.kernel_args`."""
-    on_ground = setpoint.armed == 0  # a vehicle whose rotors are stopped stands, unless a receiver says otherwise
+    on_ground = setpoint.armed == 0  # without a fix, a disarmed vehicle is assumed to stand still
     if estimate_motion(filter_params, filter_state, covariance, history, sensors, estimate, on_ground):
         control(params, state, setpoint, estimate, actuators)
 
 
 def empty_setpoint() -> np.void:
-    """Return a SETPOINT record that asks for nothing: disarmed, no axis controlled, no limit of its own."""
+    """Return an empty SETPOINT record: disarmed, no axis controlled, no limits."""
     setpoint: np.void = np.zeros(1, SETPOINT)[0]
     for name in SETPOINT.names or ():
         if SETPOINT[name].base.kind == "f":
@@ -51,7 +51,7 @@ def empty_setpoint() -> np.void:
 
 
 class CoreArguments(NamedTuple):
-    """The arguments of `update`, of one flight controller."""
+    """The arguments of `update` for one flight controller."""
 
     params: np.void  # CONTROL_PARAMS
     state: np.void  # CONTROL_STATE
@@ -66,19 +66,19 @@ class CoreArguments(NamedTuple):
 
 
 class FlightCore:
-    """Estimator and cascade of one vehicle with the records through which the commander talks to them.
+    """The estimator and the cascade of one vehicle, and the records that they share with the commander.
 
-    setpoint: SETPOINT, written by the commander. estimate: ESTIMATE, read by it. state["landed"]: may be written by it,
-    1 while the vehicle is known to stand with armed rotors, so that the integrals rest. params, filter_params: gains,
-    limits and noise figures.
+    The commander writes `setpoint` (SETPOINT) and reads `estimate` (ESTIMATE). It sets `state["landed"]` to 1 while the
+    armed vehicle stands on the ground, which resets the integrals. `params` and `filter_params` hold gains, limits and
+    noise figures.
     """
 
     def __init__(
         self, airframe: Airframe, *, declination_rad: float = 0.0558, overrides: dict[str, float] | None = None
     ) -> None:
-        """Design the gains of `airframe`; declination (rad, east positive) belongs to where it flies.
+        """Design the gains of `airframe`. `declination_rad` (east positive) is that of the place of the flight.
 
-        overrides: PX4 parameter names with values that replace the defaults. Raises UsageError for an airframe that
+        `overrides` has values of PX4 parameters that replace the defaults. Raises UsageError for an airframe that
         cannot be controlled or a parameter that does not exist.
         """
         self.airframe = airframe
@@ -109,16 +109,16 @@ class FlightCore:
         )  # fmt: skip
 
     def parameter_defaults(self) -> dict[str, float]:
-        """Return every PX4 parameter that the core honours with this airframe's default, in PX4's units."""
+        """Return every PX4 parameter of the core with its default for this airframe, in PX4's units."""
         return dict(self._defaults)
 
     def get_parameter(self, name: str) -> float:
-        """Return the value in force, in PX4's unit. Raises UsageError for a parameter the core does not have."""
+        """Return the present value in PX4's unit. Raises UsageError for a parameter that the core does not have."""
         return gains.read(self.params, name)
 
     def set_parameter(self, name: str, value: float) -> float:
-        """Set a PX4 parameter at any time and return the value that holds, bounded to its range.
+        """Set a PX4 parameter, at any time; return the value that is set: `value` within the parameter's range.
 
-        Raises UsageError for a parameter the core does not have or a value that is not finite.
+        Raises UsageError for a parameter that the core does not have, or a value that is not finite.
         """
         return gains.write(self.params, name, value)

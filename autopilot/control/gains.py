@@ -32,11 +32,11 @@ CONTROL_PARAMS = np.dtype(
         ("tilt_max", "f8"),  # rad
         ("thrust_min", "f8"),  # 0 … 1, collective, in the air
         ("thrust_max", "f8"),  # 0 … 1
-        ("thrust_horizontal_margin", "f8"),  # 0 … 1, kept for the horizontal when thrust saturates
+        ("thrust_horizontal_margin", "f8"),  # 0 … 1, reserved for the horizontal force when thrust saturates
         ("hover_thrust", "f8"),  # 0 … 1, from the airframe's constants
         ("yaw_rate_auto_max", "f8"),  # rad/s, while turning to a yaw setpoint
-        ("velocity_lag", "f8", (3,)),  # s, how late an acceleration follows its setpoint
-        ("yaw_lag", "f8"),  # s, how late the yaw rate follows its setpoint
+        ("velocity_lag", "f8", (3,)),  # s, lag of the acceleration behind its setpoint
+        ("yaw_lag", "f8"),  # s, lag of the yaw rate behind its setpoint
         ("attitude_p", "f8", (3,)),  # 1/s, roll pitch yaw
         ("yaw_weight", "f8"),  # 0 … 1
         ("rate_max", "f8", (3,)),  # rad/s
@@ -57,8 +57,8 @@ CONTROL_PARAMS = np.dtype(
 
 CONTROL_STATE = np.dtype(
     [
-        ("landed", "i8"),  # input: 1 while the armed vehicle stands on the ground; the integrals then rest
-        ("time_us", "i8"),  # inertial sample last acted on
+        ("landed", "i8"),  # input: 1 while the armed vehicle stands on the ground, which resets the integrals
+        ("time_us", "i8"),  # time of the newest inertial sample
         ("outer_time_us", "i8"),  # when the position and velocity loops last ran
         ("attitude_time_us", "i8"),
         ("kind", "i8"),  # setpoint kind of the last tick
@@ -67,14 +67,14 @@ CONTROL_STATE = np.dtype(
         ("velocity_expected", "f8", (3,)),  # m/s, velocity of a vehicle that follows the reference with velocity_lag
         ("acceleration_expected", "f8", (3,)),  # m/s², derivative of velocity_expected
         ("velocity_integral", "f8", (3,)),  # m/s²
-        ("free_integral", "f8", (3,)),  # m/s², velocity_integral while the velocity followed its setpoint, low-passed
+        ("free_integral", "f8", (3,)),  # m/s², velocity_integral while the velocity followed its setpoint, filtered
         ("tried_integral", "f8", (3,)),  # m/s², velocity_integral before the latest increase, which is being tested
         ("tried_error", "f8"),  # m/s, velocity error before that increase
-        ("blocked_s", "f8"),  # s since a larger integral was found to move nothing, as at a wall; 0: not blocked
+        ("blocked_s", "f8"),  # s since the vehicle was found to push against an obstacle; 0: not blocked
         ("blocked_way", "f8", (3,)),  # unit vector, NED, direction of the push against the obstacle
         ("unexplained", "f8", (6,)),  # m/s², rad/s², FRD, accelerations that the rotors do not explain, filtered
         ("unexplained_slow", "f8", (6,)),  # the slow part of `unexplained`, such as wind
-        ("torque_filtered", "f8", (3,)),  # normalised, as the rotors follow it
+        ("torque_filtered", "f8", (3,)),  # normalised, with the lag of the rotors
         ("untouched_s", "f8"),  # s since the last knock
         ("acceleration_filtered", "f8", (3,)),  # m/s², NED, measured
         ("yaw_reference", "f8"),  # rad, yaw setpoint of the attitude loop; follows yaw_rate_expected
@@ -86,10 +86,10 @@ CONTROL_STATE = np.dtype(
         ("rates_filtered", "f8", (3,)),
         ("rates_derivative", "f8", (3,)),
         ("rate_integral", "f8", (3,)),
-        ("torque", "f8", (3,)),  # normalised, what the mixer achieved
-        ("torque_scale", "f8", (3,)),  # 0 … 1, achieved over wanted
+        ("torque", "f8", (3,)),  # normalised, as achieved by the mixer
+        ("torque_scale", "f8", (3,)),  # 0 … 1, achieved torque over demanded torque
         ("hover_thrust", "f8"),  # 0 … 1, running estimate
-        ("thrust_filtered", "f8"),  # 0 … 1, collective as the rotors follow it
+        ("thrust_filtered", "f8"),  # 0 … 1, collective with the lag of the rotors
         ("not_finite", "i8"),  # number of steps whose result was not a number, so that the fallback flew
     ],
     align=True,
@@ -159,7 +159,7 @@ GAINS: dict[str, GainField] = {
 
 
 def default_parameters(gains: Gains, allocation: Allocation, rotors: int) -> np.void:
-    """Return one CONTROL_PARAMS record: gains from the design, limits at PX4's defaults where it has them.
+    """Return one CONTROL_PARAMS record: gains from the design, and PX4's default limits if it has them.
 
     Two limits differ from PX4 1.15 on purpose. MPC_JERK_MAX is 40 instead of 8 m/s³: a real PX4 does not smooth
     offboard velocity setpoints at all, and half a second after a setpoint of 2 m/s it flies 1.4 m/s. MPC_YAWRAUTO_MAX

@@ -1,7 +1,7 @@
-"""Design of an airframe's gains from its constants by loop shaping, with Bode plots and step responses of the loops.
+"""Designs an airframe's gains from its constants by loop shaping; draws Bode plots and step responses of the loops.
 
 Each loop is a function L(s) of the complex frequency: controller, actuator lag, filters, transport delay and the closed
-loop inside it. The rate loops are made as fast as their margins allow, the outer loops a fixed ratio slower each. Every
+loop inside it. The rate loops are as fast as their margins allow. Each outer loop is slower by a fixed ratio. Every
 loop of every design has at least 45° of phase margin and 6 dB of gain margin.
 """
 
@@ -28,16 +28,16 @@ PHASE_MARGIN_MIN = 45.0  # deg
 GAIN_MARGIN_MIN = 6.0  # dB
 FREQUENCIES = np.geomspace(0.01, 1500.0, 3000)  # rad/s
 
-RATE_DELAY_S = 0.002  # sampling, computing and holding at 1 kHz
-OUTER_DELAY_S = 0.015  # holding at 100 Hz and the estimator's smoothing
-RATE_PHASE_MARGIN = 60.0  # deg, aimed at: a sagging battery or a payload may take some
-RATE_GAIN_MARGIN = 9.0  # dB, aimed at
+RATE_DELAY_S = 0.002  # delay of sampling, computing and holding at 1 kHz
+OUTER_DELAY_S = 0.015  # delay of holding at 100 Hz and of the estimator's smoothing
+RATE_PHASE_MARGIN = 60.0  # deg, design target; a weak battery or a payload may reduce the margin
+RATE_GAIN_MARGIN = 9.0  # dB, design target
 ATTITUDE_RATIO = 3.5  # rate crossover over attitude gain
-ATTITUDE_P_MAX = 8.0  # 1/s: faster tilting only feeds the outer loops' noise to the rotors
-YAW_CROSSOVER_MAX = 8.0  # rad/s: yaw torque is weak, and spent last by the mixer
-VELOCITY_RATIO = 3.2  # attitude gain over velocity gain, so 2.0 at the attitude gain of an X500
+ATTITUDE_P_MAX = 8.0  # 1/s; a higher gain only passes noise of the outer loops to the rotors
+YAW_CROSSOVER_MAX = 8.0  # rad/s; yaw torque is weak, and has the lowest priority in the mixer
+VELOCITY_RATIO = 3.2  # attitude gain over velocity gain; the velocity gain of an X500 is then 2.0
 VELOCITY_P_MAX = (2.0, 2.0, 4.0)  # 1/s; PX4's MPC_XY_VEL_P_ACC 1.8, MPC_Z_VEL_P_ACC 4
-ROTOR_FLOOR = 0.01  # least thrust fraction the mixer asks of a rotor that has no idle speed
+ROTOR_FLOOR = 0.01  # least thrust fraction of a rotor without an idle speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +45,13 @@ class Margin:
     """The stability margins of a loop."""
 
     phase_deg: float
-    gain_db: float  # inf where the phase never reaches -180°
+    gain_db: float  # inf if the phase never reaches -180°
     crossover: float  # rad/s
 
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """The cascade's constants of an airframe; roll, pitch, yaw or north, east, down order."""
+    """The gains of the cascade for an airframe. Vectors are in the order roll, pitch, yaw or north, east, down."""
 
     rate_p: Vec3  # rad/s² per rad/s
     rate_i: Vec3  # rad/s² per rad
@@ -61,8 +61,8 @@ class Gains:
     velocity_i: Vec3  # m/s² per m
     velocity_d: Vec3  # m/s² per m/s²
     position_p: Vec3  # 1/s
-    velocity_lag: Vec3  # s, how late an acceleration follows its setpoint
-    yaw_lag: float  # s, how late the yaw rate follows its setpoint
+    velocity_lag: Vec3  # s, lag of the acceleration behind its setpoint
+    yaw_lag: float  # s, lag of the yaw rate behind its setpoint
     gyro_cutoff_hz: float
     gyro_derivative_cutoff_hz: float
     acceleration_max: Vec3  # rad/s², angular acceleration of a normalised torque of 1
@@ -77,7 +77,7 @@ def lag(time_constant: float) -> Response:
 
 
 def rotor_lag(airframe: Airframe) -> float:
-    """Return one time constant (s) for spinning up and down."""
+    """Return the mean time constant (s) of spinning up and down."""
     return 0.5 * (airframe.curve.time_constant_up_s + airframe.curve.time_constant_down_s)
 
 
@@ -87,9 +87,9 @@ def hover_thrust(airframe: Airframe) -> float:
 
 
 def yaw_lead(airframe: Airframe) -> float:
-    """Return the time constant (s) of the lead that spinning up a rotor's own inertia adds to its drag torque.
+    """Return the lead (s) of the yaw torque: a rotor's inertia adds torque to its drag while its speed changes.
 
-    Torque per speed about hover is 2 kq ω + J s, so the lead is J / (2 kq ω).
+    Near hover the torque per rotor speed is 2 kq ω + J s, so the lead is J / (2 kq ω).
     """
     speed = airframe.curve.speed_max * math.sqrt(hover_thrust(airframe))
     return airframe.curve.inertia / (2.0 * airframe.curve.torque_coefficient * speed)
@@ -126,7 +126,7 @@ def attitude_loop(p: float, rate: Response) -> Response:
 
 
 def velocity_loop(p: float, i: float, d: float, inner: Response) -> Response:
-    """Return L(s) of a velocity PID around the loop or lag that makes its acceleration."""
+    """Return L(s) of a velocity PID around `inner`, the loop or lag that produces the acceleration."""
     measured = lag(1 / (2 * math.pi * 10.0))  # the cascade's filter of the measured acceleration
     return lambda s: (p + i / s + d * s * measured(s)) / s * inner(s) * np.exp(-OUTER_DELAY_S * s)
 
@@ -134,8 +134,8 @@ def velocity_loop(p: float, i: float, d: float, inner: Response) -> Response:
 def position_loop(p: float, velocity: Response, inner: Response, expected: float) -> Response:
     """Return L(s) of a position P around the smoothing of its velocity setpoint and a velocity loop with feed-forward.
 
-    The smoothed reference r drives the acceleration with s r and the feedback C with r / (T s + 1), T the expected lag,
-    so with G what makes the acceleration and L = C G / s the velocity is (G + L / (T s + 1)) / (1 + L) r.
+    The smoothed reference r gives the feed-forward s r. The feedback C gets r / (T s + 1), where T is `expected` (s).
+    With G = `inner` and L = C G / s, the velocity is (G + L / (T s + 1)) / (1 + L) r.
     """
     smoothing, late = lag(1.0 / RESPONSE), lag(expected)
     return lambda s: (
@@ -144,11 +144,11 @@ def position_loop(p: float, velocity: Response, inner: Response, expected: float
 
 
 def margin(loop: Response, frequencies: NDArray[np.float64] = FREQUENCIES) -> Margin:
-    """Return the smallest phase and gain margin of a loop over its crossings; nan phase when it never crosses 0 dB."""
+    """Return the smallest phase and gain margin over all crossings of a loop; nan phase if it never crosses 0 dB."""
     value = loop(1j * frequencies)
     gain = 20.0 * np.log10(np.abs(value))
     phase = np.degrees(np.unwrap(np.angle(value)))
-    phase -= 360.0 * round((phase[0] + 135.0) / 360.0)  # one or two integrators: between -90° and -180° at the start
+    phase -= 360.0 * round((phase[0] + 135.0) / 360.0)  # with one or two integrators it begins at -90° to -180°
     crossings = np.flatnonzero(gain[:-1] * gain[1:] < 0.0)
     phases, where = [], math.nan
     for k in crossings:
@@ -164,8 +164,8 @@ def margin(loop: Response, frequencies: NDArray[np.float64] = FREQUENCIES) -> Ma
 
 
 def shape_rate(airframe: Airframe, cutoff_hz: float, derivative_hz: float, yaw: bool) -> tuple[float, float, float]:
-    """Return (p, i, d) of the fastest rate loop that keeps the aimed margins."""
-    lead = 0.0 if yaw else 0.6 * rotor_lag(airframe)  # s, derivative time: undoes most of the rotor lag
+    """Return (p, i, d) of the fastest rate loop with the target margins. Raises UsageError if there is none."""
+    lead = 0.0 if yaw else 0.6 * rotor_lag(airframe)  # s, derivative time: compensates most of the rotor lag
     top = YAW_CROSSOVER_MAX if yaw else 1.0 / rotor_lag(airframe)
     for p in np.geomspace(top, 0.02 * top, 120):
         i, d = (0.05 if yaw else 0.15) * p * p, lead * p
@@ -200,9 +200,9 @@ def loops(airframe: Airframe, gains: Gains) -> dict[str, Response]:
 
 @lru_cache(maxsize=32)
 def design(airframe: Airframe) -> Gains:
-    """Return the gains of an airframe with the margins they leave.
+    """Return the gains of an airframe, with the margins of its loops.
 
-    Raises UsageError when it cannot be controlled or a loop keeps less than 45° or 6 dB.
+    Raises UsageError if the airframe cannot be controlled, or a loop has less than 45° or 6 dB of margin.
     """
     share = allocation(airframe)
     hover = hover_thrust(airframe)
@@ -211,7 +211,7 @@ def design(airframe: Airframe) -> Gains:
             f"airframe {airframe.name!r} hovers at {hover:.0%} of its full thrust. It needs between 5 % and 80 %;"
             " check its mass and rotors"
         )
-    # filters a decade above the fastest crossover that the rotors allow, within what PX4 uses
+    # filter cutoffs are a decade above the fastest crossover that the rotors allow, within PX4's usual range
     cutoff_hz = min(max(1.6 / rotor_lag(airframe), 60.0), 120.0)
     derivative_hz = min(max(1.0 / rotor_lag(airframe), 30.0), 80.0)
     level = shape_rate(airframe, cutoff_hz, derivative_hz, yaw=False)
@@ -256,7 +256,7 @@ def design(airframe: Airframe) -> Gains:
 def margins_by_control(airframe: Airframe, gains: Gains) -> dict[str, Margin]:
     """Return the margins of every loop as python-control computes them from the same frequency responses.
 
-    An independent check of `margin`; importing python-control takes a second, so it is not part of `design`.
+    This is an independent check of `margin`. Importing python-control takes a second, so it is not part of `design`.
     """
     import control
 
@@ -270,7 +270,7 @@ def margins_by_control(airframe: Airframe, gains: Gains) -> dict[str, Margin]:
 
 Array = NDArray[np.float64]
 
-SAMPLES = 1 << 16  # of the inverse transform: 4 ms resolution, or finer, over the slowest loop
+SAMPLES = 1 << 16  # of the inverse transform: a resolution of 4 ms or finer for the slowest loop
 GROUPS = (
     ("rate", ("roll rate", "yaw rate")),
     ("attitude", ("roll attitude", "yaw attitude")),
@@ -282,8 +282,8 @@ GROUPS = (
 def step_response(loop: Response, crossover: float) -> tuple[Array, Array]:
     """Return (time in s, output) of the closed loop to a unit step.
 
-    From the frequency response, which holds the transport delays exactly: the response to a square wave whose half
-    period is sixty times the loop's own time, as a Fourier series over its odd harmonics, damped against Gibbs' ripple.
+    It is computed from the frequency response, which contains the transport delays exactly. The input is a square wave
+    with a half period of 60 / crossover. The output is a Fourier series of odd harmonics, damped against Gibbs' ripple.
     """
     half = 60.0 / crossover
     harmonic = np.arange(1, SAMPLES // 8, 2)
@@ -298,7 +298,7 @@ def step_response(loop: Response, crossover: float) -> tuple[Array, Array]:
 
 
 def step_figures(airframe: Airframe, gains: Gains) -> dict[str, dict[str, float]]:
-    """Return by loop: bandwidth_rad_s (closed loop, -3 dB), rise_s (10 to 90 %) and overshoot_percent of its step."""
+    """Return by loop: bandwidth_rad_s (closed loop, -3 dB), rise_s (10 to 90 %) and overshoot_percent of the step."""
     result = {}
     for name, loop in loops(airframe, gains).items():
         time, output = step_response(loop, gains.margins[name].crossover)

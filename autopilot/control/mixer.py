@@ -1,7 +1,7 @@
-"""From an acceleration and a yaw to an attitude and a collective thrust, and from a torque and that to rotor commands.
+"""Computes attitude and collective thrust from an acceleration and a yaw, and rotor commands from torque and thrust.
 
-Any rotor geometry gives a matrix from rotor thrusts to (roll, pitch, yaw torque, collective); its pseudo-inverse
-distributes a demand. When a rotor would leave its range, roll and pitch are kept first, then the collective, then yaw.
+The rotor geometry gives a matrix from rotor thrusts to (roll, pitch, yaw torque, collective). Its pseudo-inverse
+distributes a demand. If a rotor would leave its range, roll and pitch have priority, then the collective, then yaw.
 """
 
 import math
@@ -18,12 +18,15 @@ from foundation.frames import GRAVITY, Quat, Vec3
 from foundation.sensors import MAX_ROTORS
 
 HOVER_TIME_S = 3.0  # time constant of the hover thrust estimate: batteries sag slowly
-LEAST_LIFT = 0.2 * GRAVITY  # m/s²: the thrust vector never points down, however fast the descent
+LEAST_LIFT = 0.2 * GRAVITY  # m/s²; the thrust vector always points up, also in a fast descent
 
 
 @njit(cache=True)
 def limit_force(params: Record, hover_thrust: float, ceiling: float, acceleration: Vec3) -> Vec3:
-    """Return the specific force (NED, m/s²) to ask of the rotors: tilt limited, the vertical before the horizontal."""
+    """Return the specific force (NED, m/s²) of the rotors, within tilt and thrust limits; vertical force has priority.
+
+    A thrust of `thrust_horizontal_margin` is reserved for the horizontal force.
+    """
     per_thrust = GRAVITY / hover_thrust  # m/s² at full collective
     top = min(params.thrust_max, ceiling) * per_thrust
     bottom = max(params.thrust_min * per_thrust, LEAST_LIFT)
@@ -47,9 +50,9 @@ def limit_force(params: Record, hover_thrust: float, ceiling: float, acceleratio
 
 @njit(cache=True)
 def attitude_of(force: Vec3, yaw: float) -> Quat:
-    """Return the attitude whose rotors push along `force` (NED, not zero) and whose Euler yaw is `yaw` (rad).
+    """Return the attitude in which the rotors push along `force` (NED, not zero) and the Euler yaw is `yaw` (rad).
 
-    With b the down axis turned back by the yaw, b = (sin p cos r, -sin r, cos p cos r).
+    The body's down axis, rotated back by the yaw, is b = (sin p cos r, -sin r, cos p cos r).
     """
     n = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
     bx, by, bz = -force[0] / n, -force[1] / n, -force[2] / n
@@ -62,7 +65,7 @@ def attitude_of(force: Vec3, yaw: float) -> Quat:
 
 @njit(cache=True)
 def track_hover(params: Record, state: Record, estimate: Record, dt: float) -> None:
-    """Follow the collective thrust that carries the weight: thrust over measured lift, where both are well known."""
+    """Update the estimate of the hover thrust from the ratio of thrust to measured lift, if both are reliable."""
     if state.landed != 0 or state.thrust_filtered < 0.05 or state.blocked_s > 0.0:
         return
     lift = -estimate.accel_frd[2]
@@ -70,7 +73,7 @@ def track_hover(params: Record, state: Record, estimate: Record, dt: float) -> N
         return
     sample = state.thrust_filtered * GRAVITY / lift
     if not 0.6 * state.hover_thrust < sample < 1.6 * state.hover_thrust:
-        return  # the ground carries a part of the weight, or something hit
+        return  # the ground carries a part of the weight, or the vehicle hit something
     low, high = 0.5 * params.hover_thrust, min(2.0 * params.hover_thrust, 0.95)
     step = dt / HOVER_TIME_S * (sample - state.hover_thrust)
     state.hover_thrust = min(max(state.hover_thrust + step, low), high)
@@ -78,19 +81,19 @@ def track_hover(params: Record, state: Record, estimate: Record, dt: float) -> N
 
 @dataclass(frozen=True, slots=True)
 class Allocation:
-    """The share of an airframe's rotors in a demand."""
+    """The distribution of a demand to the rotors of an airframe."""
 
     effectiveness: NDArray[np.float64]  # (4, n) roll, pitch, yaw torque (N·m), collective (N) per N of a rotor
     mix: NDArray[np.float64]  # (MAX_ROTORS, 4) rotor thrust fraction per normalised torque and per collective fraction
-    torque_max: tuple[float, float, float]  # N·m that a normalised torque of 1 stands for
-    thrust_max: float  # N that a collective of 1 stands for
+    torque_max: tuple[float, float, float]  # N·m of a normalised torque of 1
+    thrust_max: float  # N of a collective of 1
 
 
 def allocation(airframe: Airframe) -> Allocation:
     """Return the allocation of an airframe.
 
-    A normalised torque of 1 moves the rotor that it moves most by half its range. Raises UsageError when the rotors
-    cannot make all four of roll, pitch, yaw and lift.
+    A normalised torque of 1 changes the thrust of the most affected rotor by half its range. Raises UsageError if the
+    rotors cannot control roll, pitch, yaw and lift independently.
     """
     count = len(airframe.rotors)
     if not 4 <= count <= MAX_ROTORS:
@@ -137,7 +140,7 @@ def mix(
     """Write rotor thrust fractions in [floor, 1] and return (achieved roll-pitch scale, yaw scale, collective).
 
     matrix (MAX_ROTORS, 4) as in `Allocation`, roll, pitch, yaw in [-1, 1], thrust in [0, 1]; fractions (MAX_ROTORS,) is
-    the output. Without airmode the collective may fall for the sake of roll and pitch, never rise.
+    the output. For roll and pitch the collective may be lowered; it is raised above idle only with airmode.
     """
     thrust = min(max(thrust, 0.0), 1.0)
     # roll and pitch: the largest share for which some collective keeps every rotor in range
@@ -151,7 +154,7 @@ def mix(
         room = (1.0 - floor) / matrix[i, 3]
         if share * spread > room:
             share = room / spread
-    # collective: the nearest to the one asked for
+    # collective: the nearest to the demand
     low, high, idle = 0.0, 1e9, 0.0
     for i in range(rotors):
         idle = max(idle, floor / matrix[i, 3])
@@ -167,7 +170,7 @@ def mix(
                 share = max((floor - collective * matrix[i, 3]) / fractions[i], 0.0)
     for i in range(rotors):
         fractions[i] = share * fractions[i] + collective * matrix[i, 3]
-    # yaw: what is left
+    # yaw: the largest share that keeps every rotor in range
     turn = 1.0
     for i in range(rotors):
         step = matrix[i, 2] * yaw

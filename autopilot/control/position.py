@@ -1,6 +1,6 @@
-"""Position P, velocity PID and heading: from a trajectory setpoint to an acceleration and a yaw.
+"""Position P, velocity PID and heading: computes an acceleration and a yaw from a trajectory setpoint.
 
-A velocity setpoint is first smoothed into one that a vehicle can follow: bounded acceleration and jerk.
+A velocity setpoint is first smoothed, with bounded acceleration and jerk, so that the vehicle can follow it.
 """
 
 import math
@@ -9,13 +9,16 @@ from autopilot.records import quat_yaw, wrap_pi
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
-RESPONSE = 5.0  # 1/s, how fast the last metre per second is closed; well above the velocity loop's own bandwidth
+RESPONSE = 5.0  # 1/s, rate at which a small velocity gap closes; well above the bandwidth of the velocity loop
 
 
 @njit(cache=True)
 def braking_speed(distance: float, gain: float, acceleration: float) -> float:
-    """Return the speed (m/s) towards a point `distance` (m) away: gain · distance close by, and further out no more
-    than what constant braking at `acceleration` (m/s²) can still stop."""
+    """Return the speed (m/s) towards a point `distance` (m) away.
+
+    It is gain · distance near the point. Farther away it is the speed from which the vehicle can still stop with
+    `acceleration` (m/s²).
+    """
     linear = acceleration / (gain * gain)
     if distance <= linear:
         return gain * distance
@@ -24,7 +27,7 @@ def braking_speed(distance: float, gain: float, acceleration: float) -> float:
 
 @njit(cache=True)
 def wanted_acceleration(gap: float, limit: float, jerk: float) -> float:
-    """Return the acceleration (m/s²) with which to close a velocity gap (m/s, ≥ 0) so that it can fade in time."""
+    """Return the acceleration (m/s²) that closes a velocity gap (m/s, ≥ 0) and can end in time within `jerk`."""
     return min(limit, min(RESPONSE * gap, math.sqrt(2.0 * jerk * gap)))
 
 
@@ -59,49 +62,49 @@ def slew_vertical(state: Record, down: float, limit_up: float, limit_down: float
 
 @njit(cache=True)
 def expect(params: Record, state: Record, dt: float) -> None:
-    """Advance the velocity that a vehicle following the reference's acceleration with its lag has by now.
+    """Advance the expected velocity: that of a vehicle that follows the reference with the lag `velocity_lag`.
 
-    The velocity error is taken against it: the feedback then corrects disturbances only and not the lag, which would
-    make it overshoot.
+    The velocity error is the difference from the expected velocity. So the feedback corrects only disturbances. If it
+    also corrected the lag, the velocity would overshoot.
     """
     for i in range(3):
         share = dt / (params.velocity_lag[i] + dt)
         a, v = state.acceleration_expected, state.velocity_expected
         a[i] += share * (state.acceleration_reference[i] - a[i])
-        # leaking into the reference, so that rounding and clipped steps do not remain
+        # the pull towards the reference removes errors of rounding and of clipped time steps
         v[i] += (a[i] + 0.5 * (state.velocity_reference[i] - params.velocity_lag[i] * a[i] - v[i])) * dt
 
 
-YAW_LEAD_MAX = math.radians(30.0)  # a yaw rate setpoint may run this far ahead of a vehicle that cannot follow
-YAW_GAIN = 3.0  # 1/s, how fast the last degrees to a yaw setpoint are turned
-YAW_ACCELERATION = 2.5  # rad/s²: yaw torque is weak, a faster start would only saturate the rotors
-FOLLOWS = 0.4  # m/s of velocity error, below which the vehicle follows
-TRIM_S = 2.0  # s, time constant of the integral that it took meanwhile
-TRIED = 0.8  # m/s² by which the integral grows before it is asked whether that helps
-HELPS = 0.05  # m/s of error that the second half of it takes away in wind, at least
-BLOWN_BACK, CREEPS = 0.3, 0.35  # m/s: what moves against the push, or along it, faster than this is not blocked
-DESCENDS = 0.2  # m/s, NED: a demand for more is a descent
-ASIDE = 0.3  # m/s: a demand for more horizontally is on its way somewhere, and what carries it is in its way
-FIRST_PUSH, FIRST_S = 2.5, 2.0  # m/s², s: the most that a velocity error may ask for against an obstacle, at first
-RESTING_PUSH = 1.0  # m/s², the same from then on
-BLOCKED_S = 3.0  # s, then the integral tries again: it may have been a gust
-FORGET_S = 0.5  # s, time constant with which a push in vain is taken back
-KNOCK = 8.0  # m/s², sudden and unexplained: an X500 in wind of 10 m/s feels 3.3, a quadrotor of 30 g feels 6.1
-KNOCK_TORQUE = 0.15  # the same as a share of the torque that the rotors can make: 0.06 and 0.08
-KNOCK_S, GUST_S = 0.016, 0.3  # s, time constants between which a knock lies: 10 Hz, and the quickest gusts
-TOUCHED_S = 1.0  # s after a knock for which the vehicle is taken to touch what it hit
-FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²: more is no measurement
+YAW_LEAD_MAX = math.radians(30.0)  # largest lead of the yaw reference, if the vehicle cannot follow a yaw rate setpoint
+YAW_GAIN = 3.0  # 1/s, yaw rate per yaw error near a yaw setpoint
+YAW_ACCELERATION = 2.5  # rad/s²; yaw torque is weak, so a faster start would saturate the rotors
+FOLLOWS = 0.4  # m/s; with a smaller velocity error, the vehicle follows its setpoint
+TRIM_S = 2.0  # s, time constant of `free_integral`
+TRIED = 0.8  # m/s²; after this growth of the integral, its effect on the velocity error is checked
+HELPS = 0.05  # m/s, by which the second half of that growth reduces the velocity error in wind, at least
+BLOWN_BACK, CREEPS = 0.3, 0.35  # m/s; a vehicle that moves faster against the push, or along it, is not blocked
+DESCENDS = 0.2  # m/s, NED; a faster demand is a descent
+ASIDE = 0.3  # m/s; with a faster horizontal demand, an object that carries the vehicle is an obstacle, not the ground
+FIRST_PUSH, FIRST_S = 2.5, 2.0  # m/s², s: limit of the velocity P term against an obstacle during the first seconds
+RESTING_PUSH = 1.0  # m/s², the limit after that
+BLOCKED_S = 3.0  # s, after which the integral may grow again, because the cause may have been a gust
+FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
+KNOCK = 8.0  # m/s², least sudden unexplained acceleration of a knock; wind of 10 m/s: 3.3 (X500), 6.1 (30 g quadrotor)
+KNOCK_TORQUE = 0.15  # the same as a share of the rotors' largest torque; wind of 10 m/s: 0.06 and 0.08
+KNOCK_S, GUST_S = 0.016, 0.3  # s, time constants of the band-pass for knocks: 10 Hz, and the fastest gusts
+TOUCHED_S = 1.0  # s after a knock, during which the vehicle is assumed to touch the obstacle
+FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²; a larger value is an invalid measurement
 
 
 @njit(cache=True)
 def tighter(own: float, mode: float) -> float:
-    """Return the smaller of a parameter's limit and the flight mode's, which counts only when finite and positive."""
+    """Return the smaller of a parameter's limit and the mode's limit, which counts only if finite and positive."""
     return min(own, mode) if math.isfinite(mode) and mode > 0.0 else own
 
 
 @njit(cache=True)
 def begin(state: Record, estimate: Record) -> None:
-    """Start the trajectory loops from the vehicle's present motion, so that taking over does not jerk it."""
+    """Initialise the trajectory loops with the vehicle's present motion, so that the change of mode causes no jerk."""
     for i in range(3):
         v = estimate.velocity_ned[i]
         state.velocity_reference[i] = v if math.isfinite(v) else 0.0
@@ -120,7 +123,7 @@ def begin(state: Record, estimate: Record) -> None:
 
 @njit(cache=True)
 def slew_yaw_rate(params: Record, state: Record, rate: float, dt: float) -> float:
-    """Move the yaw rate reference towards `rate` (rad/s) within YAW_ACCELERATION; return the rate expected by now."""
+    """Move the yaw rate reference towards `rate` (rad/s) within YAW_ACCELERATION; return the expected yaw rate."""
     step = min(max(rate - state.yaw_rate_reference, -YAW_ACCELERATION * dt), YAW_ACCELERATION * dt)
     state.yaw_rate_reference += step
     state.yaw_rate_expected += dt / (params.yaw_lag + dt) * (state.yaw_rate_reference - state.yaw_rate_expected)
@@ -130,7 +133,7 @@ def slew_yaw_rate(params: Record, state: Record, rate: float, dt: float) -> floa
 
 @njit(cache=True)
 def head(params: Record, state: Record, setpoint: Record, yaw: float, dt: float) -> None:
-    """Advance the yaw reference: turn to a yaw within the auto rate, run with a yaw rate, or keep the heading."""
+    """Advance the yaw reference: turn to the yaw setpoint, turn at the yaw rate setpoint, or keep the heading."""
     if math.isfinite(setpoint.yaw):
         gap = wrap_pi(setpoint.yaw - state.yaw_reference)
         limit = params.yaw_rate_auto_max
@@ -147,10 +150,10 @@ def head(params: Record, state: Record, setpoint: Record, yaw: float, dt: float)
 
 @njit(cache=True)
 def steer(params: Record, state: Record, setpoint: Record, estimate: Record, dt: float) -> tuple[bool, bool]:
-    """Advance the velocity reference towards what position and velocity setpoint together ask for.
+    """Advance the velocity reference towards the position and velocity setpoints.
 
-    An axis with neither is asked to stop, except one that has an acceleration, which then alone decides. Returns which
-    axes are under velocity feedback: (horizontal, vertical).
+    An axis with only an acceleration setpoint has no velocity feedback. Any other axis without a position or velocity
+    setpoint stops. Returns which axes have velocity feedback: (horizontal, vertical).
     """
     p, v = setpoint.position_ned, setpoint.velocity_ned
     here = estimate.position_ned
@@ -166,7 +169,7 @@ def steer(params: Record, state: Record, setpoint: Record, estimate: Record, dt:
         gap_n, gap_e = p[0] - here[0], p[1] - here[1]
         gap = math.sqrt(gap_n * gap_n + gap_e * gap_e)
         if gap > 1e-6:
-            # a feed-forward needs its share of the limit, the rest may close the gap
+            # a part of the acceleration limit stays for the feed-forward
             speed = min(braking_speed(gap, params.position_p[0], 0.7 * params.acceleration_horizontal), horizontal_max)
             north += gap_n / gap * speed
             east += gap_e / gap * speed
@@ -203,9 +206,9 @@ def steer(params: Record, state: Record, setpoint: Record, estimate: Record, dt:
 def accelerate(
     params: Record, state: Record, setpoint: Record, estimate: Record, horizontal: bool, vertical: bool, dt: float
 ) -> Vec3:
-    """Return the acceleration setpoint (NED, m/s²) of the velocity PID with the reference's own acceleration ahead."""
+    """Return the acceleration setpoint (NED, m/s²): velocity PID plus the feed-forward of the reference."""
     out_n, out_e, out_d = 0.0, 0.0, 0.0
-    spared = 0.0  # m/s², of the push against an obstacle
+    spared = 0.0  # m/s², reduction of the push against an obstacle
     if state.blocked_s > 0.0:
         for i in range(3 if vertical else 2):
             error = state.velocity_expected[i] - estimate.velocity_ned[i]
@@ -250,7 +253,7 @@ def integrate(
     vertical: bool,
     dt: float,
 ) -> None:
-    """Advance the velocity integrals; what the limits cut off flows back so that they do not wind up."""
+    """Advance the velocity integrals. `wanted` minus `flown`, the part that the limits cut off, prevents wind-up."""
     rests = obstacle_axes(state, vertical) if horizontal and 0.0 < state.blocked_s < BLOCKED_S else 0
     for i in range(3):
         if (i < 2 and not horizontal) or (i == 2 and not vertical):
@@ -259,7 +262,7 @@ def integrate(
         cut = wanted[i] - flown[i]
         back = 2.0 / max(params.velocity_p[i], 0.1) * cut  # tracking anti-windup, as PX4's PositionControl
         state.velocity_integral[i] += params.velocity_i[i] * (error - back) * dt
-        bound = 5.0  # m/s²: half a g of wind or of missing thrust
+        bound = 5.0  # m/s², half a g, for wind or missing thrust
         state.velocity_integral[i] = min(max(state.velocity_integral[i], -bound), bound)
     if horizontal:
         push_or_rest(state, estimate, vertical, dt)
@@ -267,7 +270,7 @@ def integrate(
 
 @njit(cache=True)
 def obstacle_axes(state: Record, vertical: bool) -> int:
-    """Return the number of axes, from north on, that an obstacle may block: not the vertical in a plain descent."""
+    """Return the number of axes (2: north and east, 3: all) that an obstacle may block. A vertical descent has 2."""
     north, east, down = state.velocity_expected
     aside = north * north + east * east > ASIDE * ASIDE
     return 3 if vertical and (down < DESCENDS or aside) else 2
@@ -275,17 +278,17 @@ def obstacle_axes(state: Record, vertical: bool) -> int:
 
 @njit(cache=True)
 def along(vector: Grid, way: Vec3) -> float:
-    """Return the share of a vector (north, east, down) that points along the unit vector `way`."""
+    """Return the component of a vector (north, east, down) along the unit vector `way`."""
     share: float = vector[0] * way[0] + vector[1] * way[1] + vector[2] * way[2]
     return share
 
 
 @njit(cache=True)
 def push_or_rest(state: Record, estimate: Record, vertical: bool, dt: float) -> None:
-    """Take back what the integrals added while it moved nothing, as against a wall.
+    """Detect an obstacle, such as a wall, and take back the growth of the integrals against it.
 
-    Wind and a wall feel alike to a vehicle at rest. But a wall knocks and stops what flies into it; and against wind
-    every bit of the integral takes its share of the velocity error away, and against a wall none does.
+    A vehicle at rest measures the same in wind and at a wall. But an impact on a wall causes a knock. And in wind, the
+    velocity error falls while the integral grows; at a wall it does not.
     """
     total, free, tried, blocked = state.velocity_integral, state.free_integral, state.tried_integral, state.blocked_way
     north = state.velocity_expected[0] - estimate.velocity_ned[0]
@@ -321,7 +324,7 @@ def push_or_rest(state: Record, estimate: Record, vertical: bool, dt: float) -> 
             tried[i] = total[i]
         state.tried_error = size
     elif grown < 0.5 * TRIED:
-        state.tried_error = size  # a bump's own rebound is over by half
+        state.tried_error = size  # the rebound of an impact ends before half of the growth
     elif grown >= TRIED:
         for i in range(axes):
             tried[i] = total[i]
@@ -329,9 +332,9 @@ def push_or_rest(state: Record, estimate: Record, vertical: bool, dt: float) -> 
 
 @njit(cache=True)
 def feel(params: Record, state: Record, estimate: Record, dt: float) -> None:
-    """Follow the accelerations that the rotors do not explain, and note a knock in them.
+    """Update the accelerations that the rotors do not explain, and detect a knock in them.
 
-    The push of an obstacle rises within milliseconds, that of wind with its gusts: Tomić, Ott, Haddadin, "External
+    The force of an obstacle rises within milliseconds, that of wind more slowly: Tomić, Ott, Haddadin, "External
     wrench estimation, collision detection, and reflex reaction for flying robots", IEEE Trans. Robotics, 2017.
     """
     thrust = state.thrust_filtered * GRAVITY / max(state.hover_thrust, 0.05)

@@ -1,4 +1,4 @@
-"""The first attitude: tilt from gravity, yaw from the magnetic field, gyro bias from rest."""
+"""Alignment, the initial attitude: tilt from gravity, yaw from the magnetic field, gyro bias at rest."""
 
 import math
 
@@ -8,14 +8,14 @@ from autopilot.records import quat_from_euler, rotate
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Quat
 
-REST_GYRO_STD = 0.05  # rad/s: more about the mean than noise makes, so the vehicle is being moved
-REST_ACCEL_ERROR = 0.5  # m/s² off gravity
-ATTEMPTS = 5  # windows after which a vehicle that never rests is aligned all the same, with less confidence
+REST_GYRO_STD = 0.05  # rad/s; a larger deviation from the mean is more than noise: the vehicle is being moved
+REST_ACCEL_ERROR = 0.5  # m/s², largest difference from gravity at rest
+ATTEMPTS = 5  # windows, after which a vehicle that does not rest is aligned too, with larger variances
 
 
 @njit(cache=True)
 def clear(state: Record, time_us: int) -> None:
-    """Begin a new averaging window at time_us."""
+    """Begin a new window of averages at time_us."""
     state.align_since_us = time_us
     state.align_count = 0
     state.align_mag_count = 0
@@ -43,8 +43,11 @@ def collect_imu(state: Record, ax: float, ay: float, az: float, gx: float, gy: f
 
 @njit(cache=True)
 def level(ax: float, ay: float, az: float, mx: float, my: float, mz: float, declination: float) -> Quat:
-    """Return the attitude quaternion whose down axis is opposite to the specific force and whose field points to
-    magnetic north, `declination` (rad) east of true north."""
+    """Return the attitude (FRD → NED) from the specific force a and the magnetic field m, both FRD.
+
+    The down axis is opposite to the specific force. The field points to magnetic north, which is `declination` (rad)
+    east of true north.
+    """
     roll = math.atan2(-ay, -az)
     pitch = math.atan2(ax, math.sqrt(ay * ay + az * az))
     field = rotate(quat_from_euler(roll, pitch, 0.0), (mx, my, mz))
@@ -53,7 +56,7 @@ def level(ax: float, ay: float, az: float, mx: float, my: float, mz: float, decl
 
 @njit(cache=True)
 def align(params: Record, state: Record, P: Grid, time_us: int) -> None:
-    """Start the filter when a whole window of rest has been seen; begin the next window when it has not."""
+    """At the end of a window, start the filter if the vehicle was at rest; else begin the next window."""
     if time_us - state.align_since_us < params.align_us:
         return
     enough = state.align_count >= 50 and state.align_mag_count >= 5 and state.align_baro_count >= 5

@@ -1,12 +1,12 @@
-"""Covariance algebra of the error-state filter, written out along its zeros.
+"""Covariance algebra of the error-state filter, written out by element so that zeros are not computed.
 
 The attitude error is a rotation vector in NED: q_true = exp(δθ) ⊗ q. Then (Solà 2017, "Quaternion kinematics for the
 error-state Kalman filter", section 7) with the specific force f in NED and the rotation R from FRD to NED
 
     δθ' = -R δbg        δv' = -[f]× δθ - R δba        δp' = δv
 
-so F = I + A dt touches only nine rows, each with at most five entries besides the diagonal. The hard iron of the
-magnetometer moves nothing: it is there to be told from the heading once the vehicle turns.
+so F = I + A dt differs from I in only nine rows, each with at most five entries besides the diagonal. The hard iron of
+the magnetometer does not act on the motion. The filter separates it from the heading error when the vehicle turns.
 """
 
 import math
@@ -34,7 +34,7 @@ def propagate(
     r10, r11, r12 = dt * 2 * (x * y + w * z), dt * (1 - 2 * (x * x + z * z)), dt * 2 * (y * z - w * x)
     r20, r21, r22 = dt * 2 * (x * z - w * y), dt * 2 * (y * z + w * x), dt * (1 - 2 * (x * x + y * y))
     fx, fy, fz = impulse[0], impulse[1], impulse[2]
-    for j in range(STATES):  # F P: rows; position first, for it needs the old velocity row
+    for j in range(STATES):  # F P: rows; position first, because it needs the old velocity row
         P[6, j] += dt * P[3, j]
         P[7, j] += dt * P[4, j]
         P[8, j] += dt * P[5, j]
@@ -75,7 +75,7 @@ def propagate(
 
 @njit(cache=True)
 def symmetrize(P: Grid) -> None:
-    """Replace P by (P + Pᵀ)/2, variances held above zero: rounding must not accumulate over hours."""
+    """Replace P by (P + Pᵀ)/2 and keep variances above zero, so that rounding does not accumulate over hours."""
     for i in range(STATES):
         for j in range(i):
             mean = 0.5 * (P[i, j] + P[j, i])
@@ -88,7 +88,7 @@ def symmetrize(P: Grid) -> None:
 def innovation_variance(
     P: Grid, work: Grid, i: int, hi: float, j: int, hj: float, k: int, hk: float, variance: float
 ) -> float:
-    """Return H P Hᵀ + variance for the row H with entries hi, hj, hk at i, j, k, and leave P Hᵀ in `work`."""
+    """Return H P Hᵀ + variance for the row H with entries hi, hj, hk at i, j, k; write P Hᵀ to `work`."""
     for n in range(STATES):
         work[n] = hi * P[i, n] + hj * P[j, n] + hk * P[k, n]
     seen: float = hi * work[i] + hj * work[j] + hk * work[k] + variance
@@ -97,7 +97,7 @@ def innovation_variance(
 
 @njit(cache=True)
 def apply(P: Grid, state: Record, innovation: float, innovation_var: float) -> None:
-    """Fuse one scalar whose P Hᵀ lies in `state.work`: inject the error into the nominal state and shrink P."""
+    """Fuse one scalar whose P Hᵀ is in `state.work`: correct the nominal state and reduce P."""
     work = state.work
     scale = 1.0 / innovation_var
     for i in range(STATES):
@@ -121,7 +121,7 @@ def apply(P: Grid, state: Record, innovation: float, innovation_var: float) -> N
 
 @njit(cache=True)
 def forget(P: Grid, first: int, variance: float) -> None:
-    """Make the three states from `first` on independent of all others, with the given variance each."""
+    """Give the three states from `first` on the variance `variance`, and no correlation with other states."""
     for i in range(first, first + 3):
         for j in range(STATES):
             P[i, j] = 0.0
@@ -131,7 +131,7 @@ def forget(P: Grid, first: int, variance: float) -> None:
 
 @njit(cache=True)
 def initialise(P: Grid, tilt_std: float, yaw_std: float, gyro_bias_std: float) -> None:
-    """Set P to that of a vehicle at rest whose attitude was just levelled from the accelerometer."""
+    """Set P for a vehicle immediately after the alignment."""
     for i in range(STATES):
         for j in range(STATES):
             P[i, j] = 0.0
@@ -149,8 +149,8 @@ def initialise(P: Grid, tilt_std: float, yaw_std: float, gyro_bias_std: float) -
 def hard_iron_slopes(q: Grid, horizontal: float, declination: float) -> tuple[float, float]:
     """Return d(heading innovation)/d(hard iron) in rad/gauss for the forward and the right axis.
 
-    `horizontal` (gauss) is the field's horizontal part. Hard iron b turns the measured heading by n · R b / horizontal
-    with n the horizontal unit vector to the right of magnetic north.
+    `horizontal` (gauss) is the field's horizontal part. Hard iron b turns the measured heading by n · R b / horizontal.
+    n is the horizontal unit vector to the right of magnetic north.
     """
     w, x, y, z = q[0], q[1], q[2], q[3]
     s, c = math.sin(declination) / horizontal, math.cos(declination) / horizontal
@@ -162,7 +162,7 @@ def hard_iron_slopes(q: Grid, horizontal: float, declination: float) -> tuple[fl
 
 @njit(cache=True)
 def trust_compass(P: Grid, state: Record, horizontal: float, declination: float, hard_iron: float) -> None:
-    """Make the yaw error of a heading just taken from the magnetometer that of its hard iron (gauss, 1 sigma) too."""
+    """Add the effect of the hard iron (gauss, 1 sigma) to the yaw variance of a heading from the magnetometer."""
     forward, right = hard_iron_slopes(state.attitude, max(horizontal, 0.02), declination)
     variance = hard_iron * hard_iron
     for i, slope in ((MOTION, forward), (MOTION + 1, right)):
@@ -177,5 +177,5 @@ def trust_compass(P: Grid, state: Record, horizontal: float, declination: float,
 
 @njit(cache=True)
 def deviation(variance: float) -> float:
-    """Return √variance, 0 for what rounding made negative."""
+    """Return √variance; 0 if rounding made the variance negative."""
     return math.sqrt(max(variance, 0.0))

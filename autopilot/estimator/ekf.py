@@ -1,8 +1,8 @@
-"""The estimator: error-state Kalman filter over attitude, velocity, position, inertial biases and hard iron.
+"""The estimator: error-state Kalman filter of attitude, velocity, position, inertial biases and hard iron.
 
-Called once per vehicle millisecond. The nominal state is integrated with every inertial sample, so that control always
-acts on the newest attitude; the covariance follows every 4 ms; the aiding sensors are fused as their samples arrive,
-GNSS against the past instant at which its fix was valid. Reads sensor samples only.
+`update` runs once per vehicle millisecond. It integrates the nominal state with every inertial sample, so that control
+always has the newest attitude. It propagates the covariance every 4 ms. It fuses the samples of the aiding sensors when
+they arrive; a GNSS fix is compared with the state at the time of the fix. The only inputs are sensor samples.
 """
 
 import math
@@ -15,14 +15,14 @@ from autopilot.records import TESTS, quat_advance, rotate
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
-COVARIANCE_PERIOD_S = 0.0035  # propagate once this much has accumulated: every fourth sample at 1 kHz, each at 250 Hz
+COVARIANCE_PERIOD_S = 0.0035  # least time between propagations: every fourth sample at 1 kHz, each sample at 250 Hz
 PUBLISH_PERIOD_US = 20_000  # deviations and ratios; the kinematic fields are written with every inertial sample
-VIBRATION_SHARE = 0.02  # of a new sample in the metric: PX4's second of smoothing
-FULL_SCALE = 0.98 * 16.0 * GRAVITY  # m/s², of an accelerometer with 16 g: a sample beyond it is clipped
+VIBRATION_SHARE = 0.02  # weight of a new sample in the metric: smoothing over one second, as in PX4
+FULL_SCALE = 0.98 * 16.0 * GRAVITY  # m/s², of an accelerometer with ±16 g; a larger sample is clipped
 STILL_PERIOD_US = 100_000
 STILL_NOISE_GROUND = 0.1  # m/s
-SHOCK_SPEED = 3.0  # m/s, by about which the change of velocity is unknown after a sample at the sensor's limit
-STILL_NOISE_AIR = 10.0  # m/s, only bounds the tilt while no receiver is heard
+SHOCK_SPEED = 3.0  # m/s, standard deviation of the velocity after a sample at the accelerometer's limit
+STILL_NOISE_AIR = 10.0  # m/s; without fixes, this only limits the tilt error
 
 
 @njit(cache=True)
@@ -31,7 +31,7 @@ def strapdown(state: Record, ax: float, ay: float, az: float, gx: float, gy: flo
     q = state.attitude
     before = (q[0], q[1], q[2], q[3])
     after = quat_advance(before, gx * dt, gy * dt, gz * dt)
-    # the specific force acted, on average, at the attitude halfway
+    # on average, the specific force acts at the attitude in the middle of the step
     fx, fy, fz = rotate(before, (ax + 0.5 * dt * (gy * az - gz * ay), ay + 0.5 * dt * (gz * ax - gx * az),
                                  az + 0.5 * dt * (gx * ay - gy * ax)))  # fmt: skip
     q[0], q[1], q[2], q[3] = after
@@ -62,14 +62,14 @@ def strapdown(state: Record, ax: float, ay: float, az: float, gx: float, gy: flo
 
 @njit(cache=True)
 def predict_covariance(params: Record, state: Record, P: Grid, history: Grid) -> None:
-    """Propagate the covariance over what has accumulated and note the instant in the delay buffer."""
+    """Propagate the covariance over the time since the last call, and add an entry to the delay buffer."""
     propagate(
         P, state.attitude, state.impulse, state.impulse_dt,
         params.gyro_noise, params.accel_noise, params.gyro_bias_walk, params.accel_bias_walk,
         params.mag_bias_walk if params.mag_bias_std > 0.0 else 0.0,
     )  # fmt: skip
     state.impulse_dt = 0.0
-    if state.shocked:  # or the gates would keep out the very fixes that tell what the blow has done
+    if state.shocked:  # otherwise the gates would reject the fixes that show the velocity after the impact
         state.shocked = 0
         for i in range(3, 6):
             P[i, i] = max(P[i, i], SHOCK_SPEED * SHOCK_SPEED)
@@ -85,7 +85,7 @@ def predict_covariance(params: Record, state: Record, P: Grid, history: Grid) ->
 
 @njit(cache=True)
 def aid(params: Record, state: Record, P: Grid, history: Grid, sensors: Record, landed: bool) -> None:
-    """Fuse whatever aiding sample is new."""
+    """Fuse the new samples of the aiding sensors."""
     time_us = state.time_us
     if sensors.mag_time_us != state.mag_time_us:
         elapsed = sensors.mag_time_us - state.mag_time_us
@@ -93,7 +93,7 @@ def aid(params: Record, state: Record, P: Grid, history: Grid, sensors: Record, 
         if not math.isfinite(m[0] + m[1] + m[2]):
             state.mag_time_us = sensors.mag_time_us
             state.bad_samples += 1
-        elif elapsed >= 19_000 or elapsed < 0:  # 50 Hz is plenty
+        elif elapsed >= 19_000 or elapsed < 0:  # 50 Hz is enough
             state.mag_time_us = sensors.mag_time_us
             fuse_heading(params, state, P, m[0], m[1], m[2], time_us, landed)
     if sensors.baro_time_us != state.baro_time_us:
@@ -124,7 +124,7 @@ def gather(
     gy: float,
     gz: float,
 ) -> None:
-    """Average samples until the first attitude can be told."""
+    """Add the new samples to the alignment window, and align if the window is complete."""
     if state.align_since_us == 0:
         clear(state, state.time_us)
     collect_imu(state, ax, ay, az, gx, gy, gz)
@@ -171,7 +171,7 @@ def publish(params: Record, state: Record, P: Grid, estimate: Record) -> None:
 
 @njit(cache=True)
 def shake(state: Record, estimate: Record, accel: Vec3, rates: Vec3) -> None:
-    """Follow the vibration by the newest sample (m/s² and rad/s, FRD)."""
+    """Update the vibration metrics with the newest sample (m/s² and rad/s, FRD)."""
     a, g = state.looked_accel, state.looked_rates
     if state.published_us > 0:
         moved = math.sqrt((accel[0] - a[0]) ** 2 + (accel[1] - a[1]) ** 2 + (accel[2] - a[2]) ** 2)
@@ -189,15 +189,15 @@ def shake(state: Record, estimate: Record, accel: Vec3, rates: Vec3) -> None:
 def update(
     params: Record, state: Record, P: Grid, history: Grid, sensors: Record, estimate: Record, landed: bool
 ) -> bool:
-    """Take in the SENSORS record; return whether it held a new inertial sample (then `estimate` is fresh too).
+    """Update from the SENSORS record; return whether it has a new inertial sample (`estimate` is then new too).
 
     params, state: ESTIMATOR_PARAMS, ESTIMATOR_STATE; P (STATES, STATES); history (HISTORY, 7); landed: the vehicle is
-    taken to stand on the ground.
+    assumed to stand on the ground.
     """
     time_us = sensors.imu_time_us
     if time_us == state.time_us:
         if sensors.time_us - state.time_us > 100_000:
-            estimate.attitude_valid = 0  # the inertial sensor is silent
+            estimate.attitude_valid = 0  # the inertial sensor delivers no samples
             estimate.time_us = sensors.time_us
         return False
     a, g = sensors.accel_frd, sensors.gyro_frd
@@ -241,11 +241,11 @@ def update(
 
 @njit(cache=True)
 def restart(state: Record) -> None:
-    """Throw away a state that is no longer finite and align anew, keeping the local frame's origin."""
+    """Reset a state that is no longer finite, and align again. The local frame keeps its origin."""
     state.status = STATUS_ALIGNING
     state.restarts += 1
     state.align_since_us = 0
-    state.align_attempts = 5  # at once: it may well be in the air
+    state.align_attempts = 5  # align after one window, even if moving: the vehicle may be in the air
     state.attitude[0] = 1.0
     state.position_fused_us = 0
     state.velocity_fused_us = 0

@@ -1,4 +1,4 @@
-"""The vehicle's state at one tick as the commander knows it: estimate and raw sensor samples."""
+"""The vehicle's state at one tick of the commander: the estimate and the raw sensor samples."""
 
 import math
 from collections.abc import Callable
@@ -9,10 +9,10 @@ from autopilot.records import ESTIMATE
 from foundation.frames import Quat, Vec3, ned_to_geodetic, quat_to_euler
 from foundation.record_reader import reader
 
-FARTHEST_M = 1e6  # a local position beyond this is no position
+FARTHEST_M = 1e6  # a local position farther from the origin is invalid
 RANGE_FRESH_US = 300_000  # the downward rangefinder samples at 10 Hz or faster; three missed samples make it stale
 
-# read together: what the commander looks at at every tick, what moves, and what is seldom asked for
+# groups of fields that are read together: the fields that the commander uses at every tick, the motion, and the others
 _FLIGHT = (
     "velocity_ned", "position_ned", "attitude_valid", "velocity_valid", "position_valid", "altitude_valid",
     "position_std_h", "velocity_std_h", "thrust_setpoint", "hover_thrust",
@@ -22,10 +22,9 @@ _REST = tuple(name for name in ESTIMATE.names or () if name not in ("time_us", *
 
 
 def _display(names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], dict[str, Any]]:
-    """Return a function from the numbers of a record's fields to the fields by name, scalars or tuples.
+    """Return a function that converts the numbers of these fields to a dict by field name, of scalars and tuples.
 
-    Made from source, as `namedtuple` makes its constructor: one dict display takes half the time of a loop, and this
-    runs at every tick.
+    It is compiled from source text, because a dict display takes half the time of a loop, and this runs at every tick.
     """
     start, entries = 0, []
     for name in names:
@@ -41,13 +40,13 @@ _GROUP_OF = {name: number for number, (names, _) in enumerate(_GROUPS) for name 
 
 
 class EstimatedState:
-    """A snapshot of the ESTIMATE record as plain floats and tuples (same names, units, frames); `refresh` renews it.
+    """A snapshot of the ESTIMATE record as plain floats and tuples (same names, units, frames).
 
-    Plain Python numbers are an order of magnitude faster to use than the fields of a numpy record. They are read from
-    it in groups, when the first of a group is read: most ticks need only the time.
+    `refresh` starts a new snapshot. Plain Python numbers are ten times faster to use than the fields of a numpy record.
+    The fields are read in groups, when the first field of a group is used, because most ticks need only the time.
     """
 
-    # what stays; the snapshot itself is in __dict__
+    # these stay when a new snapshot starts; the snapshot itself is in __dict__
     __slots__ = (
         "__dict__",
         "_groups",
@@ -97,8 +96,8 @@ class EstimatedState:
     def __init__(self, estimate: Any, sensors: Any) -> None:
         self.estimate = estimate
         self.sensors = sensors
-        self.position_limit = math.inf  # m, position_std_h from which on the position is not valid: `AccuracyWatch`
-        self.velocity_limit = math.inf  # m/s, velocity_std_h likewise
+        self.position_limit = math.inf  # m; above this position_std_h the position is invalid; set by `AccuracyWatch`
+        self.velocity_limit = math.inf  # m/s, the same for velocity_std_h
         self._time = reader(estimate, "time_us")
         self._range = reader(sensors, "range_time_us", "range_m")
         self.battery = reader(sensors, "battery_time_us", "battery_remaining")  # µs (0: never) and 0 … 1
@@ -106,12 +105,12 @@ class EstimatedState:
         self.refresh()
 
     def refresh(self) -> None:
-        """Forget the snapshot but for its time. Before the estimator has run once, time comes from the sensors."""
+        """Start a new snapshot with its time. Before the first estimate, this is the sensors' time."""
         (time_us,) = self._time()
         self.__dict__ = {"time_us": time_us or int(self.sensors["time_us"])}
 
     def __getattr__(self, name: str) -> Any:
-        """Take the snapshot of a group, at the first of its fields that is asked for after `refresh`."""
+        """Read a group of fields when the first of them is used after `refresh`."""
         number = _GROUP_OF.get(name)
         if number is None:
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
@@ -127,16 +126,16 @@ class EstimatedState:
 
     @cached_property
     def euler(self) -> Vec3:
-        """rad, roll, pitch and yaw; computed for the ticks that ask for it."""
+        """Roll, pitch and yaw (rad), computed when first used."""
         return quat_to_euler(self.attitude)
 
     @property
     def yaw(self) -> float:
-        """rad, 0 = north."""
+        """Yaw (rad), 0 = north."""
         return self.euler[2]
 
     def innovation_over_gate(self, first: int, count: int = 1) -> float:
-        """Return the largest innovation over its gate of `count` tests from `first` on; above 1: not used."""
+        """Return the largest ratio of innovation to gate of `count` tests from `first` on; above 1: rejected."""
         return math.sqrt(max(self.test_ratio[first : first + count]))
 
     @property
@@ -147,12 +146,12 @@ class EstimatedState:
         return bool(self.origin_set and self.position_valid and self.altitude_valid and believable)
 
     def age_us(self, sensor: str) -> int:
-        """Return the age (µs) of the sample named `sensor` ('imu', 'mag', 'baro', 'gps', 'range', 'battery')."""
+        """Return the age (µs) of a sensor's newest sample ('imu', 'mag', 'baro', 'gps', 'range', 'battery')."""
         stamp = int(self.sensors[f"{sensor}_time_us"])
         return self.time_us - stamp if stamp else 1 << 62
 
     def range_m(self) -> float:
-        """Return the fresh downward range (m), nan when there is none."""
+        """Return the fresh downward range (m); nan if there is none."""
         stamp_us, distance = self._range()
         return distance if stamp_us and self.time_us - stamp_us < RANGE_FRESH_US else math.nan
 

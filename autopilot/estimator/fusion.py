@@ -1,7 +1,7 @@
-"""Fusion of each sensor into the filter: magnetic heading, pressure altitude, delayed GNSS fixes, standing still.
+"""Fusion of each sensor into the filter: magnetic heading, pressure altitude, delayed GNSS fixes, zero velocity.
 
-Every function fuses scalars one after the other and returns nothing; it leaves its innovations with their variances and
-test ratios, and the time of the last accepted sample, in the state.
+Each function fuses scalars one after the other. It writes its innovations with their variances and test ratios, and the
+time of the last accepted sample, to the state.
 """
 
 import math
@@ -27,12 +27,12 @@ hard_iron_slopes = covariance.hard_iron_slopes
 innovation_variance = covariance.innovation_variance
 symmetrize = covariance.symmetrize
 
-SHOCK_DEAF_US = 1_000_000  # a vehicle that scrapes along a wall is aided by late fixes rather than by none
+SHOCK_DEAF_US = 1_000_000  # longest time without fixes due to impacts, for a vehicle that scrapes along a wall
 
 
 @njit(cache=True)
 def passes(state: Record, test: int, innovation: float, variance: float, gate: float) -> bool:
-    """Note an innovation with its variance, and return whether it is within `gate` (σ)."""
+    """Store an innovation with its variance and test ratio; return whether it is within `gate` (σ)."""
     state.innovation[test] = innovation
     state.innovation_variance[test] = variance
     ratio = innovation * innovation / (gate * gate * variance)
@@ -54,8 +54,8 @@ def fuse_heading(
 ) -> None:
     """Fuse the direction of the horizontal field (gauss, FRD).
 
-    A rotation error δθ turns the field m = R m_body by δθ x m, hence its heading ψ by
-    δθz - (mz/mh)(cos ψ δθx + sin ψ δθy). Hard iron that is not yet known turns it as well, but with the vehicle.
+    A rotation error δθ turns the field m = R m_body by δθ x m, and so its heading ψ by
+    δθz - (mz/mh)(cos ψ δθx + sin ψ δθy). Unknown hard iron also changes ψ, but this error turns with the vehicle.
     """
     q = state.attitude
     mx -= state.mag_bias[0]
@@ -68,7 +68,7 @@ def fuse_heading(
     innovation = wrap_pi(params.declination - heading)
     slope = -field[2] / horizontal
     noise = params.mag_noise / horizontal
-    # the expected direction, not the measured one: a row whose noise is that of its innovation would bias the tilt
+    # H uses the expected direction: with the measured one, H and innovation would have the same noise and bias the tilt
     north, east = slope * math.cos(params.declination), slope * math.sin(params.declination)
     forward, right = hard_iron_slopes(q, horizontal, params.declination)
     variance = innovation_variance(P, state.work, 0, north, 1, east, 2, 1.0, noise * noise)
@@ -83,7 +83,7 @@ def fuse_heading(
         return
     state.rejected += 1
     if landed and time_us - state.mag_fused_us > params.reset_after_us:
-        # on the ground nothing else observes yaw; in the air the receiver's velocity does, so wait there
+        # on the ground no other sensor observes yaw; in the air the GNSS velocity does, so there is no reset
         realigned = level(
             -2.0 * (q[1] * q[3] - q[0] * q[2]),
             -2.0 * (q[2] * q[3] + q[0] * q[1]),
@@ -123,7 +123,7 @@ def fuse_height(params: Record, state: Record, P: Grid, pressure_hpa: float, tim
 
 @njit(cache=True)
 def fuse_stillness(state: Record, P: Grid, noise: float) -> None:
-    """Fuse zero velocity with the given standard deviation (m/s): a vehicle on the ground, or one without any aid."""
+    """Fuse zero velocity with the standard deviation `noise` (m/s), if there are no fixes."""
     for axis in range(3):
         variance = innovation_variance(P, state.work, 3 + axis, 1.0, 3, 0.0, 3, 0.0, noise * noise)
         apply(P, state, -state.velocity[axis], variance)
@@ -131,9 +131,9 @@ def fuse_stillness(state: Record, P: Grid, noise: float) -> None:
 
 @njit(cache=True)
 def since_fix(state: Record, history: Grid, fix_us: int) -> tuple[float, Vec3, Vec3]:
-    """Return the change by prediction between fix_us and now: (age s, Δvelocity (3), Δposition (3)), NED.
+    """Return the predicted motion from fix_us to now: (age s, Δvelocity (3), Δposition (3)), NED.
 
-    A fix older than the delay buffer counts as old as its oldest entry; one newer than now as now.
+    The time of a fix before the oldest entry of the delay buffer is replaced by that entry's time, a later one by now.
     """
     newest = state.time_us
     if fix_us >= newest or state.history_count == 0:
@@ -142,7 +142,7 @@ def since_fix(state: Record, history: Grid, fix_us: int) -> tuple[float, Vec3, V
     for back in range(1, state.history_count + 1):
         index = (state.history_index - back) % HISTORY
         if history[index, 0] <= fix_us:
-            # between this entry and the later one the motion is smooth: 4 ms
+            # linear interpolation between two entries, which are 4 ms apart
             w = (later_us - fix_us) / (later_us - history[index, 0])
             vx, vy, vz = history[index, 1], history[index, 2], history[index, 3]
             px, py, pz = history[index, 4], history[index, 5], history[index, 6]
@@ -169,7 +169,7 @@ def since_fix(state: Record, history: Grid, fix_us: int) -> tuple[float, Vec3, V
 
 @njit(cache=True)
 def good_fix(params: Record, sensors: Record) -> bool:
-    """Return whether the newest fix is three-dimensional, finite and as accurate as PX4 asks for."""
+    """Return whether the newest fix is three-dimensional, finite and as accurate as PX4 requires."""
     v = sensors.gps_velocity_ned
     return (
         sensors.gps_fix_type >= 3
@@ -182,7 +182,7 @@ def good_fix(params: Record, sensors: Record) -> bool:
 
 @njit(cache=True)
 def set_origin(params: Record, state: Record, P: Grid, history: Grid, sensors: Record) -> None:
-    """Put the local frame's origin where this fix is, at z = 0 of the pressure altitude; start with its velocity."""
+    """Set the local frame's origin to this fix, with z = 0 at `baro_reference_m`; set the velocity to the fix's."""
     state.origin_lat_deg = sensors.gps_lat_deg
     state.origin_lon_deg = sensors.gps_lon_deg
     _, dv, dp = since_fix(state, history, sensors.gps_time_us)
@@ -203,10 +203,10 @@ def set_origin(params: Record, state: Record, P: Grid, history: Grid, sensors: R
 
 @njit(cache=True)
 def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Record) -> None:
-    """Fuse a fix against the state at the fix's own time.
+    """Fuse a fix with the state at the time of the fix.
 
-    The predicted fix is the present state less what the prediction did since; with δp(t - τ) = δp - τ δv and
-    δv(t - τ) = δv + [∫f]× δθ this is exact to first order but for the process noise within τ.
+    The expected fix is the present state minus the predicted motion since the fix, during τ. With
+    δp(t - τ) = δp - τ δv and δv(t - τ) = δv + [∫f]× δθ this is exact to first order, except for the process noise in τ.
     """
     if not good_fix(params, sensors):
         state.gps_good_fixes = 0
@@ -216,11 +216,11 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
         if state.gps_good_fixes >= params.gps_fixes_required:
             set_origin(params, state, P, history, sensors)
         return
-    if state.gps_good_fixes < 3:  # a receiver that comes back is heard once it has settled
+    if state.gps_good_fixes < 3:  # after a gap, the first fixes are not used: the receiver must settle
         return
     time_us = state.time_us
     if sensors.gps_time_us <= state.shock_us and time_us - state.velocity_fused_us < SHOCK_DEAF_US:
-        return  # measured before a blow: it says nothing of now, and would be trusted as if it did
+        return  # a fix from before an impact does not show the velocity after it
     age, dv, dp = since_fix(state, history, sensors.gps_time_us)
     local = geodetic_to_ned(
         state.origin_lat_deg, state.origin_lon_deg, state.origin_alt_m,
@@ -261,7 +261,7 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
         variance = innovation_variance(P, state.work, 6 + axis, 1.0, 3 + axis, -age, 0, 0.0, place_variance)
         good = passes(state, POSITION_TEST + axis, innovation, variance, params.gate_position) and good
     if good:
-        # what a receiver errs by stays for many fixes: all of them together say as much as one
+        # the position error of a receiver is the same for many fixes, so together they count as one fix
         shared_variance = place_variance * params.gps_fixes_alike
         for axis in range(2):
             innovation = local[axis] - (p[axis] - dp[axis])

@@ -7,7 +7,7 @@ import numpy as np
 from autopilot.records import TESTS
 
 MOTION = 15  # attitude error (NED) 0-2, velocity 3-5, position 6-8, gyro bias 9-11, accelerometer bias 12-14
-STATES = MOTION + 2  # and the magnetometer's hard iron along the vehicle's forward and right axes
+STATES = MOTION + 2  # plus the magnetometer's hard iron along the vehicle's forward and right axes
 HISTORY = 128  # entries of the delay buffer: 512 ms at one entry every 4 ms
 
 STATUS_ALIGNING = 0
@@ -20,14 +20,14 @@ ESTIMATOR_PARAMS = np.dtype(
         ("accel_noise", "f8"),  # m/s²/√Hz
         ("gyro_bias_walk", "f8"),  # rad/s/√s
         ("accel_bias_walk", "f8"),  # m/s²/√s
-        ("accel_clip", "f8"),  # m/s², at which a sample is at the accelerometer's limit
+        ("accel_clip", "f8"),  # m/s²; a larger sample is at the accelerometer's limit
         ("mag_noise", "f8"),  # gauss (EKF2_MAG_NOISE)
-        ("mag_bias_std", "f8"),  # gauss, hard iron that a calibration leaves; 0: none is estimated
+        ("mag_bias_std", "f8"),  # gauss, hard iron that remains after a calibration; 0: it is not estimated
         ("mag_bias_walk", "f8"),  # gauss/√s (EKF2_MAG_B_NOISE)
         ("baro_noise", "f8"),  # m (EKF2_BARO_NOISE)
-        ("gps_velocity_noise", "f8"),  # m/s, least (EKF2_GPS_V_NOISE)
-        ("gps_position_noise", "f8"),  # m, least (EKF2_GPS_P_NOISE)
-        ("gps_fixes_alike", "f8"),  # fixes in a row that err alike in position
+        ("gps_velocity_noise", "f8"),  # m/s, lower limit (EKF2_GPS_V_NOISE)
+        ("gps_position_noise", "f8"),  # m, lower limit (EKF2_GPS_P_NOISE)
+        ("gps_fixes_alike", "f8"),  # number of consecutive fixes with the same position error
         ("gate_mag", "f8"),  # σ (EKF2_HDG_GATE)
         ("gate_baro", "f8"),  # σ (EKF2_BARO_GATE)
         ("gate_velocity", "f8"),  # σ (EKF2_GPS_V_GATE)
@@ -59,10 +59,10 @@ ESTIMATOR_STATE = np.dtype(
         ("specific_force_ned", "f8", (3,)),  # m/s², of the newest sample
         ("impulse", "f8", (3,)),  # m/s, ∫ specific force (NED) since the covariance was last propagated
         ("impulse_dt", "f8"),  # s, length of that integral
-        ("shocked", "i8"),  # 1: it holds a blow beyond the accelerometer's limit
-        ("shock_us", "i8"),  # time of the last blow
-        ("reckoned_velocity", "f8", (3,)),  # running sums of the prediction alone, never corrected: their differences
-        ("reckoned_position", "f8", (3,)),  # say what happened between a fix and now
+        ("shocked", "i8"),  # 1: `impulse` contains an impact beyond the accelerometer's limit
+        ("shock_us", "i8"),  # time of the last impact
+        ("reckoned_velocity", "f8", (3,)),  # m/s, sum of the predictions without corrections: differences give …
+        ("reckoned_position", "f8", (3,)),  # m, … the predicted motion since a fix
         ("history_index", "i8"),  # next entry to write
         ("history_count", "i8"),
         ("work", "f8", (STATES,)),  # P·Hᵀ of the scalar update in progress
@@ -76,7 +76,7 @@ ESTIMATOR_STATE = np.dtype(
         ("align_baro", "f8"),
         ("align_baro_count", "i8"),
         ("align_attempts", "i8"),
-        ("baro_reference_m", "f8"),  # pressure altitude that is z = 0
+        ("baro_reference_m", "f8"),  # pressure altitude at z = 0
         ("gps_good_fixes", "i8"),
         ("origin_set", "i8"),
         ("origin_lat_deg", "f8"),
@@ -90,10 +90,10 @@ ESTIMATOR_STATE = np.dtype(
         ("innovation", "f8", (TESTS,)),  # of the newest samples, m/s, m and rad
         ("innovation_variance", "f8", (TESTS,)),
         ("test_ratio", "f8", (TESTS,)),  # innovation² over (gate² · variance), as in PX4's logs
-        ("resets", "i8"),  # times heading, height, velocity or position was set to what its sensor says
+        ("resets", "i8"),  # number of times that heading, height, velocity or position was set to its sensor's value
         ("rejected", "i8"),  # samples beyond their gate
         ("bad_samples", "i8"),  # samples that were not finite
-        ("restarts", "i8"),  # alignments after a filter that lost its numbers
+        ("restarts", "i8"),  # number of alignments because the state was not finite
         ("published_us", "i8"),  # when deviations and ratios were last written to the ESTIMATE record
         ("looked_accel", "f8", (3,)),  # m/s², accel_frd at that time
         ("looked_rates", "f8", (3,)),  # rad/s, rates_frd at that time
@@ -105,7 +105,7 @@ ESTIMATOR_STATE = np.dtype(
 def default_parameters(declination_rad: float) -> np.void:
     """Return one ESTIMATOR_PARAMS record with PX4-like noise figures and gates.
 
-    Densities are for MEMS inertial sensors on a vibrating frame, an order above data-sheet noise as PX4's EKF2 does it.
+    Noise densities are for MEMS inertial sensors on a vibrating frame: ten times the data sheet's, as in PX4's EKF2.
     """
     params: np.void = np.zeros(1, ESTIMATOR_PARAMS)[0]
     params["declination"] = declination_rad
@@ -113,14 +113,14 @@ def default_parameters(declination_rad: float) -> np.void:
     params["accel_noise"] = 0.03
     params["gyro_bias_walk"] = 1.0e-4
     params["accel_bias_walk"] = 2.0e-3
-    params["accel_clip"] = 0.99 * 156.9  # ±16 g; PX4 counts a sample as clipped from 0.999 of the range on
+    params["accel_clip"] = 0.99 * 156.9  # ±16 g; in PX4 a sample is clipped above 0.999 of the range
     params["mag_noise"] = 0.02
     params["mag_bias_std"] = 0.01
     params["mag_bias_walk"] = 5.0e-5
     params["baro_noise"] = 1.0
     params["gps_velocity_noise"] = 0.15
     params["gps_position_noise"] = 0.5
-    params["gps_fixes_alike"] = 18.0  # 1.8 s: a minute would be best for strides, and slow after a blow
+    params["gps_fixes_alike"] = 18.0  # 1.8 s; a minute would be best for strides, but too slow after an impact
     params["gate_mag"] = 3.0
     params["gate_baro"] = 5.0
     params["gate_velocity"] = 5.0
@@ -136,7 +136,7 @@ def default_parameters(declination_rad: float) -> np.void:
 
 
 def initial_state() -> np.void:
-    """Return one ESTIMATOR_STATE record of a filter that has seen nothing: level, north, at rest."""
+    """Return one ESTIMATOR_STATE record of a filter before its first sample: level, north, at rest."""
     state: np.void = np.zeros(1, ESTIMATOR_STATE)[0]
     state["attitude"] = (1.0, 0.0, 0.0, 0.0)
     state["baro_reference_m"] = math.nan

@@ -22,7 +22,7 @@ _NAME = re.compile(r"log(\d{3,6})\.ulg")
 
 @dataclass(frozen=True, slots=True)
 class LogFile:
-    """One finished or growing log."""
+    """One log file, finished or still being written."""
 
     id: int  # from 0, in the order they were written
     path: Path
@@ -63,7 +63,7 @@ class LogDirectory:
         return sorted(logs)
 
     def next_path(self) -> Path:
-        """Return the path of a log that does not exist yet, after all that do."""
+        """Return the path of the next log, numbered after the last one."""
         numbered = self._numbered()
         return self.folder / f"log{numbered[-1][0] + 1 if numbered else 1:03d}.ulg"
 
@@ -79,7 +79,7 @@ class LogDirectory:
         return logs
 
     def make_room(self, limit: int) -> None:
-        """Remove the oldest logs, so that there are at most `limit` when the next one has begun; 0 removes none.
+        """Remove the oldest logs, so that there are at most `limit` including the next one; 0 removes none.
 
         PX4's SDLOG_DIRS_MAX, which gives `limit`, counts folders. Here all logs are in one folder, so it counts logs.
         """
@@ -124,8 +124,8 @@ class _Group:
 class FlightLogWriter:
     """Writes the flight log. Call `tick` once per tick of the autopilot.
 
-    If the disk does not take the data, they are lost and the flight goes on. `failed` is the reason of the last such
-    error, None without one. `unpacked` counts the samples that are not logged because a value does not fit its field.
+    If a write to the disk fails, the data are lost and the flight continues. `failed` is the reason of the last such
+    error, else None. `unpacked` counts the samples that are not logged because a value does not fit its field.
     """
 
     def __init__(self, vehicle: TelemetrySource, directory: LogDirectory) -> None:
@@ -213,7 +213,7 @@ class FlightLogWriter:
         for logged in self._logged:
             logged.stamp = 0
         self._flush()
-        if self.failed is not None:  # a log without its head cannot be read
+        if self.failed is not None:  # a log without its header cannot be read
             self.close()
             self._suspended = True
             path.unlink(missing_ok=True)
@@ -272,7 +272,7 @@ class FlightLogWriter:
             self.unpacked += 1
 
     def _flush(self) -> None:
-        """Write the pending data. Data that the disk does not take are lost; the next write that succeeds marks it."""
+        """Write the pending data. If this fails, they are lost, and the next successful write records the dropout."""
         assert self._file is not None
         now = self._vehicle.state.time_us
         self._flush_due_us = now + FLUSH_US

@@ -1,7 +1,7 @@
-"""One table: the topics of a flight log, each with its rate, its fields and where their values come from.
+"""`TABLE`: the topics of a flight log, each with its rate, its fields and the function that returns their values.
 
-Names, fields and units are PX4's (msg/*.msg of 1.15), as far as there is something to say here, so that PlotJuggler,
-pyulog and Flight Review find what they look for. Fields of a numpy record are read as Python numbers in one go.
+Names, fields and units are PX4's (msg/*.msg of 1.15), so that PlotJuggler, pyulog and Flight Review can use the log.
+PX4's fields without a value here are omitted. All fields of a numpy record are read as Python numbers in one step.
 """
 
 import math
@@ -18,7 +18,7 @@ from foundation.sensors import RANGE_M
 
 
 class Readings:
-    """The fields of a record as attributes, scalars as numbers and arrays as tuples; `refresh` renews them."""
+    """The fields of a record as attributes, scalars as numbers and arrays as tuples; `refresh` updates them."""
 
     def __init__(self, record: Any) -> None:
         kinds = [(name, record.dtype[name]) for name in record.dtype.names]
@@ -33,7 +33,7 @@ class Readings:
         self._buffer = memoryview(record)
         self.refresh()
 
-    def __getattr__(self, name: str) -> Any:  # attributes are made by refresh
+    def __getattr__(self, name: str) -> Any:  # `refresh` sets all attributes
         raise AttributeError(f"the record has no field {name!r}")
 
     def refresh(self) -> None:
@@ -64,13 +64,13 @@ class Sources:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One topic of the log. Each begins with `uint64_t timestamp`, the vehicle's µs, which `fields` leaves out."""
+    """One topic of the log. `fields` omits the first field of every topic, `uint64_t timestamp` (vehicle time, µs)."""
 
     name: str
     rate_hz: float
     fields: str
-    values: Callable[[Sources], tuple[Any, ...] | None]  # None: nothing to tell now
-    stamp: str | None = None  # SENSORS field that says when the sample was taken; logged only when new
+    values: Callable[[Sources], tuple[Any, ...] | None]  # None: no values now
+    stamp: str | None = None  # SENSORS field with the time of the sample; only new samples are logged
 
 
 def _attitude(s: Sources) -> tuple[Any, ...] | None:

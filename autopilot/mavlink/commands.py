@@ -1,8 +1,8 @@
-"""COMMAND_LONG and COMMAND_INT: one table from command to handler, and the acknowledgement.
+"""COMMAND_LONG and COMMAND_INT: a table from command to handler, and the acknowledgement.
 
-Every handler is idempotent (clients repeat a command until they see its acknowledgement) and returns a MAV_RESULT, or
-None for no acknowledgement. Results as measured on PX4 1.15. Among the commands are messages on demand: one now
-(REQUEST_MESSAGE) or another interval (SET_MESSAGE_INTERVAL).
+Every handler is idempotent, because clients repeat a command until its acknowledgement arrives. It returns a
+MAV_RESULT, or None for no acknowledgement. The results are as measured on PX4 1.15. Two of the commands request
+telemetry: REQUEST_MESSAGE (one message now) and SET_MESSAGE_INTERVAL.
 """
 
 import math
@@ -35,7 +35,7 @@ def _message_id(parameters: Sequence[float]) -> int:
 
 
 def set_message_interval(port: Port, p: Sequence[float]) -> int:
-    """param1 the message, param2 the interval in µs (0 default, -1 off). Returns FAILED for an unknown message."""
+    """Stream message param1 at the interval param2 (µs; 0: default, -1: off). Returns FAILED for an unknown message."""
     message_id = _message_id(p)
     if message_id not in BY_ID:
         return int(FAILED)
@@ -48,7 +48,7 @@ def set_message_interval(port: Port, p: Sequence[float]) -> int:
 
 
 def get_message_interval(port: Port, p: Sequence[float]) -> int:
-    """Sends MESSAGE_INTERVAL: µs, -1 not streamed, 0 unknown message."""
+    """Send MESSAGE_INTERVAL of message param1 (µs; -1: not streamed, 0: unknown message)."""
     message_id = _message_id(p)
     interval = port.interval_us(message_id) if message_id in BY_ID else 0
     port.send(dialect.MAVLink_message_interval_message(message_id & 0xFFFF, min(interval, 0x7FFFFFFF)))
@@ -56,7 +56,7 @@ def get_message_interval(port: Port, p: Sequence[float]) -> int:
 
 
 def request_message(port: Port, p: Sequence[float]) -> int:
-    """param1 the message. Returns DENIED for an unknown one."""
+    """Send message param1 now. Returns DENIED for an unknown message."""
     message_id = _message_id(p)
     if message_id == dialect.MAVLINK_MSG_ID_AVAILABLE_MODES:
         _send_modes(port, p[1])
@@ -68,13 +68,13 @@ def request_message(port: Port, p: Sequence[float]) -> int:
 
 
 def send_one(port: Port, name: str) -> int:
-    """Send one message of the stream table."""
+    """Send one message of the stream table now."""
     port.send_telemetry(BY_NAME[name].message_id)
     return int(ACCEPTED)
 
 
 def _send_modes(port: Port, index: float) -> None:
-    """Send AVAILABLE_MODES: all for index 0, else the one with that index (from 1)."""
+    """Send AVAILABLE_MODES: all modes for index 0, else the mode with this index (from 1)."""
     wanted = round(index) if math.isfinite(index) and abs(index) < 1e6 else 0
     for i, mode in enumerate(LISTED_MODES, start=1):
         if wanted in (0, i):
@@ -89,7 +89,7 @@ def _send_modes(port: Port, index: float) -> None:
 _AUTO = MODES["HOLD"].main
 _AUTO_MODES = {mode.sub: mode.name for mode in MODES.values() if mode.main == _AUTO and mode.name != "READY"}
 _AUTO_MODES[0] = "MISSION"
-# The sub mode is ignored: an orbit, a sub mode of POSCTL, needs its own command, and the slow one is not modelled.
+# The sub mode is ignored: ORBIT, a sub mode of POSCTL, has its own command, and Position Slow is not implemented.
 _MANUAL_MODES = {
     mode.main: mode.name
     for mode in MODES.values()
@@ -99,7 +99,7 @@ _MANUAL_MODES = {
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command in either wire form; `p[0]` is param1. Latitude and longitude in degrees; nan = not given."""
+    """A command of COMMAND_LONG or COMMAND_INT. `p[0]` is param1; latitude, longitude in degrees; nan = not given."""
 
     id: int
     p: tuple[float, float, float, float, float, float, float]
@@ -107,7 +107,7 @@ class Command:
     source: tuple[int, int] = (0, 0)  # system and component that sent it
 
     def number(self, i: int) -> int | None:
-        """Return param i (1 … 7) as an integer, None when it is not a number that fits one."""
+        """Return param i (1 … 7) as an integer; None if it is nan or too large."""
         value = self.p[i - 1]
         return round(value) if abs(value) < 1e9 else None
 
@@ -123,7 +123,7 @@ def command_long(node: Node, port: Port, message: Message) -> None:
 
 
 def command_int(node: Node, port: Port, message: Message) -> None:
-    """Act on COMMAND_INT: x and y carry 1e7 degrees (1e4 metres in local frames), INT32_MAX = not given."""
+    """Act on COMMAND_INT: x and y are in 1e-7 degrees (1e-4 m in local frames), INT32_MAX = not given."""
     m = message
     scale = 1e-4 if m.frame in LOCAL_FRAMES else 1e-7
     x, y = (NAN if value == INT32_UNKNOWN else value * scale for value in (m.x, m.y))
@@ -137,7 +137,7 @@ def _source(message: Message) -> tuple[int, int]:
 def _run(node: Node, port: Port, message: Message, command: Command) -> None:
     broadcast = message.target_system == 0
     if broadcast and command.id not in BROADCAST:
-        return  # measured: PX4 does not acknowledge a broadcast command; a fleet must not arm by accident
+        return  # as measured, PX4 does not acknowledge a broadcast command; a fleet must not arm by accident
     if (not broadcast and message.target_system != node.system_id) or message.target_component not in (0, COMPONENT_ID):
         result: int | None = FAILED
     else:
@@ -153,7 +153,7 @@ def _acknowledge(port: Port, message: Message, command: Command, result: int) ->
 
 
 def set_mode_message(node: Node, port: Port, message: Message) -> None:
-    """Act on the old message SET_MODE. PX4 makes the command DO_SET_MODE of it, and acknowledges that."""
+    """Act on the old message SET_MODE. As in PX4, it is executed and acknowledged as the command DO_SET_MODE."""
     main, sub = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF
     parameters = (float(message.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0)
     command = Command(dialect.MAV_CMD_DO_SET_MODE, parameters, dialect.MAV_FRAME_GLOBAL)
@@ -172,12 +172,12 @@ def _do_set_mode(node: Node, port: Port, c: Command) -> int:
     else:
         name = _MANUAL_MODES.get(main)
     if name is None:
-        return int(ACCEPTED)  # measured: changes nothing
+        return int(ACCEPTED)  # as measured, PX4 accepts the command and changes nothing
     return node.vehicle.commander.set_mode(name)
 
 
 def _base_mode(base: int) -> str | None:
-    """Return the mode that MAV_MODE_FLAGs alone choose (PX4, Commander::handle_command); None for no mode."""
+    """Return the mode that MAV_MODE_FLAGs select without a custom mode (PX4, Commander::handle_command); None: none."""
     if base & dialect.MAV_MODE_FLAG_AUTO_ENABLED:
         return "MISSION"
     if not base & dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED:
@@ -213,7 +213,10 @@ def _takeoff(node: Node, port: Port, c: Command) -> int:
 
 
 def _place(node: Node, c: Command, relative: bool) -> Vec3:
-    """Return the local position (m) in params 5 to 7, nan where not given. `relative`: altitude may be above home."""
+    """Return params 5 to 7 as a local position (m, NED); nan if not given.
+
+    `relative`: the altitude may be above home, according to the frame. Otherwise it is above sea level.
+    """
     state, home = node.vehicle.state, node.vehicle.commander.flight.home
     _, _, _, _, lat, lon, alt = c.p
     north = east = NAN
@@ -227,7 +230,7 @@ def _place(node: Node, c: Command, relative: bool) -> Vec3:
 
 
 def _reposition(node: Node, port: Port, c: Command) -> int:
-    if c.number(2) != 1:  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE and nothing else
+    if c.number(2) != 1:  # only MAV_DO_REPOSITION_FLAGS_CHANGE_MODE is supported
         return int(UNSUPPORTED)
     return node.vehicle.commander.reposition(_place(node, c, relative=True), c.p[3], c.p[0])
 
@@ -235,9 +238,9 @@ def _reposition(node: Node, port: Port, c: Command) -> int:
 def _orbit(node: Node, port: Port, c: Command) -> int:
     radius = c.p[0] if abs(c.p[0]) < 1e5 and c.p[0] != 0.0 else 10.0
     speed = c.p[1] if abs(c.p[1]) < 1e3 else 2.0
-    # MAVSDK leaves the frame at its default while the altitude is above sea level: so it always is
+    # MAVSDK sends the altitude above sea level with the default frame, so the frame is ignored
     look = c.number(3)
-    if look is None or not 0 <= look <= 4:  # ORBIT_YAW_BEHAVIOUR; 5 = as the vehicle likes, nan = default
+    if look is None or not 0 <= look <= 4:  # ORBIT_YAW_BEHAVIOUR; 5 (unchanged) and nan mean the default
         look = 0
     return node.vehicle.commander.circle(_place(node, c, relative=False), radius, speed, look)
 
@@ -272,7 +275,7 @@ def _run_prearm_checks(node: Node, port: Port, c: Command) -> int:
 
 
 def _calibrate(node: Node, port: Port, c: Command) -> int:
-    """All zero cancels. Clients ask for one sensor at a time: gyro 1, compass 2, accelerometer or level 5."""
+    """Calibrate a sensor. Clients set one parameter: gyro 1, compass 2, accelerometer or level 5. All zero cancels."""
     calibration = node.vehicle.calibration
     if node.vehicle.commander.armed:
         return int(REJECTED)
@@ -299,7 +302,7 @@ def _mission_start(node: Node, port: Port, c: Command) -> int:
     commander = node.vehicle.commander
     if not commander.flight.plans.mission:
         return int(DENIED)
-    first = c.number(1)  # without one the mission goes on where it was
+    first = c.number(1)  # without a number the mission continues at its present item
     if first is not None and first >= 0 and not commander.fly_item(first):
         return int(DENIED)
     result = commander.set_mode("MISSION")
@@ -310,7 +313,7 @@ def _set_current_item(node: Node, port: Port, c: Command) -> int:
     number, commander = c.number(1), node.vehicle.commander
     if number == -1:
         number = commander.mission.current
-    if number is None or not commander.fly_item(number):  # which counts all jumps anew, asked for or not
+    if number is None or not commander.fly_item(number):  # this always resets the jump counters
         return int(DENIED)
     mission.say_current(node)
     return int(ACCEPTED)
@@ -320,7 +323,7 @@ def _reboot(node: Node, port: Port, c: Command) -> int:
     if node.vehicle.commander.armed:
         return int(DENIED)
     if c.number(1) in (1, 2, 3):
-        node.reboot_requested = True  # the composer owns the life of the process
+        node.reboot_requested = True  # the owner of the autopilot restarts it
     return int(ACCEPTED)
 
 

@@ -1,8 +1,8 @@
 """Files over MAVLink: the server side of MAVLink FTP, and the download of the flight logs.
 
-Every FTP request is answered at once, with an ACK and its data or a NAK and its reason. Source: mavlink.io,
-services/ftp. A repeated request gets the same answer, and is not carried out again. Flight logs answer
-LOG_REQUEST_LIST, _DATA, _END and LOG_ERASE. They are numbered from 0, as PX4 does it.
+The server replies to every FTP request at once: an ACK with the data, or a NAK with the reason. Source: mavlink.io,
+services/ftp. A repeated request gets the same reply and is not executed again. Flight logs are sent and erased by
+LOG_REQUEST_LIST, _DATA, _END and LOG_ERASE. They are numbered from 0, as in PX4.
 """
 
 import struct
@@ -41,12 +41,12 @@ OPENING = frozenset({OPEN_TO_READ, CREATE, OPEN_TO_WRITE})
 _HEADER = struct.Struct("<HBBBBBBI")  # seq, session, opcode, size, requested opcode, burst complete, padding, offset
 PAYLOAD = 251
 DATA = PAYLOAD - _HEADER.size  # 239 bytes
-BURST_MESSAGES = 200  # of one burst: 48 kB, then the client asks for more
+BURST_MESSAGES = 200  # of one burst: 48 kB; then the client requests the next burst
 
 
 @dataclass(frozen=True, slots=True)
 class FileRequest:
-    """A request as it came."""
+    """The fields of a received request."""
 
     sequence: int
     session: int
@@ -69,7 +69,7 @@ def parsed(payload: bytes) -> FileRequest:
 
 @dataclass(slots=True)
 class Server:
-    """The source of the answers: the files, and one client's place among the sessions."""
+    """The context of one request: the files, the sessions, and the client."""
 
     tree: FileTree
     sessions: FileSessions
@@ -79,7 +79,7 @@ class Server:
 
 
 def request(node: Node, port: Port, message: Message) -> None:
-    """Answer one request, and let a burst begin."""
+    """Reply to one request, or start a burst."""
     payload = bytes(message.payload)
     wish = parsed(payload)
     if wish.opcode in (ACK, NAK):  # an answer for another client
@@ -114,7 +114,7 @@ def _pack(wish: FileRequest, opcode: int, data: bytes, *, session: int | None = 
 
 
 def _answer(server: Server, wish: FileRequest) -> bytes:
-    """Return the payload of the answer, whatever happens."""
+    """Execute a request; return the payload of the reply, a NAK for any error."""
     try:
         if wish.size > DATA:
             raise Refusal(INVALID_DATA_SIZE)
@@ -186,7 +186,7 @@ def _write(server: Server, wish: FileRequest) -> bytes:
 
 
 def _list(server: Server, wish: FileRequest) -> bytes:
-    """Return as many lines of the directory as fit, from the one that the offset counts to."""
+    """Return as many lines of the directory as fit, from line number `offset` on."""
     lines = b""
     for entry in server.tree.entries(wish.name)[wish.offset :]:
         line = _line(entry, wish.opcode == LIST_DIRECTORY_WITH_TIME)
@@ -200,10 +200,10 @@ def _list(server: Server, wish: FileRequest) -> bytes:
 
 def _line(entry: Entry, with_time: bool) -> bytes:
     text = f"D{entry.name}" if entry.size is None else f"F{entry.name}\t{entry.size}"
-    if with_time:  # a folder has a size as well, so that the time is always the third word
+    if with_time:  # a folder gets a size too, so that the time is always the third field
         text += ("\t0" if entry.size is None else "") + f"\t{entry.time_utc}"
     line = text.encode() + b"\0"
-    return line if len(line) <= DATA else b"S\0"  # counts as a line, names nothing
+    return line if len(line) <= DATA else b"S\0"  # S: a skipped entry, which counts as a line
 
 
 def _terminate(server: Server, wish: FileRequest) -> bytes:
@@ -265,7 +265,7 @@ def _burst_name(address: tuple[int, int]) -> str:
 
 
 def _begin_burst(server: Server, port: Port, address: tuple[int, int], wish: FileRequest) -> None:
-    """Let the port stream a file from an offset, a bounded number of messages per tick; or refuse."""
+    """Start to stream a file from an offset, a limited number of messages per tick; or send a NAK."""
     try:
         session = server.sessions.get(server.client, wish.session, server.now_us)
         if not session.file.readable():
@@ -305,7 +305,7 @@ def _logs(node: Node) -> list[LogFile]:
 
 
 def request_list(node: Node, port: Port, message: Message) -> None:
-    """Send LOG_ENTRY for every log from `start` to `end`; one with num_logs 0 when there is none at all."""
+    """Send LOG_ENTRY for every log from `start` to `end`. If there are no logs, send one with num_logs 0."""
     logs = _logs(node)
     if not logs:
         port.send(dialect.MAVLink_log_entry_message(0, 0, 0, 0, 0))
@@ -321,10 +321,10 @@ def _entries(logs: list[LogFile], first: int, last: int) -> Iterator[Message]:
 
 
 def request_data(node: Node, port: Port, message: Message) -> None:
-    """Send a stretch of one log, a bounded number of messages per tick; a new request takes the place of the last.
+    """Send a part of one log, a limited number of messages per tick. A new request replaces the previous one.
 
-    The stretch ends with the count asked for, or with a message of fewer than 90 bytes at the end of the log, which is
-    also the answer for a log that does not exist.
+    The part ends after the requested count, or with a message of fewer than 90 bytes at the end of the log. If the log
+    does not exist, only such a message is sent.
     """
     logs = _logs(node)
     if message.id >= len(logs):
@@ -354,13 +354,13 @@ def _stretch(path: Path, log_id: int, offset: int, count: int) -> Iterator[Messa
 
 
 def request_end(node: Node, port: Port, message: Message) -> None:
-    """Stop what is being sent."""
+    """Stop the transfers of logs on this port."""
     port.transfers.pop(LOG_LIST, None)
     port.transfers.pop(LOG_DATA, None)
 
 
 def erase(node: Node, port: Port, message: Message) -> None:
-    """Remove every log but the one being written."""
+    """Remove every log except the one being written."""
     request_end(node, port, message)
     if node.log is not None:
         node.log.directory.erase()

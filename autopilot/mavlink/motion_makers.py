@@ -1,6 +1,6 @@
-"""Messages about where the vehicle is and where it is going, and with raw sensor samples.
+"""Makers of the telemetry messages about position, motion and setpoints, and of those with raw sensor samples.
 
-Each maker returns the fields of its message, and None while there is nothing to tell or its sensor is silent.
+Each maker returns the fields of its message, or None if it has no valid data or no sample of its sensor.
 """
 
 import math
@@ -14,7 +14,7 @@ from foundation.sensors import RANGE_M
 from foundation.wire import Fields
 
 NAN = math.nan
-COVARIANCE_DIAGONAL = (0, 6, 11, 15, 18, 20)  # places in the upper triangle of a 6x6 matrix
+COVARIANCE_DIAGONAL = (0, 6, 11, 15, 18, 20)  # indices of the diagonal in the upper triangle of a 6x6 matrix
 
 
 def attitude(v: TelemetrySource) -> Fields | None:
@@ -154,7 +154,7 @@ def position_target_local_ned(v: TelemetrySource) -> Fields | None:
 
 
 def _pulses(v: TelemetrySource) -> list[int]:
-    """Return the pulse (µs) to each rotor; none when the actuators are not shared."""
+    """Return the length (µs) of the pulse to each rotor; empty without an ACTUATORS record."""
     if v.actuators is None:
         return []
     armed = int(v.actuators["armed"])
@@ -207,7 +207,7 @@ def gps_raw_int(v: TelemetrySource) -> Fields | None:
 
 
 def _pressure_altitude(pressure_hpa: float) -> float:
-    """Return m in the International Standard Atmosphere (ISO 2533 troposphere)."""
+    """Return the altitude (m) in the International Standard Atmosphere (ISO 2533 troposphere)."""
     if not pressure_hpa > 0.0:
         return math.nan
     return float(288.15 / 0.0065 * (1.0 - (pressure_hpa / 1013.25) ** 0.190263))

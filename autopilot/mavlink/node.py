@@ -1,11 +1,11 @@
 """The autopilot as a MAVLink component: its ports with their streams, the uploads that they share, and its texts.
 
-A port is one wire to the outside. It has its own stream rates, its own sequence numbers, and its own queue of bytes to
-send. TABLE has the streams: message → rate on each kind of port → its maker. Rates (Hz) as measured on PX4 1.15; 0 =
-only on request. A stream sends at most one message per tick of the autopilot.
+A port is one MAVLink connection. It has its own stream rates, sequence numbers, and queue of bytes to send. TABLE lists
+the streams: message, rate (Hz) on each kind of port, and maker. The rates are as measured on PX4 1.15; 0 = only on
+request. A stream sends at most one message per tick of the autopilot.
 
-An upload is a plan on its way in, one per client: it is collected apart and put in force as a whole. Source:
-mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
+An upload is a plan that a client sends. Its items are collected separately, and the plan takes effect as a whole.
+Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
 """
 
 import struct
@@ -29,7 +29,7 @@ PROFILES = ("onboard", "gcs", "minimal")
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """One telemetry message."""
+    """One telemetry message with its default rates and its maker."""
 
     name: str
     onboard: float  # Hz, PX4's offboard link, 14540
@@ -107,42 +107,45 @@ GROUPS[dialect.MAV_DATA_STREAM_ALL] = tuple(sorted({name for names in GROUPS.val
 COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 PARAMETERS_PER_TICK = 18  # PX4 lists 900 parameters in 0.9 s
 TRANSFERS_PER_TICK = 20  # messages of each download: 180 kB/s of a log at 100 ticks a second
-TRANSFER_BACKLOG = 200  # messages waiting on the wire, at which downloads pause
+TRANSFER_BACKLOG = 200  # queued messages; downloads pause while there are as many or more
 FASTEST_US = 1_000
 NOT_HELD = (struct.error, OverflowError, ValueError)  # raised for a value that its field cannot hold
 QUEUE_LIMIT = 20_000  # messages; a port drops the oldest if its client reads none
 
 
 class Port:
-    """Pure: `receive` what came from the wire, `take` what goes to it. Opened by `Autopilot.open_port`."""
+    """One MAVLink connection, without I/O: `receive` takes the received bytes, `take` returns the bytes to send.
+
+    `Autopilot.open_port` opens it.
+    """
 
     def __init__(self, node: "Node", profile: str, number: int, handle: Callable[["Port", Message], None]) -> None:
-        """`number` counts the ports of a component; `handle` acts on what was received."""
+        """`number` is the port's number in the component; `handle` is called for each received message."""
         if profile not in PROFILES:
             raise UsageError(f"Port profile {profile!r} does not exist; choose one of {', '.join(PROFILES)}.")
         self.profile = profile
-        self.received = 0  # messages understood
-        self.lost = 0  # messages that could not be encoded, or were dropped from a full queue
-        self.transfers: dict[str, Iterator[Message]] = {}  # service → what its download has still to send
+        self.received = 0  # number of decoded messages
+        self.lost = 0  # number of messages that could not be encoded, or were dropped from a full queue
+        self.transfers: dict[str, Iterator[Message]] = {}  # service → remaining messages of its download
         self.signing = Signing(number)
         self._node, self._handle = node, handle
         self._parser = Parser()
         self._packer = Packer(node.system_id, COMPONENT_ID)
         self._out: list[bytes] = []
         self._streams: dict[int, list[int]] = {}  # message id → [due µs, interval µs]
-        self._next_due_us = 0  # the earliest of the streams
-        self.shortest_us = 1_000_000  # the interval of the fastest of them
-        self._parameters: Iterator[Message] | None = None  # those of the list that are still to be sent
+        self._next_due_us = 0  # earliest due time of all streams
+        self.shortest_us = 1_000_000  # interval of the fastest stream
+        self._parameters: Iterator[Message] | None = None  # remaining messages of the parameter list
         for stream in TABLE:
             self.set_default_interval(stream.message_id)
 
     @property
     def bad(self) -> int:
-        """Stretches of the byte stream that were no MAVLink message."""
+        """Number of parts of the byte stream that were not a MAVLink message."""
         return self._parser.bad
 
     def receive(self, data: bytes) -> None:
-        """Act on bytes from the wire. Never raises on what they contain: garbage is counted."""
+        """Decode received bytes and handle their messages. Malformed bytes are counted and never raise an error."""
         before = self._parser.bad
         for message in self._parser.feed(data):
             self.received += 1
@@ -156,11 +159,11 @@ class Port:
             self.note_malformed()
 
     def note_malformed(self) -> None:
-        """Tell all clients that bytes have come which are no MAVLink message."""
+        """Tell all clients that malformed bytes were received."""
         self._node.send_text(4, "Malformed MAVLink data received")
 
     def take(self) -> bytes:
-        """Return everything queued since the last call."""
+        """Return all bytes queued since the last call."""
         data = b"".join(self._out)
         self._out.clear()
         return data
@@ -183,7 +186,7 @@ class Port:
             del self._out[: -QUEUE_LIMIT // 2]
 
     def send_raw(self, data: bytes) -> None:
-        """Queue a packed message of another component as it is."""
+        """Queue a packed message of another component without a change."""
         self._out.append(data)
 
     def send_heartbeat(self) -> None:
@@ -192,11 +195,11 @@ class Port:
         self._streams[HEARTBEAT_ID][0] = self._node.time_us + self._streams[HEARTBEAT_ID][1]
 
     def telemetry(self, message_id: int) -> bytes | None:
-        """Return the payload of a telemetry message of the present tick; None when there is nothing to tell."""
+        """Return the payload of a telemetry message at the present tick; None if it has no data."""
         return self._node.telemetry(message_id)
 
     def send_telemetry(self, message_id: int) -> None:
-        """Queue one telemetry message now, if there is something to tell."""
+        """Queue one telemetry message now, if it has data."""
         try:
             payload = self.telemetry(message_id)
         except NOT_HELD:
@@ -207,7 +210,7 @@ class Port:
             self._queue(self._packer.frame(layout, payload), layout.extra[0])
 
     def set_interval(self, message_id: int, interval_us: int) -> None:
-        """Stream a message at another interval (µs), -1 stops it. HEARTBEAT keeps its rate."""
+        """Set the interval (µs) of a stream; -1 stops it. HEARTBEAT keeps its rate."""
         if message_id == HEARTBEAT_ID:
             return
         if interval_us < 0:
@@ -218,7 +221,7 @@ class Port:
         self._find_shortest()
 
     def set_default_interval(self, message_id: int) -> None:
-        """Stream a message as the port's profile has it."""
+        """Stream a message at the default rate of the port's profile."""
         rate = BY_ID[message_id].rate(self.profile)
         if rate > 0.0:
             self._streams[message_id] = [self._node.time_us, round(1e6 / rate)]
@@ -228,7 +231,7 @@ class Port:
         self._find_shortest()
 
     def interval_us(self, message_id: int) -> int:
-        """Return the interval (µs) at which a message is streamed, -1 when it is not."""
+        """Return the interval (µs) at which a message is streamed; -1 if it is not."""
         stream = self._streams.get(message_id)
         return stream[1] if stream is not None else -1
 
@@ -237,7 +240,7 @@ class Port:
         self._parameters = iter(values)
 
     def tick(self, now: int) -> None:
-        """Queue what is due at `now` (µs)."""
+        """Queue the messages that are due at `now` (µs)."""
         if now >= self._next_due_us:
             self._send_due(now)
         if self._parameters is not None:
@@ -246,12 +249,12 @@ class Port:
             self._send_transfers()
 
     def stream(self, now: int) -> None:
-        """Queue the telemetry that is due, and nothing else: between two ticks, for what is faster than they are."""
+        """Queue only the telemetry that is due. Called between two ticks, for streams faster than the ticks."""
         if now >= self._next_due_us:
             self._send_due(now)
 
     def _find_shortest(self) -> None:
-        self.shortest_us = min(stream[1] for stream in self._streams.values())  # HEARTBEAT is always there
+        self.shortest_us = min(stream[1] for stream in self._streams.values())  # HEARTBEAT is always streamed
         self._node.find_shortest()
 
     def _send_due(self, now: int) -> None:
@@ -286,7 +289,7 @@ class Port:
 
 RETRY_US = 250_000
 TIMEOUT_US = 5_000_000
-MOST_UPLOADS = 16  # at once, of all clients; a hostile client cannot fill the memory
+MOST_UPLOADS = 16  # at once, of all clients, so that a hostile client cannot fill the memory
 CANCELLED = int(dialect.MAV_MISSION_OPERATION_CANCELLED)
 
 Key = tuple[int, int, int, int]  # port, system, component, mission type
@@ -294,7 +297,7 @@ Key = tuple[int, int, int, int]  # port, system, component, mission type
 
 @dataclass(slots=True)
 class Upload:
-    """A plan on its way in."""
+    """A plan that a client is uploading."""
 
     port: Port
     client: tuple[int, int]
@@ -303,7 +306,7 @@ class Upload:
     received_us: int
     requested_us: int
     items: list[PlanItem] = field(default_factory=list)
-    taken_us: int | None = None  # when it was complete: a repeated last item is then acknowledged again
+    taken_us: int | None = None  # time of completion; after it, a repeated last item is acknowledged again
 
     def request(self, now_us: int) -> None:
         """Request the next item."""
@@ -321,7 +324,7 @@ class Uploads:
         self._open: dict[Key, Upload] = {}
 
     def begin(self, key: Key, upload: Upload) -> bool:
-        """Start an upload in the place of an older one of the same client. Returns False when there are too many."""
+        """Start an upload; it replaces an older one with the same key. Returns False if there are too many."""
         if key not in self._open and len(self._open) >= MOST_UPLOADS:
             return False
         self._open[key] = upload
@@ -334,7 +337,7 @@ class Uploads:
         self._open.pop(key, None)
 
     def tick(self, now_us: int) -> None:
-        """Ask again for what did not come; give up on a client that has gone."""
+        """Request a missing item again; cancel an upload whose client is silent for TIMEOUT_US."""
         if not self._open:
             return
         for key, upload in list(self._open.items()):
@@ -347,13 +350,13 @@ class Uploads:
 
 
 TEXT_CHUNK = 50  # bytes, STATUSTEXT.text
-REPEAT_US = 1_000_000  # a complaint about a stream of bad setpoints is said once a second
+REPEAT_US = 1_000_000  # the same complaint, for example about bad setpoints, is sent once a second
 
-Inject = Callable[[int, int, int], bool]  # FAILURE_UNIT, FAILURE_TYPE, instance (0 = all) → whether it can be done
+Inject = Callable[[int, int, int], bool]  # FAILURE_UNIT, FAILURE_TYPE, instance (0 = all) → whether this is possible
 
 
 class Node:
-    """The component, as every service uses it."""
+    """The MAVLink component: the data and functions that all message handlers share."""
 
     def __init__(
         self,
@@ -386,11 +389,11 @@ class Node:
         return self.vehicle.state.time_us
 
     def find_shortest(self) -> None:
-        """Look which stream is the fastest: a port has changed its rates, come or gone."""
+        """Update `shortest_us` after a port was opened or closed, or has changed its rates."""
         self.shortest_us = min((port.shortest_us for port in self.ports), default=1_000_000)
 
     def telemetry(self, message_id: int) -> bytes | None:
-        """Return the payload of the present tick, made once for all ports; None when there is nothing to tell.
+        """Return the payload of a message at the present tick, made once for all ports; None if it has no data.
 
         Raises one of NOT_HELD.
         """
@@ -407,16 +410,16 @@ class Node:
             return payload
 
     def forget_telemetry(self) -> None:
-        """Make messages afresh: something has changed within the tick."""
+        """Discard the payloads of this tick, because a value has changed within the tick."""
         self._made.clear()
 
     def broadcast(self, message: Message) -> None:
-        """Send on every port."""
+        """Send a message on every port."""
         for port in self.ports:
             port.send(message)
 
     def forward(self, source: Port, data: bytes) -> None:
-        """Forward a client's message to the other links, as PX4 does; a minimal port carries the vehicle only."""
+        """Forward a client's message to the other ports, as PX4 does, except to ports of the minimal profile."""
         for port in self.ports:
             if port is not source and port.profile != "minimal":
                 port.send_raw(data)
@@ -440,7 +443,7 @@ class Node:
             self.log.log_text(severity, text)
 
     def complain(self, text: str) -> None:
-        """Say something about a client's traffic, the same text at most once a second of vehicle time."""
+        """Send a text about a fault of a client's messages; the same text at most once a second of vehicle time."""
         last = self._complained.get(text)
         if last is None or self.time_us - last >= REPEAT_US:
             if len(self._complained) > 64:
@@ -449,7 +452,7 @@ class Node:
             self.send_text(dialect.MAV_SEVERITY_CRITICAL, text)
 
     def texts(self, severity: int, text: str) -> list[Message]:
-        """Return the STATUSTEXT messages that carry `text`; id 0 marks one that is whole."""
+        """Return the STATUSTEXT messages that carry `text`; id 0 means that one message has the whole text."""
         data = text.encode("ascii", "replace")
         chunks = [data[i : i + TEXT_CHUNK] for i in range(0, len(data), TEXT_CHUNK)] or [b""]
         if len(chunks) == 1:

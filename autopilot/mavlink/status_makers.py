@@ -1,6 +1,6 @@
-"""Messages about the vehicle's condition (modes, health, battery, identity, clocks), and the source of all messages.
+"""Makers of the telemetry messages about the vehicle's condition (modes, health, battery, identity, clocks).
 
-A maker returns the fields of its message, or None.
+A maker returns the fields of its message, or None if it has no data. `TelemetrySource` holds the inputs of all makers.
 """
 
 import math
@@ -18,7 +18,7 @@ from foundation.mavlink import MODES, PX4_AUTOPILOT, dialect
 from foundation.sensors import CALENDAR_START_US
 from foundation.wire import Fields
 
-Message: TypeAlias = dialect.MAVLink_message  # pymavlink's generated classes carry no types a checker can use
+Message: TypeAlias = dialect.MAVLink_message  # pymavlink's generated classes have no types for a type checker
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class TelemetrySource:
     state: EstimatedState
     commander: Commander
     parameters: ParameterTable
-    actuators: Any | None  # ACTUATORS record, None when it is not shared
+    actuators: Any | None  # ACTUATORS record; None: not available
     calibration: SensorCalibration
-    gimbal: GimbalManager | None = None  # of the camera; None: it is fixed
+    gimbal: GimbalManager | None = None  # None: the camera is fixed
 
 
 def clamped(value: float, low: int, high: int, unknown: int = 0) -> int:
@@ -72,7 +72,7 @@ CONTROL_BITS = 0x400 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000  # rate, attitu
 SENSOR_RC, SENSOR_FENCE, SENSOR_AHRS = 0x10000, 0x100000, 0x200000
 SENSOR_BATTERY, PREARM_CHECK, EXTENSION_USED = 0x2000000, 0x10000000, 0x80000000
 
-# PX4 1.15: the version whose behaviour was measured and is followed here, type 255 = release
+# PX4 1.15, whose measured behaviour this autopilot follows; type 255 = release
 FLIGHT_SW_VERSION = 1 << 24 | 15 << 16 | 0 << 8 | 255
 VENDOR_ID, PRODUCT_ID = 0x26AC, 0x10
 CAPABILITIES = (
@@ -93,7 +93,7 @@ _STANDARD_MODES = {"POSCTL": 1, "ORBIT": 2, "ALTCTL": 4, "RETURN": 5, "MISSION":
 
 
 def standard_mode(mode: str) -> int:
-    """Return the MAV_STANDARD_MODE of a mode name, 0 when it has none."""
+    """Return the MAV_STANDARD_MODE of a mode name; 0 if it has none."""
     return _STANDARD_MODES.get(mode, 0)
 
 
@@ -232,7 +232,7 @@ def flight_information(v: TelemetrySource) -> Fields:
 
 
 def rc_channels(v: TelemetrySource) -> Fields | None:
-    """Return the sticks as a receiver's channels: roll, pitch, throttle, yaw. None until they have been held."""
+    """Return the sticks as a receiver's channels: roll, pitch, throttle, yaw. None before the first MANUAL_CONTROL."""
     sticks = v.commander.flight.sticks
     if sticks.time_us < 0:
         return None

@@ -1,4 +1,4 @@
-"""Builds the site: collects the pages in build/docs, then runs Sphinx, for which every warning is an error."""
+"""Builds the site: collects the pages in build/docs, then runs Sphinx with warnings as errors."""
 
 import shutil
 import sys
@@ -11,7 +11,7 @@ from docs.website.places import CONFIGURATION, DOCTREES, PAGES, SITE
 
 def main() -> int:
     """Build the site and return the exit status: 0, or 1 after a warning such as a broken link."""
-    # Always from nothing: Sphinx reports the warnings of a page only when it reads the page.
+    # Each build is complete, because Sphinx reports the warnings of a page only when it reads the page.
     for folder in (PAGES, DOCTREES, SITE):
         shutil.rmtree(folder, ignore_errors=True)
     parts = {"commands": commands.part(), "api": api.part()}

@@ -86,7 +86,7 @@ MODULES = (
 
 
 def part() -> dict[str, Iterator[str]]:
-    """Return the lines of each page, by its name in the part."""
+    """Return the lines of each page, by page name."""
     return {"index": _first_page(), **{module: _module_page(module) for module in MODULES}}
 
 

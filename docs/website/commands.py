@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 from dronecats.cli.main import VERBS, VerbParser, command_parser
 
-MARKUP = re.compile(r"([\\*_<>\[\]{}|~$])")  # what has a meaning in Markdown
+MARKUP = re.compile(r"([\\*_<>\[\]{}|~$])")  # characters with a meaning in Markdown
 CODE = re.compile(r"(`[^`]+`)")
 PAGE = re.compile(r"\bdocs/[\w/-]+\.md")
 
 
 def part() -> dict[str, Iterator[str]]:
-    """Return the lines of each page, by its name in the part."""
+    """Return the lines of each page, by page name."""
     return {"index": first_page(), **{verb: verb_page(verb) for verb in VERBS}}
 
 
@@ -74,7 +74,7 @@ def _option(parser: VerbParser, action: argparse.Action) -> Iterator[str]:
 
 
 def markdown(text: str) -> str:
-    """Return a text of the help as Markdown, with links to the pages that it names."""
+    """Return a help text as Markdown, with links to the pages that it names."""
     parts = CODE.split(" ".join(text.split()))
     return "".join(part if CODE.fullmatch(part) else _linked(MARKUP.sub(r"\\\1", part)) for part in parts)
 

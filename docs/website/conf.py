@@ -14,15 +14,15 @@ root_doc = "index"
 myst_heading_anchors = 4  # an anchor for each heading, as GitHub makes it
 suppress_warnings = ["myst.header"]  # pages of GitHub may start with a heading of any level
 
-smartquotes = False  # they make one dash of the two of an option
+smartquotes = False  # smart quotes turn the -- of an option into one dash
 highlight_language = "none"
 default_role = "code"  # `name` in docstrings
 autodoc_default_options = {"members": True, "member-order": "bysource"}
 autoclass_content = "both"
 autodoc_inherit_docstrings = False
 autodoc_preserve_defaults = True
-autosummary_generate = False  # a module's page has a table of its members, and no page for each
-toc_object_entries = False  # the table replaces them; in the navigation of every page they double the build time
+autosummary_generate = False  # the members of a module are on its page, without pages of their own
+toc_object_entries = False  # they double the build time, and each page has a table of its members
 autodoc_typehints_format = "short"
 add_module_names = False
 python_maximum_signature_line_length = 80
@@ -38,6 +38,6 @@ pygments_style, pygments_dark_style = "friendly", "monokai"
 
 
 def setup(app: Any) -> None:
-    """Register what turns our docstrings and comments into those that Sphinx reads."""
+    """Register the conversion of docstrings and comments for Sphinx."""
     document_comments()
     app.connect("autodoc-process-docstring", process)

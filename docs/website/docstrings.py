@@ -1,4 +1,4 @@
-"""Turns the docstrings and comments of the project into those that Sphinx reads."""
+"""Converts the project's docstrings and comments into a form that Sphinx can read."""
 
 import inspect
 import re
@@ -12,7 +12,7 @@ from docs.website.api import MODULES
 # `name: type = value  # the meaning`, without a # that may belong to the value
 COMMENTED = re.compile(r"^(\s*\w+(?::| =)[^#\n]*)  # (?!type:|noqa)", re.MULTILINE)
 INDENT = "    "
-MARKUP = re.compile(r"(`+[^`]*`+)|([*|]|(?<=\w)_(?!\w))")  # code; a character that is no markup in our docstrings
+MARKUP = re.compile(r"(`+[^`]*`+)|([*|]|(?<=\w)_(?!\w))")  # code; a character that is not markup in docstrings
 
 
 def document_comments() -> None:

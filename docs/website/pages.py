@@ -1,4 +1,4 @@
-"""Collects the committed pages: copies them for Sphinx, with the navigation that docs/README.md gives.
+"""Collects the committed pages: copies them for Sphinx, and makes the navigation from docs/README.md.
 
 Three rules turn pages of GitHub into pages of the site:
 - README.md is the index of its folder, so README.md of the repository is the front page.
@@ -22,7 +22,7 @@ INDEX = PurePosixPath("docs/README.md")
 FRONT = "README.md"
 PICTURES = (".gif", ".jpg", ".png", ".svg")
 LINK = re.compile(r"\]\((?![a-z]+:|#)([^()\s#]+)(#[^()\s]*)?\)")  # a link that stays in the repository
-TITLED = re.compile(r"(?<!!)\[([^\]]+)\]\((?![a-z]+:|#)([^()\s#]+\.md)\)")  # with its text, and to a whole page
+TITLED = re.compile(r"(?<!!)\[([^\]]+)\]\((?![a-z]+:|#)([^()\s#]+\.md)\)")  # a link to a page, with its text
 FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 FILES = PurePosixPath("files")  # folder of the pages that show files
 LANGUAGES = {".py": "python", ".toml": "toml", ".json": "json"}
@@ -73,7 +73,7 @@ def write_page(path: Path, text: str) -> None:
 
 
 def outside_fences(text: str, change: Callable[[str], str]) -> str:
-    """Return a page with all text changed that is not in a block of code."""
+    """Return a page after applying `change` to all text that is not in a block of code."""
     parts, end = [], 0
     for fence in FENCE.finditer(text):
         parts += [change(text[end : fence.start()]), fence[0]]
@@ -106,7 +106,7 @@ def relinked(text: str, page: PurePosixPath, shown: set[PurePosixPath]) -> str:
 
 
 def _folder_text(name: PurePosixPath, files: Sequence[PurePosixPath]) -> str:
-    """Return a page with the names of a folder's files, which lead to their texts."""
+    """Return a page with the names of a folder's files, with links to their texts."""
     page = _file_page(name)
     return _titled(name, "\n".join(f"- [`{file.name}`]({_relative(page, _file_page(file))})" for file in files))
 
@@ -139,7 +139,7 @@ def _rows() -> Iterator[tuple[str, list[Link]]]:
 
 
 def _children(rows: Iterator[tuple[str, list[Link]]]) -> Iterator[tuple[PurePosixPath, list[Link]]]:
-    """Yield the pages of the rows with more than one, each with the pages below it."""
+    """Yield the first page of each row with several pages, and the pages below it."""
     for _, (first, *others) in rows:
         if others:
             yield first[1], others

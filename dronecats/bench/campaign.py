@@ -1,7 +1,7 @@
 """A campaign: flies the episodes of many runs in order, retries flights that did not move, and stops at the cost limit.
 
-All state is in the run folders, and each step of it is one rename or one file that is complete or missing. A process
-that is killed at any moment loses only its flights in the air.
+All state is in the run folders. Each change of state is one rename, or one file that is either complete or missing. So
+a process that is killed at any moment loses only its flights in the air.
 """
 
 import json
@@ -70,7 +70,7 @@ class Batch:
         return dict(json.loads(self._record(episode).to_json()))
 
     def done(self, episode: str) -> dict[str, Any] | None:
-        """Return the verdict of an episode that is done, None of any other."""
+        """Return the verdict of an episode; None: it is not done."""
         folder = self.folder(episode)
         if json_object(folder / layout.EPISODE) != self.record(episode):
             return None
@@ -78,7 +78,7 @@ class Batch:
         return verdict if verdict is not None and verdict.get("outcome") in SCORED else None
 
     def left(self, episodes: Iterable[str], *, retry: bool = False) -> list[str]:
-        """Return the episodes that remain to be flown, in their order; with `retry` those that are stuck, too."""
+        """Return the episodes that remain to be flown, in their order; with `retry` also those that are stuck."""
         return [episode for episode in episodes if self.done(episode) is None or (retry and self.stuck(episode))]
 
     def stuck(self, episode: str) -> bool:
@@ -92,7 +92,7 @@ class Batch:
             return False
 
     def retried(self, episode: str) -> bool:
-        """Return whether an episode, with its record of now, was retried because it did not move."""
+        """Return whether an episode, with its current record, was retried because it did not move."""
         name, record = self.folder(episode).name, self.record(episode)
         before = [self.run / RETRIED / name, *(self.run / RETRIED).glob(f"{name}-[0-9]*")]
         return any(json_object(folder / layout.EPISODE) == record for folder in before)
@@ -147,7 +147,7 @@ class OpenRun:
 
     entry: BenchEntry
     batch: Batch
-    part: tuple[str, ...]  # ids or files, the episodes of it that this process flies
+    part: tuple[str, ...]  # ids or files of the episodes that this process flies
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,14 +157,14 @@ class EndedFlight:
     run: OpenRun
     result: Result
     again: bool  # it did not move and is retried: this is not its final result
-    dropped: int = 0  # flights of the same model that are not begun, since its endpoint rejects every question
+    dropped: int = 0  # flights of the same model that are cancelled, because its endpoint rejects every question
 
 
 class Campaign:
     """The flights that remain of some runs. All state is in their folders."""
 
     def __init__(self, runs: Sequence[OpenRun], *, jobs: int, retry: bool = True) -> None:
-        """`jobs`: flights in the air at a time. `retry`: fly again what did not move."""
+        """`jobs`: flights in the air at a time. `retry`: retry flights that did not move."""
         self._jobs, self._retry = max(1, jobs), retry
         self._todo = deque(_in_order(runs, retry))
 
@@ -174,10 +174,10 @@ class Campaign:
         return frozenset((run.entry.name, episode) for run, episode in self._todo)
 
     def fly(self, engine: Engine, on_end: Callable[[EndedFlight], None] = lambda flight: None) -> Ending:
-        """Fly them, and return whether all were flown or the cost limit was reached. Closes the engine.
+        """Fly these flights, and return whether all were flown or the cost limit was reached. Closes the engine.
 
-        `on_end` is called in the caller's thread as each ends. A flight that goes wrong has that as its result. Raises
-        DronecatsError when nothing can be flown any more, and lets KeyboardInterrupt through.
+        `on_end` is called in the caller's thread after each flight. An error of one flight is in its result. Raises
+        DronecatsError when no flight is possible any more, and lets KeyboardInterrupt through.
         """
         flying: dict[Path, tuple[OpenRun, str]] = {}
         ending: Ending = "flown"
@@ -203,7 +203,7 @@ class Campaign:
         return ending
 
     def _drop(self, rejected: OpenRun) -> int:
-        """Remove the remaining flights of the models of a run; return how many these are."""
+        """Remove the remaining flights of a run's models; return the number of removed flights."""
         models, before = rejected.entry.flight.models, len(self._todo)
         self._todo = deque((run, episode) for run, episode in self._todo if run.entry.flight.models != models)
         return before - len(self._todo)
@@ -235,9 +235,9 @@ def fly_run(
     jobs: int,
     on_end: Callable[[EndedFlight], None] = lambda flight: None,
 ) -> list[Result]:
-    """Fly what remains of some episodes, once each, and return the results in the order in which they ended.
+    """Fly the episodes that are not done, once each, and return the results in the order in which they ended.
 
-    `flight`: the flight of each, without its episode. Raises as `Campaign.fly`.
+    `flight`: the settings of each flight, without the episode. Raises the errors of `Campaign.fly`.
     """
     results: list[Result] = []
 

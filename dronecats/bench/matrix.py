@@ -1,4 +1,4 @@
-"""The runs of a benchmark: every pilot under every command and latency, and the suite that they fly."""
+"""The runs of a benchmark: all combinations of pilot, command and latency, and the suite that they fly."""
 
 import re
 from collections import Counter
@@ -22,10 +22,10 @@ FLIGHTS_MAX = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchEntry:
-    """One run: the same flight of each of some episodes."""
+    """One run: a flight of each of its episodes, all with the same settings."""
 
     name: str  # of its folder
-    flight: FlightSpec  # but for the episode
+    flight: FlightSpec  # without the episode
     episodes: tuple[str, ...]  # ids or files
     beside: str | None = None  # runs with the same value are interleaved, episode after episode
 
@@ -35,12 +35,12 @@ class ChosenSuite:
     """The episodes of a benchmark, and the suite that they form."""
 
     name: str | None  # None: episodes by name
-    records: Mapping[str, EpisodeRecord]  # by id or file, in their order; each of another id
+    records: Mapping[str, EpisodeRecord]  # by id or file, in their order; all ids differ
     identity: FlownSuite
 
 
 def suite_of(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
-    """Return the episodes of some suites, or these. Raises UsageError for no episode, and for an unreadable one."""
+    """Return these episodes, or those of the suites `names`. Raises UsageError for none, or an invalid one."""
     if episodes and names:
         raise UsageError("choose episodes by name or with --suite, not both")
     chosen = list(dict.fromkeys(episodes))
@@ -81,11 +81,11 @@ def entries(
     latencies: Sequence[LatencyPolicy],
     flights: int = 1,
 ) -> list[BenchEntry]:
-    """Return every run of the matrix, the first flight of all before the second of any.
+    """Return all runs of the matrix: the first flights of all combinations, then the second flights, and so on.
 
-    `pilots` are (name, flight without episode, command and latency). Commands apply to fleets: episodes of one drone
-    are flown once, under `flat`. The k-th flight differs from the first in its seed alone. Raises UsageError for two
-    runs of one name, and for no run.
+    `pilots`: (name, flight without episode, command and latency). Commands apply to fleets: episodes of one drone are
+    flown once, under `flat`. The k-th flight differs from the first only in its seed. Raises UsageError for an unknown
+    command, for two runs with one name, and for no run.
     """
     if unknown := next((command for command in commands if command not in COMMANDS), None):
         raise UsageError(f"--command must be one of {', '.join(COMMANDS)}, got '{unknown}'")
@@ -97,7 +97,7 @@ def entries(
             for command in dict.fromkeys(("flat", *commands)):
                 flight = replace(
                     base, seed=base.seed + number, **command_fields(command)
-                )  # refuses impossible commands
+                )  # raises UsageError if impossible
                 selected = {*(single if command == "flat" else ()), *(fleets if command in commands else ())}
                 agent = "" if base.agent == PAPER else f"-{slug(base.agent)}"
                 for latency in latencies if selected else ():
@@ -133,11 +133,11 @@ def benchmark(suite: ChosenSuite, runs: Sequence[BenchEntry], *, retry: bool) ->
 
 
 def slug(text: str) -> str:
-    """Return a name in the characters of a folder's name."""
+    """Return the text with only the characters that folder names allow."""
     return re.sub(r"[^A-Za-z0-9.]+", "-", text).strip("-.") or "unnamed"
 
 
 def command_fields(command: str) -> dict[str, Any]:
-    """Return the fields of a flight for a command; only a hierarchical one keeps its commander."""
+    """Return the fields of a flight for a command. Only `hierarchical` keeps the commander."""
     without = {} if command == "hierarchical" else {"commander": None, "scripted": None}
     return {"command": command, **without}

@@ -1,7 +1,7 @@
 """Progress and cost of a campaign.
 
-`Progress` is pure: all times are the caller's. `CostEstimate` foresees the cost, and corrects it by the flights that
-have ended. A flight that fails flies to its cap and costs most, and each remaining flight counts as one of these.
+`Progress` reads no clock: the caller passes all times. `CostEstimate` predicts the cost, and corrects it with the
+flights that have ended. It counts each remaining flight as a failed one, which flies to its cap and costs most.
 """
 
 import statistics
@@ -82,7 +82,7 @@ class Progress:
         left_s = self.left_s(wall_s)
         if left_s is not None and self.done < self.total:
             fields.append(f"{_clock(left_s)} left, {self.per_hour(wall_s):.0f} an hour")
-        if self.outcomes:  # the interval is that of the table: episodes are the unit
+        if self.outcomes:  # the same interval as in the table: episodes are the unit
             share = known_share(list(self.outcomes.values()))
             fields.append(f"SR {share.share:.0%} ({share.low:.0%}–{share.high:.0%})")
         fields.append(f"{self.solved} solved, {self.failed} failed, {counted(self.errors, 'error')}")
@@ -109,8 +109,8 @@ def _clock(seconds: float) -> str:
 
 
 REPLY_TOKENS = 40  # of an action as JSON, without reasoning
-LATENCY_S = 0.5  # of a reply, when the latency policy does not foresee it
-STEPS = 20  # over which foreseen latencies are averaged
+LATENCY_S = 0.5  # of a reply, if the latency policy cannot predict it
+STEPS = 20  # over which predicted latencies are averaged
 
 
 class CostEstimate:
@@ -165,7 +165,7 @@ class CostEstimate:
 
 
 def foreseen_usd(flight: FlightSpec, record: Mapping[str, Any]) -> float:
-    """Return the foreseen cost of a flight to its cap, $, for replies without reasoning."""
+    """Return the predicted cost of a flight to its cap, $, for replies without reasoning."""
     drones, instruction = flight.drones or len(record["starts"]), str(record["instruction"])
     usd = 0.0
     if (pilot := flight.model) is not None:
@@ -181,20 +181,20 @@ def foreseen_usd(flight: FlightSpec, record: Mapping[str, Any]) -> float:
 
 
 def _question_usd(model: ModelSpec, text: str, pictures: int) -> float:
-    """Return the cost of a question with so many pictures, and of a reply with an order or action for each, $."""
+    """Return the cost ($) of a question with this number of pictures, and a reply with an action or order for each."""
     tokens_in = tokens_of(Request(text, (b"",) * pictures, thinking=False))
     return cost(model, tokens_in, REPLY_TOKENS * pictures)
 
 
 def _latency_s(flight: FlightSpec) -> float:
-    """Return the mean latency of a reply, vehicle s, as far as the policy foresees it."""
+    """Return the predicted mean latency of a reply, vehicle s; LATENCY_S if the policy cannot predict it."""
     if not flight.latency.foreseen:
         return LATENCY_S
     return statistics.fmean(flight.latency.charge_s(Question((0,), k, 0), Circumstance(None)) for k in range(STEPS))
 
 
 def _measured_usd(run: OpenRun, episode: str) -> float | None:
-    """Return the cost of a flight by its logs, $; None when they are damaged or lack token counts."""
+    """Return the cost of a flight from its logs, $; None when they are damaged or lack token counts."""
     flight = run.entry.flight
     try:
         used = usage_of(run.batch.run / episode)

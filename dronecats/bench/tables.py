@@ -1,4 +1,4 @@
-"""The tables of scores: of a suite's audit, and of a benchmark."""
+"""The score tables of a suite's audit and of a benchmark."""
 
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,14 +32,14 @@ class ScoreRow:
 
     name: str  # a suite, or a map and cell
     solved: int  # of `flown`: SR, the paper's criterion
-    flown: int  # scored flights, infrastructure errors left out
+    flown: int  # scored flights, without infrastructure errors
     errors: int
     solved_at_first: int | None  # by the first declaration: SR₁
     solved_within_three: int | None  # by one of the first three declarations: SR₃
     precision: float | None  # 0 … 1, share of declarations that are true, mean over the flights that declared
     false_declarations: float | None  # per flight, the mean
     censored: int  # flights that ended with their first success, so that later declarations are unknown
-    median_steps: float | None  # over the solved
+    median_steps: float | None  # over the solved flights
 
 
 def score_row(name: str, results: Iterable[Result]) -> ScoreRow:
@@ -70,7 +70,7 @@ def _count(measured: Iterable[bool | None]) -> int | None:
 
 
 def groups(results: Iterable[Result]) -> dict[str, list[Result]]:
-    """Return the results of each row: one per map and cell, one per suite that is among them, and "all"."""
+    """Return the results of each row: one per map and cell, one per suite with results, and "all"."""
     results = sorted(results, key=lambda r: r.episode)
     cells: dict[str, list[Result]] = {}
     for result in results:
@@ -92,7 +92,7 @@ def cell_of(episode: str) -> str:
 def cell_order(group: str) -> tuple[int, str]:
     """Return the sort key of maps and cells: the paper's order of the cells, then all other groups."""
     cells = [k for k, cell in enumerate(CELLS) if group.endswith(f"-{cell}")]
-    # 'search-and-track' is no 'tracking', and a file of the user's is neither
+    # matches the whole cell: 'search-and-track' is not 'tracking'; files of the user have no cell
     return (cells[-1] if cells else len(CELLS), group)
 
 
@@ -121,12 +121,12 @@ def blind_flights(results: Iterable[Result]) -> dict[str, BlindFlight]:
 class Floor:
     """The best blind pilots on the episodes of a row."""
 
-    solved: tuple[str, ScoreRow]  # (pilot, its row), most solved
-    within_three: tuple[str, ScoreRow]  # likewise, most solved within three declarations
+    solved: tuple[str, ScoreRow]  # (pilot, its row): most solved
+    within_three: tuple[str, ScoreRow]  # (pilot, its row): most solved within three declarations
 
 
 def floor(blind: BlindTable, name: str, results: Iterable[Result]) -> Floor | None:
-    """Return the floor under these results; None when no blind pilot has flown all of their episodes."""
+    """Return the best blind pilots on the episodes of these results; None: no blind pilot has flown all of them."""
     episodes = [r.episode for r in results]
     rows = [
         (pilot, score_row(name, [_blind_result(episode, flights[episode]) for episode in episodes]))
@@ -156,7 +156,7 @@ def _blind_result(episode: str, flight: BlindFlight) -> Result:
 
 
 def audit_table(rows: Iterable[ScoreRow], floors: Mapping[str, Floor | None]) -> ReportTable:
-    """Return the rows as a table, under each of them the best blind pilots on the same episodes."""
+    """Return the rows as a table. The best blind pilots on the same episodes are below each row."""
     lines = []
     for row in rows:
         lines.append(_audit_line(row.name, row))
@@ -192,7 +192,7 @@ CLOSE_S = 1e-6  # s, resolution of a logged latency
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeScore:
-    """One flight of a benchmark, as its table counts it."""
+    """The values of one flight of a benchmark that its table counts."""
 
     setting: str  # the run's name without the number of its flight
     episode: str  # id
@@ -203,7 +203,7 @@ class EpisodeScore:
     broken_pins: int  # replies that came later than the pinned rate allows
     unreadable: int = 0  # decisions without an action
     refused: int = 0  # of these, refused by the model or withheld by its provider
-    cut_off: int = 0  # of these, cut off at the longest reply that was allowed
+    cut_off: int = 0  # of these, cut off at the length limit of a reply
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,7 +215,7 @@ class BenchRow:
     flights: int  # scored
     solved: int
     share: float | None  # SR, 0 … 1; None: nothing is scored
-    interval: tuple[float, float]  # 0 … 1, 95 %, episodes being the unit
+    interval: tuple[float, float]  # 95 % interval of the SR, 0 … 1; episodes are the unit
     rate_hz: tuple[float, float, float] | None  # the quantiles 0.1, 0.5 and 0.9 of the control rate over all steps
     errors: int  # not scored
     retries: int
@@ -224,11 +224,11 @@ class BenchRow:
     broken_pins: int
     unreadable: int  # decisions without an action
     refused: int  # of these, refused by the model or withheld by its provider
-    cut_off: int  # of these, cut off at the longest reply that was allowed
+    cut_off: int  # of these, cut off at the length limit of a reply
 
 
 def score(setting: str, flight: FlightSpec, folder: Path, result: Result, *, retried: bool) -> EpisodeScore:
-    """Return the score of an episode folder. A damaged log counts as one without decisions."""
+    """Return the score of an episode folder. A damaged log counts as a log without decisions."""
     try:
         decisions = list(rows(folder / layout.DECISIONS, Decision))
     except UsageError:
@@ -249,7 +249,7 @@ def score(setting: str, flight: FlightSpec, folder: Path, result: Result, *, ret
 
 def broken_pins(latency: LatencyPolicy, decisions: Iterable[Decision]) -> int:
     """Return how many replies came later than the pinned rate allows; 0 when the policy pins no rate."""
-    if [part.kind for part in latency.parts] != [RATE]:  # with anything added, the rate is not pinned
+    if [part.kind for part in latency.parts] != [RATE]:  # other parts make the rate variable
         return 0
     pinned_s = 1.0 / latency.parts[0].numbers[0]
     late = {d.step for d in decisions if d.latency_s is not None and d.latency_s > pinned_s + CLOSE_S}
@@ -257,7 +257,7 @@ def broken_pins(latency: LatencyPolicy, decisions: Iterable[Decision]) -> int:
 
 
 def bench_rows(scores: Sequence[EpisodeScore], *, drop_stalled: bool = False) -> list[BenchRow]:
-    """Return the rows of each setting: one per map and cell, in the paper's order, and one of all of them."""
+    """Return the rows of each setting: one per map and cell, in the paper's order, and one over all flights."""
     table: list[BenchRow] = []
     for setting in dict.fromkeys(s.setting for s in scores):
         own = [s for s in scores if s.setting == setting]

@@ -27,14 +27,14 @@ from foundation.threads import COMPUTING
 class WorkerConfig:
     """The configuration of a worker."""
 
-    poll_s: float = 0.2  # wall s, the longest wait before it answers that no flight is over
+    poll_s: float = 0.2  # wall s, longest wait of the command `ended` for a flight
 
 
-# Short, since a flight requests the interpreter again after each picture and each written line, and would wait this
-# long whenever another one computes.
+# s, switch interval of the interpreter. It is short, because a flight requests the interpreter after each picture and
+# each written line, and waits this long if another flight computes.
 SWITCH_S = 0.0005
-# Objects between two collections. At Python's 700 they take 7 % of an undrawn flight's time, and find next to nothing:
-# what a tick makes is freed without them.
+# New objects between two garbage collections. With Python's default of 700, collections take 7 % of the time of a
+# flight without rendering. They free almost nothing, because reference counting frees the objects of a tick.
 YOUNG = 20_000
 
 
@@ -46,7 +46,7 @@ class Worker:
         self._idle = threading.Event()
         self._ended: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         sys.setswitchinterval(SWITCH_S)
-        with in_turn():  # all start at once: the first compiles, the others find the cache
+        with in_turn():  # workers start together: the first one compiles, the others use the cache
             compile_all()
         gc.freeze()  # code and kernels are permanent: collections can skip them
         gc.set_threshold(YOUNG, 10, 10)
@@ -55,9 +55,9 @@ class Worker:
         return {"pid": os.getpid()}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        """Begin to fly a `flight` in `folder`, or return one that has ended, None while there is none.
+        """Begin a `flight` in `folder`; for the command `ended`, return a flight that has ended, or None.
 
-        An ended flight has its `folder`, and a `result` or the `fault` for which there is none.
+        An ended flight has its `folder`, and a `result`, or a `fault`: the reason why there is no result.
         """
         if command == "ended":
             try:
@@ -69,7 +69,7 @@ class Worker:
 
     def _fly(self, flight: dict[str, Any], folder: str) -> None:
         outcome = fly_flight(flight, Path(folder))
-        gc.collect()  # a flight is full of circles, and the buffers of its pictures are large
+        gc.collect()  # a flight leaves reference cycles with large picture buffers
         self._ended.put({**outcome, "folder": folder})
 
     def turn(self) -> None:
@@ -77,7 +77,7 @@ class Worker:
         self._idle.wait(0.01)
 
     def orphaned(self) -> None:
-        """End at once: the parent process is gone, and nothing needs the flights."""
+        """End at once, because the parent process has ended and the flights are no longer needed."""
         os._exit(1)
 
     def close(self) -> None:
@@ -87,7 +87,7 @@ class Worker:
 def fly_flight(flight: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Fly a flight, given as JSON values, in a prepared empty folder. Raises nothing.
 
-    Returns its `result` as `fly --json` has it, or the `fault` for which there is none.
+    Returns its `result` as in `fly --json`, or a `fault`: the reason why there is no result.
     """
     try:
         spec = from_json(flight, "a worker's order")
@@ -102,9 +102,9 @@ def fly_flight(flight: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def is_compute_bound(spec: FlightSpec) -> bool:
-    """Return whether a flight's thread computes whenever it does not wait for its model: in lockstep, in one process.
+    """Return whether a flight's thread computes except while it waits for its model: in lockstep, in one process.
 
-    In real time it mostly waits for the clock, and with a PX4 for that process.
+    In real time the thread mostly waits for the clock, with a PX4 for the PX4 process.
     """
     simulated = spec.simulated
     return simulated is not None and simulated.speed is None and simulated.autopilot == "ours"

@@ -1,4 +1,4 @@
-"""Verb `camera`: measures what a camera delivers, and calibrates its lens."""
+"""Verb `camera`: measures the rate and latency of a camera's frames, and calibrates its lens."""
 
 import argparse
 import json
@@ -16,7 +16,7 @@ from foundation.errors import UsageError
 if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
 
-VIEWS_WANTED = 20  # different views of the board, from a live camera
+VIEWS_WANTED = 20  # number of different views of the board that a live camera must give
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Check or calibrate; status 2 for unusable input, 3 for a camera that delivers no frame."""
+    """Check or calibrate a camera. The exit status is 2 for unusable input, 3 if the camera delivers no frame."""
     if not 0.1 <= args.seconds <= 3600.0:
         raise UsageError(f"--seconds must be 0.1 to 3600, got {args.seconds:g}")
     return _check(args) if args.action == "check" else _calibrate(args)
@@ -86,7 +86,7 @@ def _written(path: Path, picture: Any) -> bool:
 
 
 def _table(measured: dict[str, Any]) -> "ReportTable":
-    """Return the measurements as text, each with its meaning."""
+    """Return the measurements as a table of names and texts."""
     from dronecats.report.table import table_of, words
 
     model = measured["model"]
@@ -156,7 +156,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 
 def _views_in_folder(args: argparse.Namespace, board: Any, report: Callable[[str], None]) -> tuple[list[Any], int, int]:
-    """Return the corners in every picture of a folder that shows the board, and the pictures' size."""
+    """Return the corners in each picture of a folder that shows the board, and the pictures' width and height, px."""
     from hil.cameras.lens import corners
     from hil.cameras.stream import decoded, pictures
 
@@ -178,9 +178,9 @@ def _views_in_folder(args: argparse.Namespace, board: Any, report: Callable[[str
 
 
 def _views_of_camera(args: argparse.Namespace, board: Any, report: Callable[[str], None]) -> tuple[list[Any], int, int]:
-    """Return the corners of different views of the board from a live camera, and the pictures' size.
+    """Return the corners of different views of the board from a live camera, and the pictures' width and height (px).
 
-    Ends after VIEWS_WANTED views, or after --seconds.
+    The function ends after VIEWS_WANTED views, or after --seconds.
     """
     import cv2
 
@@ -203,7 +203,7 @@ def _views_of_camera(args: argparse.Namespace, board: Any, report: Callable[[str
                 report(f"  view {len(views)} of {VIEWS_WANTED}")
             try:
                 frame = camera.following(frame.frame_id)
-            except StreamEndedError:  # a recording is all there is
+            except StreamEndedError:  # the end of a recording
                 break
     finally:
         camera.close()

@@ -24,24 +24,24 @@ if TYPE_CHECKING:
     from dronecats.bench.tables import BenchRow, EpisodeScore
     from foundation.run_folder.results import Result
 
-SPARE_FILES = 256  # open files that a campaign needs besides a lock for each run
+SPARE_FILES = 256  # open files that a campaign needs in addition to a lock per run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignResult:
-    """The result of a campaign: its scores, and the flights that broke off."""
+    """The result of a campaign: its scores, and the flights that ended in an error."""
 
     out: Path
-    scores: "list[EpisodeScore]"  # of all requested episodes, whenever they were flown
+    scores: "list[EpisodeScore]"  # of all requested episodes, flown now or earlier
     ending: "Ending"
-    episodes: int  # requested
+    episodes: int  # number of requested episodes
     done: int
-    spent: "Spent | None"  # None: no model is paid for
-    broken: "Mapping[tuple[str, str], Result]"  # flights that broke off, by run and episode
+    spent: "Spent | None"  # None: no flight uses a paid model
+    broken: "Mapping[tuple[str, str], Result]"  # (run, episode) → result of a flight that ended in an error
 
 
 def check_engine(args: argparse.Namespace) -> None:
-    """Raise UsageError for an address without a cluster, a page of a cluster, and a missing package."""
+    """Raise UsageError for --address without --engine ray, --view with --engine ray, and a missing package."""
     from foundation import extras
 
     if view_of(args) and args.engine == "ray":
@@ -53,7 +53,7 @@ def check_engine(args: argparse.Namespace) -> None:
 
 
 def allow_locks(runs: int) -> None:
-    """Let this process hold a lock for each run. Raises UsageError where the system does not allow that many files."""
+    """Raise the limit of open files, for a lock per run. Raises UsageError if the system does not allow so many."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = runs + SPARE_FILES
     if hard != resource.RLIM_INFINITY and wanted > hard:
@@ -66,7 +66,9 @@ def allow_locks(runs: int) -> None:
 
 
 def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitStack) -> CampaignResult:
-    """Fly the rest of a folder, print progress on standard error, and close the folder. Raises DronecatsError.
+    """Fly the missing flights of a folder, print progress on standard error, and close the folder.
+
+    Raises DronecatsError.
 
     The page of --view stays open until `pages` is closed.
     """
@@ -143,9 +145,9 @@ def _cost_line(estimate: "CostEstimate") -> str:
 
 
 def _engine(args: argparse.Namespace, out: Path, jobs: int, *, paid: bool) -> "Engine":
-    """Return the engine that flies; `paid`: some flight asks a model that costs.
+    """Return the engine that runs the flights; `paid`: whether some flight uses a paid model.
 
-    Raises UsageError for a cluster that does not answer.
+    Raises UsageError for --cache with a cluster, and if the cluster does not answer.
     """
     from dronecats.bench.engine import LocalEngine
     from foundation.run_folder.layout import LEDGER
@@ -162,7 +164,7 @@ def _engine(args: argparse.Namespace, out: Path, jobs: int, *, paid: bool) -> "E
 def print_result(
     result: CampaignResult, rows: "Sequence[BenchRow]", *, as_json: bool, more: Mapping[str, Any] | None = None
 ) -> None:
-    """Print the table and the folder, or with `as_json` one object of these and `more`."""
+    """Print the table and the folder; with `as_json`, print one object with the result and `more`."""
     from dronecats.bench.tables import bench_table
 
     if as_json:
@@ -176,7 +178,7 @@ def print_result(
 
 
 def status(result: CampaignResult, verb: str) -> int:
-    """Return the exit status, and print on standard error why it is not 0."""
+    """Return the exit status. If it is not 0, print the reason on standard error."""
     if result.ending == "budget":
         spent = (flight.error for flight in result.broken.values() if flight.reason == "budget")
         reason = next(spent, "the budget is spent")  # no flight broke off if the last one had already succeeded

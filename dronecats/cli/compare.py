@@ -1,4 +1,4 @@
-"""Verb `compare`: the distance between the paths of two flights."""
+"""Verb `compare`: measures the distance between the paths of two flights."""
 
 import argparse
 import json
@@ -43,7 +43,7 @@ def add_compare_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare; status 0 when the paths agree over all seconds, 1 when they do not."""
+    """Compare the paths. Return 0 if they agree over --seconds, else 1."""
     from dronecats.report.path_comparison import compare, figures, logs_of, same_replies
 
     for name in ("within", "seconds"):
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _record(path: Path) -> bytes:
-    """Return the record of a flight; empty if it has none."""
+    """Return the bytes of a flight's episode record; empty if it has none."""
     from foundation.run_folder.layout import EPISODE
     from foundation.run_folder.reading import episode_folder
 

@@ -1,4 +1,4 @@
-"""Verb `doctor`: what works on this machine, what is missing, and how to get it."""
+"""Verb `doctor`: checks what works on this machine, what is missing, and how to install it."""
 
 import argparse
 import importlib
@@ -32,7 +32,7 @@ _MARKS = {OK: "✓", NOTE: "·", MISSING: "✗"}
 PACKAGE, EXTRA, MACHINE = "package", "extra", "machine"
 _HEADINGS = {PACKAGE: "Packages", EXTRA: "Extras", MACHINE: "This machine"}
 
-# distribution → the module it is imported as
+# distribution → name of its module
 BASE = {
     "mavsdk": "mavsdk",
     "pymavlink": "pymavlink",
@@ -45,7 +45,7 @@ BASE = {
     "msgspec": "msgspec",
 }
 REINSTALL = 'pip install --force-reinstall "dronecats[sim]"'
-SIM = "sim"  # the extra without which no flight can be simulated
+SIM = "sim"  # the extra that simulated flights require
 PYTHON = (3, 11)
 PORTS = {
     14540: "offboard MAVLink, where an agent listens",
@@ -55,15 +55,15 @@ KEYS = {provider.key_variable: provider.name for provider in PROVIDERS.values() 
 HOSTED = [
     variable for variable, name in KEYS.items() if not (PROVIDERS[name].base_url or LOOPBACK).startswith(LOOPBACK)
 ]
-DISK_WANTED_GB = 1.0  # a run keeps about 120 frames of 40 kB an episode; the rest is for compiled code
+DISK_WANTED_GB = 1.0  # for about 120 frames of 40 kB per episode, and compiled code
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """One finding."""
+    """The result of one check."""
 
     name: str
-    state: str  # OK | NOTE (flying in simulation works without) | MISSING (it does not)
+    state: str  # OK; NOTE: a problem that does not prevent simulated flights; MISSING: a problem that does
     detail: str
     remedy: str = ""
     kind: str = MACHINE  # or PACKAGE, EXTRA
@@ -76,7 +76,7 @@ def add_doctor_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the findings; return 0 when flying in simulation is possible here, else 1."""
+    """Print the findings. Return 0 if this machine can simulate flights, else 1."""
     findings = examine()
     able = all(f.state != MISSING for f in findings)
     if args.json:
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _table(heading: str, findings: list[Diagnosis]) -> ReportTable:
-    """Return one section. The command that installs an extra stands beside it, any other remedy on the next line."""
+    """Return one section as a table. The remedy of an extra has its own column; other remedies are on the next line."""
     columns = [words("")] * (4 if findings[0].kind == EXTRA else 3)
     lines = []
     for finding in findings:
@@ -107,9 +107,9 @@ def _table(heading: str, findings: list[Diagnosis]) -> ReportTable:
 
 
 def examine() -> list[Diagnosis]:
-    """Return every finding, in reading order. Never raises: a check that fails is a finding."""
+    """Return all findings, in the order of the output. Never raises: an exception in a check becomes a finding."""
     findings = [_version(), _python()]
-    if (short := _memory()).state == MISSING:  # what is imported from here on would crash
+    if (short := _memory()).state == MISSING:  # the following imports would crash
         return [*findings, short]
     findings += [*(_package(*names) for names in BASE.items()), *map(_extra, EXTRAS), short]
     checks: list[Callable[[], Diagnosis]] = [_jpeg]
@@ -160,7 +160,7 @@ def _package(distribution: str, module: str) -> Diagnosis:
 
 
 def _extra(extra: Extra) -> Diagnosis:
-    """Return whether an extra is installed. Only the packages of SIM are imported: the others take seconds."""
+    """Return whether an extra is installed. Only the packages of SIM are imported, since others take seconds."""
     if not all(map(is_installed, extra.modules)):
         return Diagnosis(extra.name, MISSING if extra.name == SIM else NOTE, extra.enables, extra.command, EXTRA)
     if extra.name == SIM and (faults := [*filter(None, map(_import_fault, extra.modules))]):
@@ -169,7 +169,7 @@ def _extra(extra: Extra) -> Diagnosis:
 
 
 def _import_fault(module: str) -> str:
-    """Return why a module cannot be imported, an empty string when it can."""
+    """Return the reason why a module cannot be imported; empty if it can."""
     if not is_installed(module):
         return "not installed"
     try:
@@ -194,7 +194,7 @@ def _jpeg() -> Diagnosis:
 
 
 def _compiler() -> Diagnosis:
-    """Compile one function, and see whether the results are kept for the next start."""
+    """Compile one function, and check whether compiled code is stored for the next start."""
     import numba
 
     from foundation import compiled
@@ -214,7 +214,7 @@ def _compiler() -> Diagnosis:
 
 
 def _rays() -> Diagnosis:
-    """Hit one triangle with one ray."""
+    """Check that Embree finds the hit of one ray with one triangle."""
     import numpy as np
     from embreex import rtcore_scene
     from embreex.mesh_construction import TriangleMesh
@@ -230,9 +230,9 @@ def _rays() -> Diagnosis:
 
 
 def port(number: int, purpose: str) -> Diagnosis:
-    """Return whether a UDP port of the loopback is free, and who has it when it is not.
+    """Return whether a UDP port on the loopback address is free, and which program uses it if it is not.
 
-    A taken port is no obstacle to a simulated flight, which takes whatever port the system gives it.
+    A used port does not prevent a simulated flight, which uses any free port.
     """
     name = f"UDP {number}"
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -267,7 +267,7 @@ def _cores() -> Diagnosis:
 
 
 def _models() -> Diagnosis:
-    """Return the number of models known by name, and whether the user's own file of them can be read."""
+    """Return the number of models known by name, and whether the user's own models file can be read."""
     try:
         models = rows.rows()
     except UsageError as error:
@@ -277,7 +277,7 @@ def _models() -> Diagnosis:
 
 
 def _keys() -> Diagnosis:
-    """Return which model keys are set; their values are never read into the finding."""
+    """Return which model keys are set. The finding does not contain their values."""
     present = [f"{name} ({provider})" for name, provider in KEYS.items() if os.environ.get(name)]
     if present:
         return Diagnosis("model keys", OK, "set: " + ", ".join(present))

@@ -1,4 +1,4 @@
-"""Verb `edit` and the actions of `episodes` that write records or pictures."""
+"""Verb `edit`, and the actions of `episodes` that write records or pictures."""
 
 import argparse
 import dataclasses
@@ -59,7 +59,7 @@ def add_new_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _new(args: argparse.Namespace) -> int:
-    """Write the records and print their files."""
+    """Write the records and print the paths of their files."""
     from episodes.authoring.propose import proposals
 
     if not (args.map and args.cell):
@@ -82,7 +82,7 @@ def _new(args: argparse.Namespace) -> int:
 
 
 def _write(file: Path, text: str) -> None:
-    """Write a record. Raises UsageError for a file that holds another one or cannot be written."""
+    """Write a record. Raises UsageError if the file has another record or cannot be written."""
     try:
         if file.exists() and file.read_bytes() != text.encode():
             raise UsageError(f"'{file}' has another record. Choose another --out or --first")
@@ -99,7 +99,7 @@ def add_sheet_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _sheet(args: argparse.Namespace) -> int:
-    """Write the sheet."""
+    """Write the contact sheet of assets."""
     from episodes.authoring.asset_pictures import write_contact_sheet
 
     if args.out.suffix.lower() not in (".jpg", ".jpeg"):
@@ -117,7 +117,7 @@ def add_optics_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _optics(args: argparse.Namespace) -> int:
-    """Write the sheet."""
+    """Write the sheet of lens, sensor and weather options."""
     from episodes.authoring.scene_pictures import write_optics_sheet
 
     write_optics_sheet(args.file)

@@ -138,7 +138,7 @@ def _lines(record: "EpisodeRecord", member: "Sequence[str]", par: int | None) ->
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Check the records; status 1 when any is rejected."""
+    """Check the records. Return 1 if a record or the suite is rejected, else 0."""
     from episodes.authoring.check.rules import check_all, check_suite
     from episodes.records import catalogue
 
@@ -149,7 +149,7 @@ def _check(args: argparse.Namespace) -> int:
     names = args.episodes or catalogue.suite_ids(args.suite or "all")
     for name in names:
         catalogue.must_exist(name)
-    # version 1 was drawn before there were rules about the spread, and breaks them: that is why there is a version 2
+    # suite v1 breaks the rules for a suite, which are newer and led to version 2
     of_suite = not args.episodes and args.suite != "v1"
     reports = []
     for report in check_all(names, args.jobs or None, laid_out=of_suite):
@@ -179,7 +179,7 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _tables(reports: "list[Report]", about_suite: "list[RuleFinding]", rules: bool) -> "list[ReportTable]":
-    """Return one row per record; with `rules` the rules of each record and of the suite instead."""
+    """Return a table with a row per record; with `rules`, a row per rule of each record and of the suite."""
     from dronecats.report.table import ReportTable, in_blocks, row, table_of, words
 
     verdicts = [(report.name, f"REJECTED  {report.reason}" if report.reason else "ok") for report in reports]

@@ -46,7 +46,7 @@ def add_audit_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly; status 1 when the oracle failed an episode, 3 when a flight broke off."""
+    """Fly the episodes. Return 1 if the oracle failed an episode, 3 if a flight ended in an error, else 0."""
     from dronecats.bench.campaign import Batch, fly_run
     from dronecats.bench.engine import cores
     from dronecats.bench.matrix import suite_of
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _flight(args: argparse.Namespace) -> "FlightSpec":
-    """Return the flights of the run, without their episode."""
+    """Return the specification of the run's flights, without the episode."""
     from dronecats.agent.latency import LatencyPolicy
     from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
     from dronecats.pilots import roster
@@ -121,7 +121,7 @@ def _flight(args: argparse.Namespace) -> "FlightSpec":
         simulated=Simulated(speed=None, rendered=args.rendered or roster.looks(args.pilot)),
         seed=args.seed,
         latency=LatencyPolicy.parse(args.latency),
-        # declarations are counted until the cap; the oracle's par is settled by its first one
+        # declarations are counted until the cap, except for the oracle: its first one determines par
         full=args.pilot != "oracle",
     )
 
@@ -133,7 +133,7 @@ def _reason(result: "Result") -> str:
 
 
 def _keep(steps: dict[str, int]) -> None:
-    """Write the steps of shipped episodes to the table of pars. Episodes that were not flown keep theirs."""
+    """Write the steps of shipped episodes to the table of pars. Episodes that were not flown keep their par."""
     from episodes.records import catalogue
     from episodes.records.catalogue import PAR, load_par
     from foundation.run_folder.folder import write_json
@@ -143,7 +143,7 @@ def _keep(steps: dict[str, int]) -> None:
 
 
 def _keep_blind(pilot: str, flights: "dict[str, BlindFlight]") -> None:
-    """Write a blind pilot's flights of shipped episodes to the table of results without looking."""
+    """Write a blind pilot's flights of shipped episodes to the table of blind results."""
     from episodes.records import catalogue
     from episodes.records.catalogue import BLIND, load_blind, merged
     from foundation.run_folder.folder import write_json

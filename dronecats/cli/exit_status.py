@@ -1,4 +1,4 @@
-"""Ends a program: its exit status, and signals that end it like Ctrl-C."""
+"""Computes a program's exit status, and makes signals end it like Ctrl-C."""
 
 import signal
 import sys
@@ -12,7 +12,7 @@ INTERRUPTED = 130
 
 
 def exit_status(program: str, work: Callable[[], int]) -> int:
-    """Return the status that `work` returns; 2 wrong usage or a missing package, 3 something broke, 130 interrupted.
+    """Call `work` and return its status; after an error 2 (usage or missing package), 3 (failure), 130 (interrupted).
 
     An error is printed as one sentence on standard error.
     """
@@ -23,7 +23,7 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
         return error.exit_status
     except ImportError as error:
         sentence = missing_package(error)
-        if sentence is None:  # a bug, which the traceback explains best
+        if sentence is None:  # a bug: show the traceback
             raise
         print(f"{program}: {sentence}", file=sys.stderr)
         return UsageError.exit_status
@@ -31,13 +31,13 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
         print(f"{program}: interrupted", file=sys.stderr)
         return INTERRUPTED
     finally:
-        # A Ctrl-C inside an `exec` of text (dataclasses and Numba make functions so) marks the whole process as killed
-        # by it even if it is caught, and Python then kills itself instead of returning a status. Each `exec` clears it.
+        # A Ctrl-C during an `exec` of text, as in dataclasses and Numba, sets a flag in Python, even if it is caught.
+        # With this flag set, Python ends by a signal instead of a status. Each `exec` clears the flag.
         exec("")
 
 
 def interrupt_on_signals() -> None:
-    """Let SIGTERM and SIGHUP raise KeyboardInterrupt from now on: a flight lands, closes and keeps its files."""
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt, so that a flight lands, closes and keeps its files."""
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)
 

@@ -1,4 +1,4 @@
-"""Verb `flightlog`: fetches the logs on board of an autopilot, and derives the path of a flight from its logs."""
+"""Verb `flightlog`: fetches logs from an autopilot, and derives the path of a flight from its logs."""
 
 import argparse
 import json
@@ -47,7 +47,7 @@ def add_flightlog_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List the logs, fetch one, or derive a trace."""
+    """List the logs, fetch a log, or derive a path."""
     return _trace(args) if args.action == "trace" else _on_board(args)
 
 
@@ -81,7 +81,7 @@ def _on_board(args: argparse.Namespace) -> int:
 
 
 def _trace(args: argparse.Namespace) -> int:
-    """Write estimate.jsonl and judge the flight by it. If the truth is known, print the error of the trace instead."""
+    """Write estimate.jsonl and judge the flight by it. If the truth is known, print the path's error instead."""
     from dronecats.judge.diagnostics import distances_sentence
     from dronecats.judge.episode import write_verdict
     from dronecats.report.afterflight import against_truth, derive, target_from

@@ -1,4 +1,4 @@
-"""`dronecats fly`: one episode, in simulation (`--sitl`) or on a vehicle you connect (`--connect`)."""
+"""Verb `fly`: flies one episode, in simulation (`--sitl`) or on a connected vehicle (`--connect`)."""
 
 import argparse
 import contextlib
@@ -35,7 +35,7 @@ def add_fly_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _add(group: "argparse._ActionsContainer", options: Iterable[Option]) -> None:
-    """Declare options. The help names the vehicle that an option goes with."""
+    """Declare options. The help of an option for one vehicle only names --sitl or --connect."""
     for option in options:
         if option.vehicle:
             condition = " and " if option.help.startswith("with ") else ": "
@@ -45,14 +45,14 @@ def _add(group: "argparse._ActionsContainer", options: Iterable[Option]) -> None
 
 
 def no_options() -> argparse.Namespace:
-    """Return the parsed options of a `dronecats fly` without any."""
+    """Return the parsed command line of `dronecats fly` without options."""
     parser = argparse.ArgumentParser()
     add_fly_options(parser)
     return parser.parse_args([])
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly; status 0 when the episode was flown and judged, 3 when flying broke down, 130 when interrupted."""
+    """Fly one episode. Return 0 if it was flown and judged, 3 after a failure, 130 if interrupted."""
     interrupt_on_signals()
     spec, view = spec_of(args), view_of(args)
     if spec.connected and spec.connected.authority.arm:
@@ -108,7 +108,7 @@ def _verdict(result: dict[str, Any]) -> str:
 
 
 def _incidents(run: Path) -> list[str]:
-    """Return a line about collisions and one about estimator resets, each only if there were any."""
+    """Return a line about collisions if there were any, and a line about estimator resets if there were any."""
     from dronecats.judge.diagnostics import contacts, estimator_resets, hits_of, resets_of
     from dronecats.judge.judged_flight import JudgedFlight
 

@@ -1,4 +1,4 @@
-"""Turns the options of `dronecats fly` into a flight."""
+"""Converts the options of `dronecats fly` into a FlightSpec."""
 
 import argparse
 from dataclasses import asdict, replace
@@ -201,7 +201,7 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
 
 
 def _replayed(args: argparse.Namespace) -> "FlightSpec":
-    """Return a recorded flight, with the options that may change in a replay."""
+    """Return the specification of a recorded flight, changed by the options that may change in a replay."""
     from dronecats.flight.spec.flight_spec import Simulated, latency_policy
     from dronecats.flight.spec.spec_file import recorded
     from episodes.camera.optics.file import load as load_optics
@@ -224,7 +224,7 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
         vehicle = replace(vehicle, optics=load_optics(args.optics).as_dict())
     changes: dict[str, Any] = {
         "simulated": vehicle,
-        "accounts": accounts_of(args, args.ledger),  # not the recorded ones: a replay asks no model
+        "accounts": accounts_of(args, args.ledger),  # not the recorded accounts, since a replay asks no model
         "full": args.full or spec.full,
     }
     if args.episode:
@@ -242,7 +242,7 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
 
 
 def replay_line(args: argparse.Namespace, flight: str) -> str:
-    """Return a sentence on the values that a replay takes from the recorded flight, and on those that change."""
+    """Return a sentence that names the values taken from the recorded flight, and the changed ones."""
     changed = [o.flag for o in OPTIONS if o.replay == "may change" and is_set(getattr(args, o.name))]
     exceptions = f", but with another {', '.join(changed)}" if changed else ""
     return f"Replay of {flight}, with its replies, episode, vehicle, clock, latency and seed{exceptions}"
@@ -295,7 +295,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
 
 
 def _read(args: argparse.Namespace) -> "FlightSpec":
-    """Return the flight of a file, with the options that may be combined with --spec."""
+    """Return the flight in the file of --spec, changed by the options that are allowed with --spec."""
     from dronecats.flight.spec.spec_file import hidden, read
 
     stray = next((name for name, value in vars(args).items() if name not in BESIDE_SPEC and is_set(value)), None)
@@ -355,7 +355,7 @@ def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _of_episode(name: str) -> dict[str, Any]:
-    """Return the field of a spec for an episode: the id of a shipped one, otherwise its record."""
+    """Return the FlightSpec field for an episode: the id of a shipped episode, or the record of another one."""
     import json
 
     from episodes.records import catalogue

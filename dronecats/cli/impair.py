@@ -1,4 +1,4 @@
-"""Verb `impair`: a lossy, slow link between an agent and an autopilot."""
+"""Verb `impair`: forwards MAVLink between an agent and an autopilot over a simulated lossy, slow link."""
 
 import argparse
 from typing import Any
@@ -8,7 +8,7 @@ from foundation.errors import UsageError
 from hil.impairment import Impairment
 
 DIRECTIONS = "A both ways, or A,B: A towards the autopilot and B from it"
-QUANTITIES: dict[str, DeclaredNumber] = {  # by the field of an impairment; 0 baud: no limit
+QUANTITIES: dict[str, DeclaredNumber] = {  # by field of Impairment; 0 baud: no limit
     name: field.quantity for name, field in declarations(Impairment).items() if field.quantity
 }
 
@@ -31,7 +31,7 @@ def add_impair_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Forward until Ctrl-C, then print the counts; status 3 when one end breaks."""
+    """Forward until Ctrl-C, then print the counts. The exit status is 3 if a connection breaks."""
     import time
 
     from dronecats.cli.exit_status import interrupt_on_signals
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def impairments(args: argparse.Namespace) -> tuple[Any, Any]:
-    """Return the impairments towards the autopilot, and from it. Raises UsageError."""
+    """Return the impairments (towards the autopilot, from the autopilot). Raises UsageError."""
     cuts = tuple(_cut(text) for text in args.cut)
     directions = []
     for direction in (0, 1):

@@ -1,4 +1,4 @@
-"""Verbs `judge` and `audit`: verdicts derived again from logs, and the effect of other rules."""
+"""Verbs `judge` and `audit`: derive verdicts again from logs, and count the effect of other rules."""
 
 import argparse
 import json
@@ -50,7 +50,7 @@ def _add_rules(parser: argparse.ArgumentParser) -> None:
 
 
 def _judge(args: argparse.Namespace) -> int:
-    """Print the verdicts. Return 0, or 4 when a stored verdict differs."""
+    """Print the verdicts. Return 4 if a stored verdict differs or logs contradict themselves, else 0."""
     from dronecats.judge.metrics.judging import Judging, judged_episodes
     from dronecats.report.recorded.run import recorded_runs
 
@@ -75,7 +75,7 @@ def _judge(args: argparse.Namespace) -> int:
 
 
 def _names(folders: Sequence[tuple[Path, Path]]) -> list[str]:
-    """Return the names of (run, episode) folders: of the episode, with that of the run if there are several runs."""
+    """Return a name per (run, episode) folder: EPISODE, or RUN/EPISODE if there are several runs."""
     runs = {run: run.name for run, _ in folders}
     if len(runs) == 1:
         return [folder.resolve().name for _, folder in folders]
@@ -88,7 +88,7 @@ def _as_json(episode: "JudgedEpisode") -> dict[str, Any]:
 
 
 def _table(judged: "Sequence[tuple[RecordedRun, Sequence[JudgedEpisode]]]") -> "ReportTable":
-    """Return a row per episode and a block per run, with the remarks about episodes as notes."""
+    """Return a table with a row per episode and a block per run. Remarks about episodes are its notes."""
     from dronecats.report.table import ReportTable, in_blocks, numbers, row, words
 
     columns = (words("episode"), words("outcome"), numbers("NE", unit="m", decimals=2), numbers("steps"),
@@ -136,7 +136,7 @@ def _value(value: "MetricValue | Sequence[MetricValue]") -> str:
 
 
 def _agreement(judged: "Judged") -> str:
-    """Return how verdict.json agrees with the verdict."""
+    """Return a text on the agreement between verdict.json and the derived verdict."""
     stored = judged.stored
     if stored is None:
         return "no stored verdict"
@@ -155,7 +155,7 @@ def add_audit_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _audit(args: argparse.Namespace) -> int:
-    """Print the audit of all episodes together."""
+    """Print one audit of all episodes."""
     from dronecats.judge.metrics.audit import audit, audited_episode
     from dronecats.judge.metrics.judging import Judging, parallel_map
     from dronecats.report.recorded.run import recorded_runs

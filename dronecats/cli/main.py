@@ -1,4 +1,4 @@
-"""The command `dronecats`: parses the command line and runs the verb. Only the verb's own module is imported."""
+"""The command `dronecats`: parses the command line and runs the verb. It imports only the module of that verb."""
 
 import argparse
 import importlib
@@ -42,34 +42,34 @@ VERBS = {
     "camera": "check a camera, or calibrate it with a chessboard",
     "doctor": "check what works on this machine, what is missing and how to get it",
 }
-MODULES = {  # of the verbs that share a module
+MODULES = {  # verb → module, if that has another name
     "audit": "judge", "film": "replay", "export": "query", "verify": "submit", "leaderboard": "submit",
     "edit": "episode_authoring", "prompt": "models",
 }  # fmt: skip
-EXAMPLES = Path(__file__).with_name("examples.txt")  # of the help texts, one command a line
+EXAMPLES = Path(__file__).with_name("examples.txt")  # examples in help texts, one command per line
 HELP_COLUMNS = 100
 # GB of address space, measured as VmPeak on two cores and rounded up
-FLIGHT_GB = 2.0  # whatever flies, or draws a world: a flight core, a renderer, and what compiles them
+FLIGHT_GB = 2.0  # for flying or rendering: a flight core, a renderer, and their compilation
 MEMORY_GB = {
     **dict.fromkeys(("fly", "sitl", "bench", "study", "film", "edit", "replay"), FLIGHT_GB),
     "episodes": 1.0, "compare": 0.4, "judge": 0.2,
     **dict.fromkeys(("models", "doctor", "impair", "prompt"), 0.0),
 }  # fmt: skip
-DEFAULT_GB = 1.2  # the report, with its figures
-READER_LOST = {  # printed where the work goes on for minutes after the reader of the output has gone
+DEFAULT_GB = 1.2  # for a report with figures
+READER_LOST = {  # printed by verbs that continue for minutes after the reader of the output has gone
     "fly": "dronecats fly: the reader of the output has gone; the flight continues, and its results are"
     " in the run folder",
 }
 
 
 class VerbHelp(argparse.HelpFormatter):
-    """Help of at most HELP_COLUMNS, whose list of examples keeps its lines."""
+    """Formats help with at most HELP_COLUMNS columns. The list of examples is not wrapped."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=28, width=min(HELP_COLUMNS, shutil.get_terminal_size().columns - 2))
 
     def add_argument(self, action: argparse.Action) -> None:
-        """Add an argument; the column of names is wide enough for the names of verbs and actions too."""
+        """Add an argument. The column of names is wide enough for the names of verbs and actions, too."""
         super().add_argument(action)
         if isinstance(action, Actions):
             longest = max(len(choice.dest) for choice in action._get_subactions())
@@ -81,7 +81,7 @@ class VerbHelp(argparse.HelpFormatter):
 
 
 class Actions(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic for type checkers only
-    """The parsers of verbs or actions. The description of each is its help as a sentence."""
+    """The parsers of verbs or actions. A parser's description is its help text as a sentence."""
 
     def add_parser(self, name: str, **kwargs: Any) -> Any:
         """Return a new parser for `name`."""
@@ -90,7 +90,7 @@ class Actions(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic 
 
 
 class VerbParser(argparse.ArgumentParser):
-    """A parser whose help ends with examples, and which answers a mistyped word with the nearest known ones."""
+    """A parser whose help ends with examples, and whose errors suggest the nearest words for a mistyped word."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(formatter_class=VerbHelp, **kwargs)
@@ -107,7 +107,7 @@ class VerbParser(argparse.ArgumentParser):
         return [line for line in lines if f"{line} ".startswith(f"{self.prog} ")]
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse, and end the program with a suggestion for an option that the command does not have."""
+        """Parse the arguments. An unknown option ends the program with a suggestion."""
         parsed, unknown = super().parse_known_args(args, namespace)
         if option := next((word for word in unknown if word.startswith("--")), None):
             near = nearest(option.partition("=")[0], self._option_string_actions)
@@ -115,7 +115,7 @@ class VerbParser(argparse.ArgumentParser):
         return parsed, unknown
 
     def error(self, message: str) -> NoReturn:
-        """End the program with one sentence, without the usage, which is longer than a screen."""
+        """End the program with a one-sentence error, without the long usage text."""
         end = "" if message.endswith(("?", ".")) else "."
         self.exit(2, f"{self.prog}: {message}{end} See: {self.prog} --help\n")
 
@@ -127,12 +127,12 @@ class VerbParser(argparse.ArgumentParser):
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the parsed command line, with the function to call as `run`. Raises SystemExit as argparse does."""
+    """Return the parsed command line; `run` in it is the verb's function. Raises SystemExit as argparse does."""
     return command_parser(_verb(arguments)).parse_args(arguments)
 
 
 def command_parser(named: str | None) -> VerbParser:
-    """Return the parser of the command line, in which only the verb `named` has its options."""
+    """Return the parser of the command line. Only the verb `named` gets its options."""
     parser = VerbParser(
         prog="dronecats",
         description="A multimodal model as the pilot of a drone, and the benchmark that measures it.",
@@ -151,9 +151,9 @@ def command_parser(named: str | None) -> VerbParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    0 done, 2 wrong usage, 3 something broke, 130 interrupted. 1 and 4 are findings of a verb: an episode that is not
-    solved, a vehicle that is not fit, a verdict that differs.
-    A reader of the output that goes away, as `head` does, changes neither the work nor the status.
+    0: done. 2: wrong usage. 3: a failure. 130: interrupted. 1 and 4: a negative result, for example an unsolved
+    episode, a vehicle that is not fit to fly, a verdict that differs.
+    If the reader of the output ends early, as `head` does, the verb continues and the status is the same.
     """
     arguments = sys.argv[1:] if argv is None else argv
     with Output(READER_LOST.get(_verb(arguments) or "")) as output:
@@ -167,7 +167,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    """Run the verb and return its status. Raises UsageError where there is too little memory for it."""
+    """Run the verb and return its status. Raises UsageError if there is too little memory for it."""
     machine.check(f"dronecats {args.verb}", MEMORY_GB.get(args.verb, DEFAULT_GB))
     return int(args.run(args))
 

@@ -1,4 +1,4 @@
-"""Verbs `models` and `prompt`: the models known by name, the requests they get, and the prompt."""
+"""Verbs `models` and `prompt`: list, show and check models, and copy a paper's prompt to a file."""
 
 import argparse
 import base64
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from dronecats.agent.models.rows import ModelRow
     from dronecats.agent.models.spec import ModelSpec
 
-INSTRUCTION = "go to the cyan SUV"  # of the request that `show` prints
-REPLY_SHOWN = 120  # characters
+INSTRUCTION = "go to the cyan SUV"  # in the request that `show` prints
+REPLY_SHOWN = 120  # characters of a reply that are printed
 SCHEMA_FINDINGS = {
     None: "no schema is sent",
     True: "enforced: the reply follows it, although the question asked for something else",
@@ -88,9 +88,9 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def listed(endpoint: str) -> list[str]:
-    """Return the models that a server lists. Raises UsageError for no address, ModelError where none is listed.
+    """Return the models that a server lists. Raises UsageError for an invalid address, ModelError without a list.
 
-    A server at a provider's own address gets that provider's key.
+    `endpoint` is an address or a provider's name. Only a provider's own address gets that provider's key.
     """
     from dronecats.agent.models.spec import PROVIDERS, ModelSpec
     from dronecats.agent.models.wire_formats import open_model
@@ -106,7 +106,7 @@ def listed(endpoint: str) -> list[str]:
 
 
 def _row_as_json(row: "ModelRow") -> dict[str, Any]:
-    """Return a row as JSON values: its settings, its file, and whether its key is set, never the key."""
+    """Return a row as JSON values: its settings, its file, and whether its key is set. The key is not included."""
     from dronecats.agent.models.spec import LOOPBACK, provider_of
 
     spec, provider = row.spec, provider_of(row.spec.provider)
@@ -139,7 +139,7 @@ def _line(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _show(args: argparse.Namespace) -> int:
-    """Print the model. Sends nothing and needs no key."""
+    """Print the model's settings and an example request. This sends nothing and needs no key."""
     from dronecats.agent.models.rows import row_of, rows
     from dronecats.agent.models.spec import spec_of
 
@@ -174,14 +174,14 @@ def _rowless(spec: "ModelSpec") -> str:
 
 
 def _recorded(spec: "ModelSpec") -> dict[str, Any]:
-    """Return the model as JSON values, its address without anything that may be a key."""
+    """Return the model as JSON values. Parts of its address that may be a key are removed."""
     from foundation.redaction import redacted_url
 
     return asdict(replace(spec, base_url=redacted_url(spec.base_url) if spec.base_url else None))
 
 
 def _request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
-    """Return {url, headers, body} of the first step's request, without key and picture. Raises UsageError."""
+    """Return {url, headers, body} of the first step's request, without the key and the picture. Raises UsageError."""
     from dronecats.agent.models.model import Request
     from dronecats.agent.models.probe import marked_picture
     from dronecats.agent.models.spec import provider_of
@@ -191,7 +191,7 @@ def _request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
     from foundation.protocol import HISTORY_LENGTH
 
     provider = provider_of(spec.provider)
-    # with an address, the model needs no key
+    # a model with a base_url needs no key
     model = open_model(replace(spec, base_url=spec.base_url or provider.base_url))
     jpeg = marked_picture()
     text = Prompt.load().render(INSTRUCTION, History(CameraModel()).render(), HISTORY_LENGTH, spec.axis_order)
@@ -202,7 +202,7 @@ def _request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
 
 
 def _abbreviated(value: Any, jpeg: bytes) -> Any:
-    """Return a request's values with a note in place of the picture."""
+    """Return a request's values, in which a note replaces the picture."""
     if isinstance(value, dict):
         return {key: _abbreviated(inner, jpeg) for key, inner in value.items()}
     if isinstance(value, list):
@@ -214,7 +214,7 @@ def _abbreviated(value: Any, jpeg: bytes) -> Any:
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Probe a model; status 0 when it can fly, 1 when its points cannot be used, 3 when its endpoint fails."""
+    """Probe a model. Return 0 if it can fly, 1 if its points cannot be used; the status is 3 if its endpoint fails."""
     from dronecats.agent.models.probe import probe
     from dronecats.agent.models.wire_formats import open_model
 
@@ -244,7 +244,7 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _findings(result: "ProbeResult") -> list[str]:
-    """Return the conclusions from the replies, a sentence each."""
+    """Return the conclusions from the replies, one sentence each."""
     spec, cost = result.spec, result.cost_usd
     lines = [_pointing(result), f"Schema: {SCHEMA_FINDINGS[result.enforced]}."]
     reasons = (ending_reason(answer.reply.finish, answer.reply.tokens_out) for answer in result.answers)
@@ -313,7 +313,7 @@ def add_prompt_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run_prompt(args: argparse.Namespace) -> int:
-    """Write the listing. Raises UsageError for a file that holds something else, and keeps that file."""
+    """Write the prompt to a file. Raises UsageError if the file exists with other content."""
     from dronecats.agent.models.rows import rows
     from dronecats.agent.prompt import Prompt, prompt_listing
 

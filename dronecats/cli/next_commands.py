@@ -1,6 +1,6 @@
-"""The commands that are useful after a command, printed at its end in a terminal.
+"""Suggests the next commands at the end of a command, if standard output is a terminal.
 
-They are declared here and nowhere else. A name in braces is filled with what the command has just made.
+Only this module declares these suggestions. A name in braces is replaced by a value from the finished command.
 """
 
 import shlex
@@ -47,18 +47,21 @@ NEXT: dict[str, tuple[str, ...]] = {
     "maps import": ("maps show {map}", "edit {map}"),
     "camera calibrate": ("camera check {camera} --calibration {file}",),
 }
-KEEPS_RUNNING = ("sitl", "sitl --camera")  # commands that go on: the next ones need another terminal
+KEEPS_RUNNING = ("sitl", "sitl --camera")  # commands that keep running, so the next ones need another terminal
 
 
 def next_commands(made_by: str, **made: str | Path | Sequence[str | Path]) -> list[str]:
-    """Return the commands after `made_by`, a key of NEXT, filled with what it made; several words stay several."""
+    """Return the commands to suggest after `made_by`, a key of NEXT, with the values in `made` filled in.
+
+    A sequence becomes several words of the command line.
+    """
     words = {name: shlex.join([str(value)] if isinstance(value, str | Path) else map(str, value))
              for name, value in made.items()}  # fmt: skip
     return [f"dronecats {command.format(**words)}" for command in NEXT[made_by]]
 
 
 def print_next(made_by: str, **made: str | Path | Sequence[str | Path]) -> None:
-    """Print the commands after `made_by` if standard output is a terminal, where a person reads it."""
+    """Print the commands to suggest after `made_by` if standard output is a terminal."""
     if not sys.stdout.isatty():
         return
     lines = next_commands(made_by, **made)

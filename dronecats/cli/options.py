@@ -1,9 +1,8 @@
-"""Options that several verbs share, each declared once, and the options of browser pages.
+"""Declares the options that several verbs share, and the options of browser pages.
 
-A declaration yields the command-line option with its help, the key of that name in the file of a benchmark or a study
-with its type, and the vehicle that the option goes with. Disturbances are declared in
-`dronecats/flight/spec/disturbances.py`. An option that is absent has no value, so that a file or a recorded flight can
-set it.
+A declaration defines the command-line option with its help, the key of the same name in benchmark and study files with
+its type, and the vehicle that the option applies to. `dronecats/flight/spec/disturbances.py` declares the disturbances.
+An option that is not given has no value, so that a file or a recorded flight can set it.
 """
 
 import argparse
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import Accounts
     from dronecats.view.live.opening import WantedPage
 
-PAGE_PORT = 8090  # above the cameras of simulators, which begin at 8080
+PAGE_PORT = 8090  # above the ports of simulated cameras, which begin at 8080
 FileType = Literal["a word", "a number", "a whole number", "true or false", "a word or a table"]
 FILE_TYPES: dict[FileType, tuple[type, ...]] = {
     "a word": (str, int, float),
@@ -37,27 +36,27 @@ OF_KIND: dict[type, FileType] = {bool: "true or false", int: "a whole number", f
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Option:
-    """A command-line option, and the key of its name in a file."""
+    """A command-line option, and the key of the same name in a file."""
 
-    name: str  # "frame_delay" of --frame-delay
+    name: str  # "frame_delay" for --frame-delay
     help: str
     metavar: str | None = None
-    kind: type = str  # of its value on the command line; bool: a switch
-    file: FileType | None = None  # of its value in a file, unless that follows from `kind`
+    kind: type = str  # type of the value on the command line; bool: a switch
+    file: FileType | None = None  # type of the value in a file; None: it follows from `kind`
     choices: tuple[str, ...] = ()
     many: bool = False  # takes several values
     repeated: bool = False  # may be given several times
-    vehicle: Literal["--sitl", "--connect"] | None = None  # goes with this vehicle only
-    replay: Literal["may change", "as recorded"] | None = None  # of a recorded flight
-    beside_spec: bool = False  # may stand beside --spec FILE
+    vehicle: Literal["--sitl", "--connect"] | None = None  # the only vehicle that the option applies to; None: both
+    replay: Literal["may change", "as recorded"] | None = None  # whether a replay of a recorded flight may change it
+    beside_spec: bool = False  # allowed together with --spec FILE
 
     @property
     def flag(self) -> str:
-        """The option as it is typed."""
+        """The option on the command line, for example --frame-delay."""
         return f"--{self.name.replace('_', '-')}"
 
     def read(self, value: Any) -> Any:
-        """Return the option's value from that of a file. Raises ValueError with what it wants."""
+        """Return the option's value for a value from a file. Raises ValueError whose text is the wanted type."""
         wanted = self.file or OF_KIND.get(self.kind, "a word")
         types = FILE_TYPES[wanted]
         if self.many or self.repeated:
@@ -78,7 +77,7 @@ def _is(value: Any, types: tuple[type, ...]) -> bool:
 
 
 def add(group: "argparse._ActionsContainer", options: Iterable[Option]) -> None:
-    """Declare options to argparse."""
+    """Add options to an argparse group."""
     for option in options:
         keywords: dict[str, Any] = {"help": option.help}
         if option.kind is bool:
@@ -98,7 +97,7 @@ def is_set(value: Any) -> bool:
 
 
 def first_set(args: argparse.Namespace, options: Iterable[Option]) -> Option | None:
-    """Return the first of some options that was given."""
+    """Return the first of these options that was given; None if none was."""
     return next((option for option in options if is_set(getattr(args, option.name))), None)
 
 
@@ -221,12 +220,12 @@ PLACE = (
 
 
 def add_disturbances(parser: argparse.ArgumentParser) -> None:
-    """Declare the disturbances in a group of their own."""
+    """Declare the disturbances in a separate group."""
     add(parser.add_argument_group("disturbances of a simulated flight (docs/disturbances.md)"), DISTURBANCES)
 
 
 def with_folder(options: Iterable[Option], folder: str) -> list[Option]:
-    """Return the options with the default folder in the help of --out."""
+    """Return the options; the help of --out names `folder` as the default."""
     return [replace(o, help=f"{o.help} (default {folder})") if o.name == "out" else o for o in options]
 
 
@@ -237,7 +236,7 @@ def add_sign(group: "argparse._ActionsContainer") -> None:
 
 
 def key_of(file: Path | None) -> bytes:
-    """Return the key in the file of --sign, empty without one. Raises UsageError."""
+    """Return the key in the file of --sign; empty without a file. Raises UsageError."""
     from foundation.signing import load_key
 
     return load_key(file) if file else b""
@@ -256,7 +255,7 @@ def level_list(text: str) -> list[str]:
 
 
 def model_of(word: str, args: argparse.Namespace) -> "ModelSpec":
-    """Return the model of a row's name or PROVIDER/NAME, with the options applied. Raises UsageError."""
+    """Return the model with this row name or PROVIDER/NAME, with the options applied. Raises UsageError."""
     from dronecats.agent.models.rows import model_of
 
     return with_options(model_of(word), args)
@@ -311,7 +310,7 @@ def describe_model(spec: "ModelSpec") -> str:
 
 
 def _number(name: str, text: str) -> float:
-    """Return the number of an option. Raises UsageError for one that a model cannot have."""
+    """Return the number in an option's text. Raises UsageError for a number that is invalid for a model."""
     from dronecats.agent.models.spec import ModelSpec
     from foundation.typed_file import fields_of, typed
 
@@ -323,7 +322,7 @@ def _number(name: str, text: str) -> float:
 
 
 def add_page(group: "argparse._ActionsContainer", prefix: str = "") -> None:
-    """Declare the options of a browser page. Their names begin with `prefix` if the page is not all the verb does."""
+    """Declare the options of a browser page. `prefix` begins their names in verbs with an optional page."""
     text = f"with --{prefix.rstrip('-')}: port of the page" if prefix else "port of the page on this machine"
     group.add_argument(f"--{prefix}port", type=int, metavar="N", help=f"{text} (default {PAGE_PORT})")
     group.add_argument(
@@ -335,9 +334,9 @@ def add_page(group: "argparse._ActionsContainer", prefix: str = "") -> None:
 
 
 def page_of(args: argparse.Namespace, prefix: str = "") -> tuple[int, tuple[str, ...]]:
-    """Return the port of the page, and its host names besides the loopback ones.
+    """Return the port of the page, and its host names in addition to the loopback names.
 
-    Raises UsageError for a value that cannot be used, and when the package that serves pages is not installed.
+    Raises UsageError for an invalid value, and if the package that serves pages is not installed.
     """
     from dronecats.view.scene.page_hosts import check
     from foundation import extras
@@ -352,7 +351,7 @@ def page_of(args: argparse.Namespace, prefix: str = "") -> tuple[int, tuple[str,
 
 
 def serve(page: Any, line: str, *, browser: bool) -> int:
-    """Print a line, show the page in a browser if wanted, and serve it until Ctrl-C; return exit status 0."""
+    """Print a line, open the page in a browser if `browser`, and serve it until Ctrl-C. Return 0."""
     import threading
     import webbrowser
 
@@ -376,7 +375,7 @@ def add_view(group: "argparse._ActionsContainer") -> None:
 
 
 def view_of(args: argparse.Namespace) -> "WantedPage | None":
-    """Return the page of --view, None without it. Raises UsageError for options that need --view."""
+    """Return the page of --view; None without --view. Raises UsageError for options that need --view."""
     if not args.view:
         present = {"view-port": args.view_port is not None, "view-host": args.view_host, "view-stay": args.view_stay}
         if stray := next((name for name, is_present in present.items() if is_present), None):

@@ -1,9 +1,9 @@
-"""Standard output and standard error that may lose their reader, tables, and the progress of a long run.
+"""Prints tables, lines and progress, on standard output and standard error that may lose their reader.
 
-`dronecats fly … | head -1` closes the output in mid-flight. The flight goes on to its end, its results are in the run
-folder, and the exit status is the flight's own.
+`dronecats fly … | head -1` closes the output during the flight. The flight continues to its end, its results are in the
+run folder, and the exit status is that of the flight.
 
-All that a verb prints passes through `printable`, since a model, a server or a file may have written it.
+`printable` filters all text that a verb prints, since a model, a server or a file may be its source.
 """
 
 import contextlib
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
 
 LOG_PERIOD_S = 10.0  # wall s between two progress lines in a log
-BAR = "{bar:10} {desc}"  # tqdm cuts it off at the terminal's width
+BAR = "{bar:10} {desc}"  # tqdm truncates it to the terminal's width
 
 
 def show(*tables: "ReportTable", file: TextIO | None = None) -> None:
-    """Print tables with an empty line between two: as wide as the terminal, or unwrapped into a file or pipe.
+    """Print tables, separated by empty lines, at the terminal's width; in a file or pipe they are not wrapped.
 
-    So a search in a pipe finds a row, its words included, on one line.
+    So each row in a pipe is one line, for tools such as grep.
     """
     from dronecats.report.writers import as_terminal
 
@@ -39,7 +39,7 @@ def show(*tables: "ReportTable", file: TextIO | None = None) -> None:
 
 
 def print_wrapped(*lines: str, indent: str = "  ") -> None:
-    """Print lines on standard output. A terminal gets them wrapped at its width, with `indent` before the rest."""
+    """Print lines on standard output. In a terminal they are wrapped, with `indent` before continuation lines."""
     columns = max(40, shutil.get_terminal_size().columns) if sys.stdout.isatty() else None
     for line in lines:
         parts = textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False) if columns else [line]
@@ -47,20 +47,20 @@ def print_wrapped(*lines: str, indent: str = "  ") -> None:
 
 
 def print_line(line: str) -> None:
-    """Print a line on standard output, flushed."""
+    """Print a line on standard output and flush it."""
     print(line, flush=True)
 
 
 def print_note(line: str) -> None:
-    """Print a line on standard error, which holds no results."""
+    """Print a line that is not a result on standard error."""
     print(line, file=sys.stderr, flush=True)
 
 
 class Lossy(io.FileIO):
-    """A file descriptor that becomes the null device once it cannot be written to any more.
+    """A file descriptor that becomes the null device when a write fails.
 
-    `on_loss` is called once, with the error. `fault` is that error, unless the reader just went away, as `head` does:
-    then it had what it wanted.
+    `on_loss` is called once, with the error. `fault` is that error. `fault` is None if the reader closed the pipe, as
+    `head` does, which is not an error.
     """
 
     def __init__(self, descriptor: int, on_loss: Callable[[OSError], None] = lambda error: None) -> None:
@@ -69,7 +69,7 @@ class Lossy(io.FileIO):
         self.fault: OSError | None = None
 
     def write(self, data: Any, /) -> int:
-        """Return the number of bytes written: all of them after the reader has gone."""
+        """Write data and return the number of bytes written; after a failed write, the number of all bytes."""
         try:
             return super().write(data)
         except OSError as error:
@@ -83,23 +83,23 @@ class Lossy(io.FileIO):
 
 
 class Printing(io.TextIOWrapper):
-    """A text stream that writes no control characters, so that no text can steer the terminal."""
+    """A text stream that writes no control characters, so that no text can control the terminal."""
 
     def write(self, text: str, /) -> int:
-        """Write a text, made printable; return how many characters it has."""
+        """Write a text without control characters. Return the number of characters in `text`."""
         super().write(printable(text))
         return len(text)
 
     def draw(self, text: str) -> None:
-        """Write text of this program as it is."""
+        """Write text of this program unchanged."""
         super().write(text)
 
 
 class Drawing:
-    """Standard error for a progress bar, which returns to the beginning of its line. For text of this program only."""
+    """Standard error with control characters, which a progress bar needs. Only for text of this program."""
 
     def write(self, text: str) -> int:
-        """Write a text as it is; return how many characters it has."""
+        """Write a text unchanged. Return the number of characters."""
         (sys.stderr.draw if isinstance(sys.stderr, Printing) else sys.stderr.write)(text)
         return len(text)
 
@@ -108,16 +108,16 @@ class Drawing:
 
 
 class Output:
-    """Standard output and error of this process while a verb is at work: `with Output(note) as output`."""
+    """Replaces standard output and standard error while a verb runs: `with Output(note) as output`."""
 
     def __init__(self, note: str | None = None) -> None:
-        """`note` is printed on standard error when the reader of the output goes away."""
+        """`note` is printed on standard error if standard output loses its reader."""
         self._note = note
         self._raw: Lossy | None = None
         self._before = (sys.stdout, sys.stderr)
 
     def __enter__(self) -> "Output":
-        # a test, or a program that imports this one, may have replaced them
+        # keep the streams if a test, or a program that imports this module, has replaced them
         if sys.__stderr__ is not None and sys.stderr is sys.__stderr__:
             sys.stderr = _text(sys.stderr, Lossy(sys.stderr.fileno()), "backslashreplace")
         if sys.__stdout__ is not None and sys.stdout is sys.__stdout__:
@@ -131,11 +131,11 @@ class Output:
 
     def _flush(self) -> None:
         for stream in (sys.stdout, sys.stderr):
-            if stream is not None:  # as after `>&-`
+            if stream is not None:  # None: closed by the shell, as with `>&-`
                 stream.flush()
 
     def fault(self) -> str | None:
-        """Return why the output could not be written, such as a full disk; None when it was, or its reader left."""
+        """Return why the output could not be written, such as a full disk; None if it was, or if the reader left."""
         self._flush()
         error = self._raw.fault if self._raw else None
         return (error.strerror or str(error)) if error else None
@@ -147,31 +147,31 @@ class Output:
 
 def _text(stream: Any, raw: Lossy, errors: str) -> Printing:
     stream.flush()
-    by_line = stream.line_buffering or stream.write_through  # the latter where Python runs unbuffered
+    by_line = stream.line_buffering or stream.write_through  # write_through: Python runs unbuffered
     return Printing(io.BufferedWriter(raw), stream.encoding, errors, line_buffering=by_line)
 
 
 class Live:
-    """Progress on standard error, of `total` units: a bar on a terminal, a line every LOG_PERIOD_S in a log."""
+    """Shows progress on standard error: a bar in a terminal, a line every LOG_PERIOD_S in a log."""
 
     def __init__(self, total: int) -> None:
         from tqdm import tqdm
 
         self._bar: Any = None
-        self._file = Drawing()  # the same object for bar and lines: tqdm clears only bars of the file that it writes to
+        self._file = Drawing()  # one object for bar and lines: tqdm clears only the bars of the same file object
         if sys.stderr.isatty():
             self._bar = tqdm(total=total, file=self._file, bar_format=BAR, dynamic_ncols=True, leave=False)
         self._due_s, self._last = 0.0, ""
 
     def say(self, line: str) -> None:
-        """Print a line that stays."""
+        """Print a permanent line."""
         if self._bar is not None:
             self._bar.write(printable(line), file=self._file)
         else:
             print_note(line)
 
     def now(self, line: str, done: int) -> None:
-        """Show the newest state: in place of the last one on a terminal, at most every LOG_PERIOD_S in a log."""
+        """Show the current state. A terminal replaces the last state; a log gets a line at most every LOG_PERIOD_S."""
         if self._bar is not None:
             self._bar.n = done
             self._bar.set_description_str(printable(line))
@@ -179,7 +179,7 @@ class Live:
             self._print(line)
 
     def close(self, line: str = "") -> None:
-        """Remove the bar and print the last state, unless a log has it already."""
+        """Remove the bar, and print the last state unless the log already has it."""
         if self._bar is not None:
             self._bar.close()
             self._bar = None
@@ -192,7 +192,7 @@ class Live:
 
 
 def progress_bar(total: int, done: int, unit: str, log_period_s: float) -> Any:
-    """Return a tqdm bar on standard error, which adds a line to a log only every `log_period_s`."""
+    """Return a tqdm bar on standard error. In a log it adds a line only every `log_period_s`."""
     from tqdm import tqdm
 
     period_s = 0.1 if sys.stderr.isatty() else log_period_s

@@ -1,4 +1,4 @@
-"""Verb `preflight`: checks whether a connected vehicle is fit to fly. Never arms it."""
+"""Verb `preflight`: checks whether a connected vehicle is fit to fly. It never arms the vehicle."""
 
 import argparse
 import json
@@ -54,7 +54,7 @@ def add_preflight_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the table; return 0 when nothing fails, 1 when something does."""
+    """Print the checks. Return 1 if a check fails, else 0."""
     from hil.link import transport
     from hil.link.link import Link
     from hil.preflight.check import check, mend
@@ -114,7 +114,7 @@ def table(rows: "Sequence[Row]") -> "ReportTable":
 
 
 def proposal(changes: "Sequence[Change]") -> "ReportTable":
-    """Return the changes as a table: name, old → new, and the reason."""
+    """Return the parameter changes as a table: name, old value, new value, and reason."""
     from dronecats.report.table import numbers, table_of, words
 
     lines = ((c.name, f"{c.old:g}", f"→ {c.new:g}", c.reason) for c in changes)
@@ -122,7 +122,7 @@ def proposal(changes: "Sequence[Change]") -> "ReportTable":
 
 
 def _agreed(result: "Check", *, quiet: bool) -> bool:
-    """Print the changes and return whether the user typed `yes`."""
+    """Print the changes, and return whether the user typed `yes`."""
     print("\n--fix would set these parameters of the vehicle:\n", file=sys.stderr)
     show(proposal(result.changes), file=sys.stderr)
     print(file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Verbs `query` and `export`: read runs with SQL, and convert them to other formats."""
+"""Verbs `query` and `export`: query runs with SQL, and convert them to other formats."""
 
 import argparse
 import csv
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
 
 FORMATS = {"mcap": "message", "rerun": "message", "lerobot": "frame", "ulog": "message", "kml": "place",
-           "geojson": "place", "csv": "row", "parquet": "row"}  # format → what a file of it is counted in  # fmt: skip
+           "geojson": "place", "csv": "row", "parquet": "row"}  # format → unit of its counts  # fmt: skip
 
 
 def add_query_options(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +36,7 @@ def add_query_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _query(args: argparse.Namespace) -> int:
-    """Print the answer of a query. Names damaged episodes on standard error."""
+    """Print or write the answer of a query. Damaged episodes are named on standard error."""
     if args.tables:
         show(*_run_tables())
         return 0
@@ -58,7 +58,7 @@ def _query(args: argparse.Namespace) -> int:
 
 
 def _run_tables() -> "list[ReportTable]":
-    """Return a table for each table of the database, with its columns as rows."""
+    """Return a description of each database table, with a row per column."""
     from dronecats.report.results.tables import TABLES
     from dronecats.report.table import table_of, words
 
@@ -96,7 +96,7 @@ def _csv(answer: "Selected", file: str) -> None:
 
 
 def _cell(value: Any) -> Any:
-    """Return a value as a CSV cell: lists and structs as JSON, null as an empty cell."""
+    """Return a value as a CSV cell: lists, structs and booleans as JSON, null as an empty cell."""
     return json.dumps(_plain(value)) if isinstance(value, list | tuple | dict | bool) else value
 
 
@@ -118,7 +118,7 @@ def _plain(value: Any) -> Any:
 
 
 def _table(answer: "Selected") -> "ReportTable":
-    """Return the answer as a table, with numbers aligned to the right."""
+    """Return the answer as a table. Numbers are aligned to the right."""
     from dronecats.report.table import numbers, table_of, words
 
     cells = [[_shown(value) for value in row] for row in answer.rows]
@@ -154,7 +154,7 @@ def add_export_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _export(args: argparse.Namespace) -> int:
-    """Write the files. Names the episodes that are left out on standard error."""
+    """Write the files. Episodes that are left out are named on standard error."""
     from dronecats.report.export.formats import export
     from dronecats.report.export.layouts import FILES
     from dronecats.report.recorded.run import recorded_runs

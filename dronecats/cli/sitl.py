@@ -1,4 +1,7 @@
-"""Verb `sitl`: the simulator alone on PX4's ports, for any MAVLink client, with our autopilot or a real PX4."""
+"""Verb `sitl`: runs only the simulator, on PX4's ports, for any MAVLink client.
+
+The autopilot is that of this project, or PX4.
+"""
 
 import argparse
 import contextlib
@@ -12,10 +15,10 @@ from dronecats.cli.output import print_line
 from dronecats.flight.spec.disturbances import UNDISTURBED
 from foundation.errors import UsageError
 
-AIR = ("wind", "gusts")  # disturbances that blow from boot on
-SEEN = ("sun", "sky", "season")  # that only a camera sees
-LEAST_CHARGE = 0.5  # SIM_BAT_MIN_PCT: a session may last as long as one likes
-PX4_INSTANCES = 10  # further ones all send to port 14549
+AIR = ("wind", "gusts")  # disturbances that act from boot on
+SEEN = ("sun", "sky", "season")  # conditions that change only the camera's pictures
+LEAST_CHARGE = 0.5  # SIM_BAT_MIN_PCT: the battery keeps at least this charge, so a session may last any time
+PX4_INSTANCES = 10  # PX4 instances with separate offboard ports; all further instances send to port 14549
 
 
 def add_sitl_options(parser: argparse.ArgumentParser) -> None:
@@ -191,7 +194,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_hitl(args: argparse.Namespace, factor: float) -> None:
-    """Raise UsageError for options that a board rules out: it runs in real time, alone, with its own autopilot."""
+    """Raise UsageError for options that do not work with --hitl. A board runs in real time, alone, with its own PX4."""
     from hil.simulator import sensor_period_us
 
     if factor != 1.0:

@@ -1,4 +1,4 @@
-"""Verb `study`: flies a study of what disturbances cost, and reports it."""
+"""Verb `study`: flies a study of the effect of disturbances, and writes its report."""
 
 import argparse
 import json
@@ -30,9 +30,9 @@ from foundation.errors import UsageError
 if TYPE_CHECKING:
     from dronecats.bench.campaign import OpenRun
 
-REPEATED = Path("again")  # folder of the run folders of repeated flights
+REPEATED = Path("again")  # folder for the run folders of repeated flights
 LATENCIES = "0,0.25,0.5,1,2,4"  # s
-RATE, CVS = "2", "0,0.25,0.5,1,2"  # Hz; deviation over mean
+RATE, CVS = "2", "0,0.25,0.5,1,2"  # Hz; standard deviation / mean
 SECONDS = Option(name="seconds", kind=float, metavar="S", help="length of a flight in vehicle time (default 300)")
 HOLD = Option(name="hold", repeated=True, metavar="FACTOR=LEVEL", help="set this in every flight: docs/studies.md")
 
@@ -80,7 +80,7 @@ def add_study_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_flying_options(parser: argparse.ArgumentParser, folder: str) -> None:
-    """Declare episodes, pilots, disturbances and place of a study; `folder` is the default of --out."""
+    """Declare the options for episodes, pilots, disturbances and run of a study; `folder` is the default of --out."""
     episodes = parser.add_argument_group("episodes")
     episodes.add_argument("--episodes", type=level_list, metavar="ID,ID,…", help="these episodes, by id or file")
     episodes.add_argument("--cells", type=level_list, metavar="CELL,…", help="these cells of the suite (default all)")
@@ -107,9 +107,10 @@ def _fly_file(args: argparse.Namespace) -> int:
 
 
 def _fly(request: study_spec.StudyRequest) -> int:
-    """Fly the rest of a study; status 0 when all was flown, 3 when something broke or the budget is spent.
+    """Fly the missing flights of a study. Return 0 if all were flown, 3 after a failure or if the budget is spent.
 
-    A flight that did not move is not retried: a second flight on the same seed is the first one, or breaks the pair.
+    A flight in which the drone did not move is not retried. With the same seed, a second flight would be equal to the
+    first, or it would not match its pair.
     """
     from dronecats.bench.benchmark_folder import Bench
     from dronecats.bench.tables import bench_rows
@@ -143,7 +144,7 @@ def _repeat_command(run: "OpenRun") -> str:
     """Return the command that repeats the first flight of a run."""
     folder = run.batch.run
     name = run.batch.folder(run.part[0]).name
-    episode = name if run.part[0] == name else str(Path(folder) / name)  # a record of the user's own is in the folder
+    episode = name if run.part[0] == name else str(Path(folder) / name)  # a record that is not shipped is in the folder
     words = ["--spec", str(folder / "run.json"), "--episode", episode, "--out", str(REPEATED / run.entry.name)]
     return shlex.join(["dronecats", "fly", *words])
 

@@ -1,4 +1,4 @@
-"""Action `study load`: the effect of a busy host on flights in lockstep and in real time."""
+"""Action `study load`: measures the effect of a busy host on flights in lockstep and in real time."""
 
 import argparse
 import json
@@ -8,8 +8,8 @@ from dronecats.cli.options import level_list
 from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
 
-BUSY = "0,2,4,8"  # processes
-MOST = 256  # processes
+BUSY = "0,2,4,8"  # default numbers of processes
+MOST = 256  # largest number of processes
 
 
 def add_load_options(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +43,7 @@ def add_load_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly and compare; status 1 if load changed a verdict in lockstep."""
+    """Fly and compare the flights. Return 1 if the load changed a verdict in lockstep, else 0."""
     from dronecats.cli.exit_status import interrupt_on_signals
     from dronecats.cli.study_spec import suite_of_options
     from dronecats.pilots import roster

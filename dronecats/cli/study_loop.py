@@ -1,4 +1,4 @@
-"""Action `study loop`: delay margins of the control loops, and the setpoint loss and jitter that they bear."""
+"""Action `study loop`: measures the delay, setpoint jitter and setpoint loss that the control loops tolerate."""
 
 import argparse
 import json
@@ -37,7 +37,7 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure; status 1 if a prediction differs from the flight by more than 20 %."""
+    """Run the experiments. Return 1 if a predicted margin differs from the injected one by more than 20 %, else 0."""
     from dronecats.study.loop import margins, report, stream, trace
     from dronecats.study.loop.hover import Hover, select_loops
     from vehicles import airframe
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     traces: list[trace.TraceResponse] = []
     traced = (args.airframe or [trace.AIRFRAME])[0]
     px4 = args.px4 or os.environ.get("DRONECATS_PX4")
-    if px4 and "trace" in experiments:  # first, so that a wrong command ends here, not in minutes
+    if px4 and "trace" in experiments:  # first, so that a wrong command fails at once
         airframe.quadrotor(airframe.load(traced))
         print_note(f"{traced}: the trace under PX4 …")
         log_dir = args.out or Path(tempfile.mkdtemp(prefix="dronecats-px4-log-"))

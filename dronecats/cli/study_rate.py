@@ -1,4 +1,4 @@
-"""Action `study rate`: times camera, encoding, model and setpoint of the user's own rig. Moves nothing."""
+"""Action `study rate`: measures the times of the user's camera, encoding, model and setpoint. It moves nothing."""
 
 import argparse
 import json
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from dronecats.study.rate.chain import ChainSummary, ReplayedChain
 
 QUESTIONS = 30
-LEAST = 5  # questions, for useful quantiles
-MOST = 10_000  # latencies of a trace
+LEAST = 5  # fewest questions for useful quantiles
+MOST = 10_000  # most latencies in a trace
 INSTRUCTION = "Find the red van and fly up to it."
 
 
@@ -54,7 +54,7 @@ def add_rate_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure; status 0 when all wanted questions were measured, 2 when too few, 3 when something broke."""
+    """Measure the chain. Return 0 if all requested questions were measured, 2 if too few, 3 after a failure."""
     wanted = _wanted(args)
     spec = rehearsal(args)
     interrupt_on_signals()
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _wanted(args: argparse.Namespace) -> int | None:
-    """Return the number of questions, None for as many as the time allows. Raises UsageError."""
+    """Return the requested number of questions; None: as many as the time allows. Raises UsageError."""
     if not args.dry_run:
         raise UsageError("`study rate` never moves a vehicle. Add --dry-run to confirm that you know this")
     if args.cache is not None:
@@ -93,7 +93,7 @@ def _wanted(args: argparse.Namespace) -> int | None:
 
 
 def rehearsal(args: argparse.Namespace) -> "FlightSpec":
-    """Return the flight of `fly --connect … --dry-run` with these options. Raises UsageError."""
+    """Return the specification of `fly --connect … --dry-run` with these options. Raises UsageError."""
     from dronecats.cli.fly_spec import spec_of
 
     return spec_of(argparse.Namespace(**(vars(no_options()) | vars(args))))
@@ -138,7 +138,7 @@ def _report(
 
 
 def made_by(chain: "ReplayedChain") -> dict[str, str | Path | list[str]]:
-    """Return the words of the next commands: the latency and delay of a measured chain, and its files."""
+    """Return the values for NEXT["study rate"]: the latency and frame delay of a measured chain, and its files."""
     from dronecats.study.rate.chain import STUDY
 
     folder = chain.trace.parent

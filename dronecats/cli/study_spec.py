@@ -1,4 +1,4 @@
-"""Turns the options of `dronecats study`, and a file of the same options, into a study."""
+"""Converts the options of `dronecats study`, or a study file, into a study."""
 
 import argparse
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _Words = Annotated[tuple[str, ...], Meta(min_length=1)]
 _Count = Annotated[int, Meta(ge=0)]
-OWN_KEYS: dict[str, Any] = {  # of a file, besides those of a benchmark's file
+OWN_KEYS: dict[str, Any] = {  # keys of a study file that a benchmark file does not have
     "name": Text,
     "seconds": float,
     "design": str,
@@ -39,7 +39,7 @@ OWN_KEYS: dict[str, Any] = {  # of a file, besides those of a benchmark's file
     "held": dict[str, Any],
 }
 PILOT_FACTORS = ("pilot", "model")
-CHOSEN = ("suite", "cells", "maps")  # keys that choose episodes without their names
+CHOSEN = ("suite", "cells", "maps")  # keys that select episodes by group, not by name
 FACTOR_KEYS = ("agent", "command", "latency", "rate")
 BENCH_KEYS = [key for key in FILE_OPTIONS if key not in (*FACTOR_KEYS, "no_retry", "drop_stalled")]
 
@@ -48,7 +48,7 @@ BENCH_KEYS = [key for key in FILE_OPTIONS if key not in (*FACTOR_KEYS, "no_retry
 class StudyRequest:
     """A study as the user requested it."""
 
-    args: argparse.Namespace  # with the values of the file, if there is one
+    args: argparse.Namespace  # options, completed by the values of the study file if there is one
     out: Path
     suite: "ChosenSuite"
     plan: "StudyPlan"
@@ -62,9 +62,9 @@ def of_options(
 
 
 def of_file(args: argparse.Namespace) -> StudyRequest:
-    """Return the study of a file. Options of the command line override the file.
+    """Return the study in a file. Options on the command line override the file.
 
-    Raises UsageError with the file, the key and the wanted value.
+    Raises UsageError, which names the file, the key and the wanted value.
     """
     path = args.file
     table = toml_table(path, str(path))
@@ -77,7 +77,7 @@ def of_file(args: argparse.Namespace) -> StudyRequest:
         )
     values = bench_spec.checked(path, of_bench, BENCH_KEYS, tuple(OWN_KEYS))
     values |= {key: own.pop(key) for key in ("cells", "maps", "seconds") if key in own}
-    if args.episodes:  # names on the command line override the choice of the file, and the other way round
+    if args.episodes:  # --episodes overrides suite, cells and maps of the file; these options override its episodes
         values = {key: value for key, value in values.items() if key not in CHOSEN}
     if any(getattr(args, key) for key in CHOSEN):
         values.pop("episodes", None)
@@ -87,7 +87,7 @@ def of_file(args: argparse.Namespace) -> StudyRequest:
 
 @contextmanager
 def _naming(file: Path | None) -> Iterator[None]:
-    """Name a file, if there is one, in the UsageError that is raised within."""
+    """Prefix any UsageError raised in the block with the file's name, if there is a file."""
     try:
         yield
     except UsageError as error:
@@ -117,7 +117,7 @@ def _request(
 
 
 def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
-    """Return a table of a file, its paths of recorded latencies taken from the file's own folder."""
+    """Return a table of a study file. Paths of recorded latencies in it are relative to the file's folder."""
     from dronecats.flight.spec.flight_spec import from_folder
     from dronecats.study.factors import POLICY
 
@@ -130,7 +130,7 @@ def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
 
 
 def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":
-    """Return the episodes: by name, or those of a suite with these cells and maps."""
+    """Return the selected episodes: by name, or those of a suite with the given cells and maps."""
     from dronecats.bench.matrix import suite_of
     from episodes.records import catalogue
     from episodes.records.record import CELLS
@@ -152,7 +152,7 @@ def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":
 
 
 def _valid(option: str, names: Iterable[str], choices: Iterable[str]) -> list[str]:
-    """Return the names, each once. Raises UsageError for one that is not among the choices."""
+    """Return the names without duplicates. Raises UsageError for a name that is not among the choices."""
     choices = list(choices)
     if unknown := next((name for name in names if name not in choices), None):
         near = nearest(unknown, choices)
@@ -231,7 +231,10 @@ def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
 def _pilots(
     args: argparse.Namespace, out: Path, levels: "Mapping[str, tuple[Level, ...]]"
 ) -> "list[tuple[str, FlightSpec]]":
-    """Return the pilots with the fixed `levels` of factors. Where the pilot is itself a factor, it has no name."""
+    """Return (name, flight) of each pilot. `levels` are the levels of all factors, varied or held.
+
+    If the pilot is a factor, there is one pilot, without a name.
+    """
     from dronecats.agent.latency import LatencyPolicy
     from dronecats.flight.spec.flight_spec import LATENCY
     from foundation.protocol import CAP_S

@@ -1,4 +1,4 @@
-"""Verbs `submit`, `verify` and `leaderboard`: archives of runs, and a page of verified archives."""
+"""Verbs `submit`, `verify` and `leaderboard`: make and verify archives of runs, and write a page of entries."""
 
 import argparse
 import os
@@ -34,7 +34,7 @@ def add_submit_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _submit(args: argparse.Namespace) -> int:
-    """Write the archive, verify it and print its content."""
+    """Write the archive, verify it, and print the result."""
     from dronecats.judge.metrics.judging import reread
     from dronecats.report.leaderboard.submission import secrets_of, submit
     from dronecats.report.leaderboard.verification import verify
@@ -67,7 +67,7 @@ def add_verify_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _verify(args: argparse.Namespace) -> int:
-    """Print the verification; status 0 when nothing differs, 4 when something does."""
+    """Print the verification. Return 0 if the archive is verified, 4 if something differs."""
     from dronecats.judge.metrics.judging import reread
     from dronecats.report.leaderboard.verification import verify
 
@@ -88,7 +88,7 @@ def _as_json(entry: "Verification") -> str:
 
 
 def _print(entry: "Verification") -> None:
-    """Print the derived scores, the differences, and what was and could not be checked."""
+    """Print the derived scores, the differences, and the lists of checked and unchecked properties."""
     from dronecats.report.table import numbers, table_of, words
 
     kind = "a model" if entry.is_model else "a built-in pilot, not a model"
@@ -122,7 +122,7 @@ def add_leaderboard_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _leaderboard(args: argparse.Namespace) -> int:
-    """Write the page."""
+    """Write the leaderboard page."""
     from dronecats.report.leaderboard.leaderboard import page
 
     text = page(map(_entry, args.files))

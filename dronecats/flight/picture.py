@@ -1,7 +1,7 @@
-"""One picture of a flight: the map from above with all paths, and below it the images and decisions of the pilot.
+"""Draws one picture of a flight: the map from above with all paths, and below it the pilot's images and decisions.
 
-It is drawn from the files of an episode folder only. Missing parts are left out, because a picture of a broken flight
-is needed most.
+It reads only the files of an episode folder. Missing data is left out without an error, because broken flights need the
+picture most.
 """
 
 import math
@@ -37,7 +37,7 @@ _DPI = 100
 # distinct on grass, asphalt and paper, and for most colour-blind readers (Okabe and Ito's palette, brightened)
 _DRONES = ("#ffb000", "#3fa7ff", "#ff5c8a", "#b48cff", "#00d0a0", "#ff7a1a")
 _ACCEPTED, _REJECTED, _TARGET = "#18c93a", "#ff2a2a", "#ff2fd6"
-FLIGHT_COLORS = (_DRONES[0], _TARGET, _ACCEPTED)  # of the marks of a flight that succeeds
+FLIGHT_COLORS = (_DRONES[0], _TARGET, _ACCEPTED)  # drone, target and accepted declaration
 _MARGIN_M = 8.0
 AERIAL_HFOV_DEG = 20.0  # a long lens from high above has little parallax, so roofs are drawn above their houses
 AERIAL_WIDTH_PX, AERIAL_HEIGHT_PX = 1600, 1000
@@ -74,7 +74,7 @@ def _map(axes: Axes, logs: Logs, picture: NDArray[np.uint8] | None, extent: Exte
     if picture is not None and extent is not None:
         north_min, north_max, east_min, east_max = extent
         axes.imshow(picture, extent=(east_min, east_max, north_min, north_max), origin="upper", zorder=0)
-        axes.set_facecolor(tuple(picture.reshape(-1, 3).mean(axis=0) / 255.0))  # beside the picture: its mean colour
+        axes.set_facecolor(tuple(picture.reshape(-1, 3).mean(axis=0) / 255.0))  # mean colour around the picture
     else:
         axes.set_facecolor("#eef0ea")
         axes.grid(color="white", linewidth=1.2)
@@ -140,7 +140,7 @@ def _declarations(axes: Axes, logs: Logs) -> None:
 
 
 def _frame_map(axes: Axes, poses: list[Pose], extent: Extent | None) -> None:
-    """Set the limits of the axes around all places, with a margin, in the axes' shape and inside the map, if any."""
+    """Set the axes' limits around all positions, with a margin; without positions, around `extent`."""
     points: list[Vec3] = [p.position_ned for p in poses] + [p.target_ned for p in poses if p.target_ned]
     box = axes.get_window_extent()
     shape = box.width / box.height
@@ -210,7 +210,7 @@ def _frame(axes: Axes, flight: JudgedFlight, decision: Decision) -> None:
     path = flight.picture_path(decision)
     picture = None if path is None else cv2.imread(str(path), cv2.IMREAD_COLOR)
     axes.set_axis_off()
-    if picture is None:  # the file was cut short
+    if picture is None:  # the file is missing or damaged
         axes.text(0.5, 0.5, "no picture", ha="center", va="center", transform=axes.transAxes, color="#777777")
     else:
         height, width = picture.shape[:2]
@@ -242,7 +242,7 @@ def describe(decision: Decision) -> str:
 
 
 def _spread(logs: Logs) -> list[Decision]:
-    """Return up to FRAMES decisions over the whole flight: first, last, the decisive one, and others evenly between.
+    """Return up to FRAMES decisions over the whole flight: first, last, the decisive one, and others in between.
 
     For a fleet, all drones of a step are shown if they fit, so that their views can be compared.
     """
@@ -256,14 +256,14 @@ def _spread(logs: Logs) -> list[Decision]:
     places = [round(i * (len(order) - 1) / (wanted - 1)) for i in range(wanted)]
     decisive = next((i for i, step in enumerate(order) if any(qualifies(d, logs) for d in steps[step])), None)
     if decisive is not None and decisive not in places:
-        # the nearest of the inner places gives way, so the first and the last stay; of two, the last gives way
+        # the decisive step replaces the nearest place that is not the first or last; if there are only two, the last
         nearest = min(range(1, max(2, wanted - 1)), key=lambda k: abs(places[k] - decisive))
         places[nearest] = decisive
     return [d for place in sorted(set(places)) for d in steps[order[place]]]
 
 
 def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
-    """Return a picture (H, W, 3) RGB, north up, around all places in an episode's truth.jsonl."""
+    """Return an aerial picture (H, W, 3) RGB, north up, of all positions in truth.jsonl, and its extent."""
     points = _mentioned(folder)
     points += [start.position_ned for start in world.record.starts] + [world.target_centre(0.0)]
     norths, easts = [p[0] for p in points], [p[1] for p in points]
@@ -280,7 +280,7 @@ def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
 
 
 def _mentioned(folder: Path) -> list[Vec3]:
-    """Return the places of drones and target, m NED; none if the log is damaged."""
+    """Return the positions (m NED) of drones and target in truth.jsonl; none if it is damaged."""
     try:
         rows = [row for row in truth(folder) if isinstance(row, Pose | FrameTruth)]
     except UsageError:

@@ -1,4 +1,4 @@
-"""Actions as text: parses those of the prompt's history, and writes those of a reply.
+"""Parses the actions of a prompt's history, and writes the actions of a reply.
 
 The agent's prompt has one line `Command: …` and a history in the compact form of the logs (paper, appendix "Execution",
 History). A reply is one JSON object per drone (paper, section "Action Space").
@@ -13,12 +13,12 @@ from foundation.protocol import ACTIONS, FINISHED, GO, NEAR_SCALE, POINT_SPAN, R
 
 Pilot = Callable[[str, list[bytes]], str]  # (prompt, JPEGs in picture order) → reply
 
-LEVEL_PX = 360.0  # row of the horizon in the history's pixels: 1280 × 720
+LEVEL_PX = 360.0  # px, row of the horizon; the history has the pixels of a 1280 × 720 picture
 SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01  # depth of the shortest `go`; 1 cm more, because depths are rounded
 
 _COMMAND = re.compile(r"^[ \t]*Command:[ \t]*(.+?)[ \t]*$", re.MULTILINE)
 _NUMBER = r"(-?\d+(?:\.\d+)?(?:e-?\d+)?)"
-_OTHERS = "|".join(name.upper() for name in ACTIONS if name not in (GO, ROTATE))  # their fields are not read
+_OTHERS = "|".join(name.upper() for name in ACTIONS if name not in (GO, ROTATE))  # their fields are not parsed
 _PAST = re.compile(
     rf"^\s*\d+\.\s+(?:GO\s+x={_NUMBER}\s+y={_NUMBER}\s+depth={_NUMBER}m|ROTATE\s+angle={_NUMBER}deg|({_OTHERS})\b)"
 )
@@ -30,10 +30,10 @@ class PastAction:
     """One action of the history, as the prompt shows it."""
 
     kind: str  # one of ACTIONS
-    x_px: float = 0.0  # px of the full picture, of a go
-    y_px: float = LEVEL_PX  # px of the full picture, of a go
-    depth_m: float = 0.0  # m, of a go
-    angle_deg: float = 0.0  # deg, of a rotate, positive to the right
+    x_px: float = 0.0  # go: px of the full picture
+    y_px: float = LEVEL_PX  # go: px of the full picture
+    depth_m: float = 0.0  # go: m
+    angle_deg: float = 0.0  # rotate: deg, positive to the right
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +41,19 @@ class Briefing:
     """The command and the history of one prompt."""
 
     command: str  # the instruction; '' if the prompt has no command line
-    # one entry per drone of the prompt, in picture order and oldest action first; () for a drone without actions
+    # one entry per drone, in picture order; oldest action first; () for a drone without actions
     history: tuple[tuple[PastAction, ...], ...]
 
     def past(self, drone: int) -> tuple[PastAction, ...]:
-        """Return the history of the drone at this place in the picture order, from 0; () if it has none."""
+        """Return the history of a drone, given its index in picture order; () if it has none."""
         return self.history[drone] if 0 <= drone < len(self.history) else ()
 
 
 def read_prompt(prompt: str) -> Briefing:
     """Return the command and the histories of a prompt. Never raises; a missing part is empty.
 
-    In the prompt of several drones, each history stands under a line with the drone's number ("Drone 2"), even if it
-    is empty. The pictures are in the order of the numbers.
+    In a prompt for several drones, a line with the drone's number ("Drone 2") precedes each history, even an empty
+    one. The pictures are in the order of the numbers.
     """
     commands = _COMMAND.findall(prompt)
     sections: dict[int, list[PastAction]] = {}
@@ -81,7 +81,7 @@ def _parse_action(match: re.Match[str]) -> PastAction:
 
 
 def go(u: float, v: float, depth_m: float) -> str:
-    """Return a `go` at the point (u, v), 0–1000 from the top-left on both axes, clipped, with its depth in metres."""
+    """Return a `go` to the point (u, v), clipped to 0–1000 from the top left, with its depth in metres."""
     point = [round(min(max(u, 0.0), POINT_SPAN)), round(min(max(v, 0.0), POINT_SPAN))]
     return json.dumps({"action": GO, "point": point, "depth_m": round(depth_m, 2)})
 
@@ -109,13 +109,13 @@ def join(replies: list[str]) -> str:
 def short_stride_m(travel_m: float) -> float:
     """Return the length (m) of the next short stride towards a place that is `travel_m` away.
 
-    A short stride is 1.2 m to 1.8 m long. A longer distance is halved first, so that the last stride is not too short
-    to be flown.
+    A short stride is 1.2 m to 1.8 m long. A longer distance is halved first, so that the last stride is long enough to
+    be flown.
     """
     longest = NEAR_SCALE * STRIDE_MAX_M
     return min(max(travel_m if travel_m <= longest else 0.5 * travel_m, STRIDE_MIN_M), longest)
 
 
 def depth_of_stride(stride_m: float) -> float:
-    """Return the depth (m) of a `go` that is flown as a stride of this length, but at least as one of 1.2 m."""
+    """Return the depth (m) of a `go` that flies a stride of this length, but at least 1.2 m."""
     return max(stride_m, STRIDE_MIN_M) / NEAR_SCALE + 0.01

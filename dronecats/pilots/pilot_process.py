@@ -1,4 +1,4 @@
-"""A built-in pilot as a child process: an OpenAI-compatible endpoint on the loopback interface."""
+"""Runs a built-in pilot in a child process, as an OpenAI-compatible endpoint on the loopback interface."""
 
 import time
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ class PilotConfig:
     """The configuration that the parent sends to the child process."""
 
     pilot: str  # its name in the roster
-    port: int = 0  # TCP; 0: the system chooses one
+    port: int = 0  # TCP port; 0: the system chooses one
 
 
 class PilotPart:
-    """Part of a real-time flight."""
+    """The endpoint as the `Part` of a child process (`dronecats.flight.processes.child`)."""
 
     def __init__(self, config: PilotConfig) -> None:
         name = config.pilot

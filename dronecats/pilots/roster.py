@@ -18,7 +18,7 @@ COMMANDERS = {"scripted:divide": "dronecats (a script that divides, not a model)
 
 
 def check(name: str) -> str:
-    """Return `name` if it is a pilot's. Raises UsageError, with the nearest names or for a file without replies."""
+    """Return `name` if it names a pilot. Raises UsageError with similar names, or for a file without replies."""
     if name in NAMES or (name.removeprefix(BLIND) in PATTERNS and name.startswith(BLIND)):
         return name
     if name.startswith(FAILING):
@@ -35,7 +35,7 @@ def check(name: str) -> str:
 
 
 def _similar(name: str, prefix: str, kinds: Iterable[str]) -> str:
-    return suggestion(name, [f"{prefix}{kind}" for kind in kinds], count=2, cutoff=0.8)  # all begin alike
+    return suggestion(name, [f"{prefix}{kind}" for kind in kinds], count=2, cutoff=0.8)  # all have the same prefix
 
 
 def check_installed(name: str, instructions: Iterable[str]) -> None:
@@ -54,17 +54,17 @@ def check_commander(name: str) -> str:
 
 
 def forgets(name: str) -> bool:
-    """Return whether a pilot keeps no memory, so that one process can serve several drones."""
+    """Return whether the same pilot can fly several drones that are asked separately."""
     return name in NAMES
 
 
 def looks(name: str) -> bool:
-    """Return whether a pilot looks at the frames, which then must be rendered."""
+    """Return whether a pilot uses the pictures, so that they must be rendered."""
     return not needs_truth(name) and name != "blind" and not name.startswith(BLIND)
 
 
 def needs_truth(name: str | None) -> bool:
-    """Return whether a pilot knows the truth, and flies only where that is available."""
+    """Return whether a pilot needs the truth. It then flies only in worlds that provide the truth."""
     return name is not None and (name in (ORACLE, NOISY) or name.startswith(FAILING))
 
 

@@ -1,4 +1,4 @@
-"""Pilots that look at no picture: blind patterns, a scripted commander, and the replies of another flight."""
+"""Pilots that use no pictures: blind patterns, a scripted commander, and the recorded replies of another flight."""
 
 import hashlib
 import json
@@ -19,32 +19,32 @@ from foundation.run_folder.rows import Whole
 
 LONG_M, LONG_DEPTH_M = STRIDE_MAX_M, 6.0  # the longest stride, and its depth
 SHORT_M, SHORT_DEPTH_M = STRIDE_MIN_M, BRAKE_M  # the shortest stride, and its depth
-START_M = 16.0  # of every residential start from its target
-VIEW_DEG = 90.0  # of the camera
-_TURN_DEG = 60.0  # of `blind`
+START_M = 16.0  # distance of every residential start from its target
+VIEW_DEG = 90.0  # horizontal field of view of the camera
+_TURN_DEG = 60.0  # turn of the pilot `blind`
 
 
 @dataclass(frozen=True, slots=True)
 class Seat:
     """The drone that a pattern flies."""
 
-    drone: int  # its place in the picture order
+    drone: int  # its index in picture order
     drones: int  # the number of drones
-    prompt: str  # of the first step: the seed of the random pattern
+    prompt: str  # prompt of the first step; it seeds the random pattern
 
     @property
     def aside_deg(self) -> float:
-        """The turn to the right that fans a fleet out over the picture."""
+        """The turn to the right that spreads the drones of a fleet over the field of view."""
         return 0.0 if self.drones == 1 else VIEW_DEG * ((self.drone + 0.5) / self.drones - 0.5)
 
 
 @dataclass(frozen=True, slots=True)
 class Pattern:
-    """One blind pilot."""
+    """A flight pattern without pictures."""
 
     description: str  # one sentence
     fly: Callable[[Seat], Iterator[str]]
-    sweeps: bool = False  # it covers an area; the others follow one line
+    sweeps: bool = False  # it covers an area; other patterns follow one line
 
 
 def long_strides(metres: float) -> Iterator[str]:
@@ -70,7 +70,7 @@ def creeping() -> Iterator[str]:
 
 
 def straight(after_deg: float = 0.0, from_m: float = 0.0) -> Callable[[Seat], Iterator[str]]:
-    """Return the pattern: turn, fly some metres without a declaration, then stride and declare without end."""
+    """Return the pattern: turn, fly `from_m` metres without a declaration, then alternate strides and declarations."""
 
     def fly(seat: Seat) -> Iterator[str]:
         yield from turn(after_deg + seat.aside_deg)
@@ -89,7 +89,7 @@ def declaring(seat: Seat) -> Iterator[str]:
 
 
 def fan(seat: Seat) -> Iterator[str]:
-    """Fly out and back along rays, those in view first, and declare on the way out."""
+    """Fly out and back along rays, first along those in view, and declare on the way out."""
     yield from turn(seat.aside_deg)
     spread = 30.0 if seat.drones == 1 else VIEW_DEG / seat.drones / 2.0
     for far in (18.0, 36.0):
@@ -119,7 +119,7 @@ def spiral(seat: Seat) -> Iterator[str]:
 
 
 def ring(seat: Seat) -> Iterator[str]:
-    """Fly out 15 m, then round the start, and declare at every other stride: a target 16 m away is on that circle."""
+    """Fly out 15 m, then in a circle round the start, near targets 16 m away; declare at every other stride."""
     yield from turn(seat.aside_deg - 45.0)
     yield from long_strides(15.0)
     yield actions.finished()
@@ -189,7 +189,7 @@ PATTERNS = {
 
 
 def answer(prompt: str, images: list[bytes]) -> str:
-    """Return the next action of the pattern think, go, rotate, go, rotate …; it depends on the last action only."""
+    """Return the next action of `blind`: think, go, rotate, go, rotate … It depends only on the last action."""
     briefing = actions.read_prompt(prompt)
     return actions.join([_next_action(briefing.past(k)) for k in range(max(1, len(images)))])
 
@@ -203,7 +203,7 @@ def _next_action(past: tuple[actions.PastAction, ...]) -> str:
 
 
 def pattern_pilot(name: str) -> Pilot:
-    """Return the pilot of one flight of a pattern. Raises KeyError for an unknown name."""
+    """Return the pilot that flies a pattern in one flight. Raises KeyError for an unknown name."""
     pattern = PATTERNS[name]
     drones: list[Iterator[str]] = []
 
@@ -217,24 +217,27 @@ def pattern_pilot(name: str) -> Pilot:
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
 _PLACE = re.compile(rf"look at the ({'|'.join(ORDINALS)}) one from the left\b", re.IGNORECASE)
-CANDIDATES = 4  # things that look alike in every commanding episode
+CANDIDATES = 4  # number of things that look alike in every commanding episode
 _DRONE = re.compile(r"^Drone (\d+)$")
 _STALLED = re.compile(r"^Drone (\d+) has not moved\b", re.MULTILINE)
 
 
 def goal_text(command: str, place: int) -> str:
-    """Return the goal of a drone: the command, and one candidate by its place from the left, from 1."""
+    """Return the goal of a drone: the command, and a candidate by its place from the left (counted from 1)."""
     return f"{command}: look at the {ORDINALS[place - 1]} one from the left"
 
 
 def place_in_goal(command: str) -> int | None:
-    """Return the candidate's place from the left in a goal, from 1; None if it has none."""
+    """Return the place from the left (counted from 1) of the candidate in a goal; None if the goal names none."""
     match = _PLACE.search(command)
     return ORDINALS.index(match[1].lower()) + 1 if match else None
 
 
 def divide(prompt: str, images: list[bytes]) -> str:
-    """Return the orders: a place for every drone without one, and the next free place for every stalled drone."""
+    """Return the orders: a candidate for every drone without one, and the next free one for every stalled drone.
+
+    All waiting reports of arrival are confirmed.
+    """
     command = actions.read_prompt(prompt).command
     goals, waiting = read_roster(prompt)
     stalled = {int(number) for number in _STALLED.findall(prompt)}
@@ -255,7 +258,7 @@ def divide(prompt: str, images: list[bytes]) -> str:
 
 
 def read_roster(prompt: str) -> tuple[dict[int, str], list[int]]:
-    """Return the goal of each drone of the question by its number, and the numbers of drones with a waiting report."""
+    """Return each drone's goal by its number, and the numbers of the drones whose report of arrival waits."""
     goals: dict[int, str] = {}
     waiting: list[int] = []
     drone = 0
@@ -271,10 +274,10 @@ def read_roster(prompt: str) -> tuple[dict[int, str], list[int]]:
 
 @dataclass(frozen=True, slots=True)
 class ScriptedReply:
-    """The required fields of a decision, so that a script can be written by hand."""
+    """The only required fields of a row in a replies file, so that a file can be written by hand."""
 
     step: Whole
-    reply: str  # as received; of all drones of a fleet
+    reply: str  # as received; one text for all drones of a fleet
 
 
 def replies(path: Path) -> list[str]:
@@ -288,7 +291,7 @@ def replies(path: Path) -> list[str]:
 
 
 def player(path: Path) -> Pilot:
-    """Return the pilot that gives a file's replies in order, and then thinks."""
+    """Return the pilot that gives the replies of a file in order, then `think` at every step."""
     remaining = iter(replies(path))
 
     def answer(prompt: str, images: list[bytes]) -> str:

@@ -1,7 +1,7 @@
-"""A pilot behind the interface a model has: an OpenAI-compatible chat endpoint on the loopback.
+"""Serves a pilot as a model: an OpenAI-compatible chat endpoint on the loopback interface.
 
-The agent reaches it by a base URL like any other model, so nothing in the agent knows that no model is there. Replies
-are deterministic: same request, same bytes, no clock in them.
+The agent connects to it by a base URL, as to any model, and cannot tell them apart. Replies are deterministic: the same
+request gets the same bytes, without a timestamp.
 """
 
 import base64
@@ -23,7 +23,7 @@ MAX_BODY_BYTES = 16 * 1024 * 1024
 _MAX_IMAGES = 64
 _IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule: 85 + 170 per 512 px tile, two tiles
 _CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
-_IDLE_S = 60.0  # a silent connection is dropped after this long
+_IDLE_S = 60.0  # a silent connection is closed after this time
 
 
 class PilotServer:
@@ -32,7 +32,7 @@ class PilotServer:
     def __init__(
         self, pilot: Pilot, name: str, *, owned_by: str = "dronecats", host: str = "127.0.0.1", port: int = 0
     ) -> None:
-        """Bind at once (port 0: the system chooses). Raises UsageError when the address cannot be had."""
+        """Bind the address at once; port 0: the system chooses one. Raises UsageError if it cannot be bound."""
         try:
             self._http = _Http((host, port), _Handler)
         except (OSError, OverflowError) as error:
@@ -54,7 +54,7 @@ class PilotServer:
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/v1"
 
     def start(self) -> "PilotServer":
-        """Serve from a daemon thread from now on; return self."""
+        """Start to serve in a daemon thread, and return self."""
         if self._thread is None:
             self._thread = threading.Thread(
                 target=self._http.serve_forever, kwargs={"poll_interval": 0.05}, name="pilot-server", daemon=True
@@ -78,7 +78,7 @@ class PilotServer:
 
 
 def read_request(body: bytes) -> tuple[str, list[bytes]]:
-    """Return (prompt text, images) of a chat completion request. Raises UsageError that says what is wrong."""
+    """Return (prompt text, images) of a chat completion request. Raises UsageError for an invalid request."""
     try:
         request = json.loads(body)
     except (ValueError, RecursionError) as error:
@@ -131,7 +131,7 @@ def _image(value: Any) -> bytes:
 
 
 def completion(model: str, body: bytes, prompt: str, images: list[bytes], text: str) -> dict[str, Any]:
-    """Return the chat.completion object of a reply; its id is a digest of the request, its token counts estimates."""
+    """Return the chat.completion object of a reply. The id is a digest of the request; token counts are estimates."""
     prompt_tokens = math.ceil(len(prompt) / _CHARACTERS_PER_TOKEN) + _IMAGE_TOKENS * len(images)
     completion_tokens = math.ceil(len(text) / _CHARACTERS_PER_TOKEN)
     return {
@@ -156,17 +156,17 @@ class _Http(ThreadingHTTPServer):
     owned_by: str
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that goes away mid-request is its own business."""
+        """Ignore a client that disconnects during a request."""
 
 
 class _Handler(BaseHTTPRequestHandler):
     server: _Http
-    protocol_version = "HTTP/1.1"  # keep-alive: a control loop asks several times a second
+    protocol_version = "HTTP/1.1"  # keep-alive: a control loop sends several requests a second
     timeout = _IDLE_S
 
     def setup(self) -> None:
         super().setup()
-        # header and body leave in one segment without waiting for an acknowledgement
+        # header and body are sent in one segment, without waiting for an acknowledgement
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def do_GET(self) -> None:
@@ -188,20 +188,20 @@ class _Handler(BaseHTTPRequestHandler):
             text = self.server.pilot(prompt, images)
         except UsageError as error:
             self._refuse(HTTPStatus.BAD_REQUEST, str(error))
-        except Exception as error:  # a pilot's own fault is answered, not left to a closed socket
+        except Exception as error:  # the client gets the pilot's error instead of a closed connection
             self._refuse(HTTPStatus.INTERNAL_SERVER_ERROR, f"The pilot failed: {type(error).__name__}: {error}")
         else:
             self._send(HTTPStatus.OK, completion(self.server.name, body, prompt, images, text))
 
     def _body(self) -> bytes | None:
-        """Return the request body, or None after having refused it; the connection ends there."""
+        """Return the request body; None if it is invalid. The connection is then closed, if possible with an error."""
         declared = self.headers.get("Content-Length", "")
         if not (declared.isascii() and declared.isdigit()) or len(declared) > 18:
             self.close_connection = True
             self._refuse(HTTPStatus.LENGTH_REQUIRED, "The request needs a Content-Length.")
             return None
         if int(declared) > MAX_BODY_BYTES:
-            self._discard(min(int(declared), 4 * MAX_BODY_BYTES))  # a client still writing would never see the answer
+            self._discard(min(int(declared), 4 * MAX_BODY_BYTES))  # a client that still writes would not read the error
             self.close_connection = True
             self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"A body has at most {MAX_BODY_BYTES} bytes.")
             return None
@@ -234,4 +234,4 @@ class _Handler(BaseHTTPRequestHandler):
             self.flush_headers()
 
     def log_message(self, *_: Any) -> None:
-        """Silent: a library prints nothing."""
+        """Print nothing."""

@@ -1,13 +1,14 @@
 """Derives estimate.jsonl, the smoothed pose trace of a flight without truth, after landing (docs/run-folder.md).
 
-The logs stay as they are: decisions.jsonl has the time of every frame, truth.jsonl the begin and end of the episode,
-and flight.tlog or the autopilot's own ULog the estimates. A target may have a place surveyed by satellite.
+The logs are not changed: decisions.jsonl has the time of every frame, truth.jsonl the begin and end of the episode, and
+flight.tlog or the autopilot's ULog the estimates. The position of the target may be known from a GNSS survey.
 
-The smoother (RTS, axis by axis) models what an estimator's reports are: filtered already, with an error that does not
-change from report to report but wanders with the satellites. So a reported position is the true one plus a slowly
-wandering error (a Gauss-Markov process of the reported accuracy, over CORRELATION_S), which no number of reports in one
-flight averages away. The smoother removes short errors: noise, and jumps of the estimate that contradict its velocity.
-State per axis: position, velocity (constant but for white noise in the acceleration), error of the estimated position.
+An RTS smoother runs on each axis. The autopilot's reports are filtered already, and their error does not change from
+report to report, but drifts with the satellites. So a reported position is modelled as the true position plus a slowly
+drifting error: a Gauss-Markov process with the reported accuracy and the time constant CORRELATION_S. The reports of
+one flight do not average this error out. The smoother removes short errors: noise, and jumps of the estimate that
+contradict its velocity. State per axis: position, velocity (constant except for white noise in the acceleration), error
+of the reported position.
 """
 
 import math
@@ -34,7 +35,7 @@ from foundation.run_folder.reading import Logs, estimate, read
 from foundation.run_folder.rows import EstimatedFrame, EstimatedPose, EstimateHead
 from foundation.run_folder.writing import as_json, write_lines
 
-HANDHELD_STD_M = 3.0  # m, what a telephone or a handheld receiver does in the open; RTK does 0.02
+HANDHELD_STD_M = 3.0  # m, accuracy of a telephone or a handheld receiver under open sky; RTK reaches 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +44,11 @@ class SurveyedTarget:
 
     latitude_deg: float
     longitude_deg: float
-    altitude_m: float | None  # m above mean sea level; None: not surveyed, so that distances are horizontal
+    altitude_m: float | None  # m above mean sea level; None: not surveyed, and distances are horizontal
     std_m: float = HANDHELD_STD_M  # m, per axis
 
     def __post_init__(self) -> None:
-        """Raise UsageError when its place or accuracy is out of range."""
+        """Raise UsageError when the position or the accuracy is out of range."""
         latitude, longitude, altitude, std_m = self.latitude_deg, self.longitude_deg, self.altitude_m, self.std_m
         is_out = altitude is not None and not -500.0 <= altitude <= 9000.0
         if is_out or not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
@@ -59,27 +60,27 @@ class SurveyedTarget:
             raise UsageError(f"--target-std must be 0 to 100 m, got {std_m:g}")
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as JSON."""
+        """Return the target as JSON."""
         return asdict(self)
 
     def ned(self, origin: Vec3) -> Vec3:
-        """Return its place in the local frame of `origin` (lat °, lon °, alt m); at the origin's height if unknown."""
+        """Return the NED position (m) relative to `origin` (lat °, lon °, alt m). Unknown altitude: the origin's."""
         altitude = origin[2] if self.altitude_m is None else self.altitude_m
         return geodetic_to_ned(*origin, self.latitude_deg, self.longitude_deg, altitude)
 
     def distance(self, target_ned: Vec3, position_ned: Vec3, std_ned: Vec3) -> tuple[float, float]:
-        """Return (distance, its standard deviation) in m; the second is NaN if that of the pose is not known."""
+        """Return (distance, its standard deviation) in m. The standard deviation is NaN if `std_ned` is NaN."""
         axes = range(2 if self.altitude_m is None else 3)
         apart = [position_ned[i] - target_ned[i] for i in axes]
         variances = [std_ned[i] ** 2 + self.std_m**2 for i in axes]
         distance = math.hypot(*apart)
-        if distance * distance <= max(variances):  # within the uncertainty: no direction to project on
+        if distance * distance <= max(variances):  # within the uncertainty, the direction is undefined
             return distance, math.sqrt(max(variances))
         return distance, math.sqrt(sum(v * (a / distance) ** 2 for v, a in zip(variances, apart, strict=True)))
 
 
 def target_from(text: str, std_m: float | None = None) -> SurveyedTarget:
-    """Return the target of the text `LAT,LON` or `LAT,LON,ALT`. Raises UsageError."""
+    """Parse a target from the text `LAT,LON` or `LAT,LON,ALT`. Raises UsageError."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
@@ -101,11 +102,11 @@ def target_of(value: Any) -> SurveyedTarget:
 
 
 Array = NDArray[np.float64]
-CORRELATION_S = 300.0  # s, a flight's length: longer than what a receiver's error stays the same in the open
-POSITION_NOISE_M = 0.05  # m, white, of one report: the estimator's small corrections
-ACCELERATION_PSD = 1.0  # (m/s²)²/Hz: a multirotor at the speeds that are flown here
-UNREPORTED_M = 1.0  # m, weight of a position without a reported accuracy; its smoothed accuracy is NaN
-THINNED_US = 90_000  # µs: reports nearer to one another tell the same
+CORRELATION_S = 300.0  # s, length of a flight; a receiver's error under open sky is correlated for a shorter time
+POSITION_NOISE_M = 0.05  # m, white noise of one report, from the small corrections of the estimator
+ACCELERATION_PSD = 1.0  # (m/s²)²/Hz, of a multirotor at the speeds of these flights
+UNREPORTED_M = 1.0  # m, assumed for positions without a reported accuracy; the smoothed accuracy is NaN
+THINNED_US = 90_000  # µs, smallest interval of the reports that are used; more reports add no information
 _H = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 
 
@@ -116,11 +117,11 @@ class Estimates:
     time_us: Array  # (n,) µs, vehicle clock, strictly rising
     position_ned: Array  # (n, 3) m
     velocity_ned: Array  # (n, 3) m/s
-    position_std_m: Array  # (n, 3) m, as reported; NaN where it was not
+    position_std_m: Array  # (n, 3) m, as reported; NaN: not reported
     velocity_std_mps: Array  # (n, 3) m/s
 
     def between(self, from_us: float, to_us: float) -> "Estimates":
-        """Return the estimates of an interval."""
+        """Return the estimates from `from_us` (included) to `to_us` (excluded)."""
         part = slice(*np.searchsorted(self.time_us, (from_us, to_us)))
         return Estimates(
             self.time_us[part],
@@ -133,15 +134,15 @@ class Estimates:
 
 @dataclass(frozen=True, slots=True)
 class SmoothedPath:
-    """The smoothed places of the vehicle at the requested instants."""
+    """The smoothed positions of the vehicle at the requested times."""
 
     time_us: Array  # (k,) µs
     position_ned: Array  # (k, 3) m
-    std_m: Array  # (k, 3) m; NaN where no accuracy was ever reported
+    std_m: Array  # (k, 3) m; NaN: no accuracy was reported for this axis
 
 
 def smooth(estimates: Estimates, at_us: Array) -> SmoothedPath:
-    """Return the smoothed path at those of the instants `at_us` that lie within the estimates."""
+    """Return the smoothed path at the times `at_us` (µs) that are in the time range of the estimates."""
     kept = _thinned(estimates.time_us)
     time_us = estimates.time_us[kept]
     instants = np.unique(at_us)
@@ -175,7 +176,7 @@ def _thinned(time_us: Array) -> NDArray[np.int64]:
 
 
 def _filled(std: Array) -> Array:
-    """Return the accuracies with gaps filled by the last one before, or at the beginning by the first."""
+    """Fill gaps with the previous accuracy, or with the first one at the beginning; without any, with UNREPORTED_M."""
     reported = np.flatnonzero(np.isfinite(std))
     if not len(reported):
         return np.full_like(std, UNREPORTED_M)
@@ -185,8 +186,8 @@ def _filled(std: Array) -> Array:
 def _smooth_axis(
     steps: Array, rows: NDArray[np.int64], position: Array, velocity: Array, error: Array, velocity_std: Array
 ) -> tuple[Array, Array]:
-    """Return mean and variance of the position at every step; `rows` are the steps that have a report."""
-    from filterpy.kalman import KalmanFilter  # scipy.stats comes with it, which takes seconds
+    """Return mean and variance of the position at every step. `rows`: indices of the steps that have a report."""
+    from filterpy.kalman import KalmanFilter  # imports scipy.stats, which takes seconds
 
     reports = {int(row): index for index, row in enumerate(rows)}
     newest = np.maximum(0, np.searchsorted(rows, np.arange(len(steps)), "right") - 1)
@@ -215,11 +216,11 @@ def _smooth_axis(
 def _process_noise(dt: float, wandered: float) -> Array:
     q = ACCELERATION_PSD
     noise = np.array([[q * dt**3 / 3.0, q * dt**2 / 2.0, 0.0], [q * dt**2 / 2.0, q * dt, 0.0], [0.0, 0.0, wandered]])
-    return noise + np.eye(3) * 1e-12  # two instants may be the same: the smoother inverts what has been predicted
+    return noise + np.eye(3) * 1e-12  # the smoother inverts the predicted covariance, also for dt = 0
 
 
-VELOCITY_STD = 0.1  # m/s: MAVLink reports no accuracy of the estimated velocity; PX4's ULogs show about this outdoors
-MARGIN_US = 5e6  # µs of the flight before and after the episode that help to smooth its ends
+VELOCITY_STD = 0.1  # m/s, about the value in PX4's ULogs outdoors; MAVLink does not report this accuracy
+MARGIN_US = 5e6  # µs of estimates before and after the episode, for smoothing at its ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,16 +234,17 @@ class EstimatorLog:
     source: str  # name of the file
 
     def yaw_deg(self, at_us: float) -> float | None:
-        """Return the heading at an instant, −180 to 180°; None: unknown."""
+        """Return the heading at a time, −180 to 180°; None: unknown."""
         if not len(self.heading):
             return None
         return (math.degrees(float(np.interp(at_us, self.heading_us, self.heading))) + 180.0) % 360.0 - 180.0
 
 
 def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None = None) -> Path:
-    """Write estimate.jsonl of an episode folder and return it; without `target`, the one in episode.json, if any.
+    """Write estimate.jsonl of an episode folder, and return its path.
 
-    Without `ulog` it is derived from the autopilot's onboard log in the folder, else from flight.tlog.
+    `target`: default is the surveyed target in episode.json, if any. `ulog`: default is the autopilot's onboard log in
+    the folder, else flight.tlog.
 
     Raises UsageError when the logs are not sufficient, or when there is a target and the frame's origin is unknown.
     """
@@ -272,7 +274,7 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
     )
 
     def fields(t: float) -> dict[str, Any] | None:
-        """Return the common fields of poses and frames at an instant (s); None without an estimate."""
+        """Return the common fields of poses and frames at a time (s); None without an estimate."""
         at_us = t0_us + t * 1e6
         index = int(np.searchsorted(path.time_us, at_us))
         if index >= len(path.time_us) or path.time_us[index] != at_us:
@@ -309,7 +311,7 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
 def _estimator_log(flight: RecordedFlight) -> EstimatorLog:
     kept = kept_ulog(flight.folder)
     if kept is not None:
-        with suppress(UsageError):  # the log ends before its first estimate
+        with suppress(UsageError):  # a log without estimates: flight.tlog is used
             return from_ulog(kept)
     path = flight.folder / layout.TLOG
     if not path.is_file():
@@ -318,7 +320,7 @@ def _estimator_log(flight: RecordedFlight) -> EstimatorLog:
 
 
 def from_telemetry(telemetry: DroneTelemetry, path: Path) -> EstimatorLog:
-    """Return the estimates that an autopilot sent, logged in `path`. Raises UsageError when it sent no positions."""
+    """Return the estimates in the telemetry from `path`. Raises UsageError when the telemetry has no positions."""
     places, angles = telemetry.places, telemetry.angles
     if len(places) < 2:
         raise UsageError(f"{path} has no positions: there is no LOCAL_POSITION_NED of an autopilot in it")
@@ -328,7 +330,7 @@ def from_telemetry(telemetry: DroneTelemetry, path: Path) -> EstimatorLog:
 
 
 def from_ulog(path: Path) -> EstimatorLog:
-    """Return the estimates in PX4's onboard log. Raises UsageError when the file is no such log."""
+    """Return the estimates in PX4's onboard log. Raises UsageError when the file is not such a log."""
     log = ulog_topics(path, "vehicle_local_position", "vehicle_gps_position", "sensor_gps")
     try:
         local = log["vehicle_local_position"]
@@ -357,7 +359,7 @@ def from_ulog(path: Path) -> EstimatorLog:
 
 
 def rejudge(result: dict[str, Any], target: SurveyedTarget | None, report: Callable[[str], None]) -> dict[str, Any]:
-    """Return the result of `fly --json`, judged again with estimate.jsonl; unchanged where the logs allow no trace."""
+    """Derive estimate.jsonl, judge again, and return the result of `fly --json`; unchanged if there is no estimate."""
     folder = Path(result["run_dir"])
     try:
         derive(folder, target)
@@ -372,10 +374,10 @@ def rejudge(result: dict[str, Any], target: SurveyedTarget | None, report: Calla
 
 
 def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
-    """Return the errors of estimate.jsonl against the logged truth, whose frame begins at `map_origin` (°, °, m).
+    """Return the errors of estimate.jsonl against the logged truth, whose origin is `map_origin` (lat °, lon °, alt m).
 
-    `rms_m` and `max_m` are distances, `within_2_std` the share of coordinates that err by two standard deviations at
-    most. Raises UsageError when the two have no time in common.
+    `rms_m` and `max_m` are distances. `within_2_std` is the share of coordinates with an error of at most two standard
+    deviations. Raises UsageError when the logs have no time in common, or the estimate has no origin.
     """
     logs, estimated_log = read(folder), estimate(folder)
     if estimated_log is None:
@@ -398,14 +400,14 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
 
 
 class _TruePath:
-    """The first drone's true path. Its poses are up to 20 ms later than the half seconds of the estimate's."""
+    """The first drone's true path. Its poses are up to 20 ms later than the estimated poses, one every 0.5 s."""
 
     def __init__(self, logs: Logs) -> None:
         poses = sorted((p.t, *p.position_ned) for p in logs.poses if p.drone == 0)
         self._path = np.array(poses, float).reshape(-1, 4)
 
     def covers(self, t: float) -> bool:
-        """Return whether a time (s) is at a pose, or between two without a gap."""
+        """Return whether a time (s) is at a pose, or between two poses without a gap."""
         times = self._path[:, 0]
         after = int(np.searchsorted(times, t))
         if after == len(times) or (after == 0 and times[0] > t):

@@ -1,6 +1,6 @@
 """Draws the figures of the report: three bar figures, the served rate, and the grid of episodes.
 
-They fit a page's width, and are distinguishable in grey and for colour-blind readers.
+The figures fit the width of a page. Their colours differ in greyscale and for colour-blind readers.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,9 +16,9 @@ from dronecats.report.tables.measures import QUANTILES
 from episodes.records.record import CELLS
 from foundation.errors import InfrastructureError
 
-WIDTH_IN = 6.9  # a page's text, in inches
+WIDTH_IN = 6.9  # inches, width of the text on a page
 FORMATS = ("svg", "pdf", "png")
-# Okabe and Ito's colours, in an order in which neighbours differ in lightness too
+# Okabe and Ito's colours, ordered so that neighbours also differ in lightness
 BLUE, ORANGE, SKY, VERMILION, GREEN, YELLOW, PURPLE = (
     "#0072B2", "#E69F00", "#56B4E9", "#D55E00", "#009E73", "#F0E442", "#CC79A7",
 )  # fmt: skip
@@ -36,16 +36,16 @@ SETTINGS: dict[str, Any] = {
     "ytick.major.width": 0.6,
     "hatch.linewidth": 0.6,
     "legend.frameon": False,
-    "pdf.fonttype": 42,  # text as text, which a publisher wants
+    "pdf.fonttype": 42,  # TrueType fonts, which publishers require
     "svg.fonttype": "path",
-    "svg.hashsalt": "dronecats",  # the same report twice is the same file
+    "svg.hashsalt": "dronecats",  # equal reports give equal files
     "savefig.dpi": 200,
 }
 
 
 @dataclass(frozen=True, slots=True)
 class FigureLine:
-    """A line of a figure: a row of its table at a height."""
+    """A line of a figure: a row of the table, and its height in the figure."""
 
     row: TableRow
     y: float  # downwards, in lines
@@ -53,7 +53,7 @@ class FigureLine:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Draw in this style."""
+    """Apply SETTINGS to the figures that are drawn in this context."""
     import matplotlib as mpl
 
     with mpl.rc_context(SETTINGS):
@@ -85,7 +85,7 @@ def canvas(height_in: float, width_in: float = WIDTH_IN) -> Any:
 
 
 def figure(height_lines: float, line_in: float = 0.26, below_in: float = 0.75) -> tuple[Any, Any]:
-    """Return a figure for so many lines, and its one axis."""
+    """Return a figure for this number of lines, and its axis."""
     drawing = canvas(height_lines * line_in + below_in)
     return drawing, drawing.add_subplot()
 
@@ -120,7 +120,7 @@ NESTED = (  # column of the table, title, colour
 )
 MODE_COLOURS = (BLUE, VERMILION, ORANGE, PURPLE, GREEN, SKY, LIGHT, "#FFFFFF")
 DRONE_COLOURS = (BLUE, VERMILION, ORANGE, LIGHT)
-LABELLED = 7.0  # %, the narrowest segment with its number in it
+LABELLED = 7.0  # %, the narrowest segment that shows its number
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +165,7 @@ def decomposition(table: ReportTable) -> Any:
     drawing, axis = _stacked(table, [BarSegment(o.column, o.title, colour) for o, colour in colours])
     rows, _ = lines(table)
     won = [number(cell(table, line.row, "commanding_success_percent")) for line in rows]
-    below = [line.y + 0.36 for line in rows]  # on the bar's edge, beside its number
+    below = [line.y + 0.36 for line in rows]  # on the edge of the bar, so that its number stays readable
     axis.plot(won, below, "D", color="white", markeredgecolor=INK, markersize=4.5, label="Episodes won",
               linestyle="", clip_on=False, zorder=5)  # fmt: skip
     _percent(axis, "% of the drones; diamonds: % of the episodes")
@@ -179,7 +179,7 @@ def cell(table: ReportTable, row: TableRow, name: str) -> TableCell:
 
 
 def number(value_cell: TableCell) -> float:
-    """Return a cell's number, 0 where there is none."""
+    """Return the number in a cell; 0 without a number."""
     return float(value_cell.value) if isinstance(value_cell.value, int | float) else 0.0
 
 
@@ -224,11 +224,11 @@ def rates(table: ReportTable) -> Any:
     return drawing
 
 
-SIDE = 0.84  # of a square
+SIDE = 0.84  # side of a square, in columns
 
 
 def episode_grid(data: ReportData) -> Any:
-    """Return the grid: a line for each entrant, a column for each episode, filled by the share of flights solved."""
+    """Return the grid: a line per entrant, a column per episode, squares filled by the share of solved flights."""
     order = {cell: k for k, cell in enumerate(CELLS)}
     episodes = {
         flight.episode: (order.get(flight.cell, len(CELLS)), flight.map, flight.episode) for flight in data.episodes
@@ -278,7 +278,7 @@ def _grid_square(axis: Any, x: int, y: float, scored: Any, tried: bool) -> None:
 
 
 def _grid_groups(axis: Any, groups: list[tuple[int, str]], bottom: float) -> None:
-    """Name the columns by cell and map, with a line between."""
+    """Label the columns by cell and map, with lines between the groups."""
     ticks, labels = [], []
     begin = 0
     for end in range(1, len(groups) + 1):
@@ -304,7 +304,7 @@ def _grid_keys() -> list[Any]:
     ]
 
 
-GRID = "episode_by_episode"  # a figure of no table
+GRID = "episode_by_episode"  # the figure that belongs to no table
 OF_TABLES = {  # table → its figure's name and function
     "approaching": ("reach_declare_succeed", nested),
     "failures": ("failure_modes", modes),
@@ -314,7 +314,7 @@ OF_TABLES = {  # table → its figure's name and function
 
 
 def draw(data: ReportData, tables: Sequence[ReportTable], out: Path) -> dict[str, Path]:
-    """Draw the figures as SVG, PDF and PNG; return the PNG of each table with a figure, and GRID's.
+    """Draw the figures as SVG, PDF and PNG; return the paths of the PNGs by table name, or by GRID.
 
     Raises InfrastructureError.
     """

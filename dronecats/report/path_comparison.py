@@ -1,9 +1,9 @@
 """Compares the paths of two flights from their pose traces, each relative to its own start, and plots them.
 
-For two flights of the same decisions, on two autopilots or in two places. Positions are relative to the first pose and,
-unless north stays north, rotated so that both paths begin with the nose ahead. Flights with the same decisions are
-compared at the same second of the same step, because the time of a reply or a frame is not the autopilot's; others at
-the same second of the episode.
+The two flights usually have the same decisions, and differ in the autopilot or the place. Positions are relative to the
+first pose. Unless `keep_north` is set, they are rotated so that both paths begin with the nose ahead. With `by_step`,
+the paths are compared at the same second of the same step, because the times of replies and frames do not depend on the
+autopilot; otherwise at the same second of the episode.
 """
 
 import math
@@ -20,7 +20,7 @@ from foundation.run_folder.reading import Logs, episode_folder, read
 from foundation.run_folder.rows import Pose, drone_label
 
 Array = NDArray[np.float64]
-GRID_S = 0.1  # s between two instants at which the paths are compared
+GRID_S = 0.1  # s between two compared times
 MINUTE_S = 60.0
 
 
@@ -32,7 +32,7 @@ class Trace:
     position: Array  # (n, 3) m from the first pose: ahead, right, down, or north, east, down
 
     def at(self, t: Array) -> Array:
-        """Return the (m, 3) positions at instants within the trace, on straight lines between the poses."""
+        """Return the positions (m, 3) at times within the trace, interpolated linearly."""
         return np.column_stack([np.interp(t, self.t, self.position[:, axis]) for axis in range(3)])
 
 
@@ -55,12 +55,12 @@ class PathComparison:
     a: Trace
     b: Trace
     t: Array  # (n,) s, time compared so far
-    here: Array  # (n, 3) m, path a at those instants
-    there: Array  # (n, 3) m, path b
+    here: Array  # (n, 3) m, positions on path a
+    there: Array  # (n, 3) m, positions on path b
     distance_m: Array  # (n,) m, between the two
     spans: tuple[Span, ...]  # minute by minute
-    first: Span  # over the requested seconds, as far as both flew
-    beside_m: float  # m, the largest distance in `first` of a point of either path from the other path, at any time
+    first: Span  # over the requested seconds, or the shorter common time
+    beside_m: float  # m, the largest distance from a point of one path in `first` to the other path, at any time
 
     @property
     def final_m(self) -> float:
@@ -134,9 +134,10 @@ def _compare(
 
 
 def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) -> tuple[Array, Array]:
-    """Return the corresponding instants of the two flights, s, GRID_S apart.
+    """Return the corresponding times of the two flights, s, GRID_S apart.
 
-    Each step as long as the shorter of the two; without steps, from the common beginning to the common end.
+    Each step is compared over the shorter of its two durations. Without steps, the times are those that both flights
+    have.
     """
     start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     if not steps_a or not steps_b:
@@ -169,14 +170,14 @@ def _span(t: Array, distance_m: Array, from_s: float, to_s: float) -> Span:
 
 
 def _farthest(points: Array, path: Array) -> float:
-    """Return the largest distance of a point from the nearest place of a path."""
+    """Return the largest distance from one of `points` to its nearest point of a path."""
     from scipy.spatial import cKDTree
 
     return float(cKDTree(path).query(points)[0].max())
 
 
 def same_replies(a: Logs, b: Logs, seconds: float) -> tuple[int, int]:
-    """Return (steps with equal replies, steps) of those that both flights decided within `seconds`."""
+    """Return (steps with equal replies, steps) for the steps that both flights decided within `seconds`."""
     replies = [{(d.step, d.drone): d.reply for d in logs.decisions if d.t_decided <= seconds} for logs in (a, b)]
     common = replies[0].keys() & replies[1].keys()
     return sum(replies[0][key] == replies[1][key] for key in common), len(common)

@@ -1,4 +1,4 @@
-"""The data of the report's tables: runs grouped into entrants, cells of their flights, and notes about them."""
+"""The data of the report's tables: runs grouped into entrants, table cells of their flights, notes and warnings."""
 
 import json
 import statistics
@@ -27,20 +27,20 @@ FLAT = "flat"
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """The fields that make separate entrants of one pilot; runs of one entrant must agree in everything else."""
+    """The settings that separate entrants of one pilot. The runs of an entrant must also agree in all others."""
 
     pilot: str
-    replayed: bool  # recorded replies flew it; no model was called
+    replayed: bool  # the replies are recorded ones; no model was called
     is_model: bool
     command: str  # flat, hierarchical or solo
     commander: str  # PROVIDER/NAME, or a script; empty: none
-    latency: str  # the policy; it may fix the rate too
-    agent: str  # paper, or another, which is never counted together with the paper's
+    latency: str  # the policy; it may also fix the rate
+    agent: str  # paper, or another agent
     disturbed: str = ""  # its disturbances, in words; empty: none
-    temperature: str = ""  # in words, as the three below; empty: no model, or not sent
+    temperature: str = ""  # in words, like the next three; empty: no model, or not sent
     top_p: str = ""
     max_tokens: str = ""
-    reasoning: str = ""  # fields that switch reasoning on all steps but those after a think
+    reasoning: str = ""  # fields that set reasoning on steps that do not follow a think
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Entrant:
     label: str
     setting: Setting
     runs: tuple[RecordedRun, ...]
-    episodes: tuple[ScoredEpisode, ...]  # every flight of every episode, those that are not scored too
+    episodes: tuple[ScoredEpisode, ...]  # every flight of every episode, including unscored ones
 
     @property
     def is_model(self) -> bool:
@@ -72,10 +72,10 @@ class Entrant:
 
 
 def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entrant, ...]:
-    """Return the entrants, models first, each in the order of the runs.
+    """Return the entrants, models first, otherwise in the order of the runs.
 
     Raises UsageError when runs of one setting are of different kinds, when a flight occurs twice, or when two records
-    have one id. `pool_anyway` permits the first two; the last is never permitted.
+    have one id. `pool_anyway` permits the first two cases.
     """
     _check_record_ids(collection.episodes)
     runs: dict[Setting, list[RecordedRun]] = {}
@@ -145,7 +145,7 @@ def _label(entry: Setting, entries: Sequence[Setting]) -> str:
 
 
 def _repeated_flight(episodes: Iterable[ScoredEpisode]) -> str | None:
-    """Return a sentence that names a flight that occurs twice, the same episode with the same seed; None: none does."""
+    """Return a sentence about two flights with the same episode and the same seed; None: there are none."""
     seen: dict[tuple[str, int], ScoredEpisode] = {}
     for flight in episodes:
         before = seen.setdefault((flight.episode, flight.run.seed), flight)
@@ -168,7 +168,7 @@ def _check_record_ids(episodes: Iterable[ScoredEpisode]) -> None:
 MODELS = "Models"
 BUILT_IN = "Built-in pilots, no models"
 FLOOR = "The best blind pilot"
-COMMANDING = "commanding"  # the cell that a fleet flies
+COMMANDING = "commanding"  # the cell of episodes for a fleet
 ONE_DRONE = tuple(cell for cell in CELLS if cell != COMMANDING)
 PERCENT = 100.0
 NONE = TableCell(value=None)
@@ -184,7 +184,7 @@ RowOf = Callable[[Entrant], Cells | None]  # the cells after the name; None: the
 class EndedAs:
     """One way in which a flight, or a drone of a fleet, ends."""
 
-    name: str  # in the collection
+    name: str  # a failure mode, or the name of a metric
     title: str  # in tables and figures
 
     @property
@@ -213,7 +213,7 @@ DRONES = (  # names of metrics, each a count of an episode's drones
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportData:
-    """The data that all tables are made of."""
+    """The data of all tables."""
 
     entrants: tuple[Entrant, ...]
     blind: BlindTable  # results of the blind pilots on the episodes that ship
@@ -225,12 +225,12 @@ class ReportData:
         return tuple(flight for entrant in self.entrants for flight in entrant.episodes)
 
     def cells(self, among: Iterable[str] = ONE_DRONE) -> list[str]:
-        """Return the flown ones of these cells, in their order."""
+        """Return the cells of `among` that have flights, in the order of `among`."""
         used_cells = {flight.cell for flight in self.episodes}
         return [cell for cell in among if cell in used_cells]
 
     def maps(self) -> list[str]:
-        """Return the flown maps, by name."""
+        """Return the maps that have flights, sorted by name."""
         return sorted({flight.map for flight in self.episodes} - {""})
 
     def table(
@@ -242,9 +242,9 @@ class ReportData:
         row_of: RowOf,
         notes: tuple[str, ...] = (),
     ) -> ReportTable | None:
-        """Return a table with a block of models and one of built-in pilots; None where no entrant has a row.
+        """Return a table with a block of models and one of built-in pilots; None: no entrant has a row.
 
-        The best cells of the models are marked; built-in pilots are references, and none is the best."""
+        The best cells of the models are marked. Built-in pilots are only references."""
         blocks = []
         for block, is_model in ((MODELS, True), (BUILT_IN, False)):
             named_cells = [(e.label, row_of(e)) for e in self.entrants if e.is_model is is_model]
@@ -259,12 +259,12 @@ class ReportData:
         )  # fmt: skip
 
     def notes(self) -> tuple[str, ...]:
-        """Return what each built-in pilot is, a sentence each."""
+        """Return a sentence that describes each built-in pilot."""
         pilots = [e.setting.pilot for e in self.entrants if not e.is_model and not e.setting.replayed]
         return tuple(f"{pilot} {words}." for pilot in dict.fromkeys(pilots) if (words := pilot_description(pilot)))
 
     def warnings(self) -> tuple[str, ...]:
-        """Return sentences about what makes rows, or flights of one row, less than fully comparable."""
+        """Return sentences about differences between rows, or between flights of one row, that limit comparisons."""
         sentences: list[str] = []
         for entrant in self.entrants:
             if reason := refusal(entrant.runs):
@@ -284,7 +284,7 @@ class ReportData:
 
 
 def is_common(name: str) -> bool:
-    """Return whether all rows of a table should agree in this entry of their identity, independent of the pilot."""
+    """Return whether all rows of a table should agree in this entry of their identity, whatever their pilots are."""
     return name in ("the code", "the camera", "the clock") or name.startswith(
         ("the protocol", "the suite", "the version")
     )
@@ -308,7 +308,7 @@ def pilot_description(pilot: str) -> str:
 
 
 def best_blind(table: BlindTable, episodes: Iterable[str]) -> tuple[str, int, int] | None:
-    """Return (pilot, solved, flown) of the blind pilot that solved most of these episodes; None: none flew them all."""
+    """Return (pilot, solved, flown) of the blind pilot with most solved episodes; None: none flew all of them."""
     ids = sorted(set(episodes))
     solved = [
         (pilot, sum(flights[episode].success for episode in ids), len(ids))
@@ -319,12 +319,12 @@ def best_blind(table: BlindTable, episodes: Iterable[str]) -> tuple[str, int, in
 
 
 def titled(cell: str) -> str:
-    """Return a cell's name as a head: Search-and-Track."""
+    """Return a cell's name as a heading, such as Search-and-Track."""
     return "-".join(word if word == "and" else word.capitalize() for word in cell.split("-"))
 
 
 def _marked(rows: Sequence[TableRow], columns: Sequence[TableColumn]) -> tuple[TableRow, ...]:
-    """Return the rows with the best cells of each column marked, where it has a better direction and values differ."""
+    """Return the rows with the best cells of a column marked, if it has a better direction and its values differ."""
     best: Mapping[int, float] = {
         k: (max if column.better == "more" else min)(values)
         for k, column in enumerate(columns)
@@ -360,7 +360,7 @@ def percent(flights: Iterable[ScoredEpisode], metric: str) -> TableCell:
 
 
 def fraction(count: int, of: int) -> TableCell:
-    """Return a share (%) of steps, drones or the like, which are no sample of episodes; without an interval."""
+    """Return a share (%) of steps or drones. It has no interval, because the unit of intervals is the episode."""
     return TableCell(value=PERCENT * count / of, count=count, of=of) if of else NONE
 
 
@@ -376,18 +376,18 @@ def total(flights: Iterable[ScoredEpisode], metric: str) -> int:
 
 
 def known_values(flights: Iterable[ScoredEpisode], metric: str) -> list[float]:
-    """Return the values of a metric of episodes, of every scored flight that has it."""
+    """Return the values of an episode metric for every scored flight that has it."""
     known = (flight.values.get(metric) for flight in flights if flight.scored)
     return [float(value) for value in known if value is not None]
 
 
 def steps(flights: Iterable[ScoredEpisode], metric: str) -> list[float]:
-    """Return the values of a metric of steps, of every step that has it."""
+    """Return the values of a step metric for every step of scored flights that has it."""
     return [float(v) for flight in flights if flight.scored for v in flight.steps.get(metric, ()) if v is not None]
 
 
 def quantile(values: Sequence[float], share: float) -> TableCell:
-    """Return a quantile, linear between values."""
+    """Return a quantile, interpolated linearly."""
     return TableCell(value=metric_statistics.quantile(values, share), of=len(values)) if values else NONE
 
 

@@ -46,10 +46,10 @@ def opening(data: ReportData, delta_m: float, exclusions: Sequence[Exclusion] = 
 
 
 def write(tables: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str], out: Path) -> Path:
-    """Write the tables, and report.md that holds them with the figures, into the folder; return report.md's path.
+    """Write the tables, and report.md with tables and figures, into the folder; return the path of report.md.
 
-    `figures` are by the name of their table; those of no table come last. `head` are sentences above all tables.
-    Raises InfrastructureError when it cannot be written.
+    `figures`: by the name of their table; figures without a table come last. `head`: sentences above all tables.
+    Raises InfrastructureError when the report cannot be written.
     """
     page = out / "report.md"
     try:

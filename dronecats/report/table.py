@@ -1,4 +1,4 @@
-"""A table as data, with typed cells. `writers` writes it for a terminal and as Markdown, CSV, JSON, HTML and LaTeX."""
+"""Tables as data, with typed cells. `writers` formats them for terminals, Markdown, CSV, JSON, HTML and LaTeX."""
 
 import itertools
 import math
@@ -6,13 +6,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-if TYPE_CHECKING:  # metrics bring numpy with them, and `dronecats doctor` prints a table without it
+if TYPE_CHECKING:  # metrics import numpy, which `dronecats doctor` must not need to print a table
     from dronecats.judge.metrics.metric import Better
 
 Align = Literal["left", "right"]
 CellValue = str | float | None
 NOTHING = "–"  # the text of a cell without a value
-SILENT_UNITS = ("", "%", "$")  # units that a head does not repeat
+SILENT_UNITS = ("", "%", "$")  # units that a column's head omits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,22 +24,22 @@ class TableColumn:
     group: str = ""  # a head above neighbouring columns, such as Approaching; empty: none
     unit: str = ""  # of value, low and high: "%", "m", "Hz", "s", "$", …; empty: a count, a ratio or words
     decimals: int = 0  # that are shown; CSV has all of them
-    better: "Better | None" = None  # which direction is good; None: neither
+    better: "Better | None" = None  # the better direction; None: neither
     align: Align = "right"
-    as_count: bool = False  # a share is shown as 7/10, not as 70 with its interval
-    floor: float | None = None  # a smaller value is shown as `< floor`, such as a p of < 0.001; None: all are shown
-    cell: str | None = None  # the grid's cell that it is about, as in records; None: several
-    map: str | None = None  # the map, likewise
-    code: bool = False  # its values are names from a program: Markdown sets them as code
+    as_count: bool = False  # show a share as 7/10, not as 70 with its interval
+    floor: float | None = None  # a smaller value is shown as `< floor`, such as p < 0.001; None: no floor
+    cell: str | None = None  # the episodes' cell of its values, as in records; None: several
+    map: str | None = None  # the map of its values; None: several
+    code: bool = False  # its values are identifiers, which Markdown shows as code
 
     @property
     def head_unit(self) -> str:
-        """The unit of the values as shown: a share that is shown as a count has none."""
+        """The unit of the shown values. A share that is shown as a count has no unit."""
         return "" if self.as_count else self.unit
 
     @property
     def head(self) -> str:
-        """The title, with its unit where the values do not make it plain."""
+        """The title, with its unit unless SILENT_UNITS has it."""
         return f"{self.title} ({self.head_unit})" if self.head_unit not in SILENT_UNITS else self.title
 
 
@@ -48,12 +48,12 @@ class TableCell:
     """One value of a row, in its column's unit."""
 
     value: CellValue  # None: unknown or undefined
-    low: float | None = None  # its interval; None: it has none
-    high: float | None = None
-    count: int | None = None  # of a share: this many …
-    of: int | None = None  # … of this many; of a mean the number of values
+    low: float | None = None  # lower end of the interval; None: no interval
+    high: float | None = None  # upper end of the interval
+    count: int | None = None  # numerator of a share
+    of: int | None = None  # denominator of a share; number of values of a mean
     best: bool = False  # the best of its block, or equal to it
-    link: str = ""  # address of its link in Markdown and HTML
+    link: str = ""  # address that it links to in Markdown and HTML
 
     def text(self, column: TableColumn) -> str:
         """Return the value as text, without its interval."""
@@ -80,14 +80,14 @@ class TableRow:
     """A row of a table: a cell for each of its columns."""
 
     cells: tuple[TableCell, ...]
-    entrant: str = ""  # label of the entrant that it is about, as in `report_data.entrants`; empty: none or several
+    entrant: str = ""  # label of the row's entrant, as in `report_data.entrants`; empty: none or several
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableBlock:
     """Rows that may be compared: models are in one block, built-in pilots in another."""
 
-    title: str  # above its rows; empty: nothing
+    title: str  # shown above the rows; empty: none
     rows: tuple[TableRow, ...]
 
 
@@ -95,16 +95,16 @@ class TableBlock:
 class ReportTable:
     """A table with title, caption and notes. The first column names the row."""
 
-    name: str = ""  # of its files: main, per_map, …
+    name: str = ""  # name of its files: main, per_map, …
     title: str = ""
     caption: str = ""  # sentences
     columns: tuple[TableColumn, ...]
     blocks: tuple[TableBlock, ...]
-    notes: tuple[str, ...] = ()  # beneath it, a sentence each
+    notes: tuple[str, ...] = ()  # sentences below the table
     command: str = ""  # the command line that makes it
 
     def __post_init__(self) -> None:
-        """Raise ValueError when a row has another number of cells than there are columns."""
+        """Raise ValueError when a row does not have one cell per column."""
         for row in self.rows:
             if len(row.cells) != len(self.columns):
                 raise ValueError(f"table {self.name}: {len(row.cells)} cells in a row of {len(self.columns)} columns")

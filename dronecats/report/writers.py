@@ -1,7 +1,7 @@
 """Writes a table for a terminal and as Markdown, CSV, JSON, HTML and LaTeX.
 
-The LaTeX needs `\\usepackage{booktabs,graphicx}`; a wide table is made to fit. A long one continues in further floats
-under the same number: `longtable` breaks tables over pages too, but not in two columns, and not made to fit in width.
+The LaTeX needs `\\usepackage{booktabs,graphicx}`. A wide table is scaled to fit. A long table continues in further
+floats with the same number. (`longtable` does not work in two columns, and cannot be scaled to fit.)
 """
 
 import csv
@@ -16,7 +16,7 @@ from typing import Any
 from dronecats.report.table import NOTHING, ReportTable, TableBlock, TableCell, TableColumn, groups
 
 GAP = 2  # characters between two columns of a terminal
-NARROWEST, LONG_WORD = 16, 24  # characters that a column of words keeps when a table is too wide
+NARROWEST, LONG_WORD = 16, 24  # characters: a column of words keeps this width, or a word of this length
 BREAK = re.compile(r"(?<=\s)|(?<=/)|(?<=\w-)")  # where a line of words may be broken
 BESIDE = ("low", "high", "count", "of")  # further fields of a cell in CSV
 MARKUP = re.compile(r"([\\`*_\[\]<>|#{}!~&])")
@@ -24,10 +24,10 @@ SHORT = 45  # letters of a text that HTML does not break
 
 
 def as_terminal(table: ReportTable, width: int | None = None) -> str:
-    """Return the table as lines of at most `width` characters; None: as wide as it is.
+    """Return the table as text with lines of at most `width` characters; None: no limit.
 
-    In a table that is too wide, heads and words are wrapped. If that is not enough, columns continue below, each group
-    with the first column.
+    If a table is too wide, heads and words are wrapped. If it is still too wide, the other columns follow below; each
+    part repeats the first column.
     """
     lines = [table.title] if table.title else []
     lines += _filled(table.caption, width)
@@ -63,12 +63,12 @@ class _TerminalTable:
         ]
 
     def _longest_word(self, number: int) -> int:
-        """Return the length of a column's longest word, or LONG_WORD where that is shorter."""
+        """Return the length of a column's longest word, at most LONG_WORD."""
         lines = (line for _, rows in self.blocks for row in rows for line in row[number])
         return min(LONG_WORD, max((len(word.rstrip()) for line in lines for word in BREAK.split(line)), default=0))
 
     def column_groups(self, width: int | None) -> list[list[int]]:
-        """Return the numbers of the columns of each part, left to right."""
+        """Return the column numbers of each part of the table, left to right."""
         column_lists = [[0]] if self.columns else []
         for k in range(1, len(self.columns)):
             columns = [*column_lists[-1], k]
@@ -83,7 +83,7 @@ class _TerminalTable:
         return column_lists
 
     def lines(self, part: Sequence[int], width: int | None) -> list[str]:
-        """Return heads and rows of these columns."""
+        """Return the lines of one part: the heads and rows of its columns."""
         widths = self._widths(part, width)
         columns = [self.columns[k] for k in part]
         lines = []
@@ -99,13 +99,13 @@ class _TerminalTable:
         return lines
 
     def _widths(self, part: Sequence[int], width: int | None) -> list[int]:
-        """Return the columns' widths: their need, or without room the first column's need and shares of the rest."""
+        """Return the widths of the columns. In a narrow part the first column has priority; others share the rest."""
         widest, narrowest = self._grouped(self.widest, part), self._grouped(self.narrowest, part)
         if width is None or _total(widest) <= width:
             return widest
         left = max(0, width - _total(narrowest))
         widths = list(narrowest)
-        name = min(widest[0] - narrowest[0], left)  # a name in one piece tells rows apart at a glance
+        name = min(widest[0] - narrowest[0], left)  # rows are easier to find if their names are not wrapped
         widths[0], left = widths[0] + name, left - name
         wanting = sorted(range(1, len(part)), key=lambda k: widest[k] - narrowest[k])
         for place, k in enumerate(wanting):
@@ -135,14 +135,14 @@ def _total(widths: Sequence[int]) -> int:
 
 
 def _head_lines(columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
-    """Return the heads, broken at blanks alone, the short ones at the bottom."""
+    """Return the lines of the heads, wrapped and aligned at the bottom."""
     wrapped = [textwrap.wrap(column.head, max(1, size)) for column, size in zip(columns, widths, strict=True)]
     high = max(map(len, wrapped))
     return _beside([[""] * (high - len(head)) + head for head in wrapped], columns, widths)
 
 
 def _joined(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
-    """Return cells beside one another, wrapped to their widths."""
+    """Return the lines of cells side by side, wrapped to their widths."""
     sized = zip(cells, widths, strict=True)
     wrapped = [[part for line in cell for part in _wrapped(line, size)] for cell, size in sized]
     high = max(map(len, wrapped))
@@ -150,7 +150,7 @@ def _joined(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: 
 
 
 def _beside(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
-    """Return the lines of cells that have equally many lines, numbers to the right."""
+    """Return the lines of cells side by side, with numbers aligned right. All cells have the same number of lines."""
     return [
         (" " * GAP).join(
             text.rjust(size) if column.align == "right" else text.ljust(size)
@@ -188,7 +188,7 @@ def _filled(text: str, width: int | None) -> list[str]:
 
 
 def as_markdown(table: ReportTable, level: int = 2) -> str:
-    """Return the table with its title as a head of this level, caption and notes."""
+    """Return the table with its title as a heading of this level, its caption and its notes."""
     lines = [f"{'#' * level} {escaped(table.title)}", ""] if table.title else []
     lines += [escaped(table.caption), ""] if table.caption else []
     lines.append(_markdown_line(_markdown_head(column) for column in table.columns))
@@ -238,9 +238,9 @@ def _markdown_line(cells: Iterable[str]) -> str:
 
 
 def as_csv(table: ReportTable) -> str:
-    """Return the table, a line per row, with all digits of numbers; interval and counts are in columns of their own.
+    """Return the table, a line per row, with all digits of numbers. Intervals and counts have their own columns.
 
-    A column for an interval or a count that is empty in every row is omitted.
+    A column for an interval or a count is omitted if it is empty in every row.
     """
     shown = [(k, column, field) for k, column in enumerate(table.columns) for field in ("value", *BESIDE)
              if field == "value" or any(getattr(row.cells[k], field) is not None for row in table.rows)]  # fmt: skip
@@ -291,14 +291,14 @@ def as_html(table: ReportTable) -> str:
 
 def _html_heads(columns: Sequence[TableColumn]) -> Iterator[str]:
     if any(column.group for column in columns):
-        first = [] if columns[0].group else [("", 1)]  # the first column stays when the others are scrolled
+        first = [] if columns[0].group else [("", 1)]  # the first column does not scroll with the others
         heads = [
             f'<th class="group" scope="colgroup" colspan="{count}">{html.escape(group)}</th>'
             if group else f'<td colspan="{count}"></td>'
             for group, count in (*first, *groups(columns[len(first) :]))
         ]  # fmt: skip
         yield f"<tr>{''.join(heads)}</tr>"
-    arrow = {"more": "\u00a0↑", "less": "\u00a0↓", None: ""}  # behind a space that no line is broken at
+    arrow = {"more": "\u00a0↑", "less": "\u00a0↓", None: ""}  # after a no-break space
     heads = []
     for column in columns:
         unit = f"\u00a0<small>{html.escape(column.head_unit)}</small>" if column.head_unit else ""
@@ -328,12 +328,12 @@ SPECIAL = {
     "<": "$<$",
 }  # fmt: skip
 
-FLOAT_LINES_MAX = 40  # titles of blocks included: with a caption of ten lines they fit onto A4 and letter
+FLOAT_LINES_MAX = 40  # with titles of blocks; these and a caption of ten lines fit on A4 and letter pages
 SHRINK_IF_TOO_WIDE = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
 
 
 def as_latex(table: ReportTable) -> str:
-    """Return the table environment, with caption and label; several of them for a long table."""
+    """Return the table environment with caption and label; several environments for a long table."""
     contents = list(_latex_floats(table.blocks))
     environments = (_latex_float(table, blocks, k, k == len(contents) - 1) for k, blocks in enumerate(contents))
     return f"% {' '.join(table.command.split())}\n" + "\n".join(environments)
@@ -360,12 +360,12 @@ def _latex_floats(blocks: Sequence[TableBlock]) -> Iterator[list[TableBlock]]:
 
 
 def _latex_float(table: ReportTable, blocks: Sequence[TableBlock], number: int, last: bool) -> str:
-    """Return one table environment; that of `number` 0 has the caption, the last one the notes."""
+    """Return one table environment. Number 0 has the caption, the last one the notes."""
     caption = f"{table.title}. {table.caption}" if number == 0 else f"{table.title}, continued."
     lines = [
-        r"\begin{table}[tp]",  # p too: a float too tall for a top would delay all that follow
+        r"\begin{table}[tp]",  # p: a float that is too tall for [t] would delay all later floats
         r"\centering",
-        r"\setlength{\belowcaptionskip}{4pt}",  # the caption is above, and classes leave no space there
+        r"\setlength{\belowcaptionskip}{4pt}",  # document classes leave no space below a caption
     ]
     if number:
         lines.append(r"\addtocounter{table}{-1}")
@@ -394,7 +394,7 @@ def latex_text(text: str) -> str:
 
 
 def _latex_heads(columns: Sequence[TableColumn]) -> Iterator[str]:
-    """Yield the line of groups with their rules, where there are any, and the line of heads."""
+    """Yield the line of groups and its rules, if there are groups, and the line of heads."""
     if any(column.group for column in columns):
         cells, rules, first = [], [], 1
         for group, width in groups(columns):

@@ -1,6 +1,6 @@
 """Designs of a study: every combination of levels, a regular fraction, a Latin hypercube, or one factor at a time.
 
-Pure functions, and deterministic.
+All functions are pure and deterministic.
 
 Fractions of two-level designs: Box, Hunter and Hunter, Statistics for Experimenters, chapter 6. Latin hypercubes:
 McKay, Beckman and Conover (1979), made by `scipy.stats.qmc`.
@@ -20,7 +20,7 @@ from foundation.run_folder.results import Level
 
 KINDS = ("full", "fractional", "latin", "one-at-a-time")
 POINTS_MAX = 10_000
-FACTORS_MAX = 15  # of a fraction, which searches up to 2^15 defining words
+FACTORS_MAX = 15  # of a fraction; `resolution` examines up to 2^15 defining words
 DIGITS = 6  # significant digits of a level drawn from a range
 ROMAN = ("0", "I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV")
 
@@ -29,7 +29,7 @@ DesignPoint = Mapping[str, Level]  # factor → its level
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """One factor of a design: its levels, or a range between two numbers if it has no levels."""
+    """One factor of a design, with its levels or, if it has none, a range between two numbers."""
 
     name: str
     levels: tuple[Level, ...] = ()
@@ -39,11 +39,11 @@ class Axis:
 
     @property
     def ends(self) -> tuple[Level, ...]:
-        """The levels; of a range its two ends."""
+        """The levels, or the two ends of the range."""
         return self.levels or (self._number(self.low), self._number(self.high))
 
     def at(self, share: float) -> Level:
-        """Return the level at a share of the axis, 0 ≤ share < 1; every level has an equal part of it."""
+        """Return the level at a share of the axis, 0 ≤ share < 1. Levels have equal parts of the axis."""
         if self.levels:
             return self.levels[int(share * len(self.levels))]
         if self.integer:
@@ -63,7 +63,7 @@ class Design:
 
 
 def full(axes: Sequence[Axis]) -> Design:
-    """Return every combination of the levels, or of the ends of a range; the first factor changes slowest."""
+    """Return every combination of the levels, or of the ends of ranges. The first factor changes slowest."""
     count = math.prod(len(axis.ends) for axis in axes)
     if count > POINTS_MAX:
         raise UsageError(f"all combinations are {count:,} points, more than {POINTS_MAX:,}. Take a fraction, or latin")
@@ -72,9 +72,9 @@ def full(axes: Sequence[Axis]) -> Design:
 
 
 def one_at_a_time(axes: Sequence[Axis], crossed: Collection[str] = ()) -> Design:
-    """Return the first level of every factor, and from there each other level of each factor alone.
+    """Return the base point (the first level of every factor), and each point that differs from it in one factor.
 
-    Factors in `crossed` are combined with every one of these points, at all of their levels.
+    All levels of the factors in `crossed` are combined with each of these points.
     """
     base = tuple(axis.ends[0] for axis in axes)
     varied_axes = [(place, axis) for place, axis in enumerate(axes) if axis.name not in crossed]
@@ -89,9 +89,9 @@ def one_at_a_time(axes: Sequence[Axis], crossed: Collection[str] = ()) -> Design
 
 
 def latin(axes: Sequence[Axis], points: int, seed: int) -> Design:
-    """Return `points` points, with one level of each factor in each of as many equal parts of its range.
+    """Return `points` points. Each factor's range is divided into `points` equal parts, with one point in each part.
 
-    A factor with levels has each of them equally often, up to one. Duplicate points are left out.
+    The levels of a factor occur equally often, up to one. Duplicate points are left out.
     """
     from scipy.stats import qmc
 
@@ -107,9 +107,9 @@ def latin(axes: Sequence[Axis], points: int, seed: int) -> Design:
 def fractional(axes: Sequence[Axis], generators: Sequence[str]) -> Design:
     """Return a regular fraction 2^(k−p) of the combinations of two levels each, with p generators.
 
-    A generator sets one factor to the product of others: `D = ABC`, or by names `wind = latency * frame_delay`, with a
-    minus for the other half. Letters count the factors in their order. Raises UsageError for an invalid generator, and
-    for a resolution below III, in which factors are confounded with each other.
+    A generator sets one factor to the product of others: `D = ABC`, or with names `wind = latency * frame_delay`. A
+    minus before the product selects the other half. A is the first factor, B the second. Raises UsageError for an
+    invalid generator, and for a resolution below III, in which factors are confounded with each other.
     """
     for axis in axes:
         if len(axis.ends) != 2:
@@ -136,7 +136,10 @@ def fractional(axes: Sequence[Axis], generators: Sequence[str]) -> Design:
 
 
 def resolution(words: Sequence[int]) -> int:
-    """Return the length of the shortest word of the defining relation of these generators, bit sets of factors."""
+    """Return the length of the shortest word of the defining relation.
+
+    `words` are the defining words of the generators, as bit sets of factors.
+    """
     relation = {0}
     for word in words:
         relation |= {word ^ product for product in relation}
@@ -144,7 +147,7 @@ def resolution(words: Sequence[int]) -> int:
 
 
 def _generated(names: Sequence[str], generators: Sequence[str]) -> dict[int, tuple[int, tuple[int, ...]]]:
-    """Return for each generated factor, by its place: the sign, and the places of the factors of its product."""
+    """Return (sign, indices of the factors of the product) by the index of each generated factor."""
     if not generators:
         raise UsageError('a fraction needs generators, for example generators = ["D = ABC"]')
     generated: dict[int, tuple[int, tuple[int, ...]]] = {}
@@ -167,7 +170,7 @@ def _generated(names: Sequence[str], generators: Sequence[str]) -> dict[int, tup
 
 
 def _places(text: str, names: Sequence[str], generator: str) -> list[int]:
-    """Return the places of the factors in one side of a generator, given by names or letters."""
+    """Return the indices of the factors in one side of a generator, which names them by name or letter."""
     places = []
     letters = {letter: place for place, letter in enumerate(ascii_uppercase[: len(names)])}
     for word in filter(None, re.split(r"[*×·\s]+", text)):

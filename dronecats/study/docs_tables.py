@@ -1,4 +1,4 @@
-"""The generated tables of docs/metrics.md, docs/studies.md and docs/disturbances.md.
+"""Generates the tables of docs/metrics.md, docs/studies.md and docs/disturbances.md.
 
 `make metrics` and `make studies` write them from the registries and declarations.
 """
@@ -19,7 +19,7 @@ ARROWS = {"more": "↑", "less": "↓", None: ""}  # by the better direction of 
 
 
 def tables(page: str) -> dict[str, str]:
-    """Return the Markdown tables of metrics.md, studies.md or disturbances.md by their names."""
+    """Return the Markdown tables of metrics.md, studies.md or disturbances.md, by name."""
     if page == "metrics.md":
         metrics = [
             (f"`{m.name}`", f"{m.title} {ARROWS[m.better]}".strip(), m.unit, m.level, m.definition, m.paper or "ours")
@@ -45,7 +45,7 @@ def tables(page: str) -> dict[str, str]:
 
 
 def filled(text: str, made: Mapping[str, str]) -> str:
-    """Return the text of a page with these tables between their markers. Raises ValueError for a missing marker."""
+    """Return a page's text with the tables `made` between their markers. Raises ValueError for a missing marker."""
     for name, table in made.items():
         begin, end = BEGIN.format(name=name), END.format(name=name)
         before, _, rest = text.partition(begin)
@@ -57,7 +57,7 @@ def filled(text: str, made: Mapping[str, str]) -> str:
 
 
 def write(docs: Path, *pages: str) -> None:
-    """Write the tables of these pages anew. Raises OSError, and ValueError for a missing marker."""
+    """Replace the tables in these pages. Raises OSError, and ValueError for a missing marker."""
     for name in pages:
         page = docs / name
         page.write_text(filled(page.read_text(encoding="utf-8"), tables(name)), encoding="utf-8")

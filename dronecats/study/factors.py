@@ -1,7 +1,7 @@
-"""The registry of factors: everything that a study can vary, and how a level is set on a flight.
+"""The registry of factors: the properties of a flight that a study can vary, and the functions that set a level.
 
-Factors of pictures, wire, vehicle and light come from the declarations in `dronecats/flight/spec/disturbances.py`.
-Factors are set in the order of the registry, so a rate is set before its jitter.
+Factors of pictures, wire, vehicle and light are declared in `dronecats/flight/spec/disturbances.py`. Factors are set in
+the order of the registry, so a rate is set before its jitter.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,8 +23,8 @@ ENTRANT_FACTORS = ("pilot", "model", "agent", "command")  # factors that choose 
 REPLY_TIME, PILOT = "the reply time", "the pilot"
 POLICY = "latency_policy"  # the factor whose levels may name a file
 ADDED = {"rate_cap": CAP, "reply_stall_share": STALL}  # factors that are also a part of a latency policy
-SLOWEST_HZ = 0.01  # of the factors that are rates of replies
-NUMBER_FORMAT = ".12g"  # of numbers in names and policies
+SLOWEST_HZ = 0.01  # lowest level of factors that are rates of replies
+NUMBER_FORMAT = ".12g"  # for numbers in names and policies
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,17 +37,17 @@ class Factor:
     name: str  # as in files and options
     help: str  # its meaning, one line
     sets: str  # the property that it sets; a study has one factor for each property
-    put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: a disturbance; they are set together
-    get: Callable[[FlightSpec], float | None] = lambda flight: None  # the number in a flight; None: it has none
+    put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: a disturbance; all are set together
+    get: Callable[[FlightSpec], float | None] = lambda flight: None  # the factor's number in a flight, or None
     quantity: DeclaredNumber | None = None  # for numeric levels
     words: Sequence[str] | None = None  # allowed words; with neither quantity nor words, any word
-    refines: str = ""  # another factor; if that is 0, this one has no effect
-    beside: bool = False  # whether the factor that it refines must be set, too
-    real_time: bool = False  # whether it has no effect in lockstep
+    refines: str = ""  # name of another factor; while that factor is 0, this one has no effect
+    beside: bool = False  # whether a study must also set the factor in `refines`
+    real_time: bool = False  # whether the factor has no effect in lockstep
 
     @property
     def unit(self) -> str:
-        """Unit of its levels; empty: none."""
+        """The unit of the levels; empty if there is none."""
         return self.quantity.unit if self.quantity else ""
 
     def level(self, value: object) -> Level:
@@ -82,7 +82,7 @@ def _put_model(flight: FlightSpec, level: Level) -> FlightSpec:
 
 
 def _with_pictures(flight: FlightSpec, looks: bool) -> FlightSpec:
-    """Return the flight with rendered pictures if the pilot looks at them; in real time they are always rendered."""
+    """Return the flight, which renders pictures only if the pilot uses them; in real time it always renders them."""
     if flight.simulated is None:
         return flight
     return replace(flight, simulated=replace(flight.simulated, rendered=looks or flight.simulated.speed is not None))
@@ -99,7 +99,7 @@ def _put_policy(flight: FlightSpec, level: Level) -> FlightSpec:
 def _latency(
     name: str, text: str, kind: str, place: int, put: Callable[[FlightSpec, Level], FlightSpec], **more: Any
 ) -> Factor:
-    """Return the factor of one number of a kind of latency policy."""
+    """Return a factor that sets one number of a latency policy; `place` is the index of the number."""
     bounds = {"low": more.pop("low")} if "low" in more else {}
     quantity = replace(KINDS[kind].quantities[place], name=name, help=text, **bounds)
     numbers = {"get": lambda flight: dict(enumerate(flight.latency.numbers(kind))).get(place)}
@@ -107,12 +107,12 @@ def _latency(
 
 
 def _put_alone(kind: str) -> Callable[[FlightSpec, Level], FlightSpec]:
-    """Return a function that sets a policy with this single part."""
+    """Return a function that replaces the latency policy by a single part of this kind."""
     return lambda flight, level: replace(flight, latency=latency_policy(f"{kind}:{level_text(level)}"))
 
 
 def _put_jitter(place: int) -> Callable[[FlightSpec, Level], FlightSpec]:
-    """Return a function that sets one of the numbers of `jitter:HZ,CV,RHO` and keeps those before it."""
+    """Return a function that sets one number of `jitter:HZ,CV,RHO` and keeps the numbers before it."""
 
     def put(flight: FlightSpec, level: Level) -> FlightSpec:
         paced = next((part for part in flight.latency.parts if part.kind in (RATE, JITTER)), None)
@@ -184,7 +184,7 @@ FACTORS: Mapping[str, Factor] = {factor.name: factor for factor in _FACTORS}
 
 
 def factor_of(name: str) -> Factor:
-    """Return the factor of a name. Raises UsageError for an unknown name, with the nearest one."""
+    """Return the factor with this name. Raises UsageError for an unknown name; the error suggests the nearest one."""
     factor = FACTORS.get(name.replace("-", "_"))
     if factor is None:
         near = nearest(name, FACTORS, count=1)
@@ -203,16 +203,16 @@ def check_together(names: list[str]) -> None:
 
 
 def stored_levels(levels: Mapping[str, Level]) -> dict[str, Level]:
-    """Return levels for study.json: recorded latencies by their name, instead of a file that only one machine has.
+    """Return the levels for study.json, in which a name replaces the path of a file of recorded latencies.
 
-    `at_levels` takes both forms; for a name the flight must hold the latencies. Raises UsageError if a file cannot be
-    read.
+    The file may exist on one machine only. `at_levels` accepts paths and names; for a name, the flight must contain the
+    latencies. Raises UsageError if a file cannot be read.
     """
     return {name: carried(str(level)) if name == POLICY else level for name, level in levels.items()}
 
 
 def at_levels(flight: FlightSpec, levels: Mapping[str, Level]) -> FlightSpec:
-    """Return a flight with these factors at these levels, which replace earlier levels of the same factors.
+    """Return a flight at these levels, which replace earlier levels of the same factors.
 
     Raises UsageError for levels that contradict each other.
     """
@@ -222,13 +222,15 @@ def at_levels(flight: FlightSpec, levels: Mapping[str, Level]) -> FlightSpec:
         if name in levels:
             flight = factor.at(flight, levels[name])
     disturbed = {name: level for name, level in levels.items() if not FACTORS[name].put}
-    # all at once: a delay must agree with the new rate, not with the old one
+    # set all disturbances at once: a delay must agree with the new rate, not with the old one
     return replace(flight, disturbances=flight.disturbances.with_levels(disturbed)) if disturbed else flight
 
 
 def _check_combination(levels: Mapping[str, Level], *, lockstep: bool) -> None:
-    """Raise UsageError for a factor without the one that it refines, one in lockstep that needs real time, and one that
-    the latency policy sets, too.
+    """Raise UsageError for factors that cannot be combined.
+
+    These are a factor without the factor that it refines, a real-time factor in lockstep, and a factor that the latency
+    policy also sets.
     """
     for name, level in levels.items():
         factor = FACTORS[name]

@@ -1,6 +1,6 @@
-"""A study's folder: study.json beside bench.json and the runs, and the checks before a study resumes.
+"""Reads and writes study.json in a study's folder, and checks that a study may resume there.
 
-Contract of study.json: docs/studies.md.
+The folder also has bench.json and the runs. docs/studies.md specifies study.json.
 """
 
 import json
@@ -72,14 +72,14 @@ def _at(levels: Mapping[str, Level], where: str) -> dict[str, Level]:
         raise UsageError(f"{where}{error}") from None
 
 
-MERGED = ("flights", "runs")  # fields in which a resumed study may differ
-PILOT_FIELDS = ("pilot", "model", "outside", "commander", "scripted")  # fields in which flights of two pilots differ, …
-RENDERED = "simulated.rendered"  # … and the field that depends on them
-NAMED = 3  # differences that an error names
+MERGED = ("flights", "runs")  # fields in which a resumed study may differ from the earlier one
+PILOT_FIELDS = ("pilot", "model", "outside", "commander", "scripted")  # fields that differ between pilots
+RENDERED = "simulated.rendered"  # field that depends on the pilot
+NAMED = 3  # most differences that an error lists
 
 
 def merge_earlier_runs(folder: Path, plan: StudyPlan) -> Study:
-    """Return the planned study together with the earlier runs of the folder, of more flights or other pilots.
+    """Return the planned study with the folder's earlier runs added, such as those of other pilots.
 
     Raises UsageError if the folder holds a benchmark, another study, or flights that differ from the planned ones.
     """
@@ -101,7 +101,7 @@ def merge_earlier_runs(folder: Path, plan: StudyPlan) -> Study:
 
 
 def _difference_text(name: str, before: Any, after: Any) -> str | None:
-    """Return a field with its values in two studies; None if they are equal."""
+    """Return a text with the field and its values in two studies; None if the values are equal."""
     if before == after:
         return None
     if name in ("cells", "episodes"):
@@ -125,15 +125,16 @@ def _factor_text(factor: StudyFactor) -> str:
 
 
 def _check_flights(folder: Path, before: Study, plan: StudyPlan) -> None:
-    """Raise UsageError if a kept flight differs from the planned one.
+    """Raise UsageError if a recorded flight differs from the planned one.
 
-    Runs of the same name must be equal; runs of other pilots at the same levels must be equal in all but PILOT_FIELDS.
-    So a different flight is never taken for done, and all pilots of a study fly the same.
+    So a study never skips a flight that differs from the recorded one, and all pilots fly under the same conditions.
+    Runs of the same name must be equal. Runs of other pilots at the same levels must be equal in all fields except
+    PILOT_FIELDS.
     """
     by_name = {run.name: run for run in before.runs}
     bench = json_object(folder / layout.BENCH) or {}
     kept_flights = {run.get("name"): run.get("flight") for run in bench.get("runs", ())}
-    by_place: dict[str, str] = {}  # name of a kept run at each point and flight number
+    by_place: dict[str, str] = {}  # name of a recorded run, by point and flight number
     for run in before.runs:
         by_place.setdefault(_point_key(run), run.name)
     for entry, run in zip(plan.entries, plan.study.runs, strict=True):
@@ -157,7 +158,7 @@ def _point_key(run: StudyRun) -> str:
 
 
 def _flight_differences(then: dict[str, Any], now: FlightSpec, *, same_pilot: bool) -> Iterator[str]:
-    """Yield each value in which a kept flight and a planned one differ, with both values."""
+    """Yield a text for each field in which a recorded and a planned flight differ, with both values."""
     left = (*PER_EPISODE, *PER_SITTING, *(() if same_pilot else PILOT_FIELDS))
     before, after = dict(_leaf_values(then, left)), dict(_leaf_values(json.loads(json.dumps(as_kept(now))), left))
     for name in dict.fromkeys((*before, *after)):

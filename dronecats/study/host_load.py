@@ -1,4 +1,4 @@
-"""The effect of a busy host: the same episodes in lockstep and in real time beside computing processes, compared."""
+"""Measures the effect of a busy host: flies the same episodes in lockstep and in real time while processes compute."""
 
 import hashlib
 import json
@@ -25,7 +25,7 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import stored_result
 from foundation.run_folder.results import SCORED
 
-# ends soon after its parent process, however that ended
+# ends soon after its parent process ends, also if the parent was killed
 BUSY_PROGRAM = """
 import os, sys
 parent = int(sys.argv[1])
@@ -39,8 +39,8 @@ while os.getppid() == parent:
 def busy(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
     """Run `count` computing processes during the block.
 
-    Each is a session of its own: Linux may share the processor by sessions (sched(7), autogroup), and then all of them
-    in one session would weigh no more than one process.
+    Each process has its own session. Linux may divide processor time between sessions (sched(7), autogroup), and
+    processes in one session would then get the share of one process.
     """
     command = [sys.executable, "-c", BUSY_PROGRAM, str(os.getpid())]
     started = [subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True) for _ in range(count)]
@@ -60,43 +60,43 @@ LOGS = (layout.DECISIONS, layout.TRUTH, layout.VERDICT)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadedFlight:
-    """One flight beside computing processes."""
+    """The result of one flight while `busy` processes compute."""
 
     episode: str
     clock: Clock
-    busy: int  # computing processes
-    flight: int  # number within its episode, from 1; each has its own seed
+    busy: int  # number of computing processes
+    flight: int  # number within its episode, from 1; each number has its own seed
     success: bool
-    ne_m: float | None  # m, navigation error of the verdict
+    ne_m: float | None  # m, navigation error in the verdict
     steps: int
-    stalled_steps: int  # delayed by the host, as `bench` marks them
+    stalled_steps: int  # steps that the host delayed, as `bench` marks them
     digest: str  # SHA-256 of decisions, truth and verdict
 
     @property
     def marked(self) -> bool:
-        """Whether `bench --drop-stalled` leaves it out."""
+        """Whether `bench --drop-stalled` leaves the flight out."""
         return self.stalled_steps > 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadPlan:
-    """The flights of a study of the host's load."""
+    """The plan of a study of the host's load."""
 
     pilot: str
     episodes: Sequence[str]
-    levels: Sequence[int]  # computing processes; the first level is the reference
-    flights: int = 1
+    levels: Sequence[int]  # numbers of computing processes; the first level is the reference
+    flights: int = 1  # per episode, clock and level
     seconds: float = 60.0  # s of vehicle time
     latency: str = "fixed:0.1"
-    jobs: int = 1  # flights in the air at a time
-    speed: float = 1.0  # × real time, of those in real time
+    jobs: int = 1  # flights at the same time
+    speed: float = 1.0  # × real time, for the flights in real time
     rendered: bool = False
 
 
 def fly(plan: LoadPlan, out: Path, progress: Callable[[str], None]) -> list[LoadedFlight]:
-    """Fly the missing flights into a folder, level after level, and return all flights. Raises DronecatsError.
+    """Fly the missing flights into a folder, level by level, and return all flights. Raises DronecatsError.
 
-    Both clocks are checked before the first flight.
+    The flights of both clocks are validated before the first one starts.
     """
     for clock in CLOCKS:
         look_up(flight_spec(plan, clock, 1))
@@ -140,7 +140,7 @@ def _fly_level(plan: LoadPlan, out: Path, clock: Clock, level: int, number: int)
 
 
 def flight_spec(plan: LoadPlan, clock: Clock, number: int) -> FlightSpec:
-    """Return the flights of a run, without their episode."""
+    """Return the specification of a run's flights, without the episode."""
     speed = None if clock == "lockstep" else plan.speed
     return FlightSpec(
         pilot=plan.pilot,
@@ -153,7 +153,7 @@ def flight_spec(plan: LoadPlan, clock: Clock, number: int) -> FlightSpec:
 
 
 def log_digest(folder: Path) -> str:
-    """Return the SHA-256 of the logs and the verdict of an episode's folder."""
+    """Return the SHA-256 of the logs and the verdict in an episode's folder."""
     sha256 = hashlib.sha256()
     for name in LOGS:
         sha256.update((folder / name).read_bytes())
@@ -162,14 +162,14 @@ def log_digest(folder: Path) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelRow:
-    """The flights of one clock at one level."""
+    """The counts of the flights of one clock at one level."""
 
     clock: Clock
-    busy: int  # processes
+    busy: int  # number of computing processes
     flights: int
     solved: int
-    moved: int  # flights with another verdict than the reference
-    other_bytes: int  # flights with other logs than the reference; in real time all of them
+    moved: int  # flights with a verdict that differs from the reference
+    other_bytes: int  # flights with logs that differ from the reference; in real time all flights
     ne_moved_m: float | None  # m, median difference in NE from the reference
     marked: int  # flights that `bench` marks as delayed by the host
     stalled_steps: int
@@ -178,11 +178,11 @@ class LevelRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marking:
-    """The agreement between marked flights and moved ones, in real time."""
+    """The agreement between marked and moved flights in real time. LoadFindings defines which flights moved."""
 
     moved: int
-    marked: int
-    both: int  # marked and moved
+    marked: int  # flights that `bench` marks as delayed by the host
+    both: int  # flights that are marked and moved
 
     @property
     def precision(self) -> tuple[float, float, float] | None:
@@ -200,8 +200,8 @@ class LoadFindings:
     """The findings of a study of the host's load."""
 
     rows: Sequence[LevelRow]
-    of_verdicts: Marking  # moved: with another verdict
-    of_errors: Marking  # moved: NE differs by more than idle_error_m
+    of_verdicts: Marking  # moved: the verdict differs from the reference
+    of_errors: Marking  # moved: NE differs from the reference by more than idle_error_m
     idle_error_m: float | None  # m, largest difference in NE at the first level
 
     def as_json(self) -> dict[str, Any]:
@@ -293,7 +293,7 @@ the same episode and seed without busy processes (the first level).
 
 
 def tables(findings: LoadFindings) -> list[ReportTable]:
-    """Return the table of the levels, and that of marked and moved flights."""
+    """Return the table of levels, and the table of marked and moved flights."""
     levels = [words("clock"), *map(numbers, ("busy", "flights", "solved", "moved", "other bytes", "marked",
                                              "delayed steps", "change of NE"))]  # fmt: skip
     rows = (
@@ -318,7 +318,7 @@ def _mark_cells(case: str, marking: Marking) -> tuple[CellValue, ...]:
 
 
 def write(findings: LoadFindings, out: Path, command: str, machine: str) -> Sequence[Path]:
-    """Write page and JSON into a folder and return their paths. Raises InfrastructureError."""
+    """Write the page and the JSON file into a folder and return their paths. Raises InfrastructureError."""
     page, data = out / f"{NAME}.md", out / f"{NAME}.json"
     try:
         made = "\n".join(map(as_markdown, tables(findings)))

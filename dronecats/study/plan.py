@@ -1,7 +1,7 @@
-"""The plan of a study: every pilot at every point of the design, several flights of each, as runs of a campaign.
+"""Plans a study: the runs of a campaign in which every pilot flies every point of the design, several times.
 
-A factor that has no effect on any flight is refused, since the report would find none: some factors refine another one,
-which may be 0. Pictures, wire and vehicle are disturbed for every pilot, even for one that knows the truth.
+A factor without effect on any flight is an error. Example: a factor that refines another factor whose level is 0.
+Disturbances of pictures, wire and vehicle apply to every pilot, even to a pilot that knows the truth.
 """
 
 import json
@@ -21,7 +21,7 @@ from foundation.errors import UsageError
 from foundation.run_folder.results import Level, Study, StudyFactor, StudyRun
 
 RUNS_MAX = 10_000
-NAME_MAX = 100  # letters of a folder named by its levels; longer ones have the number of the point
+NAME_MAX = 100  # characters of a folder name made of levels; if it would be longer, it has the point's number instead
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,8 +44,8 @@ def plan(
     """Return the plan of a study.
 
     `pilots` are (name, flight without episode and factors). The k-th flight of a pair (an episode and a pilot) has the
-    same seed at every point of the design. All points of a pair are flown before the next pair, and the first flight of
-    all pairs before the second of any, so a study that stops early is paired except for its last flights.
+    same seed at every point of the design. A pair flies all points before the next pair starts, and all pairs fly their
+    first flight before any pair flies its second. So if a study stops early, all but its last flights are paired.
     Raises UsageError for contradicting levels, for a factor without an effect, and if there is nothing to fly.
     """
     factors = tuple(design.points[0]) if design.points else ()
@@ -102,7 +102,7 @@ def _check_fleets(suite: ChosenSuite, commands: Sequence[Level | None]) -> None:
 def _folder_names(pilots: Sequence[str], points: Sequence[DesignPoint]) -> dict[tuple[str, int], str]:
     """Return the folder name of each pilot at each point (by its index), without the number of the flight."""
     names: dict[tuple[str, int], str] = {}
-    for pilot in dict.fromkeys(pilots):  # one by one, so that a new pilot does not rename the others
+    for pilot in dict.fromkeys(pilots):  # pilot by pilot, so that a new pilot does not rename the folders of others
         prefix = [slug(pilot)] if pilot else []
         by_levels = [[slug(f"{name}-{_name_part(level)}") for name, level in point.items()] for point in points]
         own = ["-".join([*prefix, *words]) for words in by_levels]
@@ -116,19 +116,19 @@ def _folder_names(pilots: Sequence[str], points: Sequence[DesignPoint]) -> dict[
 
 
 def _name_part(level: Level) -> str:
-    """Return a level for a folder name, in which a minus sign would be lost."""
+    """Return a level for a folder name; the minus sign becomes a word, since `slug` removes it."""
     return f"minus-{level_text(-level)}" if not isinstance(level, str) and level < 0 else level_text(level)
 
 
 def check_flights(plan: StudyPlan) -> None:
-    """Raise UsageError for the first flight that cannot be flown, with its levels if other flights can.
+    """Raise UsageError for the first flight that cannot be flown. Models are not contacted.
 
-    Models are not contacted.
+    The error names the levels of the flight, unless all flights fail for the same reason.
     """
     first: tuple[str, str] | None = None  # the reason and the levels
     has_others = False  # whether another flight has another reason, or none
     for entry, run in zip(plan.entries, plan.study.runs, strict=True):
-        if run.flight_number > 1:  # differs from the first flight only in the seed
+        if run.flight_number > 1:  # it differs from the first flight only in the seed
             continue
         reason = _refusal(entry.flight)
         if reason is not None and first is None:
@@ -141,7 +141,7 @@ def check_flights(plan: StudyPlan) -> None:
 
 
 def _refusal(flight: FlightSpec) -> str | None:
-    """Return the reason why a flight cannot be flown; None if it can. Its ledger is made later, with the folder."""
+    """Return the reason why a flight cannot be flown; None if it can. The ledger is ignored: it does not exist yet."""
     try:
         look_up(replace(flight, accounts=replace(flight.accounts, ledger=None)))
         agent_maker(flight.agent)
@@ -150,13 +150,13 @@ def _refusal(flight: FlightSpec) -> str | None:
     return None
 
 
-COMPARED = ("rate_cap",)  # factors with levels that have no effect, as a comparison for the others
+COMPARED = ("rate_cap",)  # factors that may have levels without effect, as a reference for the other levels
 
 
 def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mapping[str, Level]) -> None:
-    """Raise UsageError for a factor, varied or held, that has no effect, and for levels with the same flight.
+    """Raise UsageError for a varied or held factor without effect, and for two levels that give the same flight.
 
-    `flight` is any flight of the study without its levels, which are `held` and those of a point.
+    `flight` is any flight of the study before its levels are set. The levels are `held` and those of a point.
     """
     if not points:
         return
@@ -176,12 +176,12 @@ def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mappi
 
 
 def _check_distinct_levels(flight: FlightSpec, at: Mapping[str, Level], name: str, levels: Sequence[Level]) -> None:
-    """Raise UsageError if two levels of a factor give the same flight; `at` are levels at which it has an effect."""
+    """Raise UsageError if two levels of a factor give the same flight. At the levels `at`, the factor has an effect."""
     levels_of: dict[str, Level] = {}
     for level in dict.fromkeys(levels):
         try:
             content = json.dumps(as_json(at_levels(flight, {**at, name: level})))
-        except UsageError:  # this level needs other levels of other factors
+        except UsageError:  # this level is invalid with these levels of the other factors
             continue
         if content in levels_of:
             raise UsageError(

@@ -1,9 +1,9 @@
-"""Pictures of assets alone on level ground: contact sheets, and the reading probe.
+"""Draws single assets on level ground, for contact sheets and for the reading probe.
 
-A contact sheet shows assets from near and far in the pixels that a model is given. The reading probe shows from how
-far an inscription can be read in such pictures. Source: paper, appendix "Maps and Episodes": one probe per inscription
-type, the sign with letters of 0.136 m and the plate with digits of 0.10 m, benchmark-sized renders through the 640 px
-pipeline, with inscriptions that no episode uses.
+A contact sheet shows assets at several distances, at the resolution of the model's pictures. The reading probe shows
+inscriptions at several distances, to test from how far a model can read them. Source: paper, appendix "Maps and
+Episodes". The paper has one probe for each type of inscription: a sign with letters of 0.136 m and a plate with digits
+of 0.10 m. The pictures have the benchmark's size and are reduced to 640 px. No episode uses the inscriptions.
 """
 
 import json
@@ -34,29 +34,29 @@ from foundation.wording import suggestion
 GROUND_M = 160.0  # half the ground's width
 
 # Contact sheets
-DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from the camera to the edge of the asset's box, towards its middle
-WIDTHS_PX = (448, 320, 192, 128)  # of each distance's tile, cut from the middle of the picture
+DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from the camera to the asset's box, on the line to the asset's origin
+WIDTHS_PX = (448, 320, 192, 128)  # of the tile for each distance, cut from the middle of the picture
 HEIGHT_PX, LABEL_PX, GAP_PX = 248, 26, 6
-EYE_M = 1.6  # above the ground
-QUARTER_DEG = 35.0  # which way the camera stands off the asset's nose, to the right
-SEEN_PX = (640, 360)  # of the reduced frame
-SHADE = Sun((0.22, 0.62, -0.753))  # over the viewer's shoulder
-PAINTS = ("cyan", "red", "yellow", "green", "orange", "blue", "purple", "pink")  # in turn, row by row
+EYE_M = 1.6  # height of the camera above the ground
+QUARTER_DEG = 35.0  # direction of the camera from the asset, to the right of the asset's nose
+SEEN_PX = (640, 360)  # size of the reduced frame
+SHADE = Sun((0.22, 0.62, -0.753))  # behind the camera
+PAINTS = ("cyan", "red", "yellow", "green", "orange", "blue", "purple", "pink")  # one per row, in turn
 INSCRIPTIONS = {"sign": "GATE 7"}
-DRONE, HOVER_M = "drone", 1.3  # of a fleet, which no record names; above the ground
+DRONE, HOVER_M = "drone", 1.3  # the drone is not an asset of records; its height above the ground
 QUALITY = 75
 INK, PAGE = (36, 38, 42), (246, 246, 244)
 
 # The reading probe
 PROBE_DISTANCES_M = (4, 6, 8, 10, 12, 14, 16)  # from the camera to the inscription's plane
-LEAST_EYE_M = 1.2  # above the ground: no lower than an episode's camera starts
-SUN = Sun((-0.60, 0.35, -0.7194))  # over the camera's shoulder: what is read is an asset's rear, which faces south
-CROP_PX, CELL_PX, CELL_LABEL_PX = (160, 90), (320, 180), 22  # of its contact sheet: cut out, and twice enlarged
-LETTERS, DIGITS = "ABCDEFGHJKLMNPRSTUVWXYZ", "0123456789"  # without I, O and Q, as on most plates
+LEAST_EYE_M = 1.2  # height of the camera above the ground: that of the lowest start of an episode
+SUN = Sun((-0.60, 0.35, -0.7194))  # behind the camera, which looks north at the rear of the asset
+CROP_PX, CELL_PX, CELL_LABEL_PX = (160, 90), (320, 180), 22  # its contact sheet: crop, enlarged crop, label
+LETTERS, DIGITS = "ABCDEFGHJKLMNPRSTUVWXYZ", "0123456789"  # letters without I, O and Q, as on most plates
 
 
 def alone(name: str, mesh: Mesh, sun: Sun, height_m: float = 0.0) -> Scene:
-    """Return the scene: the asset in the middle, its origin `height_m` above asphalt, facing north under the sun."""
+    """Return a scene of the asset alone on asphalt, facing north, with its origin `height_m` above the ground."""
     corner = [(GROUND_M * x, GROUND_M * y, 0.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     flat = g.soup([[corner[i] for i in (0, 1, 2)], [corner[i] for i in (0, 2, 3)]], surface("asphalt"), tile_m=4.0)
     ground = Instance(1, "ground", "ground", g.assemble([flat]), (0.0, 0.0, 0.0))
@@ -64,16 +64,16 @@ def alone(name: str, mesh: Mesh, sun: Sun, height_m: float = 0.0) -> Scene:
 
 
 def names() -> list[str]:
-    """Return all that can be shown: the assets of episodes, campus fixtures, what stands along streets, and a drone."""
+    """Return the names that a contact sheet can show: assets, campus fixtures, street scenery and the drone."""
     return [*assets.names(), *sorted(assets.FIXTURES), *sorted(assets.SCENERY), DRONE]
 
 
 def write_contact_sheet(chosen: Sequence[str], out: Path) -> None:
-    """Write a JPEG with one row per asset (all of them when none is chosen) and one column per distance.
+    """Write a JPEG with one row per asset and one column per distance.
 
-    Each tile is cut from the forward camera's 1280×720 frame after its reduction to 640 px, pixel for pixel. The same
-    names give the same bytes. Raises UsageError for a name that is not among `names()`, or for a file that
-    cannot be written.
+    If `chosen` is empty, the sheet shows all assets. Each tile is an unscaled crop of the camera's 1280×720 frame after
+    its reduction to 640 px. The same names give the same bytes. Raises UsageError for a name that is not among
+    `names()`, or for a file that cannot be written.
     """
     catalogued = names()
     for name in chosen:
@@ -93,7 +93,7 @@ def _mesh(name: str, paint: str) -> Mesh:
 
 
 def _row(name: str, paint: str) -> Picture:
-    """Return the tiles of one asset side by side, its name above the first."""
+    """Return the tiles of one asset side by side, below a caption."""
     mesh = _mesh(name, paint)
     renderer = Renderer(alone(name, mesh, SHADE, HOVER_M if name == DRONE else 0.0), CENTRED, shadow_cells=2048)
     turn = math.radians(QUARTER_DEG)
@@ -132,7 +132,7 @@ class InscriptionKind:
     asset: str
     paint: str
     letter_m: float  # m, height of a capital or a digit
-    material: str  # prefix of the names of the material that shows it
+    material: str  # prefix of the name of the material that shows the inscription
 
 
 KINDS = (
@@ -143,22 +143,22 @@ KINDS = (
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """One picture of the probe."""
+    """One picture of the reading probe."""
 
-    file: str  # within the folder
+    file: str  # name in the folder
     kind: str  # sign or plate
-    text: str  # of the inscription
+    text: str  # the inscription
     distance_m: float  # from the camera to the inscription's plane, along the optical axis
-    letter_px: float  # height of its letters in the picture that the model gets: f · letter_m / distance_m
+    letter_px: float  # height of the letters in the picture that the model gets: f · letter_m / distance_m
 
 
 @dataclass(frozen=True, slots=True)
 class Face:
-    """Where an asset shows its inscription. Metres, the asset's own axes."""
+    """The position (m) of the middle of an inscription on its asset."""
 
-    ahead: float  # of the asset's origin, along its nose; negative is the rear
-    right: float  # of its middle
-    height: float  # of its middle above the ground
+    ahead: float  # of the asset's origin; negative: behind it
+    right: float  # of the asset's origin
+    height: float  # above the ground
 
 
 def write_probe(folder: Path, seed: int = 0) -> list[Probe]:
@@ -192,13 +192,13 @@ def write_probe(folder: Path, seed: int = 0) -> list[Probe]:
 
 
 def letter_px(kind: InscriptionKind, distance_m: float) -> float:
-    """Return the height of a letter in the model's picture, px, by the pinhole."""
+    """Return the height (px) of a letter in the model's picture, by the pinhole model."""
     scale = min(1.0, WIDTH_MAX / CENTRED.width)
     return round(CENTRED.focal_px * scale * kind.letter_m / distance_m, 2)
 
 
 def used_inscriptions() -> set[str]:
-    """Return every inscription in the records of episodes, and the plate of vehicles without one."""
+    """Return the inscriptions of all episode records, and the plate text of vehicles without an inscription."""
     inscriptions = {assets.PLATE}
     for name in catalogue.ids():
         record = catalogue.load(name)
@@ -207,7 +207,10 @@ def used_inscriptions() -> set[str]:
 
 
 def invent(kind: str, rng: np.random.Generator, taken: set[str]) -> str:
-    """Return an inscription that is not `taken`: a sign's three letters and two digits, or a plate's two and four."""
+    """Return an inscription that is not in `taken`.
+
+    A sign gets three letters and two digits, a plate two letters and four digits.
+    """
     while True:
         letters = "".join(LETTERS[k] for k in rng.integers(0, len(LETTERS), 3 if kind == "sign" else 2))
         digits = "".join(DIGITS[k] for k in rng.integers(0, 10, 2 if kind == "sign" else 4))
@@ -219,7 +222,7 @@ def invent(kind: str, rng: np.random.Generator, taken: set[str]) -> str:
 def view(kind: InscriptionKind, text: str, distance_m: float) -> Picture:
     """Return the camera's (720, 1280, 3) RGB frame of an inscription straight ahead at a distance.
 
-    The camera is level, at the inscription's own height where that is not below `LEAST_EYE_M`.
+    The camera is level, at the height of the inscription or at `LEAST_EYE_M`, whichever is higher.
     """
     mesh = assets.build(kind.asset, kind.paint, text)
     face = face_of(mesh, kind.material)
@@ -230,7 +233,7 @@ def view(kind: InscriptionKind, text: str, distance_m: float) -> Picture:
 
 
 def face_of(mesh: Mesh, material: str) -> Face:
-    """Return the rearmost inscription of a mesh: the one that a drone behind it reads."""
+    """Return the position of the rearmost inscription of a mesh. A drone behind the asset can read it."""
     number = next(k for k, m in enumerate(mesh.materials) if m.name.startswith(material))
     corners = mesh.vertices[mesh.triangles[mesh.material == number]]
     rear = float(corners[..., 0].min())
@@ -240,9 +243,9 @@ def face_of(mesh: Mesh, material: str) -> Face:
 
 
 def _cell(data: bytes, probe: Probe) -> Picture:
-    """Return the middle of one picture, enlarged without smoothing, below its distance and text; BGR."""
+    """Return the middle of one picture (BGR), enlarged without smoothing, below a label with distance and text."""
     seen = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    assert seen is not None  # `data` is what `encode` has just written
+    assert seen is not None  # `data` is a JPEG from `encode`
     focal = CENTRED.focal_px * seen.shape[1] / CENTRED.width
     kind = next(k for k in KINDS if k.name == probe.kind)
     face = face_of(assets.build(kind.asset, kind.paint, probe.text), kind.material)

@@ -1,4 +1,4 @@
-"""Divides work on many episodes among processes, which end with their parent."""
+"""Distributes work on many items among processes. They end when their parent ends."""
 
 import multiprocessing
 import os
@@ -16,10 +16,11 @@ Result = TypeVar("Result")
 
 
 def share_out(work: Callable[[Item], Result], items: Sequence[Item], jobs: int | None = None) -> Iterator[Result]:
-    """Yield the result of each item as it is done, on `jobs` processes (default: one per core). For the main thread.
+    """Yield the result of each item in the order in which `jobs` processes (default: one per core) finish them.
 
-    A Ctrl-C, which a terminal sends to all of them, is the parent's to handle, and a parent that is killed takes them
-    with it. Raises what `work` raises, and InfrastructureError when a process dies.
+    Call it in the main thread. A terminal sends Ctrl-C to all processes: the parent handles it, and the others ignore
+    it. They end even if the parent is killed. Raises the exceptions of `work`, and InfrastructureError if a process
+    dies.
     """
     jobs = min(jobs or os.cpu_count() or 1, len(items))
     if jobs <= 1:
@@ -27,8 +28,8 @@ def share_out(work: Callable[[Item], Result], items: Sequence[Item], jobs: int |
         return
     before_us, complete = set(multiprocessing.active_children()), False
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _end_with_the_parent) as pool:
-        interrupts = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # one that comes now waits until below
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # which the processes, started below, inherit
+        interrupts = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # a signal waits until SIG_SETMASK
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # `submit` starts the processes, which inherit this
         try:
             futures = [pool.submit(work, item) for item in items]
         finally:

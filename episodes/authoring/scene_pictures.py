@@ -1,4 +1,4 @@
-"""Pictures of maps and episodes: a plan, a view, the first frame of each drone, and one place under all camera options.
+"""Draws pictures of maps and episodes: plans, views, first frames, and one place under all camera options.
 
 The same arguments give the same bytes.
 """
@@ -30,18 +30,18 @@ Rect = tuple[int, int, int, int]  # px: left, top, right, bottom
 # Plans
 UNNAMED = ("ground", "wood", "shrub", "bush", "bollard", "fence", "hedge")  # kinds without a label
 SIDE_PX = 1800
-HFOV_DEG = 12.0  # a long lens from high above: tall things lean outwards by less than their own width
+HFOV_DEG = 12.0  # narrow, from high above, so that tall things lean outwards by less than their own width
 MARGIN_M = 6.0
-PALE = 0.42  # of white over the picture, so that the names stand out
+PALE = 0.42  # share of white mixed into the picture, so that the names stand out
 PLAN_QUALITY = 72
 
 # Views
-ABOVE_SPAWN_M = 12.0  # of the eye over the spawn point of a map that is not in maps.VANTAGE
-CENTRED = CameraModel(1280, 720, 90.0, (0.0, 0.0, 0.0))  # at the pose itself, without a vehicle
+ABOVE_SPAWN_M = 12.0  # height of the camera above the spawn point, for a map that is not in maps.VANTAGE
+CENTRED = CameraModel(1280, 720, 90.0, (0.0, 0.0, 0.0))  # at the pose itself, without the offset of a vehicle's camera
 LARGEST_BYTES = 250_000
-QUALITIES = range(90, 40, -5)  # JPEG; the first that is small enough
+QUALITIES = range(90, 40, -5)  # of a JPEG; the first that keeps LARGEST_BYTES is used
 
-SUFFIXES = (".png", ".jpg", ".jpeg")  # of a first frame
+SUFFIXES = (".png", ".jpg", ".jpeg")  # of the file of a first frame
 
 # The sheet of the options of camera, light and season
 SHOWN: dict[str, Optics] = {
@@ -69,9 +69,9 @@ TILE_PX, COLUMNS, LABEL_PX, SHEET_QUALITY = (480, 270), 2, 24, 82
 
 
 def write_map_plan(name: str, out: Path, seed: int = 1) -> None:
-    """Write a JPEG, north up, of all named things of a map with the names that records use for native targets.
+    """Write a plan of a map as JPEG, north up, with the names that records use for native targets.
 
-    Raises UsageError for a name that is no map, or a file that cannot be written.
+    Raises UsageError for an unknown map, or a file that cannot be written.
     """
     scene = maps.build(name, seed)
     named = [i for i in scene.instances if i.kind not in UNNAMED]
@@ -82,7 +82,7 @@ def write_map_plan(name: str, out: Path, seed: int = 1) -> None:
     picture = np.asarray(picture * (1.0 - PALE) + 255.0 * PALE, np.uint8)
     taken: list[Rect] = []
     for instance in named:
-        # left and top of the middle of the picture are west and north
+        # west is left, and north is up
         x = SIDE_PX / 2 + (instance.position_ned[1] - middle[1]) / half * SIDE_PX / 2
         y = SIDE_PX / 2 - (instance.position_ned[0] - middle[0]) / half * SIDE_PX / 2
         _label(picture, instance.name, round(x), round(y), taken)
@@ -90,7 +90,7 @@ def write_map_plan(name: str, out: Path, seed: int = 1) -> None:
 
 
 def from_above(scene: Scene, north: float, east: float, half: float, side_px: int = SIDE_PX) -> Picture:
-    """Return the square (side_px, side_px, 3) of ground around a place, north up, `half` metres to each side."""
+    """Return the picture (side_px, side_px, 3) of the ground around a place, north up, `half` metres to each side."""
     height = half / math.tan(math.radians(HFOV_DEG / 2))
     eye = (north, east, scene.terrain.at(north, east) - height)
     pose = CameraPose(eye, quat_from_euler(0.0, -math.pi / 2, 0.0))
@@ -98,7 +98,7 @@ def from_above(scene: Scene, north: float, east: float, half: float, side_px: in
 
 
 def _label(picture: Picture, text: str, x: int, y: int, taken: list[Rect]) -> None:
-    """Write a name beside its dot, in a place that no earlier name covers if there is one."""
+    """Draw a dot and write its name beside it, if possible where no earlier name is."""
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.36
     (wide, tall), _ = cv2.getTextSize(text, font, size, 1)
     around = ((5, 4), (-wide - 5, 4), (-wide // 2, -6), (-wide // 2, tall + 6), (5, -8), (5, tall + 8), (-wide - 5, -8))
@@ -118,7 +118,7 @@ def _meet(a: Rect, b: Rect) -> bool:
 def write_map_view(name: str, out: Path, seed: int = 1) -> None:
     """Write a JPEG of at most LARGEST_BYTES that shows a map from its vantage point.
 
-    Raises UsageError for a name that is no map, or a file that cannot be written.
+    Raises UsageError for an unknown map, or a file that cannot be written.
     """
     scene = maps.build(name, seed)
     n0, e0, _ = scene.spawn_ned
@@ -135,7 +135,7 @@ def write_map_view(name: str, out: Path, seed: int = 1) -> None:
 
 
 def first_frame(record: EpisodeRecord, camera: CameraModel) -> Picture:
-    """Return the camera's picture at t = 0, (H, W, 3); of a fleet all pictures, two beside each other."""
+    """Return the camera's picture (H, W, 3) at t = 0. For a fleet, it shows all pictures in two columns."""
     world = World(record)
     renderer = Renderer(world.filmed, camera)
     views = []
@@ -148,14 +148,14 @@ def first_frame(record: EpisodeRecord, camera: CameraModel) -> Picture:
 
 
 def in_rows(pictures: Sequence[Picture], columns: int) -> Picture:
-    """Return pictures of one size beside and below each other; the places that are left over are light."""
+    """Return pictures of one size in a grid with this many columns. Empty cells are light grey."""
     spare = -len(pictures) % columns
     filled = [*pictures, *[np.full_like(pictures[0], 246)] * spare]
     return np.concatenate([np.concatenate(filled[k : k + columns], axis=1) for k in range(0, len(filled), columns)])
 
 
 def write_first_frame(record: EpisodeRecord, file: Path) -> None:
-    """Write the first frame, 1280 px wide, a fleet's 640 px each. Raises UsageError when it cannot be written there."""
+    """Write the first frame, 1280 px wide; for a fleet, 640 px per drone. Raises UsageError if that fails."""
     if file.suffix.lower() not in SUFFIXES:
         raise UsageError(f"--picture must be a file that ends in {', '.join(SUFFIXES)}, got '{file.name[:60]}'.")
     camera = CameraModel() if len(record.starts) == 1 else CameraModel(640, 360)
@@ -208,7 +208,7 @@ def jpeg(picture: Picture, quality: int, optimize: bool = True) -> bytes:
 
 
 def write_picture(data: bytes, file: Path) -> None:
-    """Write an encoded picture, and its folder where it is missing. Raises UsageError when that is not possible."""
+    """Write an encoded picture, and create its folder if it is missing. Raises UsageError if that fails."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)

@@ -1,4 +1,4 @@
-"""The maps by name: those that ship, built from a seed, and those of the user, read from glTF files."""
+"""Maps by name: the shipped maps, built from a seed, and the user's own maps, read from glTF files."""
 
 import hashlib
 from collections.abc import Callable
@@ -20,8 +20,8 @@ _PLACES: dict[str, Callable[[int], Places]] = {
     "campus": campus.places,
     "residential": residential_places.places,
 }
-_SOURCES = ("episodes/maps/**/*.py", "foundation/*.py", "vehicles/*.py")  # all that a map depends on
-# Of its picture: north, east and height above the ground there in m, heading and pitch in degrees
+_SOURCES = ("episodes/maps/**/*.py", "foundation/*.py", "vehicles/*.py")  # everything that a shipped map depends on
+# map → camera pose of its overview picture: north, east, height above the ground in m, heading and pitch in degrees
 VANTAGE: dict[str, tuple[float, float, float, float, float]] = {
     "blocks": (-46.0, -30.0, 9.0, 32.0, -9.0),
     "campus": (-17.0, -25.0, 6.5, 34.0, -6.0),
@@ -30,20 +30,20 @@ VANTAGE: dict[str, tuple[float, float, float, float, float]] = {
 
 
 def shipped() -> list[str]:
-    """Return the names of the maps that ship, sorted."""
+    """Return the names of the shipped maps, sorted."""
     return sorted(_MAPS)
 
 
 def names() -> list[str]:
-    """Return the names of all maps: those that ship, then the user's own, each sorted."""
+    """Return the names of all maps: the shipped maps, then the user's own, each group sorted."""
     return shipped() + [name for name in user.names() if name not in _MAPS]
 
 
 def build(name: str, seed: int = 1) -> Scene:
-    """Return the map `name`; the same seed gives the same scene. Raises UsageError for a name that is no map
-    and for a negative seed.
+    """Return the map `name`; the same seed gives the same scene. Raises UsageError for an unknown name and
+    for a negative seed.
 
-    A user's map has no seed: it is what its file says.
+    The seed has no effect on a user's map.
     """
     if name not in _MAPS and name in user.names():
         return user.build(name)
@@ -54,25 +54,25 @@ def build(name: str, seed: int = 1) -> Scene:
     return _shipped(name, seed)
 
 
-@once(3)  # a run flies many episodes on one map, and a scene is never changed
+@once(3)  # a run flies many episodes on one map; scenes are immutable
 def _shipped(name: str, seed: int) -> Scene:
     return kept(f"map-{name}-{seed}", _SOURCES, lambda: _MAPS[name](seed))
 
 
 def digest(name: str) -> str | None:
-    """Return the SHA-256 of a user's map file, so that a number names what it was flown on; None for a shipped map."""
+    """Return the SHA-256 of a user's map file, which identifies the map in results; None for a shipped map."""
     if name in _MAPS:
         return None
     return hashlib.sha256(user.path_of(name).read_bytes()).hexdigest()
 
 
 def places(name: str, seed: int = 1) -> Places:
-    """Return the free ground, lanes and landmarks of a map that ships. Raises UsageError for any other."""
+    """Return the free ground, lanes and landmarks of a shipped map. Raises UsageError for any other map."""
     if name not in _PLACES:
         raise UsageError(f"map '{name}' lists no free places: only {', '.join(shipped())} do.")
     return _places(name, seed)
 
 
-@once(3)  # an editor asks again at each change of the cell, and places are never changed
+@once(3)  # the editor calls this at each change of the cell; places are immutable
 def _places(name: str, seed: int) -> Places:
     return _PLACES[name](seed)

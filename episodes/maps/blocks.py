@@ -1,7 +1,7 @@
-"""Bare geometry: boxes, cylinders, cones, arches and ramps in muted colours on a level floor with a faint grid.
+"""A map of bare solids: boxes, cylinders, cones, arches and ramps in muted colours, on a level floor with a faint grid.
 
-Nothing here has a name of its own, so that only what an episode adds tells places apart. The solids stand in two bands
-that cross in the middle and in a ring around; the four fields between them are left free.
+No solid is a landmark, so instructions can refer only to objects that an episode adds. The solids form two bands that
+cross in the middle, and a ring around them. The four fields between the bands and the ring are free.
 """
 
 import math
@@ -20,11 +20,11 @@ from foundation.terrain import HeightField
 
 ORIGIN = (46.518500, 6.566900, 394.0)  # geodetic latitude, longitude (degrees) and height (m) of the middle
 JULY, HOUR = 196, 14.2  # day of the year and true solar hour
-REACH, CELL = 80.0, 0.5  # m, half extent and cell of the height field, which is level
-FAR, HORIZON_M = 400.0, 9000.0  # m, half extent of the floor in small squares, and of all of it
-FIELD = 58.0  # m, half extent of what is free between the ring's sides
-SPOT_GRID_M, SPOT_CLEAR_M = 2.0, 2.0
-LANE_CLEAR_M = 1.6
+REACH, CELL = 80.0, 0.5  # m, half extent and cell size of the height field, which is level
+FAR, HORIZON_M = 400.0, 9000.0  # m, half extent of the small squares of the floor, and of the whole floor
+FIELD = 58.0  # m, half extent of the area inside the ring
+SPOT_GRID_M, SPOT_CLEAR_M = 2.0, 2.0  # spacing of candidate spots, and their least distance from any solid
+LANE_CLEAR_M = 1.6  # least distance of a lane from any solid
 
 TINTS: tuple[tuple[int, int, int], ...] = (  # sRGB; greys with a hint of a hue, without a common name
     (168, 160, 148),
@@ -35,7 +35,7 @@ TINTS: tuple[tuple[int, int, int], ...] = (  # sRGB; greys with a hint of a hue,
     (92, 97, 104),
 )
 
-# shape, north, east, and the compass bearing (degrees) it faces: the bands that part the fields
+# solids of the bands between the fields: shape, north (m), east (m), compass bearing that it faces (degrees)
 BANDS: tuple[tuple[str, float, float, float], ...] = (
     ("box", 6.0, 7.0, 0.0),
     ("cylinder", -5.5, 6.0, 0.0),
@@ -67,12 +67,12 @@ BANDS: tuple[tuple[str, float, float, float], ...] = (
     ("box", -51.0, 51.0, 40.0),
     ("pyramid", -51.0, -51.0, 0.0),
 )
-RING_M, RING_STEP_M = 70.0, 14.0  # where the ring's solids stand and how far apart
+RING_M, RING_STEP_M = 70.0, 14.0  # distance of the ring's sides from the middle, and spacing of its solids
 
 
 @cache
 def _floor_look() -> Material:
-    """Return the floor: a line each metre, a stronger one every five, for a repeat of 5 m."""
+    """Return the material of the floor: a line every metre, a stronger line every 5 m, for a repeat of 5 m."""
     row, column = np.mgrid[0:512, 0:512]
     value = np.ones((512, 512))
     value[(row % 102 < 2) | (column % 102 < 2)] = 0.94
@@ -91,7 +91,7 @@ def _floor() -> Mesh:
 
 
 def _arch(wide: float, high: float, deep: float, thick: float, look: Material) -> list[MeshPart]:
-    """Return an arch one walks through along the forward axis, `wide` and `high` inside."""
+    """Return an arch across the forward axis, with an opening `wide` and `high` (m)."""
     spring, radius = high - wide / 2, wide / 2
     turn = np.linspace(0.0, np.pi, 17)
     rows = []
@@ -143,7 +143,7 @@ def _solids(seed: int) -> Iterator[tuple[str, Mesh, float, float, float]]:
 
 
 def build(seed: int = 1) -> Scene:
-    """Return the blocks. `seed` varies the solids' sizes and tints and the shapes of the ring; the fields stay free."""
+    """Return the map. `seed` varies the solids' sizes and tints and the shapes of the ring; the fields stay free."""
     count = Counter[str]()
     instances = [Instance(1, "floor", "ground", _floor(), (0.0, 0.0, 0.0))]
     for kind, mesh, north, east, yaw in _solids(seed):
@@ -165,7 +165,7 @@ def build(seed: int = 1) -> Scene:
 
 @lru_cache(maxsize=4)
 def places(seed: int = 1) -> Places:
-    """Return the free ground of the four fields and straight ways through them; nothing here serves as a landmark."""
+    """Return the free spots of the four fields and straight lanes through them. There are no landmarks."""
     blocks = [
         (north, east, yaw, mesh.vertices[:, :2].min(axis=0), mesh.vertices[:, :2].max(axis=0))
         for _, mesh, north, east, yaw in _solids(seed)

@@ -1,7 +1,7 @@
-"""A campus: a plaza and four courts between halls of three to five storeys, lawns, walks, and fixtures by the dozen.
+"""A campus: a plaza and four courts between halls of three to five storeys, with lawns, walks and many fixtures.
 
-All fixtures of a kind look the same, so that only their places tell them apart. No two people look the same. The plan
-is in `campus_plan`.
+All fixtures of a kind look the same, so only their places distinguish them. No two people look the same. The plan is in
+`campus_plan`.
 """
 
 import itertools
@@ -29,7 +29,7 @@ Block = tuple[float, float, float, NDArray[np.float64], NDArray[np.float64]]  # 
 
 
 def _standing_movers() -> dict[str, Mesh]:
-    """Return what stands for each kind of moving vehicle. All of a kind have the same paint."""
+    """Return kind → mesh of the parked slow vehicles. All vehicles of a kind have the same paint."""
     return {
         "delivery-robot": service_vehicles.delivery_robot("white"),
         "service-cart": service_vehicles.service_cart("white"),
@@ -82,7 +82,7 @@ def _backdrop() -> Iterator[PlacedMesh]:
 
 
 def build(seed: int = 1) -> Scene:
-    """Return the campus. `seed` varies the shapes of its plants; halls, walks and fixtures stay where they are."""
+    """Return the campus. `seed` varies the shapes of its plants; halls, walks and fixtures do not change."""
     terrain, count = campus_ground.terrain(), Counter[str]()
     instances: list[Instance] = []
 
@@ -95,7 +95,7 @@ def build(seed: int = 1) -> Scene:
         instances.append(Instance(len(instances) + 1, use, "ground", mesh, (0.0, 0.0, 0.0)))
     for plan, north, east, facing in campus_plan.HALLS:
         yaw = math.radians(facing)
-        out = plan.depth / 2 + 2.0  # the hall stands at the level of the ground before its door
+        out = plan.depth / 2 + 2.0  # the hall stands at the level of the ground in front of its door
         down = terrain.at(north + math.cos(yaw) * out, east + math.sin(yaw) * out)
         add("hall", buildings.hall(plan), north, east, down, yaw)
     for kind, mesh, north, east, yaw in _placed_meshes(seed):
@@ -115,13 +115,13 @@ def build(seed: int = 1) -> Scene:
 
 
 def landmarks() -> tuple[Landmark, ...]:
-    """Return the landmarks: unique instances by which an instruction can tell similar things apart."""
+    """Return the landmarks: unique instances by which an instruction can distinguish similar objects."""
     return tuple(Landmark(name, phrase) for name, phrase in campus_plan.LANDMARKS)
 
 
 @lru_cache(maxsize=4)
 def places(seed: int = 1) -> Places:
-    """Return the free places, lanes and landmarks. They do not depend on the seed, which moves no plant."""
+    """Return the free places, lanes and landmarks. They do not depend on the seed, because the seed moves no plant."""
     terrain = campus_ground.terrain()
     lanes = tuple(
         Lane(name, tuple((n, e, round(terrain.at(n, e), 4)) for n, e in _stepped(corners)), campus_plan.LANE_WIDTH_M)
@@ -141,7 +141,7 @@ def _stepped(corners: tuple[tuple[float, float], ...]) -> list[tuple[float, floa
 
 
 def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
-    """Yield free places on a grid over the grounds, facing the plaza."""
+    """Yield free places on a grid over the campus. Each faces the plaza."""
     blocks = list(_blocks(seed))
     for north in np.arange(-84.0, 46.1, SPOT_GRID_M):
         for east in np.arange(-50.0, 52.1, SPOT_GRID_M):
@@ -151,7 +151,7 @@ def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
 
 
 def _blocks(seed: int) -> Iterator[Block]:
-    """Yield (north, east, yaw, low, high) of the box around the foot of each object."""
+    """Yield (north, east, yaw, low, high) of the footprint of each object. For a tree, only the trunk counts."""
     for kind, mesh, north, east, yaw in _placed_meshes(seed):
         if kind in ("tree", "conifer"):
             half = np.array((0.5, 0.5)) if kind == "tree" else np.array((2.2, 2.2))

@@ -46,13 +46,13 @@ class Paving:
 
 
 def rect(use: str, north: tuple[float, float], east: tuple[float, float]) -> Paving:
-    """Return the area between two norths and two easts."""
+    """Return the rectangular area between two north and two east coordinates (m)."""
     (n0, n1), (e0, e1) = north, east
     return Paving(use, ((n0, e0), (n1, e0), (n1, e1), (n0, e1)))
 
 
 def ribbon(use: str, start: tuple[float, float], end: tuple[float, float], width: float) -> Paving:
-    """Return the straight walk between two places."""
+    """Return the straight walk between two places, `width` (m) wide."""
     yaw = math.atan2(end[1] - start[1], end[0] - start[0])
     n, e = -math.sin(yaw) * width / 2, math.cos(yaw) * width / 2
     ring = (
@@ -64,7 +64,7 @@ def ribbon(use: str, start: tuple[float, float], end: tuple[float, float], width
     return Paving(use, ring, yaw)
 
 
-# in order of precedence: where two overlap, the first one is seen
+# in order of precedence: where two areas overlap, the first one is drawn
 AREAS = (
     rect("plaza", (-17.5, 17.5), (-23.5, 23.5)),
     rect("edging", (-18.0, 18.0), (-24.0, 24.0)),
@@ -128,7 +128,7 @@ def _lattice() -> tuple[Array, Array]:
 
 
 def surface_z(north: Array, east: Array) -> Array:
-    """Return the NED z (m) of the drawn surface at points; `north` and `east` have the same shape, which may be any."""
+    """Return the NED z (m) of the drawn surface at points; `north` and `east` have the same shape."""
     lines, z = _lattice()
     i = np.clip(np.searchsorted(lines, north, side="right") - 1, 0, len(lines) - 2)
     j = np.clip(np.searchsorted(lines, east, side="right") - 1, 0, len(lines) - 2)

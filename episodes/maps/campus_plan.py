@@ -158,12 +158,12 @@ FIXTURES: tuple[FixturePlace, ...] = (
     ("picnic-table", 24.0, 24.2, 40.0),
     ("picnic-table", -24.0, 24.6, 0.0),
     ("clock-tower", 33.5, -25.5, 180.0),
-    # more of what drives, parked beside the walks
+    # more vehicles, parked beside the walks
     ("service-cart", 4.4, -35.2, 90.0),
     ("delivery-robot", 45.0, -38.0, 90.0),
     ("delivery-robot", -41.2, 33.0, 270.0),
     ("service-cart", -12.0, 44.6, 0.0),
-    # people who stand about
+    # standing people
     ("person", 4.6, -10.5, 90.0),
     ("person", 4.7, -9.2, 270.0),
     ("person", 4.4, 11.0, 225.0),
@@ -181,7 +181,7 @@ FIXTURES: tuple[FixturePlace, ...] = (
     ("person", 25.6, 11.2, 250.0),
     ("person", -25.4, -11.0, 30.0),
 )
-TIERED = (0.0, 0.0)  # north, east of the one fountain that has three bowls: the first of its kind
+TIERED = (0.0, 0.0)  # north, east of 'fountain-1', the only fountain with three bowls
 
 TREES: tuple[tuple[str, float, float, float], ...] = (  # species, north, east, height
     ("oak", 23.0, 15.0, 8.0),
@@ -232,7 +232,7 @@ CONIFERS: tuple[tuple[float, float, float], ...] = (  # north, east, height
     (60.0, -30.0, 9.0),
 )
 
-# ways for moving targets, by the corners of their middle line
+# lanes for moving targets: name, corners of the centre line
 LANES: tuple[tuple[str, tuple[tuple[float, float], ...]], ...] = (
     ("north walk", ((42.0, -46.0), (42.0, 48.0))),
     ("south walk", ((-44.0, -46.0), (-44.0, 48.0))),
@@ -247,7 +247,7 @@ LANES: tuple[tuple[str, tuple[tuple[float, float], ...]], ...] = (
 )
 LANE_WIDTH_M = 2.9
 
-LANDMARKS: tuple[tuple[str, str], ...] = (  # instance, what a person calls it
+LANDMARKS: tuple[tuple[str, str], ...] = (  # instance, its name in instructions
     ("fountain-1", "the fountain with three bowls"),
     ("clock-tower-1", "the clock tower"),
     ("hall-1", "the library with the columns"),

@@ -1,7 +1,7 @@
-"""Applies light and season to a map as it was built: the place of the sun, an overcast sky, dusk, autumn.
+"""Applies light and season to a built map: position of the sun, overcast sky, dusk, autumn.
 
-They change what is seen and nothing else: no shape moves, so distances, visibility and the verdict stay. Materials are
-known by their names.
+Conditions change only light and colours. No shape moves, so distances, visibility and the verdict stay the same.
+Materials are recognised by their names.
 """
 
 import math
@@ -20,24 +20,24 @@ from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.frames import Vec3
 from foundation.threads import once
 
-REDDENING = (0.02, 0.10, 0.24)  # optical depth of clear air at the zenith, RGB (Rayleigh, as 1/λ⁴ goes)
+REDDENING = (0.02, 0.10, 0.24)  # optical depth of clear air at the zenith, RGB (Rayleigh scattering, ∝ 1/λ⁴)
 DUSK_DEG = (300.0, -4.0)  # azimuth and elevation of the sun: about 25 minutes after sunset in a northern summer
-DUSK_SKY: Vec3 = (0.16, 0.19, 0.29)  # linear RGB, exposed longer than a day's sky, as cameras do
+DUSK_SKY: Vec3 = (0.16, 0.19, 0.29)  # linear RGB, brightened, because cameras expose longer at dusk
 DUSK_GLOW: Vec3 = (0.95, 0.42, 0.12)
 
-# The lights of a map at dusk: street lamps and about half of the windows. They shine, and light nothing else.
-WINDOWS = ("window", "pane-", "curtain", "doors")  # how names of materials begin
+# The lights of a map at dusk: street lamps and about half of the windows. They shine, but do not illuminate anything.
+WINDOWS = ("window", "pane-", "curtain", "doors")  # prefixes of material names
 LAMPS = ("lamp-glass", "lantern")
 LIT_PERCENT = 55  # of the windows
-ROOM_M = 2.0  # windows in one cell of this size are lit together
+ROOM_M = 2.0  # windows in one cell of this size are lit or dark together
 WARM: Vec3 = (1.0, 0.70, 0.36)  # linear RGB
-GLASS = 0.30  # share of light in the darkest part of a lit window's picture
+GLASS = 0.30  # brightness of the darkest part of a lit window's picture, 0 … 1
 WINDOW_EMISSION, LAMP_EMISSION = 0.75, 2.0
 
 # Autumn: leaves in other colours, fallen leaves on paler grass.
-LEAVES = ("foliage", "leaf", "leaves", "thicket")  # how names of materials begin
-INSIDE = "thicket"  # the same, of leaves in the shade of others
-EVERGREEN = ("pine", "spruce", "box", "conifer", "hedge")  # how they end where leaves stay
+LEAVES = ("foliage", "leaf", "leaves", "thicket")  # prefixes of material names
+INSIDE = "thicket"  # prefix for leaves in the shade of other leaves
+EVERGREEN = ("pine", "spruce", "box", "conifer", "hedge")  # suffixes for leaves that keep their colour
 GRASS = ("grass", "lawn", "meadow")
 HUES: tuple[Vec3, ...] = (  # linear RGB of leaves: gold, orange, rust, brown, and a green that begins to turn
     (0.62, 0.36, 0.05),
@@ -47,15 +47,15 @@ HUES: tuple[Vec3, ...] = (  # linear RGB of leaves: gold, orange, rust, brown, a
     (0.32, 0.34, 0.09),
 )
 STRAW: Vec3 = (1.22, 1.0, 0.78)  # factor on the colour of grass
-FALLEN = 260  # leaves on one repeat of the grass
-FALLEN_PX = (3, 6)  # half their width
+FALLEN = 260  # fallen leaves on one repeat of the grass
+FALLEN_PX = (3, 6)  # range of half their length, texels
 
 Picture = NDArray[np.uint8]
 
 
-@once(3)  # a run flies many episodes on one map, and a scene is never changed
+@once(3)  # a run flies many episodes on one map; scenes are immutable
 def in_conditions(scene: Scene, conditions: SceneConditions) -> Scene:
-    """Return a map in these conditions; the map itself where they are those that it was built in."""
+    """Return a map in these conditions; the map itself for AS_BUILT."""
     if conditions == AS_BUILT:
         return scene
     instances = scene.instances
@@ -78,16 +78,16 @@ def _sun(sun: Sun, conditions: SceneConditions) -> Sun:
 
 
 def direction(azimuth_deg: float, elevation_deg: float) -> Vec3:
-    """Return the unit vector, NED, towards a place of the sky."""
+    """Return the unit vector (NED) towards a point of the sky."""
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
     level = math.cos(elevation)
     return (level * math.cos(azimuth), level * math.sin(azimuth), -math.sin(elevation))
 
 
 def moved(sun: Sun, azimuth_deg: float, elevation_deg: float) -> Sun:
-    """Return `sun` at another place, redder and weaker the lower it stands, and the sky darker with it.
+    """Return `sun` at another position. A lower sun is redder and weaker, and its sky is darker.
 
-    The colour is what clear air lets through on the way to either height, against the way overhead.
+    The colour is scaled by the transmission of clear air at the new height, divided by that at the old height.
     """
     toward = direction(azimuth_deg, elevation_deg)
 
@@ -102,7 +102,7 @@ def moved(sun: Sun, azimuth_deg: float, elevation_deg: float) -> Sun:
 
 
 def overcast(sun: Sun) -> Sun:
-    """Return the light below a closed layer of clouds: hardly any shadow, a grey sky."""
+    """Return the light below a closed layer of clouds: weak shadows, a grey sky."""
     if sun.clouds >= 1.0:
         return sun
     grey = 1.1 * sum(sun.sky) / 3.0
@@ -112,7 +112,7 @@ def overcast(sun: Sun) -> Sun:
 
 
 def dusk(sun: Sun) -> Sun:
-    """Return the light after sunset: none from the sun itself, a blue sky, and a glow above the place where it set."""
+    """Return the light after sunset: no direct sunlight, a blue sky, and a glow above the place of sunset."""
     return replace(sun, toward_ned=direction(*DUSK_DEG), strength=0.0, sky=DUSK_SKY, glow=DUSK_GLOW)
 
 
@@ -122,7 +122,7 @@ def _vec3(values: Iterable[float]) -> Vec3:
 
 
 def with_lights(instances: Sequence[Instance]) -> tuple[Instance, ...]:
-    """Return the things of a map with their lights on."""
+    """Return the instances of a map with their lights on."""
     meshes: dict[int, Mesh] = {}
     materials: dict[int, Material] = {}
     for instance in instances:
@@ -135,7 +135,7 @@ def with_lights(instances: Sequence[Instance]) -> tuple[Instance, ...]:
 
 
 def _lit(mesh: Mesh, lit: dict[int, Material]) -> Mesh:
-    """Return a mesh with its lights on, itself where it has none; `lit` has the materials that shine, by identity."""
+    """Return a mesh with its lights on; the mesh itself if it has none. `lit` caches lit materials by identity."""
     materials, material = list(mesh.materials), mesh.material.copy()
     for row, looks in enumerate(mesh.materials):
         is_lamp = looks.name.startswith(LAMPS)
@@ -158,7 +158,7 @@ def _shining(looks: Material, emission: float) -> Material:
 
 
 def _lit_windows(mesh: Mesh, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which of these triangles, those of windows, belong to a lit one: by the place of the window alone."""
+    """Return which of these window triangles belong to a lit window. It depends only on the window's position."""
     _, corners = np.unique(mesh.vertices[mesh.triangles[rows]].reshape(-1, 3), axis=0, return_inverse=True)
     corners = corners.reshape(-1, 3)
     links = coo_array((np.ones(2 * len(rows)), (np.tile(corners[:, 0], 2), corners[:, 1:].T.ravel())))
@@ -173,7 +173,7 @@ def _lit_windows(mesh: Mesh, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def in_autumn(instances: Sequence[Instance]) -> tuple[Instance, ...]:
-    """Return the things of a map in autumn. Trees of one mesh have several colours."""
+    """Return the instances of a map in autumn. Trees that share a mesh can have different colours."""
     paints = _Paints()
     return tuple(
         replace(instance, mesh=paints.mesh(instance.mesh, instance.id * 7 % len(HUES))) for instance in instances
@@ -181,7 +181,7 @@ def in_autumn(instances: Sequence[Instance]) -> tuple[Instance, ...]:
 
 
 class _Paints:
-    """The recoloured meshes, materials and pictures, each once. Identity distinguishes them."""
+    """A cache of the recoloured meshes, materials and pictures, by the identity of the originals."""
 
     def __init__(self) -> None:
         self._meshes: dict[tuple[int, int], Mesh] = {}
@@ -189,7 +189,7 @@ class _Paints:
         self._pictures: dict[int, Picture] = {}
 
     def mesh(self, mesh: Mesh, hue: int) -> Mesh:
-        """Return a mesh with its materials in autumn; the mesh itself where none of them changes."""
+        """Return a mesh with its materials in autumn; the mesh itself if none of them changes."""
         key = (id(mesh), hue)
         if key not in self._meshes:
             materials = tuple(self._material(material, hue) for material in mesh.materials)
@@ -220,14 +220,14 @@ class _Paints:
 
 
 def colorless(texture: Picture) -> Picture:
-    """Return a picture in greys as bright as its brightest channel; what it has beyond RGB is kept."""
+    """Return a picture in greys as bright as its brightest channel. Channels beyond RGB are kept."""
     grey = texture.copy()
     grey[..., :3] = texture[..., :3].max(axis=-1, keepdims=True)
     return grey
 
 
 def strewn(texture: Picture) -> Picture:
-    """Return a picture of grass with fallen leaves, which continue over its edges."""
+    """Return a picture of grass with fallen leaves. Leaves at an edge continue at the opposite edge."""
     picture, rng = texture.copy(), np.random.default_rng(181)
     height, width = picture.shape[:2]
     for hue in rng.integers(0, len(HUES) - 1, FALLEN):

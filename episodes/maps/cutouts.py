@@ -1,7 +1,7 @@
-"""The holes of cut-out textures, for the renderer, its shadows, and rays.
+"""The opacity of cut-out textures, for the renderer, its shadows and ray casts.
 
-A texel is there or is not: nothing is filtered, so that all of them give one answer, and far leaves keep their share of
-the picture by the number of samples that meet them.
+A texel is opaque or a hole. Textures are not filtered, so that renderer, shadows and rays agree. Distant leaves keep
+their share of the picture, because the share of samples that hit opaque texels stays the same.
 """
 
 from collections.abc import Sequence
@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 from episodes.maps.scene import Material, Mesh
 from foundation.compiled import njit
 
-OPAQUE = -1  # in place of a cut-out
+OPAQUE = -1  # index for a material without a cut-out
 
 
 class Cutouts(NamedTuple):
     """The opaque texels of each cut-out texture, one texture after the other."""
 
-    texels: NDArray[np.uint8]  # (N,) row by row, one bit each, so that they stay in the processor's cache
+    texels: NDArray[np.uint8]  # (N,) row by row, one bit per texel, so that they fit into the processor's cache
     first: NDArray[np.int64]  # (K,) first bit of each texture
-    size: NDArray[np.int64]  # (K, 2) its width and height
+    size: NDArray[np.int64]  # (K, 2) width and height of each texture
 
 
 def cutouts_of(materials: Sequence[Material]) -> tuple[Cutouts, NDArray[np.int32]]:
-    """Return the cut-outs of some materials, each once, and that of each material (M,), OPAQUE for one without."""
+    """Return the distinct cut-outs of some materials, and the index (M,) of each material's cut-out or OPAQUE."""
     row_of: dict[int, int] = {}
     shown: list[NDArray[np.bool_]] = []
     for material in materials:
@@ -47,7 +47,7 @@ def is_cut_out(mesh: Mesh) -> NDArray[np.bool_]:
 
 @njit(cache=True, nogil=True, inline="always")
 def is_there(cutouts: Cutouts, which: int, u: float, v: float) -> bool:
-    """Return whether the texel at (u, v) of a cut-out texture is there; beyond 0 … 1 the texture repeats."""
+    """Return whether the texel at (u, v) of a cut-out texture is opaque. Beyond 0 … 1 the texture repeats."""
     w, h = cutouts.size[which, 0], cutouts.size[which, 1]
     x, y = int((u - np.floor(u)) * w), int((v - np.floor(v)) * h)
     bit = cutouts.first[which] + min(y, h - 1) * w + min(x, w - 1)

@@ -1,8 +1,8 @@
 """Solid primitives from which every asset is built.
 
-Shapes are authored in forward-left-up axes (FLU, metres, z = 0 on the ground): the axes in which heights are positive.
-`assemble` turns them by half a turn about the forward axis into the FRD axes of `episodes.maps.scene.Mesh`; that is a
-rotation, so outward faces stay outward.
+Shapes have forward-left-up axes (FLU, metres, z = 0 on the ground), so that heights are positive. `assemble` rotates
+them by half a turn about the forward axis into the FRD axes of `episodes.maps.scene.Mesh`. A rotation keeps outward
+faces outward.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 CREASE_DEG = 38.0  # faces that meet at a smaller angle are shaded as one smooth surface
 
-# the unit cube's triangles, their normals, and the rows that turn a corner into `slope_uv`'s coordinates on each face
+# the triangles of the unit cube, and for each the matrix that maps a corner to the coordinates of `slope_uv`
 _CUBE = np.array(
     [
         [(1, 0, 0), (1, 1, 0), (1, 1, 1)], [(1, 0, 0), (1, 1, 1), (1, 0, 1)],
@@ -44,7 +44,7 @@ _CUBE_UV = np.repeat(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshPart:
-    """Loose triangles of one material."""
+    """Unconnected triangles of one material."""
 
     corners: Array  # (T, 3, 3) m, FLU, counter-clockwise seen from outside
     normals: Array  # (T, 3, 3) unit, FLU
@@ -53,7 +53,7 @@ class MeshPart:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return the cross products of two arrays (N, 3); `numpy.cross` spends most of its time on generality."""
+    """Return the cross products of two arrays (N, 3), faster than the more general `numpy.cross`."""
     out = np.empty(np.broadcast(a, b).shape)
     out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
@@ -62,13 +62,13 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def face_normals(corners: Array) -> Array:
-    """Return (T, 3) normals of triangles (T, 3, 3), length twice the area."""
+    """Return the normals (T, 3) of triangles (T, 3, 3), with twice the area as length."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return cross(a, b)
 
 
 def creased_normals(corners: Array, crease_deg: float = CREASE_DEG) -> Array:
-    """Return (T, 3, 3) unit corner normals: area-weighted means over the faces of a corner within the crease angle."""
+    """Return (T, 3, 3) unit corner normals: area-weighted means over the faces at a corner within the crease angle."""
     area = face_normals(corners)
     unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-12)
     if crease_deg <= 0.0:
@@ -78,7 +78,7 @@ def creased_normals(corners: Array, crease_deg: float = CREASE_DEG) -> Array:
     _, place, count = np.unique(packed, return_inverse=True, return_counts=True)
     order = np.argsort(place, kind="stable")
     first = np.concatenate(([0], np.cumsum(count)[:-1]))
-    # every ordered pair of corners that share a place
+    # every ordered pair of corners that share a position
     fan = count[place]
     corner = np.repeat(np.arange(len(place)), fan)
     step = np.arange(len(corner)) - np.repeat(np.cumsum(fan) - fan, fan)
@@ -94,7 +94,7 @@ def creased_normals(corners: Array, crease_deg: float = CREASE_DEG) -> Array:
 
 
 def slope_uv(corners: Array, tile_m: float) -> Array:
-    """Return (T, 3, 2) texture coordinates: u level along each face, v down its slope, one repeat per `tile_m`."""
+    """Return (T, 3, 2) texture coordinates: u horizontal along each face, v down its slope, one repeat per `tile_m`."""
     area = face_normals(corners)
     unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-12)
     along = np.stack([-unit[:, 1], unit[:, 0], np.zeros(len(unit))], axis=1)
@@ -106,7 +106,7 @@ def slope_uv(corners: Array, tile_m: float) -> Array:
 
 
 def soup(corners: ArrayLike, material: Material, crease_deg: float = CREASE_DEG, tile_m: float = 1.0) -> MeshPart:
-    """Return the part made of triangles (T, 3, 3); degenerate ones are dropped."""
+    """Return the part made of triangles (T, 3, 3), without the degenerate ones."""
     tri = np.asarray(corners, dtype=np.float64)
     tri = tri[np.linalg.norm(face_normals(tri), axis=1) > 1e-9]
     return MeshPart(tri, creased_normals(tri, crease_deg), slope_uv(tri, tile_m), material)
@@ -148,26 +148,26 @@ _CUBE_NORMAL = np.repeat(face_normals(_CUBE)[:, None, :], 3, axis=1)
 
 
 def box(low: ArrayLike, high: ArrayLike, material: Material, tile_m: float = 1.0) -> MeshPart:
-    """Return the axis-aligned box between two opposite corners, the first the lower one on every axis."""
+    """Return the axis-aligned box between its lower and its upper corner."""
     a, b = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
     corners = a + _CUBE * (b - a)
     return MeshPart(corners, _CUBE_NORMAL, np.matmul(corners, _CUBE_UV.transpose(0, 2, 1)) / tile_m, material)
 
 
 def prism(ring: ArrayLike, z0: float, z1: float, material: Material, tile_m: float = 1.0) -> MeshPart:
-    """Return a convex footprint (N, 2), counter-clockwise seen from above, raised from z0 to z1."""
+    """Return a convex footprint (N, 2), counter-clockwise seen from above, extruded from z0 to z1."""
     r = np.asarray(ring, dtype=np.float64)
     low = np.column_stack([r, np.full(len(r), z0)])
     return hull(low, low + np.array((0.0, 0.0, z1 - z0)), material, tile_m)
 
 
 def profile(ring: ArrayLike, y0: float, y1: float, material: Material, tile_m: float = 1.0) -> MeshPart:
-    """Return a convex side view (N, 2) in x and z, extruded from y0 to y1. Either direction of the ring will do."""
+    """Return a convex side view (N, 2) in x and z, extruded from y0 to y1. The ring may run either way."""
     r = np.asarray(ring, dtype=np.float64)
     x, z = r[:, 0], r[:, 1]
     if np.sum(x * np.roll(z, -1) - np.roll(x, -1) * z) < 0.0:
         r = r[::-1]
-    # a side view is a footprint stood upright: (x, y, z) ← (x, z', y) turned by a quarter about x
+    # a prism turned by a quarter about x: its y becomes z, its z becomes -y
     flat = prism(r, 0.0, 1.0, material, tile_m).corners
     tri = np.stack([flat[..., 0], y0 + (y1 - y0) * (1.0 - flat[..., 2]), flat[..., 1]], axis=2)
     return soup(tri, material, 20.0, tile_m)
@@ -191,7 +191,7 @@ def lathe(outline: ArrayLike, material: Material, segments: int = 16, tile_m: fl
 def rod(
     start: ArrayLike, end: ArrayLike, radii: tuple[float, float], material: Material, segments: int = 10
 ) -> MeshPart:
-    """Return a cylinder or cone with closed ends from `start` to `end`, radius at each."""
+    """Return a cylinder or cone with closed ends from `start` to `end`; `radii` are those at its two ends."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     axis = (b - a) / np.linalg.norm(b - a)
     side = cross(axis, np.array((0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0)))
@@ -232,7 +232,7 @@ def _icosphere(level: int) -> Array:
 
 
 def roughened(part: MeshPart, amount: float, seed: int, wavelength_m: float = 0.7) -> MeshPart:
-    """Return the part with its surface pushed in and out by about `amount` metres; what was closed stays closed."""
+    """Return the part with its surface pushed in and out by about `amount` metres. A closed surface stays closed."""
     rng = np.random.default_rng(seed)
     waves = rng.normal(size=(6, 3)) * (2.0 * np.pi / wavelength_m / 1.7)
     phase = rng.uniform(0.0, 2.0 * np.pi, 6)
@@ -241,14 +241,14 @@ def roughened(part: MeshPart, amount: float, seed: int, wavelength_m: float = 0.
 
 
 def placed(part: MeshPart, offset: ArrayLike = (0.0, 0.0, 0.0), yaw: float = 0.0) -> MeshPart:
-    """Return the part turned by `yaw` (rad, counter-clockwise seen from above), then shifted."""
+    """Return the part turned by `yaw` (rad, counter-clockwise seen from above), then moved by `offset` (m)."""
     c, s = np.cos(yaw), np.sin(yaw)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return replace(part, corners=part.corners @ turn + np.asarray(offset), normals=part.normals @ turn)
 
 
 def without(part: MeshPart, outward: ArrayLike) -> MeshPart:
-    """Return the part without the triangles that face the unit vector `outward`, for a side that is never seen."""
+    """Return the part without the triangles that face along the unit vector `outward`. For hidden sides."""
     area = face_normals(part.corners)
     kept = area @ np.asarray(outward, dtype=np.float64) < 0.999 * np.linalg.norm(area, axis=1)
     return MeshPart(part.corners[kept], part.normals[kept], part.uv[kept], part.material)
@@ -261,7 +261,7 @@ def mirrored(part: MeshPart) -> MeshPart:
 
 
 def assemble(solids: Sequence[MeshPart]) -> Mesh:
-    """Return the parts as one mesh in FRD axes, equal corners shared."""
+    """Return the parts as one mesh in FRD axes, with equal corners merged."""
     place: dict[int, int] = {}
     which = [place.setdefault(id(part.material), len(place)) for part in solids]
     materials = list({id(part.material): part.material for part in solids}.values())

@@ -118,7 +118,7 @@ def parked(homes: tuple[Plot, ...], seed: int) -> list[Parked]:
             cars.append(Parked(kind, paint, way, float(along), side * (KERBSIDE_OUT + 0.1), heading(way, side)))
     sedans = [k for k, car in enumerate(cars) if car.kind == "sedan"]
     for k in sedans[1::2]:
-        cars[k] = replace(cars[k], kind="estate")  # as long and as wide
+        cars[k] = replace(cars[k], kind="estate")  # as long and as wide as a sedan
     return cars
 
 
@@ -130,7 +130,7 @@ def _cars(homes: tuple[Plot, ...], seed: int) -> Iterator[Furnishing]:
 
 
 def plate(index: int) -> str:
-    """Return the number plate of a parked car: each has letters and digits of its own."""
+    """Return the text of the number plate of a parked car. No two plates are equal."""
     letters = "ABCDEFGHJKLMNPRSTUVWXYZ"
     first, second = letters[(7 * index + 3) % len(letters)], letters[(11 * index + 17) % len(letters)]
     return f"{first}{second} {1000 + (2963 * index + 1741) % 9000}"
@@ -216,7 +216,7 @@ def _garden(plot: Plot, homes: tuple[Plot, ...], seed: int, terrain: HeightField
 
 
 def _lamps(homes: tuple[Plot, ...]) -> Iterator[Furnishing]:
-    """Yield the lamps of each street, none of them before a drive."""
+    """Yield the lamps of each street, none of them in front of a drive."""
     lamp = street.lamp()
     for k, n in enumerate(np.arange(-55.0, 56.0, 22.0)):
         side = -1 if k % 2 else 1

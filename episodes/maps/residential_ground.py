@@ -1,4 +1,4 @@
-"""The drawn ground of the residential neighbourhood: one mesh per use, cut from lattices along the height field."""
+"""The drawn ground of the residential neighbourhood: one mesh per use, made of lattices along the height field."""
 
 import itertools
 from collections.abc import Iterator
@@ -30,9 +30,9 @@ from episodes.maps.residential_plan import (
 from episodes.maps.scene import Material, Mesh
 from foundation.terrain import HeightField
 
-STEP_M = 5.0  # of the lattice where nothing else sets it
-FAR_M = 420.0
-WEST, EAST, NORTH = -62.0, 126.0, 104.0  # m, edges of the neighbourhood; it is as deep to the south
+STEP_M = 5.0  # default spacing of the lattice
+FAR_M = 420.0  # half extent of the drawn ground, without the land beyond
+WEST, EAST, NORTH = -62.0, 126.0, 104.0  # m, edges of the neighbourhood; the south edge is -NORTH
 TINTS = ((1.0, 1.0, 1.0), (1.12, 1.06, 1.0), (0.86, 0.93, 0.9))  # of neighbouring lawns
 
 Mask = NDArray[np.bool_]
@@ -40,7 +40,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class _Use:
-    """The use of a piece of ground."""
+    """The material of one use of the ground, and how its texture is laid."""
 
     look: Material
     tile: float  # m per repeat
@@ -63,7 +63,7 @@ def _between(a: float, b: float) -> tuple[float, float]:
 
 
 def _zones() -> Iterator[tuple[float, float, float, float, str]]:
-    """Yield (north, north, east, east, kind of grass) of rectangles that with the round corners tile the ground."""
+    """Yield rectangles (north, north, east, east, kind of grass). With the round corners, they tile the ground."""
     inner, outer = UPPER.middle - CORNER, UPPER.middle
     back = UPPER.middle - DEPTH
     for street in (MAIN, SECOND):
@@ -82,7 +82,7 @@ def _zones() -> Iterator[tuple[float, float, float, float, str]]:
 
 
 def _nodes(low: float, high: float, across: tuple[float, float], north: bool, homes: tuple[Plot, ...]) -> Array:
-    """Return where a zone is cut along one axis; `across` is its reach on the other."""
+    """Return the lattice coordinates (m) of a zone along one axis. `across` is its range on the other axis."""
     cuts: list[float] = [low, high]
     if high - low < 2 * FAR_M - 1.0 and abs(low) < FAR_M and abs(high) < FAR_M:
         cuts += np.arange(np.ceil(low / STEP_M) * STEP_M, high, STEP_M).tolist()
@@ -115,7 +115,7 @@ def _drives(north: Array, east: Array, homes: tuple[Plot, ...]) -> Mask:
 
 
 def _tint(north: Array, east: Array, homes: tuple[Plot, ...]) -> NDArray[np.int_]:
-    """Return which of TINTS the grass at points has: one per plot."""
+    """Return the index in TINTS of the grass at points: one tint per plot."""
     tint = np.zeros(np.broadcast(north, east).shape, dtype=int)
     for plot in homes:
         along, out = (north, east) if plot.street.north else (east, north)
@@ -126,12 +126,12 @@ def _tint(north: Array, east: Array, homes: tuple[Plot, ...]) -> NDArray[np.int_
 
 
 def _cells(zone: tuple[float, float, float, float, str], homes: tuple[Plot, ...]) -> Iterator[tuple[str, Array]]:
-    """Yield (use, corners (T, 3, 3) FLU) of one zone. Each cell is folded along the diagonal that fits the ground."""
+    """Yield (use, corners (T, 3, 3) FLU) of one zone. Each cell is split along the diagonal that fits best."""
     n0, n1, e0, e1, grass = zone
     north, east = _nodes(n0, n1, (e0, e1), True, homes), _nodes(e0, e1, (n0, n1), False, homes)
     z = height(north[:, None], east[None, :], homes)
     n, e = np.broadcast_arrays(north[:, None], east[None, :])
-    lattice = np.stack([n, -e, -z], axis=2)  # authored in FLU: forward north, left west, up
+    lattice = np.stack([n, -e, -z], axis=2)  # FLU: forward is north, left is west
     mid_n, mid_e = (north[:-1, None] + north[1:, None]) / 2, (east[None, :-1] + east[None, 1:]) / 2
     a, b, c, d = lattice[:-1, :-1], lattice[1:, :-1], lattice[1:, 1:], lattice[:-1, 1:]
     middle = -height(mid_n, mid_e, homes)
@@ -185,7 +185,7 @@ def _corners(homes: tuple[Plot, ...]) -> Iterator[tuple[str, Array, Array]]:
 
 
 def _in_plan(tri: Array, shift: float) -> Array:
-    """Return texture coordinates in metres: (along, out of the centre line) of the nearer street."""
+    """Return texture coordinates in metres: along the nearer street, and out from its centre line less `shift`."""
     n, e = tri[..., 0], -tri[..., 1]
     mid_n, mid_e = n.mean(axis=1, keepdims=True), e.mean(axis=1, keepdims=True)
     to_north = np.minimum.reduce([np.abs(mid_e - s.middle) for s in STREETS if s.north])
@@ -199,7 +199,7 @@ def _in_plan(tri: Array, shift: float) -> Array:
 
 
 def ground(homes: tuple[Plot, ...]) -> list[tuple[str, Mesh]]:
-    """Return (use, mesh) of all ground, and below it a sheet that closes the hair cracks between zones."""
+    """Return (use, mesh) of all ground, and of a sheet below it that fills the hair cracks between zones."""
     uses = _uses()
     pieces: dict[str, list[tuple[Array, Array]]] = {name: [] for name in uses}
     for zone in _zones():
@@ -212,7 +212,7 @@ def ground(homes: tuple[Plot, ...]) -> list[tuple[str, Mesh]]:
         tri = np.concatenate([piece[0] for piece in pieces[name]])
         part = g.soup(tri, use.look, 25.0, use.tile)
         flat = np.concatenate([piece[1] for piece in pieces[name]])
-        keep = np.linalg.norm(g.face_normals(tri), axis=1) > 1e-9  # as `soup` does
+        keep = np.linalg.norm(g.face_normals(tri), axis=1) > 1e-9  # the same filter as in `soup`
         parts = [replace(part, uv=flat[keep] / use.tile)]
         if name == "field":
             parts.append(countryside.beyond(FAR_M, lambda north, east: height(north, east, homes), 2))
@@ -237,7 +237,7 @@ def markings(ground_at: HeightField) -> Mesh:
                 (n0, e0), (n1, e1) = street.at(a, -0.06), street.at(a + 3.0, 0.06)
                 strip(n0, n1, e0, e1)
     for street, s in itertools.product((MAIN, SECOND), (-1, 1)):
-        low, high = sorted((0.2 * s, 3.8 * s))  # where those who drive on the right come to a stop
+        low, high = sorted((0.2 * s, 3.8 * s))  # the stop line covers the right lane only
         near = s * (UPPER.middle - 7.6)
         strip(near - 0.2, near + 0.2, street.middle + low, street.middle + high)
     for middle, n in ((MAIN.middle, 19.0), (SECOND.middle, -21.0)):

@@ -14,15 +14,16 @@ from episodes.maps.residential_plan import LOWER, MAIN, SECOND, UPPER, Plot, Str
 from episodes.maps.scene import Lane, Places, Spot
 from foundation.frames import Vec3
 
+# place → length and width (m) of the free ground that it needs
 ROOM = {"kerb": (5.9, 2.2), "bus stop": (12.0, 2.6), "drive": (5.9, 2.2), "lawn": (2.0, 2.0), "pavement": (1.2, 1.2)}
-GAP = 0.4  # m between what is put on a spot and what stands beside it
-TALLEST = 2.4  # m, what is higher (the crown of a tree, the arm of a lamp) is no obstacle on the ground
-ASIDE = 0.6  # m, lanes from the centre line, on the right
-TURN = 6.0  # m, radius of the way round a corner
-DRIVE_TURN = 3.4  # m, radius of the way out of a drive
-LONG = 108.0  # m: more than a target covers in 300 s at the paper's 0.3 m/s
-FINE = 0.25  # m between the points at which a lane is laid over the ground
-LOOSE = 0.008  # m, how far a lane's straight pieces may leave the ground
+GAP = 0.4  # m between an object on a spot and the objects beside it
+TALLEST = 2.4  # m; parts above this height (crowns of trees, arms of lamps) are no obstacles on the ground
+ASIDE = 0.6  # m, distance of lanes from the centre line, on its right
+TURN = 6.0  # m, radius of a lane at a corner
+DRIVE_TURN = 3.4  # m, radius of a lane out of a drive
+LONG = 108.0  # m, length of lanes: more than a target covers in 300 s at the paper's 0.3 m/s
+FINE = 0.25  # m between the points of a lane before it is thinned
+LOOSE = 0.008  # m, greatest distance between a thinned lane and the ground
 LANE_WIDTH = {"road": 2.4, "drive": 2.2, "pavement": 1.2}
 
 
@@ -35,7 +36,7 @@ class _Boxes:
     yaw: Array  # (N,) rad
 
     def hit(self, north: float, east: float, yaw: float, length: float, width: float) -> bool:
-        """Return whether a rectangle meets any of them (separating axes)."""
+        """Return whether a rectangle overlaps any footprint (separating axis test)."""
         gap = self.middle - (north, east)
         near = np.hypot(gap[:, 0], gap[:, 1]) < np.hypot(*self.half.T) + math.hypot(length, width) / 2
         if not near.any():
@@ -53,7 +54,7 @@ class _Boxes:
 
 
 def _footprints(meshes: Sequence[Furnishing]) -> _Boxes:
-    """Return the ground that all furnishings cover, without the crowns of trees."""
+    """Return the ground that all furnishings cover, without parts above TALLEST."""
     middle, half, yaw = [], [], []
     for placed in meshes:
         low_part = placed.mesh.vertices[placed.mesh.vertices[:, 2] > -TALLEST, :2]
@@ -67,7 +68,7 @@ def _footprints(meshes: Sequence[Furnishing]) -> _Boxes:
 
 
 def _spots(homes: tuple[Plot, ...]) -> Iterator[tuple[str, float, float, float]]:
-    """Yield (place, north, east, yaw) of every spot, taken or not."""
+    """Yield (place, north, east, yaw) of every spot, free or not."""
     for way, along, side in bays(homes):
         yield "kerb", *way.at(along, side * KERBSIDE_OUT), heading(way, side)
     for way, side in ((UPPER, -1), (LOWER, 1)):
@@ -91,7 +92,7 @@ def _loop(clockwise: bool) -> list[tuple[float, float]]:
 
 
 def _onward(start: tuple[float, float], yaw: float, clockwise: bool) -> list[tuple[float, float]]:
-    """Return the corners that follow on the way round the block for who goes `yaw` at `start`."""
+    """Return the next three corners round the block from `start` in the direction `yaw` (rad); [] if there are none."""
     ring = _loop(clockwise)
     for k in range(4):
         a, b = ring[k], ring[(k + 1) % 4]
@@ -123,7 +124,7 @@ def _rounded(corners: Sequence[tuple[float, float]], radii: Sequence[float]) -> 
 
 
 def _thinned(points: Array, loose: float = LOOSE) -> Array:
-    """Return the fewest of the points (N, 3) whose straight line stays within `loose` of all (Douglas and Peucker)."""
+    """Return some of the points (N, 3); their polyline is within `loose` (m) of all points (Douglas and Peucker)."""
     keep = np.zeros(len(points), dtype=bool)
     keep[[0, -1]] = True
     todo = [(0, len(points) - 1)]
@@ -190,7 +191,7 @@ def _walks() -> Iterator[tuple[Street, int, float, float]]:
 
 
 def _from_drive(plot: Plot, turn: str) -> Array | None:
-    """Return the way out of a drive and on along the road; None where the road is too short for it."""
+    """Return the points of a lane out of a drive and along the road; None if the road is too short for it."""
     out = plot.yaw
     yaw = math.remainder(out + (math.pi / 2 if turn == "right" else -math.pi / 2), 2 * math.pi)
     lane = ASIDE if math.cos(heading(plot.street, 1) - yaw) > 0.5 else -ASIDE
@@ -215,7 +216,7 @@ def _cut(points: Array, length: float) -> Array:
 
 
 def _free(points: Array, width: float, taken: _Boxes) -> bool:
-    """Return whether something of this width can follow the points."""
+    """Return whether an object of this width can follow the points without touching a footprint."""
     step = points[:: round(1.0 / FINE)]
     for a, b in itertools.pairwise(step):
         yaw = math.atan2(b[1] - a[1], b[0] - a[0])

@@ -1,4 +1,4 @@
-"""The types of a map: its scene, and its places for targets. Metres, NED world axes; every asset in its own FRD axes.
+"""The types of a map: its scene, and its places for targets. Metres; NED world axes, FRD axes of each asset.
 
 The axes of an asset point forward, right and down. Its origin is the centre of its footprint on the ground, so its
 vertices have z ≤ 0 (down is positive).
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from foundation.frames import Quat, Vec3, rotate
 from foundation.terrain import HeightField
 
-# id → (position_ned m, yaw rad or attitude FRD → NED) of what is not where the scene has it; None: nowhere
+# id → new pose of an instance: (position_ned m, yaw rad or attitude FRD → NED); None: the instance is not drawn
 Moved = Mapping[int, tuple[Vec3, float | Quat] | None]
 
 
@@ -26,11 +26,11 @@ class Material:
     name: str
     color: Vec3  # linear RGB reflectance 0 … 1; multiplies the texture
     texture: NDArray[np.uint8] | None = None  # (H, W, 3) sRGB, repeats; None = plain colour
-    emission: float = 0.0  # fraction of `color` that shines by itself (lamps)
+    emission: float = 0.0  # fraction of `color` that the surface emits (lamps)
     specular: float = 0.0  # 0 matt … 1 glass and car paint
-    drift: float = 0.0  # share by which the tone of natural ground drifts from place to place, up and down
-    cutout: NDArray[np.bool_] | None = None  # (H, W) of the texture's texels those that are there; None = all
-    foliage: bool = False  # leaves: lit from both sides by their normals alone, and no obstacle to a vehicle
+    drift: float = 0.0  # relative variation of the tone of natural ground from place to place
+    cutout: NDArray[np.bool_] | None = None  # (H, W) mask of the texture's opaque texels; None = all
+    foliage: bool = False  # leaves: lit on both sides by their normals alone; vehicles pass through them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ class Mesh:
     materials: tuple[Material, ...]
 
     def without_foliage(self) -> "Mesh":
-        """Return the part of the mesh that a vehicle can hit; the mesh itself when it has no foliage."""
+        """Return the part of the mesh that a vehicle can hit; the mesh itself if it has no foliage."""
         leafy = np.array([m.foliage for m in self.materials], np.bool_)
         if not leafy.any():
             return self
@@ -55,7 +55,7 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instance:
-    """One thing that stands in the world."""
+    """One object of a scene."""
 
     id: int  # ≥ 1, unique in the scene; the value in the id image. 0 is the sky
     name: str  # 'house-3', 'target'
@@ -65,16 +65,16 @@ class Instance:
     yaw: float = 0.0  # rad
     movable: bool = False  # may be given another pose when rendering
     solid: bool = True  # counts for occlusion and collision
-    attitude: Quat | None = None  # FRD → NED, of what leans; None: it stands level
+    attitude: Quat | None = None  # FRD → NED, of an instance that leans; None: it is level
 
     @property
     def turned(self) -> float | Quat:
-        """Its yaw (rad), or its attitude (FRD → NED) where it leans."""
+        """The yaw (rad), or the attitude (FRD → NED) of an instance that leans."""
         return self.yaw if self.attitude is None else self.attitude
 
     @property
     def centre_ned(self) -> Vec3:
-        """The middle (m) of its box."""
+        """The centre (m) of the instance's bounding box."""
         low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
         n, e, d = np.array(self.position_ned) + turn(self.turned) @ ((low + high) / 2)
         return (float(n), float(e), float(d))
@@ -99,14 +99,14 @@ def turn(turned: float | Quat) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sun:
-    """A directional light, and the sky that belongs to it."""
+    """A directional light and its sky."""
 
     toward_ned: Vec3  # unit vector from the scene towards the sun
     color: Vec3 = (1.0, 0.96, 0.88)  # linear RGB, times `strength`
     strength: float = 2.6
     sky: Vec3 = (0.36, 0.52, 0.78)  # linear RGB of the ambient light from above
     clouds: float = 0.35  # share of the sky that clouds cover, 0 … 1; `color`, `strength` and `sky` do not follow it
-    glow: Vec3 = (0.0, 0.0, 0.0)  # linear RGB of the light that the low sky has above the place of the sun
+    glow: Vec3 = (0.0, 0.0, 0.0)  # linear RGB of the glow in the low sky above the position of the sun
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,13 +123,13 @@ class Scene:
     spawn_ned: Vec3 = (0.0, 0.0, 0.0)  # m, a free place on the ground
     spawn_yaw: float = 0.0
     notes: tuple[str, ...] = field(default=())
-    base: "Scene | None" = None  # the map to whose instances this one's others were added; None: it is a map itself
+    base: "Scene | None" = None  # the map to which this scene adds instances; None: this scene is a map
 
 
 def sun_at(latitude_deg: float, day: int, solar_hour: float) -> Sun:
     """Return the sun over a latitude on a day of the year (1 … 365) at a true solar hour (12 = highest).
 
-    Declination by Cooper's formula, the rest is spherical trigonometry.
+    Declination by Cooper's formula; elevation and azimuth by spherical trigonometry.
     """
     declination = math.radians(23.45) * math.sin(2.0 * math.pi * (284 + day) / 365.0)
     latitude, hour = math.radians(latitude_deg), math.radians(15.0 * (solar_hour - 12.0))
@@ -144,17 +144,17 @@ class Spot:
     """A free place on the ground where a target or a look-alike may stand."""
 
     position_ned: Vec3  # m, on the ground
-    yaw: float  # rad, the way a thing put there naturally faces
+    yaw: float  # rad, natural heading of an object at this place
     place: str  # what the ground is: 'kerb', 'drive', 'plaza', 'path', 'lawn' …
 
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """A way along which a target may move from its first waypoint to its last."""
+    """A route along which a target may move from its first waypoint to its last."""
 
     name: str
-    waypoints_ned: tuple[Vec3, ...]  # m, on the ground, near enough to follow it between them
-    width_m: float  # free of everything solid, half of it on either side
+    waypoints_ned: tuple[Vec3, ...]  # m, on the ground, dense enough that the legs between them follow it
+    width_m: float  # free of solids, half of it on either side
 
     @property
     def length_m(self) -> float:
@@ -164,10 +164,10 @@ class Lane:
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """A thing of the map by which instructions distinguish other things."""
+    """An instance by which instructions distinguish other objects."""
 
     name: str  # of the instance
-    phrase: str  # what a person calls it, article included; true of no other instance of the map
+    phrase: str  # its name in instructions, with article; fits no other instance of the map
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The episodes that ship: their ids, their suites, and the baselines of the oracle and the blind pilots.
+"""The shipped episodes: their ids, their suites, and the baselines of the oracle and the blind pilots.
 
 A suite is a named list of episodes, for runs and reports. `dronecats episodes audit` writes the baselines.
 """
@@ -19,12 +19,12 @@ from foundation.wording import did_you_mean, nearest, suggestion
 DEFAULT = "residential-approaching-01"
 RECORDS = Path(__file__).parent
 FOLDER = RECORDS / "v2"
-FORMER = RECORDS / "v1"  # the first hundred, which results from before the second are about
-OPEN_GROUND = "open-ground"  # where `dronecats sitl` starts: 30 m free of solids; no episode of the benchmark
+FORMER = RECORDS / "v1"  # the first hundred episodes; results from before `v2` refer to them
+OPEN_GROUND = "open-ground"  # start place of `dronecats sitl`, no solid within 30 m; not an episode of the benchmark
 
-VERSION = 3  # of the benchmark: what the episodes show and ask. Raised when images or records change
+VERSION = 3  # of the benchmark; raised when its images or records change
 SUITES = ("one-drone", "commanding", "quick", "all", "v1")
-# Every cell on every map it is flown on, the commanding ones twice: twelve, for a run over a cup of coffee.
+# One episode for each cell and map, and two for each commanding map: twelve, for a quick run.
 QUICK = (
     "residential-approaching-01",
     "residential-searching-01",
@@ -59,26 +59,26 @@ def v1_ids() -> list[str]:
 
 
 def all_ids() -> list[str]:
-    """Return the ids of all episodes that ship, those of the benchmark first."""
+    """Return the ids of all shipped episodes, those of the benchmark first."""
     return [*ids(), *v1_ids()]
 
 
 def ships(record: EpisodeRecord) -> bool:
-    """Return whether this is a shipped episode, and not only one with the id of one."""
+    """Return whether this record equals a shipped episode. Its id alone is not enough."""
     return record.id in all_ids() and load(record.id) == record
 
 
 def must_exist(id_or_path: str | Path) -> None:
-    """Raise UsageError when this is neither a shipped episode nor something on the disk that could be a record."""
+    """Raise UsageError if this is neither the id of a shipped episode nor a path that could be a record."""
     name = str(id_or_path)
     if name not in (*all_ids(), OPEN_GROUND) and _file(name) is None:
         raise UsageError(_unknown(name))
 
 
 def load(id_or_path: str | Path) -> EpisodeRecord:
-    """Return a shipped episode or `OPEN_GROUND` by its id, or the one in a JSON file or in an episode's folder.
+    """Return a shipped episode or `OPEN_GROUND` by its id, or the episode in a JSON file or in an episode's folder.
 
-    Raises UsageError when there is no such episode or its record is wrong.
+    Raises UsageError if the episode does not exist or its record is wrong.
     """
     name = str(id_or_path)
     for folder, names in ((FOLDER, ids()), (FORMER, v1_ids()), (RECORDS / "open", [OPEN_GROUND])):
@@ -91,14 +91,14 @@ def load(id_or_path: str | Path) -> EpisodeRecord:
 
 
 def _file(name: str) -> Path | None:
-    """Return the record file of a path to it or to its folder; None when there is none."""
+    """Return the record file for a path to it or to its folder; None if there is none."""
     path = Path(name)
     try:
         if path.is_dir() and (path / "episode.json").is_file():
             return path / "episode.json"
         if path.suffix == ".json" or path.is_file():
             return path
-    except (OSError, ValueError):  # a name too long or with a null byte is no path
+    except (OSError, ValueError):  # the name is too long or has a null byte
         pass
     return None
 
@@ -112,7 +112,7 @@ def _unknown(name: str) -> str:
 
 
 def suite_ids(suite: str) -> list[str]:
-    """Return the ids of a suite's episodes, sorted. Raises UsageError for a name that is no suite."""
+    """Return the ids of a suite's episodes, sorted. Raises UsageError for an unknown suite."""
     if suite == "v1":
         return v1_ids()
     if suite == "all":
@@ -125,24 +125,24 @@ def suite_ids(suite: str) -> list[str]:
 
 
 def episodes_of(suite: str | Sequence[str]) -> list[str]:
-    """Return the episodes of a suite's name, or of ids and files: a sequence, or one text with commas between."""
+    """Return the episodes of a suite, of ids and files separated by commas, or of a sequence of these."""
     if isinstance(suite, str):
         return suite_ids(suite) if suite in SUITES else [name.strip() for name in suite.split(",")]
     return [name for entry in suite for name in episodes_of(entry)]
 
 
 def suites_of(episode: str) -> tuple[str, ...]:
-    """Return the suites that an episode belongs to; none when it does not ship with the project."""
+    """Return the suites that contain an episode; none if the episode is not shipped."""
     return tuple(name for name in SUITES if episode in suite_ids(name))
 
 
 @dataclass(frozen=True, slots=True)
 class BlindFlight:
-    """One blind flight of the full time."""
+    """The result of one flight of a blind pilot over the full time."""
 
     success: bool
     first: bool  # its first declaration was true
-    within_three: bool  # one of its first three was
+    within_three: bool  # one of its first three declarations was true
     declarations: FlightCount
     false_declarations: FlightCount
     steps: FlightCount
@@ -157,17 +157,17 @@ BlindTable = dict[str, dict[str, BlindFlight]]  # pilot → episode → flight
 
 
 def load_par(file: Path = PAR) -> Pars:
-    """Return the pars; none when the audit has not been run. Raises UsageError for a wrong table."""
+    """Return the pars; {} if there is no table. Raises UsageError for a wrong table."""
     return _table(file, Pars)
 
 
 def load_blind(file: Path = BLIND) -> BlindTable:
-    """Return the blind flights; none when none has been flown. Raises UsageError for a wrong table."""
+    """Return the blind flights; {} if there is no table. Raises UsageError for a wrong table."""
     return _table(file, BlindTable)
 
 
 def merged(table: BlindTable, pilot: str, flights: dict[str, BlindFlight], episodes: list[str]) -> dict[str, Any]:
-    """Return the table as JSON with new flights of a pilot in place of its former ones of the same episodes."""
+    """Return the table as JSON. New flights of a pilot replace its earlier flights of the same episodes."""
     new = {**table, pilot: {**table.get(pilot, {}), **flights}}
     return {name: {id_: asdict(new[name][id_]) for id_ in episodes if id_ in new[name]} for name in sorted(new)}
 

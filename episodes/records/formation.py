@@ -1,9 +1,9 @@
-"""A record with another number of drones than it was made for.
+"""Changes the number of drones of a record.
 
-Fewer drones take the first of its starts. More drones stand on the lattice that continues its square of four, 2 m from
-one another, at the nearest places behind and beside the square with which the record still passes all its checks: room
-to stand and to climb, level ground, a fair height, every candidate in sight and no inscription legible. Source: none,
-the paper flies one drone or four.
+Fewer drones use the first starts of the record. More drones need a record with a square of four starts. The further
+starts are lattice places, 2 m apart, behind and beside the square, nearest first. A place is used if the record still
+passes its checks: room to stand and to climb, level ground, a valid height, all candidates in sight and no inscription
+legible. Source: none, the paper flies one drone or four.
 """
 
 import itertools
@@ -18,12 +18,12 @@ from episodes.records.record import MAX_STARTS, EpisodeRecord, StartPose
 from episodes.world.world import World
 from foundation.errors import UsageError
 
-FLEET = 4  # of the commanding records that ship
-RINGS = 3  # of places around the square that are tried
+FLEET = 4  # drones of the shipped commanding records
+RINGS = 3  # of lattice places around the square that are tried
 
 
 def with_drones(record: EpisodeRecord, drones: int) -> EpisodeRecord:
-    """Return the record with this number of starts. Raises UsageError without room, or without a square to continue."""
+    """Return the record with this number of starts. Raises UsageError if it has no room or no square of starts."""
     if not 1 <= drones <= MAX_STARTS:
         raise UsageError(f"--drones must be a whole number from 1 to {MAX_STARTS}, got {drones}")
     if drones <= len(record.starts):
@@ -55,7 +55,7 @@ def with_drones(record: EpisodeRecord, drones: int) -> EpisodeRecord:
 
 
 def has_room(world: World, obstacles: StaticObstacles, place: StartPose) -> bool:
-    """Return whether a drone can stand on level ground below a place, and climb to a fair height there."""
+    """Return whether a place has a valid height above level ground, and nothing blocks the climb to it."""
     north, east, down = place.position_ned
     least, most = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
     fair = least <= world.ground_down(north, east) - down <= most
@@ -64,21 +64,21 @@ def has_room(world: World, obstacles: StaticObstacles, place: StartPose) -> bool
 
 
 def in_sight(record: EpisodeRecord) -> bool:
-    """Return whether every drone sees every candidate past the other drones, and can read no inscription."""
+    """Return whether every drone sees every candidate past the other drones and cannot read any inscription."""
     return all(finding.passed for finding in candidates.rules(World(record), StaticObstacles(())))
 
 
 def failed(record: EpisodeRecord) -> Iterator[RuleFinding]:
-    """Yield the failed findings about a record, but for that about the number of its drones."""
+    """Yield the failed findings about a record, except the finding about its number of drones."""
     world = World(record)
     number = formation(world).rule
     yield from (finding for finding in rules.check(world) if not finding.passed and finding.rule != number)
 
 
 def places(square: tuple[StartPose, ...]) -> Iterator[StartPose]:
-    """Yield further places of the lattice of a square (front left, front right, rear left, rear right), nearest first.
+    """Yield further places of the lattice of `square` (front left, front right, rear left, rear right), nearest first.
 
-    No place is ahead of the square, where a drone would be in the pictures and nearer to the candidates.
+    No place is ahead of the square: a drone there would be in the pictures of the others and nearer to the candidates.
     """
     corners = [start.position_ned for start in square]
     north, east, down = (sum(axis) / len(corners) for axis in zip(*corners, strict=True))

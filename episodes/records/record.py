@@ -1,4 +1,4 @@
-"""The episode record, everything that defines one flight: its types, its JSON, and the published schema.
+"""The episode record, which defines one flight completely: its types, its JSON, and the published schema.
 
 The annotations are the rules of the file. `make schemas` publishes them in `record.schema.json` beside this module.
 Source: paper, "Maps and Episodes".
@@ -68,7 +68,7 @@ def _choice(words: Iterable[str]) -> Meta:
 
 @dataclass(frozen=True, slots=True)
 class StartPose:
-    """Where one drone hovers when the episode begins."""
+    """The hover pose of one drone at the start of the episode."""
 
     position_ned: MapPlace  # m, body origin
     yaw_deg: Yaw
@@ -159,7 +159,7 @@ def _plain(value: Any) -> Any:
 
 
 def load(path: Path) -> EpisodeRecord:
-    """Return the record in a file. Raises UsageError naming the file, the field and the reason."""
+    """Return the record in a file. Raises UsageError with the file, the field and the reason."""
     if not path.is_file():
         raise UsageError(f"episode file '{path}' does not exist or is not a regular file")
     return parse(file_bytes(path, f"episode file '{path}'"), str(path))
@@ -287,7 +287,7 @@ def _shape(title: str, has: tuple[str, ...], **rest: tuple[str, ...]) -> dict[st
 
 
 def _strict(schema: Any) -> Any:
-    """Return a schema as strict as the reader: no null for a missing field, no unknown keys."""
+    """Return a schema as strict as `parse`: no null for a missing field, no unknown keys."""
     if isinstance(schema, list):
         return [_strict(item) for item in schema]
     if not isinstance(schema, dict):

@@ -1,4 +1,4 @@
-"""The drones of an episode: as instances in each other's pictures, and as obstacles to the view of the target."""
+"""The drones of an episode, as instances in camera images and as obstacles to the view of the target."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -31,7 +31,7 @@ class Fleet:
     def __init__(
         self, starts: tuple[StartPose, ...], first_id: int, shape: Outline = X500, count: int | None = None
     ) -> None:
-        """Drone k has the id `first_id` + k in a picture. `count`: how many fly, if not one from each start."""
+        """Drone k has the id `first_id` + k in the id image. `count`: number of drones; None: one per start."""
         self.starts = tuple(hovering(start) for start in starts)
         all_starts = (*starts, *[starts[-1]] * ((count or 0) - len(starts)))[:count]
         self.instances: tuple[Instance, ...] = ()
@@ -46,7 +46,7 @@ class Fleet:
             )
 
     def moved(self, poses: Mapping[int, DronePose]) -> Moved:
-        """Return the drones' poses for the renderer; a drone that `poses` (by number) leaves out is not drawn."""
+        """Return the drones' poses for the renderer; a drone without an entry in `poses` (by number) is not drawn."""
         return {
             instance.id: (poses[k].position_ned, poses[k].attitude) if k in poses else None
             for k, instance in enumerate(self.instances)
@@ -84,7 +84,7 @@ class _Shape:
         self._scene = RayScene.of_mesh(mesh)
 
     def between(self, origin: Vec3, points: Array, pose: DronePose) -> NDArray[np.bool_]:
-        """Return for each point (N, 3) whether the ray from the origin meets the drone first."""
+        """Return for each point (N, 3) whether the ray from the origin to it hits the drone first."""
         axes = turn(pose.attitude).T
         way = points - np.array(origin)
         toward = np.array(pose.position_ned) - np.array(origin)

@@ -13,7 +13,7 @@ from foundation.terrain import OPEN, MovingBox, Obstacles
 from foundation.threads import once
 
 CELL_M = 2.0
-BATCH = 4096  # triangles sorted at a time: bounds the memory that sorting takes
+BATCH = 4096  # triangles sorted at a time, to limit the memory that sorting takes
 REACH_M = 0.7  # m, from a vehicle's origin to its farthest part: the camera is half a metre ahead
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ def sorted_into_cells(
     cell_m: float = CELL_M,
     moving: MovingBox | None = None,
 ) -> Obstacles:
-    """Return triangles (T, 3, 3) in metres NED as Obstacles. Each is in all cells within reach of it."""
+    """Return triangles (T, 3, 3) in metres NED as Obstacles. Each triangle is in all cells within its reach."""
     low, high = triangles.min(axis=1) - reach_m, triangles.max(axis=1) + reach_m
     origin = np.floor(low.min(axis=0) / cell_m) * cell_m
     cells = np.ceil((high.max(axis=0) - origin) / cell_m).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Rays through triangles, past the holes of cut-out surfaces."""
+"""Casts rays against triangles. Rays pass through the holes of cut-out surfaces."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,21 +12,21 @@ from episodes.maps.cutouts import Cutouts, cutouts_of, is_cut_out, is_there
 from episodes.maps.scene import Instance, Mesh
 from foundation.compiled import njit
 
-NOTHING = -1  # in place of a triangle
-BEYOND_M = 1e-4  # from a hole, where its ray goes on
-MOST_HOLES = 200  # along one ray; what lies beyond is taken to be hidden
+NOTHING = -1  # index of the triangle of a ray without a hit
+BEYOND_M = 1e-4  # from a hole to the start of the continued ray
+MOST_HOLES = 200  # along one ray; a ray through more holes counts as blocked
 FAR = np.float32(1e30)
 
 
 class Hits(NamedTuple):
     """The first hit of each of N rays."""
 
-    triangle: NDArray[np.int32]  # (N,) NOTHING where it meets none
-    distance: NDArray[np.float32]  # (N,) in lengths of the ray's direction; FAR where it meets none
+    triangle: NDArray[np.int32]  # (N,) NOTHING for a ray without a hit
+    distance: NDArray[np.float32]  # (N,) in lengths of the ray's direction; FAR for a ray without a hit
 
 
 class RayScene:
-    """Triangles laid out for rays, numbered in the order in which they come."""
+    """Triangles indexed for ray casting. Their numbers are their order in the meshes."""
 
     def __init__(self, meshes: Sequence[Mesh], corners: Sequence[NDArray[np.floating]]) -> None:
         """`corners`: (T, 3, 3) of each mesh's triangles, m in any axes."""
@@ -45,18 +45,18 @@ class RayScene:
 
     @classmethod
     def of_instances(cls, instances: Sequence[Instance]) -> "RayScene":
-        """Return instances laid out where they stand, in NED."""
+        """Return the ray scene of instances at their poses, in NED."""
         return cls([i.mesh for i in instances], [i.triangles_ned() for i in instances])
 
     @classmethod
     def of_mesh(cls, mesh: Mesh) -> "RayScene":
-        """Return a mesh laid out in its own axes."""
+        """Return the ray scene of a mesh in its own axes."""
         return cls([mesh], [mesh.vertices[mesh.triangles]])
 
     def first_hits(
         self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32] | None = None
     ) -> Hits:
-        """Return what rays from `start` (N, 3) along `way` (N, 3) meet first, within `reach` (N,) lengths of `way`."""
+        """Return the first hits of rays from `start` (N, 3) along `way` (N, 3) within `reach` (N,) lengths of `way`."""
         reach = np.full(len(way), FAR, np.float32) if reach is None else reach
         hit = self._opaque.run(start, way, reach, output=1)
         is_hit = hit["primID"] >= 0
@@ -69,7 +69,7 @@ class RayScene:
     def are_blocked(
         self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32]
     ) -> NDArray[np.bool_]:
-        """Return for each ray whether it meets anything within `reach`; see `first_hits`."""
+        """Return for each ray whether it hits anything within `reach`; see `first_hits`."""
         blocked = np.asarray(self._opaque.run(start, way, reach, query="OCCLUDED")) >= 0
         free = np.flatnonzero(~blocked)
         hits = Hits(np.full(len(free), NOTHING, np.int32), np.full(len(free), FAR, np.float32))
@@ -80,7 +80,7 @@ class RayScene:
     def _first_leaves(
         self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32], hits: Hits
     ) -> None:
-        """Replace hits by the first cut-out surface within `reach` whose texel is there."""
+        """Replace hits by the first hit of an opaque texel of a cut-out surface within `reach`."""
         if self._cut is None:
             return
         going = np.arange(len(way))
@@ -119,7 +119,7 @@ def _are_there(
     b: NDArray[np.float32],
     c: NDArray[np.float32],
 ) -> NDArray[np.bool_]:
-    """Return whether the texel at each hit is there; (1 - b - c, b, c) are its shares of the triangle's corners."""
+    """Return whether the texel at each hit is opaque; (1 - b - c, b, c) are its barycentric coordinates."""
     there = np.zeros(len(triangle), np.bool_)
     for k in range(len(triangle)):
         at, a = uv[triangle[k]], 1.0 - float(b[k]) - float(c[k])

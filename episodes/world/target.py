@@ -17,8 +17,8 @@ from episodes.records.record import TargetRecord
 from foundation.frames import Quat, Vec3, quat_from_euler, rotate
 from foundation.terrain import HeightField
 
-# Distance (m) between the two points of the path that the heading is drawn through: a vehicle's wheelbase, and about
-# a step of what walks.
+# Distance (m) between the two points of the path that define the heading: the wheelbase of a vehicle, or about one step
+# of a walker.
 AXLES_M = {
     "bus": 6.0, "pickup": 3.35, "van": 3.1, "suv": 2.75, "sedan": 2.75, "estate": 2.75, "hatchback": 2.55,
     "service_cart": 1.7, "motorcycle": 1.4, "cyclist": 1.05, "delivery_robot": 0.45,
@@ -28,31 +28,31 @@ AXLES_OF_OTHERS_M = 1.0
 WALKERS = ("person", "pedestrian")  # upright on a slope; the other assets of AXLES_M have wheels
 
 TOUCHES_M = 0.01  # height of the part of a wheel that counts as touching the ground
-ONE_TRACK_M = 0.3  # wheels nearer to one another across are in line, and their vehicle does not roll
-LEVEL_RAD = 1e-6  # a slope below it is rounding
-TURNS = 3  # by then the place has moved by less than 0.1 mm
+ONE_TRACK_M = 0.3  # wheels closer together across are in line: the vehicle does not roll
+LEVEL_RAD = 1e-6  # smaller slopes are rounding errors
+TURNS = 3  # iterations, after which the position changes by less than 0.1 mm
 
 
 @dataclass(frozen=True, slots=True)
 class TargetMotion:
-    """A target's whole movement. A standing target has one waypoint and speed 0."""
+    """The motion of a target. A standing target has one waypoint and speed 0."""
 
     waypoints_ned: tuple[Vec3, ...]  # m
     reached_m: tuple[float, ...]  # m along the path at each waypoint, measured in three dimensions
     speed_mps: float
     yaw: float  # rad, of a standing target
-    axles_m: float  # between the two points of the path that the heading is drawn through
+    axles_m: float  # between the two points of the path that define the heading
 
     @property
     def length_m(self) -> float:
-        """Return how long the path is; 0 of a standing target."""
+        """Return the length (m) of the path; 0 for a standing target."""
         return self.reached_m[-1]
 
     def pose(self, t_s: float) -> tuple[Vec3, float]:
         """Return (position_ned of the asset's origin in m, yaw in rad in [-π, π]) at time t_s; before 0 as at 0.
 
-        The path is followed once and the target stays at its end. The heading joins two points of the path half a
-        wheelbase (of a walker: half a step) ahead and behind, so it turns into a corner gradually, as each would.
+        The target follows the path once and stays at its end. The heading joins the points of the path half a wheelbase
+        (of a walker: half a step) ahead and behind, so it changes gradually at a corner.
         """
         if self.speed_mps == 0.0:
             return self.waypoints_ned[0], self.yaw
@@ -61,7 +61,7 @@ class TargetMotion:
         return self._at(s), math.atan2(front[1] - rear[1], front[0] - rear[0])
 
     def _at(self, s: float) -> Vec3:
-        """Return the point at arc length s; the first and last legs go on beyond the ends."""
+        """Return the point at arc length s; the first and last legs are extended beyond the ends."""
         k = min(max(bisect.bisect_right(self.reached_m, s) - 1, 0), len(self.reached_m) - 2)
         a, b = self.waypoints_ned[k], self.waypoints_ned[k + 1]
         u = (s - self.reached_m[k]) / (self.reached_m[k + 1] - self.reached_m[k])
@@ -74,7 +74,7 @@ def has_wheels(asset: str) -> bool:
 
 
 def motion(target: TargetRecord) -> TargetMotion:
-    """Return the motion of a target's record."""
+    """Return the motion that a target's record defines."""
     if target.path is None:
         if target.position_ned is None or target.yaw_deg is None:
             raise ValueError("a target has either a pose or a path")
@@ -100,8 +100,8 @@ class Wheels:
     """The places of an asset's wheels in its own axes, and the middle of its box."""
 
     ahead_m: tuple[float, float]  # of the rear and of the front wheels
-    aside_m: tuple[float, float]  # of the left and of the right wheels; both 0 where they are in line
-    middle_frd: Vec3  # m, of the box around it
+    aside_m: tuple[float, float]  # of the left and of the right wheels; both 0 if they are in line
+    middle_frd: Vec3  # m, of the asset's bounding box
 
     @classmethod
     def of(cls, mesh: Mesh) -> "Wheels":
@@ -116,10 +116,10 @@ class Wheels:
         )
 
     def on(self, ground: HeightField, level_ned: Vec3, yaw: float) -> tuple[Vec3, float | Quat]:
-        """Return the pose (m NED, attitude FRD → NED) in which they touch the ground.
+        """Return the pose (m NED, attitude FRD → NED) in which the wheels touch the ground.
 
-        `level_ned` is the origin of the level asset: the middle of its box stays straight above or below its place on
-        level ground. Level ground gives back the given pose, with its yaw.
+        `level_ned` is the origin of the asset in its level pose. The middle of its box keeps its north and east
+        coordinates. On level ground, the result is the level pose with `yaw`.
         """
         c, s = math.cos(yaw), math.sin(yaw)
         x, y, _ = self.middle_frd
@@ -139,7 +139,7 @@ class Wheels:
 
     @classmethod
     def if_any(cls, asset: str, mesh: Mesh) -> "Wheels | None":
-        """Return the wheels of an asset; None when it has none."""
+        """Return the wheels of an asset; None if it has none."""
         return cls.of(mesh) if has_wheels(asset) else None
 
     def _plane(self, ground: HeightField, place: Vec3, yaw: float) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""Visibility of a target by exact geometry: rays past solids, distances to them, and the box around it in a picture."""
+"""Visibility of a target by ray casting, distances to solids, and the target's box in a picture."""
 
 import itertools
 import math
@@ -16,16 +16,16 @@ from foundation.frames import Quat, Vec3, rotate_inverse
 from foundation.measurement import InPicture
 from foundation.protocol import DETECTION_RANGE_M, POINT_SPAN
 
-SAMPLES = 1600  # points on the target's whole surface; some 300 … 500 of them face the camera first
-SURELY_M = 0.01  # m, beside a ball around the target, for what rounding does
-NEAR_M = 0.05  # as the renderer's near plane
-VISIBLE_FRACTION = 0.05  # of the silhouette, unhidden and inside the frame: less than that names no target
+SAMPLES = 1600  # points on the target's whole surface; about 300 … 500 of them face the camera
+SURELY_M = 0.01  # m, margin around the target's bounding sphere for rounding errors
+NEAR_M = 0.05  # m, the renderer's near plane
+VISIBLE_FRACTION = 0.05  # of the silhouette, unhidden and in the frame: the least at which a target counts as visible
 
 Array = NDArray[np.float64]
 
 EDGES = tuple(
     (a, b) for a, b in itertools.combinations(range(8), 2) if (a ^ b).bit_count() == 1
-)  # of a box whose corners are numbered by the bits of (x, y, z)
+)  # edges of a box whose corners are numbered by the bits of (x, y, z)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +33,11 @@ class Visibility:
     """The part of a target that one camera sees."""
 
     fraction: float  # 0 … 1 of the target's silhouette (as seen unclipped and unhidden) that is in the picture
-    depth_m: float | None  # median planar depth of what is seen; None when nothing is
+    depth_m: float | None  # median planar depth of the visible part; None if nothing is visible
 
     @property
     def visible(self) -> bool:
-        """Whether enough of the target is seen to count."""
+        """Whether the fraction reaches VISIBLE_FRACTION."""
         return self.fraction >= VISIBLE_FRACTION
 
 
@@ -50,7 +50,7 @@ class Hides(Protocol):
 
 
 def surface_samples(mesh: Mesh, count: int = SAMPLES) -> tuple[Array, Array]:
-    """Return `count` points (N, 3) and face normals (N, 3) spread evenly over a mesh's area, always the same ones."""
+    """Return `count` points (N, 3) and face normals (N, 3) spread evenly over a mesh's area. Deterministic."""
     tri = mesh.vertices[mesh.triangles].astype(np.float64)
     cross = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
     area = np.linalg.norm(cross, axis=1)
@@ -68,7 +68,7 @@ def surface_samples(mesh: Mesh, count: int = SAMPLES) -> tuple[Array, Array]:
 
 
 class Solids:
-    """Static solids, laid out for rays."""
+    """Static solids, indexed for ray casting."""
 
     def __init__(self, instances: Iterable[Instance]) -> None:
         self._instances = [i for i in instances if i.solid and not i.movable]
@@ -88,13 +88,13 @@ class Solids:
         return self._scene.are_blocked(start, way, np.full(len(points), 0.999, dtype=np.float32))
 
     def range_m(self, origin: Vec3, direction: Vec3) -> float:
-        """Return the distance (m) to the first solid along a direction; inf when there is none."""
+        """Return the distance (m) to the first solid along a direction; inf if there is none."""
         unit = np.array(direction) / np.linalg.norm(direction)
         hits = self._scene.first_hits(np.array([origin], np.float32), unit[None].astype(np.float32))
         return float(hits.distance[0]) if hits.triangle[0] != NOTHING else math.inf
 
     def clearance_m(self, point: Vec3) -> float:
-        """Return the distance (m) from a point to the nearest solid surface, leaves apart."""
+        """Return the distance (m) from a point to the nearest solid surface. Leaves do not count."""
         p = np.array(point)
         outside = np.maximum(np.maximum(self._boxes[:, 0] - p, p - self._boxes[:, 1]), 0.0)
         to_box = np.linalg.norm(outside, axis=1)
@@ -109,7 +109,7 @@ class Solids:
 
 
 class Together(Solids):
-    """Several groups of solids: those of a map, laid out once, and the few that a record adds."""
+    """Several groups of solids: the solids of a map, indexed once, and the few that a record adds."""
 
     def __init__(self, *groups: Solids) -> None:
         self._groups = groups
@@ -120,7 +120,7 @@ class Together(Solids):
         return hidden
 
     def range_m(self, origin: Vec3, direction: Vec3) -> float:
-        """Return the distance (m) to the first solid along a direction; inf when there is none."""
+        """Return the distance (m) to the first solid along a direction; inf if there is none."""
         return min(group.range_m(origin, direction) for group in self._groups)
 
     def clearance_m(self, point: Vec3) -> float:
@@ -129,22 +129,22 @@ class Together(Solids):
 
 
 class Without(Solids):
-    """A map's solids without one of them, for the view of that one. Shares the layout of all of them."""
+    """A map's solids without one instance, for the view of that instance. Shares the ray scene of all solids."""
 
     def __init__(self, everything: Solids, left_out: Instance) -> None:
-        """Share the layout of `everything`. Raises ValueError when the one left out is not part of it."""
+        """Share the ray scene of `everything`. Raises ValueError if `left_out` is not part of it."""
         self._instances, self._boxes = everything._instances, everything._boxes.copy()
         self._hard = everything._hard
         self._owner, self._scene = everything._owner, everything._scene
         self._out = next((k for k, instance in enumerate(self._instances) if instance.id == left_out.id), -1)
         if self._out < 0:
             raise ValueError(f"{left_out.name} is not among the solids")
-        self._boxes[self._out] = np.inf  # never near anything
+        self._boxes[self._out] = np.inf  # infinitely far from any point
 
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether something solid lies between it and the origin.
 
-        The points are of the one left out, on its side towards the origin: a ray that meets it first is at its end.
+        The points are on the side of `left_out` towards the origin. A ray that hits `left_out` first is at its point.
         """
         start = np.ascontiguousarray(np.broadcast_to(np.array(origin, dtype=np.float32), points.shape))
         way = np.ascontiguousarray((points - np.array(origin)).astype(np.float32))
@@ -154,7 +154,7 @@ class Without(Solids):
         return np.asarray(hidden)
 
     def range_m(self, origin: Vec3, direction: Vec3) -> float:
-        """Return the distance (m) to the first solid along a direction; inf when there is none."""
+        """Return the distance (m) to the first solid along a direction; inf if there is none."""
         unit = (np.array(direction) / np.linalg.norm(direction)).astype(np.float32)[None]
         gone = 0.0
         while True:
@@ -165,14 +165,14 @@ class Without(Solids):
             gone += float(hits.distance[0])
             if self._owner[hits.triangle[0]] != self._out:
                 return gone
-            gone += 1e-3  # through the surface of the one left out
+            gone += 1e-3  # past the surface of the instance left out
 
 
 def distance_to_mesh(mesh: Mesh, point: Array) -> float:
-    """Return the distance (m) from a point in the mesh's axes to its nearest triangle; inf when it has none.
+    """Return the distance (m) from a point in the mesh's axes to its nearest triangle; inf if it has none.
 
-    Closest point by the regions of the triangle (Ericson, Real-Time Collision Detection, section 5.1.5), as the nearer
-    of its plane's foot when inside and its three edges.
+    The nearest point of a triangle is the foot on its plane if inside the triangle, else the nearest point of its edges
+    (Ericson, Real-Time Collision Detection, section 5.1.5).
     """
     tri = mesh.vertices[mesh.triangles].astype(np.float64)
     a, b, c = tri[:, 0], tri[:, 1], tri[:, 2]
@@ -212,7 +212,7 @@ class TargetView:
     ) -> Visibility:
         """Return the visibility of the target at a pose, past the solids or past the obstacles in `past`.
 
-        Each sample that the target shows towards the camera counts with the solid angle of the surface around it.
+        Each sample that the target itself does not hide is weighted with the solid angle of the surface around it.
         """
         matrix, eye = turn(turned), np.array(pose.position_ned)
         origin = np.array(position_ned)
@@ -227,7 +227,7 @@ class TargetView:
             return Visibility(0.0, None)
         start = np.ascontiguousarray(np.broadcast_to(local_eye.astype(np.float32), (len(front), 3)))
         hits = self._own.first_hits(start, way[front].astype(np.float32))
-        shown = front[hits.distance > 0.9998]  # the first thing the ray meets on the target is the sample itself
+        shown = front[hits.distance > 0.9998]  # the ray's first hit on the target is the sample itself
         total = float(weight[shown].sum())
         if total <= 0.0:
             return Visibility(0.0, None)
@@ -245,7 +245,7 @@ class TargetView:
         return Visibility(float(share.sum()) / total, float(depth[middle]))
 
     def _beside(self, position_ned: Vec3, pose: CameraPose, camera: CameraModel) -> bool:
-        """Return whether all of the ball around the target is outside the picture: no ray has to be cast then."""
+        """Return whether the target's bounding sphere is outside the picture, so that no ray is needed."""
         eye = pose.position_ned
         offset = (position_ned[0] - eye[0], position_ned[1] - eye[1], position_ned[2] - eye[2])
         x, y, z = rotate_inverse(pose.attitude, offset)
@@ -282,7 +282,7 @@ def in_camera(point_ned: Vec3, pose: CameraPose) -> Vec3:
 def picture_box(corners: Sequence[Vec3], camera: CameraModel) -> InPicture | None:
     """Return the smallest upright box in the picture around a box whose corners (camera axes, m) are numbered by EDGES.
 
-    It is cut at the picture's edges and counts nothing as hidden. None when no part of it is in the picture.
+    The box is cut at the picture's edges and includes hidden parts. None if no part of it is in the picture.
     """
     across, under = 2.0 * camera.focal_px / camera.width, 2.0 * camera.focal_px / camera.height
     shown = [(across * y / x, under * z / x) for x, y, z in _ahead(corners)]  # -1 … 1 within the picture
@@ -303,7 +303,7 @@ def _ahead(corners: Sequence[Vec3]) -> Iterator[Vec3]:
 
 
 def _cut(values: Iterable[float]) -> tuple[float, float]:
-    """Return the least and the greatest on 0 … 1000, cut there."""
+    """Return the least and the greatest value, cut to -1 … 1 and scaled to 0 … 1000."""
     numbers = list(values)
     low, high = max(min(numbers), -1.0), min(max(numbers), 1.0)
     return 0.5 * POINT_SPAN * (low + 1.0), 0.5 * POINT_SPAN * (high + 1.0)

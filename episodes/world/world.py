@@ -1,4 +1,4 @@
-"""The world of one episode: its map with the target in it, and the truth about both."""
+"""The world of one episode: its map with the target, and ground truth about them."""
 
 import itertools
 import math
@@ -25,8 +25,8 @@ from foundation.terrain import HeightField
 from foundation.threads import once
 from foundation.wording import did_you_mean, nearest
 
-NATIVE_OFF_M = 0.001  # between where a record says that a native target stands and where it does
-NATIVE_TURNED_RAD = math.radians(0.1)
+NATIVE_OFF_M = 0.001  # tolerance of the position of a native target in a record
+NATIVE_TURNED_RAD = math.radians(0.1)  # tolerance of its yaw
 
 
 class World:
@@ -39,17 +39,17 @@ class World:
         drones: int | None = None,
         conditions: SceneConditions = AS_BUILT,
     ) -> None:
-        """Build the scene; of a fleet, each drone looks like `drone`, and there are as many as the record has starts.
+        """Build the scene. All drones of a fleet have the shape `drone`. `drones`: their number; None: one per start.
 
-        `conditions` change what a camera sees of the map, and nothing else. Raises UsageError for an unknown map, asset
-        or paint, or a native target that the map does not have.
+        `conditions` change only what a camera sees of the map. Raises UsageError for an unknown map, asset or
+        paint, or a native target that the map does not have.
         """
         self.record = record
         self._motion = motion(record.target)
         built = in_conditions(maps.build(record.map, record.map_seed), conditions)
         next_id = max(i.id for i in built.instances) + 1
         native = _native(built, record)
-        if native:  # to the last digit where the map has it; a record's are rounded
+        if native:  # the exact pose on the map; the pose in a record is rounded
             self._motion = TargetMotion((native.position_ned,), (0.0,), 0.0, native.yaw, 0.0)
         moves, ground = self._motion.speed_mps > 0.0, built.terrain
         target = native or _placed(next_id, "target", record.target, ground, movable=moves)
@@ -63,7 +63,7 @@ class World:
         added = lookalikes if native else self.target_and_lookalikes
         self.scene: Scene = replace(built, instances=(*built.instances, *added), base=built)
         self.fleet = Fleet(record.starts, next_id + 1 + len(record.candidates), drone, drones)
-        # for cameras: the scene and the drones of a fleet
+        # the scene for cameras, with the drones of a fleet
         self.filmed: Scene = replace(self.scene, instances=(*self.scene.instances, *self.fleet.instances))
         # everything static that may hide the target
         of_map = solids(record.map, record.map_seed)
@@ -104,15 +104,15 @@ class World:
         return (place[0] + c * x - s * y, place[1] + s * x + c * y, place[2] + z)
 
     def moved(self, t_s: float, drones: Mapping[int, DronePose] | None = None) -> Moved:
-        """Return the poses of everything that moves for the renderer: in `scene`, or with `drones` in `filmed`.
+        """Return the poses of all moving instances for the renderer: of `scene`, or with `drones` of `filmed`.
 
-        `drones` are those to be drawn, by number: all but the one that carries the camera.
+        `drones` are the drones to draw, by number: all but the drone that carries the camera.
         """
         moved: Moved = {self.target_id: self.target_pose(t_s)} if self._motion.speed_mps > 0.0 else {}
         return moved if drones is None else {**moved, **self.fleet.moved(drones)}
 
     def past(self, drones: Iterable[DronePose]) -> Hides:
-        """Return everything that may hide the target: the static solids, and drones at these poses."""
+        """Return all obstacles that may hide the target: the static solids, and drones at these poses."""
         poses = tuple(drones)
         return self.fleet.among(self.solids, poses) if poses else self.solids
 
@@ -124,7 +124,7 @@ class World:
         camera: CameraModel,
         drones: Iterable[DronePose] = (),
     ) -> TargetMeasurement:
-        """Return the truth about a drone by its body origin and attitude (FRD → NED), with other drones around it."""
+        """Return the true measurement by a drone with this body origin and attitude (FRD → NED), past `drones`."""
         place, turned = self.target_pose(t_s)
         centre = self._centre(place, turned)
         local = turn(turned).T @ (np.array(position_ned) - np.array(centre))
@@ -163,13 +163,13 @@ class World:
     def clearance_m(self, point_ned: Vec3) -> float:
         """Return the distance (m) from a point to the nearest solid that does not move, ground included.
 
-        The target is not one of them: its distance is `measure(…).distance_box_m`.
+        The target does not count. For its distance, see `measure(…).distance_box_m`.
         """
         return self.solids.clearance_m(point_ned)
 
 
 def solids(name: str, seed: int) -> Solids:
-    """Return the static solids of a map; those of a map that ships are laid out once per process."""
+    """Return the static solids of a map. Those of a shipped map are indexed once per process."""
     return _solids(name, seed) if name in maps.shipped() else Solids(maps.build(name, seed).instances)
 
 
@@ -179,7 +179,7 @@ def _solids(name: str, seed: int) -> Solids:
 
 
 def _placed(number: int, name: str, target: TargetRecord, ground: HeightField, *, movable: bool = False) -> Instance:
-    """Return a target or look-alike of a record as an instance at the beginning, on its wheels if it has any."""
+    """Return a target or look-alike of a record as an instance at its start pose, on its wheels if it has any."""
     if target.paint is None:
         raise UsageError(f"field '{name}.paint' is missing. Only a target of the map may lack it.")
     mesh = assets.build(target.asset, target.paint, target.inscription)
@@ -190,7 +190,7 @@ def _placed(number: int, name: str, target: TargetRecord, ground: HeightField, *
 
 
 def _native(built: Scene, record: EpisodeRecord) -> Instance | None:
-    """Return the map's own instance that a record names as its target; None when it names none. Raises UsageError."""
+    """Return the map's own instance that a record names as its target; None if it names none. Raises UsageError."""
     name = record.target.native
     if name is None:
         return None

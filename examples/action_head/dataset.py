@@ -1,6 +1,6 @@
-"""The training data: a LeRobot dataset of `dronecats export --to lerobot`, as arrays.
+"""Reads the training data as arrays from a LeRobot dataset of `dronecats export --to lerobot`.
 
-Read by pyarrow, which is enough for it; LeRobot's own class finds the same (tests/report/export/test_lerobot.py).
+pyarrow reads the files. LeRobot's own class reads the same values (tests/report/export/test_lerobot.py).
 """
 
 import zlib
@@ -20,25 +20,25 @@ from foundation.errors import UsageError
 from foundation.protocol import HISTORY_LENGTH, POINT_SPAN
 
 IMAGE = "observation.images.front"
-HELD_OUT = 8  # one flight in so many is learnt nothing from
+HELD_OUT = 8  # about one episode in 8 is held out from training
 
 
 @dataclass(frozen=True, slots=True)
 class Decisions:
-    """The decisions of some flights, each beside what the pilot knew; n of them, in the order of the flights.
+    """n decisions of some flights with the pilot's inputs, in the order of the flights.
 
-    What a mirror changes is there twice: [0] as flown, [1] as flown in the mirror.
+    `words` and `past` have a mirrored version: [0] as flown, [1] mirrored left to right.
     """
 
     pictures: NDArray[np.uint8]  # (n, 3, HEIGHT, WIDTH), RGB
     words: NDArray[np.float32]  # (2, n, WORDS)
     past: NDArray[np.float32]  # (2, n, PAST)
-    kinds: NDArray[np.int64]  # (n,), places in KINDS
+    kinds: NDArray[np.int64]  # (n,), indices in KINDS
     points: NDArray[np.float32]  # (n, 2), x and y 0 … 1 from the top left; of a go
     depths_m: NDArray[np.float32]  # (n,), m; of a go
     angles_deg: NDArray[np.float32]  # (n,), °, positive to the right; of a rotate
-    flights: NDArray[np.int64]  # (n,), which flight each belongs to
-    held_out: NDArray[np.bool_]  # (n,), of a flight that is kept to judge by
+    flights: NDArray[np.int64]  # (n,), index of the flight
+    held_out: NDArray[np.bool_]  # (n,), whether the flight is held out for evaluation
 
     def __len__(self) -> int:
         return len(self.kinds)
@@ -56,7 +56,7 @@ class _Row:
 def read(folder: Path) -> Decisions:
     """Return the decisions of a dataset's flights that succeeded.
 
-    Raises UsageError where there is no such dataset, it is damaged, or nothing in it can be learnt from.
+    Raises UsageError if the dataset is missing or damaged, or has no successful flight.
     """
     if not (folder / "meta" / "info.json").is_file():
         raise UsageError(f"{folder} is not a dataset. Make one: dronecats export RUN --to lerobot --out {folder}")
@@ -72,7 +72,7 @@ def read(folder: Path) -> Decisions:
 
 
 def _rows(file: Path) -> Iterator[_Row]:
-    """Yield the usable decisions of a file. Pictures are made small at once, since all in full size are too many."""
+    """Yield the usable decisions of a file. Pictures are scaled down at once to save memory."""
     for batch in pq.ParquetFile(file).iter_batches(
         batch_size=64, columns=[IMAGE, "action", "episode_index", "judge.success"]
     ):
@@ -109,7 +109,7 @@ def _decisions(rows: list[_Row], about: dict[int, tuple[str, str]]) -> Decisions
 
 
 def action_of(vector: NDArray[np.float32]) -> Action:
-    """Return the action of eight numbers of a dataset. Raises UsageError for numbers that are no action."""
+    """Return the action that eight numbers of a dataset encode. Raises UsageError for invalid numbers."""
     match [bool(number) for number in vector[:4]]:
         case [True, False, False, False]:
             return Go(float(vector[4]), float(vector[5]), float(vector[6]))
@@ -123,5 +123,5 @@ def action_of(vector: NDArray[np.float32]) -> Action:
 
 
 def is_held_out(episode: str) -> bool:
-    """Return whether flights of this episode are held out for judging. Only the id decides."""
+    """Return whether flights of this episode are held out for evaluation. This depends only on the episode's id."""
     return zlib.crc32(episode.encode()) % HELD_OUT == 0

@@ -1,7 +1,7 @@
-"""The inputs of the head as arrays: the picture, the instruction's words and what the drone did last.
+"""Encodes the inputs of the head as arrays: the picture, the instruction's words and the drone's last actions.
 
-All of it is in the prompt and the picture, so that a served head sees what any model sees and no more. The words are
-hashed, not listed, so that an instruction outside the training data has a vector too.
+All inputs are in the prompt and the picture, so a served head has the same information as any model. The words are
+hashed, so that an instruction outside the training data has a vector too.
 """
 
 import re
@@ -19,17 +19,17 @@ from foundation.errors import UsageError
 from foundation.protocol import FINISHED, GO, HISTORY_LENGTH, POINT_SPAN, ROTATE, THINK
 
 KINDS = (GO, ROTATE, THINK, FINISHED)  # in the order of the dataset's `action`
-WIDTH, HEIGHT = 256, 144  # px, of the picture that the head looks at
-WORDS = 512  # buckets that words are hashed into
-RECENT = 3  # actions of the history that are told one by one
-PAST = RECENT * (len(KINDS) + 2) + 2
-_REFERRING = {"nearest", "left", "right", "front", "behind", "between"}  # what follows is a landmark, not the target
+WIDTH, HEIGHT = 256, 144  # px, size of the head's input picture
+WORDS = 512  # number of hash buckets for words
+RECENT = 3  # number of past actions that are encoded one by one
+PAST = RECENT * (len(KINDS) + 2) + 2  # length of the vector of the history
+_REFERRING = {"nearest", "left", "right", "front", "behind", "between"}  # later words name a landmark, not the target
 _SWAPPED = {"left": "right", "right": "left"}
 _FULL_TURN_DEG = 360.0
 
 
 def picture(jpeg: bytes) -> NDArray[np.uint8]:
-    """Return a JPEG's picture, RGB, (3, HEIGHT, WIDTH). Raises UsageError for bytes that are none."""
+    """Return the picture of a JPEG or PNG as RGB (3, HEIGHT, WIDTH). Raises UsageError if it cannot be decoded."""
     shown = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB) if jpeg else None
     if shown is None:
         raise UsageError("The picture cannot be read. Send a JPEG or a PNG.")
@@ -38,10 +38,10 @@ def picture(jpeg: bytes) -> NDArray[np.uint8]:
 
 
 def words(instruction: str, *, mirrored: bool = False) -> NDArray[np.float32]:
-    """Return an instruction as (WORDS,): which words, and pairs of them, it has, of unit length; noughts of none.
+    """Return the words and word pairs of an instruction as a unit vector (WORDS,); zeros if it has no words.
 
-    Words behind a relation ("nearest Darwin Hall") count as others than those before it. `mirrored` exchanges left and
-    right, as a mirrored picture does.
+    Words after a relation ("nearest Darwin Hall") are hashed differently from words before it. `mirrored` exchanges
+    left and right, as a mirrored picture does.
     """
     vector = np.zeros(WORDS, np.float32)
     before, behind = "", ""
@@ -54,9 +54,9 @@ def words(instruction: str, *, mirrored: bool = False) -> NDArray[np.float32]:
 
 
 def history(past: Sequence[PastAction], *, mirrored: bool = False) -> NDArray[np.float32]:
-    """Return the last actions as (PAST,): the last three, newest first, and how far it has turned without a go.
+    """Return the history as (PAST,): the last three actions, newest first, the turn since the last go, and its length.
 
-    The depths that were named are left out: in the flights that are learnt from they are true, and would be believed.
+    The depths of past gos are omitted. They are true in the training flights, so the head would rely on them.
     """
     sign, width = -1.0 if mirrored else 1.0, float(CameraModel().width)
     vector = np.zeros(PAST, np.float32)

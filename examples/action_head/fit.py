@@ -1,4 +1,4 @@
-"""The fit: batches that are mirrored and shifted, one loss for all that the network says, one step after another."""
+"""Fits the network to mirrored and shifted batches, with one loss for all its outputs, and evaluates it."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -18,25 +18,25 @@ from examples.action_head.settings import Shape, Training
 from foundation.protocol import FINISHED, GO, ROTATE
 
 _CELL_PX = WIDTH // COLUMNS
-_SHIFT_CELLS = (9, 2)  # how far a picture is moved at most, sideways and up or down
-_MISNAMED = 0.15  # share of pictures that are shown with another flight's words: what these name is not there
+_SHIFT_CELLS = (9, 2)  # largest shift of a picture: horizontal, vertical
+_MISNAMED = 0.15  # share of pictures that get another flight's words, whose target they do not show
 _FORGETS = 0.3  # share of decisions whose history is left out
-_SPREAD_CELLS = 0.7  # σ of what the map of cells should be about the point
-_WEIGHTS = {GO: 1.0, ROTATE: 1.5, FINISHED: 2.0}  # of the kinds, since a flight ends once and turns seldom
-_WARM = 0.1  # of the steps, in which the learning rate rises
+_SPREAD_CELLS = 0.7  # σ of the wanted heat map around the point
+_WEIGHTS = {GO: 1.0, ROTATE: 1.5, FINISHED: 2.0}  # loss weights: a flight declares once and seldom turns
+_WARM = 0.1  # share of the steps in which the learning rate rises
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Some decisions as tensors, mirrored, shifted and some of them misnamed."""
+    """Decisions as tensors. Some are mirrored, shifted or misnamed (with the words of another flight)."""
 
     pictures: Tensor  # uint8 (n, 3, HEIGHT, WIDTH)
     words: Tensor  # (n, WORDS)
     past: Tensor  # (n, PAST)
     kinds: Tensor  # int64 (n,)
-    points: Tensor  # (n, 2), 0 … 1; outside where the shift has moved it out of the picture
+    points: Tensor  # (n, 2), 0 … 1; outside this range if the shift moves the point out of the picture
     depths_m: Tensor  # (n,)
-    angles_deg: Tensor  # (n,); no angle is known for a misnamed picture
+    angles_deg: Tensor  # (n,); not valid for a misnamed decision
     named: Tensor  # bool (n,), whether the words are the flight's own
 
 
@@ -45,20 +45,19 @@ class Judgement:
     """The results of a network on held-out decisions."""
 
     decisions: int
-    right_kind: float  # share whose action is the right one
-    point_error: float  # median, of the picture's width; of gos
-    depth_factor: float  # median of the factor by which a depth is wrong; of gos
-    declares_at: float  # the probability of `finished` from which on claiming is most often right (by F1)
-    declared: float  # share of the arrivals that are claimed from there on …
-    precise: float  # … and share of such claims that are arrivals
+    right_kind: float  # share of decisions with the right action
+    point_error: float  # median horizontal error of a go's point, as a fraction of the picture's width
+    depth_factor: float  # median factor (≥ 1) between a go's depth and the right depth
+    declares_at: float  # threshold of a declaration: the probability of `finished` with the highest F1
+    declared: float  # recall at this threshold: share of the arrivals that are declared
+    precise: float  # precision at this threshold: share of the declarations that are arrivals
 
 
 def fit(data: Decisions, shape: Shape, training: Training, report: Callable[[int, float], None]) -> ActionHead:
     """Return a network fitted to the decisions that are not held out.
 
-    `report` gets the number and mean loss of each epoch.
-
-    The same data, shape and training give the same weights on the same machine.
+    `report` is called with the number and mean loss of each epoch. The same data, shape and training give the same
+    weights on the same machine.
     """
     torch.set_num_threads(training.threads)
     torch.manual_seed(training.seed)
@@ -91,9 +90,9 @@ def _shuffled(learnt: NDArray[np.int64], size: int, numbers: np.random.Generator
 
 
 def drawn(data: Decisions, chosen: NDArray[np.int64], numbers: np.random.Generator) -> Batch:
-    """Return some decisions as a batch: each mirrored, moved and misnamed as the lot says.
+    """Return the chosen decisions as a batch, mirrored, shifted and misnamed at random.
 
-    What is misnamed is not in the picture, so the right action there is to turn.
+    The target of a misnamed decision is not in the picture, so the right action is a rotate.
     """
     mirrored = numbers.random(len(chosen)) < 0.5
     side = mirrored.astype(int)
@@ -122,7 +121,7 @@ def drawn(data: Decisions, chosen: NDArray[np.int64], numbers: np.random.Generat
 
 
 def moved(picture: Tensor, right_px: int, down_px: int) -> Tensor:
-    """Return a picture (3, h, w) moved by so many pixels; what comes in from a side repeats its edge."""
+    """Return a picture (3, h, w) shifted by some pixels. The uncovered area repeats the picture's edge."""
     height, width = picture.shape[1:]
     rows = (torch.arange(height) - down_px).clamp(0, height - 1)
     columns = (torch.arange(width) - right_px).clamp(0, width - 1)
@@ -130,7 +129,7 @@ def moved(picture: Tensor, right_px: int, down_px: int) -> Tensor:
 
 
 def loss_of(head: ActionHead, batch: Batch) -> Tensor:
-    """Return the loss of a batch: of the kind always, of each number only where the action has it."""
+    """Return the loss of a batch: the loss of the kind, and the loss of each number that the action has."""
     kinds, heat, depth, turns = head(batch.pictures, batch.words, batch.past)
     inside = ((batch.points >= 0.0) & (batch.points < 1.0)).all(1)
     go = (batch.kinds == KINDS.index(GO)) & inside
@@ -151,7 +150,7 @@ def loss_of(head: ActionHead, batch: Batch) -> Tensor:
 
 
 def _cells(points: Tensor) -> Tensor:
-    """Return the map of cells that some points (n, 2) want: a bell about each, (n, ROWS · COLUMNS), of sum 1."""
+    """Return the wanted heat maps (n, ROWS · COLUMNS) of points (n, 2): a Gaussian around each point, of sum 1."""
     x = (torch.arange(COLUMNS) + 0.5)[None, None, :] - points[:, 0, None, None] * COLUMNS
     y = (torch.arange(ROWS) + 0.5)[None, :, None] - points[:, 1, None, None] * ROWS
     bell = torch.exp(-(x**2 + y**2) / (2.0 * _SPREAD_CELLS**2)).flatten(1)
@@ -159,7 +158,7 @@ def _cells(points: Tensor) -> Tensor:
 
 
 def judged(head: ActionHead, data: Decisions) -> Judgement | None:
-    """Return a network's results on held-out decisions; None without any, or without an arrival among them."""
+    """Return a network's results on held-out decisions; None if there is no arrival among them."""
     kept = np.flatnonzero(data.held_out)
     finished = data.kinds[kept] == KINDS.index(FINISHED)
     if not finished.any():
@@ -184,7 +183,7 @@ def judged(head: ActionHead, data: Decisions) -> Judgement | None:
 
 
 def threshold(chance: NDArray[np.float64], arrived: NDArray[np.bool_]) -> float:
-    """Return the probability from which on claiming has the highest F1; the middle one where several do."""
+    """Return the threshold on `chance` with the highest F1 of declarations; the middle one if several are equal."""
     tried = np.linspace(0.05, 0.95, 19)
     scores = []
     for least in tried:

@@ -1,8 +1,8 @@
-"""The network: a picture, the instruction's words and the last actions to the four actions and their numbers.
+"""The network. It maps a picture, the instruction's words and the last actions to the four actions and their numbers.
 
-Four convolutions look at the picture; after each the words turn every channel up or down (FiLM, Perez et al. 2018), so
-that what is looked for is known where it is looked at. A map of 32 × 18 cells says where the point is; what the network
-saw there, and what it saw anywhere, says which action it is, how far and how much to turn.
+Four convolutions process the picture. After each, the words scale and shift every channel (FiLM, Perez et al. 2018), so
+that the features depend on the instruction. A heat map of 32 × 18 cells gives the point. The features at the point and
+over the whole picture give the kind of action, the depth and the angle.
 """
 
 from dataclasses import asdict
@@ -20,7 +20,7 @@ from examples.action_head.pilot import COLUMNS, ROWS, TURNS_DEG, Outlook
 from examples.action_head.settings import Shape
 from foundation.errors import UsageError
 
-FORMAT = 1  # of the file of a head
+FORMAT = 1  # version of the file format of a head
 
 
 class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library without types here
@@ -81,7 +81,7 @@ class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library witho
 
 
 def _places(count: int, rows: int = HEIGHT, columns: int = WIDTH) -> Tensor:
-    """Return the place of each cell, (count, 2, rows, columns), x and y -1 … 1: what is far is high in the picture."""
+    """Return the coordinates of each cell, (count, 2, rows, columns), x and y in -1 … 1."""
     y, x = torch.meshgrid(torch.linspace(-1, 1, rows), torch.linspace(-1, 1, columns), indexing="ij")
     return torch.stack([x, y]).expand(count, 2, rows, columns)
 
@@ -96,7 +96,7 @@ def save(path: Path, head: ActionHead, declares_at: float, about: dict[str, Any]
 
 
 def load(path: Path) -> tuple[ActionHead, float]:
-    """Return a trained head and from which probability on it declares. Raises UsageError for a file that is none."""
+    """Return a trained head and its threshold of a declaration. Raises UsageError if the file is not a head."""
     try:
         content = torch.load(path, weights_only=True, map_location="cpu")
         if content["format"] != FORMAT:
@@ -108,5 +108,5 @@ def load(path: Path) -> tuple[ActionHead, float]:
         raise UsageError(f"'{path}' does not exist. Make one: python -m examples.action_head.train") from None
     except UsageError:
         raise
-    except Exception as error:  # whatever PyTorch's reader makes of a file that is no head
+    except Exception as error:  # PyTorch raises many types for a file that is not a head
         raise UsageError(f"'{path}' is not a trained head: {str(error).splitlines()[0][:120]}") from None

@@ -1,7 +1,7 @@
-"""The pilot of a trained head: from a request to the text of a reply. Without PyTorch.
+"""The pilot of a trained head. It turns a request into the text of a reply, and does not import PyTorch.
 
-Two rules are ours and not learnt, since no flight in the data shows their cases: after a claim in vain it does
-something else first, and after five turns without a go it looks from another place.
+Two rules are not learnt, because no flight in the data shows their cases. After a declaration that did not end the
+flight, the pilot takes another action first. After five turns without a go, it flies to another place.
 """
 
 import threading
@@ -19,11 +19,11 @@ from examples.action_head.features import KINDS
 from foundation.errors import UsageError
 from foundation.protocol import FINISHED, GO, HISTORY_LENGTH, POINT_SPAN, ROTATE, THINK
 
-COLUMNS, ROWS = 32, 18  # of the grid that a point is sought on, cells of 8 px of the picture
+COLUMNS, ROWS = 32, 18  # size of the heat map of the point; a cell has 8 px of the input picture
 TURNS_DEG = tuple(float(angle) for angle in range(-90, 91, 15))
-ELSEWHERE_M = 6.0  # depth that is named where it flies on to look from another place: a whole stride
-NEAREST_M, FARTHEST_M = 0.5, 60.0  # depths that are believed
-_AROUND = 1  # cells about the best one whose middle is the point
+ELSEWHERE_M = 6.0  # depth of the go to another place: a full stride
+NEAREST_M, FARTHEST_M = 0.5, 60.0  # limits of the depth
+_AROUND = 1  # cells on each side of the highest one that are averaged to the point
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Outlook:
 
 
 def point(heat: NDArray[np.float32]) -> tuple[float, float]:
-    """Return the point of a heat map, x and y 0 … 1: the mean place about its highest cell."""
+    """Return the point of a heat map, x and y 0 … 1: the weighted mean around its highest cell."""
     row, column = np.unravel_index(int(heat.argmax()), heat.shape)
     rows = slice(max(0, int(row) - _AROUND), int(row) + _AROUND + 1)
     columns = slice(max(0, int(column) - _AROUND), int(column) + _AROUND + 1)
@@ -49,7 +49,7 @@ def point(heat: NDArray[np.float32]) -> tuple[float, float]:
 
 
 def decide(seen: Outlook, past: Sequence[PastAction], declares_at: float) -> str:
-    """Return the reply for one drone; `declares_at` is the probability from which on it claims to have arrived."""
+    """Return the reply for one drone; `declares_at` is the least probability of `finished` for a declaration."""
     chance = dict(zip(KINDS, seen.kinds.tolist(), strict=True))
     in_vain = bool(past) and past[-1].kind == FINISHED
     if chance[FINISHED] >= declares_at and not in_vain:
@@ -64,7 +64,7 @@ def decide(seen: Outlook, past: Sequence[PastAction], declares_at: float) -> str
 
 
 class Beholder(Protocol):
-    """The interface of a network; tests have their own."""
+    """The interface of a network. Tests have their own implementation."""
 
     def outlook(self, picture: NDArray[np.uint8], words: NDArray[np.float32], past: NDArray[np.float32]) -> Outlook:
         """Return the outputs for one picture, an instruction's words and the last actions."""
@@ -72,9 +72,9 @@ class Beholder(Protocol):
 
 
 def pilot(head: Beholder, declares_at: float) -> Pilot:
-    """Return the pilot that a server serves; it remembers nothing, and answers one request at a time.
+    """Return the pilot that a server serves. It has no memory, and evaluates one picture at a time.
 
-    Of a fleet each drone is asked as if it were alone. The pilot raises UsageError for a request without a picture.
+    Each drone of a fleet is handled as if it were alone. The pilot raises UsageError for a request without a picture.
     """
     turn = threading.Lock()
 

@@ -1,7 +1,7 @@
-"""The episodes that are learnt from: `python -m examples.action_head.records --out runs/learnt/records`.
+"""Make the training episodes: `python -m examples.action_head.records --out runs/learnt/records`.
 
-They stand on maps of other seeds than the benchmark's, so that neither a record nor a neighbourhood of the hundred is
-among them. Roads, plots and halls' sites are the same on every seed of a map.
+Their maps have other seeds than the benchmark's maps, so they share no record and no neighbourhood with the benchmark.
+Roads, plots and halls' sites are the same for every seed of a map.
 """
 
 import argparse
@@ -18,15 +18,15 @@ from examples.action_head import script
 from foundation.errors import UsageError
 
 CELLS = ("approaching", "searching", "tracking", "search-and-track")
-FIRST_ID = 11  # ids go on after the ten that ship of each cell
+FIRST_ID = 11  # ids continue after the ten shipped records of each cell
 FIRST_MAP_SEED = 2  # the benchmark's maps have the seed 1
 BATCH = 4  # records of a request, all on one map
-REQUESTS = {"residential": 20, "campus": 8}  # of each cell, every one with a map seed of its own
-_APART_M = 0.5  # a start and a target nearer than this to a shipped record's are that record
+REQUESTS = {"residential": 20, "campus": 8}  # requests of each cell, each with its own map seed
+_APART_M = 0.5  # a start nearer than this to a shipped record's start is the same place
 
 
 def requests(share: float = 1.0) -> list[RecordRequest]:
-    """Return the requests, in an order in which any beginning is mixed; `share` (0 … 1] is the part of them."""
+    """Return a share (0 … 1] of the requests. Maps and cells alternate, so that every share is mixed."""
     turns = math.ceil(max(REQUESTS.values()) * share)
     return [
         RecordRequest(name, cell, FIRST_ID + BATCH * turn, BATCH, 1000 + turn, FIRST_MAP_SEED + turn)
@@ -38,7 +38,7 @@ def requests(share: float = 1.0) -> list[RecordRequest]:
 
 
 def must_be_new(records: Iterable[EpisodeRecord]) -> None:
-    """Raise UsageError if a record is an episode of the benchmark, by its seed or by the places in it."""
+    """Raise UsageError if a record has the map, the seed, or the start and instruction of a shipped record."""
     shipped = [catalogue.load(name) for name in catalogue.all_ids()]
     maps, seeds = {(episode.map, episode.map_seed) for episode in shipped}, {episode.seed for episode in shipped}
     for record in records:
@@ -57,11 +57,11 @@ def _same_place(record: EpisodeRecord, shipped: EpisodeRecord) -> bool:
 
 
 def write(out: Path, share: float, jobs: int) -> int:
-    """Draft the records into a folder and return how many it got; the same arguments give the same files.
+    """Write the records to a folder and return their number. The same arguments give the same files.
 
-    Each map has a folder of its own, so that they are flown map by map, and each map is made once.
+    Each map has its own folder, so that the records are flown map by map and each map is built once.
 
-    Raises UsageError when the folder cannot be written, or a record is the benchmark's.
+    Raises UsageError if the folder cannot be written, or if a record is in the benchmark.
     """
     count = 0
     for batch in share_out(propose, requests(share), jobs):
@@ -76,7 +76,7 @@ def write(out: Path, share: float, jobs: int) -> int:
 
 
 def main(words: list[str] | None = None) -> int:
-    """Read the command line and draft."""
+    """Read the command line and write the records."""
     parser = argparse.ArgumentParser(prog="python -m examples.action_head.records", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the record files")
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""Serve a trained head like a model: `python -m examples.action_head.serve head.pt --port 8765`."""
+"""Serve a trained head as a model: `python -m examples.action_head.serve head.pt --port 8765`."""
 
 import argparse
 import signal
@@ -15,7 +15,7 @@ NAME = "action-head"
 
 
 def server(file: Path, port: int, threads: int) -> PilotServer:
-    """Return a server of a trained head, bound and not yet serving. Raises UsageError for a wrong file or port."""
+    """Return a server of a trained head, bound but not started. Raises UsageError for a wrong file or port."""
     import torch
 
     from examples.action_head.network import load

@@ -1,4 +1,4 @@
-"""The sizes of the head and the settings of its training. With flights and seed they decide the result."""
+"""The sizes of the head and the settings of its training. Together with the flights they determine the result."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 class Shape:
     """The sizes of a network."""
 
-    channels: int = 64  # of the maps on the grid of 32 × 18 cells
-    words: int = 32  # numbers that an instruction becomes
-    hidden: int = 96  # numbers that the actions are read from
+    channels: int = 64  # feature channels on the grid of 32 × 18 cells
+    words: int = 32  # length of the instruction's embedding
+    hidden: int = 96  # units of the hidden layer before the outputs
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +18,7 @@ class Training:
 
     epochs: int = 20
     batch: int = 16
-    rate: float = 2e-3  # the learning rate at its highest
-    decay: float = 0.02  # of the weights
+    rate: float = 2e-3  # highest learning rate
+    decay: float = 0.02  # weight decay
     seed: int = 0
-    threads: int = 1  # of PyTorch; the same number gives the same weights
+    threads: int = 1  # threads of PyTorch; the same number gives the same weights

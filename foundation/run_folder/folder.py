@@ -21,9 +21,9 @@ from foundation.version import __version__
 
 PER_EPISODE = ("episode", "record")  # may differ between the flights of one run
 PER_SITTING = ("accounts",)  # may differ when a run is resumed
-MEASURED = ("schema", "served_rate_hz", "pace", "firmware")  # keys of run.json that only follow from a flight
-SUITE = "suite"  # key of a benchmark's run, which a flight that is added later keeps
-LOCK = ".lock"  # of a run; the processes that fly it hold it
+MEASURED = ("schema", "served_rate_hz", "pace", "firmware")  # keys of run.json that are known only after a flight
+SUITE = "suite"  # key in a benchmark's run.json; flights added later keep it
+LOCK = ".lock"  # in a run folder; held by the processes that fly the run
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
 
 
@@ -39,8 +39,8 @@ def create(
 
     The run folder is `out`, or a new one named after the time and the pilot. An earlier flight without a score (its
     verdict is an error, or it was killed) is moved to UNFINISHED. `first` is called when the run folder exists and
-    accepts this flight, before logs are written and before an earlier flight is moved; when it raises, a new folder is
-    removed again. Raises UsageError when `out` has another flight of that episode or another configuration, or cannot
+    accepts this flight, before logs are written and before an earlier flight is moved. If `first` raises, a new folder
+    is removed again. Raises UsageError if `out` has another flight of that episode or another configuration, or cannot
     be written.
     """
     with contextlib.ExitStack() as held:
@@ -114,7 +114,7 @@ def hold(lock: Path, folder: Path, *, shared: bool = False) -> TextIO:
 
 
 def prepare(folder: Path) -> None:
-    """Make an episode folder with empty logs, so that a flight without a first line is judged, too. Raises OSError."""
+    """Create an episode folder with empty logs, so that a flight that logs nothing is judged too. Raises OSError."""
     (folder / layout.FRAMES).mkdir(parents=True, exist_ok=True)
     for log in (layout.DECISIONS, layout.TRUTH):
         (folder / log).touch()
@@ -135,7 +135,7 @@ def _set_aside(run: Path, folder: Path) -> None:
 
 def fresh_run(pilot_name: str) -> Path:
     """Return a new folder below `runs`, named after the time and the pilot. Raises UsageError."""
-    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # a name for people, never read back
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # for people; never parsed
     name = f"{stamp}-{re.sub('[^A-Za-z0-9.]+', '-', pilot_name)}"
     runs = Path("runs")
     try:
@@ -174,15 +174,15 @@ def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> 
 
 
 def of_several(configuration: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the configuration of a run of several episodes, without their names."""
+    """Return the configuration of a run of several episodes: the settings that may differ are None."""
     return {**configuration, "flight": {**configuration["flight"], **dict.fromkeys(PER_EPISODE)}}
 
 
 def write_run(run: Path, configuration: dict[str, Any]) -> None:
     """Write run.json: the resolved configuration, with the versions of all packages that affect results.
 
-    If the present one is of another episode, the new one is of several. Raises UsageError when a newer version wrote
-    it, and OSError.
+    If the present file is of another episode, the new one is of several episodes. Raises UsageError if a newer version
+    wrote the present file. Raises OSError.
     """
     check_version(run)
     before, flight = run_configuration(run), configuration.get("flight", {})
@@ -202,7 +202,7 @@ def versions() -> dict[str, str]:
 
 
 def comparable_versions(recorded: Mapping[str, Any]) -> dict[str, str]:
-    """Return recorded versions without what changes no result: the patch release of Python."""
+    """Return recorded versions without the patch release of Python, which does not affect results."""
     return {
         package: ".".join(str(version).split(".")[:2]) if package == "python" else str(version)
         for package, version in recorded.items()

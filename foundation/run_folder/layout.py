@@ -1,22 +1,22 @@
 """Names of the files and folders in a run folder. Contract: docs/run-folder.md."""
 
-# of the run
+# files of a run
 RUN = "run.json"
-LEDGER = "ledger.sqlite"  # cost of its models, and rate limits
+LEDGER = "ledger.sqlite"  # cost of the run's models, and rate limits
 UNFINISHED = "unfinished"  # folder of flights without a score, kept for inspection
 RETRIES = "retries.json"  # episodes that did not move and were retried once
 
-# of a benchmark, above its runs
-BENCH = "bench.json"  # its suite and its runs
+# files of a benchmark or a study, in the folder of its runs
+BENCH = "bench.json"  # of a benchmark: its suite and its runs
 STUDY = "study.json"  # of a study: the levels of each run
 
-# of an episode
+# files of an episode
 EPISODE = "episode.json"  # the record that was flown
-WORLD = "world.json"  # the record that was rendered and not judged
-DECISIONS = "decisions.jsonl"  # by the agent
-COMMANDER = "commander.jsonl"  # by the agent, of a hierarchy: every exchange with its commander
-PROMPTS = "prompts.jsonl"  # by the agent: the text of every question
-TRUTH = "truth.jsonl"  # by the logger
+WORLD = "world.json"  # the record that was rendered, if the flight is not judged
+DECISIONS = "decisions.jsonl"  # written by the agent
+COMMANDER = "commander.jsonl"  # written by the agent of a hierarchy: every exchange with the commander
+PROMPTS = "prompts.jsonl"  # written by the agent: the text of every question
+TRUTH = "truth.jsonl"  # written by the logger
 ESTIMATE = "estimate.jsonl"  # derived after a flight without truth
 VERDICT = "verdict.json"
 IDENTITY = "identity.json"  # digests of the code, the record and the frames
@@ -28,22 +28,22 @@ SAFETY = "safety.jsonl"  # interventions of the envelope, if any
 
 
 def frame_name(frame_id: int, drone: int = 0) -> str:
-    """Return the name of a frame's picture within FRAMES: NNNNNN.jpg, of other drones than the first NNNNNN_dK.jpg."""
+    """Return the name of a frame's picture in FRAMES: NNNNNN.jpg for the first drone, NNNNNN_dK.jpg for others."""
     return f"{frame_id:06d}{_of(drone)}.jpg"
 
 
 def depth_name(frame_id: int, drone: int = 0) -> str:
-    """Return the name of a frame's depth picture within FRAMES: NNNNNN.depth.png, of others NNNNNN_dK.depth.png."""
+    """Return the name of a frame's depth picture in FRAMES: NNNNNN.depth.png, for others NNNNNN_dK.depth.png."""
     return f"{frame_id:06d}{_of(drone)}.depth.png"
 
 
 def intent_name(step: int, drone: int = 0) -> str:
-    """Return the name of a decision's picture within INTENT: NNNN.jpg, of other drones than the first NNNN_dK.jpg."""
+    """Return the name of a decision's picture in INTENT: NNNN.jpg for the first drone, NNNN_dK.jpg for others."""
     return f"{step:04d}{_of(drone)}.jpg"
 
 
 def onboard_log_name(drone: int = 0) -> str:
-    """Return the name of the log that a drone's autopilot wrote itself: onboard.ulg, of others onboard_dK.ulg."""
+    """Return the name of the log that a drone's autopilot wrote: onboard.ulg, for others onboard_dK.ulg."""
     return f"onboard{_of(drone)}.ulg"
 
 

@@ -1,4 +1,4 @@
-"""Reads prompts.jsonl: the text of every question that a model was sent."""
+"""Reads prompts.jsonl: the text of every question sent to a model."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -39,7 +39,7 @@ class PromptReader:
             self._bases[row.role, row.drone] = row.text.split(NEW_LINE)
             return SentPrompt(row, row.text, "", "")
         base = self._bases.get((row.role, row.drone))
-        head, lines, tail = row.head or 0, row.lines or (), row.tail or 0  # what is UNSET is false
+        head, lines, tail = row.head or 0, row.lines or (), row.tail or 0  # UNSET is false
         if base is None or head + tail > len(base):
             raise UsageError(f"the text of question {row.number} to the {row.role} refers to lines that are missing")
         before, after = base[:head], base[len(base) - tail :]
@@ -64,11 +64,12 @@ def read_prompts(folder: Path) -> tuple[SentPrompt, ...]:
 
 
 def prompts_of(decisions: Iterable[Decision], prompts: Iterable[SentPrompt]) -> dict[tuple[int, int], SentPrompt]:
-    """Return the question of each decision by drone and step, as far as there is one.
+    """Return the questions of decisions by (drone, step). A decision without a question has no entry.
 
-    The next step of its decider answers a question. A commander's confirmation answers no question to a pilot.
+    A question's `number` counts the steps of the pilot that answers it. Steps that a commander confirms do not count,
+    because they answer no question to a pilot.
     """
-    answers: dict[int, list[int]] = defaultdict(list)  # first drone of a question → steps that answer its questions
+    answers: dict[int, list[int]] = defaultdict(list)  # first drone of a question → steps that answer
     drones: dict[int, list[int]] = defaultdict(list)  # step → its drones
     for decision in decisions:
         if not isinstance(decision.confirmed_by, int):

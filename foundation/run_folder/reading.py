@@ -1,7 +1,7 @@
-"""Reader of the logs of a run folder. It is strict about known fields and skips unknown ones.
+"""Reads the logs of a run folder. Known fields are checked strictly; unknown ones are skipped.
 
-A torn last line, which a kill leaves, is skipped. An impossible value is damage, named in one sentence. Fields and
-kinds of rows of later versions are skipped. Valid lines take a fast path that gives the same rows.
+A torn last line, which a kill leaves, is skipped. An impossible value raises UsageError. Fields and kinds of rows of
+later versions are skipped. Valid lines take a fast path that gives the same rows.
 """
 
 import json
@@ -47,7 +47,7 @@ EstimateRow = EstimateHead | EstimatedPose | EstimatedFrame
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """estimate.jsonl: the autopilot's own position, smoothed, of a flight without truth."""
+    """Content of estimate.jsonl: the smoothed position estimate of the autopilot, for a flight without truth."""
 
     head: EstimateHead
     frames: dict[tuple[int, int], EstimatedFrame]  # by (drone, frame id)
@@ -72,7 +72,7 @@ class Logs:
 
     @property
     def true(self) -> bool:
-        """True when truth.jsonl is the truth, and not an autopilot's estimate."""
+        """True if truth.jsonl contains the truth and not an autopilot's estimate."""
         return self.begin is None or self.begin.source != "estimate"
 
 
@@ -153,7 +153,7 @@ def episode_folder(path: Path) -> Path:
 
 
 def episodes(run: Path) -> list[Path]:
-    """Return the episode folders of a run, by name; of an episode folder, itself."""
+    """Return the episode folders of a run, sorted by name. For an episode folder, return that folder."""
     if (run / layout.DECISIONS).exists():
         return [run]
     return sorted(path.parent for path in run.glob(f"*/{layout.DECISIONS}"))
@@ -181,7 +181,7 @@ def run_configuration(run: Path) -> dict[str, Any] | None:
 
 def check_version(run: Path) -> None:
     """Raise UsageError when the files of a run folder have an unknown version."""
-    version = (json_object(run / layout.RUN) or {}).get("schema", SCHEMA)  # the first files had none
+    version = (json_object(run / layout.RUN) or {}).get("schema", SCHEMA)  # the first files had no version
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
         raise UsageError(f"{run / layout.RUN} is damaged: its schema is not a version")
     if version > SCHEMA:
@@ -200,7 +200,7 @@ def json_object(path: Path) -> dict[str, Any] | None:
 
 
 def _of_kinds(path: Path, kinds: Mapping[str, type[Any]], never: str | None = None) -> Iterator[Any]:
-    """Yield the rows of these kinds. Other kinds are skipped; `never` is damage."""
+    """Yield the rows of these kinds. Other kinds are skipped; `never` raises UsageError."""
     at_once = quick_of_kinds(kinds)
     for number, text in _lines(path):
         if (made := at_once(text)) is not None:
@@ -242,7 +242,7 @@ class LogLine:
     text: bytes
 
     def value(self) -> dict[str, Any] | None:
-        """Return its object; None where it is torn. Raises UsageError."""
+        """Return the JSON object in the line; None for a torn line. Raises UsageError."""
         try:
             value = json.loads(self.text, parse_constant=_refuse)
         except (ValueError, RecursionError):
@@ -254,7 +254,7 @@ class LogLine:
         return value
 
     def row(self, value: dict[str, Any], row: type[Row]) -> Row:
-        """Return the row of its object. Raises UsageError."""
+        """Return `value`, the object in the line, as a row. Raises UsageError."""
         made, fault = taken(value, row)
         if made is None:
             raise self.damaged(str(fault))
@@ -281,7 +281,7 @@ def _refuse(constant: str) -> Any:
 
 
 LONG = 4000  # bytes; a longer line may hold a number with more digits than Python's own reader accepts
-KIND = 15  # first bytes of a line of our writer, which contain its kind: {"kind": "pose"
+KIND = 15  # first bytes of a line from `writing.py`, with its kind: {"kind": "pose"
 
 Quick = Callable[[bytes], Row | None]  # line → its row; None: the strict reader must read it
 
@@ -299,7 +299,7 @@ def quick(row: type[Row]) -> Quick[Row]:
 
 
 def quick_of_kinds(kinds: Mapping[str, type[Row]]) -> Quick[Row]:
-    """Return the fast reader of lines of several kinds of rows, which their first bytes distinguish."""
+    """Return the fast reader of lines of several kinds of rows. It tells the kind by the first bytes."""
     decoders = {f'{{"kind": "{kind}", '.encode()[:KIND]: _decoder(cast(Hashable, row)) for kind, row in kinds.items()}
 
     def read(line: bytes) -> Row | None:
@@ -310,7 +310,7 @@ def quick_of_kinds(kinds: Mapping[str, type[Row]]) -> Quick[Row]:
 
 
 def _decoded(line: bytes, decode: Callable[[bytes], Row]) -> Row | None:
-    if len(line) > LONG or not line.isascii():  # msgspec does not check other bytes in fields that it skips
+    if len(line) > LONG or not line.isascii():  # msgspec does not check non-ASCII text in fields that it skips
         return None
     try:
         return decode(line)
@@ -323,12 +323,12 @@ def _decoder(row: Hashable) -> Callable[[bytes], Any]:
     return msgspec.json.Decoder(cast(Any, row)).decode
 
 
-EARLY_S = 0.05  # s, one telemetry message: tolerance of a decision before its own frame
+EARLY_S = 0.05  # s, about one telemetry message: a decision may be this much earlier than its frame
 AT = re.compile(r"\$\.(\w+)")  # the field in an error of msgspec
 
 
 def taken(value: dict[str, Any], row: type[Row]) -> tuple[Row, None] | tuple[None, str]:
-    """Return (the row of a JSON object, None), or (None, the fault in it)."""
+    """Return a JSON object as (row, None), or (None, description of its fault)."""
     try:
         made = msgspec.convert(value, row)
     except msgspec.ValidationError as error:
@@ -336,7 +336,7 @@ def taken(value: dict[str, Any], row: type[Row]) -> tuple[Row, None] | tuple[Non
             return None, f"it has no {missing[1]}"
         at = AT.search(str(error))
         return None, _wrong(row, at[1]) if at else str(error)
-    except UnicodeError:  # half a surrogate pair, which has no UTF-8
+    except UnicodeError:  # half a surrogate pair, which UTF-8 cannot encode
         return None, "it has text that is not valid UTF-8"
     if large := next((name for name in fields_of(row) if _too_large(getattr(made, name))), None):
         return None, _wrong(row, large)
@@ -345,7 +345,7 @@ def taken(value: dict[str, Any], row: type[Row]) -> tuple[Row, None] | tuple[Non
 
 
 def impossible(decision: Decision) -> str | None:
-    """Return the impossible property of a decision; None for a possible one."""
+    """Return a message about an impossible value in a decision; None if all are possible."""
     if decision.action is not None and not isinstance(decision.action.get("action"), str):
         return "its action is not an action"
     if decision.t_decided < max(0.0, decision.t_frame - EARLY_S):
@@ -354,7 +354,7 @@ def impossible(decision: Decision) -> str | None:
 
 
 def _too_large(value: Any) -> bool:
-    """Return whether a number, or one of a tuple or a table, is too large for any measurement."""
+    """Return whether a number, or a number in a tuple or dict, is too large for any measurement."""
     if isinstance(value, float):
         return not abs(value) < LARGE
     several = value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else ()

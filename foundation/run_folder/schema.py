@@ -36,7 +36,7 @@ def published() -> dict[str, dict[str, Any]]:
 
 
 def text(schema: Mapping[str, Any]) -> str:
-    """Return a schema as its file holds it."""
+    """Return the text of a schema's file."""
     return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
 
 
@@ -54,10 +54,10 @@ def _schema(title: str, rows: tuple[type, ...]) -> dict[str, Any]:
         definition["required"] = [name for name in names if name in definition["required"]]
         definition["properties"] = {name: definition["properties"][name] for name in (*definition["required"], *names)}
     for definition in definitions.values():
-        if kind := definition["properties"].pop("kind", None):  # has a default in the class, and is required in a line
+        if kind := definition["properties"].pop("kind", None):  # has a default in the class, but is required in a line
             definition["properties"] = {"kind": {"const": kind["default"]}, **definition["properties"]}
             definition["required"] = ["kind", *definition["required"]]
     if verdict := definitions.get("Verdict"):
-        verdict["properties"]["diagnostics"]["anyOf"].append(EMPTY)  # as a row it is None
+        verdict["properties"]["diagnostics"]["anyOf"].append(EMPTY)  # None in the row is {} in the file
     root = dict(next(iter(tops))) if len(rows) == 1 else {"anyOf": list(tops)}
     return {"$schema": DRAFT, "title": title, **root, "$defs": definitions}

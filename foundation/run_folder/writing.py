@@ -1,4 +1,4 @@
-"""Writer of the logs: append-only, flushed line by line, readable after a kill at any byte."""
+"""Writes the logs: append-only, flushed line by line, readable after a kill at any byte."""
 
 import json
 import struct
@@ -19,9 +19,9 @@ PLAIN = frozenset((float, int, str, bool, type(None)))
 
 
 def as_json(value: Any) -> Any:
-    """Return a row as JSON values: fields in their order, own ones before inherited ones, without UNSET.
+    """Return a row as JSON values. Own fields come before inherited ones; UNSET fields are omitted.
 
-    A value that is neither a row nor a list of rows is returned as it is.
+    A value that is neither a row nor a list of rows is returned unchanged.
     """
     if isinstance(value, tuple | list):
         return [as_json(item) for item in value]
@@ -34,13 +34,13 @@ def as_json(value: Any) -> Any:
 
 @cache
 def field_names(kind: type) -> tuple[str, ...]:
-    """Return the fields of a row in the order of writing; nothing for any other class."""
+    """Return the names of a row's fields in the order of writing; empty for any other class."""
     bases = (base for base in kind.__mro__ if "__dataclass_fields__" in vars(base)) if is_dataclass(kind) else ()
     return tuple(name for base in bases for name in base.__annotations__)
 
 
 class LineLog:
-    """A file of JSON lines that grows."""
+    """Appends rows to a file of JSON lines."""
 
     def __init__(self, path: Path) -> None:
         # half a surrogate pair, valid in JSON and not in UTF-8, is escaped
@@ -56,7 +56,7 @@ class LineLog:
 
 
 class TelemetryLog:
-    """A tlog: MAVLink frames as received, each after eight bytes of time."""
+    """Writes a tlog: MAVLink frames as received, each after eight bytes with its time."""
 
     def __init__(self, path: Path) -> None:
         self._file: BinaryIO = path.open("ab")

@@ -1,4 +1,4 @@
-"""A camera's address: the kind of camera, and its form for messages."""
+"""The address of a camera: its parts, and its text for messages without the password."""
 
 import re
 from collections.abc import Mapping
@@ -47,9 +47,9 @@ def parse(url: str) -> Address:
 
 
 def shown(url: str) -> str:
-    """Return an address for messages, without user, password, and parts that look like one.
+    """Return an address for messages, without the user, the password, and options that look like a secret.
 
-    A password may hold any character, so everything up to the last @ is left out.
+    A password may contain any character, so everything up to the last @ is hidden.
     """
     scheme, separator, rest = url.partition("://")
     if separator and "@" in rest:

@@ -43,7 +43,7 @@ class Caller:
     def get(self, read_s: float, params: dict[str, int] | None = None) -> httpx.Response:
         """Return the answer, with an unread body; the caller closes it. Raises CameraError.
 
-        `read_s` is how long the camera may be silent.
+        `read_s` is the longest silence of the camera.
         """
         response = self._send(read_s, params)
         challenge = response.headers.get("www-authenticate", "").lower()
@@ -77,7 +77,7 @@ class Caller:
 def body(response: httpx.Response, bytes_max: int) -> tuple[float, bytes]:
     """Return the host's monotonic second at the first bytes of the body, and the body.
 
-    Raises CameraError when it breaks off or is larger than `bytes_max`.
+    Raises CameraError if the connection breaks, or the body is larger than `bytes_max`.
     """
     chunks: list[bytes] = []
     began_s, size = time.monotonic(), 0
@@ -100,7 +100,7 @@ PICTURE_BYTES_MAX = 64 * 1024 * 1024
 
 
 class HttpCamera:
-    """Each call fetches one picture.
+    """A camera over HTTP: each call fetches one picture.
 
     A simulated camera stamps its pictures with the vehicle's clock. The picture of a real camera is stamped at its
     first bytes, so the time of the transfer does not count.
@@ -116,7 +116,7 @@ class HttpCamera:
         timeout_s: float = 20.0,
         depth_url: str | None = None,
     ) -> None:
-        """A frame older than `max_age_s` on the vehicle's clock is an error. Raises UsageError.
+        """A frame older than `max_age_s` on the vehicle's clock is an error. Raises UsageError for an invalid address.
 
         `depth_url`: where a simulated camera serves the depth pictures of its frames; None: frames have none.
         """
@@ -128,7 +128,7 @@ class HttpCamera:
         self._frames = 0
         self._none = f"the camera at {self._caller.name} gives no frame"
         self.stamps = False  # whether it stamped its newest picture itself
-        self.reopened = 0  # a broken connection is an error, because no stream is open
+        self.reopened = 0  # always 0, because there is no stream to reopen; a broken connection is an error
 
     @property
     def model(self) -> CameraModel:
@@ -180,7 +180,7 @@ class HttpCamera:
         return Frame(frame_id, drone, time_us, cv2.cvtColor(straight, cv2.COLOR_BGR2RGB), self._depth_of(frame_id))
 
     def _depth_of(self, frame_id: int) -> NDArray[np.uint16] | None:
-        """Return the depth picture of a frame; None where the camera serves none. Raises CameraError."""
+        """Return the depth picture of a frame; None if the camera serves none. Raises CameraError."""
         if self._depths is None:
             return None
         try:
@@ -193,7 +193,7 @@ class HttpCamera:
         return depth_mm
 
     def following(self, frame_id: int) -> Frame:
-        """Return the next frame; the request makes it."""
+        """Return the next frame; `frame_id` is not used, because each request gets a new picture."""
         return self.newest()
 
     def close(self) -> None:
@@ -207,7 +207,7 @@ SILENCE_S = 2.0  # s without a byte until the stream counts as broken
 
 
 class Multipart:
-    """Cuts the bytes of a multipart answer into its parts. The caller passes their times of arrival."""
+    """Splits the bytes of a multipart response into its parts."""
 
     def __init__(self, content_type: str) -> None:
         """Raises CameraError if the header has no boundary."""
@@ -223,7 +223,7 @@ class Multipart:
         self._began_s: float | None = None  # time of the body's first bytes; None: no bytes yet
 
     def feed(self, data: bytes, now_s: float) -> list[tuple[float, bytes]]:
-        """Take bytes; return the complete parts, each with the second of its body's first bytes.
+        """Add bytes that arrived at `now_s`; return the complete bodies, each with the arrival (s) of its first bytes.
 
         Raises CameraError for a part that is too large to be a picture.
         """
@@ -263,7 +263,7 @@ class Multipart:
         return True
 
     def _body(self) -> bytes | None:
-        """Return the body if it is complete; its length or the next boundary is its end."""
+        """Return the body if it is complete, else None. It ends at its length, or before the next boundary."""
         if self._length is not None:
             if len(self._buffer) < self._length:
                 return None

@@ -1,4 +1,4 @@
-"""A camera's lens: its calibration from pictures of a chessboard, and the correction to a pinhole's picture."""
+"""A camera's lens: its calibration from pictures of a chessboard, and the correction of pictures to a pinhole's."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from foundation.camera import CameraModel
 from foundation.errors import UsageError
 
 BYTES_MAX = 1_000_000
-SIDE_PX = (16, 16384)  # px, of a picture
+SIDE_PX = (16, 16384)  # px, smallest and largest width or height of a picture
 COEFFICIENTS = (4, 5, 8, 12, 14)  # possible numbers in OpenCV's standard model
 
 
@@ -194,10 +194,10 @@ def _unfolded(x: NDArray[np.float32], y: NDArray[np.float32]) -> bool:
 VIEWS_MIN = 10
 ERROR_MAX_PX = 1.0  # root mean square
 FOCAL_SIGMA_MAX = 0.01  # share of the focal length
-# If all boards face the camera, any focal length fits, and the solver may be sure of a wrong one. So the directions of
-# the boards must vary: standard deviation of their normals' components across and down the picture.
+# If all boards face the camera, any focal length fits, and the solver may report a small sigma for a wrong one. So the
+# boards must be tilted: least standard deviation of their normals' components across and down the picture.
 TILT_MIN = 0.1
-COVERAGE_MIN = 0.5  # share of the picture's area with corners; outside, the lens is a guess
+COVERAGE_MIN = 0.5  # share of the picture's area with corners; the fit is unreliable outside it
 MOVED_MIN = 0.04  # share of the picture's width: mean shift of the corners for a new view
 
 Corners = NDArray[np.float32]  # (N, 1, 2) px, row by row
@@ -240,7 +240,7 @@ def corners(picture: NDArray[np.uint8], board: Board) -> Corners | None:
     has_board, places = cv2.findChessboardCornersSB(
         grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
     )
-    return places.reshape(-1, 1, 2) if has_board else None  # OpenCV 4 and 5 differ here
+    return places.reshape(-1, 1, 2) if has_board else None  # OpenCV 4 and 5 return different shapes
 
 
 def is_new(places: Corners, before: Sequence[Corners], width: int) -> bool:
@@ -299,7 +299,7 @@ def fit(views: Sequence[Corners], board: Board, width: int, height: int) -> Fit:
 
 
 def tilt(turns: Sequence[Any]) -> float:
-    """Return the variation of the boards' normals, across or down, the smaller one. `turns`: Rodrigues vectors."""
+    """Return the standard deviation of the boards' normals, across or down, the smaller. `turns`: Rodrigues vectors."""
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
     facing = normals * np.sign(normals[:, 2:])
     return float(facing[:, :2].std(axis=0).min())
@@ -312,7 +312,7 @@ def coverage(views: Sequence[Corners], width: int, height: int) -> float:
 
 
 def board_of(size: str, square_m: float) -> Board:
-    """Return the board of '9x6' with squares of `square_m`. Raises UsageError."""
+    """Return the board of a size such as '9x6' with squares of `square_m`. Raises UsageError."""
     columns, _, rows = size.lower().partition("x")
     if not (columns.isdigit() and rows.isdigit() and 3 <= int(columns) <= 50 and 3 <= int(rows) <= 50):
         raise UsageError(

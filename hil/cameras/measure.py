@@ -30,16 +30,16 @@ class Delivery:
     longest_ms: float | None
     age_ms: float | None  # median; None: the camera stamps by its own clock
     oldest_ms: float | None
-    missing: int  # missing pictures, by the gaps
+    missing: int  # number of missing pictures, computed from the gaps
     repeated: int  # pictures that are equal to the previous one, bit for bit
     unseen: int  # pictures that arrived while this computer was busy with an earlier one
     reopened: int  # number of times that the stream broke and was reopened
 
 
 def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
-    """Measure all frames of a camera with the clock `host_us` for `seconds`; return the results and the last frame.
+    """Measure the frames of a camera for `seconds`; return the results and the last frame.
 
-    Raises CameraError if no more frames arrive.
+    The camera must use the clock `host_us`. Raises CameraError if no more frames arrive.
     """
     frame = camera.newest()
     model, polled = camera.model, isinstance(camera, HttpCamera)
@@ -87,5 +87,5 @@ def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
 
 
 def host_us() -> int:
-    """Return µs of the host's monotonic clock, which replaces the vehicle's clock without a vehicle."""
+    """Return the host's monotonic clock in µs, which replaces the vehicle's clock if there is no vehicle."""
     return time.monotonic_ns() // 1000

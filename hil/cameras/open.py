@@ -36,7 +36,7 @@ def open_camera(
 
     With a calibration its frames are corrected, and `model` follows from the calibration. Without one, `hfov_deg` is
     assumed. A frame older than `max_age_s` is a CameraError. Raises UsageError for an invalid address and a lens that
-    cannot be corrected, CameraError if no frame arrives. No error has the password of an address.
+    cannot be corrected, CameraError if no frame arrives. No error message contains the password of an address.
     """
     address = parse(url)
     lens = Lens(calibration, hfov_deg)
@@ -89,7 +89,7 @@ class PatientCamera:
     """A camera that retries for up to `patience_s` wall seconds before it raises a fault."""
 
     def __init__(self, camera: RealCamera, patience_s: float, on_stale: Callable[[str], None]) -> None:
-        """`on_stale` gets, once for every gap, the reason for the missing frame, on the caller's thread."""
+        """`on_stale` is called once for every gap, with the reason for the missing frame, on the caller's thread."""
         self._camera, self._patience_s, self._on_stale = camera, patience_s, on_stale
 
     @property
@@ -99,11 +99,11 @@ class PatientCamera:
 
     @property
     def stamps(self) -> bool:
-        """Whether the camera stamped its newest picture with the vehicle's clock. Else the stamp is the arrival."""
+        """Whether the camera stamped its newest picture with the vehicle's clock. If not, the stamp is its arrival."""
         return self._camera.stamps
 
     def newest(self, drone: int = 0) -> Frame:
-        """Return the newest frame that is not too old. Raises CameraError if there is none for too long."""
+        """Return the newest frame that is not too old. Raises CameraError if there is none for `patience_s`."""
         began_s, has_warned = time.monotonic(), False
         while True:
             try:

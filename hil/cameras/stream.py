@@ -1,4 +1,4 @@
-"""Cameras that send by themselves: RTSP, Video4Linux, video files and folders of pictures, read by a thread."""
+"""Sources that deliver pictures without requests (RTSP, V4L2, video files, folders), and a camera that reads one."""
 
 import threading
 import time
@@ -22,7 +22,7 @@ REOPEN_S = 0.5  # s between two attempts to reopen a broken stream
 
 
 class StreamEndedError(CameraError):
-    """There are no more pictures, because a recording has ended."""
+    """Raised if there are no more pictures, because a recording has ended."""
 
 
 class Source(Protocol):
@@ -44,7 +44,7 @@ class Source(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One picture as it arrived."""
+    """One picture with its time of arrival."""
 
     number: int
     taken_s: float  # s, host's monotonic clock
@@ -72,7 +72,7 @@ class StreamCamera:
         self._none = f"the camera at {name} gives no frame"
         self._shot: Shot | None = None
         self._fault: str | None = None
-        self._over = self._ended = False  # the thread has stopped; because the recording has ended
+        self._over = self._ended = False  # the thread has stopped; it has stopped because the recording ended
         self._news = threading.Condition()
         self._stop = threading.Event()
         self.reopened = 0  # number of times that the stream was reopened
@@ -112,7 +112,7 @@ class StreamCamera:
         self._stop.set()
         self._thread.join(3.0)
 
-    # -- waits of the caller -----------------------------------------------------------------------------------
+    # -- the caller's thread -----------------------------------------------------------------------------------
 
     def _young(self, after: int) -> Shot | None:
         shot = self._shot
@@ -143,7 +143,7 @@ class StreamCamera:
         time_us = self._now_us() - round((time.monotonic() - shot.taken_s) * 1e6)
         return Frame(shot.number, drone, time_us, cv2.cvtColor(straight, cv2.COLOR_BGR2RGB))
 
-    # -- the thread that reads -----------------------------------------------------------------------------------
+    # -- the reading thread --------------------------------------------------------------------------------------
 
     def _read(self) -> None:
         number = 0
@@ -190,13 +190,13 @@ def decoded(data: bytes | Picture) -> Picture | None:
         return data
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
-    except cv2.error:  # a size in the header that no picture has
+    except cv2.error:  # the header has an impossible size
         return None
 
 
 OPEN_MS, READ_MS = 5000, 5000  # ms of silence after which a stream counts as absent, or as broken
-LIVE_GRABS = 3  # grabs in a row that had to wait: the buffer is empty
-WAITED = 0.7  # share of the time between two pictures; a computer that needs more for decoding is too slow
+LIVE_GRABS = 3  # after so many consecutive grabs that had to wait, the buffer counts as empty
+WAITED = 0.7  # share of the time between two pictures; a longer grab had to wait
 DRAIN_S = 5.0
 
 
@@ -271,8 +271,8 @@ def shoot(capture: Any) -> tuple[float, Picture]:
 def drain(capture: Any) -> None:
     """Drop the buffered pictures: FFmpeg reads a second of a stream to find its format, and servers buffer one too.
 
-    Without this, all pictures would stay a second late. A picture comes from the buffer if it arrives sooner after the
-    previous one than it was taken.
+    Without this, all pictures would stay a second late. A picture comes from the buffer if its grab takes clearly less
+    than the time between the stamps of this and the previous picture.
     """
     live, at_ms, end_s = 0, capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic() + DRAIN_S
     while live < LIVE_GRABS and time.monotonic() < end_s:
@@ -298,7 +298,7 @@ FOLDER_HZ = 10.0  # pictures per second of a folder without ?fps=
 
 
 class VideoSource:
-    """A video file at its own pace: a late reader gets the picture of the present time."""
+    """A video file, played in real time: a late reader gets the picture of the present time."""
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -334,7 +334,7 @@ class VideoSource:
 
 
 class FolderSource:
-    """The pictures of a folder in the order of their names."""
+    """The pictures of a folder in the order of their names, `rate_hz` per second."""
 
     def __init__(self, folder: str, rate_hz: float = FOLDER_HZ) -> None:
         self._folder, self._rate_hz = folder, rate_hz

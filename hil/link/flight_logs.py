@@ -1,4 +1,4 @@
-"""The flight logs on board of an autopilot, which MAVSDK lists and fetches over the flight's link."""
+"""The flight logs on an autopilot: MAVSDK lists and downloads them over MAVLink."""
 
 import queue
 from collections.abc import Callable, Iterator
@@ -33,7 +33,7 @@ class LogStore:
         self._files, self._url = files, url
 
     def entries(self) -> list[FlightLog]:
-        """Return the logs on board, oldest first. Raises LinkError when the autopilot does not list them."""
+        """Return the logs on board, oldest first. Raises LinkError if the autopilot does not list them."""
         from mavsdk.plugins.log_files import LogFilesError, LogFilesResult
 
         try:
@@ -46,9 +46,9 @@ class LogStore:
         return sorted(logs, key=lambda log: (log.date, log.number))
 
     def fetch(self, log: FlightLog, folder: Path, progress: Callable[[float], None] = lambda share: None) -> Path:
-        """Download a log into a folder and return its file. Existing files are kept.
+        """Download a log into a folder and return its file. `progress` gets the share (0 … 1) that has arrived.
 
-        Raises UsageError if the file exists or cannot be written, LinkError if the download breaks off.
+        Raises UsageError if the file exists or cannot be written, LinkError if the download fails.
         """
         stamp = "".join(c for c in log.date if c.isalnum())
         file = folder / f"log{log.number:03d}-{stamp}.ulg"

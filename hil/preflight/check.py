@@ -1,4 +1,4 @@
-"""The preflight check of one vehicle: it listens, reads parameters, tests Offboard, and returns rows of results.
+"""The preflight check of one vehicle: listens to it, reads parameters, tests Offboard, and returns rows of results.
 
 Offboard is tested while disarmed. PX4 lets a disarmed vehicle switch to any mode, with or without setpoints. Its
 pre-arm check shows whether setpoints arrive: in OFFBOARD it passes only if they do (measured on 1.15;
@@ -36,7 +36,7 @@ class Check:
 
     @property
     def rows(self) -> list[Row]:
-        """All rows, in the order of a walk around the vehicle."""
+        """All rows, in the order of the table: first the vehicle, then the link and this machine."""
         return [
             *vehicle.health_rows(self.observed),
             *vehicle.position_rows(self.observed),
@@ -73,7 +73,7 @@ class Check:
 
 
 def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = None) -> Check:
-    """Return the check of the vehicle on a connected link: `seconds` of listening, and some more. Never arms.
+    """Return the check of the vehicle on a connected link. Listens for `seconds`; the other tests follow. Never arms.
 
     Raises LinkError if the vehicle disappears meanwhile.
     """
@@ -114,7 +114,7 @@ def mend(link: Link, before: Check, changes: Sequence[Change]) -> Check:
 
 REHEARSAL = "offboard rehearsal"
 STREAM_S = 2.0  # s of vehicle time
-SHOWN_S = 3.0  # s: HEARTBEAT arrives once a second, CURRENT_MODE perhaps never
+SHOWN_S = 3.0  # s to wait for a change; HEARTBEAT arrives once a second, CURRENT_MODE perhaps never
 ZERO_VELOCITY = Velocity(forward=0.0, up=0.0)
 
 
@@ -169,7 +169,7 @@ def _switch(link: Link) -> Row:
 
 
 def _would_arm(link: Link) -> bool:
-    """Return whether the pre-arm check passes within SHOWN_S, by a new SYS_STATUS."""
+    """Return whether a new SYS_STATUS within SHOWN_S shows that the pre-arm check passes."""
     checks: list[bool] = []
 
     def on_message(message: dialect.MAVLink_message) -> None:
@@ -185,7 +185,7 @@ def _would_arm(link: Link) -> bool:
 
 
 def _until(link: Link, reached: Callable[[], bool], seconds: float) -> float | None:
-    """Tick until `reached`; return its vehicle time in s; None: not reached within `seconds`."""
+    """Tick the link until `reached` is true; return the elapsed vehicle time (s), or None after `seconds`."""
     began_us = link.time_us
     while not reached():
         if link.time_us - began_us >= seconds * 1e6:

@@ -1,8 +1,8 @@
-"""The rules for the parameters that decide what the vehicle does by itself: one rule and one good value for each.
+"""The rules for the parameters that decide what the vehicle does by itself: one rule for each parameter.
 
 A wrong proposal is dangerous, so a rule proposes only a value that is right for every vehicle. A value that is the
-owner's choice is shown, and no change is proposed. Sources: PX4's parameter reference; failsafe.cpp, where a rule names
-it; our own measurements, where the reference does not say.
+owner's choice is shown, and no change is proposed. Sources: PX4's parameter reference; failsafe.cpp, if a rule names
+it; our own measurements, if the reference is silent.
 
 The parameters of the autopilot's own geofence have rules too. It is the last limit if the envelope of our link fails.
 """
@@ -27,7 +27,7 @@ EXCEPT_OFFBOARD = 4  # bit 2 of COM_RCL_EXCEPT
 OVERRIDE = 1 | 2
 MANUAL_SLOTS = (0, 1, 2, 6, 8, 9)  # COM_FLTMODEn: Manual, Altitude, Position, Acro, Stabilized, Position Slow
 SLOTS = tuple(f"COM_FLTMODE{n}" for n in range(1, 7))
-LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5  # s; below 0.5 s a short gap of the radio would end offboard mode
+LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5  # s; below 0.5 s a short gap of the radio would end Offboard
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +37,14 @@ class Situation:
     values: Mapping[str, Value | None]  # None: the autopilot did not send it
     sticks: bool = False  # a transmitter's sticks reach the autopilot
     version: tuple[int, int] = (0, 0)  # of the firmware; (0, 0) when unknown
-    station: bool = False  # a ground station is heard on this link
+    station: bool = False  # heartbeats of a ground station arrive on this link
 
 
 FailsafeRule = Callable[[Situation, Value], Finding]
 
 
 def _offboard_loss(s: Situation, value: Value) -> Finding:
-    """COM_OBL_RC_ACT. Measured without sticks: with 0 the mode is POSCTL, and the vehicle sinks at 0.7 m/s.
+    """Judge COM_OBL_RC_ACT. As measured without sticks: with 0 the mode is POSCTL, and the vehicle sinks at 0.7 m/s.
 
     With 5 it stops and holds its position.
     """
@@ -65,7 +65,7 @@ def _offboard_loss(s: Situation, value: Value) -> Finding:
 
 
 def _offboard_timeout(s: Situation, value: Value) -> Finding:
-    """COM_OF_LOSS_T: for this time the vehicle still flies the last velocity after the agent has died."""
+    """Judge COM_OF_LOSS_T: for this time the vehicle still flies the last velocity after the last setpoint."""
     effect = f"the last setpoint goes on for {value:g} s, {value * SPEED_MAX:.1f} m at {SPEED_MAX:g} m/s"
     reason = f"the failsafe then acts {LOSS_GOOD:g} s after the last setpoint; the agent sends 20 setpoints a second"
     if not LOSS_LEAST <= value <= LOSS_MOST:
@@ -76,7 +76,7 @@ def _offboard_timeout(s: Situation, value: Value) -> Finding:
 
 
 def _stick_exception(s: Situation, value: Value) -> Finding:
-    """COM_RCL_EXCEPT. From 1.14 on, sticks that are absent at arming are optional: failsafe.cpp, updateArmingState."""
+    """Judge COM_RCL_EXCEPT. From 1.14 on, sticks absent at arming are optional: failsafe.cpp, updateArmingState."""
     exempt = int(value) & EXCEPT_OFFBOARD
     if s.sticks and exempt:
         return _mend("COM_RCL_EXCEPT", value, int(value) & ~EXCEPT_OFFBOARD, "in offboard, lost sticks are ignored",
@@ -93,7 +93,7 @@ def _stick_exception(s: Situation, value: Value) -> Finding:
 
 
 def _stick_loss(s: Situation, value: Value) -> Finding:
-    """NAV_RCL_ACT."""
+    """Judge NAV_RCL_ACT."""
     action = LINK_LOSS.get(int(value), "an unknown action")
     if value in KILLING:
         return _bad(
@@ -105,7 +105,7 @@ def _stick_loss(s: Situation, value: Value) -> Finding:
 
 
 def _station_loss(s: Situation, value: Value) -> Finding:
-    """NAV_DLL_ACT. With a value above 0, PX4 arms only while a ground station is connected: rcAndDataLinkCheck.cpp.
+    """Judge NAV_DLL_ACT. Above 0, PX4 arms only while a ground station is connected: rcAndDataLinkCheck.cpp.
 
     The agent does not count as a ground station.
     """
@@ -127,7 +127,7 @@ def _station_loss(s: Situation, value: Value) -> Finding:
 
 
 def _low_battery(s: Situation, value: Value) -> Finding:
-    """COM_LOW_BAT_ACT."""
+    """Judge COM_LOW_BAT_ACT."""
     action = LOW_BATTERY.get(int(value), "an unknown action")
     if value in (1, 2, 3):
         return _good("COM_LOW_BAT_ACT", value, f"battery critical: {action}")
@@ -136,7 +136,7 @@ def _low_battery(s: Situation, value: Value) -> Finding:
 
 
 def _stick_override(s: Situation, value: Value) -> Finding:
-    """COM_RC_OVERRIDE."""
+    """Judge COM_RC_OVERRIDE."""
     if not s.sticks:
         return _good("COM_RC_OVERRIDE", value, "no sticks, so no takeover by sticks")
     if int(value) & OVERRIDE == OVERRIDE:
@@ -146,14 +146,14 @@ def _stick_override(s: Situation, value: Value) -> Finding:
 
 
 def _position_lost(s: Situation, value: Value) -> Finding:
-    """COM_POS_FS_EPH."""
+    """Judge COM_POS_FS_EPH."""
     if 0.0 < value <= 10.0:
         return _good("COM_POS_FS_EPH", value, f"a position with an error above {value:g} m counts as lost")
     return _bad("COM_POS_FS_EPH", value, "a lost position is not noticed", "5 m is PX4's default")
 
 
 def _speed(s: Situation, value: Value) -> Finding:
-    """MPC_XY_VEL_MAX, the autopilot's limit on the horizontal velocity that the agent commands."""
+    """Judge MPC_XY_VEL_MAX, the autopilot's limit on the horizontal velocity that the agent commands."""
     if value < SPEED_MAX:
         return _bad(
             "MPC_XY_VEL_MAX", value, f"the agent commands up to {SPEED_MAX:g} m/s, which this limit cuts", "raise it"
@@ -174,7 +174,7 @@ def _vertical_speed(name: str, verb: str) -> FailsafeRule:
 
 
 def _hitl(s: Situation, value: Value) -> Finding:
-    """SYS_HITL."""
+    """Judge SYS_HITL."""
     if value > 0:
         return _judge("SYS_HITL", value, "this board flies a simulated vehicle",
                       "for a real flight set it to 0 and reboot; for a simulation remove the propellers")  # fmt: skip
@@ -196,7 +196,7 @@ RULES: dict[str, FailsafeRule] = {
     "SYS_HITL": _hitl,
 }
 FAILSAFE_PARAMETERS = (*RULES, "COM_RC_IN_MODE", "RC_MAP_FLTMODE", "RC_MAP_KILL_SW", *SLOTS)
-VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # what the vehicle does if the agent dies; a missing value fails
+VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # for the loss of the agent; a missing value is a failure
 
 
 def read_failsafe(link: Link) -> str:
@@ -210,7 +210,7 @@ def read_failsafe(link: Link) -> str:
 
 
 def failsafe_findings(situation: Situation) -> list[Finding]:
-    """Return one finding per rule and, if there are sticks, the findings on the pilot's switches."""
+    """Return the findings: the sticks, one per rule and, if there are sticks, the pilot's switches."""
     findings = [Finding(_sticks(situation))]
     for name, rule in RULES.items():
         value = situation.values.get(name)

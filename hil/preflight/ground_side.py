@@ -17,10 +17,10 @@ from foundation.sensors import CALENDAR_START_US
 from hil.preflight.observation import STREAM_HZ, Observation, Row
 
 FLIGHT_STREAMS = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
-RATE_LEAST = 8.0  # Hz; below it the link's height and place loops lag too much
+RATE_LEAST = 8.0  # Hz; below it the link's loops for height and position lag too much
 SHARE_LEAST = 0.8  # share of the requested rate; a lower one is reported
-ROUND_TRIP_MOST = 0.5  # s: a setpoint would be half of COM_OF_LOSS_T old at its arrival
-LOST_MOST = 0.35  # share of the requests: one message in five is lost each way
+ROUND_TRIP_MOST = 0.5  # s; with more, a setpoint arrives after more than half of COM_OF_LOSS_T
+LOST_MOST = 0.35  # share of the requests; about one lost message in five in each direction
 DRIFT_MOST = 2e-3  # a quartz drifts 1e-4; with more, the vehicle is simulated or overloaded
 CALENDAR_MOST = 2.0  # s
 SIMULATED_MOST_US = 7 * 86_400_000_000  # a simulator seldom runs longer than a week
@@ -116,7 +116,7 @@ def camera_row(url: str, now_us: Callable[[], int], keep_up: Callable[[], None],
     try:
         camera: Camera = open_camera(url, now_us)
         try:
-            camera.newest()  # the first one also opens the connection
+            camera.newest()  # not measured: the first frame also opens the connection
             began_s = time.monotonic()  # measures wall time
             while time.monotonic() - began_s < seconds:
                 began_fetch_s = time.monotonic()

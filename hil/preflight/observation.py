@@ -1,4 +1,4 @@
-"""The messages of an autopilot while a check listens, and the rows of the check."""
+"""The messages of an autopilot during a preflight check, and the rows of the check."""
 
 import time
 from collections import Counter
@@ -24,7 +24,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A parameter that should hold another value."""
+    """A proposed change of a parameter."""
 
     name: str
     old: float
@@ -59,14 +59,14 @@ STREAM_HZ: dict[int, float] = {  # the streams for the checks, and the two that 
     dialect.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
 }
 ONCE = (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, dialect.MAVLINK_MSG_ID_HOME_POSITION)
-SYNC_US = 200_000  # µs of vehicle time between two TIMESYNC questions
-ANSWER_US = 1_000_000  # µs before the end without new requests, so that answers arrive in time
+SYNC_US = 200_000  # µs of vehicle time between two TIMESYNC requests
+ANSWER_US = 1_000_000  # µs before the end without new requests, so that replies arrive in time
 TRIES = 3  # attempts for a message that does not arrive by itself
 
 
 @dataclass(frozen=True, slots=True)
 class RoundTrip:
-    """One TIMESYNC question and its answer."""
+    """One TIMESYNC request and its reply."""
 
     sent_ns: int  # this machine's monotonic clock
     answered_ns: int
@@ -78,7 +78,7 @@ class RoundTrip:
 
     @property
     def offset_ns(self) -> int:
-        """ns to add to this machine's monotonic clock for the vehicle's, if both ways take equally long."""
+        """The vehicle's clock minus this machine's monotonic clock (ns), if both directions take the same time."""
         return self.vehicle_ns - (self.sent_ns + self.answered_ns) // 2
 
 
@@ -89,11 +89,11 @@ class Observation:
     newest: Mapping[int, Message] = field(default_factory=dict)
     seconds: float = 0.0  # of vehicle time
     counts: Mapping[int, int] = field(default_factory=dict)  # message id → number in `seconds`
-    worst_ratio: Mapping[str, float] = field(default_factory=dict)  # field of ESTIMATOR_STATUS → its largest
+    worst_ratio: Mapping[str, float] = field(default_factory=dict)  # field of ESTIMATOR_STATUS → largest value
     texts: tuple[str, ...] = ()  # STATUSTEXT of severity warning or worse
-    station: bool = False  # some ground station's heartbeat was heard
+    station: bool = False  # a heartbeat of a ground station arrived
     round_trips: tuple[RoundTrip, ...] = ()
-    sync_requests: int = 0  # TIMESYNC questions that were sent
+    sync_requests: int = 0  # number of TIMESYNC requests
     unix_s: float = 0.0  # this machine's date at the arrival of SYSTEM_TIME
 
     def message(self, name: str) -> Message | None:
@@ -116,7 +116,7 @@ class Observation:
 
 
 class Watch:
-    """Listens on a link."""
+    """Collects the messages of a vehicle on a link."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -153,7 +153,7 @@ class Watch:
             return replace(observation, newest=dict(self._newest))
 
     def _request_missing(self) -> None:
-        """Request missing messages once, because on a crowded link a single message arrives where a stream does not."""
+        """Request each missing message. On a crowded link, a single message may arrive although its stream does not."""
         for message_id in (*ONCE, *STREAM_HZ):
             for _ in range(TRIES):
                 if message_id in self._newest:

@@ -23,7 +23,7 @@ SENSORS = {  # bits of SYS_STATUS
     dialect.MAV_SYS_STATUS_LOGGING: "flight log",
 }
 NEEDED = ("gyro", "accelerometer", "compass", "barometer", "GPS")  # we cannot fly a vehicle without one of these
-PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 reports only that it is unhealthy
+PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 does not report that it is present, only its bad health
 PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 ESTIMATES = {  # bits of ESTIMATOR_STATUS that flying needs
     dialect.ESTIMATOR_ATTITUDE: "attitude",
@@ -148,7 +148,7 @@ def _health(status: Message) -> int:
 
 FIX_3D = 3
 SATELLITES = 6  # EKF2_REQ_NSATS, default
-HDOP_MOST = 2.5  # EKF2_REQ_PDOP's default, which HDOP stays below
+HDOP_MOST = 2.5  # default of EKF2_REQ_PDOP; HDOP is at most PDOP
 SPREAD_H, SPREAD_V = 3.0, 5.0  # m, EKF2_REQ_EPH and EKF2_REQ_EPV, defaults
 UNKNOWN = 65535
 HOME_NEAR = 10.0  # m; within this distance, with the scatter of a GPS, a vehicle is at home
@@ -215,7 +215,7 @@ def ground_distance(lat_a: int, lon_a: int, lat_b: int, lon_b: int) -> float:
 
 BATTERY_PARAMETERS = ("BAT1_N_CELLS", "BAT_LOW_THR")
 CELL_LEAST, CELL_MOST = 3.5, 4.35  # V at rest: an empty lithium cell, and a full one of the high-voltage kind
-MARGIN = 0.25  # of the capacity above the autopilot's own low level; a flight of five minutes takes about that
+MARGIN = 0.25  # of the capacity, in addition to BAT_LOW_THR; a flight of five minutes needs about that
 
 
 def battery_row(observed: Observation, values: Mapping[str, Value | None]) -> Row:

@@ -1,6 +1,6 @@
 """Automatic modes without a plan: HOLD, TAKEOFF, LAND, DESCEND, RETURN (PX4's RTL_TYPE 0), FOLLOW and ORBIT.
 
-FOLLOW stays beside a moving target (PX4's FLW_TGT_*), ORBIT circles a place.
+FOLLOW stays beside a moving target (PX4's FLW_TGT_*). ORBIT circles a point.
 """
 
 import math
@@ -11,25 +11,25 @@ from autopilot.commander.plans import Home, local_place
 from autopilot.records import IDLE, NAN, CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
-BRAKING_SHARE = 0.5  # of the acceleration limit: leaves the rest to the position controller
-LEAST_SPEED = 1.0  # m/s, keeps the position loop free near the target
+BRAKING_SHARE = 0.5  # of the acceleration limit; the position controller needs the other half
+LEAST_SPEED = 1.0  # m/s; near the target the position loop limits the speed
 
 
 def approach_speed(distance: float, cruise: float, acceleration: float) -> float:
     """Return the horizontal speed limit (m/s) at `distance` (m) from the target: v² = 2·a·d, at most `cruise`.
 
-    Quantised to 5 cm/s, so that a setpoint at rest stays bit-identical from tick to tick.
+    It is rounded up to a multiple of 5 cm/s, so that the setpoint of a hovering vehicle is identical at each tick.
     """
     limit = min(cruise, max(LEAST_SPEED, math.sqrt(2.0 * BRAKING_SHARE * acceleration * distance)))
     return math.ceil(limit * 20.0) / 20.0
 
 
-STOPPED_SPEED = 0.3  # m/s, below which the vehicle counts as stopped and its place is latched
-BRAKE_LIMIT_US = 6_000_000  # the mode ends its braking after this time at the latest
+STOPPED_SPEED = 0.3  # m/s; below it the vehicle counts as stopped, and HOLD stores its position
+BRAKE_LIMIT_US = 6_000_000  # longest time of braking
 
 
 class HoldMode(Mode):
-    """Brakes on entry, latches the position once slow, then holds it; `go_to` moves the held place."""
+    """HOLD: brakes, stores the position at which the vehicle is slow, and holds it. `go_to` sets another position."""
 
     def __init__(self) -> None:
         self._target: Vec3 | None = None
@@ -43,7 +43,7 @@ class HoldMode(Mode):
         self._z = state.position_ned[2]
 
     def go_to(self, position_ned: Vec3, yaw: float) -> None:
-        """Fly to a local position (m); a nan yaw (rad) keeps the present heading."""
+        """Fly to a local position (m, NED); a nan yaw (rad) keeps the present heading."""
         self._target = position_ned
         if math.isfinite(yaw):
             self._yaw = yaw
@@ -74,7 +74,7 @@ LEAST_CLIMB_M = 0.5
 
 
 class Takeoff(Mode):
-    """Climbs at MPC_TKO_SPEED above the place where the mode was entered (or armed)."""
+    """TAKEOFF: climbs at MPC_TKO_SPEED above the position at which the vehicle armed or entered the mode."""
 
     def __init__(self) -> None:
         self._target: Vec3 = (0.0, 0.0, 0.0)
@@ -82,17 +82,17 @@ class Takeoff(Mode):
         self._wanted_z = math.nan
 
     def aim(self, z_ned: float) -> None:
-        """Choose the local z (m, NED) to climb to; nan = MIS_TAKEOFF_ALT above the ground. Holds for the next entry."""
+        """Set the local z (m, NED) of the next climb; nan = MIS_TAKEOFF_ALT above the ground."""
         self._wanted_z = z_ned
 
     def enter(self, flight: FlightContext) -> None:
         self.next_mode = None
         n, e, z = flight.state.position_ned
         target = z - float(flight.parameters["MIS_TAKEOFF_ALT"])
-        if self._wanted_z < z - LEAST_CLIMB_M:  # a lower one (clients send 0 for 'any') or nan means the default
+        if self._wanted_z < z - LEAST_CLIMB_M:  # a lower height (clients send 0 for 'any') or nan means the default
             target = self._wanted_z
         elif not flight.landed and flight.home is not None:
-            # in the air already: climb to the altitude above home, never down
+            # already in the air: climb to the altitude above home, never descend
             target = min(flight.home.position_ned[2] - float(flight.parameters["MIS_TAKEOFF_ALT"]), z)
         self._wanted_z = math.nan
         self.rest = self._target = (n, e, target)
@@ -109,7 +109,7 @@ class Takeoff(Mode):
         )
 
 
-LANDING_STOPPED_SPEED = 0.5  # m/s, below which LAND latches its place
+LANDING_STOPPED_SPEED = 0.5  # m/s, horizontal; below it LAND stores the position
 
 
 def landing_speed(flight: FlightContext) -> float:
@@ -122,7 +122,7 @@ def landing_speed(flight: FlightContext) -> float:
 
 
 class Land(Mode):
-    """Stops, latches the place and sinks over it; the commander disarms once it stands."""
+    """LAND: stops, stores the position and descends over it. The commander disarms the vehicle after landing."""
 
     def __init__(self) -> None:
         self._place: Vec3 | None = None
@@ -132,7 +132,7 @@ class Land(Mode):
         self._place, self._yaw = None, flight.state.yaw
 
     def over(self, place_ned: Vec3) -> None:
-        """Land over a chosen local position rather than where the vehicle stops."""
+        """Land at this local position (m, NED), not at the position where the vehicle stops."""
         self._place = place_ned
 
     def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
@@ -151,7 +151,7 @@ class Land(Mode):
 
 
 class Descend(Mode):
-    """Sinks at MPC_LAND_SPEED without a place to hold: what is left when the position or the pilot is gone."""
+    """DESCEND: descends at MPC_LAND_SPEED without holding a position. Used if the position or the sticks are lost."""
 
     def __init__(self) -> None:
         self._yaw = 0.0
@@ -170,9 +170,9 @@ RETURN_ARRIVED_M = 1.0
 
 
 def return_height(flight: FlightContext, distance: float, height: float) -> float:
-    """Return the height above home (m) to fly home at, from the horizontal distance and the present height (m).
+    """Return the height above home (m) for the flight home, from the horizontal distance and the present height (m).
 
-    RTL_RETURN_ALT, lowered inside the cone of half-angle RTL_CONE_ANG over home, and never below the present height.
+    It is RTL_RETURN_ALT, less inside the cone of half-angle RTL_CONE_ANG over home, and never below the present height.
     """
     p = flight.parameters
     if distance < p["RTL_MIN_DIST"]:
@@ -185,7 +185,7 @@ def return_height(flight: FlightContext, distance: float, height: float) -> floa
 
 
 def safe_places(flight: FlightContext) -> list[Vec3]:
-    """Return the landing places (m, NED): home first, then the rally points with a place."""
+    """Return the landing places (m, NED): home first, then the rally points with a known position."""
     home: Home | None = flight.home
     places = [home.position_ned if home is not None else flight.state.position_ned]
     for item in flight.plans.rally:
@@ -196,7 +196,10 @@ def safe_places(flight: FlightContext) -> list[Vec3]:
 
 
 class ReturnHome(Mode):
-    """Climb on the spot, cruise, descend to RTL_DESCEND_ALT and wait RTL_LAND_DELAY (negative: for ever), land."""
+    """RETURN: climbs, flies to the nearest safe place, waits there at RTL_DESCEND_ALT, and lands.
+
+    The wait is RTL_LAND_DELAY (s); 0 means none, a negative value forever.
+    """
 
     def __init__(self) -> None:
         self._leg = "climb"
@@ -252,20 +255,20 @@ class ReturnHome(Mode):
             self._leg = "land"
 
 
-TARGET_TIMEOUT_US = 3_000_000  # a target that has been silent for longer is waited for on the spot
-COURSE_SPEED = 1.0  # m/s, a slower target keeps the course it had
+TARGET_TIMEOUT_US = 3_000_000  # without FOLLOW_TARGET for longer, the vehicle waits in place
+COURSE_SPEED = 1.0  # m/s; the course of a slower target is not updated
 HEIGHT_LEAST = 1.0  # m; FLW_TGT_HT below this has no effect
 CONSTANT, TERRAIN, TARGET = range(3)  # FLW_TGT_ALT_M
 
 
 class Follow(Mode):
-    """Until the first FOLLOW_TARGET, and after the last one, it stays where it is."""
+    """FOLLOW: keeps its place beside a moving target. It holds its position while no FOLLOW_TARGET arrives."""
 
     def __init__(self) -> None:
         self._place: Vec3 = (0.0, 0.0, 0.0)
         self._yaw = 0.0
         self._course = math.nan  # rad, of the target
-        self._seen: Vec3 | None = None  # m, filtered place of the target
+        self._seen: Vec3 | None = None  # m, filtered position of the target
         self._time_us = 0
 
     def enter(self, flight: FlightContext) -> None:
@@ -296,7 +299,7 @@ class Follow(Mode):
         )
 
     def _track(self, flight: FlightContext, dt: float) -> None:
-        """Filter the target's place with the time constant FLW_TGT_RS (s), carried on by its velocity meanwhile."""
+        """Filter the target's position with the time constant FLW_TGT_RS (s), extrapolated to now by its velocity."""
         target, age = flight.target, (flight.state.time_us - flight.target.time_us) * 1e-6
         vn, ve, vd = target.velocity_ned
         now = (
@@ -304,7 +307,7 @@ class Follow(Mode):
         )  # fmt: skip
         if self._seen is None:
             self._seen = now
-            # an unmoving target has no course: stay on the side where the vehicle is
+            # a target at rest has no course: keep the vehicle on its present side of the target
             here, angle = flight.state.position_ned, math.radians(flight.parameters["FLW_TGT_FA"])
             self._course = math.atan2(here[1] - now[1], here[0] - now[0]) - angle
         share = dt / (float(flight.parameters["FLW_TGT_RS"]) + dt) if dt > 0.0 else 0.0
@@ -321,7 +324,7 @@ class Follow(Mode):
         reference = p["FLW_TGT_ALT_M"]
         ground = flight.home.position_ned[2] if flight.home is not None else 0.0
         if reference == TARGET and math.isfinite(self._seen[2]):
-            ground = min(self._seen[2], ground)  # never below the height above home that is asked for
+            ground = min(self._seen[2], ground)  # never lower than FLW_TGT_HT above home
         elif reference == TERRAIN and math.isfinite(flight.state.range_m()):
             ground = flight.state.position_ned[2] + flight.state.range_m()
         return (
@@ -332,8 +335,8 @@ class Follow(Mode):
 
 
 CAPTURE_GAIN = 0.8  # 1/s, radial error to radial speed
-LEAD_S = 0.4  # s, by which the velocity follows a setpoint late; measured with the x500 on circles of 8 to 40 m
-ACCELERATION = 2.0  # m/s², most that a circle may take: PX4's FlightTaskOrbit
+LEAD_S = 0.4  # s, lag of the velocity behind its setpoint; measured with the x500 on circles of 8 to 40 m
+ACCELERATION = 2.0  # m/s², largest centripetal acceleration: PX4's FlightTaskOrbit
 RADIUS_LEAST = 1.0  # m
 SPEED_MOST = 10.0  # m/s
 STICK_RADIUS_RATE = 2.0  # m/s at full deflection of pitch
@@ -347,7 +350,7 @@ def speed_limit(radius: float) -> float:
 
 
 class Orbit(Mode):
-    """Positive radius circles clockwise, negative counter-clockwise."""
+    """ORBIT: flies a circle, clockwise for a positive radius, counter-clockwise for a negative one."""
 
     def __init__(self) -> None:
         self.centre: Vec3 | None = None
@@ -358,7 +361,7 @@ class Orbit(Mode):
         self._time_us = 0
 
     def around(self, centre_ned: Vec3 | None, radius: float, speed: float, yaw_behaviour: int = TO_CENTRE) -> None:
-        """Choose the circle; None = around the place where the mode is entered. The speed is cut to what flies."""
+        """Set the circle. A centre of None is the position at which the mode is entered. `speed` is limited."""
         self.centre, self.radius = centre_ned, max(abs(radius), RADIUS_LEAST)
         self.speed = math.copysign(min(abs(speed), speed_limit(self.radius)), radius)
         self.yaw_behaviour = yaw_behaviour
@@ -379,8 +382,8 @@ class Orbit(Mode):
         on_circle = abs(distance - self.radius) < max(2.0, 0.3 * self.radius)
         tangential = self.speed if on_circle else 0.0
         turn = tangential / max(distance, 1.0)
-        # The setpoint is where the velocity is to be after the lag. The smoothed velocity brings its own acceleration
-        # with it: a second one from here would pull the vehicle inside the circle.
+        # The setpoint is the wanted velocity after the lag. The velocity smoothing adds the feed-forward of the
+        # acceleration. A second feed-forward in this setpoint would pull the vehicle inside the circle.
         radial = captured - LEAD_S * turn * tangential
         yaw, yaw_rate = self._heading(flight, wrap_pi(math.atan2(-ue, -un)), turn, on_circle)
         return CascadeSetpoint(
@@ -393,7 +396,7 @@ class Orbit(Mode):
         )
 
     def _heading(self, flight: FlightContext, inwards: float, turn: float, on_circle: bool) -> tuple[float, float]:
-        """Return (yaw, yaw rate) of the behaviour that was asked for; an approach looks at the centre."""
+        """Return (yaw, yaw rate) of the requested behaviour. Outside the circle, ALONG looks at the centre."""
         if self.yaw_behaviour == INITIAL:
             return self._yaw, 0.0
         if self.yaw_behaviour == FREE_YAW:
@@ -406,7 +409,7 @@ class Orbit(Mode):
         return inwards, turn
 
     def _listen(self, flight: FlightContext) -> None:
-        """Let fresh sticks change the circle: pitch its radius, roll the speed."""
+        """Change the circle by the sticks: pitch changes the radius, roll the speed."""
         dt = min((flight.state.time_us - self._time_us) * 1e-6, 0.1)
         self._time_us = flight.state.time_us
         p, sticks = flight.parameters, flight.sticks
@@ -416,7 +419,7 @@ class Orbit(Mode):
         self.radius -= inwards * STICK_RADIUS_RATE * dt
         self.radius = min(max(self.radius, RADIUS_LEAST), float(p["MC_ORBIT_RAD_MAX"]))
         most = speed_limit(self.radius)
-        # to the right of a vehicle that looks inwards is counter-clockwise
+        # a vehicle that looks at the centre and moves to its right circles counter-clockwise
         self.speed = min(
             max(self.speed - shaped(sticks.right, p, "MPC_XY_MAN_EXPO") * STICK_SPEED_RATE * dt, -most), most
         )

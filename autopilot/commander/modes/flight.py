@@ -1,4 +1,4 @@
-"""The context of a flight mode, its interface to the commander, and the mode OFFBOARD, which flies setpoints."""
+"""The data that the flight modes share, the base class of the modes, and OFFBOARD, which flies external setpoints."""
 
 import math
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from foundation.frames import Vec3
 
 @dataclass(slots=True)
 class Sticks:
-    """The newest MANUAL_CONTROL."""
+    """The stick positions in the newest MANUAL_CONTROL."""
 
     time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
     forward: float = 0.0  # -1 … 1
@@ -21,19 +21,19 @@ class Sticks:
     yaw: float = 0.0  # -1 … 1, positive clockwise
 
     def fresh(self, now_us: int, timeout_s: float) -> bool:
-        """Return whether the sticks were heard within the timeout."""
+        """Return whether the message arrived within the timeout (s)."""
         return self.time_us >= 0 and now_us - self.time_us <= timeout_s * 1e6
 
 
 @dataclass(slots=True)
 class OffboardSignal:
-    """The newest valid offboard setpoint, kept whichever mode is active."""
+    """The newest valid offboard setpoint. It is stored in every mode."""
 
     time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
     setpoint: CascadeSetpoint = field(default_factory=CascadeSetpoint)
 
     def fresh(self, now_us: int, timeout_s: float) -> bool:
-        """Return whether a setpoint was heard within COM_OF_LOSS_T."""
+        """Return whether the setpoint arrived within the timeout (s)."""
         return self.time_us >= 0 and now_us - self.time_us <= timeout_s * 1e6
 
     def supported(self, state: EstimatedState) -> bool:
@@ -57,7 +57,7 @@ class FollowedTarget:
 
 @dataclass(slots=True)
 class FlightContext:
-    """Everything the modes share. Owned by the commander."""
+    """The data that all modes share. The commander owns it."""
 
     state: EstimatedState
     parameters: ParameterTable
@@ -71,7 +71,7 @@ class FlightContext:
     fence: Fence = field(default_factory=Fence)
 
     def height_above_ground(self) -> float:
-        """Return the best guess (m): a fresh range, else the height above home, else the height above the origin."""
+        """Return the height (m): the fresh range, else the height above home, else above the local frame's origin."""
         distance = self.state.range_m()
         if math.isfinite(distance):
             return distance
@@ -79,23 +79,23 @@ class FlightContext:
         return ground - self.state.position_ned[2]
 
     def set_home(self, position_ned: Vec3 | None = None) -> bool:
-        """Set the home position (m, local frame), here by default. Returns whether there was a position to set."""
+        """Set home at a local position (m), by default the vehicle's. Returns False without a global position."""
         home = home_at(self.state, position_ned)
         self.home = home or self.home
         return home is not None
 
     def fence_areas(self) -> tuple[FenceArea, ...]:
-        """Return the areas of the geofence in force; none before the local frame's origin is known."""
+        """Return the areas of the geofence; none before the local frame's origin is known."""
         if not self.plans.fence or not self.state.origin_set:
             return ()
         return self.fence.areas(self.plans.version, self.plans.fence, self.state)
 
     def breach(self) -> str:
-        """Return which limit of the geofence the vehicle breaks where it is; empty when none."""
+        """Return the limit of the geofence that the vehicle's position breaks; empty if none."""
         return breach(self.state.position_ned, self.home, self.parameters, self.fence_areas())
 
     def mission_failures(self) -> list[str]:
-        """Return why the mission in force cannot be flown from here; empty when it can."""
+        """Return the reasons why the mission cannot be flown from here; empty if it can."""
         return mission_failures(self.plans.mission, self.state, self.home, self.parameters, self.fence_areas())
 
     def cruise(self) -> float:
@@ -107,10 +107,10 @@ class Mode:
     """A flight mode's behaviour. `enter` is called once when it becomes active, `setpoint` at every tick after that."""
 
     next_mode: str | None = None  # set by a mode that has finished
-    rest: Vec3 | None = None  # m, local frame: where HOLD stays when it follows a finished mode
+    rest: Vec3 | None = None  # m, local frame: the position for HOLD after the mode has finished
 
     def enter(self, flight: FlightContext) -> None:
-        """Take over from where the vehicle is."""
+        """Start the mode from the vehicle's present state."""
 
     def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         """Return the setpoint of this tick."""
@@ -118,7 +118,7 @@ class Mode:
 
 
 def flyable(setpoint: CascadeSetpoint) -> bool:
-    """Return whether the cascade can fly a trajectory setpoint: z controlled, and north and east controlled alike."""
+    """Return whether the cascade can fly a trajectory setpoint: it has z, and the same quantities in north and east."""
     finite = math.isfinite
     pn, pe, pd = setpoint.position_ned
     vn, ve, vd = setpoint.velocity_ned
@@ -134,7 +134,7 @@ def flyable(setpoint: CascadeSetpoint) -> bool:
 
 
 class Offboard(Mode):
-    """Passes the setpoint on with the limits of the mode; one that cannot be flown stops the vehicle, as on PX4."""
+    """OFFBOARD: adds speed limits to the external setpoint. One that is not `flyable` stops the vehicle, as on PX4."""
 
     def __init__(self) -> None:
         self._source: CascadeSetpoint | None = None

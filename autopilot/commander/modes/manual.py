@@ -1,6 +1,6 @@
-"""Modes steered by the sticks (MANUAL_CONTROL): POSCTL, ALTCTL, STABILIZED and ACRO.
+"""Modes that the sticks (MANUAL_CONTROL) control: POSCTL, ALTCTL, STABILIZED and ACRO.
 
-The meaning of a stick deflection is PX4's: deadzone and expo are MPC_HOLD_DZ and MPC_*_EXPO.
+A stick deflection has the same effect as on PX4: deadzone and expo are MPC_HOLD_DZ and MPC_*_EXPO.
 """
 
 import math
@@ -12,7 +12,7 @@ from foundation.frames import GRAVITY, Vec3, quat_from_euler
 
 
 def shaped(stick: float, parameters: ParameterTable, expo: str) -> float:
-    """Return a deflection (-1 … 1) after the deadzone MPC_HOLD_DZ and the cubic share named by `expo`."""
+    """Return a deflection (-1 … 1) after the deadzone MPC_HOLD_DZ and the cubic expo; `expo` names its parameter."""
     dead = float(parameters["MPC_HOLD_DZ"])
     if abs(stick) <= dead:
         return 0.0
@@ -22,13 +22,13 @@ def shaped(stick: float, parameters: ParameterTable, expo: str) -> float:
 
 
 def within_circle(forward: float, right: float) -> tuple[float, float]:
-    """Return the deflections shortened to unit length, so that a diagonal is not faster."""
+    """Return the deflections, shortened to unit length if longer, so that a diagonal is not faster."""
     length = math.hypot(forward, right)
     return (forward, right) if length <= 1.0 else (forward / length, right / length)
 
 
 def super_expo(stick: float, expo: float, extra: float) -> float:
-    """Return a rate stick (-1 … 1) with MC_ACRO_EXPO and MC_ACRO_SUPEXPO; full deflection stays full deflection."""
+    """Return a rate stick (-1 … 1) after MC_ACRO_EXPO and MC_ACRO_SUPEXPO. Full deflection stays full deflection."""
     x = (1.0 - expo) * stick + expo * stick**3
     return x * (1.0 - extra) / (1.0 - abs(stick) * extra)
 
@@ -36,7 +36,7 @@ def super_expo(stick: float, expo: float, extra: float) -> float:
 def throttle_thrust(throttle: float, hover: float, parameters: ParameterTable) -> float:
     """Return the collective thrust (0 … 1) of the throttle (0 … 1).
 
-    MPC_THR_CURVE 0 puts hover thrust at mid-stick, 1 is a straight line; both from MPC_MANTHR_MIN to MPC_THR_MAX.
+    MPC_THR_CURVE 0: hover thrust at mid-stick; 1: a straight line. Both run from MPC_MANTHR_MIN to MPC_THR_MAX.
     """
     least, most = float(parameters["MPC_MANTHR_MIN"]), float(parameters["MPC_THR_MAX"])
     if parameters["MPC_THR_CURVE"] == 1:
@@ -47,14 +47,14 @@ def throttle_thrust(throttle: float, hover: float, parameters: ParameterTable) -
 
 
 def climb(flight: FlightContext) -> float:
-    """Return the vertical speed (m/s, NED) that the throttle asks for."""
+    """Return the vertical velocity (m/s, NED) that the throttle commands."""
     p = flight.parameters
     stick = shaped(2.0 * flight.sticks.throttle - 1.0, p, "MPC_Z_MAN_EXPO")
     return -stick * float(p["MPC_Z_VEL_MAX_UP"] if stick > 0.0 else p["MPC_Z_VEL_MAX_DN"])
 
 
 def turn(flight: FlightContext) -> float:
-    """Return the yaw rate (rad/s) that the yaw stick asks for."""
+    """Return the yaw rate (rad/s) that the yaw stick commands."""
     return shaped(flight.sticks.yaw, flight.parameters, "MPC_YAW_EXPO") * math.radians(
         flight.parameters["MPC_MAN_Y_MAX"]
     )
@@ -71,7 +71,7 @@ def _rotated(yaw: float, forward: float, right: float) -> tuple[float, float]:
 
 
 class HeldHeight:
-    """Keeps the height at which the centred throttle left the vehicle, once it is slow (MPC_HOLD_MAX_Z)."""
+    """Stores the height to hold while the throttle is centred, as soon as the vehicle is slow (MPC_HOLD_MAX_Z)."""
 
     def __init__(self) -> None:
         self._z = NAN
@@ -80,7 +80,7 @@ class HeldHeight:
         self._z = NAN
 
     def z(self, flight: FlightContext, speed: float) -> float:
-        """Return the height to hold (m, NED), nan while the vertical speed `speed` (m/s) is flown."""
+        """Return the height to hold (m, NED); nan while the commanded vertical speed `speed` (m/s) is not 0."""
         if speed != 0.0 or flight.landed:
             self._z = NAN
         elif not math.isfinite(self._z) and abs(flight.state.velocity_ned[2]) < flight.parameters["MPC_HOLD_MAX_Z"]:
@@ -89,7 +89,7 @@ class HeldHeight:
 
 
 class PositionControl(Mode):
-    """Sticks command velocity over the heading; centred sticks hold the place."""
+    """POSCTL: the sticks command the velocity relative to the heading; centred sticks hold the position."""
 
     def __init__(self) -> None:
         self._place: Vec3 = FREE
@@ -103,7 +103,7 @@ class PositionControl(Mode):
         state, p = flight.state, flight.parameters
         forward, right = _sticks(flight)
         ahead, back, side = (float(p[name]) for name in ("MPC_VEL_MANUAL", "MPC_VEL_MAN_BACK", "MPC_VEL_MAN_SIDE"))
-        forward *= back if forward < 0.0 <= back else ahead  # negative: as fast as ahead
+        forward *= back if forward < 0.0 <= back else ahead  # a negative limit means the forward limit
         right *= side if side >= 0.0 else ahead
         vn, ve = _rotated(state.yaw, forward, right)
         vd = climb(flight)
@@ -124,7 +124,7 @@ class PositionControl(Mode):
 
 
 class AltitudeControl(Mode):
-    """Sticks command tilt; the altitude follows the throttle."""
+    """ALTCTL: the sticks command the tilt; the throttle commands the vertical speed."""
 
     def __init__(self) -> None:
         self._height = HeldHeight()
@@ -153,7 +153,7 @@ def _hover(flight: FlightContext) -> float:
 
 
 class Stabilized(Mode):
-    """Sticks command tilt and thrust."""
+    """STABILIZED and MANUAL: the sticks command tilt and thrust."""
 
     def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         p, sticks = flight.parameters, flight.sticks
@@ -168,7 +168,7 @@ class Stabilized(Mode):
 
 
 class Acro(Mode):
-    """Sticks command body rates (MC_ACRO_*_MAX) and thrust; nothing levels the vehicle."""
+    """ACRO: the sticks command body rates (MC_ACRO_*_MAX) and thrust; nothing levels the vehicle."""
 
     def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         p, sticks = flight.parameters, flight.sticks

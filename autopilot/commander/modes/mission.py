@@ -1,4 +1,4 @@
-"""MISSION: the uploaded items one after the other, as PX4 flies them with a multicopter."""
+"""MISSION: flies the uploaded items one after the other, as PX4 does with a multicopter."""
 
 import math
 
@@ -10,12 +10,12 @@ from autopilot.records import CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
 CLIMBED_M = 0.5
-TURN_TO_COURSE_M = 3.0  # nearer than this the course to the waypoint means nothing
+TURN_TO_COURSE_M = 3.0  # nearer to the waypoint, the vehicle no longer turns to its course
 LAND_OVER_M = 1.0
 
 
 class Mission(Mode):
-    """Keeps its place in the plan while other modes fly. `reached` collects the numbers to announce."""
+    """Flies the mission. `current` is kept while other modes fly. `reached` collects the item numbers to announce."""
 
     def __init__(self) -> None:
         self.current = 0
@@ -32,7 +32,7 @@ class Mission(Mode):
         self._land = Land()
 
     def rewind(self, item: int = 0) -> None:
-        """Go on with this item at the next entry."""
+        """Continue at this item when the mode is next entered."""
         self.current, self.complete, self.begun = item, False, item > 0
         self._jumps.clear()
 
@@ -67,12 +67,12 @@ class Mission(Mode):
             speed_limit_horizontal=approach_speed(distance, flight.cruise(), float(p["MPC_ACC_HOR"])),
         )
 
-    # from item to item
+    # sequence of items
 
     def _seek(self, flight: FlightContext) -> None:
-        """Carry out immediate items until one is found that takes time to fly."""
+        """Execute immediate items up to the next item of NAVIGATION, and begin that one."""
         items = flight.plans.mission
-        for _ in range(2 * len(items) + 2):  # jumps in a circle without a waypoint end here
+        for _ in range(2 * len(items) + 2):  # this limit ends a loop of jumps without a waypoint
             if self.current >= len(items):
                 break
             item = items[self.current]
@@ -87,7 +87,7 @@ class Mission(Mode):
     def _advance(self, flight: FlightContext) -> None:
         self.reached.append(self.current)
         if not flight.plans.mission[self.current].autocontinue:
-            self._leg = "hold"  # until another item is ordered
+            self._leg = "hold"  # until a client sets another item
             return
         self.current += 1
         self._seek(flight)
@@ -97,7 +97,7 @@ class Mission(Mode):
         self.rest, self.next_mode = rest, following
 
     def _carry_out(self, flight: FlightContext, item: PlanItem) -> int:
-        """Do what takes no time; return the number of the item that follows."""
+        """Execute an immediate item; return the number of the next item."""
         if item.command == plans.CHANGE_SPEED:
             self._set_speed(flight, item.p[1])
         elif item.command == plans.SET_HOME and flight.parameters["COM_HOME_EN"]:
@@ -132,14 +132,14 @@ class Mission(Mode):
             self.rest, self.next_mode = here, "RETURN"
             return
         if item.command == plans.LAND:
-            z = here[2]  # over the place at the present height, then down
+            z = here[2]  # fly over the place at the present height, then descend
         elif not math.isfinite(z):
             z = least if item.command == plans.TAKEOFF else here[2]
         self._target = (n, e, z) if math.isfinite(n) else (here[0], here[1], z)
         self._forced_yaw = abs(item.p[3]) < 1e4 and item.command != plans.LAND
         self._leg = "fly"
         if flight.landed and item.command != plans.LAND:
-            # PX4 takes off before a first item of any kind, to the item's height and at least MIS_TAKEOFF_ALT
+            # PX4 first takes off to the item's height, at least MIS_TAKEOFF_ALT, whatever the first item is
             self._target = (self._target[0], self._target[1], min(self._target[2], least))
             self._leg = "climb"
         elif item.command == plans.TAKEOFF and here[2] - self._target[2] > CLIMBED_M:
@@ -161,7 +161,7 @@ class Mission(Mode):
         if self._leg == "land":
             if flight.landed and not self.complete:
                 self.reached.append(self.current)
-                self.complete = True  # whatever follows a landing is for another flight
+                self.complete = True  # items after a landing are not flown
             return
         if self._leg == "fly":
             if distance > TURN_TO_COURSE_M and not self._forced_yaw and flight.parameters["MPC_YAW_MODE"] == 0:
@@ -180,7 +180,7 @@ class Mission(Mode):
         item_radius = item.p[1] if item.command == plans.WAYPOINT else math.nan
         radius = item_radius if 0.0 < item_radius < 1e4 else float(p["NAV_ACC_RAD"])
         if item.command in (plans.LAND, plans.LOITER, plans.LOITER_TIME):
-            radius = LAND_OVER_M  # on the spot
+            radius = LAND_OVER_M  # these must be reached more exactly
         if distance > radius or height > float(p["NAV_MC_ALT_RAD"]):
             return False
         turned = abs(wrap_pi(self._yaw - flight.state.yaw)) < math.radians(p["MIS_YAW_ERR"])

@@ -1,4 +1,4 @@
-"""The question to a commander (prompt template, roster of the drones) and the parser of its orders."""
+"""The prompt of a commander (template and roster of the drones) and the parser of its orders."""
 
 import hashlib
 import re
@@ -58,7 +58,7 @@ class CommandPrompt:
 
 
 def cause_text(cause: Cause) -> str:
-    """Return a cause as the prompt states it; drones are counted from 1 there."""
+    """Return a cause in the words of the prompt, which counts drones from 1."""
     text = CAUSES[cause.why].replace("{steps}", str(STALL_STEPS)).replace("{seconds}", f"{INTERVAL_S:g}")
     return text if cause.drone is None else text.replace("{n}", str(cause.drone + 1))
 
@@ -67,15 +67,15 @@ NOT_YET = "(none yet)"
 
 
 class Post:
-    """One drone's place under a commander: its goal and its progress."""
+    """The state of one drone under a commander: its goal and its progress."""
 
     def __init__(self, drone: Drone, goal: str) -> None:
-        """`goal` is the episode's own instruction. It holds until the commander gives another."""
+        """`goal` is the episode's instruction. It is valid until the commander gives another goal."""
         self.drone, self.goal = drone, goal
         self.begun = False  # the commander has replied once; until then the drone hovers
         self.since_s = 0.0  # time at which the goal was set
         self.steps = 0  # decisions since then
-        # decisions in a row without a go; counted anew after the commander was asked about a stall
+        # decisions in a row without a go; reset when the commander is asked about a stall
         self.steps_without_go = 0
         self.reported_s: float | None = None  # time of the drone's report of arrival, until the commander replies to it
         self.confirmed = False  # the report is confirmed: the drone hovers until it has another goal
@@ -125,7 +125,7 @@ def _report(post: Post, now_s: float) -> str:
 
 
 def _heading(post: Post) -> str:
-    """Return the destination of the last go in words, by the pilot's own judgement."""
+    """Return the destination of the last go in words, with the pilot's own estimate of the distance."""
     went = next((action for action in reversed(post.drone.history.actions) if isinstance(action, Go)), None)
     if went is None:
         return "nowhere yet"
@@ -153,8 +153,8 @@ class OrdersError(ValueError):
 def parse_orders(reply: str, drones: int) -> FleetOrders:
     """Return the orders in a commander's reply to a fleet of `drones`.
 
-    Prose or a code fence around the object is tolerated: the last object that has either key counts. Raises OrdersError
-    when there is none, or when anything in it is malformed.
+    Prose or a code fence around the object is tolerated. The last object with the key ORDERS or CONFIRM counts. Raises
+    OrdersError if there is no such object, or if anything in it is malformed.
     """
     objects = [span.value for span in json_spans(reply[:MAX_REPLY_CHARS], "{")]
     answers = [value for value in objects if ORDERS in value or CONFIRM in value]

@@ -1,4 +1,4 @@
-"""Base class of models behind an HTTP endpoint: key, request, answer and errors that all wire formats share."""
+"""Base class of models behind an HTTP endpoint. It handles keys, requests, answers and errors for all wire formats."""
 
 import hashlib
 import json
@@ -18,30 +18,30 @@ from foundation.redaction import keyless, redacted_url
 from foundation.wording import did_you_mean, nearest
 
 MAX_FINISH_CHARS = 40
-MAX_SERVED_CHARS = 100  # of each word of a vendor's name for a model
-TOKENS_MAX = 1_000_000_000  # of one question: a count above it, or below 0, is invalid
+MAX_SERVED_CHARS = 100  # of each text of `ReadAnswer.served`
+TOKENS_MAX = 1_000_000_000  # largest valid token count of one question
 
 
 @dataclass(frozen=True, slots=True)
 class ReadAnswer:
-    """The content of an answer; None stands for a value that it does not have."""
+    """The content of an answer. None means that the answer does not have the value."""
 
     text: str
     tokens_in: int | None = None
     tokens_out: int | None = None
     finish: str | None = None  # as in `Reply`
     served: tuple[Any, ...] = ()  # the model's name, and the version of the server
-    tokens_cached: int | None = None  # as in `Reply`, and both below
+    tokens_cached: int | None = None  # as in `Reply`, like the next two
     tokens_reasoning: int | None = None
     endpoint: Any = None
 
 
 class HttpModel(ABC):
-    """A model behind an HTTP endpoint. Keys come from the environment and go only into the header."""
+    """A model behind an HTTP endpoint. API keys are read from the environment and sent only in the header."""
 
-    answer: ClassVar[str]  # name of a proper answer, for errors
+    answer: ClassVar[str]  # name of a valid answer, for error messages
     key_header: ClassVar[KeyHeader] = BEARER
-    unknown: ClassVar[Collection[str]] = ()  # keywords of JSON Schema that the format does not know
+    unknown: ClassVar[Collection[str]] = ()  # keywords of JSON Schema that the format does not support
 
     def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
         """Raises UsageError for an unknown provider, and for a missing address or key."""
@@ -72,7 +72,7 @@ class HttpModel(ABC):
         self._endpoint.close()
 
     def check(self) -> None:
-        """Raise UsageError when nothing answers at the endpoint. Any answer will do."""
+        """Raise UsageError if nothing answers at the endpoint. Any answer is enough."""
         self._endpoint.check()
 
     @property
@@ -96,7 +96,7 @@ class HttpModel(ABC):
 
     @abstractmethod
     def tokens(self, data: Any) -> tuple[int | None, int | None]:
-        """Return the tokens of the question and of the reply that an answer counts. Raises as `read`."""
+        """Return the token counts (question, reply) that an answer reports. Raises the errors of `read`."""
 
     @abstractmethod
     def read(self, data: Any) -> ReadAnswer:
@@ -106,16 +106,16 @@ class HttpModel(ABC):
         """
 
     def fingerprint(self, request: Request) -> str:
-        """Return the identity of a question: the SHA-256 of its address, format and exact body, without the key."""
+        """Return the identity of a question: the SHA-256 of its address, format, headers and body, without the key."""
         question = [self._address, self.answer, self.headers(), self.body(request)]
         return hashlib.sha256(json.dumps(question, sort_keys=True).encode()).hexdigest()
 
     def ask(self, request: Request) -> Reply:
-        """Return the reply of one HTTP exchange, without our keys in it. Raises ModelError, ModelRejectedError.
+        """Return the reply of one HTTP exchange, with the API keys removed. Raises ModelError, ModelRejectedError.
 
-        Reply and error have the tokens of answers without a reply, since a vendor may charge for them.
+        `lost` of the reply or the error has the tokens of failed answers, since a vendor may charge for them.
         """
-        failed: list[bytes] = []  # bodies of these answers
+        failed: list[bytes] = []  # bodies of the failed answers
         try:
             reply = self._reply(request, failed)
         except ModelError as error:
@@ -151,7 +151,7 @@ class HttpModel(ABC):
         )
 
     def _counted(self, answers: Iterable[bytes]) -> tuple[int, int]:
-        """Return the sums of the tokens of questions and of replies that these answers count."""
+        """Return the total token counts (questions, replies) that these answers report."""
         tokens_in = tokens_out = 0
         for body in answers:
             try:
@@ -174,7 +174,7 @@ class HttpModel(ABC):
         return [name for name in shown if name.isprintable()]
 
     def _near(self, status: int) -> str:
-        """Return a hint with similar names of models at the endpoint, if this one may be unknown there."""
+        """Return a hint with similar model names at the endpoint, if the status may mean an unknown model."""
         if status != NOT_FOUND:
             return ""
         try:
@@ -185,7 +185,7 @@ class HttpModel(ABC):
         return f"; {did_you_mean(near)}" if near else ""
 
     def _served(self, names: tuple[Any, ...]) -> str | None:
-        """Return the model that answered, on one line; None without another name than the requested one."""
+        """Return the name of the model that answered, on one line; None if it is empty or the requested name."""
         words = self._words(names)
         return None if words in ("", self.name) else words
 
@@ -195,14 +195,14 @@ class HttpModel(ABC):
         return " ".join(name[:MAX_SERVED_CHARS] for name in named).strip()
 
     def reasoning(self, lifted: bool) -> Mapping[str, Any]:
-        """Return the fields of the request that switch extended reasoning on or off."""
+        """Return the fields of the request that switch extended reasoning on (`lifted`) or off."""
         own, of_provider = (
             (self._spec.thinking, self._provider.thinking) if lifted else (self._spec.quick, self._provider.quick)
         )
         return of_provider if own is None else own
 
     def schema(self, request: Request) -> dict[str, Any] | None:
-        """Return the schema of the reply; None where none is sent, or none describes it.
+        """Return the schema of the reply; None if none is sent, or if it does not fit the reply.
 
         A commander has its own schema. The schema of a single action does not fit the reply for a fleet.
         """
@@ -214,7 +214,7 @@ class HttpModel(ABC):
         return known_part(schema, self.unknown)
 
     def sampling(self, temperature: str, top_p: str, top_k: str) -> dict[str, float]:
-        """Return the declared sampling under the format's names."""
+        """Return the sampling settings to send, under the format's field names."""
         spec, provider = self._spec, self._provider
         declared = {
             temperature: spec.temperature,
@@ -225,14 +225,14 @@ class HttpModel(ABC):
 
 
 def finish_of(value: Any, words: Mapping[str, str | None]) -> str | None:
-    """Return the finish reason of a vendor's word by the table `words`; the word itself if it is not there."""
+    """Return the finish reason for a vendor's word, by the table `words`; the word itself if it is not in the table."""
     if not isinstance(value, str):
         return None
     return words.get(value, value[:MAX_FINISH_CHARS])
 
 
 def table_of(value: Any) -> dict[str, Any]:
-    """Return `value` if it is a table, else an empty one."""
+    """Return `value` if it is a dict, else an empty dict."""
     return value if isinstance(value, dict) else {}
 
 
@@ -251,6 +251,6 @@ def list_of(value: Any) -> list[Any]:
 
 
 def count(*values: Any) -> int | None:
-    """Return the sum of the valid numbers of tokens, 0 … TOKENS_MAX; None without any."""
+    """Return the sum of the valid token counts, 0 … TOKENS_MAX; None if none is valid."""
     counts = [value for value in values if type(value) is int and 0 <= value <= TOKENS_MAX]
     return sum(counts) if counts else None

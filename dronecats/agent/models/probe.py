@@ -1,4 +1,4 @@
-"""Probe of a model with one marked picture: its pointing, the order of its points, and the enforcement of a schema."""
+"""Tests a model with one marked picture: its pointing, the axis order of its points, and the schema's enforcement."""
 
 import json
 from collections.abc import Iterable
@@ -16,21 +16,21 @@ from dronecats.agent.reply.reading import ReplyParser, reading
 from foundation.errors import ModelError
 
 WIDTH, HEIGHT = 640, 360  # px, as the agent sends a 16:9 frame
-MARK = (800.0, 250.0)  # x, y of the mark, 0 … 1000: its two orders lie 778 apart
-NEAR = 100.0  # … tolerance of an answer in each of the two
+MARK = (800.0, 250.0)  # x, y of the mark, 0 … 1000; as [x, y] and as [y, x] it is 778 apart
+NEAR = 100.0  # tolerance of an answer in x and in y
 FORBIDDEN_OBJECT = {"dance": 3}  # no schema of actions allows it
-# the order of the answers' points, compared with the declared one
+# the axis order of the answers' points, compared with the declared order
 Pointing = Literal["as declared", "always [x, y]", "always [y, x]", "as not declared", "not at all"]
 _FORMS: dict[AxisOrder, str] = {"xy": "[x, y]", "yx": "[y, x]"}
 
 
 @dataclass(frozen=True, slots=True)
 class ProbeAnswer:
-    """One question of the probe, answered."""
+    """One question of the probe and its answer."""
 
     question: str
     reply: Reply
-    order: AxisOrder | None = None  # the order in which the mark was pointed at; None: it was not
+    order: AxisOrder | None = None  # the axis order of its point at the mark; None: the point misses the mark
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,21 +40,21 @@ class ProbeResult:
     spec: ModelSpec
     answers: tuple[ProbeAnswer, ...]
     pointing: Pointing
-    enforced: bool | None  # the server enforces the schema; None: none is sent
+    enforced: bool | None  # whether the server enforces the schema; None: no schema is sent
 
     @property
     def order_is_right(self) -> bool:
-        """Return whether the declared order of points is the model's."""
+        """Return whether the model points in the declared axis order."""
         return self.pointing in ("as declared", f"always {_FORMS[self.spec.axis_order]}")
 
     @property
     def tokens(self) -> tuple[int | None, int | None]:
-        """Return (tokens of all questions, of all replies), None where one count is missing."""
+        """Return (tokens of all questions, of all replies). A sum is None if one of its counts is missing."""
         return _sum(a.reply.tokens_in for a in self.answers), _sum(a.reply.tokens_out for a in self.answers)
 
     @property
     def cost_usd(self) -> float | None:
-        """Return the cost of all questions in $; None where tokens or prices are not known."""
+        """Return the cost of all questions in $; None if tokens or prices are not known."""
         tokens_in, tokens_out = self.tokens
         prices = self.spec.input_usd, self.spec.output_usd
         if tokens_in is None or tokens_out is None or prices[0] is None or prices[1] is None:
@@ -63,7 +63,7 @@ class ProbeResult:
 
     @property
     def too_long(self) -> bool:
-        """Return whether a question like these and the longest reply exceed the context that is declared."""
+        """Return whether the longest question and a reply of `max_tokens` exceed the declared context."""
         longest = max((a.reply.tokens_in or 0 for a in self.answers), default=0)
         return self.spec.context_tokens is not None and longest + self.spec.max_tokens > self.spec.context_tokens
 
@@ -77,7 +77,7 @@ def marked_picture() -> bytes:
 
 
 def pointing_question(order: AxisOrder, lifted: bool = False) -> Request:
-    """Return the question for the mark's point, in a declared order and in the form of a `go`."""
+    """Return the question for the mark's point, which declares an axis order and the form of a `go`."""
     axes = "x counts from the left edge, 0, to the right, 1000; y from the top edge, 0, to the bottom, 1000"
     text = (
         "The picture shows one red disc on a grey ground. Point at its centre. Answer with one JSON object and nothing"
@@ -88,14 +88,14 @@ def pointing_question(order: AxisOrder, lifted: bool = False) -> Request:
 
 
 def schema_question() -> Request:
-    """Return the question for something that the schema forbids."""
+    """Return the question for an object that the schema forbids."""
     value = json.dumps(FORBIDDEN_OBJECT)
     text = f"Leave the picture alone. Answer with exactly this JSON object and nothing else: {value}"
     return Request(text, (marked_picture(),), False)
 
 
 def probe(model: Model, spec: ModelSpec, parser: ReplyParser = "strict") -> ProbeResult:
-    """Ask an open model three questions, and a fourth where a schema is sent. Raises ModelError."""
+    """Ask a model three questions, and a fourth if a schema is sent. Raises ModelError."""
     crossed_order: AxisOrder = "yx" if spec.axis_order == "xy" else "xy"
     own, crossed = (_point(model, order, parser) for order in (spec.axis_order, crossed_order))
     lifted = _answer(model, "with reasoning", pointing_question(spec.axis_order, lifted=True))
@@ -109,7 +109,7 @@ def probe(model: Model, spec: ModelSpec, parser: ReplyParser = "strict") -> Prob
 
 
 def order_of(reply: str, parser: ReplyParser = "strict") -> AxisOrder | None:
-    """Return the order in which a reply points at the mark; None where it does not."""
+    """Return the axis order in which a reply points at the mark; None if it does not."""
     action = reading(reply, 1, parser=parser)[0].action
     if not isinstance(action, Go):
         return None
@@ -119,7 +119,7 @@ def order_of(reply: str, parser: ReplyParser = "strict") -> AxisOrder | None:
 
 
 def pointing_of(declared_xy: AxisOrder | None, declared_yx: AxisOrder | None) -> Pointing:
-    """Return the evaluation of the answers' orders, where [x, y] and where [y, x] was declared."""
+    """Return the evaluation of two answers' axis orders: with [x, y] declared, and with [y, x] declared."""
     if declared_xy is None or declared_yx is None:
         return "not at all"
     if declared_xy == declared_yx:
@@ -128,7 +128,7 @@ def pointing_of(declared_xy: AxisOrder | None, declared_yx: AxisOrder | None) ->
 
 
 def holds(reply: str, root: Literal["object", "array"]) -> bool:
-    """Return whether a reply is JSON with the schema's root, with actions only."""
+    """Return whether a reply keeps to the schema: JSON with this root that holds only actions."""
     try:
         value = json.loads(reply)
         actions = value if root == "array" else [value]
@@ -137,13 +137,13 @@ def holds(reply: str, root: Literal["object", "array"]) -> bool:
         for action in actions:
             if not _flat(action):
                 action_from(action)
-    except (ValueError, RecursionError):  # an ActionError is one
+    except (ValueError, RecursionError):  # ActionError is a ValueError
         return False
     return True
 
 
 def _flat(value: object) -> bool:
-    """Return whether a value is of the schema without a choice, in which any field may be null."""
+    """Return whether a value has the form of `flat_action_schema`, in which any field may be null."""
     if not isinstance(value, dict):
         return False
     own = flat_action_schema()["properties"]

@@ -9,12 +9,12 @@ ORDERS, CONFIRM = "orders", "confirm"  # keys of a commander's reply
 
 
 def action_schema() -> dict[str, Any]:
-    """Return the schema of one action: a choice of all, each with its own fields only."""
+    """Return the schema of one action: a choice (anyOf) of all actions, each with only its own fields."""
     return {"anyOf": [_object(action=_named(name), **fields) for name, fields in SCHEMAS.items()]}
 
 
 def flat_action_schema() -> dict[str, Any]:
-    """Return the schema of one action without a choice: the fields of all actions, null where an action lacks them.
+    """Return the schema of one action without a choice: it has the fields of all actions, null if not used.
 
     It is wider than the choice: it allows a `go` without a point, which the parser rejects.
     """
@@ -27,7 +27,7 @@ def flat_action_schema() -> dict[str, Any]:
 def reply_schema(root: Literal["object", "array"], choice: bool = True) -> dict[str, Any]:
     """Return the schema of a pilot's reply: a single action, or an array of one per drone.
 
-    `choice`: whether the server takes a choice of schemas at the root.
+    `choice`: whether the server accepts a choice of schemas at the root.
     """
     if root == "array":
         return {"type": "array", "items": action_schema()}
@@ -42,12 +42,12 @@ def orders_schema(drones: int) -> dict[str, Any]:
 
 
 def known_part(schema: dict[str, Any], unknown: Collection[str]) -> dict[str, Any]:
-    """Return a schema without the keywords that a server does not know. The parser still checks them."""
+    """Return a schema without the keywords that a server does not support. The parser still checks their conditions."""
     return cast(dict[str, Any], _without(schema, unknown))
 
 
 def response_format(schema: dict[str, Any]) -> dict[str, Any]:
-    """Return `response_format` of an OpenAI chat request."""
+    """Return the field `response_format` of an OpenAI chat request."""
     return {"type": "json_schema", "json_schema": {"name": "reply", "strict": True, "schema": schema}}
 
 

@@ -1,4 +1,4 @@
-"""Providers of models, and a model as a value: its provider, its name and its settings."""
+"""Providers of models, and the specification of a model: its provider, its name and its settings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -10,20 +10,20 @@ from dronecats.agent.action import AxisOrder
 from foundation.errors import UsageError
 from foundation.wording import suggestion
 
-Wire = Literal["openai", "gemini", "anthropic"]  # a file of this folder each
+Wire = Literal["openai", "gemini", "anthropic"]  # each is a class of `wire_formats`
 PAPERS_TEMPERATURE = 0.4
-LOOPBACK = "http://127."  # where an address begins that wants no key
+LOOPBACK = "http://127."  # addresses with this prefix need no key
 _EFFORT = {"reasoning_effort": "medium"}, {"reasoning_effort": "none"}
 _TEMPLATE = {"chat_template_kwargs": {"enable_thinking": True}}, {"chat_template_kwargs": {"enable_thinking": False}}
 
 
 @dataclass(frozen=True, slots=True)
 class Provider:
-    """One endpoint family.
+    """A family of endpoints.
 
-    These are the defaults of a model without a row in models.toml, so they must suit all models of the provider.
-    `thinking` and `quick` are merged into the request body, with Gemini into its generationConfig. Both are empty where
-    no switch suits all models; a model without a row then reasons by its own default.
+    Its settings are the defaults of a model without a row in models.toml, so they must suit all models of the provider.
+    `thinking` and `quick` are merged into the request body to switch extended reasoning on or off (for Gemini, into
+    generationConfig). Both are empty if no switch suits all models; a model without a row then keeps its own default.
     """
 
     name: str
@@ -31,11 +31,11 @@ class Provider:
     key_variable: str | None  # environment variable that holds the key
     thinking: Mapping[str, Any] = field(default_factory=dict)
     quick: Mapping[str, Any] = field(default_factory=dict)
-    temperature: float | None = PAPERS_TEMPERATURE  # None: none is sent, since some models reject any
-    tokens_field: str = "max_tokens"  # in the OpenAI chat format
+    temperature: float | None = PAPERS_TEMPERATURE  # None: not sent, since some models reject it
+    tokens_field: str = "max_tokens"  # name of max_tokens in the OpenAI chat format
     root_choice: bool = True  # a schema may be a choice (anyOf) at its root
     wire: Wire = "openai"
-    top_p: float | None = None  # None: none is sent
+    top_p: float | None = None  # None: not sent
     top_k: int | None = None
     effort: tuple[str, ...] = ("reasoning_effort",)  # path of keys to the reasoning effort in the request
     effort_in_capitals: bool = False
@@ -48,7 +48,7 @@ PROVIDERS = {
             "openai",
             "https://api.openai.com/v1",
             "OPENAI_API_KEY",
-            temperature=None,  # reasoning models reject one
+            temperature=None,  # reasoning models reject it
             tokens_field="max_completion_tokens",
             root_choice=False,
         ),
@@ -58,7 +58,7 @@ PROVIDERS = {
             "OPENROUTER_API_KEY",
             thinking={"reasoning": {"enabled": True}},
             quick={"reasoning": {"enabled": False}},
-            root_choice=False,  # OpenAI's models are among them
+            root_choice=False,  # because it also serves OpenAI's models
             effort=("reasoning", "effort"),
         ),
         Provider(
@@ -75,7 +75,7 @@ PROVIDERS = {
             "anthropic",
             "https://api.anthropic.com/v1",
             "ANTHROPIC_API_KEY",
-            temperature=None,  # rejected from Claude Opus 4.7 on, as is a budget of thinking
+            temperature=None,  # Claude Opus 4.7 and later reject it, and a thinking budget too
             wire="anthropic",
             effort=("output_config", "effort"),
         ),
@@ -122,19 +122,19 @@ Root = Annotated[Literal["object", "array"], Meta(extra={"wrong": 'is not "objec
 class ModelSpec:
     """A model and its settings. Default sampling is the paper's ("Model Serving and Decoding")."""
 
-    provider: Text  # a key of providers.PROVIDERS
+    provider: Text  # a key of PROVIDERS
     name: Text  # as the provider calls it
     base_url: Text | None = None  # None: the provider's own
     axis_order: AxisOrder = "xy"
-    temperature: Temperature | None = PAPERS_TEMPERATURE  # None: none is sent, for models that reject one
+    temperature: Temperature | None = PAPERS_TEMPERATURE  # None: not sent, for models that reject it
     top_p: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None  # None: the provider's, if it has one
-    top_k: TokenCount | None = None  # … likewise
+    top_k: TokenCount | None = None  # None: the provider's, if it has one
     max_tokens: TokenCount = 8192  # of a reply
     schema: Root | None = None  # root of the schema that the server enforces; None: none is sent
     thinking: dict[str, Any] | None = None  # request fields with extended reasoning; None: the provider's
-    quick: dict[str, Any] | None = None  # … and without
-    input_usd: Dollars | None = None  # of a question; None: not known
-    output_usd: Dollars | None = None  # … of a reply, reasoning included
+    quick: dict[str, Any] | None = None  # request fields without extended reasoning; None: the provider's
+    input_usd: Dollars | None = None  # price of questions; None: not known
+    output_usd: Dollars | None = None  # price of replies, including reasoning; None: not known
     # name of max_tokens in the OpenAI chat format; None: the provider's
     tokens_field: Literal["max_tokens", "max_completion_tokens"] | None = None
     context_tokens: TokenCount | None = None  # limit of question and reply together; None: not known
@@ -148,7 +148,8 @@ class ModelSpec:
 def with_effort(spec: ModelSpec, effort: str) -> ModelSpec:
     """Return a model that reasons with this effort on every step except the one after a `think`.
 
-    `effort` is the vendor's own word, such as low or none. A chat template's switch is on for all words but none.
+    `effort` is the vendor's own word, such as low or none. For none, the other request fields are those without
+    extended reasoning; for all other words, those with it.
     """
     provider = provider_of(spec.provider)
     lifted, quick = (

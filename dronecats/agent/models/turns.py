@@ -1,4 +1,4 @@
-"""Rate limits of an address: the headers of vendors, and the turns of requests. Pure: the caller gives the time."""
+"""Rate limits of an address: parses vendors' headers and schedules requests. Pure: the caller passes the time."""
 
 import math
 import re
@@ -9,11 +9,11 @@ from email.utils import parsedate_to_datetime
 from typing import Literal, Protocol
 
 Kind = Literal["requests", "tokens"]
-LONGEST_S = 86_400.0  # until a day's limit is whole again
+LONGEST_S = 86_400.0  # longest time until a limit is full again: a day
 _UNIT_S = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}
 _DURATION = re.compile(r"(\d{1,9}(?:\.\d{1,9})?)(ms|s|m|h|d)")
 _EPOCH_MS = re.compile(r"\d{13}")
-_ANTHROPIC: tuple[tuple[Kind, str], ...] = (  # kind, as it is called
+_ANTHROPIC: tuple[tuple[Kind, str], ...] = (  # kind, and its name in the headers
     ("requests", "requests"),
     ("tokens", "tokens"),
     ("tokens", "input-tokens"),
@@ -22,19 +22,19 @@ _ANTHROPIC: tuple[tuple[Kind, str], ...] = (  # kind, as it is called
 
 @dataclass(frozen=True, slots=True)
 class Allowance:
-    """The rest of one rate limit."""
+    """The state of one rate limit."""
 
     kind: Kind
-    limit: float  # when nothing has been used
-    left: float  # now
+    limit: float  # the full amount
+    left: float  # the amount that is left now
     reset_s: float  # from now until it is full again
-    steady: bool  # it refills continuously; else at once, at the reset
+    steady: bool  # True: it refills continuously; False: at once, at the reset
 
 
 def allowances(headers: Mapping[str, str], now: datetime | None = None) -> tuple[Allowance, ...]:
     """Return the allowances in the headers of an answer, at most one of a kind; none for unknown headers.
 
-    `headers` by names in lower case. Times are relative to the answer's own Date, else to `now` (UTC).
+    `headers` has names in lower case. Times are relative to the answer's own Date, else to `now` (UTC).
     """
     date = _date(headers.get("date")) or now or datetime.now(UTC)
     by_kind: dict[Kind, Allowance] = {}
@@ -46,21 +46,21 @@ def allowances(headers: Mapping[str, str], now: datetime | None = None) -> tuple
         stem = f"anthropic-ratelimit-{name}-"
         _put(by_kind, kind, [headers.get(stem + word) for word in ("limit", "remaining", "reset")], date, True)
     words = [headers.get(f"x-ratelimit-{word}") for word in ("limit", "remaining", "reset")]
-    _put(by_kind, "requests", words, date, False)  # OpenRouter's, a window
+    _put(by_kind, "requests", words, date, False)  # OpenRouter's fixed window
     return tuple(by_kind.values())
 
 
 def _put(by_kind: dict[Kind, Allowance], kind: Kind, words: list[str | None], now: datetime, steady: bool) -> None:
-    """Add an allowance unless there is one of its kind, or its words are invalid."""
+    """Add an allowance unless there is one of its kind, or `words` (limit, remaining, reset) are invalid."""
     limit, left, reset_s = _number(words[0]), _number(words[1]), until(words[2], now)
     if kind not in by_kind and limit and left is not None and reset_s is not None:
         by_kind[kind] = Allowance(kind, limit, min(left, limit), reset_s, steady)
 
 
 def until(text: str | None, now: datetime) -> float | None:
-    """Return the seconds from `now` to '6m0s', '20ms', '1.5', a moment of RFC 3339 or ms of the epoch.
+    """Return the seconds from `now` until a reset, 0 … LONGEST_S; None for an invalid text.
 
-    At least 0 and at most a day; None for anything else.
+    `text` is a duration ('6m0s', '20ms', or '1.5' in seconds), an RFC 3339 time, or milliseconds since the epoch.
     """
     if not text:
         return None
@@ -96,10 +96,10 @@ def _date(text: str | None) -> datetime | None:
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
-LONGEST_WAIT_S = 60.0  # without requests; a later time comes from a clock that was set back
-SLOW_S = 60.0  # after a rejection for the rate, in which requests go one by one …
-APART_S = 0.5  # … this far apart, for vendors without headers
-MINUTE_S = 60.0  # period of limits
+LONGEST_WAIT_S = 60.0  # longest block of requests; a later time comes from a clock that was set back
+SLOW_S = 60.0  # time after a rate-limit rejection in which requests are sent one by one …
+APART_S = 0.5  # … at this interval, for vendors without rate-limit headers
+MINUTE_S = 60.0  # assumed period of a limit
 LATE_S = 0.001  # margin on the computed time of a refill
 
 
@@ -110,8 +110,8 @@ class Bucket:
     at: float  # time of `level`
     level: float
     full: float
-    rate: float  # per s, of the refill; 0: none before `whole_at`
-    whole_at: float
+    rate: float  # refill per s; 0: no refill before `whole_at`
+    whole_at: float  # time at which it is full again
 
     def left(self, now: float) -> float:
         """Return the level now."""
@@ -120,7 +120,7 @@ class Bucket:
         return min(self.full, self.level + self.rate * max(now - self.at, 0.0))
 
     def wait_s(self, want: float, now: float) -> float:
-        """Return the s until the level is `want`, or full."""
+        """Return the seconds until the level is `want`, or until it is full if `want` is larger."""
         lacking = min(want, self.full) - self.left(now)
         if lacking <= 0.0:
             return 0.0
@@ -128,7 +128,7 @@ class Bucket:
         return (min(lacking / self.rate, whole_s) if self.rate > 0.0 else whole_s) + LATE_S
 
     def without(self, used: float, now: float) -> "Bucket":
-        """Return the bucket after a use."""
+        """Return the bucket after the use of `used`."""
         level = max(self.left(now) - used, 0.0)
         whole_at = now + (self.full - level) / self.rate if self.rate > 0.0 else self.whole_at
         return replace(self, at=now, level=level, whole_at=whole_at)
@@ -136,15 +136,15 @@ class Bucket:
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """The rate limits of an address. Its vendor counts by model, but rejects requests of all models."""
+    """The rate limits of an address. A vendor counts by model, but a rejection holds for all models."""
 
-    held_until: float = 0.0  # no requests before
-    slow_until: float = 0.0  # requests one by one until then
-    next_at: float = 0.0  # the next one of these
+    held_until: float = 0.0  # no requests before this time
+    slow_until: float = 0.0  # requests are sent one by one until this time
+    next_at: float = 0.0  # earliest time of the next of these requests
     buckets: Mapping[str, Bucket] = field(default_factory=dict)  # by 'KIND MODEL'
 
     def claim(self, model: str, tokens: int, now: float) -> "tuple[float, Turns]":
-        """Return (0, the turns after this request), or (s to wait, the same turns)."""
+        """Return (0, the turns after this request), or (seconds to wait, the same turns)."""
         wants = {f"requests {model}": 1.0, f"tokens {model}": float(tokens)}
         limited = {name: (self.buckets[name], want) for name, want in wants.items() if name in self.buckets}
         held_s = self.held_until - now
@@ -161,7 +161,7 @@ class Turns:
         return 0.0, replace(self, next_at=now + APART_S, buckets={**self.buckets, **taken})
 
     def updated(self, model: str, new: Allowance, now: float) -> "Turns":
-        """Return the turns with an allowance. It may not include requests of others that are under way."""
+        """Return the turns with a new allowance, which may not count other requests that are under way."""
         name = f"{new.kind} {model}"
         before = self.buckets.get(name)
         level = new.left if before is None or before.full != new.limit else min(new.left, before.left(now))
@@ -172,7 +172,7 @@ class Turns:
         return replace(self, buckets={**self.buckets, name: bucket})
 
     def held(self, seconds: float, now: float) -> "Turns":
-        """Return the turns without requests for so long, and with requests one by one for a while after it."""
+        """Return the turns that block requests for `seconds`, then send them one by one for SLOW_S."""
         until = now + min(seconds, LONGEST_WAIT_S)
         kept = self.held_until if self.held_until - now <= LONGEST_WAIT_S else 0.0
         return replace(self, held_until=max(kept, until), slow_until=until + SLOW_S)
@@ -182,7 +182,7 @@ class Limiter(Protocol):
     """The turns of one address, kept in a file, a service or a cluster's actor."""
 
     def claim(self, tokens: int) -> float:
-        """Count a request of about so many tokens as sent and return 0, or return the s to wait before a new claim."""
+        """Count a request of about `tokens` tokens as sent and return 0, or return the seconds until a new claim."""
         ...
 
     def update(self, allowances: tuple[Allowance, ...]) -> None:
@@ -190,7 +190,7 @@ class Limiter(Protocol):
         ...
 
     def hold(self, seconds: float) -> None:
-        """Block requests for so long, after a rejection for the rate."""
+        """Block requests for `seconds` after a rate-limit rejection."""
         ...
 
 

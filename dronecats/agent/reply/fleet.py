@@ -1,6 +1,6 @@
-"""Lenient reading of a fleet's reply: the division of its objects among the drones.
+"""Lenient parser of a fleet's reply. It divides the objects of the reply among the drones.
 
-Drones are counted from 1, as in the prompt. Objects that name no drone are in the order of the pictures.
+Replies count drones from 1, as the prompt does. Objects that name no drone are in the order of the pictures.
 """
 
 import re
@@ -27,7 +27,7 @@ class Division:
     """The objects of a reply by drone."""
 
     items: dict[int, Any]  # by drone, from 0
-    mends: set[Mend] = field(default_factory=set)  # of the reply as a unit
+    mends: set[Mend] = field(default_factory=set)  # of the reply as a whole
     twice: frozenset[int] = frozenset()  # drones that several objects name
 
 
@@ -61,7 +61,7 @@ def _drone_result(division: Division, drone: int, drones: int, axis_order: AxisO
 
 
 def _divided(answer: str, drones: int) -> Division:
-    """Return the division of an answer. Raises ActionError where it is ambiguous."""
+    """Return the division of an answer. Raises ActionError if it is ambiguous."""
     try:
         array = strict.first_array(answer)
         strict_error = ActionError(f"expected {drones} actions, got {len(array.value)}")
@@ -78,7 +78,7 @@ def _divided(answer: str, drones: int) -> Division:
     division.mends |= around(answer, [(span.begin, span.end) for span in drone_values])
     for span in drone_values:
         division.mends |= span.mends
-    if division.mends <= TOLERATED.keys():  # nothing was mended, so what was refused stays refused
+    if division.mends <= TOLERATED.keys():  # nothing was mended, so the strict rejection holds
         raise strict_error
     return division
 
@@ -127,7 +127,7 @@ def _of_arrays(arrays: list[ReadValue], drones: int) -> Division:
 
 
 def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Division:
-    """Return the division of one object: drones as keys, or an array of their objects within it."""
+    """Return the division of one object: its keys name the drones, or it contains an array of their objects."""
     keyed = {key: match for key in value if (match := _NAME.fullmatch(key.strip()))}
     if keyed:
         numbers = {key: int(match.group(1)) for key, match in keyed.items()}
@@ -146,7 +146,7 @@ def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Division:
 
 
 def _items(value: Any) -> list[Any] | None:
-    """Return the array with an object per drone, without further arrays around it; None for any other value."""
+    """Return the array with an object per drone, without extra arrays around it; None for any other value."""
     for _ in range(_NESTED_MAX):
         if not isinstance(value, list):
             return None
@@ -192,7 +192,7 @@ def _place(division: Division, placed_items: list[tuple[int | None, Any]], drone
 
 
 def _places(names: list[int], drones: int) -> tuple[list[int], bool]:
-    """Return the drones, from 0, of their numbers, and whether these count from 0, as a 0 among them shows."""
+    """Return the drones' indices for their numbers, and whether the numbers count from 0, shown by a 0 among them."""
     zero_based = 0 in names and drones not in names
     return [name if zero_based else name - 1 for name in names], zero_based
 
@@ -207,6 +207,6 @@ def _name(item: Any) -> int | None:
             return int(match.group(1))
         if isinstance(name, int) and not isinstance(name, bool):
             return name
-    name = item.get("id")  # a bare number there may be of anything
+    name = item.get("id")  # a bare number in it may not be the drone's
     match = _NAME.fullmatch(name.strip()) if isinstance(name, str) else None
     return int(match.group(1)) if match and not match.group().isdigit() else None

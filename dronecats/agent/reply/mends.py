@@ -1,4 +1,4 @@
-"""Mends of replies: a closed list of codes. decisions.jsonl has the codes that a reply needed."""
+"""Codes of the mends (corrections) that the lenient parser makes. decisions.jsonl has the codes of each reply."""
 
 import re
 from collections.abc import Collection, Iterable
@@ -13,7 +13,7 @@ Mend = Literal[
     "nested_array", "one_fits", "by_name", "zero_based", "keyed", "lines", "short", "extra",
 ]  # fmt: skip
 
-# Around the answer. The strict parser tolerates these, too.
+# Outside the answer. The strict parser tolerates these too.
 TOLERATED: dict[Mend, str] = {
     "prose": "other text before or after",
     "fence": "a code fence",
@@ -75,7 +75,10 @@ _FENCE = re.compile(r"(?:```|~~~)[ \t]*[\w-]*")
 
 
 def around(text: str, spans: Iterable[tuple[int, int]]) -> set[Mend]:
-    """Return the mends for the text around values at (begin, end), in order: a fence, array brackets, prose."""
+    """Return the mends for the text outside `spans`, which are the (begin, end) of the values, in order.
+
+    Such text is a fence, array brackets or prose.
+    """
     pieces, at = [], 0
     for begin, end in spans:
         pieces.append(text[at:begin])

@@ -1,4 +1,4 @@
-"""Reads the text of a reply, strictly or leniently: a pure function, so that a logged reply can be read again."""
+"""Parses the text of a reply, strictly or leniently. The function is pure, so a logged reply can be parsed again."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -26,9 +26,9 @@ class Reading:
 def reading(reply: str, drones: int, axis_order: AxisOrder = "xy", parser: ReplyParser = "strict") -> list[Reading]:
     """Return the reading of `reply` for each of `drones`, in the order of their pictures.
 
-    strict: as the prompt asks, without mends. lenient: any text with only one possible meaning is read, and the
-    reading lists its mends. Both read a strict reply alike, except a fleet's objects that name their drones and stand
-    in another order. Raises nothing.
+    strict: accepts the form that the prompt asks for, without mends. lenient: accepts any text with only one possible
+    meaning, and lists its mends. A reply that the strict parser accepts has the same result with both, except if a
+    fleet's objects name their drones and are in another order. Never raises.
     """
     if parser == "strict":
         return [_reading(result) for result in strict.parse_fleet(reply, drones, axis_order)]
@@ -50,8 +50,8 @@ def _reading(result: Action | ActionError, mends: Collection[Mend] = ()) -> Read
 def _single_action(reply: str, axis_order: AxisOrder, mends: set[Mend]) -> Action:
     """Return the action of one drone's reply, read leniently. Raises ActionError.
 
-    A valid strict reply is read strictly. Else the last object that is meant as an action counts, even if it is cut off
-    or malformed, so that no earlier draft is flown instead.
+    A reply that the strict parser accepts is parsed strictly. Otherwise the last object that is meant as an action
+    counts. If it is cut off or malformed, no earlier draft is flown instead.
     """
     answer = answer_of(reply)
     mends |= {"reasoning"} if answer != reply else set()
@@ -88,7 +88,7 @@ def action_objects(text: str) -> list[ReadValue]:
 
 
 def _unescaped(text: str) -> str:
-    r"""Return a text whose quotes are escaped, {\"action\": …}, without the escapes; "" for any other."""
+    r"""Return a text with escaped quotes, {\"action\": …}, without the escapes; "" if it has no escaped quotes."""
     if '\\"' not in text:
         return ""
     bare = text.strip()

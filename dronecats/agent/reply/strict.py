@@ -9,7 +9,7 @@ from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 
 MAX_REPLY_CHARS = 200_000  # 8192 tokens are far below this
 MAX_TRIES = 500  # places in a reply at which JSON may begin
-MAX_VAIN_CHARS = 5 * MAX_REPLY_CHARS  # characters read after such places without finding a value
+MAX_VAIN_CHARS = 5 * MAX_REPLY_CHARS  # characters read from such places without a complete value
 _WORD = "think(?:ing)?|thoughts?|reasoning|analysis|reflection|scratchpad"
 _MARK = re.compile(
     rf"""<(?P<closes>/?)(?:\w+:)?(?:{_WORD})>  |  \[(?P<closes_bracket>/?)THINK\]  |  ◁(?P<closes_triangle>/?)think▷
@@ -30,8 +30,8 @@ class JsonSpan:
 
 
 def answer_of(reply: str) -> str:
-    """Return a reply without its reasoning. Raises ActionError when there is nothing else."""
-    if _is_json(reply):  # a mark in a string is not reasoning
+    """Return a reply without its reasoning. Raises ActionError if there is nothing else."""
+    if _is_json(reply):  # a reasoning mark inside a JSON string does not count
         return reply
     answer = without_reasoning(reply)
     if not answer.strip() and reply.strip():
@@ -40,11 +40,11 @@ def answer_of(reply: str) -> str:
 
 
 def without_reasoning(text: str) -> str:
-    """Return a reply without the text between its marks of reasoning.
+    """Return a reply without the text between its reasoning marks.
 
     Marks are tags such as <think> and [THINK], the channels of gpt-oss other than `final`, and fences with such a name.
-    Reasoning that is never closed runs to the end. All text before a closing mark that was never opened is reasoning,
-    since the chat template of some models opens it.
+    Reasoning without a closing mark extends to the end. All text before a closing mark without an opening mark is
+    reasoning, since the chat template of some models has the opening mark.
     """
     kept: list[str] = []
     at, within, fenced = 0, False, False
@@ -76,8 +76,8 @@ def parse(reply: str, axis_order: AxisOrder = "xy") -> Action:
     """Return the action in `reply`.
 
     The prompt asks for one JSON object and nothing else. Prose or a code fence around it is tolerated: the last object
-    that has an "action" counts. Marked reasoning is not read. Raises ActionError with the reason when there is no
-    action or it is malformed.
+    that has an "action" counts. Marked reasoning is skipped. Raises ActionError with the reason if there is no action
+    or it is malformed.
     """
     return action_from(last_object(answer_of(reply[:MAX_REPLY_CHARS])).value, axis_order)
 
@@ -108,7 +108,7 @@ def parse_fleet(reply: str, drones: int, axis_order: AxisOrder = "xy") -> list[A
 
 
 def last_object(reply: str) -> JsonSpan:
-    """Return the object that counts. Raises ActionError when there is none."""
+    """Return the last object that names an action, else the last object. Raises ActionError if there is none."""
     spans = json_spans(reply, "{")
     if not spans:
         raise ActionError("no JSON object in the reply")
@@ -116,7 +116,7 @@ def last_object(reply: str) -> JsonSpan:
 
 
 def first_array(reply: str) -> JsonSpan:
-    """Return the array of objects that counts. Raises ActionError when there is none."""
+    """Return the first array that has an object. Raises ActionError if there is none."""
     for span in json_spans(reply, "["):
         if isinstance(span.value, list) and any(isinstance(item, dict) for item in span.value):
             return span
@@ -131,8 +131,8 @@ def declares(value: Any) -> bool:
 def json_spans(reply: str, opening: str) -> list[JsonSpan]:
     """Return the outermost JSON values of the text that start with `opening`, in order.
 
-    Where a value breaks off, the next one may begin inside it. Reading such text again and again would take the square
-    of its length, so the search ends after MAX_TRIES places or MAX_VAIN_CHARS characters without a value.
+    The search continues inside a value that breaks off. This could take quadratic time, so the search ends after
+    MAX_TRIES places, or after MAX_VAIN_CHARS characters without a complete value.
     """
     decoder = json.JSONDecoder()
     text, spans, at, tries, vain = reply[:MAX_REPLY_CHARS], [], 0, 0, 0

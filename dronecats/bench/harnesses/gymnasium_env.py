@@ -4,9 +4,9 @@
     import dronecats.bench.harnesses.gymnasium_env
     env = gymnasium.make("DroneCATS-v0", episodes=["residential-approaching-01"])
 
-An observation is the picture and the instruction, as the agent's model gets them. An action is one of the four. A fleet
-has a picture and an action per drone. Controller, autopilot, logger and verifier are those of every flight, and the
-flight's folder is that of a run.
+An observation is the picture and the instruction, as the agent's model gets them. An action is go, rotate, think or
+finished. A fleet has a picture and an action per drone. Controller, autopilot, logger and judge are those of
+`dronecats fly`. Each flight writes a run folder.
 """
 
 import tempfile
@@ -31,15 +31,15 @@ DEPTH_MAX_M = 300.0
 ANGLE_MAX_DEG = 90.0
 CHARACTERS = frozenset(map(chr, range(32, 0x2100)))  # of instructions
 
-EnvObservation = dict[str, Any]  # {"frame": (360, 640, 3) uint8 RGB, "instruction": str}; of a fleet "frames"
-EnvAction = dict[str, Any] | tuple[dict[str, Any], ...]  # of a fleet an action for each drone
+EnvObservation = dict[str, Any]  # {"frame": (360, 640, 3) uint8 RGB, "instruction": str}; a fleet has "frames"
+EnvAction = dict[str, Any] | tuple[dict[str, Any], ...]  # a tuple: one action per drone of a fleet
 # an action: {"kind": 0 … 3, "point": (2,) 0 … 1000, "depth_m": (1,) m, "angle_deg": (1,) °}
 
 
 class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
-    """An episode. `reset` begins a flight of the next one; a step ends when the next pictures have arrived.
+    """The environment. `reset` begins a flight of the next episode; a step ends when the next pictures arrive.
 
-    terminated: the verdict is decided, which within an episode only success does. truncated: its time is over.
+    terminated: the flight succeeded. truncated: the flight ended without success, for example at its time limit.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012  # as Gymnasium declares it
@@ -57,9 +57,9 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
     ) -> None:
         """`episodes`: ids or files, which `reset` takes one after another; empty: the one-drone suite.
 
-        `reward`: always 0, or 1 for the step that completes the episode. `out`: the folder that takes a folder per
-        flight; None: flights are not kept. `policy`: the pilot's name in run.json. Raises UsageError for episodes of
-        different numbers of drones, which have different spaces.
+        `reward`: with "none" always 0; with "verdict" 1 for the last step of a success, else 0. `out`: the folder for
+        one folder per flight; None: flights are not kept. `policy`: the pilot's name in run.json. Raises UsageError for
+        episodes with different numbers of drones, because their spaces differ.
         """
         self._records = {name: catalogue.load(name) for name in episodes or catalogue.suite_ids("one-drone")}
         self._names = list(self._records)
@@ -83,7 +83,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[EnvObservation, dict[str, Any]]:
-        """Begin a flight: of `options["episode"]`, or with a seed of the episode that it draws, else of the next one.
+        """Begin a flight of `options["episode"]`, else of the episode that the seed selects, else of the next one.
 
         Equal seeds give equal flights. Raises UsageError, InfrastructureError.
         """
@@ -112,7 +112,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         return self._seen(question), {"episode": self._records[name].id}
 
     def step(self, action: EnvAction) -> tuple[EnvObservation, float, bool, bool, dict[str, Any]]:
-        """Fly an action to its end and return the next observation. Raises InfrastructureError for a broken flight."""
+        """Fly an action to its end, return the next observation. Raises InfrastructureError when the flight fails."""
         if self._flight is None:
             raise gymnasium.error.ResetNeeded("no flight is in progress. Call reset first")
         self._flight.answer(OutsideReply(joint_reply(action, self._drones)))

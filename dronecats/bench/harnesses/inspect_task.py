@@ -1,10 +1,10 @@
-"""The benchmark as a task of Inspect: the suite is the dataset, the flight the solver, the verifier the scorer.
+"""The benchmark as a task of Inspect: the suite is the dataset, the flight the solver, the judge the scorer.
 
     inspect eval dronecats/dronecats --model PROVIDER/NAME -T suite=quick
     inspect view
 
-Inspect calls its own model, with its own retries, limits and cache. Prompt, pictures, controller, autopilot and logger
-are those of `dronecats fly`. The run folders of the flights are runs like any other.
+Inspect calls the model, with Inspect's retries, limits and cache. Prompt, pictures, controller, autopilot and logger
+are those of `dronecats fly`. The flights write ordinary run folders.
 """
 
 import base64
@@ -41,7 +41,7 @@ from foundation.protocol import CAP_S
 from foundation.run_folder.folder import fresh_run
 from foundation.wording import counted
 
-Effort = Literal["minimal", "low", "medium", "high", "xhigh", "max"]  # of Inspect's reasoning_effort
+Effort = Literal["minimal", "low", "medium", "high", "xhigh", "max"]  # values of Inspect's reasoning_effort
 FOLDER = "dronecats_folder"  # key of the flight's folder in the sample's store
 _DECLARED = ModelSpec(provider="local", name="")  # the sampling of the paper
 
@@ -63,9 +63,9 @@ def dronecats(
     Inspect itself splits a text with commas into a list.
 
     `latency`: the vehicle time that a reply costs (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
-    `axis_order`: xy or yx, the order of the model's points. `out`: the folder that takes a run for each epoch; None: a
-    new one. `agent`: paper, steady or MODULE:NAME. `lifted`: the reasoning effort of the call after a `think`, and of
-    no other; None: the evaluation's own, since not every model takes one.
+    `axis_order`: xy or yx, the order of the model's points. `out`: the folder for one run per epoch; None: a new one.
+    `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of calls after a `think`, and only of these; None:
+    that of the evaluation, because some models have no such setting.
 
     Raises UsageError for an effort that Inspect does not know.
     """
@@ -157,7 +157,7 @@ def flight(
 
 @scorer(metrics=[accuracy(), stderr(), grouped(accuracy(), "cell", all=False), grouped(accuracy(), "map", all=False)])
 def verdict() -> Scorer:
-    """Judge the sample's folder by Algorithm 1 of the paper, from the logger's files alone."""
+    """Judge the sample's folder by Algorithm 1 of the paper, only from its logs."""
 
     async def score(state: TaskState, target: Target) -> Score:
         folder = Path(str(state.store.get(FOLDER)))

@@ -1,7 +1,7 @@
-"""A simulated flight whose pilot is another harness, which answers question by question at its own pace.
+"""A simulated flight with another harness as its pilot. The harness may answer a question at any time.
 
-In lockstep the vehicle's clock stands still between a question and its answer, however long that takes. The flight's
-latency policy alone determines the vehicle time that an answer costs.
+The flight runs in lockstep: the vehicle's clock stands still from a question to its answer. Only the latency policy
+determines the vehicle time that an answer takes.
 """
 
 import json
@@ -33,7 +33,7 @@ from foundation.run_folder.results import Result
 KINDS = ACTIONS  # an action's number is its index here
 _CAMERA = CameraModel()
 PICTURE_SHAPE = (_CAMERA.height * WIDTH_MAX // _CAMERA.width, WIDTH_MAX, 3)  # as models get it: height, width, RGB
-_CREATING = threading.Lock()  # flights of one run that begin together find or create its run.json one after the other
+_CREATING = threading.Lock()  # flights of one run that begin together create or read its run.json one by one
 
 
 def picture(jpeg: bytes) -> NDArray[np.uint8]:
@@ -58,7 +58,7 @@ def reply(kind: int, point: Sequence[float], depth_m: float, angle_deg: float) -
 
 
 class Abandoned(KeyboardInterrupt):
-    """The caller does not answer any more. Like a Ctrl-C it ends the flight, which is not scored."""
+    """The caller stops answering. Like Ctrl-C, this ends the flight without a score."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class OutsideReply:
 
 
 class _OutsideModel:
-    """The model of such a flight: puts each question out, and waits for the answer."""
+    """The model of such a flight: passes each question to the harness, and waits for the answer."""
 
     def __init__(self, name: str, put_question: Callable[[Request], None]) -> None:
         self.name = name
@@ -97,10 +97,10 @@ class OutsideFlight:
     """One flight in lockstep. The caller alternates `question` and `answer` until there is no further question."""
 
     def __init__(self, spec: FlightSpec, run: Path) -> None:
-        """Begin to fly into a folder of the run. Raises UsageError for a spec that cannot be flown from outside."""
+        """Begin the flight, in a new folder of the run. Raises UsageError if another harness cannot fly the spec."""
         if spec.outside is None:
             raise UsageError("a flight that is flown from outside names its harness in `outside`")
-        self._folder_lock = ExitStack()  # holds the folder until the flight is over
+        self._folder_lock = ExitStack()  # locks the folder until the flight is over
         self._events: queue.SimpleQueue[Request | dict[str, Any] | BaseException] = queue.SimpleQueue()
         self._model = _OutsideModel(spec.outside.name, self._events.put)
         self._flight = look_up(spec, outside=self._model)
@@ -122,7 +122,7 @@ class OutsideFlight:
         return self._flight.instruction
 
     def question(self) -> Request | None:
-        """Return the next question, None when the flight is over. Raises RuntimeError while one is unanswered."""
+        """Return the next question; None: the flight is over. Raises RuntimeError while a question is unanswered."""
         if self._waiting:
             raise RuntimeError("the question before has not been answered")
         if self._ended is not None:
@@ -136,11 +136,11 @@ class OutsideFlight:
         return None
 
     def answer(self, answer: OutsideReply) -> None:
-        """Answer the open question. Raises RuntimeError when there is none."""
+        """Answer the open question. Raises RuntimeError when no question is open."""
         self._hand_back(answer)
 
     def result(self) -> Result:
-        """Return the result of a flight that is over. Raises the error that ended it, RuntimeError before its end."""
+        """Return the result of a flight that is over. Raises the error that ended it; before its end, RuntimeError."""
         if self._ended is None:
             raise RuntimeError("the flight is not over")
         if isinstance(self._ended, BaseException):

@@ -1,4 +1,4 @@
-"""The logger of a flight without truth, as a process: it writes the autopilot's own estimate as truth.jsonl."""
+"""The logger process of a flight without truth: it writes the autopilot's estimate into truth.jsonl."""
 
 import math
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ from hil.link.transport import UdpTransport
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimateLoggerConfig:
-    """Configuration of a logger of an autopilot's estimate."""
+    """Configuration of the logger that records the autopilot's estimate."""
 
     folder: str
 
 
 class EstimateRecorder:
-    """Writes the pose trace from LOCAL_POSITION_NED and ATTITUDE, and every message into flight.tlog."""
+    """Writes poses from LOCAL_POSITION_NED and ATTITUDE into truth.jsonl, and every message into flight.tlog."""
 
     def __init__(self, folder: Path) -> None:
         self._rows, self._tlog = LineLog(folder / layout.TRUTH), TelemetryLog(folder / layout.TLOG)
@@ -51,7 +51,7 @@ class EstimateRecorder:
         self._tlog.close()
 
     def telemetry(self, data: bytes) -> None:
-        """Take bytes of the link."""
+        """Process bytes from the link."""
         for message in self._parser.feed(data):
             self._tlog.write(self._clock.time_us, bytes(message.get_msgbuf()))
             if message.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
@@ -87,7 +87,7 @@ class EstimateRecorder:
 
 
 class EstimateLogger:
-    """The logger as a child process of a flight on a connected vehicle."""
+    """The estimate logger as a child process of a flight on a connected vehicle."""
 
     def __init__(self, config: EstimateLoggerConfig) -> None:
         self._recorder = EstimateRecorder(Path(config.folder))

@@ -1,8 +1,8 @@
-"""Resets of an autopilot's estimator, from its ODOMETRY.
+"""Detects resets of an autopilot's estimator in its ODOMETRY messages.
 
 PX4 counts all resets of its EKF2 in ODOMETRY.reset_counter (EKF2.cpp, PublishOdometry), and so does our autopilot. The
-counter does not say which quantity was reset. The jump of the estimate shows it: the difference from the prediction by
-velocity and body rates since the previous message.
+counter does not say which quantity was reset. The jump of the estimate shows it: the difference from a prediction with
+the previous estimate and the mean velocity and yaw rate of both messages.
 """
 
 import math
@@ -14,8 +14,8 @@ from foundation.run_folder.rows import Reset, ResetQuantity
 from foundation.wire import message_id
 
 COUNTS = 256  # reset_counter is a uint8
-# Largest change of an estimate between two messages, beyond the prediction by the mean of their rates: in the flights
-# here a multirotor accelerates by at most 5 m/s² and 30°/s within 0.2 s. A smaller reset has no named quantity.
+# A quantity was reset if its jump exceeds LEAST_… plus the effect of a motion with ACCELERATION and TURNING_DEG, the
+# largest in our flights within 0.2 s. A reset with smaller jumps names no quantity.
 LEAST_M, LEAST_MPS, LEAST_DEG = 0.2, 0.3, 3.0
 ACCELERATION, TURNING_DEG = 5.0, 30.0  # m/s²; °/s, change of the turn rate
 
@@ -55,7 +55,7 @@ class ResetWatch:
         return self._last is not None
 
     def frame(self, frame: bytes) -> EstimatorReset | None:
-        """Take one message as its bytes; return the reset that it shows."""
+        """Process the bytes of one message; return the reset that it shows, or None."""
         if message_id(frame) != dialect.MAVLINK_MSG_ID_ODOMETRY:
             return None
         for message in self._parser.feed(frame):
@@ -63,7 +63,7 @@ class ResetWatch:
         return None
 
     def message(self, message: dialect.MAVLink_message) -> EstimatorReset | None:
-        """Take an ODOMETRY; return the reset that it shows."""
+        """Process an ODOMETRY message; return the reset that it shows, or None."""
         if message.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
             return None
         new, last = _odometry(message), self._last
@@ -91,7 +91,7 @@ def reset_row(t: float, drone: int, reset: EstimatorReset) -> Reset:
 def _odometry(message: dialect.MAVLink_message) -> _Odometry:
     q = (message.q[0], message.q[1], message.q[2], message.q[3])
     velocity = (message.vx, message.vy, message.vz)
-    if message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:  # PX4 gives the frame of the velocity here
+    if message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:  # the frame of the velocity
         velocity = rotate(q, velocity)
     return _Odometry(
         time_us=message.time_usec,
@@ -113,7 +113,7 @@ def _reset(last: _Odometry, new: _Odometry, count: int) -> EstimatorReset:
     yaw_deg = math.degrees(wrap_pi(new.yaw - last.yaw - turned))
     velocity_mps = math.dist(new.velocity_ned, last.velocity_ned)
     position_m = math.hypot(north, east)
-    # a velocity reset changes the mean of the two, and must not look like a position reset
+    # a velocity reset changes the mean velocity, and must not count as a position reset
     moved_m = LEAST_M + 0.5 * (ACCELERATION * dt + velocity_mps) * dt
     jumps: dict[ResetQuantity, bool] = {
         "yaw": abs(yaw_deg) > LEAST_DEG + TURNING_DEG * dt,

@@ -1,4 +1,4 @@
-"""The logger as a process: it listens on the truth bus and on its own telemetry port, and writes the logs."""
+"""The logger process: it reads the truth bus and each drone's telemetry, and writes the logs."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -19,7 +19,7 @@ from vehicles import airframe as airframes
 
 
 def measured_in(world: World) -> Measure:
-    """Return the measurement function of an episode's world, in which other drones may hide the target."""
+    """Return the function that measures the target in an episode's world; other drones may hide the target."""
 
     def measure(
         t_s: float, sample: TruthSample, camera: CameraModel, fleet: Sequence[TruthSample]
@@ -39,14 +39,14 @@ WATCHED = {
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1_000_000,
     dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 200_000,
     dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1_000_000,
-    dialect.MAVLINK_MSG_ID_ODOMETRY: 200_000,  # its reset counter
+    dialect.MAVLINK_MSG_ID_ODOMETRY: 200_000,  # for its reset counter
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 1_000_000,
     dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 5_000_000,
 }
 
 
 def subscribe(send: Callable[[bytes], None], system: int) -> None:
-    """Request the messages to log from the autopilot of `system`, five times a second."""
+    """Request each message of WATCHED from the autopilot of `system`, at its interval (µs)."""
     packer = Packer(SYSTEM, COMPONENT)
     for message_id, interval_us in WATCHED.items():
         send(
@@ -97,5 +97,5 @@ class Logger:
 
 
 def create(config: LoggerConfig) -> Logger:
-    """Return the logger for an episode file, its airframe, an episode folder, and the URLs to listen on."""
+    """Return the logger of a flight."""
     return Logger(config)

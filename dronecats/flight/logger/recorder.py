@@ -31,7 +31,7 @@ from foundation.truth import (
     truth_sample,
 )
 
-# (t in s, where the drone is, its camera, where the fleet's others are at that time)
+# (t in s, truth of the drone, its camera, truth of the other drones at that time) → measurement
 Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], TargetMeasurement]
 KEPT = 1000  # truth samples per drone to keep, for late frames: 20 s at 50 Hz
 
@@ -40,10 +40,10 @@ KEPT = 1000  # truth samples per drone to keep, for late frames: 20 s at 50 Hz
 class LoggerConfig:
     """Configuration of a logger that measures the truth in an episode's world."""
 
-    episode: str  # id, or a record's file
+    episode: str  # id, or path of a record file
     folder: str  # of the episode's logs
     truth: str  # URL of the truth bus
-    telemetry: tuple[str, ...]  # URLs, one of each drone's autopilot
+    telemetry: tuple[str, ...]  # URL of each drone's autopilot
     airframe: str | None = None
 
 
@@ -51,13 +51,13 @@ class LazySample:
     """A truth sample that is decoded on demand, because only one in twenty-five is needed."""
 
     def __init__(self, message: dialect.MAVLink_message, origin: Origin, pitch: float | None) -> None:
-        """`pitch` (rad) is that of the camera's gimbal at this time, None without one."""
+        """`pitch`: pitch (rad) of the camera's gimbal at this time; None without a gimbal."""
         self.drone, self.time_us = message.get_srcSystem() - 1, int(message.time_usec)
         self._message, self._origin, self._pitch = message, origin, pitch
 
     @cached_property
     def sample(self) -> TruthSample:
-        """Where the vehicle was."""
+        """The decoded sample."""
         return truth_sample(self._message, self._origin, self._pitch)
 
 
@@ -68,9 +68,9 @@ class Recorder:
         self._origin, self._measure, self._camera = origin, measure, camera
         self._rows, self._tlog = LineLog(folder / layout.TRUTH), TelemetryLog(folder / layout.TLOG)
         self._truth_parser = Parser()
-        self._telemetry: dict[int, tuple[Parser, ResetWatch]] = {}  # of each drone
+        self._telemetry: dict[int, tuple[Parser, ResetWatch]] = {}  # by drone
         self._samples: dict[int, deque[LazySample]] = {}
-        self._pitches: dict[int, float] = {}  # rad, of the gimbals, by system id: the message before a vehicle's pose
+        self._pitches: dict[int, float] = {}  # rad, gimbal pitch by system id; its message comes before the pose
         self._next_pose: dict[int, int] = {}
         self._due: deque[LazySample] = deque()  # poses that wait for the positions of the other drones
         self._t0_us: int | None = None
@@ -100,7 +100,7 @@ class Recorder:
         self._tlog.close()
 
     def truth(self, data: bytes) -> None:
-        """Take bytes of the truth bus."""
+        """Process bytes of the truth bus."""
         for message in self._truth_parser.feed(data):
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
                 self._pose(LazySample(message, self._origin, self._pitches.get(message.get_srcSystem())))
@@ -114,7 +114,7 @@ class Recorder:
         self._tlog.flush()
 
     def telemetry(self, data: bytes, drone: int = 0) -> None:
-        """Take bytes of a drone's autopilot, and write them unchanged for ground-station tools."""
+        """Process bytes of a drone's autopilot: write them unchanged to the tlog, and detect estimator resets."""
         if not data:
             return
         parser, watch = self._telemetry.setdefault(drone, (Parser(), ResetWatch()))
@@ -174,7 +174,7 @@ class Recorder:
         )
 
     def _camera_pitch_deg(self, sample: TruthSample) -> float | UnsetType:
-        """Return the pitch of the camera for a frame's row; unset where it is fixed and level."""
+        """Return the pitch (°) of the camera for a frame's row; UNSET if the camera is fixed and level."""
         if sample.gimbal_pitch is not None:
             return round(math.degrees(sample.gimbal_pitch), 3)
         return self._camera.pitch_deg or UNSET
@@ -207,8 +207,8 @@ def _body(sample: TruthSample) -> dict[str, Any]:
 def _rounded(value: Any, name: str) -> Any:
     """Return a number or a tuple of numbers rounded, other values unchanged.
 
-    The bus has a resolution of 1 cm, so four digits are enough. A thousandth of a picture is a pixel or more, so two
-    digits are a hundredth of a pixel.
+    The bus has a resolution of 1 cm, so four decimals are enough. The unit of `target_box` is a thousandth of the
+    picture, about one pixel, so two decimals are enough.
     """
     if isinstance(value, tuple):
         return tuple(_rounded(number, name) for number in value)

@@ -3,8 +3,8 @@
     python -m dronecats.flight.processes.child MODULE
 
 The first line is the configuration; its answer is `{"ready": …}`. Between two turns, the child answers `{"alive":
-true}` with the same line, so the parent notices a child that hangs. When standard input ends, the parent is gone and
-the child ends too. So no process is orphaned, not even by a kill -9 of the parent.
+true}` with the same line, so the parent notices a child that hangs. When the parent ends, even by a kill -9, standard
+input ends, and then the child ends too.
 """
 
 import importlib
@@ -37,7 +37,7 @@ class Part(Protocol):
         ...
 
     def turn(self) -> None:
-        """Do a little work, or wait a short time for work. It is called again and again."""
+        """Do a little work, or wait briefly for work. The main loop calls it repeatedly."""
         ...
 
     def close(self) -> None: ...
@@ -45,7 +45,7 @@ class Part(Protocol):
 
 def main() -> int:
     """Run the part whose module is named on the command line."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C: it lands first
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C: it lands the vehicle first
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like an answer
 
@@ -84,7 +84,7 @@ def main() -> int:
 
 
 def _created(module: Any, config: Any) -> Part:
-    """Return the part of a module. The annotation of `create` gives the type of its configuration."""
+    """Create the part of a module. The annotation of `create` gives the type of its configuration."""
     of_type = get_type_hints(module.create)["config"]
     part: Part = module.create(msgspec.convert(config, of_type))
     return part

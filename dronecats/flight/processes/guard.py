@@ -1,9 +1,9 @@
-"""Runs a foreign program that must not outlive us. Its process group ends when our standard input ends.
+"""Runs another program, and ends its process group when standard input ends.
 
     python -m dronecats.flight.processes.guard COMMAND [ARGUMENT …]
 
 Standard input is a pipe from the parent. It closes when the parent ends, even by a kill -9. The program's own standard
-input stays open and empty, because PX4's shell spins on a closed one. The exit status is the program's.
+input stays open and empty, because PX4's shell reads a closed one in a busy loop. The exit status is the program's.
 """
 
 import contextlib
@@ -29,7 +29,7 @@ def main() -> int:
         signal.signal(number, lambda *_: end(program))
     threading.Thread(target=let_go, daemon=True).start()
     status = program.wait()
-    end(program)  # background processes of a wrapper script
+    end(program)  # ends the background processes of a wrapper script
     return status if status >= 0 else 128 - status
 
 

@@ -20,12 +20,12 @@ import msgspec
 from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from foundation.redaction import keyless_environment
 
-EVERY_S = 1.0  # between an answer and the next question
-GLANCE_S = 0.5  # most time that one look counts, so that a pause of the parent does not count as silence
+EVERY_S = 1.0  # wall s from the answer to one heartbeat request until the next request
+GLANCE_S = 0.5  # wall s; largest wait that one check counts, so that a pause of the parent does not count as silence
 
 
 class Heartbeat:
-    """The sign of life of a process, as pure logic. The caller passes all times, in seconds of one monotonic clock."""
+    """Tracks the heartbeat of a process. The caller passes all times, in seconds of one monotonic clock."""
 
     def __init__(self, patience_s: float) -> None:
         """After `patience_s` without an answer, the process counts as hanging."""
@@ -36,7 +36,7 @@ class Heartbeat:
         self._waited_s = 0.0
 
     def is_due(self, now_s: float) -> bool:
-        """Return whether it is time to ask. It never is while an answer is pending, so that no questions pile up."""
+        """Return whether the next request is due. None is due while an answer is pending, so none pile up."""
         return not self._is_pending and (self._answered_s is None or now_s >= self._answered_s + EVERY_S)
 
     def sent(self, now_s: float) -> None:
@@ -46,10 +46,10 @@ class Heartbeat:
         self._is_pending, self._answered_s = False, now_s
 
     def pending_s(self, now_s: float) -> float:
-        """Look, and return for how long an answer has been pending; 0: none is.
+        """Update and return how long (s) the answer has been pending; 0: none is pending.
 
-        Only time in which we could hear the answer counts. After a sleep of the machine, or a Ctrl-Z, the process had
-        no chance to answer either.
+        Each call counts GLANCE_S at most. So a suspended machine or a Ctrl-Z, during which the process cannot answer
+        either, does not count.
         """
         if not self._is_pending or self._looked_s is None:
             return 0.0
@@ -58,7 +58,7 @@ class Heartbeat:
         return self._waited_s
 
     def hangs(self, now_s: float) -> bool:
-        """Look, and return whether the answer has been pending for longer than `patience_s`."""
+        """Update and return whether the answer has been pending for longer than `patience_s`."""
         return self.pending_s(now_s) > self.patience_s
 
     @property
@@ -68,12 +68,12 @@ class Heartbeat:
 
 
 READY_S = 600.0  # wall seconds; includes the compilation of a first run on a slow and busy machine
-ANSWER_S = 30.0  # to a command
-# Longest wait for a sign of life. A part answers between two turns of some milliseconds, on a busy machine of seconds.
-# After such a long silence a flight cannot be judged, because the socket of a listener that does not read overflows
-# earlier. It is shorter than the patience of the agent for its camera, because this error names the process.
+ANSWER_S = 30.0  # wall seconds; longest wait for the answer to a command
+# Longest wait for a heartbeat. A part answers between two turns, which take milliseconds, on a busy machine seconds.
+# After such a silence a flight cannot be judged, because the sockets of a listener that does not read have overflowed.
+# The agent waits longer for its camera, because the error of this check names the process.
 HANG_S = 15.0
-CAUSE_S = 10.0  # the same after an error, when a silent process is the likely cause
+CAUSE_S = 10.0  # the same after another error, because a process that hangs is its likely cause
 CLOSE_S = 5.0
 C = TypeVar("C")
 
@@ -83,7 +83,7 @@ class ChildKind(Generic[C]):
     """A kind of child process."""
 
     name: str  # in messages, and in the name of its log
-    module: str  # with `create(config) -> Part`; a name, because only the child imports it
+    module: str  # its name, because only the child imports it; it has `create(config) -> Part`
     config: type[C]  # a frozen dataclass of JSON values
     needs_keys: bool = False  # True for models, which need the keys in the environment
 
@@ -92,7 +92,7 @@ class ChildProcess:
     """One supervised process. Its methods raise InfrastructureError if it has ended or hangs."""
 
     def __init__(self, kind: ChildKind[C], config: C, log: Path, answer_s: float = HANG_S) -> None:
-        """After `answer_s` without a sign of life, the process counts as hanging."""
+        """After `answer_s` without a heartbeat, the process counts as hanging."""
         self.kind, self.log, self._answer_s = kind.name, log, answer_s
         with log.open("ab") as errors:
             self._process = subprocess.Popen(
@@ -105,8 +105,8 @@ class ChildProcess:
             )
         self._buffer = b""
         self._answers: deque[dict[str, Any]] = deque()
-        self._heartbeat: Heartbeat | None = None  # None until it is ready, because it may compile for minutes
-        self._silent_s = 0.0  # wait without an answer; if above 0, there is no second wait
+        self._heartbeat: Heartbeat | None = None  # None until the process is ready, because it may compile for minutes
+        self._silent_s = 0.0  # length of its silence; if above 0, no call waits for it again
         self._send(msgspec.to_builtins(config))
 
     @property
@@ -124,7 +124,7 @@ class ChildProcess:
     def do(self, command: str, timeout_s: float | None = ANSWER_S, /, **arguments: Any) -> Any:
         """Send a command and return its answer. `timeout_s` None: wait as long as the process lives.
 
-        There is no second wait for a process that hangs.
+        If a former call found that the process hangs, raise at once.
         """
         if self._silent_s:
             raise self._silence(0.0)
@@ -137,7 +137,7 @@ class ChildProcess:
     def check(self) -> None:
         """Raise InfrastructureError if the process has ended or no longer answers. Never waits.
 
-        Call it again and again: one call asks for a sign of life, and a later call looks for the answer.
+        Call it repeatedly: one call requests a heartbeat, and a later call checks for the answer.
         """
         status = self._process.poll()
         if status is not None:
@@ -147,16 +147,16 @@ class ChildProcess:
             return
         if beat.is_due(now_s):
             beat.sent(now_s)
-            self._send({"alive": True})  # one line at a time, so that the pipe is never full
+            self._send({"alive": True})  # one request at a time, so that the pipe is never full
         elif self._has_output(0.0):
             self._take()
         if self._silent_s or beat.hangs(now_s):
             raise self._silence(beat.patience_s)
 
     def prove_alive(self, within_s: float) -> None:
-        """Raise InfrastructureError if the process has ended, or gives no sign of life within `within_s`.
+        """Raise InfrastructureError if the process has ended, or gives no heartbeat within `within_s`.
 
-        Waits for a pending sign of life, which a healthy process gives within milliseconds.
+        Waits for a pending heartbeat, which a healthy process answers within milliseconds.
         """
         self.check()
         beat = self._heartbeat
@@ -172,7 +172,7 @@ class ChildProcess:
         self._process.wait()
 
     def close(self) -> None:
-        """End the process by closing its standard input. It is killed if it does not obey, or if it hangs."""
+        """End the process by closing its standard input. Kill it if it does not end, or if it hangs."""
         if self._process.stdin:
             with contextlib.suppress(OSError):
                 self._process.stdin.close()
@@ -210,7 +210,7 @@ class ChildProcess:
         return bool(select.select([self._process.stdout], [], [], timeout_s)[0])
 
     def _take(self) -> None:
-        """Read the output: handle signs of life, keep other answers. Raises InfrastructureError at its end."""
+        """Read the output: handle heartbeats, keep other answers. Raises InfrastructureError at its end."""
         assert self._process.stdout is not None
         data = os.read(self._process.stdout.fileno(), 65536)
         if not data:
@@ -223,19 +223,19 @@ class ChildProcess:
                 self._heartbeat.answered(time.monotonic())
 
     def _silence(self, seconds: float) -> InfrastructureError:
-        """Return the error of a process that hangs, and remember the length of its silence."""
+        """Return the error of a process that hangs, and store the length of its silence."""
         self._silent_s = max(self._silent_s, seconds)
         return InfrastructureError(f"the {self.kind} process hangs: no answer for {self._silent_s:g} s; see {self.log}")
 
     def _end(self, status: int) -> InfrastructureError:
-        """Return the error of a process that has ended, in its own last words if there are any."""
+        """Return the error of a process that has ended: the one that it reported, if any."""
         if (words := self._last_words()) is not None:
             return InfrastructureError(f"{self.kind}: {words}")
         when = " in flight" if self._heartbeat is not None else ""
         return InfrastructureError(f"the {self.kind} process ended{when} ({_ending(status)}); see {self.log}")
 
     def _last_words(self) -> str | None:
-        """Return the process's own reason for its end; None if it was killed or crashed."""
+        """Return the error that the process reported before its end; None if it was killed or crashed."""
         assert self._process.stdout is not None
         while self._has_output(0.0) and (data := os.read(self._process.stdout.fileno(), 65536)):
             self._buffer += data
@@ -249,10 +249,10 @@ class ChildProcess:
 
 
 class Supervisor:
-    """The children of one flight, closed together, the newest first."""
+    """The child processes of one flight. `close` ends all, the newest first."""
 
     def __init__(self, log_dir: Path, answer_s: float = HANG_S) -> None:
-        """After `answer_s` without a sign of life, a child counts as hanging."""
+        """After `answer_s` without a heartbeat, a child counts as hanging."""
         self._log_dir, self._answer_s = log_dir, answer_s
         self.children: list[ChildProcess] = []
 
@@ -262,12 +262,12 @@ class Supervisor:
         return child
 
     def check(self) -> None:
-        """Raise InfrastructureError if any child has ended or hangs. Never waits for one."""
+        """Raise InfrastructureError if any child has ended or hangs. Never waits."""
         for child in self.children:
             child.check()
 
     def cause(self, error: DronecatsError, within_s: float = CAUSE_S) -> DronecatsError:
-        """Return the error of a child that has ended, or gives no sign of life `within_s`; `error` if all are well.
+        """Return the error of a child that has ended or gives no heartbeat within `within_s`; otherwise `error`.
 
         For example, a silent vehicle or a camera without pictures may come from a process that hangs.
         """

@@ -1,11 +1,11 @@
-"""The identity of a flight: digests of the sources that flew and judged it, the protocol, its record and frames.
+"""Computes the identity of a flight: digests of its source code, record and frames, and the protocol's constants.
 
 Digests are SHA-256 in hexadecimal. A report does not pool flights whose digests differ (docs/run-folder.md).
 
-The digest of the sources depends on their statements, not on their places and comments. A Python source counts as the
-set of its top-level statements, without imports, docstrings, comments and `__version__`. So moving a function to
-another file does not change the digest. The path of one of our modules in a string counts as `a module`. A TOML file
-counts as its values, any other file as its bytes. File names and the order of statements do not count.
+The digest of the source code covers statements, not their places and comments. From a Python file it covers the
+top-level statements, without imports, docstrings, comments and `__version__`. So moving a function to another file does
+not change the digest. A string with the path of one of our modules is replaced by `a module`. From a TOML file the
+digest covers the values, from other files the bytes. File names and the order of statements have no effect.
 """
 
 import ast
@@ -35,20 +35,20 @@ FOLDERS = (
     *("foundation", "vehicles", "autopilot", "episodes", "hil", "dronecats/agent", "dronecats/pilots"),
     *(f"dronecats/flight/{name}" for name in ("logger", "processes", "run", "sitl", "spec", "stages")),
 )
-FITTING = "dronecats/pilots/fitting"  # makes the files that the built-in pilots ship with; no flight runs it
+FITTING = "dronecats/pilots/fitting"  # makes data files of the built-in pilots; no flight runs it
 JUDGE = "dronecats/judge"  # without its subfolders: metrics and statistics do not affect a verdict
 OUR_MODULE = re.compile(r"(foundation|vehicles|autopilot|episodes|hil|dronecats)(\.[a-z_0-9]+)+(:\w+)?")
 MODULUS = 1 << 256
-KEPT_MOST = 5000  # files in the cache; beyond it, files of other versions are dropped
-PARENTS = "parents"  # the number of levels up to the root changes when a module moves
+KEPT_MOST = 5000  # files in the cache; above it, files of other versions are dropped
+PARENTS = "parents"  # `Path.parents[n]` counts without n, which changes when a module moves
 
 
 @cache
 def code_digest() -> str:
-    """Return the digest of every source that decides what is flown and how it is judged.
+    """Return the digest of all source code that affects a flight or its verdict.
 
-    The sources that start flights or read their results (command line, campaigns, metrics, reports) are not included,
-    and neither are those that fit the pilots. The digest stays the same if a file moves or a comment changes.
+    It excludes the code that starts flights or reads their results (command line, campaigns, metrics, reports), and the
+    code that fits the pilots. The digest stays the same if a file moves or a comment changes.
     """
     paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*")] + list((ROOT / JUDGE).iterdir())
     sources = [path for path in paths if not path.is_relative_to(ROOT / FITTING)]
@@ -58,7 +58,7 @@ def code_digest() -> str:
 def source_digest(paths: Sequence[Path]) -> str:
     """Return the SHA-256, in hexadecimal, of the statements of these files.
 
-    Parsing hundreds of files takes seconds, so the user's cache keeps the sum of each file under a digest of its bytes.
+    Parsing hundreds of files takes seconds, so a cache keeps the sum of each file by a digest of its bytes.
     """
     kept, read = _kept(), dict[str, int]()
     for path in paths:
@@ -72,7 +72,7 @@ def source_digest(paths: Sequence[Path]) -> str:
 
 
 def statements(suffix: str, data: bytes) -> int:
-    """Return the sum of the digests of a file's statements. A sum does not depend on the order."""
+    """Return the sum of the digests of a file's statements. The order of the statements has no effect."""
     if suffix == ".py":
         chunks = ["\0".join(words).encode() for node in ast.parse(data).body if (words := list(_tokens(node)))]
     elif suffix == ".toml":
@@ -83,7 +83,7 @@ def statements(suffix: str, data: bytes) -> int:
 
 
 def _tokens(value: Any) -> Iterator[str]:
-    """Yield a statement as words; none for an import or a docstring."""
+    """Yield the tokens of a syntax tree; none for imports, docstrings and `__version__`."""
     if isinstance(value, ast.Import | ast.ImportFrom) or _is_docstring(value) or _is_version(value):
         return
     if isinstance(value, ast.Constant) and isinstance(value.value, str) and OUR_MODULE.fullmatch(value.value):
@@ -141,7 +141,7 @@ def protocol_numbers() -> dict[str, float | str]:
 
 
 def suite_digest(records: Iterable[tuple[str, str]]) -> str:
-    """Return the digest of a suite: the pairs (id, record as its file would hold it) in the order of their ids."""
+    """Return the digest of a suite: the pairs (id, text of its record file) in the order of their ids."""
     state = hashlib.sha256()
     for name, text in sorted(records):
         state.update(f"{name} {hashlib.sha256(text.encode()).hexdigest()}\n".encode())
@@ -170,7 +170,7 @@ def identify(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeId
 
 
 def write_identity(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeIdentity:
-    """Write identity.json and return what it holds. Raises OSError."""
+    """Write identity.json and return its content. Raises OSError."""
     identity = identify(folder, pace)
     write_json(folder / layout.IDENTITY, as_json(identity))
     return identity

@@ -1,4 +1,4 @@
-"""Progress lines of a flight, and safety.jsonl."""
+"""Prints the progress lines of a flight, and writes safety.jsonl."""
 
 import contextlib
 import json
@@ -64,10 +64,10 @@ def unreadable(decision: Decision) -> str:
 
 
 class SafetyLog:
-    """Writes every change of the links' envelopes to the file. Prints notices, and each limit when it first acts.
+    """Writes every change of the active limits of the envelopes to safety.jsonl. Prints notices and limits.
 
-    A limit may act at every step, so the later times are only counted, and `sum_up` prints the counts. The file is made
-    when the first limit acts.
+    It prints a limit when it acts for the first time. A limit may act at every step, so later times are only counted,
+    and `sum_up` prints the counts. The file is created when the first limit acts.
     """
 
     def __init__(self, path: Path, links: Sequence[Link], notify: Callable[[str], None]) -> None:

@@ -1,4 +1,4 @@
-"""An autopilot board that flies the simulated vehicle over a wire, in real time: `dronecats sitl --hitl`."""
+"""Hardware in the loop: an autopilot board flies the simulated vehicle in real time (`dronecats sitl --hitl`)."""
 
 import time
 from collections.abc import Callable
@@ -26,11 +26,11 @@ from hil.simulator import (
 )
 from vehicles.sensors import Suite
 
-SILENCE_S = 0.5  # wall seconds after which a motor controller that hears nothing stops
+SILENCE_S = 0.5  # wall seconds without motor outputs after which the rotors stop
 
 
 class BoardVehicle(HilVehicle):
-    """One vehicle and the board that flies it."""
+    """A simulated vehicle that an autopilot board flies."""
 
     def __init__(
         self,
@@ -42,7 +42,7 @@ class BoardVehicle(HilVehicle):
         period_us: int,
         **physics: Unpack[Physics],
     ) -> None:
-        """`period_us`: between two sensor messages, whatever the suite of `physics`."""
+        """`period_us`: period of the sensor messages. A `Suite` with this period replaces that of `physics`."""
         physics["suite"] = Suite(imu_period_us=period_us)
         super().__init__(index, airframe, pose, period_us=period_us, **physics)
         self.line = line
@@ -50,7 +50,7 @@ class BoardVehicle(HilVehicle):
 
     @property
     def is_flying(self) -> bool:
-        """Whether the board takes the sensors and drives the rotors."""
+        """Whether the board is in HIL mode and has sent motor outputs within SILENCE_S."""
         return self.line.in_hil and time.monotonic() - self.line.actuators_s < SILENCE_S
 
     def close(self) -> None:
@@ -70,7 +70,7 @@ class BoardVehicle(HilVehicle):
 
 
 class BoardSimulator:
-    """One turn is one tick. What the board says goes to both ports, what their clients say goes to the board."""
+    """The simulator with a board; one turn is one tick. It forwards messages between the board and two UDP ports."""
 
     def __init__(self, config: SimulatorConfig, notify: Callable[[str], None]) -> None:
         """Raises UsageError, LinkError."""
@@ -87,7 +87,7 @@ class BoardSimulator:
             from_boot=config.from_boot,
         )
         self._vehicle = self.simulation.vehicles[0]
-        self._vehicle.plant.advance(0)  # compiles, on the first run of an installation
+        self._vehicle.plant.advance(0)  # compiles the physics on the first run of an installation
         self._truth = truth_port(self.simulation, instance)
         self._unsent: dict[str, bytearray] = {"agent": bytearray(), "ground station": bytearray()}
         self._ports = [
@@ -126,7 +126,7 @@ class BoardSimulator:
         self._vehicle.close()
 
     def _report(self) -> None:
-        """Say how it stands with the board when that has changed."""
+        """Report the state of the board when it has changed."""
         if self._vehicle.is_flying:
             state = "the board receives the simulated sensors and drives the rotors"
         elif self._line.in_hil:

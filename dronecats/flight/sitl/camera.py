@@ -1,6 +1,6 @@
-"""The simulated forward camera, and the process that serves its frames over HTTP: newest truth in, frames out.
+"""The simulated camera, and the process that serves its frames over HTTP.
 
-The logger hears of every frame that was taken.
+It renders frames from the poses on the truth bus, and announces each frame there for the logger.
 """
 
 import contextlib
@@ -48,18 +48,18 @@ from hil.link.transport import bind_error
 from vehicles import airframe as airframes
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
-GRAIN = 4  # samples of a pixel per direction of a reduced picture: as many as two pixels of the full one have
+GRAIN = 4  # samples per pixel and direction of a reduced picture; a full one has 2, and pixels of half the width
 DEPTHS_KEPT = 32  # depth pictures of the newest frames
-STALE_S = 0.5  # samples farther apart say nothing about rates
-_warm: set[type] = set()  # the kinds of renderers that have drawn in this process
+STALE_S = 0.5  # body rates are not computed from samples farther apart
+_warm: set[type] = set()  # renderer classes that this process has warmed up
 _warm_lock = threading.Lock()
 
 
 class WorldCamera:
-    """Renders what each drone sees from where it really is. Fed with the bytes of the truth bus.
+    """Renders the images of each drone's camera from the true poses on the truth bus.
 
-    Frames come at the size at which the model gets them, unless the camera's full size is asked for. A camera with
-    optics has a sensor: its picture is drawn in full, and then reduced.
+    Frames have the size that the model gets, unless the caller requests the camera's full size. A camera with optics
+    models a sensor, so its picture is rendered at full size and then reduced.
     """
 
     def __init__(
@@ -74,36 +74,36 @@ class WorldCamera:
         kept: int = KEPT,
         depth: bool = False,
     ) -> None:
-        """`rendered` False: every frame is plain grey, taken and announced like any other.
+        """`rendered` False: every frame is plain grey, but is announced as usual.
 
-        `optics` changes the pictures and nothing else; None is the benchmark's camera. `seed` tells flights of one
-        episode apart: what is random in their pictures. `kept`: samples of the truth of each drone that `at` can go
-        back to. `depth`: frames have a depth picture even if no client asks for it.
+        `optics` affects only the pictures; None: the benchmark's camera. `seed`: of the random effects in pictures; it
+        differs between flights of one episode. `kept`: number of truth samples of each drone, for `at`. `depth`: every
+        frame has a depth picture, even if no client requests it.
         """
         self.world, self.camera = world, camera
         self._announce = announce
         self._seed = (world.record.seed, seed)
         self._rendered, self._optics, self._depth = rendered, optics, depth
-        self._depths: OrderedDict[int, NDArray[np.uint16]] = OrderedDict()  # of the newest frames that have one, by id
-        self._renderers: dict[bool, Renderer | OpticalRenderer] = {}  # of full pictures or not, made when first needed
+        self._depths: OrderedDict[int, NDArray[np.uint16]] = OrderedDict()  # depth pictures of the newest frames, by id
+        self._renderers: dict[bool, Renderer | OpticalRenderer] = {}  # by `full`, created when first needed
         self._grey = np.full((camera.height // 4, camera.width // 4, 3), 128, np.uint8)
         self._origin = origin(world)
         self._packer = Packer(1, CAMERA_COMPONENT)
         self._truth = NewestTruth(self._origin, kept)
         self._t0_us: int | None = None
         self._frames = 0
-        self._lock = threading.Lock()  # frames are asked for by server threads, one is drawn at a time
+        self._lock = threading.Lock()  # server threads request frames; one is rendered at a time
 
     def feed(self, data: bytes) -> None:
-        """Take bytes of the truth bus."""
+        """Process bytes of the truth bus."""
         self._truth.feed(data)
 
     def begin(self, t0_us: int) -> None:
-        """From this vehicle time on the target moves."""
+        """Start the motion of the target at this vehicle time."""
         self._t0_us = t0_us
 
     def warm_up(self) -> None:
-        """Render once and drop the picture, so that the kernels are compiled, once for all cameras of a process."""
+        """Compile the kernels, once per process, by rendering a picture that is dropped."""
         with _warm_lock:
             kind = OpticalRenderer if self._optics else Renderer
             if kind in _warm or not self._rendered:
@@ -115,23 +115,23 @@ class WorldCamera:
             self._picture(TruthSample(0, 0, place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), {}, 0.0, 0, full=False)
 
     def newest(self, drone: int = 0, *, full: bool = False, depth: bool = False) -> Frame:
-        """Return a frame of the newest truth, of a fleet the newest that is known of all of it.
+        """Return a frame of the newest truth; for a fleet, of the newest time with samples of all drones.
 
-        Raises CameraError while nothing is known of the drone, and for a depth picture that the camera cannot have.
+        Raises CameraError before the first pose of the drone, and if the camera cannot make a requested depth picture.
         """
         with self._lock:
             return self._taken(drone, self._truth.together(drone), full, depth or self._depth)
 
     def at(self, time_us: int, drone: int = 0, *, full: bool = False, depth: bool = False) -> Frame:
-        """Return a frame of a moment ago (µs, vehicle clock): of the first truth at that time or after it.
+        """Return a frame of a past time (µs, vehicle clock): of the first truth sample at that time or after it.
 
-        Raises CameraError as `newest` does.
+        Raises CameraError like `newest`.
         """
         with self._lock:
             return self._taken(drone, self._truth.at(drone, time_us), full, depth or self._depth)
 
     def depth_of(self, frame_id: int) -> NDArray[np.uint16]:
-        """Return the depth picture of a frame that was taken with one. Raises CameraError if it is not kept."""
+        """Return the depth picture of a frame. Raises CameraError if it is not kept, or was not rendered."""
         with self._lock:
             if frame_id not in self._depths:
                 raise CameraError(f"the camera keeps no depth picture of frame {frame_id}")
@@ -140,7 +140,7 @@ class WorldCamera:
     def _taken(
         self, drone: int, samples: tuple[TruthSample, dict[int, TruthSample]] | None, full: bool, depth: bool
     ) -> Frame:
-        """Return a frame of a sample and the others' of its time, and say that it was taken."""
+        """Return a frame from a sample and the other drones' samples of its time, and announce it on the bus."""
         if samples is None:
             raise CameraError(f"the camera has received no pose of drone {drone + 1}")
         if depth and (self._optics or not self._rendered):
@@ -166,9 +166,9 @@ class WorldCamera:
         full: bool,
         depth: bool = False,
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
-        """Return the picture from `sample`, and its depth where it is wanted.
+        """Return the picture from the pose of `sample`, and the depth picture (mm) if `depth`.
 
-        The other drones are where they are and the target is where it is at `t_s`.
+        `fleet`: the other drones at that time. `t_s`: time in s of the episode, which gives the target's pose.
         """
         if not self._rendered:
             return self._grey, None
@@ -206,13 +206,13 @@ class WorldCamera:
         return self._renderers[full]
 
     def close(self) -> None:
-        """Let the renderers' threads go; no frame is asked for afterwards."""
+        """End the renderers' threads. Do not request frames afterwards."""
         for renderer in self._renderers.values():
             renderer.close()
 
 
 def _after(drones: Mapping[int, TruthSample], seconds: float) -> dict[int, DronePose]:
-    """Return the poses of drones after some seconds at constant velocity."""
+    """Return the poses of drones, extrapolated by some seconds at constant velocity."""
     poses = {}
     for number, sample in drones.items():
         (n, e, d), (vn, ve, vd) = sample.position_ned, sample.velocity_ned
@@ -221,7 +221,7 @@ def _after(drones: Mapping[int, TruthSample], seconds: float) -> dict[int, Drone
 
 
 def rates_between(before: TruthSample, after: TruthSample) -> Vec3:
-    """Return the mean body rates (rad/s, FRD) from one sample to the next; zero when they are one and the same."""
+    """Return the mean body rates (rad/s, FRD) from one sample to the next; zero for equal times or STALE_S apart."""
     seconds = (after.time_us - before.time_us) / 1e6
     if not 0.0 < seconds < STALE_S:
         return (0.0, 0.0, 0.0)
@@ -238,14 +238,14 @@ ENCODINGS = {
 }
 DEPTH = "/depth.png"
 HOST = "127.0.0.1"
-NEXT_PORTS = 100  # how many are tried, from the one that is wanted on
-CONNECTIONS = 64  # open at once
-REQUEST_S = 10.0  # wall s for a connection's first request to come
-IDLE_S = 600.0  # wall s from one request of a connection to the next: a model may think that long
+NEXT_PORTS = 100  # number of ports to try, from the requested one upwards
+CONNECTIONS = 64  # open at the same time, at most
+REQUEST_S = 10.0  # wall s to wait for the first request of a connection
+IDLE_S = 600.0  # wall s to wait for its next request; a model may think for minutes
 
 
 class CameraPart:
-    """Part of a real-time flight. The agent takes bitmaps: nothing of the picture is lost on the wire."""
+    """The camera process of a real-time flight. The agent gets bitmaps, so no compression changes the picture."""
 
     def __init__(self, config: CameraConfig) -> None:
         optics = optics_of(config.optics, "optics") if config.optics else None
@@ -253,7 +253,7 @@ class CameraPart:
         camera = camera_on(airframes.load(config.airframe or AIRFRAME).camera)
         self._camera = WorldCamera(world, camera, self._announce, optics=optics, seed=config.seed, kept=config.kept)
         self._bus = Listener(config.truth, self._camera.feed)
-        self._camera.warm_up()  # compiles, on the first run of an installation
+        self._camera.warm_up()  # compiles the kernels on the first run of an installation
         self._server = serve(self._camera, config.port, or_next_free=config.or_next_free)
         threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
 
@@ -281,14 +281,14 @@ class CameraPart:
 
 
 class FrameServer(ThreadingHTTPServer):
-    """A server that goes on serving however many connections are opened: of those that never asked, the oldest goes."""
+    """A server with a limited number of connections. Beyond it, the oldest one without a request is closed."""
 
     daemon_threads = True
     request_queue_size = 2 * CONNECTIONS
 
     def __init__(self, address: tuple[str, int], handler_class: type[BaseHTTPRequestHandler]) -> None:
         self._lock = threading.Lock()
-        self._silent: dict[socket.socket, None] = {}  # no whole request yet, in the order in which they came
+        self._silent: dict[socket.socket, None] = {}  # connections without a whole request, oldest first
         self._active: set[socket.socket] = set()
         super().__init__(address, handler_class)
 
@@ -297,13 +297,13 @@ class FrameServer(ThreadingHTTPServer):
             if len(self._silent) + len(self._active) >= CONNECTIONS:
                 oldest = next(iter(self._silent), request)
                 self._silent.pop(oldest, None)
-                with contextlib.suppress(OSError):  # it has just gone
+                with contextlib.suppress(OSError):  # it is already closed
                     oldest.shutdown(socket.SHUT_RDWR)
             self._silent[request] = None
         super().process_request(request, client_address)
 
     def keep(self, request: socket.socket) -> None:
-        """Note that a connection has sent a whole request, so that it is kept."""
+        """Mark a connection that has sent a whole request, so that it stays open."""
         request.settimeout(IDLE_S)
         with self._lock:
             if request in self._silent:
@@ -317,15 +317,15 @@ class FrameServer(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Print an error of the handler. A client that closes its connection early is none."""
+        """Print an error of the handler, unless the client closed its connection early."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
 
 def serve(camera: WorldCamera, port: int, *, or_next_free: bool = False) -> FrameServer:
-    """Return a server of a camera's frames on a loopback port, with `or_next_free` on the next one where it is in use.
+    """Return a server of a camera's frames on a loopback port; port 0: the system chooses one.
 
-    Port 0 is one that the system chooses. Raises UsageError.
+    `or_next_free`: if the port is in use, take the next free one. Raises UsageError if there is none.
     """
     ports = range(port, min(port + NEXT_PORTS, 65536)) if or_next_free else [port]
     for candidate in ports:
@@ -338,7 +338,7 @@ def serve(camera: WorldCamera, port: int, *, or_next_free: bool = False) -> Fram
 
 
 def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:
-    """Return the request handler that serves the camera's newest frame, or with `at` that of a vehicle time in µs."""
+    """Return the request handler. It serves the newest frame, or with `?at=` the frame of a vehicle time (µs)."""
 
     class FrameHandler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
@@ -394,10 +394,10 @@ def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:
 
 
 def stamp(frame: Frame) -> dict[str, str]:
-    """Return the headers that say which frame this is and when it was taken."""
+    """Return the HTTP headers with the id and the vehicle time of a frame."""
     return {"X-Frame-Id": str(frame.frame_id), "X-Frame-Time-Us": str(frame.time_us)}
 
 
 def create(config: CameraConfig) -> CameraPart:
-    """Return the camera of an episode. Raises UsageError."""
+    """Return the camera process of an episode. Raises UsageError."""
     return CameraPart(config)

@@ -1,4 +1,4 @@
-"""Collisions of a fleet with the moving target and with one another, and the reports of all hits."""
+"""Collisions of drones with the moving target and with each other, and reports of all hits."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -11,27 +11,27 @@ from vehicles.collision import BOX
 from vehicles.encounter import DRONE, balls, push_apart
 from vehicles.multirotor import Multirotor
 
-APART_US = 500_000  # µs without any contact after which a contact is over
-LASTING_US = 500_000  # µs from which on a contact counts that began too slowly to be a hit
-UPDATE_US = 50_000  # µs
-AHEAD_S = 0.05  # s, over which the target's velocity is taken
+APART_US = 500_000  # µs without a touch after which a contact ends
+LASTING_US = 500_000  # µs after which a contact that began too slowly for a hit is reported
+UPDATE_US = 50_000  # µs, period of updates of the target's pose
+AHEAD_S = 0.05  # s, time step for the finite difference of the target's velocity
 
 
 class Traffic:
-    """Keeps the moving target where it is in the vehicles' physics."""
+    """Updates the pose of the moving target in the vehicles' physics."""
 
     def __init__(self, pose: Callable[[float], tuple[Vec3, float]]) -> None:
-        """`pose` gives (position_ned m, yaw rad), as if it stood level, at seconds since the episode began."""
+        """`pose` returns (position_ned m, yaw rad) of the levelled target at a time (s since the episode began)."""
         self._pose = pose
         self._t0_us: int | None = None
         self._next_us = 0
 
     def begin(self, t0_us: int) -> None:
-        """From this vehicle time on the target moves; before, it is not there."""
+        """Start the motion of the target at this vehicle time. Before, the physics has no target."""
         self._t0_us = t0_us
 
     def place(self, vehicles: Sequence[Multirotor], time_us: int) -> None:
-        """Tell every vehicle where the target is now and how it goes on; between two words it goes straight on."""
+        """Update the target's pose and velocity in every vehicle. Between updates the target moves straight on."""
         if self._t0_us is None or time_us < self._next_us:
             return
         self._next_us = time_us + UPDATE_US
@@ -44,7 +44,7 @@ class Traffic:
 
 
 class Encounters:
-    """Lets the vehicles of a fleet push one another away."""
+    """Computes the contact forces between the vehicles of a fleet."""
 
     def __init__(self, vehicles: Sequence[Multirotor]) -> None:
         self._pairs = tuple(itertools.combinations(range(len(vehicles)), 2))
@@ -53,7 +53,7 @@ class Encounters:
         self._vehicles = vehicles
 
     def part(self, tick_s: float) -> None:
-        """Set the forces of those who touch for the coming tick, and take back those of the last."""
+        """Set the contact forces of touching vehicles for the coming tick, and clear those of the last tick."""
         for k in self._pushed:
             self._vehicles[k].state["external_force"] = self._vehicles[k].state["external_torque"] = 0.0
         self._pushed.clear()
@@ -66,28 +66,28 @@ class Encounters:
 
 
 class CollisionReport:
-    """Puts into words what a vehicle ran into or leans on, and when it was free again."""
+    """Reports the hits of a vehicle, its lasting contacts, and the ends of contacts."""
 
     def __init__(self, vehicle: Multirotor) -> None:
         self._vehicle = vehicle
         self._signs = reader(vehicle.state, "time_us", "crashed", "hits")
         self._touches = reader(vehicle.near, "newest_us", "leant_us")
         self._hits, self._crashed = 0, False
-        self._since_us: int | None = None  # when the present contact began
-        self._last_us = 0  # when anything touched last
-        self._reported: set[str] = set()  # what the present contact is known to be with
+        self._since_us: int | None = None  # start of the current contact; None: no contact
+        self._last_us = 0  # time of the last touch
+        self._reported: set[str] = set()  # names of the things reported for the current contact
 
     def message(self) -> dialect.MAVLink_message | None:
-        """Return a STATUSTEXT (`foundation.truth`) about what is new since the last call, None for nothing.
+        """Return a STATUSTEXT (`foundation.truth`) about a new event since the last call; None: no new event.
 
-        Each thing that one contact hits, or leans on for LASTING_US, is reported once. The contact ends after half a
-        second without a touch. Standing on something is no contact.
+        Each thing that the vehicle hits or leans on for LASTING_US in one contact is reported once. A contact ends
+        after APART_US without a touch. Standing on something is not a contact.
         """
         time_us, crashed, hits = self._signs()
         touched_us, leant_us = self._touches()
         same = hits == self._hits and crashed == self._crashed and touched_us <= self._last_us
         if same and self._since_us is None:
-            return None  # as at nearly every tick
+            return None  # the usual case
         struck, newly = hits > self._hits, crashed and not self._crashed
         self._hits, self._crashed = hits, crashed
         leans = leant_us > self._last_us
@@ -109,7 +109,7 @@ class CollisionReport:
         return None
 
     def _hit(self, struck: bool, crashed: bool, leans: bool) -> HitReport | None:
-        """Return what the vehicle has run into, or what it has leant on for so long that it counts as a hit."""
+        """Return a new hit, or a contact that has lasted long enough to be reported; None: neither."""
         state, near = self._vehicle.state, self._vehicle.near
         if struck:
             return HitReport(self._name(int(state["hit_owner"])), float(state["hit_speed"]), crashed)

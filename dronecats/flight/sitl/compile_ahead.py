@@ -1,8 +1,8 @@
-"""Compiles what a flight needs in several processes, on the first run of an installation.
+"""Compiles the kernels of a flight in parallel processes, on the first run of an installation.
 
-numba compiles one function at a time in a process. The plant, the inner loop and the camera take about as long as one
-another: the first run compiles the inner loop, and one more process each the plant and the camera. All leave their work
-in the cache of `foundation.compiled`, where `dronecats.flight.sitl.fused` and the camera find it.
+numba compiles one function at a time in a process. Plant (vehicle physics), inner loop and camera take about the same
+time. So the calling process compiles the inner loop, and two other processes compile plant and camera. All write to the
+cache of `foundation.compiled`, from which `dronecats.flight.sitl.fused` and the camera load their kernels.
 """
 
 import os
@@ -20,29 +20,29 @@ from foundation.redaction import keyless_environment
 from vehicles import airframe
 from vehicles.multirotor import Multirotor, step
 
-OTHERS_S = 60.0  # wall seconds after which the parts that are not ready are compiled where they are called
-CACHED = "*.nbi"  # numba's index of what it has compiled of one function
+OTHERS_S = 60.0  # wall seconds to wait for the other processes; unfinished parts are compiled at their first call
+CACHED = "*.nbi"  # numba's index file of one compiled function
 
 
 def is_compiled() -> bool:
-    """Return whether a flight finds its plant compiled; else this run compiles for half a minute."""
+    """Return whether the cache has the compiled plant. Otherwise this run compiles for half a minute."""
     return KEEPS and any(cache_folder().rglob(f"multirotor.step{CACHED}"))
 
 
 def cold() -> bool:
-    """Return whether the plant has to be compiled, by a second core if there is one, and can be kept."""
+    """Return whether to compile in parallel: the plant is not cached but can be, and there are several CPUs."""
     return KEEPS and (os.cpu_count() or 1) > 1 and not is_compiled()
 
 
 def duration() -> str:
-    """Return what a message adds to "loading …": how long this run compiles, if it does."""
+    """Return the end of a message "loading …": how long this run compiles; empty if it does not."""
     return "" if is_compiled() else "; the first run compiles them, which takes about half a minute"
 
 
 def compile_all(core: Kernel[..., object], core_arguments: Iterable[Any]) -> None:
-    """Compile and cache `core` (a kernel) for the arguments it will have, and beside it the plant and the camera.
+    """Compile and cache the kernel `core` for the types of its arguments, and in parallel the plant and the camera.
 
-    A process that fails costs its time only: what it leaves undone is compiled when it is called.
+    A process that fails is not an error: its kernels are compiled at their first call.
     """
     with ExitStack() as stack:
         children = [stack.enter_context(_started(part)) for part in TASKS]
@@ -70,18 +70,18 @@ def _started(part: str) -> "subprocess.Popen[bytes]":
 
 
 def signature(arguments: Iterable[Any]) -> tuple[numba.types.Type, ...]:
-    """Return the types that a kernel is compiled for when it is called with these arguments."""
+    """Return the numba types of a kernel's arguments."""
     return tuple(numba.typeof(argument) for argument in arguments)
 
 
 def compile_plant() -> None:
-    """Compile the plant. One vehicle stands for all: airframes and maps differ in values, not in types."""
+    """Compile the plant for all vehicles, because airframes and maps differ in values, not in types."""
     plant = Multirotor(airframe.load("x500"), seed=0, origin=(0.0, 0.0, 0.0))
     step.compile(signature(plant.kernel_args))
 
 
 def compile_camera() -> None:
-    """Compile the renderer. One map and a small picture stand for all: maps differ in values, not in types."""
+    """Compile the renderer for all maps and picture sizes, because they differ in values, not in types."""
     from episodes.camera.renderer.renderer import Renderer
     from episodes.records import catalogue
     from episodes.world.world import World

@@ -9,60 +9,60 @@ from dronecats.flight.spec.disturbances import VehicleFaults
 from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.truth import KEPT
 
-AIRFRAME = "x500"  # if none is named
+AIRFRAME = "x500"  # the default
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatorConfig:
-    """Vehicles and who flies them."""
+    """Configuration of the simulated vehicles and their autopilots."""
 
-    episode: str  # id, or a record's file; drones stand on the ground below its starts
+    episode: str  # id, or path of a record file; drones boot on the ground below its start poses
     airframe: str = AIRFRAME
-    seed: int = 0  # tells flights of one episode apart
-    speed: float | None = 1.0  # × real time; None: as fast as it can
-    instance: int | None = None  # added to every port; None: ports that the system chose
+    seed: int = 0  # differs between flights of one episode
+    speed: float | None = 1.0  # × real time; None: as fast as possible
+    instance: int | None = None  # added to every port; None: the system chooses the ports
     count: int | None = None  # vehicles; None: as many as the record has starts
-    least_charge: float | None = None  # 0 … 1, below which no battery is drained; None: as real ones
-    disturbances: VehicleFaults | None = None  # a payload from boot, the others from the episode's begin on
-    from_boot: bool = False  # the others from boot, too
+    least_charge: float | None = None  # 0 … 1, lower bound of the battery charge; None: no bound
+    disturbances: VehicleFaults | None = None  # a payload acts from boot, the others from the start of the episode
+    from_boot: bool = False  # True: all disturbances act from boot
     faults: str | None = None  # file of a fault script
-    state_dir: str | None = None  # where parameters, plans and logs stay; None: nowhere
+    state_dir: str | None = None  # folder that keeps parameters, plans and logs; None: not kept
     autopilot: Literal["ours", "px4"] = "ours"
-    px4: str | None = None  # the command that starts a PX4; None: it is waited for
-    log_dir: str | None = None  # for what a PX4 prints
-    keep_ulogs: str | None = None  # folder for the logs that each PX4 has written on board; None: they are not kept
-    restart: bool = False  # whether a PX4 that ends is started again
-    sign: str | None = None  # file of the key with which our autopilot signs; None: it does not
-    hitl: str | None = None  # URL of a board that flies the vehicle
+    px4: str | None = None  # the command that starts a PX4; None: wait for a PX4
+    log_dir: str | None = None  # folder for PX4's output
+    keep_ulogs: str | None = None  # folder for a copy of each PX4's own log; None: no copy
+    restart: bool = False  # whether to restart a PX4 that ends
+    sign: str | None = None  # file of the key for our autopilot's signed messages; None: unsigned messages
+    hitl: str | None = None  # URL of the autopilot board that flies the vehicle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraConfig:
-    """A camera in an episode's world."""
+    """Configuration of a camera in an episode's world."""
 
     episode: str
     truth: str  # URL of the truth bus
-    airframe: str | None = None  # of the drones that are in the pictures
+    airframe: str | None = None  # of the drones that the pictures show; gives the camera mount
     count: int | None = None
-    port: int = 0  # TCP; 0: one that the system chose
-    or_next_free: bool = False  # where the port is in use: the next free one instead of an error
+    port: int = 0  # TCP; 0: the system chooses one
+    or_next_free: bool = False  # if the port is in use, take the next free one
     optics: dict[str, Any] | None = None
     conditions: SceneConditions = AS_BUILT
-    seed: int = 0  # tells flights of one episode apart, with optics
-    kept: int = KEPT  # samples of the truth of each drone, of which pictures can be had
+    seed: int = 0  # of random effects of the optics; differs between flights of one episode
+    kept: int = KEPT  # number of truth samples of each drone, for pictures of past times
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthBridgeConfig:
-    """A vehicle that simulates itself, moved to an episode's start."""
+    """Configuration of the bridge for a vehicle with its own simulation, moved to an episode's start."""
 
     episode: str
     truth: str  # URL of its true poses
 
 
 def noise_seed(episode: int, flight: int, vehicle: int) -> int:
-    """Return the seed of all that is random about a vehicle: of its episode, this flight of it, its place in the fleet.
+    """Return the seed of a vehicle's random values, from the seeds of episode and flight and the vehicle's number.
 
-    Neighbouring numbers share nothing (numpy's SeedSequence), and it fits a signed 64-bit integer.
+    Neighbouring numbers give independent seeds (numpy's SeedSequence). A seed fits a signed 64-bit integer.
     """
     return int(np.random.SeedSequence((episode, flight, vehicle)).generate_state(1, np.uint64)[0] >> np.uint64(1))

@@ -1,4 +1,4 @@
-"""MAVLink's failure injection carried out on the simulated vehicle."""
+"""Applies MAVLink's failure injection to a simulated vehicle."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -23,7 +23,7 @@ KINDS = {
     dialect.FAILURE_TYPE_WRONG: "bias",
     dialect.FAILURE_TYPE_DELAYED: "delay",
 }
-WRONG = {  # how far off a wrong sensor is: plainly, but not absurdly
+WRONG = {  # error of a wrong sensor: clearly visible, but plausible
     "gyro": (0.3, 0.3, 0.3),  # rad/s
     "accel": (2.0, 2.0, 2.0),  # m/s²
     "mag": (0.2, 0.2, 0.0),  # gauss
@@ -35,7 +35,7 @@ DELAY_S = 0.3
 
 
 class Failures:
-    """The failures injected into one vehicle since boot, beside its fault script."""
+    """The failures injected into one vehicle since boot, in addition to its fault script."""
 
     def __init__(self, plant: Multirotor, scripted: Iterable[Fault] = ()) -> None:
         self._plant = plant
@@ -43,7 +43,7 @@ class Failures:
         self._faults: dict[str, Fault] = {}
 
     def inject(self, unit: int, kind: int, instance: int) -> bool:
-        """Break or mend a part from now on; return whether this vehicle can do that. Instance 0 is all of a kind."""
+        """Break or repair a part from now on; return whether that is possible. Instance 0: all parts of the unit."""
         targets = self._parts_of(unit, instance)
         if not targets or (kind != dialect.FAILURE_TYPE_OK and kind not in KINDS):
             return False
@@ -51,7 +51,7 @@ class Failures:
         now = int(self._plant.state["time_us"])
         for part in targets:
             if kind == dialect.FAILURE_TYPE_OK:
-                if part in changed:  # kept, but over: the kernel gives a rotor its health back when it sees the end
+                if part in changed:  # keep it with an end: the kernel restores a rotor when its fault ends
                     changed[part] = replace(changed[part], until_us=max(now, changed[part].from_us + 1))
             elif (KINDS[kind] == "delay" and part != "gps") or (part.startswith("rotor") and KINDS[kind] != "fail"):
                 return False
@@ -60,7 +60,7 @@ class Failures:
                 changed[part] = Fault(part, KINDS[kind], from_us=now, value=value)
         if len(changed) + len(self._scripted) > MAX_FAULTS:
             return False
-        if kind == dialect.FAILURE_TYPE_OK:  # mends what the script has broken too, but not what it will break later
+        if kind == dialect.FAILURE_TYPE_OK:  # also end current faults of the script, but not its later ones
             self._scripted = tuple(
                 replace(fault, until_us=max(now, fault.from_us + 1))
                 if fault.part in targets and fault.from_us <= now < fault.until_us
@@ -70,7 +70,7 @@ class Failures:
         before, self._faults = self._faults, changed
         try:
             self._write()
-        except UsageError:  # a fix cannot be later still: --gps-delay has used up what a vehicle remembers
+        except UsageError:  # with --gps-delay, the fixes would be older than the queue of fixes allows
             self._faults = before
             return False
         return True
@@ -86,7 +86,7 @@ class Failures:
     def _write(self) -> None:
         suite = self._plant.suite
         record = script(
-            (*self._faults.values(), *self._scripted),  # the first that names a part holds
+            (*self._faults.values(), *self._scripted),  # the first fault of a part has effect
             len(self._plant.airframe.rotors),
             int(suite["gps_period_us"]),
             int(suite["gps_latency_us"] + suite["gps_late_us"]),

@@ -1,8 +1,8 @@
-"""Plant and inner loop of one vehicle fused in one compiled loop, which finds its records and arrays by address.
+"""One compiled loop over plant and inner loop of a vehicle, which accesses records and arrays by address.
 
-numba takes about 2 µs to look at each numpy record it is handed, since numpy spells the record's layout out anew each
-time: 40 µs for the records of one vehicle, five times what ten milliseconds of flight cost; and 0.1 µs for each array.
-So their places in memory are looked up once, and every call hands over the address of the list of them.
+numba needs about 2 µs for each numpy record among the arguments, because numpy describes its layout anew at each call,
+and 0.1 µs for each array. The records of one vehicle would take 40 µs, five times as long as 10 ms of flight. So
+`Fused` looks up all memory addresses once, and each call passes the address of their list.
 """
 
 from collections.abc import Callable
@@ -23,14 +23,14 @@ from foundation.sensors import ACTUATORS, SENSORS
 from vehicles.multirotor import PLANT, step
 from vehicles.solids import Grid32, Index, SolidTriangles
 
-Addresses = NDArray[np.int64]  # addresses of the records; of each array its address, rows and columns
+Addresses = NDArray[np.int64]  # address of each record; address, rows and columns of each array
 RECORDS = 7  # the plant and six of the inner loop
 PLACES = RECORDS + 3 * 9
 
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba tells no types
 def _pointer(typingctx: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
-    """Return an integer as the address it is."""
+    """Return an integer address as a pointer."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.inttoptr(args[0], context.get_value_type(types.voidptr))
@@ -40,7 +40,7 @@ def _pointer(typingctx: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
 
 @njit(cache=True, allocates=True)
 def _grid(at: Addresses, number: int) -> Grid:
-    """Return the array of this number."""
+    """Return array `number`, of float64 in two dimensions."""
     k = RECORDS + 3 * number
     grid: Grid = carray(_pointer(at[k]), (at[k + 1], at[k + 2]), np.float64)
     return grid
@@ -48,7 +48,7 @@ def _grid(at: Addresses, number: int) -> Grid:
 
 @njit(cache=True, allocates=True)
 def _grid32(at: Addresses, number: int) -> Grid32:
-    """Return the array of this number, of floats of half the width."""
+    """Return array `number`, of float32 in two dimensions."""
     k = RECORDS + 3 * number
     grid: Grid32 = carray(_pointer(at[k]), (at[k + 1], at[k + 2]), np.float32)
     return grid
@@ -56,7 +56,7 @@ def _grid32(at: Addresses, number: int) -> Grid32:
 
 @njit(cache=True, allocates=True)
 def _index(at: Addresses, number: int) -> Index:
-    """Return the array of this number, a list of integers."""
+    """Return array `number`, of int32 in one dimension."""
     k = RECORDS + 3 * number
     index: Index = carray(_pointer(at[k]), at[k + 1], np.int32)
     return index
@@ -64,7 +64,7 @@ def _index(at: Addresses, number: int) -> Index:
 
 @njit(cache=True, allocates=True)
 def fly(steps: int, places: int) -> None:
-    """Advance one vehicle and its inner loop by `steps` milliseconds. `places`: the address of `Fused`'s list."""
+    """Advance one vehicle and its inner loop by `steps` milliseconds. `places`: address of the list in `Fused`."""
     at = carray(_pointer(places), PLACES, np.int64)
     down, peak = _grid(at, 0), _grid(at, 1)
     triangles = SolidTriangles(_grid32(at, 2), _grid32(at, 3), _index(at, 4), _index(at, 5), _index(at, 6))
@@ -88,18 +88,18 @@ CORE_RECORDS = (
     CONTROL_PARAMS, CONTROL_STATE, ESTIMATOR_PARAMS, ESTIMATOR_STATE, SETPOINT, ESTIMATE, SENSORS, ACTUATORS,
 )  # fmt: skip
 _DOUBLES, _SINGLES, _NUMBERS = (np.dtype(kind) for kind in (np.float64, np.float32, np.int32))
-ARRAYS = [  # type, dimensions, and that the entries lie one after the other
+ARRAYS = [  # dtype, number of dimensions, C-contiguous
     *((_DOUBLES, 2, True),) * 2, *((_SINGLES, 2, True),) * 2, *((_NUMBERS, 1, True),) * 3, *((_DOUBLES, 2, True),) * 2,
 ]  # fmt: skip
 
 
 class Fused:
-    """One vehicle's plant and inner loop. Records and arrays belong to them; replacing one needs a new Fused."""
+    """The fused loop of one vehicle. It holds addresses, so a new record or array needs a new Fused."""
 
     def __init__(self, plant: tuple[Any, ...], core: tuple[Any, ...]) -> None:
-        """Take `Multirotor.kernel_args` and `FlightCore.kernel_args`, which share sensors and actuators.
+        """`plant`: `Multirotor.kernel_args`; `core`: `FlightCore.kernel_args`. They share sensors and actuators.
 
-        Raises TypeError when a record or an array is not the one that `fly` takes in its place.
+        Raises TypeError if a record or an array does not have the type that `fly` expects at its place.
         """
         each_alone = [*plant[:-1], *plant[-1], *core]
         records = [argument for argument in each_alone if isinstance(argument, np.void)]
@@ -107,7 +107,7 @@ class Fused:
         layouts = [(array.dtype, array.ndim, array.flags.c_contiguous) for array in arrays]
         if [record.dtype for record in records] != [PLANT, *CORE_RECORDS] or layouts != ARRAYS:
             raise TypeError("the arguments of the plant or the inner loop have changed: bring sitl.fused.fly in line")
-        # of the sensors and actuators those of the plant are taken
+        # without the core's sensors and actuators: `fly` uses those of the plant
         places = [np.frombuffer(record, np.uint8).ctypes.data for record in records[:RECORDS]]
         for array in arrays:
             places += [array.ctypes.data, len(array), array.shape[-1]]
@@ -117,5 +117,5 @@ class Fused:
             compile_ahead.compile_all(update, core)
 
     def advance(self, steps: int) -> None:
-        """Live through `steps` milliseconds."""
+        """Advance by `steps` milliseconds."""
         fly(steps, self._places)

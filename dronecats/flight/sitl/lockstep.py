@@ -1,6 +1,6 @@
-"""Lockstep: the vehicle's time advances only while a client waits for it, so a run is deterministic and never idle.
+"""Lockstep: vehicle time advances only while a client waits for data.
 
-Every message is still encoded to MAVLink bytes and decoded again; only the sockets are left out.
+With our autopilot a flight is deterministic, and messages are exchanged as MAVLink bytes without sockets.
 """
 
 import time
@@ -21,32 +21,32 @@ from hil.link.transport import MemoryTransport, Transport, connect
 
 
 class TurnOrder(ABC, Generic[V]):
-    """Advance the simulation one tick, then let the followers read what came of it."""
+    """Advances the simulation by one tick, then calls the followers, which read the new bytes."""
 
     def __init__(self, simulation: Simulation[V]) -> None:
         self.simulation = simulation
         self.followers: list[Callable[[], None]] = []
 
     def pump(self) -> None:
-        """One tick of vehicle time."""
+        """Advance by one tick of vehicle time."""
         self.simulation.advance()
         for follower in self.followers:
             follower()
 
     @abstractmethod
     def transport(self, vehicle: int) -> Transport:
-        """Return the agent's end of the MAVLink of one vehicle's autopilot."""
+        """Return the agent's end of the MAVLink connection to one vehicle's autopilot."""
 
     @abstractmethod
     def wire(self, vehicle: int, seed: int) -> SteppedWire:
-        """Return the agent's end of the same over a wire that can be impaired, by the fates of `seed`."""
+        """Return the agent's end of a connection that can be impaired; `seed`: of its random faults."""
 
     def now_s(self) -> float:
         """Return the vehicle time (s)."""
         return self.simulation.time_us / 1e6
 
     def follow(self, feed: Callable[[bytes], None]) -> Callable[[bytes], None]:
-        """Let `feed` have the truth bus after every tick; return the function that speaks on it."""
+        """Call `feed` with new bytes of the truth bus after every tick; return the function that sends on the bus."""
         tap = self.simulation.bus.tap()
 
         def follow_on() -> None:
@@ -59,10 +59,10 @@ class TurnOrder(ABC, Generic[V]):
 
 
 class Lockstep(TurnOrder[SimulatedVehicle]):
-    """The turn order of vehicles with our autopilot, which answers at once."""
+    """The turn order of vehicles with our autopilot."""
 
     def transport(self, vehicle: int, profile: str = "minimal") -> Transport:
-        """Return the agent's end of a MAVLink port of one vehicle's autopilot; `minimal` streams what is asked for."""
+        """Return the agent's end of a vehicle's MAVLink port; profile `minimal` streams only requested messages."""
         port = self.simulation.vehicles[vehicle].open_port(profile)
         return MemoryTransport(f"lockstep://{vehicle}", port.take, port.receive, self.pump, self.now_s)
 
@@ -73,27 +73,27 @@ class Lockstep(TurnOrder[SimulatedVehicle]):
         return wire
 
 
-MOMENT_S = 0.002  # wall seconds; PX4's ATTITUDE comes on every tick, mostly within a third of a millisecond
+MOMENT_S = 0.002  # wall seconds to wait for PX4's ATTITUDE, which mostly arrives within 0.3 ms of a tick
 
 
 class Px4Lockstep(TurnOrder[Px4Vehicle]):
-    """The turn order of vehicles with PX4 in our autopilot's place."""
+    """The turn order of vehicles with PX4, whose MAVLink still uses sockets."""
 
     def __init__(self, simulator: Px4Simulator) -> None:
-        """Wait until every vehicle has a PX4 that answers. Raises InfrastructureError when one that we started ends."""
+        """Wait until every vehicle has a PX4 that answers. Raises InfrastructureError if a PX4 that we started ends."""
         super().__init__(simulator.simulation)
         self._simulator = simulator
         while not simulator.do("in step", {}):
             simulator.turn()
 
     def pump(self) -> None:
-        """One tick of vehicle time, or a short wait for a PX4 that has not come yet."""
+        """Advance by one tick of vehicle time, or wait briefly for a PX4 that has not connected yet."""
         self._simulator.turn()
         for follower in self.followers:
             follower()
 
     def transport(self, vehicle: int) -> "PumpedTransport":
-        """Return PX4's offboard link of one vehicle. Raises UsageError when its port is taken."""
+        """Return the offboard link of one vehicle's PX4. Raises UsageError if its port is in use."""
         return PumpedTransport(self._socket(vehicle), self)
 
     def wire(self, vehicle: int, seed: int) -> SteppedWire:
@@ -109,7 +109,7 @@ class Px4Lockstep(TurnOrder[Px4Vehicle]):
 
 
 class PumpedTransport(Transport):
-    """A socket that lets vehicle time pass when it runs dry."""
+    """A socket that advances vehicle time while a read waits for data."""
 
     def __init__(self, socket: Transport, clock: Px4Lockstep) -> None:
         self.url = socket.url
@@ -117,7 +117,7 @@ class PumpedTransport(Transport):
 
     def receive(self, timeout_s: float) -> bytes:
         data = self._socket.receive(0.0)
-        due_s = time.monotonic() + timeout_s  # a wait for a PX4 that has gone must end
+        due_s = time.monotonic() + timeout_s  # wall time, so that the wait ends if PX4 has gone
         while not data and time.monotonic() < due_s:
             self._clock.pump()
             data = self._socket.receive(MOMENT_S)
@@ -144,10 +144,10 @@ def one_vehicle(
     px4: str | None = None,
     log_dir: Path | None = None,
 ) -> Iterator[Lockstep | Px4Lockstep]:
-    """Stand the record's first drone in its world, under our autopilot or the PX4 that the command `px4` starts.
+    """Yield the record's first drone in its world, with our autopilot or a PX4 that the command `px4` starts.
 
-    log_dir: an existing folder for what PX4 prints; None: it is not kept.
-    Raises UsageError for an airframe or command that cannot fly, InfrastructureError where PX4 ends.
+    `log_dir`: existing folder for PX4's output; None: it is not kept.
+    Raises UsageError for an airframe or command that cannot fly, InfrastructureError if PX4 ends.
     """
     if px4 is None:
         yield Lockstep(build(world, airframe=airframe, seed=seed, count=1, disturbances=disturbances, from_boot=True))

@@ -1,4 +1,4 @@
-"""Holds a simulation to the wall clock, reports its lag, and stalls it on purpose. Wall time is the subject here."""
+"""Synchronises a simulation with the wall clock, reports its lag, and stalls it on purpose."""
 
 import random
 import time
@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dronecats.flight.spec.disturbances import VehicleFaults
 
 LATE_S = 0.002
-LATE_SHARE = 0.001  # of the ticks, above which it is reported
+LATE_SHARE = 0.001  # share of late ticks above which the lag is reported
 REPORT_S = 60.0
-RESYNC_S = 0.5  # further behind than this the lost time is given up rather than caught up in a burst
-# The scheduler wakes a sleeper late, mostly by less than a tenth of a millisecond: so the sleep ends a little early,
-# and the rest of the wait yields the processor without sleeping.
+RESYNC_S = 0.5  # a larger lag is skipped, so that it is not caught up in a burst
+# The scheduler ends a sleep late, mostly by less than 0.1 ms. So the sleep ends this much early, and a loop that yields
+# the processor waits for the remaining time.
 EARLY_S = 0.0003
 
 
@@ -23,10 +23,10 @@ class RateKeeper:
         self.restart()
 
     def restart(self) -> None:
-        """Count from nothing, and from now."""
+        """Reset all counts, and start from now."""
         self.ticks = 0
         self.late = 0  # ticks that began more than 2 ms after they were due
-        self.skipped_s = 0.0  # time given up, by which the simulation is now behind the wall
+        self.skipped_s = 0.0  # sum of the skipped lags, by which the simulation stays behind the wall clock
         self.lag_s = 0.0  # of the newest tick
         self.lag_max_s = 0.0
         self._due_s = time.monotonic()
@@ -47,7 +47,7 @@ class RateKeeper:
         }
 
     def wait(self) -> None:
-        """Return when the next tick is due; count it if it is late already."""
+        """Wait until the next tick is due, and record its lag."""
         self._due_s += self.period_s
         remaining_s = self._due_s - time.monotonic()
         if remaining_s > EARLY_S:
@@ -65,7 +65,7 @@ class RateKeeper:
 
 
 class PaceReport:
-    """Says how a simulation lags behind the wall clock, once a minute and only when it does."""
+    """Reports the lag of a simulation behind the wall clock, once a minute at most."""
 
     def __init__(self, keeper: RateKeeper) -> None:
         self._keeper = keeper
@@ -74,7 +74,7 @@ class PaceReport:
         self._due_s = time.monotonic() + REPORT_S
 
     def line(self) -> str | None:
-        """Return one sentence when more than a thousandth of the last minute's ticks were late, None otherwise."""
+        """Return a sentence if more than LATE_SHARE of the last minute's ticks were late; otherwise None."""
         if time.monotonic() < self._due_s:
             return None
         self._due_s += REPORT_S
@@ -93,23 +93,23 @@ class PaceReport:
 
 
 class Staller:
-    """Stops its caller in random seconds of vehicle time from `begin` on, drawn from the seed."""
+    """Blocks its caller at the start of random seconds of vehicle time, drawn from the seed."""
 
     def __init__(
         self, disturbances: VehicleFaults | None, seed: int, stop: Callable[[float], None] = time.sleep
     ) -> None:
-        """`stop` lets the wall seconds pass that it is given."""
+        """`stop` blocks for the wall seconds in its argument."""
         self._stalls, self._stop = disturbances or VehicleFaults(), stop
         self._fate = random.Random(f"{seed} host")
         self._due_us: int | None = None
         self.count = 0
 
     def begin(self, time_us: int) -> None:
-        """From this vehicle time (µs) on there are stalls."""
+        """Start the stalls at this vehicle time (µs)."""
         self._due_us = time_us
 
     def turn(self, time_us: int) -> None:
-        """Return at once, or after a stall when a second of vehicle time begins that has one."""
+        """Block if a second of vehicle time with a stall begins; otherwise return at once."""
         if not (self._stalls.stalled and self._stalls.stall_s) or self._due_us is None or time_us < self._due_us:
             return
         self._due_us += 1_000_000

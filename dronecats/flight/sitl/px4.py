@@ -1,12 +1,11 @@
-"""A real PX4 as the pilot of simulated vehicles: sensors to it, motor outputs from it, its process and its ports.
+"""Simulated vehicles that a real PX4 flies: the exchange of sensors and motor outputs, PX4's process and ports.
 
-Every EXCHANGE_US of vehicle time PX4 gets one HIL_SENSOR, which is its clock, and the vehicle waits for the answer to
-that message. A PX4 that has just connected has nothing to answer yet: until its first answer time goes on without it,
-the sensors flow, and the rotors stand still. The same holds for one that stops answering.
+Every EXCHANGE_US of vehicle time PX4 gets one HIL_SENSOR, which sets its clock, and the vehicle waits for PX4's answer.
+A PX4 that has just connected does not answer yet. Until its first answer the vehicle does not wait: it sends sensors,
+and the rotors stand still. The same holds if PX4 stops answering.
 
-In lockstep, vehicle and PX4 are always in step. PX4's MAVLink threads are not: after each tick its telemetry has a
-moment of wall time to arrive. So a flight is as fast as the machine allows, but its bytes differ when it is flown
-again.
+In lockstep, vehicle and PX4 are synchronised, but PX4's MAVLink threads are not: after each tick the agent waits a
+short wall time for telemetry. So a flight is as fast as the machine allows, but its bytes differ at each repetition.
 """
 
 import os
@@ -49,27 +48,27 @@ from vehicles import fault_script
 from vehicles.sensors import Suite
 
 EXCHANGE_US = 4_000  # PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
-TRUTH_US = 8_000  # what PX4 writes into its own log beside its estimate; it asks for 5 ms
-# Wall seconds after which time goes on without an answer. A PX4 that has terminated its flight never gives one again;
-# one that hangs is for the agent's link to notice.
+TRUTH_US = 8_000  # period of the truth in PX4's own log; PX4 asks for 5 ms
+# Wall seconds to wait for an answer; then time goes on without PX4. After a flight termination PX4 never answers
+# again. The agent's link detects a PX4 that hangs.
 ANSWER_S = 3.0
-PATIENCE_S = 0.2  # wall seconds between two looks at whether waiting still makes sense
-# PX4's start script sets EKF2_GPS_DELAY to 10 ms for this interface. One inertial sample per exchange, over its time.
+PATIENCE_S = 0.2  # wall seconds between two checks during this wait
+# PX4's start script sets EKF2_GPS_DELAY to 10 ms for this interface. One (mean) IMU sample per exchange.
 SUITE = Suite(imu_period_us=EXCHANGE_US, gps_latency_us=10_000)
 ACTUATORS = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
-# µs; until then PX4 gets no sensors. At boot the legs drop onto the ground, and the specific force is up to 3 m/s² off
-# for 0.2 s. PX4's EKF2 takes its first tilt from the first samples: a tilt that begins 16° wrong becomes a wrong gyro
-# bias, PX4 does not find itself at rest, and its heading may be wrong when it arms.
+# µs; until then PX4 gets no sensors. At boot the legs drop onto the ground, so the specific force is wrong by up to
+# 3 m/s² for 0.2 s. PX4's EKF2 computes its first tilt from the first samples. An initial error of 16° would become a
+# wrong gyro bias: PX4 would not detect that it stands still, and its heading could be wrong when it arms.
 SETTLED_US = 500_000
 
 
 class HilVehicle(Vehicle):
-    """A vehicle whose autopilot is not ours: it gets HIL messages every `period_us` and answers with motor outputs."""
+    """A vehicle with an external autopilot: it gets HIL messages every `period_us` and answers with motor outputs."""
 
     def __init__(
         self, index: int, airframe: Airframe, pose: BootPose, *, period_us: int, **physics: Unpack[Physics]
     ) -> None:
-        """`period_us`: between two sensor messages, µs of vehicle time."""
+        """`period_us`: period of the sensor messages, µs of vehicle time."""
         super().__init__(index, airframe, pose, **physics)
         curve = self.plant.airframe.curve
         self._idle = curve.speed_idle / curve.speed_max
@@ -78,7 +77,7 @@ class HilVehicle(Vehicle):
         self._sent = Sent()
 
     def advance(self) -> None:
-        """Advance by one tick, for as long as the exchanges in it take."""
+        """Advance by one tick, with all exchanges in it."""
         end_us = self.time_us + TICK_US
         while (now_us := self.time_us) < end_us:
             exchange_us = now_us - now_us % self._period_us + self._period_us
@@ -95,13 +94,13 @@ class HilVehicle(Vehicle):
         return int(self.plant.sensors["gps_time_us"]) > self._sent.gps_us
 
     def _sensor_message(self) -> dialect.MAVLink_message:
-        """Return HIL_SENSOR with what is new; everything counts as sent then, the fix too."""
+        """Return HIL_SENSOR with the new samples, and mark all samples as sent, also the fix."""
         message = sensor_message(self.plant.sensors, self.time_us, self._sent)
         self._sent = sent_now(self.plant.sensors)
         return message
 
     def _obey(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Drive the rotors as a HIL_ACTUATOR_CONTROLS says, from `time_us` on."""
+        """Apply the commands of a HIL_ACTUATOR_CONTROLS to the rotors, from `time_us` on."""
         actuators = self.plant.actuators
         actuators["armed"] = int(is_armed(message))
         actuators["command"] = rotor_commands(message.controls, self._rotors, self._idle)
@@ -109,17 +108,17 @@ class HilVehicle(Vehicle):
 
 
 class Px4Vehicle(HilVehicle):
-    """One vehicle and the PX4 that flies it."""
+    """A simulated vehicle that a PX4 flies."""
 
     def __init__(
         self, index: int, airframe: Airframe, pose: BootPose, *, server: SimulatorServer, **physics: Unpack[Physics]
     ) -> None:
-        """`server` is where PX4 connects; it is closed with the vehicle."""
+        """`server`: PX4 connects to it; `close` closes it."""
         physics.setdefault("suite", SUITE)
         super().__init__(index, airframe, pose, period_us=EXCHANGE_US, **physics)
         self.server = server
-        self.released = False  # set by another thread to end a wait for good
-        self.in_step = False  # whether PX4 answers each sensor message, and is waited for
+        self.released = False  # set by another thread; ends all waits
+        self.in_step = False  # whether PX4 answers each sensor message, so that the vehicle waits
         self.answers = 0
         self._to_px4 = Packer(self.index + 1, TRUTH_COMPONENT)
 
@@ -151,7 +150,7 @@ class Px4Vehicle(HilVehicle):
                 return
 
     def _sensors(self) -> bytes:
-        """Return what is new for PX4 as bytes. HIL_SENSOR last: it starts PX4's next cycle."""
+        """Return the new messages for PX4 as bytes. HIL_SENSOR is the last, because it starts PX4's next cycle."""
         data = self._to_px4.pack(gps_message(self.plant.sensors)) if self._has_fix() else b""
         if self.time_us % TRUTH_US == 0:
             data += self.truth()
@@ -164,18 +163,18 @@ class Px4Vehicle(HilVehicle):
             self.answers += 1
 
     def _stop(self) -> None:
-        """Go on without PX4: the motor controllers get nothing, and stop."""
+        """Go on without PX4, and stop the motors."""
         self.in_step = False
         self.plant.actuators["armed"] = 0
 
 
-MODEL = "none_iris"  # PX4's airframe for a simulator of another project; rotors in the order of our quadrotors
+MODEL = "none_iris"  # a PX4 airframe whose rotors have the order of our quadrotors
 CLOSE_S = 5.0
-INSTANCE = "{instance}"  # what stands for the instance's number in a command
+INSTANCE = "{instance}"  # placeholder for the instance's number in a command
 
 
 class Px4Process:
-    """One PX4. Its parameters and logs stay in its folder; what it prints is added to `log`."""
+    """One PX4 process. Its parameters and logs stay in its folder; its output is appended to `log`."""
 
     def __init__(self, command: str, instance: int, folder: Path, log: Path, speed: float) -> None:
         """Start it. Raises UsageError for a command that cannot be run."""
@@ -189,12 +188,12 @@ class Px4Process:
         return self._process.poll()
 
     def restart(self) -> None:
-        """Start a PX4 that has ended once more, in the same folder."""
+        """Restart a PX4 that has ended, in the same folder."""
         self.close()
         self._process = self._start()
 
     def close(self) -> None:
-        """End PX4 and whatever the command has started beside it."""
+        """End PX4 and all other processes that the command has started."""
         assert self._process.stdin is not None
         self._process.stdin.close()
         try:
@@ -213,12 +212,12 @@ class Px4Process:
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=log,
-                start_new_session=True,  # a Ctrl-C in the terminal reaches us alone
+                start_new_session=True,  # a Ctrl-C in the terminal reaches only this process
             )
 
 
 def arguments(command: str, instance: int) -> list[str]:
-    """Return a command's words, with the instance filled in and paths that exist made absolute. Raises UsageError."""
+    """Return a command's words with the instance filled in and existing paths made absolute. Raises UsageError."""
     try:
         words = [word.replace(INSTANCE, str(instance)) for word in shlex.split(command)]
     except ValueError as error:
@@ -231,28 +230,28 @@ def arguments(command: str, instance: int) -> list[str]:
 
 
 def environment(instance: int, speed: float) -> dict[str, str]:
-    """Return the environment of a PX4: ours without keys, and what its start script asks for."""
+    """Return the environment of a PX4: ours without API keys, and the variables of PX4's start script."""
     ours = keyless_environment(os.environ)
     if "PX4_SYS_AUTOSTART" not in ours:
         ours.setdefault("PX4_SIM_MODEL", MODEL)
     ours["PX4_INSTANCE"] = str(instance)
-    if speed > 1.0:  # PX4 stretches its timeouts with it, so that they last as long for a client of real time
+    if speed > 1.0:  # PX4 multiplies its timeouts by it, so that they last as long in wall time
         ours["PX4_SIM_SPEED_FACTOR"] = f"{speed:g}"
     ours["PYTHONPATH"] = os.pathsep.join(filter(None, (str(ROOT), ours.get("PYTHONPATH"))))
     return ours
 
 
-INSTANCES = 10  # of which each has an offboard port of its own
-UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # what an instance must find free, beside its TCP port
-ULOGS = "log/*/*.ulg"  # in the folder in which a PX4 runs, by date
-IDLE_S = 0.02  # wall seconds between two looks for a PX4 that is not there yet
+INSTANCES = 10  # number of PX4's instances with an offboard port of their own
+UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # UDP ports that an instance needs besides its TCP port
+ULOGS = "log/*/*.ulg"  # in the folder in which a PX4 runs; sorted by date
+IDLE_S = 0.02  # wall seconds between two checks for a PX4 that has not connected yet
 
 
 def free_servers(count: int) -> list[SimulatorServer]:
-    """Return the servers of the first `count` neighbouring instances of PX4 whose ports are free.
+    """Return the servers of the first `count` consecutive instances of PX4 whose ports are free.
 
-    The servers hold their TCP ports from now on, so that another flight that starts chooses other instances.
-    Raises UsageError when there are not as many.
+    The servers keep their TCP ports, so that another flight chooses other instances. Raises UsageError if there are
+    too few instances.
     """
     for first in range(INSTANCES - count + 1):
         servers: list[SimulatorServer] = []
@@ -272,7 +271,7 @@ def free_servers(count: int) -> list[SimulatorServer]:
 
 
 def _free_server(instance: int) -> SimulatorServer | None:
-    """Return the server of an instance, None when one of the instance's ports is in use."""
+    """Return the server of an instance; None if one of the instance's ports is in use."""
     try:
         server = SimulatorServer(PORT + instance)
     except UsageError:
@@ -305,15 +304,15 @@ def _print_line(line: str) -> None:
 
 
 class Px4Simulator:
-    """Part of a real-time flight: one turn is one tick of the simulation, once every PX4 has come."""
+    """The simulator with PX4. Once every PX4 has connected, one turn is one tick of the simulation."""
 
     def __init__(
         self, config: SimulatorConfig, notify: Callable[[str], None] = _print_line, world: World | None = None
     ) -> None:
-        """`notify` receives progress lines; `world` saves loading the episode's. Raises UsageError.
+        """`notify` receives progress lines; `world`: the episode's world, if already loaded. Raises UsageError.
 
-        An instance of None is a free one when the command has a place for it, and otherwise 0. Without a folder for its
-        state PX4 has a temporary one.
+        `instance` None: a free instance if the command has a placeholder for it, otherwise 0. Without a `state_dir`,
+        PX4 runs in a temporary folder.
         """
         world = world or load_world(config.episode)
         script, command = config.faults, config.px4
@@ -338,7 +337,7 @@ class Px4Simulator:
             )
             self.vehicles = self.simulation.vehicles
             for vehicle in self.vehicles:
-                vehicle.plant.advance(0)  # compiles, on the first run of an installation
+                vehicle.plant.advance(0)  # compiles the physics on the first run of an installation
             self._truth = truth_port(self.simulation, config.instance)
             stack.callback(self._truth.close)
             self._in_step = [False] * len(self.vehicles)
@@ -367,7 +366,7 @@ class Px4Simulator:
         return Px4Process(command, self.instance + index, folder, log, self.speed or 1.0)
 
     def _keep_ulogs(self, kept: Path, states: Path) -> None:
-        """Copy the newest log of every PX4, all of which have ended."""
+        """Copy the newest log of every PX4, after all have ended."""
         for vehicle in self.vehicles:
             logs = sorted((states / _state_name(vehicle.index)).glob(ULOGS), key=lambda log: log.stat().st_mtime)
             if not logs:
@@ -387,7 +386,7 @@ class Px4Simulator:
 
     @property
     def all_there(self) -> bool:
-        """Whether every vehicle has had a PX4; until then no time passes for any of them."""
+        """Whether a PX4 has connected to every vehicle. Until then vehicle time stands still."""
         return all(vehicle.server.connections for vehicle in self.vehicles)
 
     def ready(self) -> dict[str, Any]:
@@ -422,7 +421,7 @@ class Px4Simulator:
             self._keeper.wait()
 
     def orphaned(self) -> None:
-        """Give up every wait: the parent process is gone."""
+        """End every wait, because the parent process is gone."""
         for vehicle in self.vehicles:
             vehicle.released = True
 
@@ -430,7 +429,7 @@ class Px4Simulator:
         self._stack.close()
 
     def _look_after(self) -> None:
-        """Say what has changed between us and the PX4s; start one that has ended anew, or raise InfrastructureError."""
+        """Report changed connections. If a PX4 has ended, restart it or raise InfrastructureError."""
         for k, vehicle in enumerate(self.vehicles):
             if vehicle.in_step != self._in_step[k]:
                 self._in_step[k] = vehicle.in_step

@@ -17,7 +17,7 @@ WORK_SHARE = 0.1  # largest share of a tick for the messages of clients, once be
 
 
 class Simulator:
-    """Part of a real-time flight: one turn is one tick of the simulation."""
+    """The simulator with our autopilot: one turn is one tick of the simulation."""
 
     def __init__(self, config: SimulatorConfig) -> None:
         world = load_world(config.episode)
@@ -39,7 +39,7 @@ class Simulator:
         self.simulation.advance()  # on the first run of an installation, this compiles the physics
         self.ports = Ports(self.simulation, config.instance)
         if config.sign is not None:
-            # signatures need the date; a PX4 gets it together with its key
+            # signatures need the current time; a PX4 gets it with its key
             key, now = load_key(Path(config.sign)), timestamp(time.time())
             for vehicle in self.simulation.vehicles:
                 vehicle.sign(key, now)

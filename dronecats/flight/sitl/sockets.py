@@ -1,8 +1,8 @@
-"""The simulator's MAVLink ports on UDP, in PX4's convention: it speaks first, to a known place.
+"""The simulator's MAVLink ports on UDP. As in PX4, the simulator sends first, to a known address.
 
-Anybody on this machine can send to a port, and a simulator in real time has some milliseconds for each tick. So a port
-hands over intact frames only, each exchange takes in a bounded number of datagrams and works on them for a bounded
-time, and senders have their turns one after another. A sender that sends too much loses its own messages.
+Any program on this machine can send to a port, and a real-time simulator has only milliseconds for each tick. So a port
+passes on only intact frames. Each exchange reads a limited number of datagrams and processes them for a limited time.
+Senders take turns. A sender that sends too much loses its own messages.
 """
 
 import contextlib
@@ -16,20 +16,20 @@ from foundation.wire import MARKER, frame_bytes
 from hil.link.transport import BUFFER_BYTES, bind_error
 
 SocketAddress = tuple[str, int]
-DATAGRAM_BYTES = 8_000  # longer datagrams are dropped; PX4's receiver takes as much (mavlink_receiver.cpp)
-DATAGRAMS = 128  # that are taken in in one exchange
-WORK_S = 0.001  # wall s of one exchange in which frames are handed over, unless its caller sets it
-SLICE_BYTES = 512  # of one sender's bytes that are worked on in one turn: about 2 ms for 40 messages to be answered
-INBOX_BYTES = 65_536  # of one sender that wait for their turn: a mission or a burst of a file at once
-PEERS = 32  # senders that are spoken to
-SENDERS = 64  # that are distinguished, peers among them
+DATAGRAM_BYTES = 8_000  # longer datagrams are dropped; the limit of PX4's mavlink_receiver.cpp
+DATAGRAMS = 128  # read in one exchange, at most
+WORK_S = 0.001  # wall s to process frames in one exchange; default
+SLICE_BYTES = 512  # processed for one sender in one turn: about 40 messages, 2 ms if they need answers
+INBOX_BYTES = 65_536  # queue of one sender, at most: a mission or a burst of a file transfer
+PEERS = 32  # senders that get data, at most
+SENDERS = 64  # senders with a queue, at most, peers included
 
 
 class Sender:
-    """One address that sends to a port: what of it still waits, and the frames in it."""
+    """One address that sends to a port: the queue of its bytes, and their parser."""
 
     def __init__(self) -> None:
-        self.is_peer = False  # whether it has sent a frame, and is spoken to
+        self.is_peer = False  # whether it has sent a frame, so that it gets data
         self._parser = Parser()
         self._inbox = bytearray()
 
@@ -39,23 +39,23 @@ class Sender:
 
     @property
     def bad(self) -> int:
-        """Number of places at which the data of this sender were no MAVLink message."""
+        """Number of places in this sender's data that are not MAVLink."""
         return self._parser.bad
 
     def put(self, data: bytes) -> None:
-        """Take in a datagram, or drop it while too much is waiting."""
+        """Queue a datagram, or drop it if the queue is full."""
         if len(self._inbox) + len(data) <= INBOX_BYTES:
             self._inbox += data
 
     def take(self) -> bytes:
-        """Return the frames that the next bytes complete."""
+        """Return the frames that the next SLICE_BYTES of the queue complete."""
         data = bytes(self._inbox[:SLICE_BYTES])
         del self._inbox[:SLICE_BYTES]
         return b"".join(self._parser.frames(data))
 
 
 class UdpPort:
-    """One local socket. Sends to its default remote and to everyone who has sent a MAVLink message to it of late."""
+    """One local socket. It sends to its default remote and to the PEERS newest senders of MAVLink messages."""
 
     def __init__(
         self,
@@ -68,9 +68,9 @@ class UdpPort:
         malformed: Callable[[], None] = lambda: None,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`give` gets intact frames. `shared`: what one peer says goes to the others too, as on a bus.
+        """`take` returns the bytes to send; `give` gets received frames. `shared`: peers also get each other's frames.
 
-        `malformed` is called once, at the first bytes that are no MAVLink message. `now_s` reads the wall clock.
+        `malformed` is called once, at the first bytes that are not MAVLink. `now_s` reads the wall clock.
         """
         self._shared, self._malformed, self._now_s = shared, malformed, now_s
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -83,8 +83,8 @@ class UdpPort:
             raise bind_error(error, "UDP", *local, instead="choose another --instance") from None
         self._socket.setblocking(False)
         self._remote = remote
-        self._senders: dict[SocketAddress, Sender] = {}  # who has waited longest for a turn first
-        self._peers: dict[SocketAddress, None] = {}  # those of the senders, who was heard longest ago first
+        self._senders: dict[SocketAddress, Sender] = {}  # longest wait for a turn first
+        self._peers: dict[SocketAddress, None] = {}  # senders of frames, oldest last frame first
         self._is_malformed = self._peers_turn = False
         self._take, self._give = take, give
 
@@ -93,16 +93,16 @@ class UdpPort:
         return int(self._socket.getsockname()[1])
 
     def exchange(self, until_s: float | None = None) -> None:
-        """Read what has come and send what there is to say.
+        """Read the socket, process received frames, and send.
 
-        Frames are handed over until `until_s` of the wall clock, and at least one slice of them.
+        It processes frames until the wall time `until_s`, but at least one slice.
         """
         self._receive()
         self._work(self._now_s() + WORK_S if until_s is None else until_s)
         self._send(self._take())
 
     def _receive(self) -> None:
-        """Take in what the socket has, without looking at it."""
+        """Queue the socket's datagrams without parsing them."""
         with contextlib.suppress(BlockingIOError):
             for _ in range(DATAGRAMS):
                 try:
@@ -121,10 +121,10 @@ class UdpPort:
         return sender
 
     def _work(self, until_s: float) -> None:
-        """Hand over a slice of the client that has waited longest, and more while there is time.
+        """Process a slice of the sender that has waited longest, and more slices until `until_s`.
 
-        Peers and senders of whom no frame is known take turns, so that neither many strangers nor a peer that sends
-        much keep the others out.
+        Peers and other senders alternate, so that neither many unknown senders nor a peer that sends much block the
+        others.
         """
         while waiting := [address for address, sender in self._senders.items() if sender.waits]:
             self._peers_turn = not self._peers_turn
@@ -142,7 +142,7 @@ class UdpPort:
                 return
 
     def _accept(self, address: SocketAddress, sender: Sender) -> None:
-        """Note that a sender has sent a frame, so that it is spoken to."""
+        """Make the sender of a frame the newest peer; above PEERS, forget the oldest."""
         sender.is_peer = True
         self._peers.pop(address, None)
         self._peers[address] = None
@@ -156,7 +156,7 @@ class UdpPort:
         for packet in packets(data):
             for peer in (*remote, *self._peers):
                 if peer != but:
-                    with contextlib.suppress(OSError):  # full buffers and absent listeners: UDP loses, that is its way
+                    with contextlib.suppress(OSError):  # full buffer or absent listener: the datagram is lost
                         self._socket.sendto(packet, peer)
 
     def close(self) -> None:
@@ -164,9 +164,9 @@ class UdpPort:
 
 
 def packets(data: bytes, size: int = 1400) -> list[bytes]:
-    """Return MAVLink 2 bytes cut between messages into datagrams of at most about `size` bytes."""
+    """Return MAVLink 2 bytes, split between messages into datagrams of at most about `size` bytes."""
     cut, at, start = [], 0, 0
-    while at + 2 < len(data) and data[at] == MARKER:  # anything else goes out as it is, in one piece
+    while at + 2 < len(data) and data[at] == MARKER:  # other bytes stay in one datagram
         length = frame_bytes(data, at)
         if at + length - start > size and at > start:
             cut.append(data[start:at])
@@ -178,13 +178,13 @@ def packets(data: bytes, size: int = 1400) -> list[bytes]:
 
 
 LOOPBACK = "127.0.0.1"
-AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # + instance, where clients listen
-CAMERA_PORT = 8080  # + instance, TCP, of the camera; the next free one where it is taken
-AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # + instance, where the simulator listens
+AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # ports of clients; + instance, except GCS_PORT
+CAMERA_PORT = 8080  # + instance; TCP port of the camera, or the next free one
+AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # + instance; ports of the simulator
 
 
 def truth_port(simulation: Simulation[V], instance: int | None) -> UdpPort:
-    """Return the truth bus on UDP; `instance` None: on an ephemeral port, and only to programs that have sent to it."""
+    """Return the truth bus on UDP; `instance` None: an ephemeral port that sends only to programs that sent to it."""
     tap = simulation.bus.tap()
     if instance is None:
         return UdpPort((LOOPBACK, 0), None, tap.take, tap.receive, shared=True)
@@ -193,7 +193,7 @@ def truth_port(simulation: Simulation[V], instance: int | None) -> UdpPort:
 
 
 class Ports:
-    """Every UDP port of a simulation. `instance` None: ephemeral ones, but for the ground station's."""
+    """All UDP ports of a simulation. `instance` None: ephemeral ports; they send first only to GCS_PORT."""
 
     def __init__(self, simulation: Simulation[SimulatedVehicle], instance: int | None) -> None:
         self.agent, self.gcs, self.log = [], [], []
@@ -210,7 +210,7 @@ class Ports:
             self.log.append(_udp(log, 0, None))
 
     def exchange(self, work_s: float) -> None:
-        """Exchange with all clients. What they send is worked on for about `work_s` of wall time."""
+        """Exchange data with all clients. Process their messages for about `work_s` of wall time."""
         until_s = time.monotonic() + work_s
         for port in self._all():
             port.exchange(until_s)

@@ -1,6 +1,6 @@
-"""The truth of a vehicle that simulates itself, as a process: moved onto our map, and put on a bus of our own.
+"""The process that copies the truth of a vehicle with its own simulation to our truth bus, moved onto our map.
 
-Camera, logger and oracle listen on that bus as they do on our simulator's.
+Camera, logger and oracle read this bus like the bus of our simulator.
 """
 
 import math
@@ -20,14 +20,14 @@ from foundation.truth import TRUTH_COMPONENT, Origin, TruthSample, truth_message
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """A shift and a turn about the vertical, from where a vehicle is to where it is on the map."""
+    """The transform from a vehicle's own world to the map: a shift and a rotation about the vertical."""
 
-    home: Origin  # lat °, lon °, alt m of where it stood
-    place_ned: Vec3  # m, map frame, of where it stands there
-    turn: float  # rad, from its heading to the map's, positive towards east
+    home: Origin  # lat °, lon °, alt m of the vehicle's first pose
+    place_ned: Vec3  # m, map frame, position of that pose on the map
+    turn: float  # rad, from its own heading to that on the map, positive towards east
 
     def sample(self, message: dialect.MAVLink_message, time_us: int, drone: int = 0) -> TruthSample:
-        """Return where on the map a HIL_STATE_QUATERNION says that the vehicle is."""
+        """Return the sample on the map for a HIL_STATE_QUATERNION."""
         there = truth_sample(message, self.home)
         turned = quat_from_euler(0.0, 0.0, self.turn)
         return TruthSample(
@@ -39,7 +39,7 @@ class Placement:
         )
 
     def on_map(self, place: Origin) -> Vec3:
-        """Return the place on the map (m, NED) of a place where the vehicle is (lat °, lon °, alt m)."""
+        """Return the position on the map (m, NED) for a position in the vehicle's own world (lat °, lon °, alt m)."""
         return self._moved(geodetic_to_ned(*self.home, *place))
 
     def _moved(self, position_ned: Vec3) -> Vec3:
@@ -48,33 +48,33 @@ class Placement:
 
 
 def placement_of(message: dialect.MAVLink_message, place_ned: Vec3, yaw: float) -> Placement:
-    """Return the placement that puts a vehicle which says this onto `place_ned` (m) with a heading of `yaw` (rad)."""
+    """Return the placement that moves the pose in a HIL_STATE_QUATERNION to `place_ned` (m) and `yaw` (rad)."""
     home = (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3)
     return Placement(home, place_ned, wrap_pi(yaw - own_yaw(message)))
 
 
 def own_yaw(message: dialect.MAVLink_message) -> float:
-    """Return the heading (rad) that a HIL_STATE_QUATERNION says."""
+    """Return the heading (rad) in a HIL_STATE_QUATERNION."""
     return quat_yaw(tuple(message.attitude_quaternion))
 
 
 def speed(message: dialect.MAVLink_message) -> float:
-    """Return the speed (m/s) that a HIL_STATE_QUATERNION says."""
+    """Return the speed (m/s) in a HIL_STATE_QUATERNION."""
     return math.hypot(message.vx, message.vy, message.vz) / 100.0
 
 
 class TruthClock:
-    """The vehicle's time of each truth sample, in whole milliseconds: what a frame's announcement can carry.
+    """Finds the vehicle time of each truth sample, in whole milliseconds, the resolution of a frame's announcement.
 
-    PX4's own simulation leaves the time of HIL_STATE_QUATERNION at zero. HIL_ACTUATOR_CONTROLS, which comes beside it
-    a hundred times a second and more, has it.
+    PX4's own simulation leaves the time of HIL_STATE_QUATERNION at zero. So the time is that of HIL_ACTUATOR_CONTROLS,
+    which arrives on the same link at 100 Hz or more.
     """
 
     def __init__(self) -> None:
         self._actuator_us = 0
 
     def see(self, message: dialect.MAVLink_message) -> int | None:
-        """Return the time (µs) of a truth sample; None of any other message, and as long as no time is known."""
+        """Return the time (µs) of a truth sample; None for another message, and while no time is known."""
         kind = message.get_msgId()
         if kind == dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
             self._actuator_us = message.time_usec
@@ -84,13 +84,13 @@ class TruthClock:
         return time_us // 1000 * 1000 or None
 
 
-SILENT_S = 10.0  # wall seconds in which a truth stream has to speak
-STILL_MPS = 0.2  # m/s, below which a vehicle stands
-G_PER_UNIT = GRAVITY / 1000.0  # m/s² of HIL_STATE_QUATERNION's thousandths of g
+SILENT_S = 10.0  # wall seconds to wait for the first truth sample
+STILL_MPS = 0.2  # m/s, largest speed of a vehicle that stands still
+G_PER_UNIT = GRAVITY / 1000.0  # m/s², unit of HIL_STATE_QUATERNION's accelerations (0.001 g)
 
 
 class TruthSource:
-    """The truth stream of one vehicle, by URL."""
+    """Reads the truth stream of one vehicle from a URL."""
 
     def __init__(self, url: str) -> None:
         """Raises UsageError, LinkError for a URL that cannot be opened."""
@@ -101,14 +101,14 @@ class TruthSource:
         self._listener = Listener(url, self._feed)
 
     def read(self, timeout_s: float) -> list[tuple[int, dialect.MAVLink_message]]:
-        """Return the samples that came within `timeout_s`, each with its time in µs of the vehicle's clock."""
+        """Return the samples that arrive within `timeout_s`, each with its time (µs, vehicle clock)."""
         self._listener.read(timeout_s)
         samples, self._samples = self._samples, []
         return samples
 
     def first(self) -> tuple[int, dialect.MAVLink_message]:
-        """Return the first sample of a vehicle that stands. Raises UsageError when there is none in time."""
-        end_s = time.monotonic() + SILENT_S  # how long a wire is silent is a matter of the wall's clock
+        """Return the first sample. Raises UsageError if none arrives within SILENT_S, or if the vehicle moves."""
+        end_s = time.monotonic() + SILENT_S  # wall time, because no vehicle time is known yet
         while time.monotonic() < end_s:
             if samples := self.read(0.1):
                 time_us, message = samples[-1]
@@ -135,7 +135,7 @@ class TruthSource:
 
 
 class TruthBridge:
-    """Part of a flight of an external vehicle in our world."""
+    """The truth bridge as a child process of a flight of an external vehicle in our world."""
 
     def __init__(self, config: TruthBridgeConfig) -> None:
         world = load_world(config.episode)
@@ -150,7 +150,7 @@ class TruthBridge:
         self._port = UdpPort(("127.0.0.1", 0), None, tap.take, tap.receive, shared=True)
 
     def ready(self) -> dict[str, Any]:
-        """Return the bus's port, and how the vehicle is moved onto the map, as the fields of a `Placement`."""
+        """Return the port of the bus, and the fields of the `Placement`."""
         return {"truth": self._port.port, "placement": asdict(self._placement)}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:

@@ -1,13 +1,12 @@
-"""Disturbances of a simulated flight: of its pictures, its wire, its vehicle, its light and season.
+"""Disturbances of a simulated flight: faults of pictures, link and vehicle, and light and season.
 
-Random ones are seeded, and all times are vehicle time.
+Random disturbances are seeded. Times are vehicle time, except the length of stalls.
 
-A disturbance is declared once, on the field that holds it. From the declaration come its option on the command line,
-its word in a bench.toml, its factor in a study, its bounds, its words in run.json and its row in docs/disturbances.md.
-The code that applies it reads the field: of pictures `dronecats/agent/pictures.py`, of the wire
-`dronecats/flight/stages/stage.py`, of the vehicle `dronecats/flight/sitl/simulation.py`, of light and season
-`episodes/maps/conditions.py`. The defaults disturb nothing. The time that a reply takes is declared in
-`dronecats/agent/latency.py`.
+Each disturbance is declared once, on its dataclass field. The declaration defines its command-line option, its key in a
+bench.toml, its factor in a study, its bounds, its words in run.json and its row in docs/disturbances.md. The code that
+applies it reads the field: `dronecats/agent/pictures.py` for pictures, `dronecats/flight/stages/stage.py` for the link,
+`dronecats/flight/sitl/simulation.py` for the vehicle, `episodes/maps/conditions.py` for light and season. The defaults
+disturb nothing. `dronecats/agent/latency.py` declares the latency of replies.
 """
 
 import math
@@ -25,7 +24,7 @@ from foundation.wording import did_you_mean, nearest
 from hil.impairment import Impairment
 
 T = TypeVar("T")
-FieldValues = dict[str, Any]  # values of a part of the disturbances, by field
+FieldValues = dict[str, Any]  # values of a section of `Disturbances`, by field
 PERFECT = Impairment()
 LOSS_MAX = 0.95  # above this share of lost telemetry there are no decisions to score
 RECALL_S = 15.0  # s; the logger can measure pictures up to 20 s old
@@ -39,37 +38,37 @@ class DisturbanceOption:
     name: str  # "frame_delay" of --frame-delay
     metavar: str
     help: str
-    choices: tuple[str, ...] = ()  # its words; (): it takes numbers
-    more: str = ""  # what else its row of the docs says
+    choices: tuple[str, ...] = ()  # allowed words; (): it takes numbers
+    more: str = ""  # added to its row in the docs
     read: Callable[[str], FieldValues] | None = None  # text → fields; None: it takes the field's number
 
     @property
     def kind(self) -> type[float] | type[str]:
-        """Type of its value."""
+        """Type of the option's value."""
         return str if self.read else float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisturbanceLevel(DeclaredNumber):
-    """A number that a study can vary, a factor."""
+    """A number that a study can vary: a factor."""
 
-    put: Callable[[FieldValues, float], None] | None = None  # sets it in the values of its part; None: sets the field
-    get: Callable[[Any], float] | None = None  # reads it from its part; None: reads the field
-    refines: str = ""  # another number; if that is unset or 0, this one has no effect
-    beside: bool = False  # a study must set that other number too
-    real_time: bool = False  # has no effect in lockstep
+    put: Callable[[FieldValues, float], None] | None = None  # sets it in the section's values; None: sets the field
+    get: Callable[[Any], float] | None = None  # reads it from its section; None: reads the field
+    refines: str = ""  # name of another number; if that is unset or 0, this one has no effect
+    beside: bool = False  # True: a study must set that other number too
+    real_time: bool = False  # True: no effect in lockstep
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisturbanceWord:
-    """Words that a study can vary, of which the first is the default. The field holds that as None."""
+    """A factor with words as levels. The first word is the default, which the field stores as None."""
 
     name: str
     help: str
     words: tuple[str, ...]
 
     def value(self, word: object) -> str | None:
-        """Return the field's value. Raises UsageError for another word."""
+        """Return the field's value. Raises UsageError for an unknown word."""
         if word not in self.words:
             raise UsageError(f"{self.name} must be one of {', '.join(self.words)}, got {word!r:.60}")
         return None if word == self.words[0] else str(word)
@@ -107,9 +106,9 @@ def _disturbance(
 
 
 def _word(name: str, help: str, choices: tuple[str, ...], *, words: str, more: str = "") -> Any:
-    """Return the field, of this name, of a disturbance that is a word: an option and a factor of the same name.
+    """Return the field of a disturbance that is a word. `name` names the field, its option and its factor.
 
-    The first of `choices` is the default, which the field holds as None.
+    The first of `choices` is the default, which the field stores as None.
     """
     level = DisturbanceWord(name=name, help=help, words=choices)
     option = DisturbanceOption(
@@ -145,7 +144,7 @@ class FrameFaults:
         0.0, "frame_stale", "share of questions that get the previous question's image", high=1.0,
         words="{percent:g} % of questions get the previous question's image", metavar="P",
     )  # fmt: skip
-    rate_hz: float | None = _disturbance(  # None: a picture is taken when it is asked for
+    rate_hz: float | None = _disturbance(  # None: the camera takes a picture on request
         None, "frame_rate", "rate at which the camera takes images", low=0.1, high=100.0, unit="Hz",
         words="images are taken {value:g} times a second", first=True, metavar="HZ",
         more="the agent takes the newest one at once; without the option, an image is taken on request",
@@ -263,7 +262,7 @@ def _turn(values: FieldValues, towards_deg: float) -> None:
     north, east = (round(speed * share(turned), 6) for share in (math.cos, math.sin))
     if math.hypot(north, east) > speed:  # rounding must not put the strongest wind beyond its bound
         north, east = (math.trunc(speed * share(turned) * 1e6) / 1e6 for share in (math.cos, math.sin))
-    values["wind_ned"] = (north + 0.0, east + 0.0, 0.0)  # + 0.0: no zero has a sign
+    values["wind_ned"] = (north + 0.0, east + 0.0, 0.0)  # + 0.0 turns -0.0 into 0.0
 
 
 def _wind_words(wind_ned: Vec3) -> str:
@@ -330,7 +329,7 @@ class VehicleFaults:
         high=100.0, unit="×", words="sensor noise × {value:g}", metavar="X",
         more="the factor begins with the episode, so the height of the barometer jumps at that time",
     )  # fmt: skip
-    setpoint_hz: float | None = _disturbance(  # None: 20. Below 2 Hz a PX4 leaves offboard
+    setpoint_hz: float | None = _disturbance(  # None: 20. Below 2 Hz PX4 leaves Offboard
         None, "setpoint_rate", "how often the agent sends its setpoint", low=2.0, high=50.0, unit="Hz",
         words="{value:g} setpoints a second", metavar="HZ",
         more="in vehicle time; the default is 20; if the rate is above 20, telemetry comes at the same rate",
@@ -386,14 +385,14 @@ class FlightConditions:
     )  # fmt: skip
 
     def __post_init__(self) -> None:
-        """Raise UsageError for a sun out of bounds, and for one that has set."""
+        """Raise UsageError for a sun position that is out of bounds, or combined with dusk."""
         check_bounds(self)
         if self.sky == "dusk" and (self.sun_azimuth_deg is not None or self.sun_elevation_deg is not None):
             raise UsageError("at dusk the sun has set, so it has no place. Leave --sun or --sky dusk out")
 
     @property
     def of_map(self) -> SceneConditions:
-        """These conditions as a world has them."""
+        """These conditions as the type that a world takes."""
         return SceneConditions(**asdict(self))
 
 
@@ -413,7 +412,7 @@ class Disturbances:
         return ", ".join(chain(*parts)) or None
 
     def with_options(self, options: Mapping[str, Any]) -> "Disturbances":
-        """Return these with the values of options, name → number or text; None: not set. Raises UsageError."""
+        """Return a copy with the values of options, name → number or text; None: not set. Raises UsageError."""
         values = self._values()
         for part, name, disturbance in DECLARED:
             option = disturbance.option
@@ -422,7 +421,7 @@ class Disturbances:
         return _made(values)
 
     def with_levels(self, levels: Mapping[str, Level]) -> "Disturbances":
-        """Return these at a study's levels, by name. Raises UsageError."""
+        """Return a copy with a study's levels, name → level. Raises UsageError."""
         values = self._values()
         for part, name, level in LEVELS:
             if level.name not in levels:
@@ -437,7 +436,7 @@ class Disturbances:
         return _made(values)
 
     def level(self, name: str) -> float | None:
-        """Return the number of a study's level as it is here; None where it has none."""
+        """Return the current number of a factor; None if it is unset or a word."""
         part, of, level = next(entry for entry in LEVELS if entry[2].name == name)
         value = getattr(self, part)
         if isinstance(level, DisturbanceLevel) and level.get:
@@ -459,7 +458,7 @@ class Disturbances:
 
 UNDISTURBED = Disturbances()
 _SECTIONS = {"frame": FrameFaults, "link": LinkFaults, "vehicle": VehicleFaults, "conditions": FlightConditions}
-DECLARED: tuple[tuple[str, str, Disturbance], ...] = tuple(  # part, field, declaration
+DECLARED: tuple[tuple[str, str, Disturbance], ...] = tuple(  # section, field, declaration
     (part, name, disturbance) for part, of in _SECTIONS.items() for name, disturbance in declarations(of).items()
 )
 OPTIONS = tuple(disturbance.option for _, _, disturbance in DECLARED if disturbance.option)

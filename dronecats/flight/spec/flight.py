@@ -58,7 +58,7 @@ class Flight:
 
     @property
     def camera_model(self) -> CameraModel:
-        """The simulated vehicle's camera on its mount; the benchmark's for a connected vehicle."""
+        """The simulated vehicle's camera on its mount; for a connected vehicle, the benchmark's camera."""
         simulated = self.spec.simulated
         return camera_on(airframes.load(simulated.airframe).camera) if simulated else _CAMERA
 
@@ -80,7 +80,7 @@ class Flight:
 
 
 def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
-    """Return the flight of a spec. No model gets a question here. Raises UsageError.
+    """Return the flight of a spec. Sends no question to a model. Raises UsageError.
 
     `outside` gives the replies if the spec names another harness (`spec.outside`).
     """

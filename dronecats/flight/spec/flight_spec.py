@@ -1,10 +1,10 @@
 """All settings of a flight as one value, which can be pickled and written as JSON.
 
-The rules between options are only here. Command line, files and studies make a FlightSpec, and contradictions raise
-UsageError.
+Command line, files and studies create a FlightSpec. It has all rules between options, and raises UsageError for
+contradictions.
 
 A worker on any machine needs only the spec. It has the contents of files instead of their names, for example the
-latencies of a `trace:FILE`. Exceptions are the script of `recorded:`, a user's own map and the files of the accounts.
+latencies of a `trace:FILE`. Exceptions are the script of `recorded:`, a user's own map and the files of `Accounts`.
 """
 
 import csv
@@ -49,7 +49,7 @@ class Simulated:
     px4: str | None = None  # the command that starts a PX4; None: wait for a PX4
     speed: float | None = declared(1.0, Declaration(quantity=SPEED))  # × real time; None: lockstep
     rendered: bool = True  # False: grey frames, for a pilot that does not look at them
-    camera: Literal["depth"] | None = None  # depth: a depth picture beside each RGB one, for agents of one's own
+    camera: Literal["depth"] | None = None  # depth: a depth picture with each RGB picture, for a user's own agent
     optics: dict[str, Any] | None = None  # lens, sensor and weather (docs/cameras.md); None: as in the benchmark
 
     def __post_init__(self) -> None:
@@ -63,7 +63,7 @@ class Simulated:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Authority:
-    """The permissions on a vehicle, besides flying it. Our own simulated vehicles give all."""
+    """The agent's permissions on a vehicle, besides flying it. Our simulated vehicles grant all."""
 
     arm: bool = True  # False: a person arms, takes off and hands over
     then: Literal["land", "return", "hold"] = "land"  # action after the hold at the end
@@ -87,7 +87,7 @@ class Accounts:
     """The limits of a model's cost, and the files of this machine for its cost and replies."""
 
     cost_limit_usd: float | None = None  # $, limit for the whole ledger; None: no limit
-    token_limit: int | None = None  # tokens of questions and replies, likewise
+    token_limit: int | None = None  # of questions and replies, limit for the whole ledger; None: no limit
     ledger: str | None = None  # file, or ON_CLUSTER and a name; None: a file in the run folder
     cache: str | None = None  # file of stored replies; None: every question is sent
 
@@ -116,7 +116,7 @@ class FlightSpec:
     episode: str | None = None  # id of a shipped episode
     record: dict[str, Any] | None = None  # or the content of the user's own record file
     map: str | None = None  # or only a map, with an `instruction`
-    instruction: str | None = None  # if there is no episode with one
+    instruction: str | None = None  # for a flight without an episode
     simulated: Simulated | None = None  # or `connected`
     connected: Connected | None = None
     drones: int | None = None  # of a simulated episode; None: one for each start of the record
@@ -272,7 +272,7 @@ def carried(text: str) -> str:
 
 
 def from_folder(text: str, folder: Path) -> str:
-    """Return the text of a policy. A relative FILE of its `trace:FILE` is put into a folder."""
+    """Return the text of a policy, with a relative FILE in `trace:FILE` resolved against `folder`."""
     file = _file(text)
     return text if file is None else _instead(text, str(folder / file))
 
@@ -319,7 +319,7 @@ def _of_run(folder: Path) -> list[float]:
 
 
 def _of_steps(log: Path) -> Iterator[float]:
-    """Yield the latency of each question, once for drones with a common question, and without a commander's."""
+    """Yield the latency of each step, counted once for several drones, without the confirmations of a commander."""
     counted: set[int] = set()
     for decision in rows(log, Decision):
         if decision.latency_s is not None and decision.confirmed_by is UNSET and decision.step not in counted:

@@ -20,17 +20,17 @@ from foundation.mavlink import dialect
 from foundation.threads import InlineExecutor
 from hil.link.link import Link
 
-SPARE_S = 1.0  # s after the cap; until then an agent without telemetry may wait for it
+SPARE_S = 1.0  # s; link faults last this much longer than the cap, for an agent that still waits for telemetry
 
 
 class LockstepStage:
-    """The same parts as in real time, without sockets between them."""
+    """A stage with the same parts as in real time, without sockets between them."""
 
     lockstep = True
     speed = None
 
     def __init__(self, flight: Flight, simulated: Simulated, folder: Path, world: World) -> None:
-        """`folder` is the episode's, for the logs. Raises UsageError, InfrastructureError."""
+        """`folder`: the episode folder, for the logs. Raises UsageError, InfrastructureError."""
         spec, camera = flight.spec, flight.camera_model
         self.camera_model = camera
         self._px4: Px4Simulator | None = None
@@ -123,7 +123,7 @@ class LockstepStage:
 
 
 class FedTap:
-    """A subscription to a bus that feeds it at every tick."""
+    """A subscription whose function gets the new bytes at every tick."""
 
     def drain(self) -> None:
         """Do nothing: the samples have been processed at each tick."""

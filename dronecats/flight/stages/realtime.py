@@ -1,4 +1,4 @@
-"""Stages with child processes: our simulation in real time, and a vehicle that simulates itself in our world."""
+"""Stages with child processes: our simulation in real time, and a vehicle with its own simulation in our world."""
 
 import time
 from collections.abc import Callable
@@ -39,7 +39,7 @@ class RealtimeStage:
     lockstep = False
 
     def __init__(self, flight: Flight, simulated: Simulated, folder: Path, notify: Callable[[str], None]) -> None:
-        """`folder` is the episode's, with its record. Raises UsageError, InfrastructureError."""
+        """`folder`: the episode folder, with the record. Raises UsageError, InfrastructureError."""
         self._supervisor = Supervisor(folder)
         self.speed = simulated.speed
         self._copies: list[Copy] = []
@@ -70,7 +70,7 @@ class RealtimeStage:
             for drone, port in enumerate(ports["agent"])
         ]
         self._disturbed.take(self.links, self._wires)
-        if self.camera_model.gimballed and not px4:  # which does not drive our gimbal
+        if self.camera_model.gimballed and not px4:  # a PX4 does not drive our gimbal
             for link in self.links:
                 link.watch_gimbal()
         camera = self._camera_process = self._supervisor.start(
@@ -226,8 +226,8 @@ class WorldStage(VehicleStage):
     ) -> None:
         """`truth` is the URL of the vehicle's true poses; the first pose is placed at the record's start.
 
-        `folder` is the episode's, for the logs; `frame_s`: the age from which a frame is not used for a decision.
-        Not `judged`: the logger writes the autopilot's estimate, as for other connected vehicles.
+        `folder`: the episode folder, for the logs; `frame_s`: largest age of a frame that a decision may use.
+        `judged` False: the logger writes the autopilot's estimate, as for other connected vehicles.
         Raises UsageError, InfrastructureError.
         """
         self._supervisor = Supervisor(folder)

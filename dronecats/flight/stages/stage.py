@@ -1,8 +1,8 @@
-"""The interface of a stage, on which an episode is flown, and the common parts of simulated stages.
+"""The interface of a stage, the environment that flies an episode, and the common parts of simulated stages.
 
-Links and setpoint rate have their disturbances only during the episode. So the start is the same at every level of a
-study, and the landing is not disturbed. The simulator disturbs air and sensors from the start of the episode. A payload
-is there from boot.
+Disturbances of links and setpoint rate begin with the episode, so the start is the same at every level of a study.
+Those of the links end before the landing. The simulator disturbs air and sensors from the start of the episode. A
+payload acts from boot.
 """
 
 import math
@@ -95,7 +95,7 @@ class Stage(Protocol):
 
 
 class TruthfulStage(Stage, Protocol):
-    """A stage on which the truth is known."""
+    """A stage with a truth bus."""
 
     def tap(self, feed: Callable[[bytes], None]) -> TruthTap:
         """Subscribe a function to the truth bus, for example the oracle's."""
@@ -111,7 +111,7 @@ TRUTH_HZ = 50.0
 
 
 def simulator_config(spec: FlightSpec, simulated: Simulated, folder: Path) -> SimulatorConfig:
-    """Return the simulator of a flight whose record is in `folder`."""
+    """Return the simulator's configuration for a flight whose record is in `folder`."""
     return SimulatorConfig(
         episode=str(folder / layout.EPISODE),
         airframe=simulated.airframe,
@@ -154,7 +154,7 @@ class DisturbedLinks:
 
     @property
     def silence_s(self) -> float:
-        """s of vehicle time without a message after which a vehicle is gone; a bad wire may be silent until the end."""
+        """s of vehicle time without a message after which a vehicle is gone; with wires, longer than the flight."""
         return SILENCE_S + (2.0 * self._seconds if self.wired else 0.0)
 
     def seed(self, drone: int) -> int:

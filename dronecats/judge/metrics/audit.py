@@ -1,10 +1,10 @@
 """Audits of a run: alternative success rules, strict parsing of replies, and the effect of `think`.
 
-Paper, appendix "Verifier Audit" and "Test-Time Deliberation". Strict parsing reads a mended reply again to the letter
-of the prompt. If that gives no action, or another one, the step changes, and the verdict is derived again; the flight
-itself would have been another. The comparisons of `think` are observations and no experiment: a pilot thinks when it is
-in trouble. The paper does not define their steps; here a step is compared between the frames of the three steps before
-its own and those of the three after it.
+Paper, appendix "Verifier Audit" and "Test-Time Deliberation". Strict parsing reads a mended reply again, exactly by the
+format of the prompt. If that gives no action or another one, the step changes, and the verdict is derived again; the
+real flight would have continued differently. The comparisons of `think` are observations, not an experiment: a pilot
+thinks when it is in trouble. The paper does not define the compared steps. This module uses the three steps before a
+step and the three steps after it.
 """
 
 import math
@@ -28,26 +28,26 @@ from foundation.run_folder.results import SCORED
 from foundation.run_folder.rows import Decision
 
 AFTER = 3  # steps
-MATCHED_M = 0.25  # m per step: steps with closing rates in one such interval are matched
-STALL_M, BROKEN_M = 0.5, 1.0  # m closed in three steps: less before is a stall, as much after breaks it
+MATCHED_M = 0.25  # m per step, width of an interval of closing rates; steps in the same interval are matched
+STALL_M, BROKEN_M = 0.5, 1.0  # m closed in three steps: less before a step is a stall, as much after it breaks one
 
 
 @dataclass(frozen=True, slots=True)
 class StepOutlook:
-    """One step of one drone with the motion before and after it. None: too near to the beginning or end."""
+    """One step of one drone with the motion before and after it. None: too few steps before or after, or unknown."""
 
     think: bool
-    closing_m: float | None  # m closed between the frame before and its own
+    closing_m: float | None  # m closed between the previous frame and its own
     gained_m: float | None  # m per step closed in the three steps after it
     stalled: bool | None  # less than 0.5 m was closed in the three steps before it
     broken: bool | None  # 1 m or more was closed in the three steps after it
     lost: bool | None  # the target was not in view
-    regained: bool | None  # it was at one of the frames of the three steps after
+    regained: bool | None  # the target was in view at a frame of the three steps after it
 
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """Counts of an event after thinks and after ordinary steps."""
+    """How often an event followed `think` steps (`think` of `of_thinks`) and ordinary ones (`other` of `of_others`)."""
 
     think: int
     of_thinks: int
@@ -57,13 +57,13 @@ class Followed:
 
 @dataclass(frozen=True, slots=True)
 class Deliberation:
-    """The three comparisons."""
+    """Three comparisons of `think` steps with ordinary steps."""
 
     thinks: int  # steps that think
     matched: int  # of these, those that have ordinary steps of the same closing rate
     gain_m_per_step: float | None  # mean closing rate after them less that after their matches; None: no matches
-    stalls: Followed  # broken within three steps, of the stalled
-    losses: Followed  # target seen again within three steps, of those without it in view
+    stalls: Followed  # of the stalled steps: broken within three steps
+    losses: Followed  # of the steps without the target in view: seen again within three steps
 
 
 def outlooks(flight: JudgedFlight) -> list[StepOutlook]:
@@ -78,7 +78,7 @@ def outlooks(flight: JudgedFlight) -> list[StepOutlook]:
 def deliberation(steps: Iterable[StepOutlook]) -> Deliberation:
     """Return the comparisons over all of these steps."""
     all_steps = list(steps)
-    gains_by_rate: dict[int, list[float]] = {}  # what ordinary steps gained, by their closing rate
+    gains_by_rate: dict[int, list[float]] = {}  # gains of ordinary steps, by interval of closing rate
     for step in all_steps:
         if not step.think and step.closing_m is not None and step.gained_m is not None:
             gains_by_rate.setdefault(_interval(step.closing_m), []).append(step.gained_m)
@@ -146,7 +146,7 @@ def _followed(pairs: Sequence[tuple[bool, bool | None]]) -> Followed:
 
 HELD_S = 10.0  # s
 MOVING = ("tracking", "search-and-track")  # cells with moving targets
-Rule = Callable[[JudgedFlight], bool | None]  # whether it would be a success; None: unknown, or not applicable
+Rule = Callable[[JudgedFlight], bool | None]  # success under the rule; None: unknown, or not applicable
 
 
 def last_declaration(flight: JudgedFlight) -> bool | None:
@@ -159,7 +159,7 @@ def last_declaration(flight: JudgedFlight) -> bool | None:
 def ten_seconds(flight: JudgedFlight) -> bool | None:
     """Return whether a drone was within the radius with the target in view for ten unbroken seconds, declared or not.
 
-    None for cells with a standing target, and if the flight was cut off before.
+    None for cells with a static target, without measurements, and if the flight was cut off before.
     """
     held_s = hold_s(flight.logs, flight.delta_m, flight.cap_s) if flight.cell in MOVING else None
     if held_s is None:
@@ -183,7 +183,7 @@ RULES: Mapping[str, tuple[str, Rule]] = {
 
 @dataclass(frozen=True, slots=True)
 class Strictness:
-    """Strict parsing of one episode: its decisions within the cap."""
+    """The effect of strict parsing on one episode, for its decisions within the cap."""
 
     steps: int  # decisions
     mended: int  # of these, those whose reply was mended
@@ -194,7 +194,7 @@ class Strictness:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeAudit:
-    """One episode under every rule."""
+    """The audit of one episode: its outcome under every rule."""
 
     success: bool | None  # by the criterion; None: not scored
     rules: Mapping[str, bool | None]  # by the names of RULES
@@ -211,8 +211,8 @@ class Flips:
 
     decided: int  # scored episodes whose logs show the outcome by the rule
     successes: int  # of these, by the criterion
-    lost: int  # of the successes, those that it would make failures
-    gained: int  # of the failures, those that it would make successes
+    lost: int  # of the successes, those that the rule makes failures
+    gained: int  # of the failures, those that the rule makes successes
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,19 +225,19 @@ class Audit:
     declarations: int
     false_declarations: int
     late_declarations: int
-    late_episodes: int  # that have some
+    late_episodes: int  # episodes with late declarations
     silent_failures: int  # failures without a declaration
     silent_entered: int  # of these, those that entered the radius
     flips: Mapping[str, Flips]  # by the names of RULES
     think: Deliberation
     steps: int  # decisions
     mended: int  # of these, those whose reply was mended
-    changed: int  # of these, those that strict parsing takes otherwise
-    strict: Flips  # strict parsing of what was mended
+    changed: int  # of these, those that strict parsing changes
+    strict: Flips  # outcomes that strict parsing changes
 
 
 def audited_episode(folder: Path, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> EpisodeAudit | None:
-    """Return one episode folder under every rule; None for damaged logs."""
+    """Return the audit of one episode folder; None for damaged logs."""
     try:
         return audit_of(JudgedFlight.read(folder, delta_m, cap_s))
     except UsageError:
@@ -245,7 +245,7 @@ def audited_episode(folder: Path, delta_m: float = RADIUS_M, cap_s: float = CAP_
 
 
 def audit_of(flight: JudgedFlight) -> EpisodeAudit:
-    """Return one episode under every rule."""
+    """Return the audit of one flight."""
     return EpisodeAudit(
         success=flight.verdict.success if flight.scored else None,
         rules={name: rule(flight) if flight.scored else None for name, (_, rule) in RULES.items()},
@@ -258,7 +258,7 @@ def audit_of(flight: JudgedFlight) -> EpisodeAudit:
 
 
 def audit(episodes: Iterable[EpisodeAudit | None]) -> Audit:
-    """Return the audit of these episodes; None stands for a damaged one."""
+    """Return the audit of several episodes; None stands for damaged logs."""
     all_episodes = list(episodes)
     readable = [episode for episode in all_episodes if episode is not None]
     scored = [episode for episode in readable if episode.success is not None]
@@ -294,7 +294,7 @@ def flips(pairs: Iterable[tuple[bool | None, bool | None]]) -> Flips:
 
 
 def strictness(flight: JudgedFlight) -> Strictness:
-    """Return an episode under strict parsing."""
+    """Return the effect of strict parsing on one flight."""
     group = reply_groups(flight.logs)
     counted = [d for d in flight.logs.decisions if d.t_decided <= flight.cap_s]
     mended = [d for d in counted if d.mended is not UNSET]
@@ -306,7 +306,7 @@ def strictness(flight: JudgedFlight) -> Strictness:
             replace(d, action=read[d.step, d.drone]) if (d.step, d.drone) in read else d for d in flight.logs.decisions
         )
         strict = outcome(replace(flight.logs, decisions=left), flight.delta_m, flight.cap_s)
-        # an error: the flight ended at the declaration that strict parsing takes away
+        # not scored: the flight ended at a declaration that strict parsing removes
         success = strict.success if strict.outcome in SCORED else None
     return Strictness(
         steps=len(counted),
@@ -318,9 +318,9 @@ def strictness(flight: JudgedFlight) -> Strictness:
 
 
 def strictly(decision: Decision, drones: list[int]) -> dict[str, Any] | None:
-    """Return the action of a decision's reply under strict parsing; its own action if that is one of the readings.
+    """Return the action of a decision under strict parsing of its reply: its own action if one axis order gives it.
 
-    `drones` are the drones of the reply.
+    `drones`: the drones of the reply.
     """
     if decision.reply is UNSET:
         return decision.action

@@ -1,16 +1,16 @@
 """Failure modes: the paper's modes and thresholds. Each scored episode has exactly one mode.
 
-Paper, "Failure Taxonomy" and appendix "Additional Results". If several modes hold, the paper does not say which counts;
-here the first of MODES counts, in the order of the appendix, after success. "did not move" is a fault of the
-simulation, so it needs commands to move; it comes after the declarations and before the modes of a moving drone. The
-appendix has it in the timed-out band, and so does `band`.
+Paper, "Failure Taxonomy" and appendix "Additional Results". The paper does not say which mode counts if several hold.
+Here the first of MODES counts, in the order of the appendix, after success. "did not move" is a fault of the
+simulation, so it requires commands to move. It precedes the other modes without declaration or arrival, because they
+assume a drone that moves. The appendix counts it as "timed out", and so does `band`.
 
-A fleet is pooled as by the criterion: declarations, arrival, closing and the share of steps with the target ahead are
-those of the best drone. A fleet oscillated, or did not move, if every drone did.
+For a fleet, declarations, arrival, closing and the share of steps with the target ahead are those of the best drone, as
+in the success criterion. A fleet oscillated, or did not move, if every drone did.
 
-A flight that did not move is retried once. The paper's "pose track under 5 m" assumes a vehicle that hovers without
-motion. Ours wanders by its estimates over some 10 m of track in 300 s on the spot, so steps shorter than half a metre
-are not a part of the track.
+A campaign retries a flight that did not move once. The paper's "pose track under 5 m" assumes a vehicle that hovers
+without motion. Our vehicle follows its drifting estimate: a hover of 300 s makes a path of about 10 m. So movements
+below half a metre are not part of the track.
 """
 
 import math
@@ -43,11 +43,11 @@ MODES: dict[FailureMode, str] = {  # in the order of precedence
     "never closed": "less than 30 % of the start distance was closed",
     "timed out": "none of these",
 }
-HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # of the camera; share of the steps
+HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # half of the camera's field of view; share of the steps
 WANDERED, TURNED_DEG = 8.0, 720.0  # path over net displacement; accumulated yaw
 CLOSED = 0.30  # of the start distance
-STUCK_M = 5.0  # m of track; with less a drone has not moved
-STEP_M = 0.5  # m, a step of the track: longer than a hover's wander, less than half of the shortest stride
+STUCK_M = 5.0  # m of track; a drone with less did not move
+STEP_M = 0.5  # m, least movement that counts: above the drift in a hover, below half of the shortest stride
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +56,11 @@ class Wandering:
 
     path_m: float  # m, along the poses
     net_m: float  # m, from the first pose to the last
-    turned_deg: float  # °, of yaw, either way added up
+    turned_deg: float  # °, sum of all yaw changes, without their signs
 
     @property
     def oscillated(self) -> bool:
-        """Whether the drone went to and fro."""
+        """Whether the path is long and turns much, but ends near its start."""
         return self.path_m > WANDERED * self.net_m and self.turned_deg >= TURNED_DEG
 
 
@@ -77,9 +77,9 @@ def band(mode: FailureMode) -> FailureMode:
 
 
 def share_ahead(flight: JudgedFlight) -> float | None:
-    """Return the share of the steps with the target within 45° of the nose, hidden or not; of a fleet the best drone's.
+    """Return the share of steps with the target within 45° of the nose, even if hidden; for a fleet, the best drone's.
 
-    Steps without a logged bearing are left out. None without any.
+    Steps without a logged bearing are omitted. None if there are no others.
     """
     ahead: dict[int, list[bool]] = {}
     for step in flight.steps:
@@ -90,7 +90,7 @@ def share_ahead(flight: JudgedFlight) -> float | None:
 
 
 def stride(depth_m: float) -> float:
-    """Return the distance (m) that a go of this depth is flown. Paper, "Executing go"."""
+    """Return the distance (m) that a drone flies for a go of this depth. Paper, "Executing go"."""
     if depth_m < BRAKE_M:
         return 0.0
     return min(depth_m, STRIDE_MAX_M) * (NEAR_SCALE if depth_m < NEAR_M else 1.0)

@@ -19,10 +19,10 @@ DroneOutcome = Literal["found", "look-alike", "elsewhere", "never declared"]
 
 
 def drone_outcomes(flight: JudgedFlight) -> dict[int, DroneOutcome] | None:
-    """Return the best outcome of the declarations of each drone; None for other episodes, and if one is unknown.
+    """Return the best outcome of each drone's declarations; None for other episodes, and if an outcome is unknown.
 
-    found: one qualifies. look-alike: one was made within the radius of a look-alike's centre, in view or not (the
-    centre is as high above its foot as the target's, which it copies). elsewhere: any other declaration.
+    found: a declaration qualifies. look-alike: a declaration is within the radius of a look-alike's centre, in view or
+    not (its centre is as high above its foot as the target's, which it copies). elsewhere: any other declaration.
     """
     record = flight.logs.record
     if record is None or record.cell != COMMANDING or not flight.verdict.drones:
@@ -55,7 +55,7 @@ def _outcome(flight: JudgedFlight, made: Iterable[Measured]) -> DroneOutcome | N
 
 
 def _is_at_look_alike(flight: JudgedFlight, frame: FrameTruth) -> bool | None:
-    """Return whether a drone was within the radius of a look-alike; None if record or frame lack a place."""
+    """Return whether a drone was within the radius of a look-alike; None if record or frame lack a position."""
     record = flight.logs.record
     if record is None or record.target.position_ned is None or frame.position_ned is None or frame.target_ned is None:
         return None
@@ -78,7 +78,7 @@ def _commanding_value(name: str) -> MetricFunction:
 
 
 def one_candidate_share(flight: JudgedFlight) -> float | None:
-    """Return the share of the steps on which all drones go that bring all of them nearer to one candidate."""
+    """Return the share of the steps with a go for every drone in which all drones approach the same candidate."""
     commanding = flight.verdict.commanding
     return commanding.one_candidate / commanding.all_go_steps if commanding and commanding.all_go_steps else None
 

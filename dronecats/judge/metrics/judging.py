@@ -1,8 +1,8 @@
-"""The registry of all metrics with a user's own, and the judging of many episodes with them.
+"""The registry of all metrics, the loading of a user's own metrics, and the judging of many episodes.
 
-METRICS feeds the docs' table, reports, `--json` and SQL. A user's metrics are in a Python file with `METRICS`, as in
-the modules beside this one; the file is executed, so it must be trusted. Episodes are judged in parallel on all cores;
-results are in the order of the episodes.
+The table in the docs, reports, `--json` and SQL are made from METRICS. A user's metrics are in a Python file with
+`METRICS`, as in the other modules of this package; the file is executed, so it must be trusted. Episodes are judged in
+parallel on all cores; results are in the order of the episodes.
 """
 
 import gc
@@ -90,7 +90,7 @@ def _is_value(value: object) -> bool:
     return value is None or isinstance(value, bool | int) or (isinstance(value, float) and math.isfinite(value))
 
 
-EPISODES_A_PROCESS = 50  # episodes that justify a process
+EPISODES_A_PROCESS = 50  # episodes for each process; fewer are not worth its start
 AT_ONCE = 8  # episodes that a process gets at a time
 FORKS = "fork" in multiprocessing.get_all_start_methods()  # a user's own metric cannot be pickled
 Item = TypeVar("Item")
@@ -125,7 +125,7 @@ class JudgedEpisode:
 
 
 def judged_episodes(folders: Sequence[Path], options: Judging, processes: int | None = None) -> Iterator[JudgedEpisode]:
-    """Yield the judgement of each episode folder; a damaged one is an error.
+    """Yield the judgement of each episode folder; damaged logs have the outcome error.
 
     `processes` None: chosen by the number of episodes. Raises UsageError for invalid options, and if a user's metric
     fails.
@@ -179,9 +179,9 @@ def values_of(flight: JudgedFlight, metrics: Sequence[Metric]) -> dict[str, Metr
 
 
 def reread(reply: str, drones: int, mended: bool = False) -> Iterator[tuple[dict[str, Any] | None, ...]]:
-    """Yield the possible actions of a reply, one per drone, first with the axis order xy, then yx.
+    """Yield the actions of a reply, one per drone, first with the axis order xy, then yx.
 
-    `mended`: by lenient parsing, which is the same as strict parsing for a reply without faults.
+    `mended`: parse leniently, which gives the same as strict parsing for a reply without faults.
     """
     yield _read(reply, drones, "xy", mended)
     yield _read(reply, drones, "yx", mended)
@@ -196,7 +196,7 @@ def _metrics(options: Judging) -> tuple[Metric, ...]:
     return (*(METRICS.values() if options.measured else ()), *own)
 
 
-@lru_cache(64)  # the drones of a fleet have one reply
+@lru_cache(64)  # the drones of a fleet share a reply
 def _read(reply: str, drones: int, order: AxisOrder, mended: bool) -> tuple[dict[str, Any] | None, ...]:
     read = reading(reply, drones, order, "lenient" if mended else "strict")
     return tuple(part.action.as_json() if part.action else None for part in read)

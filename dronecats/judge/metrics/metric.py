@@ -1,4 +1,4 @@
-"""A metric: a named pure function of a recorded flight, with definition, unit and place in the paper.
+"""A metric: a named pure function of a recorded flight, with definition, unit and section of the paper.
 
 The functions below summarize the values of steps.
 """
@@ -47,19 +47,19 @@ def known_values(values: Iterable[MetricValue]) -> list[float]:
 
 
 def median(values: Iterable[MetricValue]) -> float | None:
-    """Return the median of the known values; None without any."""
+    """Return the median of the known values; None if there are none."""
     numbers = known_values(values)
     return statistics.median(numbers) if numbers else None
 
 
 def mean(values: Iterable[MetricValue]) -> float | None:
-    """Return the mean of the known values, of booleans the share of True; None without any."""
+    """Return the mean of the known values (for booleans, the share of True); None if there are none."""
     numbers = known_values(values)
     return statistics.fmean(numbers) if numbers else None
 
 
 def quantile(values: Iterable[MetricValue], share: float) -> float | None:
-    """Return the quantile of the known values, interpolated linearly; None without any."""
+    """Return the quantile of the known values, interpolated linearly; None if there are none."""
     numbers = sorted(known_values(values))
     if not numbers:
         return None

@@ -1,7 +1,8 @@
 """Metrics of the points and depths of `go` actions. Paper, appendix "Execution".
 
-A point is judged if the target was visible in the picture, by the log of that picture: the depth of the visible target
-surface, its centre in camera axes, and its box, which older logs do not have. The camera is the declared pinhole.
+A point is judged only if the target was visible in the picture. The log row of the picture has the truth: the depth of
+the visible target surface, the target's centre in camera axes, and its box, which older logs do not have. The camera
+model is the declared pinhole.
 """
 
 import math
@@ -29,7 +30,7 @@ def pointing_error(flight: JudgedFlight) -> list[MetricValue]:
 
 
 def depth_error(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision the depth (m) of a go on the target less that of its surface; + is too far."""
+    """Return per decision the depth (m) of a go on the target minus that of its surface; positive: too far."""
     return of_counted(flight.steps, _depth_error_m)
 
 
@@ -41,8 +42,8 @@ def absolute_depth_error(flight: JudgedFlight) -> list[MetricValue]:
 def rescaled(flight: JudgedFlight) -> list[MetricValue]:
     """Return per decision whether a go repeats the pixels of the previous go in its history.
 
-    The previous go is the drone's newest one among its last five actions, which the history shows. None without one,
-    and if its pixels and its point are the same numbers.
+    The previous go is the drone's newest one among its last five actions, which the history shows. None without a
+    previous go, and if its pixels and its point are the same numbers.
     """
     before: dict[int, list[PointedGo | None]] = {}  # actions so far, by drone
     values: list[MetricValue] = []

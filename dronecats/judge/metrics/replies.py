@@ -30,7 +30,7 @@ def is_cut_off(decision: Decision) -> bool:
 
 
 def question_values(flight: JudgedFlight, field: str) -> list[MetricValue]:
-    """Return a field of each decision that a question led to, at the first drone of its reply.
+    """Return a field of each decision, once per question: at the first drone of its reply.
 
     None for the other drones, after the cap, and for a field without a value.
     """

@@ -1,4 +1,4 @@
-"""Means and differences over episodes with intervals and tests; several flights of an episode count as one."""
+"""Means and differences over episodes with intervals and tests; several flights of an episode count as one value."""
 
 import functools
 import math
@@ -13,10 +13,10 @@ from dronecats.judge.statistics.shares import CONFIDENCE
 
 Array = NDArray[np.float64]
 
-ENUMERATED = 13  # episodes; up to so many all subsets are used
-DRAWN = 1 << 12  # random subsets of more episodes, with their complements
-SHARE_FLIGHTS_MAX = 200  # flights of an episode; up to so many the test of shares is exact
-TIE = 1e-9  # of the largest value: smaller sums are 0, since they are rounding errors
+ENUMERATED = 13  # episodes; up to this number all subsets are used
+DRAWN = 1 << 12  # random subsets for more episodes; their complements are added
+SHARE_FLIGHTS_MAX = 200  # flights of an episode; up to this number the test of shares is exact
+TIE = 1e-9  # relative to the largest value; smaller sums are rounding errors and count as 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +31,9 @@ class KnownMean:
 
 @dataclass(frozen=True, slots=True)
 class MeanDifference(KnownMean):
-    """A mean difference over episodes with the p of a test that agrees with its interval.
+    """A mean difference over episodes with its interval and the p of a test.
 
-    0 is outside of the interval exactly where p is at most 1 − confidence.
+    They agree: 0 is outside of the interval if and only if p is at most 1 − confidence.
     """
 
     p: float  # two-sided; 1: no episode
@@ -50,7 +50,7 @@ def known_mean(values: Sequence[float], confidence: float = CONFIDENCE) -> Known
         return KnownMean(0, math.nan, None, None)
     count, mean = len(values), math.fsum(values) / len(values)
     means = np.sort(_subset_sums(values) / _subsets(count).sum(axis=1))
-    outside = math.floor((1 - confidence) * (len(means) + 1) / 2 + TIE)  # subsets beyond an end, with the empty one
+    outside = math.floor((1 - confidence) * (len(means) + 1) / 2 + TIE)  # subsets beyond an end, the empty one included
     if not outside:
         return KnownMean(count, mean, None, None)
     return KnownMean(count, mean, min(mean, float(means[outside - 1])), max(mean, float(means[-outside])))
@@ -59,15 +59,16 @@ def known_mean(values: Sequence[float], confidence: float = CONFIDENCE) -> Known
 def mean_difference(differences: Sequence[float], confidence: float = CONFIDENCE) -> MeanDifference:
     """Return the mean of a difference per episode, its interval, and the p of the randomisation test of the mean.
 
-    The test counts the choices of signs whose sum is as far from 0 (Fisher, "The Design of Experiments", 1935, 21);
-    of more than 13 episodes, random ones. The interval of `known_mean` is that of this test.
+    The test counts the choices of signs whose sum is at least as far from 0 as the observed sum (Fisher, "The Design of
+    Experiments", 1935, 21). For more than 13 episodes it uses random choices. The interval of `known_mean` is the one
+    that agrees with this test.
     """
     estimate = known_mean(differences, confidence)
     if not estimate.episodes:
         return MeanDifference(0, math.nan, None, None, 1.0)
-    # A choice of signs flips a subset: the sum of all is not reached if the sum of the subset is positive.
+    # A choice of signs flips a subset: the total falls if the sum of the subset is positive.
     sums = _subset_sums(differences)
-    lesser = min(int((sums <= 0).sum()), int((sums >= 0).sum())) + 1  # and the empty one
+    lesser = min(int((sums <= 0).sum()), int((sums >= 0).sum())) + 1  # + 1 for the empty subset
     return MeanDifference(
         estimate.episodes, estimate.mean, estimate.low, estimate.high, min(1.0, 2 * lesser / (len(sums) + 1))
     )
@@ -78,12 +79,12 @@ def share_difference(
 ) -> MeanDifference:
     """Return the mean difference of two shares of successes, from a difference per episode, -1 … 1.
 
-    The interval is Agresti and Min's (Stat. Med. 24, 2005) for pairs of one flight each: half a pair is added to each
-    of the four ways in which a pair can end, so its width is never 0. With several `flights` per episode on average, a
-    pair is that part of an episode, and an episode's difference counts by its square; if all episodes differ equally,
-    which does not show their scatter, each counts as one pair. The p is that of the exact randomisation test of the
-    mean (McNemar's for one flight each), or that of the interval if it is larger. If the test is not significant, the
-    interval includes 0. Raises ValueError for an invalid difference.
+    For one flight per episode, the interval is Agresti and Min's (Stat. Med. 24, 2005): half a pair is added to each of
+    the four outcomes of a pair, so its width is never 0. With several `flights` per episode on average, the added pairs
+    have the weight 1 / `flights` of an episode, and the variance uses the squared differences of the episodes. If all
+    differences are equal, which does not show their scatter, the weight is 1. p is that of the exact randomisation test
+    of the mean (McNemar's for one flight each), or that of the interval if it is larger. If the exact test is not
+    significant, the interval includes 0. Raises ValueError for an invalid difference.
     """
     count = len(differences)
     if any(not -1 <= difference <= 1 for difference in differences) or flights < 1:
@@ -108,7 +109,7 @@ def share_difference(
 def _subset_sums(values: Sequence[float]) -> Array:
     """Return the sum of each of `_subsets`; a sum within rounding errors of 0 is 0."""
     side = -1.0 if math.fsum(values) < 0 else 1.0
-    ordered = np.sort(side * np.asarray(values, dtype=float))  # neither their order nor their direction matters
+    ordered = np.sort(side * np.asarray(values, dtype=float))  # their order and sign have no effect
     sums: Array = _subsets(len(ordered)) @ ordered
     sums[np.abs(sums) <= TIE * np.abs(ordered).max()] = 0.0
     return side * sums
@@ -116,7 +117,7 @@ def _subset_sums(values: Sequence[float]) -> Array:
 
 @functools.lru_cache(maxsize=32)
 def _subsets(count: int) -> Array:
-    """Return non-empty subsets, a row each with 1.0 for its members: all subsets, or random ones of many values."""
+    """Return non-empty subsets, one per row with 1.0 for each member: all, or random ones above ENUMERATED."""
     if count <= ENUMERATED:
         return ((np.arange(1, 1 << count)[:, None] >> np.arange(count)) & 1).astype(float)
     drawn = np.random.default_rng(count).integers(0, 2, (DRAWN, count)).astype(float)
@@ -129,7 +130,7 @@ def _randomised_shares(differences: Sequence[float]) -> float:
     sizes = _integers(np.sort(np.asarray(differences, dtype=float)))
     positive, total = int(sizes[sizes > 0].sum()), int(np.abs(sizes).sum())
     lesser = min(positive, total - positive)
-    chances = np.zeros(lesser + 1)  # of each sum of the positive ones up to the lesser, over all choices of signs
+    chances = np.zeros(lesser + 1)  # probability of each sum of the positive ones up to `lesser`, over all signs
     chances[0] = 1.0
     for size in np.abs(sizes[sizes != 0]):
         chances *= 0.5
@@ -138,7 +139,7 @@ def _randomised_shares(differences: Sequence[float]) -> float:
 
 
 def _integers(shares: Array) -> NDArray[np.int64]:
-    """Return shares as integer multiples of their largest common part."""
+    """Return shares as integer multiples of their largest common unit 1 / n."""
     for denominator in range(1, SHARE_FLIGHTS_MAX + 1):
         numbers = np.rint(shares * denominator)
         if np.abs(shares * denominator - numbers).max() < TIE * SHARE_FLIGHTS_MAX:

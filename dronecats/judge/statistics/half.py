@@ -1,9 +1,9 @@
-"""The place along a factor at which half of the trials succeed, from a logistic fit with a random intercept per group.
+"""The place (value of a factor) at which half of the trials succeed, by a logistic fit with random group intercepts.
 
-The groups' intercepts are symmetric, so the place where the middle group succeeds half of the time is also the place
-where half of all groups succeed. Its interval is by profile likelihood: every place at which the best fit is not
-significantly worse, so it may be open (Fieller's case). The limit is that of F with (1, groups - 1) degrees of freedom,
-since twenty groups are too few for chi-square.
+The groups' intercepts are symmetric, so the median group and all groups together succeed half of the time at the same
+place. The interval is a profile likelihood interval: all places at which the fit is not significantly worse, so it may
+be open (Fieller's case). Its limit is a quantile of F with (1, groups - 1) degrees of freedom, because twenty groups
+are too few for chi-square.
 """
 
 import math
@@ -28,9 +28,9 @@ from dronecats.judge.statistics.mixed_logit import (
 from dronecats.judge.statistics.shares import CONFIDENCE
 
 Where = Literal["within", "between", "above all", "below all", "no slope"]
-PLACES = 17  # of the profile between the lowest and the highest level
-UNLIKE = 1.0  # of twice the log likelihood: places that lose more are somewhat worse than the best
-FLAT = 0.25  # width of the places as good as the best over that of UNLIKE; above it no place is the best. Parabola: 0.1
+PLACES = 17  # places of the profile, from the lowest to the highest level
+UNLIKE = 1.0  # loss of twice the log likelihood; places that lose more are somewhat worse than the best
+FLAT = 0.25  # ratio of the widths at losses EQUAL_LOSS and UNLIKE; above it no place is the best. Parabola: 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +44,7 @@ class HalfSuccess:
     slope: float | None  # of the log odds per unit of the factor; None: the likelihood has no peak
     scatter: float | None  # standard deviation of the groups' intercepts, log odds; WIDEST: that or more
     p_slope: float  # likelihood ratio test of no slope
-    p_straight: float | None  # of a straight line of log odds, against a share per level; None: two levels
+    p_straight: float | None  # test of straight log odds against a share per level; None: two levels
     groups: int
     trials: int
 
@@ -143,7 +143,7 @@ class _Line:
         return max(0.0, 2.0 * (self.best.log_likelihood - held.log_likelihood))
 
     def interval(self, value: float, limit: float) -> tuple[float, float]:
-        """Return the interval of places around a value that lose at most a limit; infinite beyond the levels."""
+        """Return the interval of places around `value` that lose at most `limit`; infinite beyond the levels."""
         least, most = float(self._at.min()), float(self._at.max())
         places = np.unique(np.append(np.linspace(least, most, PLACES), np.clip(value, least, most)))
         places = places[np.isfinite(places)]
@@ -163,16 +163,16 @@ class _Line:
         return low, high
 
     def flat(self, value: float) -> bool:
-        """Return whether the places around a value are equally good, so that none of them is the best.
+        """Return whether the places around `value` are equally good, so that none of them is the best.
 
-        This depends on the profile of the place, not on slope and scatter: if these grow together without end, as for
+        This uses the profile of the place, not slope and scatter: if these grow together without limit, as for
         episodes that each turn once, the place may still be well determined.
         """
         equal, unequal = (self._width(value, limit) for limit in (EQUAL_LOSS, UNLIKE))
         return equal > FLAT * unequal
 
     def _width(self, value: float, limit: float) -> float:
-        """Return the width of the places within the levels that lose at most a limit."""
+        """Return the width of the range of places, within the levels, that lose at most `limit`."""
         ends = [float(self._at.min()), float(self._at.max())]
         if self.worse(value) >= limit:
             return 0.0
@@ -197,7 +197,7 @@ def _design(at: Array) -> Array:
 
 
 def _gap(at: Array, trials: Trials) -> tuple[float, float] | None:
-    """Return the two levels between which all trials turn from success to failure or back; None: there are none."""
+    """Return the two levels between which all trials turn from success to failure or back; None: no such levels."""
     shares = trials.successes.sum(axis=0) / trials.trials.sum(axis=0)
     turns = [k for k in range(1, len(at)) if shares[k] != shares[k - 1]]
     if set(shares) != {0.0, 1.0} or len(turns) != 1:
@@ -215,7 +215,7 @@ def _where(value: float, at: Array, fitted: MixedLogit) -> Where:
 
 
 def _straight(at: Array, trials: Trials, fitted: MixedLogit) -> float | None:
-    """Return the p of a straight line against a share of its own for each level."""
+    """Return the p of a straight line against a separate share for each level."""
     if len(at) < 3:
         return None
     saturated = fit(np.eye(len(at)), trials)

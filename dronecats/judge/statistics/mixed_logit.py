@@ -1,9 +1,9 @@
 """A logistic regression with a random intercept per group, by the exact marginal likelihood.
 
-The chance of a success of group g under condition j is 1 / (1 + exp(-(X_j b + o_j + s z_g))), z_g standard normal. z is
-integrated out by the trapezoid rule over ±7, which is practically exact for such smooth integrands; the likelihood is
-maximised by its gradient (McCulloch and Searle, "Generalized, Linear, and Mixed Models", 2001, 8). Coefficients are
-bounded, so perfectly separated outcomes have a likelihood, too, but no best coefficient.
+The probability of a success of group g under condition j is 1 / (1 + exp(-(X_j b + o_j + s z_g))), z_g standard normal.
+The trapezoid rule over ±7 integrates over z; it is practically exact for such smooth integrands. The likelihood is
+maximised with its gradient (McCulloch and Searle, "Generalized, Linear, and Mixed Models", 2001, 8). Coefficients are
+bounded, so the fit also ends for perfectly separated outcomes, which have no best coefficient.
 """
 
 import functools
@@ -16,11 +16,11 @@ from scipy import optimize, special
 
 Array = NDArray[np.float64]
 
-REACH = 7.0  # of z, to either side
-STEEPEST = 400.0  # of a coefficient, where its column reaches 1 at most
-WIDEST = 12.0  # of s: beyond it only the group decides
-EQUAL_LOSS = 0.01  # of twice the log likelihood: a fit that loses less is as good as the best
-LEAST_PEAK = 1e-4  # of the curvature of the likelihood: a flatter one has no peak
+REACH = 7.0  # range of z, to either side
+STEEPEST = 400.0  # bound of a coefficient whose column is scaled to at most 1
+WIDEST = 12.0  # bound of s; beyond it only the group determines the outcome
+EQUAL_LOSS = 0.01  # loss of twice the log likelihood; a fit that loses less is as good as the best
+LEAST_PEAK = 1e-4  # least curvature of the likelihood at a peak
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Trials:
 
     @property
     def most(self) -> int:
-        """The most trials of a group."""
+        """The largest number of trials of a group."""
         return int(self.trials.sum(axis=1).max(initial=0.0))
 
 
@@ -47,9 +47,9 @@ class Trials:
 class MixedLogit:
     """A fitted model."""
 
-    coefficients: Array  # (columns,), of one unit of each column
+    coefficients: Array  # (columns,), per unit of each column
     scatter: float  # s: standard deviation of the groups' intercepts, on the scale of log odds
-    log_likelihood: float  # without terms of the counts alone
+    log_likelihood: float  # without terms that depend only on the counts
 
 
 def fit(
@@ -61,9 +61,9 @@ def fit(
 ) -> MixedLogit:
     """Return the most likely coefficients and scatter.
 
-    `design` is (conditions, columns), a column of ones where an intercept is wanted; `offset` (conditions,) is added to
-    it with the coefficient 1. `begin` is a fit with as many columns to start from; `narrowest` is the least scatter.
-    Raises ValueError for other shapes.
+    `design`: (conditions, columns), with a column of ones for an intercept. `offset`: (conditions,), added to the log
+    odds. `begin`: a fit with the same columns to start from. `narrowest`: lower bound of the scatter. Raises ValueError
+    for other shapes.
     """
     conditions = trials.trials.shape[1]
     if design.ndim != 2 or design.shape[0] != conditions or (offset is not None and offset.shape != (conditions,)):
@@ -72,7 +72,7 @@ def fit(
     scaled, moved = design / scale, np.zeros(conditions) if offset is None else offset
     first = np.append(np.zeros(design.shape[1]) if begin is None else begin.coefficients * scale, 1.0)
     if begin is not None:
-        first[-1] = max(begin.scatter, 0.1)  # at 0 the likelihood is level in s, best or not
+        first[-1] = max(begin.scatter, 0.1)  # at 0 the gradient in s is 0, so the search would stay there
     first[-1] = max(first[-1], narrowest)
 
     def loss(at: Array) -> tuple[float, Array]:
@@ -87,16 +87,16 @@ def fit(
 
 
 def log_likelihood(design: Array, trials: Trials, coefficients: Array, scatter: float) -> float:
-    """Return the marginal log likelihood, without terms of the counts alone."""
+    """Return the marginal log likelihood, without terms that depend only on the counts."""
     at = np.append(coefficients, scatter)
     return _likelihood(design, np.zeros(design.shape[0]), trials, at)[0]
 
 
 def at_widest(design: Array, trials: Trials, fitted: MixedLogit) -> bool:
-    """Return whether the scatter is at its bound, or no likelier than that.
+    """Return whether the scatter is at its bound, or a fit with the scatter at its bound is as good.
 
     Then coefficients and scatter grow together, and only their ratios are determined; each value depends on the bound.
-    A scatter below half of the bound does not count.
+    False for a scatter below half of the bound.
     """
     if fitted.scatter < WIDEST / 2:
         return False
@@ -132,13 +132,13 @@ def covariance(design: Array, trials: Trials, fitted: MixedLogit) -> Array | Non
 
 
 def share(log_odds: Array, scatter: float) -> Array:
-    """Return the share of successes over all groups at these log odds of the middle group."""
+    """Return the share of successes over all groups at these log odds of the median group."""
     nodes, weights = _nodes(1)
     return np.asarray(special.expit(log_odds[..., None] + scatter * nodes) @ weights)
 
 
 def _likelihood(design: Array, moved: Array, trials: Trials, at: Array) -> tuple[float, Array]:
-    """Return the log likelihood and its slope in coefficients and scatter."""
+    """Return the log likelihood and its gradient in coefficients and scatter."""
     nodes, weights = _nodes(trials.most)
     odds = (design @ at[:-1] + moved)[:, None] + at[-1] * nodes  # (conditions, nodes)
     terms = (
@@ -147,7 +147,7 @@ def _likelihood(design: Array, moved: Array, trials: Trials, at: Array) -> tuple
     most = terms.max(axis=1, keepdims=True)
     there = np.exp(terms - most)
     totals = there.sum(axis=1, keepdims=True)
-    there /= totals  # where each group's z is, given its outcomes
+    there /= totals  # distribution of each group's z, given its outcomes
     pull = _times(trials.successes.T, there) - special.expit(odds) * _times(
         trials.trials.T, there
     )  # (conditions, nodes)
@@ -161,15 +161,16 @@ def _times(a: Array, b: Array) -> Array:
 
 
 def _scale(design: Array) -> Array:
-    """Return the largest size in each column."""
+    """Return the largest absolute value in each column."""
     return np.asarray(np.maximum(np.abs(design).max(axis=0, initial=0.0), 1e-300))
 
 
 @functools.cache
 def _nodes(trials: int) -> tuple[Array, Array]:
-    """Return nodes and weights of z, fine enough for groups of so many trials.
+    """Return the nodes and weights of the integral over z, fine enough for groups with this number of trials.
 
-    The likelihood of s z is no narrower than a normal curve of 2 / √trials, which steps of twice that still resolve.
+    As a function of s z, the likelihood is at least as wide as a normal curve with σ = 2 / √trials, which steps of 2 σ
+    still resolve.
     """
     step = min(0.1, 2 * 2 / math.sqrt(max(trials, 1)) / WIDEST)
     nodes = np.linspace(-REACH, REACH, 2 * math.ceil(REACH / step) + 1)

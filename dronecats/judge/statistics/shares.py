@@ -25,7 +25,7 @@ class KnownShare:
 def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Return Wilson's score interval (low, high) of a share; (0, 1) without trials. Raises ValueError.
 
-    Wilson, "Probable inference", J. Am. Stat. Assoc. 22 (1927). The counts may be fractions: effective ones.
+    Wilson, "Probable inference", J. Am. Stat. Assoc. 22 (1927). The counts may be fractions, such as effective counts.
     """
     if not 0 <= successes <= trials:
         raise ValueError(f"{successes} of {trials} is not a share")
@@ -42,12 +42,12 @@ def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> t
 
 
 def known_share(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENCE) -> KnownShare:
-    """Return the share of successes over all flights of some episodes; `flights` holds each episode's own.
+    """Return the share of successes over all flights of some episodes; `flights` has the outcomes of each episode.
 
-    Flights of one episode are correlated, so ten flights of one episode carry less information than one of ten: the
-    episode is the unit. The interval is Wilson's, for as many independent trials as give the share's variance over the
-    episodes (linearised, Cochran, "Sampling Techniques", 1977, 6.4), at least the episodes and at most all flights. For
-    one flight each it is Wilson's own. If all flights have one outcome, each episode counts once.
+    Flights of one episode are correlated, so ten flights of one episode carry less information than one flight of each
+    of ten episodes. The interval is Wilson's with an effective number of trials: the number that gives the share's
+    variance over the episodes (linearised, Cochran, "Sampling Techniques", 1977, 6.4), between the numbers of episodes
+    and of flights. For one flight each it is Wilson's own. If all flights have one outcome, each episode counts once.
     """
     episodes = [outcomes for outcomes in flights if outcomes]
     trials, successes = sum(map(len, episodes)), sum(map(sum, episodes))
@@ -74,7 +74,7 @@ class Spread:
     """Successes of several flights over the same episodes."""
 
     totals: tuple[int, ...]  # successes of each flight
-    episodes: int  # of each
+    episodes: int  # of each flight
     mean: float  # successes
     deviation: float | None  # successes, standard deviation over the flights; None: one flight
     low: float | None  # interval of the deviation for normal totals, within its range
@@ -129,7 +129,7 @@ def _by_episode(flights: Sequence[Sequence[bool]]) -> float:
 
 
 def holm(ps: Sequence[float]) -> list[float]:
-    """Return the adjusted p of each test, in their order, which bounds the chance of any false finding.
+    """Return the adjusted p of each test, in their order. They limit the probability of any false finding.
 
     Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Stat. 6 (1979).
     """
@@ -151,7 +151,7 @@ class Paired:
     episodes: int
     only_first: int  # episodes that the first solved more often than the second: McNemar's b
     only_second: int  # the other way round: c
-    difference: float  # share of successes of the first less that of the second, -1 … 1
+    difference: float  # share of successes of the first minus that of the second, -1 … 1
     p: float  # two-sided, exact
     smallest: float | None  # `smallest_difference` for this discordance; None: too few episodes
 
@@ -179,7 +179,7 @@ def paired(first: Sequence[Sequence[bool]], second: Sequence[Sequence[bool]]) ->
 
 
 def mcnemar(b: int, c: int) -> float:
-    """Return the exact two-sided p of McNemar's test: b and c discordant pairs under even odds. 1 without any."""
+    """Return the exact two-sided p of McNemar's test: b and c discordant pairs under even odds. 1 without pairs."""
     tail = sum(math.comb(b + c, k) for k in range(min(b, c) + 1))
     return min(1.0, 2 * tail / (1 << (b + c)))  # integers until here, so nothing is rounded
 
@@ -190,7 +190,7 @@ def smallest_difference(
     """Return the smallest true difference in success rate that McNemar's exact test detects with this power.
 
     The share of episodes with different outcomes is `discordant`, or the difference itself if that is larger: then all
-    of them favour one pilot, the best case. To 0.0001. None: too few episodes for any difference.
+    of them favour one pilot, the best case. Accurate to 0.0001. None: too few episodes for any difference.
     """
     if detected(episodes, 1.0, 1.0, alpha) < power:
         return None
@@ -220,7 +220,7 @@ def detected(episodes: int, difference: float, discordant: float, alpha: float =
 
 @functools.cache
 def _most_of_the_lesser(pairs: int, alpha: float) -> int:
-    """Return the most discordant pairs in the minority for p ≤ alpha; -1: p is larger even with none."""
+    """Return the largest minority of the discordant pairs for which p ≤ alpha; -1: p is larger even for none."""
     most = -1
     while 2 * (most + 1) < pairs and mcnemar(most + 1, pairs - most - 1) <= alpha:
         most += 1

@@ -1,13 +1,13 @@
-"""Fits what the vision pilot and its noisy stand-in ship with.
+"""Fits the data files that ship with the vision pilot and the noisy pilot.
 
     python -m dronecats.pilots.fitting shapes [--out FOLDER] [--scenes N] [--pictures N] [--rounds N]
     python -m dronecats.pilots.fitting colors [--out FOLDER] [--scenes N] [--pictures N] [--rounds N]
     python -m dronecats.pilots.fitting vision-errors RUN [--out FOLDER]
 
-`shapes` fits the network of `shape_detector`, `colors` the network of `color_detector` and the outlines of `ranging`,
-each from rendered pictures of places that no record has. `--check [FOLDER]` fits nothing: it prints how a network
-does on scenes that it was not fitted to. `--short` runs in seconds to show that the fit works, and writes only with
-`--out`. Everything comes from seeds; the last digits depend on the processor and its algebra library.
+`shapes` fits the network of `shape_detector`. `colors` fits the network of `color_detector` and makes the outlines of
+`ranging`. Both render pictures of places that are in no episode record. `--check [FOLDER]` only evaluates a network,
+on scenes outside the fit. `--short` tests in seconds that the fit runs, and writes files only with `--out`. All random
+numbers are seeded; the last digits depend on the processor and its linear algebra library.
 
 `vision-errors` fits the errors of `oracle/noisy.py` to RUN, the run folder of a benchmark with the pilot vision.
 """
@@ -24,7 +24,7 @@ from foundation.errors import UsageError
 
 
 def main() -> None:
-    """Fit, write and print, as the command line says."""
+    """Run the fit or the check that the command line selects."""
     parser = argparse.ArgumentParser(prog="python -m dronecats.pilots.fitting", description="Fits the vision pilot.")
     fits = parser.add_subparsers(dest="fit", required=True)
     shipped = Path(color_detector.__file__).parent

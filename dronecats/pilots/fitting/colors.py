@@ -1,8 +1,8 @@
-"""Fits the network of `color_detector` to pictures of neighbourhoods that no record has, and makes the outlines of
-`ranging`.
+"""Fits the network of `color_detector`, and makes the outlines of `ranging`.
 
-Houses, plants and most parked cars come from seeds that no record uses; streets and plots are the map's. In every
-picture the target has another place, another paint and another direction of view.
+The pictures show neighbourhoods that are in no episode record. Houses, plants and most parked cars come from seeds
+that no record uses; streets and plots are the same for all seeds of the map. In every picture the target has another
+place, paint and direction of view.
 """
 
 import math
@@ -45,22 +45,22 @@ PLACES = {
     "motorcycle": ("kerb", "drive"),
 }
 USUAL_PLACES = ("kerb", "drive")
-HEIGHTS_M = (1.1, 2.9)  # of the drone over the ground
-DISTANCES_M = (3.0, 32.0)  # from the body to the target's centre
-ASIDE_RAD = math.radians(40.0)  # of the target, off the nose
+HEIGHTS_M = (1.1, 2.9)  # m, range of the drone's height above the ground
+DISTANCES_M = (3.0, 32.0)  # m, range of the distance from the body to the target's centre
+ASIDE_RAD = math.radians(40.0)  # largest angle between the drone's nose and the target
 ABSENT = 0.25  # share of the pictures that do not show the target
-TILT_RAD = 0.02  # standard deviation of pitch and roll: a drone that has just braked
-ROOM_M = 0.9  # least distance of anything before the camera
-LEAST_PX = 40  # least pixels of a visible target
+TILT_RAD = 0.02  # standard deviation of pitch and roll, as after braking
+ROOM_M = 0.9  # m, least depth in a picture
+LEAST_PX = 40  # least number of pixels of a visible target
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """The target of one picture's instruction."""
+    """The target that a picture's instruction names."""
 
     asset: str
     paint: str
-    distance_m: float  # body origin to the middle of its box
+    distance_m: float  # from the body's origin to the middle of the target's 3-D bounding box
     box: tuple[int, int, int, int] | None  # px, left, top, right, bottom of its pixels; None if it is not visible
 
     @property
@@ -84,7 +84,7 @@ def build(seed: int) -> Scene:
 
 
 def photograph(scene: Scene, renderer: Renderer, seed: int, count: int) -> Iterator[tuple[NDArray[np.uint8], Target]]:
-    """Yield pictures (360, 640, 3) RGB of targets from random places; some do not show the target."""
+    """Yield pictures (360, 640, 3) RGB of targets from random poses; a share ABSENT does not show the target."""
     rng = np.random.default_rng((seed, 12))
     spots = residential_places.places(seed).spots
     targets = [i for i in scene.instances if i.kind == "target"]
@@ -127,45 +127,45 @@ def _middle(place: Vec3, yaw: float, local: NDArray[np.floating]) -> Vec3:
 
 
 FILE, OUTLINES = "patch_network.npz", "outlines.npz"
-FIT_SEED, CHECK_SEED = 320, 300  # first seed of the neighbourhoods to fit to, and of those to check with
+FIT_SEED, CHECK_SEED = 320, 300  # first seeds of the neighbourhoods of the fit, and of the check
 SCENES, PICTURES, ROUNDS = 14, 180, 40
 SHORT_PICTURES = 12
 CHECK_SCENES, CHECK_PICTURES = 4, 160
 
-# Examples. Intersection over union from which a patch is the target, and share of it inside the target up to which it
-# is not. A patch between, as one door of a bus, is no example.
+# Labels of patches. A patch is the target from the intersection over union IS on. It is not the target if at most the
+# share IS_NOT of it is inside the target. Other patches, such as one door of a bus, are not used.
 IS, IS_NOT = 0.5, 0.2
-ABSENT_TARGETS = 4  # instructions per picture whose target is not in it
-LIKE_BRICK = ("brown", "red", "orange")  # asked for more often: houses and fences have them
+ABSENT_TARGETS = 4  # additional instructions per picture, whose targets are not in it
+LIKE_BRICK = ("brown", "red", "orange")  # used more often for absent targets: houses and fences have these colours
 
 HIDDEN = 48
-DECAY = 4e-4  # of the weights
-COVERED = 0.15  # share of the cells that are hidden in a step
-DIM = 0.2  # standard deviation of the log of the light
-FACTOR = 2.0  # weight of the distance's squared error beside the cross-entropy
-SPREAD = 0.15  # standard deviation of the log of the distance
+DECAY = 4e-4  # weight decay
+COVERED = 0.15  # share of the cells that are set to zero in each example
+DIM = 0.2  # standard deviation of the log of the brightness factor
+FACTOR = 2.0  # weight of the squared distance error relative to the cross-entropy
+SPREAD = 0.15  # scale of the distance output: standard deviation of the log of the factor
 _CELLS = SIDE * SIDE
 _PATCH = _CELLS * CHANNELS
 
 BANDS_M = (3.0, 5.0, 7.0, 10.0, 15.0, 22.0, 32.5)
-ASIDE_PX = 4  # a detection's middle may be this far beside the target's box
+ASIDE_PX = 4  # a right detection has its middle at most this far outside the sides of the target's box
 
 # Outlines
-OUTLINE_PAINT = "red"  # any: the shape does not depend on it
-LEVELS = 6  # heights
-DIRECTIONS = 8  # in plan: each level has its outermost points in each
-STEEP = 6.0  # slope of the directions of the highest and lowest points
+OUTLINE_PAINT = "red"  # the shape is the same for every paint
+LEVELS = 6  # height bands of an outline
+DIRECTIONS = 8  # horizontal directions; each band has its outermost points in each direction
+STEEP = 6.0  # slope of the directions in which the highest and lowest points are taken
 
 TargetJpeg = tuple[bytes, Target]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchExamples:
-    """Patches and what they are."""
+    """Labelled patches."""
 
     inputs: NDArray[np.float16]  # (N, LENGTH), the network's input
     is_target: NDArray[np.float32]  # (N,) 1: the target, 0: anything else
-    factor: NDArray[np.float32]  # (N,) log of the true distance over the one by size; 0 for anything else
+    factor: NDArray[np.float32]  # (N,) log(true distance / distance estimated by size); 0 for anything else
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +178,7 @@ class DetectionResult:
 
 
 def join(examples: Iterable[PatchExamples]) -> PatchExamples:
-    """Return all examples as one."""
+    """Return all examples in one object."""
     batches = list(examples)
     names = ("inputs", "is_target", "factor")
     return PatchExamples(*(np.concatenate([getattr(e, name) for e in batches]) for name in names))
@@ -190,7 +190,7 @@ def draw(first: int, scenes: int, pictures: int) -> Iterator[TargetJpeg]:
 
 
 def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> PatchExamples:
-    """Return the patches of one picture, for its own instruction and for some with absent targets."""
+    """Return the labelled patches of one picture, for its own instruction and for instructions with absent targets."""
     wanted = [(target.asset, target.paint)]
     while len(wanted) <= ABSENT_TARGETS:
         paints = LIKE_BRICK if rng.random() < 0.5 else PAINTS
@@ -226,28 +226,28 @@ def overlap(box: BoundingBox, true: tuple[int, int, int, int] | None, shape: tup
 
 
 def fit_scenes(scenes: int, pictures: int, rounds: int) -> PatchNetwork:
-    """Return the network fitted to so many pictures of so many neighbourhoods."""
+    """Return a network fitted to `scenes` neighbourhoods with `pictures` pictures each."""
     rng = np.random.default_rng(5)
     jpegs = draw(FIT_SEED, scenes, pictures)
     return fit(join(examples_of(decode(data), target, rng) for data, target in jpegs), rounds, 1)
 
 
 def fit(examples: PatchExamples, rounds: int, seed: int) -> PatchNetwork:
-    """Return the network after so many rounds over the examples; equal arguments give the same network."""
+    """Return a network fitted in `rounds` passes over the examples. Equal arguments give the same network."""
     rng = np.random.default_rng((seed, 32))
     sample = examples.inputs[:: max(1, len(examples.inputs) // 6000)].astype(np.float32)
     mean, deviation = sample.mean(axis=0), np.maximum(sample.std(axis=0), 0.05)
     weights = training.initial_weights(rng, LENGTH, HIDDEN, 2)
     steps = rounds * (len(examples.is_target) // BATCH)
     training.train(weights, _batches(examples, rounds, mean, deviation, rng), steps, DECAY, rng)
-    # the network takes raw inputs and gives the log of a factor: mean, deviation and SPREAD go into the weights
+    # fold mean, deviation and SPREAD into the weights: the network takes raw inputs and outputs the log of a factor
     hidden = weights[0] / deviation[:, None]
     scale = np.array((1.0, SPREAD), np.float32)
     return PatchNetwork(hidden, weights[1] - mean @ hidden, weights[2] * scale, weights[3] * scale)
 
 
 def mirrored(inputs: Floats) -> Floats:
-    """Return inputs (N, LENGTH) as a mirror shows them."""
+    """Return inputs (N, LENGTH) mirrored left to right."""
     patch = inputs[:, :_PATCH].reshape(-1, SIDE, SIDE, CHANNELS)[:, :, ::-1]
     rest = inputs[:, _PATCH:].copy()
     rest[:, [0, 1]] = -rest[:, [1, 0]]  # the rectangle's left and right
@@ -261,7 +261,7 @@ def _batches(
     yes = np.flatnonzero(examples.is_target > 0.5)
     no = np.flatnonzero(examples.is_target < 0.5)
     for _ in range(rounds):
-        # targets are rarer, so they are repeated: a third of the examples
+        # targets are rarer, so they are repeated until they are a third of the examples
         order = rng.permutation(np.concatenate((no, rng.choice(yes, max(1, len(no) // 2)))))[: len(examples.is_target)]
         for k in range(len(order) // BATCH):
             take = order[k * BATCH : (k + 1) * BATCH]
@@ -277,12 +277,12 @@ def _batches(
 
 
 def cost_gradient(is_target: NDArray[np.floating], factor: NDArray[np.floating]) -> OutputGradient:
-    """Return the gradient of the mean cost by the outputs: cross-entropy, and the distance's error of the targets."""
+    """Return the function from outputs to the gradient of the mean cost: cross-entropy and targets' distance error."""
 
     def gradient(outputs: NDArray[np.floating]) -> NDArray[np.floating]:
         error = np.empty_like(outputs)
         error[:, 0] = 1.0 / (1.0 + np.exp(-np.clip(outputs[:, 0], -30.0, 30.0))) - is_target
-        # an error of more than three SPREADs counts as three: a partly hidden thing always has the wrong size
+        # clip the error at three SPREADs, because a partly hidden thing always has the wrong size
         error[:, 1] = is_target * 0.1 * FACTOR * np.clip(outputs[:, 1] - factor / SPREAD, -3.0, 3.0)
         error /= len(is_target)
         return error
@@ -291,7 +291,7 @@ def cost_gradient(is_target: NDArray[np.floating], factor: NDArray[np.floating])
 
 
 def outline(asset: str) -> NDArray[np.float32]:
-    """Return points (P, 3) m, forward, right and up, on the outside of an asset's painted surface, each once."""
+    """Return the distinct outer points (P, 3) of an asset's painted surface: m forward, right and up."""
     mesh = assets.build(asset, OUTLINE_PAINT)
     names = (f"paint-{OUTLINE_PAINT}", f"cloth-{OUTLINE_PAINT}")
     painted = [i for i, material in enumerate(mesh.materials) if material.name in names]
@@ -316,7 +316,7 @@ def outline(asset: str) -> NDArray[np.float32]:
 
 
 def write_outlines(file: Path) -> None:
-    """Write the outlines of all assets that a residential record may have as its target."""
+    """Write the outlines of all assets that may be the target of a residential record."""
     outlines: dict[str, Any] = {asset: outline(asset) for asset in NOUNS}
     np.savez(file, **outlines)
 
@@ -333,13 +333,13 @@ def evaluate(network: PatchNetwork, jpegs: Iterable[TargetJpeg]) -> list[Detecti
 
 
 def check(folder: Path, short: bool) -> None:
-    """Print detections and the errors of their distance, by distance and by kind, and the false detections."""
+    """Print a network's detections and their distance errors, by distance and by kind, and its false detections."""
     jpegs = draw(CHECK_SEED, *((1, SHORT_PICTURES) if short else (CHECK_SCENES, CHECK_PICTURES)))
     _print_table(evaluate(color_detector.load_network(folder / FILE), jpegs))
 
 
 def fit_and_check(scenes: int, pictures: int, rounds: int, out: Path | None, short: bool) -> None:
-    """Fit a network, write it and the outlines to a folder if there is one, and print how it does."""
+    """Fit a network, write it and the outlines to the folder `out` if it is given, and print an evaluation."""
     network = fit_scenes(scenes, pictures, rounds)
     if out is not None:
         write_outlines(out / OUTLINES)

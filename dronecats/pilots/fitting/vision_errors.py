@@ -1,8 +1,9 @@
-"""Fits the errors of the noisy pilot to flights of the vision pilot: decisions compared with the logger's frame rows.
+"""Fits the errors of the noisy pilot to flights of the vision pilot.
 
-A `go` within 5° of the target, or within the sides of its box, takes the target. Another `go` takes something else,
-except at the depths of a search. A declaration takes what is before the drone. Of a fleet only the drone that was
-most often on the target counts.
+Each decision is compared with the true frame row, and labelled with the thing that vision took for the target. A `go`
+within 5° of the target, or within the sides of its box, took the target. Any other `go` took something else, unless its
+depth is that of a search stride. A declaration took the target if the target was visible and near. In a fleet, only the
+drone that took the target most often counts.
 """
 
 import math
@@ -24,24 +25,24 @@ from foundation.errors import UsageError
 from foundation.protocol import FINISHED, NEAR_M, POINT_SPAN, RADIUS_M
 from foundation.run_folder import reading
 
-Taken = Literal["target", "else", "claim", "nothing"]
-ASIDE_DEG = 5.0  # off the target's centre: a point within this is on the target, whatever its box
-SIDES_PX = 8.0  # beyond the sides of its box, likewise
-WANDER_BAND_M = 0.3  # off the depth of a stride to a new vantage point
-PRIOR = 2.0  # weight, in steps, of the share over all distances beside that of a band
+Taken = Literal["target", "else", "claim", "nothing"]  # claim: declared elsewhere; nothing: turn, think or search
+ASIDE_DEG = 5.0  # a point within this angle of the target's centre is on the target, whatever its box
+SIDES_PX = 8.0  # a point at most this far outside the sides of the target's box is on the target
+WANDER_BAND_M = 0.3  # tolerance of the depth of a stride to a new vantage point
+PRIOR = 2.0  # weight of a prior share, in steps
 _CAMERA = CameraModel()
 
 
 @dataclass(frozen=True, slots=True)
 class LabelledDecision:
-    """A decision, labelled with what it took for the target."""
+    """A decision, labelled with the thing that it took for the target."""
 
     taken: Taken
     seen: bool  # whether the target was visible
     distance_m: float
-    error_px: tuple[float, float] | None  # of a `go` at a visible target, not near: aside, + right, and below
-    depth: float | None  # likewise: log of the depth over the true depth of the centre
-    astray_m: float | None  # depth of a `go` at something else
+    error_px: tuple[float, float] | None  # + right, + below; only for a `go` at the target with a depth over NEAR_M
+    depth: float | None  # log(depth / true depth of the centre); for the same decisions
+    astray_m: float | None  # depth; only for a `go` at something else
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,7 @@ class OneDroneFlight:
 
 
 def label(step: FlightStep) -> LabelledDecision | None:
-    """Return a step's decision with its label; None if its frame has no truth, or if it is no action."""
+    """Return a step's decision with its label; None if its frame has no truth, or its reply has no action."""
     frame = step.truth
     if frame is None or frame.distance_m is None or frame.target_frd is None or step.decision.kind is None:
         return None
@@ -75,13 +76,13 @@ def label(step: FlightStep) -> LabelledDecision | None:
     within = box is not None and scale * box[0] - SIDES_PX <= x <= scale * box[2] + SIDES_PX
     if angle > ASIDE_DEG and not within:
         return LabelledDecision("else", seen, away, None, None, go.depth_m)
-    if go.depth_m <= NEAR_M:  # near the target, points and depths make strides and are no estimates
+    if go.depth_m <= NEAR_M:  # near the target, points and depths are not estimates
         return LabelledDecision("target", seen, away, None, None, None)
     return LabelledDecision("target", seen, away, (off_x, off_y), math.log(go.depth_m / ahead), None)
 
 
 def one_drone(flight: JudgedFlight) -> OneDroneFlight:
-    """Return the decisions of the drone that was on the target most often."""
+    """Return the decisions of the drone that took the target most often."""
     of_drone: dict[int, list[LabelledDecision]] = defaultdict(list)
     for step in flight.steps:
         if step.counts and (decision := label(step)) is not None:
@@ -91,7 +92,7 @@ def one_drone(flight: JudgedFlight) -> OneDroneFlight:
 
 
 def attention(flights: Iterable[OneDroneFlight]) -> Attention:
-    """Return the shares of steps; a share of few steps leans on the share over all distances."""
+    """Return the shares of steps. The share over all distances is the prior of each band's share."""
     steps = [(a, b) for f in flights for a, b in zip((None, *f.decisions), f.decisions, strict=False)]
     seen = [(a is not None and a.taken == "target", b) for a, b in steps if b.seen]
     after_else = [b.taken for a, b in steps if a is not None and a.taken == "else" and b.taken != "target"]
@@ -117,7 +118,7 @@ def _share(cases: Sequence[bool], prior: float) -> float:
 
 
 def errors_of(flights: Sequence[OneDroneFlight]) -> DetectionErrors:
-    """Return the errors of flights whose commands name the target in one way."""
+    """Return the errors of flights whose commands all name the target in the same way."""
     won, lost = ([f for f in flights if f.success is kind] for kind in (True, False))
     decisions = [decision for f in flights for decision in f.decisions]
     errors = [decision.error_px for decision in decisions if decision.error_px]
@@ -144,13 +145,13 @@ def errors_of(flights: Sequence[OneDroneFlight]) -> DetectionErrors:
 
 
 def _spread(values: Sequence[float]) -> float:
-    """Return the standard deviation of a normal distribution with the same middle two thirds."""
+    """Return half the width of the middle 68 %: a robust standard deviation."""
     low, high = np.percentile(values, (15.87, 84.13))
     return float(high - low) / 2.0
 
 
 def fit_run(run: Path) -> VisionErrors:
-    """Return the errors of a run folder's flights. Raises UsageError if it is damaged or has no scored flight."""
+    """Return the errors of the flights in a run folder. Raises UsageError if it is damaged or has no scored flight."""
     flights: dict[NamedBy, list[OneDroneFlight]] = defaultdict(list)
     for folder in reading.episodes(run):
         flight = JudgedFlight.read(folder)

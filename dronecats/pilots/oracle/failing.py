@@ -1,8 +1,8 @@
-"""Pilots that fail on purpose, each in one way of the paper's taxonomy and in no other.
+"""Pilots that fail on purpose, each in exactly one way of the paper's taxonomy.
 
-They test what finds and names a failure ("The Failure Is Declaration, Not Navigation", "Failure Taxonomy", "Commanding
-Several Drones"). They know the truth, as the oracle does: a pilot must know where the target is to fail in one way
-only. The same truth gets the same answer.
+They test the code that classifies failures ("The Failure Is Declaration, Not Navigation", "Failure Taxonomy",
+"Commanding Several Drones"). Like the oracle they know the truth, because a pilot must know the target's place to fail
+in one way only. Equal truth gives equal replies.
 """
 
 import itertools
@@ -15,17 +15,17 @@ from dronecats.pilots.oracle import oracle
 from dronecats.pilots.oracle.oracle import TrueState, TruthPilot
 from foundation.protocol import BRAKE_M, FINISHED, GO, POINT_SPAN, RADIUS_M, STRIDE_MIN_M
 
-EARLY = 1.3  # times the start distance, at which the paper's 2B model declares on average (Table "gap": 1.28)
-_LONG_DEPTH_M = 6.0  # flown as the longest stride
-_STILL_DEPTH_M = 0.5 * BRAKE_M  # flown as no stride
-_CLOSE_ENOUGH_M = 0.5 * STRIDE_MIN_M  # strides come no nearer to a given distance
-_AHEAD_DEG = 8.0  # off the nose: within this it does not turn first
-_STUCK_M = 0.3  # a stride that moves less met an obstacle
+EARLY = 1.3  # distance / start distance at the declaration; the paper's 2B model has 1.28 on average (Table "gap")
+_LONG_DEPTH_M = 6.0  # depth of a `go` that flies the longest stride
+_STILL_DEPTH_M = 0.5 * BRAKE_M  # depth of a `go` that does not move the drone
+_CLOSE_ENOUGH_M = 0.5 * STRIDE_MIN_M  # tolerance of a goal distance, since strides have a least length
+_AHEAD_DEG = 8.0  # largest angle off the nose that is flown without a turn first
+_STUCK_M = 0.3  # a stride that moves less has met an obstacle
 _ARRIVED_M = RADIUS_M - 0.5  # well inside the radius of success
 _EDGE = 50.0  # 0–1000, distance of a point from the picture's edge
-_KEPT_OFF_M = 2.0 * RADIUS_M  # within this it does not stride towards the target, even if it is not in the picture
+_KEPT_OFF_M = 2.0 * RADIUS_M  # nearer than this it never strides towards the target, even one outside the picture
 
-Way = Generator[str, TrueState, None]  # yields a drone's next action, and gets its true state after that
+Way = Generator[str, TrueState, None]  # yields a drone's next action; the drone's true state after it is sent back
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +34,11 @@ class Failing:
 
     description: str  # one sentence
     way: Callable[[TrueState], Way]  # for one drone
-    together: Callable[[list[str]], str] = actions.join  # joins the drones' actions
+    together: Callable[[list[str]], str] = actions.join  # joins the drones' actions to one reply
 
 
 def pilot(name: str) -> TruthPilot:
-    """Return the pilot of one flight. Raises KeyError for an unknown name."""
+    """Return a failing pilot for one flight. Raises KeyError for an unknown name."""
     failing = FAILURES[name]
     ways: list[Way] = []
 
@@ -75,7 +75,7 @@ def declares_early(state: TrueState) -> Way:
 
 
 def never_declares(state: TrueState) -> Way:
-    """Fly to the target as the oracle does; there, point at it without end."""
+    """Fly to the target as the oracle does, then point at it at every step without moving."""
     while True:
         reply = oracle.reply_for(state)
         has_arrived = state.distance_m <= _ARRIVED_M or json.loads(reply)["action"] == FINISHED
@@ -83,12 +83,12 @@ def never_declares(state: TrueState) -> Way:
 
 
 def oscillates(state: TrueState) -> Way:
-    """Stride on, turn round, stride back, turn round, without end."""
+    """Repeat without end: stride ahead, turn round."""
     yield from _in_turn([actions.go(500, 500, _LONG_DEPTH_M), actions.rotate(90.0), actions.rotate(90.0)])
 
 
 def never_grounds(state: TrueState) -> Way:
-    """Stride to the other side of the picture than the target's; without the target in view, fly a square."""
+    """Stride towards the side of the picture opposite to the target; fly a square while it is not in view."""
     square = itertools.cycle([actions.go(500, 500, _LONG_DEPTH_M)] * 4 + [actions.rotate(90.0)])
     while True:
         pointing = json.loads(_pointing(state))
@@ -103,13 +103,13 @@ def never_grounds(state: TrueState) -> Way:
 
 
 def never_closes(state: TrueState) -> Way:
-    """Point at the target at each step, with a depth that brakes."""
+    """Point at the target at every step, with a depth that does not move the drone."""
     while True:
         state = yield _pointing(state)
 
 
 def one_point(state: TrueState) -> Way:
-    """Fly as `never-declares`; all drones get the first drone's action."""
+    """Fly as `never_declares`; all drones get the first drone's action."""
     yield from never_declares(state)
 
 

@@ -1,15 +1,14 @@
 """The oracle with the vision pilot's errors: a pilot for studies of thousands of flights without pictures.
 
-It knows the truth and answers as the vision pilot would from the picture (`vision_errors.json`): the target at a
-wrong pixel and a wrong depth, something else instead, or nothing, as often as vision; never a target that the picture
-does not show. Like vision it declares by its own estimate of the distance. Its errors are drawn from the record's
-seed, the flight's seed, the drone and the step, and from nothing else: flights under different disturbances have the
-same draws and can be compared in pairs. It stands for vision in studies, and for no model.
+It knows the truth and imitates the vision pilot. It flies to the target with an error in pixel and depth, to something
+else, or to nothing, as often as vision does (`vision_errors.json`). It never finds a target that the picture does not
+show. Like vision it declares by its own estimate of the distance. Its random draws depend only on the record's seed,
+the flight's seed, the drone and the step. Flights under different disturbances therefore have the same draws and can be
+compared in pairs. In studies it represents vision, but no model.
 
-At each step vision takes the target for the target, or something else, or nothing. Which one depends on the step
-before and, for a visible target, on its distance. Flights that vision lost are a class of their own, drawn once per
-flight: what vision mistakes, it mistakes for the whole flight. `python -m dronecats.pilots.fitting vision-errors`
-fits the numbers.
+The probabilities at a step depend on the step before and, for a visible target, on its distance. One draw per flight
+selects the probabilities of flights that vision lost or of the other flights, because a mistake of vision lasts the
+whole flight. `python -m dronecats.pilots.fitting vision-errors` fits the numbers.
 """
 
 import json
@@ -32,13 +31,13 @@ from foundation.camera import camera_pose
 from foundation.frames import Vec3, rotate
 from foundation.protocol import FINISHED, POINT_SPAN
 
-NamedBy = Literal["paint", "place", "inscription"]  # how a command names its target, and vision looks for it
+NamedBy = Literal["paint", "place", "inscription"]  # how a command names its target
 BANDS_M = (8.0, 16.0)  # m, the edges between the three bands of distance: near, middle, far
 FILE = Path(__file__).with_name("vision_errors.json")
-ARRIVED_M = 4.6  # estimated distance at which it declares, as vision does
-_CIRCLE = 5  # turns that show everything around
+ARRIVED_M = 4.6  # m, estimated distance at which it declares, as vision does
+_CIRCLE = 5  # turns of a full circle; the first view is the sixth direction
 _WANDERS = 3  # strides to another vantage point
-_LEAVE_DEG = 75.0  # of the turn away after a wrong declaration
+_LEAVE_DEG = 75.0  # deg, turn away after a wrong declaration
 _EDGE = 60.0  # 0–1000, least distance of a point from the picture's side
 
 
@@ -49,25 +48,28 @@ def distance_band(distance_m: float) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attention:
-    """Shares of the steps at which vision takes the target, another thing or nothing for the target."""
+    """Shares of the steps at which vision takes the target, something else or nothing for the target.
 
-    found: tuple[float, float, float]  # by band: the target, if it is visible and was not taken at the step before
-    kept: tuple[float, float, float]  # by band: the target, if it is visible and was taken
-    strays: float  # if the target is not taken: something else, after a step without something else
-    stays: float  # likewise, after a step with something else
-    claims: float  # likewise: a declaration at something else
+    `strays`, `stays` and `claims` are shares of the steps at which vision does not take the target.
+    """
+
+    found: tuple[float, float, float]  # by band: takes the visible target, which it did not take the step before
+    kept: tuple[float, float, float]  # by band: takes the visible target, which it took the step before
+    strays: float  # begins to take something else
+    stays: float  # takes something else, as at the step before
+    claims: float  # declares, after it took something else at the step before
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectionErrors:
     """The errors for one way of naming the target."""
 
-    flights: int  # number of flights of the fit
+    flights: int  # number of flights in the fit
     mistaken: float  # share of lost flights
-    sure: Attention  # of flights that reached the target
-    lost: Attention  # of flights that did not
-    aside_px: float  # px of a picture 1280 wide, standard deviation of a point's error to the side
-    above_px: float  # px, likewise upwards
+    sure: Attention  # of flights that succeeded
+    lost: Attention  # of flights that failed
+    aside_px: float  # px of a picture 1280 wide: standard deviation of a point's horizontal error
+    above_px: float  # px of a picture 1280 wide: standard deviation of a point's vertical error
     depth: float  # mean of log(depth of the `go` / true depth of the target's centre)
     depth_flight: float  # standard deviation of that mean between flights
     depth_step: float  # standard deviation between the steps of a flight
@@ -80,7 +82,7 @@ class VisionErrors:
     """The errors of vision, and the run that they were fitted to."""
 
     fitted_to: str  # the run folder's name
-    code_sha256: str  # of the run's code
+    code_sha256: str  # SHA-256 of the code of that run
     eyes: dict[NamedBy, DetectionErrors]
 
 
@@ -91,7 +93,7 @@ def shipped_errors() -> VisionErrors:
 
 
 def named_by(command: str) -> NamedBy:
-    """Return how a command names its target, in the order in which vision reads it."""
+    """Return how a command names its target. The kinds are tried in the same order as by vision."""
     if read_inscription(command) is not None:
         return "inscription"
     by_place = read_referent(command).color is None and read_place_expression(command) is not None
@@ -102,18 +104,18 @@ def named_by(command: str) -> NamedBy:
 class _Memory:
     """The memory of one drone's pilot."""
 
-    on_target: bool = False  # the step before took the target
-    astray_ned: Vec3 | None = None  # m, the place of something else that it took for the target
-    declared: bool = False  # the step before was a declaration
-    nearer: bool = False  # it has come nearer once after a wrong declaration
-    side: float = 1.0  # 1 or -1: the side to which it turns
-    turns: int = 0  # of the current circle
-    strides: int = 0  # of the walk after it
+    on_target: bool = False  # it took the target at the step before
+    astray_ned: Vec3 | None = None  # m, the place of something else that it takes for the target
+    declared: bool = False  # it declared at the step before
+    nearer: bool = False  # it has flown one stride nearer after a wrong declaration
+    side: float = 1.0  # 1: it turns to the right, -1: to the left
+    turns: int = 0  # turns of the current circle
+    strides: int = 0  # strides to another vantage point after the circle
 
 
 @dataclass(frozen=True, slots=True)
 class _Draw:
-    """The random numbers of one step of one drone, one for each use, whether it is used or not."""
+    """The random numbers of one step of one drone. All are drawn at every step, whether used or not."""
 
     takes: float  # uniform, 0 … 1, like the next two
     strays: float
@@ -126,7 +128,7 @@ class _Draw:
 
 @dataclass(slots=True)
 class NoisyPilot:
-    """The pilot of one flight: a `TruthPilot`."""
+    """The noisy pilot for one flight: a `TruthPilot`."""
 
     instruction: str
     seed: tuple[int, ...]  # of the record, and of the flight
@@ -134,7 +136,7 @@ class NoisyPilot:
     _memories: dict[int, _Memory] = field(default_factory=dict)
 
     def __call__(self, states: Sequence[TrueState]) -> str:
-        """Return the reply for some drones. The nearest one flies, the others hover, as with the oracle."""
+        """Return the reply for the drones of a request. As with the oracle, the nearest flies and the others hover."""
         nearest = min(states, key=lambda state: state.distance_m)
         return actions.join([self._decide(state) if state is nearest else actions.think() for state in states])
 
@@ -158,7 +160,7 @@ class NoisyPilot:
         return self._without_target(state, memory, attention, errors, draw)
 
     def _to_target(self, state: TrueState, memory: _Memory, estimate_ned: Vec3, has_declared: bool) -> str:
-        """Return the way to the estimated target; there, a declaration; after a wrong one, one stride nearer."""
+        """Return a `go` to the estimated target, a declaration there, or one stride nearer after a wrong one."""
         memory.turns, memory.strides = 0, 0
         memory.side = math.copysign(1.0, state.bearing_deg)
         if math.dist(state.position_ned, estimate_ned) > ARRIVED_M:
@@ -175,7 +177,7 @@ class NoisyPilot:
     def _without_target(
         self, state: TrueState, memory: _Memory, attention: Attention, errors: DetectionErrors, draw: _Draw
     ) -> str:
-        """Return the action without the target: the way to something else, or a search."""
+        """Return the action if it does not take the target: fly to something else, declare there, or search."""
         if memory.astray_ned is None:
             if draw.strays < attention.strays:
                 memory.astray_ned = self._astray_ned(state, errors, draw)
@@ -189,11 +191,11 @@ class NoisyPilot:
             if not _declares(reply):
                 memory.turns, memory.strides = 0, 0
                 return reply
-            memory.astray_ned = None  # it has arrived there, and sees what it is
+            memory.astray_ned = None  # on arrival it sees that this is not the target
         return self._search(memory, draw)
 
     def _search(self, memory: _Memory, draw: _Draw) -> str:
-        """Return a turn until the circle is closed, then strides to another place, as vision searches."""
+        """Return the next search action, as vision: turns until the circle is closed, then strides to another place."""
         if memory.turns < _CIRCLE:
             memory.turns += 1
             return actions.rotate(math.copysign(search.SWEEP_DEG, memory.side))
@@ -204,7 +206,7 @@ class NoisyPilot:
         return actions.go(u, 0.5 * POINT_SPAN, search.WANDER_M)
 
     def _estimate_ned(self, state: TrueState, errors: DetectionErrors, draw: _Draw, flight_depth: float) -> Vec3:
-        """Return the estimated place (m, NED) of the target: off its pixel, and at a wrong depth."""
+        """Return the estimated place (m, NED) of the target, with errors in pixel and depth."""
         camera, true = state.camera, _in_camera(state, state.target_ned)
         x, y = oracle.pixel(true, camera)
         x = min(max(x + errors.aside_px * draw.aside, 0.0), camera.width)
@@ -213,13 +215,13 @@ class NoisyPilot:
         return _place(state, x, y, true[0] * factor)
 
     def _astray_ned(self, state: TrueState, errors: DetectionErrors, draw: _Draw) -> Vec3:
-        """Return the place (m, NED) of something else, level with the camera."""
+        """Return a random place (m, NED) for something else, on the horizon's row of the picture."""
         u = _EDGE + draw.where * (POINT_SPAN - 2.0 * _EDGE)
         depth = errors.astray_m * math.exp(errors.astray * draw.astray)
         return _place(state, u * state.camera.width / POINT_SPAN, 0.5 * state.camera.height, depth)
 
     def _draw_flight(self, errors: DetectionErrors) -> tuple[bool, float]:
-        """Return whether the flight is a lost one, and the error of its depths in standard deviations."""
+        """Return whether the flight is lost, and its mean depth error in standard deviations."""
         rng = np.random.default_rng((*self.seed, 0))
         return bool(rng.random() < errors.mistaken), float(rng.standard_normal())
 

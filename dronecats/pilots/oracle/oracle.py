@@ -1,8 +1,8 @@
-"""The oracle: a pilot that knows the truth. It is the ceiling of the benchmark, and the proof that an episode can be
-flown.
+"""The oracle: a pilot that knows the truth.
 
-It has the same four actions as a model, so a model can do whatever it does. It is a pure function of the truth: the run
-calls it, never the agent.
+Its results are the upper bound of the benchmark and prove that an episode can be flown. It has the same four actions as
+a model, so a model can do everything that it does. It is a pure function of the truth. The run calls it; the agent
+never does.
 """
 
 import math
@@ -16,11 +16,11 @@ from foundation.protocol import NEAR_M, NEAR_SCALE, POINT_SPAN, STEP_S, STRIDE_M
 
 ARRIVED_M = 4.0  # 3-D distance at which it declares; the verifier's radius is 5 m
 _CLOSE_ENOUGH_M = 4.5  # … and at which it declares if the shortest stride would bring it too close
-_LEVEL = 0.14  # slopes below this are not flown: the controller ignores them under 0.15
-_KEEPS_HEIGHT_M = 7.0  # within this it keeps its height …
-_KEEPS_HEIGHT_BAND_M = 1.2  # … unless the target would leave the picture below or above first
+_LEVEL = 0.14  # largest slope of a level `go`: the controller ignores slopes under 0.15
+_KEEPS_HEIGHT_M = 7.0  # within this horizontal distance it keeps its height …
+_KEEPS_HEIGHT_BAND_M = 1.2  # … if the target is less than this above or below; else it might leave the picture
 _TURN_MAX_DEG = 90.0
-_TOO_NEAR_M = 0.3  # nearer to the lens a point has no useful pixel
+_TOO_NEAR_M = 0.3  # a point with less depth has no useful pixel
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class TrueState:
     target_velocity_ned: Vec3  # m/s
     camera: CameraModel
     drone: int = 0  # index of the drone
-    step: int = 0  # of the drone, from 0
+    step: int = 0  # step of the drone, from 0
     visible: bool = True  # whether the picture shows the target; True if that was not measured
 
     @property
@@ -49,11 +49,11 @@ class TrueState:
         return math.degrees(wrap_pi(math.atan2(east, north) - self.yaw_rad))
 
 
-TruthPilot = Callable[[Sequence[TrueState]], str]  # (the state of each drone of the question) → the reply
+TruthPilot = Callable[[Sequence[TrueState]], str]  # (true state of each drone of the request) → reply
 
 
 def reply_nearest(states: Sequence[TrueState]) -> str:
-    """Return the oracle's reply for some drones. The nearest one flies, the others hover: one arrival is enough."""
+    """Return the oracle's reply for some drones. The nearest flies and the others hover, as one arrival is enough."""
     nearest = min(states, key=lambda state: state.distance_m)
     return actions.join([reply_for(state) if state is nearest else actions.think() for state in states])
 
@@ -78,10 +78,11 @@ def next_action(
     position_ned, target_ned: m, body origin and target centre in the same NED frame; target_velocity_ned: m/s, None
     for a target at rest. attitude: of the body, None for level flight at yaw_rad.
 
-    It rotates until the target is in the picture. Then it goes: the point is the target's true projection and the depth
-    its true planar depth, both one step ahead of a moving target. Smaller depths make the last strides shorter, so that
-    it stops before the target. Far away it lets the controller climb or descend along the ray; near, it keeps its
-    height. A target ahead but under or over the picture is approached along the picture's edge.
+    The drone rotates until the target is in the picture. Then it flies to the target's true projection, with the true
+    planar depth; both are predicted by one step for a moving target. Smaller depths make the last strides shorter, so
+    that the drone stops before the target. Far away, the controller climbs or descends along the ray; near the target,
+    the drone keeps its height. If the target is ahead but above or below the picture, the point is on the picture's
+    edge.
     """
     q = attitude if attitude is not None else quat_from_euler(0.0, 0.0, yaw_rad)
     aim = target_ned if target_velocity_ned is None else _after_step(target_ned, target_velocity_ned)
@@ -99,7 +100,7 @@ def next_action(
         return actions.rotate(_bearing_deg(position_ned, yaw_rad, aim))
     horizontal = math.hypot(aim[0] - position_ned[0], aim[1] - position_ned[1])
     vertical = aim[2] - position_ned[2]
-    if not in_picture and horizontal < STRIDE_MAX_M:  # over or under it: fly on, then turn round
+    if not in_picture and horizontal < STRIDE_MAX_M:  # above or below the target: fly on, then turn round
         return actions.go(500.0, 500.0, NEAR_M)
     # stop safely inside the sphere of ARRIVED_M, at the kept height
     reach = math.sqrt((ARRIVED_M - 0.3) ** 2 - min(abs(vertical), ARRIVED_M - 1.0) ** 2)
@@ -124,7 +125,7 @@ def _after_step(point_ned: Vec3, velocity_ned: Vec3) -> Vec3:
 
 
 def depth_for(travel_m: float, depth_m: float) -> float:
-    """Return the depth of the next stride of a way of `travel_m`: the true depth for a full stride."""
+    """Return the depth (m) of the next stride, with `travel_m` left to fly. A full stride has the true depth."""
     if travel_m >= STRIDE_MAX_M + STRIDE_MIN_M:
         return max(depth_m, NEAR_M)
     return actions.short_stride_m(travel_m) / NEAR_SCALE
@@ -138,7 +139,7 @@ def in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3)
 
 
 def pixel(point: Vec3, camera: CameraModel) -> tuple[float, float]:
-    """Return the pixel of a point in camera axes; infinitely far to its side if it is behind the camera."""
+    """Return the pixel of a point in camera axes. A point behind the camera has infinite coordinates on its side."""
     if point[0] < _TOO_NEAR_M:
         return (math.copysign(math.inf, point[1]), math.inf)
     return (

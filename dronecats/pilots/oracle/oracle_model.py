@@ -1,4 +1,4 @@
-"""A pilot that knows the truth, behind the interface of a model. It listens on the truth bus; the run builds it."""
+"""Gives a pilot that knows the truth the interface of a model. It reads the truth bus. The run creates it."""
 
 import math
 from collections.abc import Callable
@@ -18,11 +18,11 @@ from foundation.errors import ModelError
 from foundation.frames import quat_yaw, wrap_pi
 from foundation.truth import KEPT, NewestTruth, Origin, TruthSample
 
-AHEAD_S = 0.5  # s, over which the target's velocity is taken
+AHEAD_S = 0.5  # s, interval over which the target's velocity is computed
 
 
 class OracleModel:
-    """Answers with the reply of a pilot that knows the truth, by default the oracle's."""
+    """Model whose replies come from a pilot that knows the truth, by default the oracle."""
 
     def __init__(
         self,
@@ -37,16 +37,16 @@ class OracleModel:
         obeys: bool = True,
         looks: bool = False,
     ) -> None:
-        """`listen` is called before each answer; it reads the waiting bytes of the bus into `feed`.
+        """`listen` is called before each answer. It passes the waiting bytes of the truth bus to `feed`.
 
-        kept: samples of each drone's truth to keep, for late pictures. obeys: a drone in a question of its own goes to
-        the candidate of its goal. looks: the pilot needs the target's visibility, which is measured then.
+        kept: truth samples to keep per drone, for late pictures. obeys: in a request for one drone, the drone flies to
+        the candidate that its goal names. looks: the pilot needs the target's visibility, so it is measured.
         """
         self.name = name
         self._world, self._camera, self._listen, self._pilot = world, camera, listen, pilot
         self._truth = NewestTruth(origin, kept)
         self._taken: dict[int, int] = {}  # drone → µs, time of its picture
-        self.feed = self._truth.feed  # takes bytes of the truth bus
+        self.feed = self._truth.feed  # accepts bytes of the truth bus
         self._obeys, self._looks = obeys, looks
         self._t0_us: int | None = None
 
@@ -69,9 +69,9 @@ class OracleModel:
         pass
 
     def _reply_alone(self, drone: int, step: int, command: str) -> str:
-        """Return the action of a drone in a question of its own: it goes to the candidate of its goal.
+        """Return the action of the only drone in a request, which flies to the candidate that its goal names.
 
-        At a candidate that is not the target it stops and thinks, like a pilot that has read its inscription.
+        At a candidate that is not the target it replies `think`, like a pilot that has read another inscription.
         """
         place, state = commander.place_in_goal(command), self._state(drone, step)
         row = candidates_in_row(self._world, self._world.record.starts[drone])
@@ -97,7 +97,7 @@ class OracleModel:
         )  # fmt: skip
 
     def _visible(self, sample: TruthSample, t_s: float) -> bool:
-        """Return whether the target is visible from a sample, by the logger's measure, with the other drones around."""
+        """Return whether the target is visible from a sample, by the logger's measure. Other drones may hide it."""
         fleet = self._truth.at(sample.drone, sample.time_us)
         neighbours = [DronePose(d.position_ned, d.attitude) for d in fleet[1].values()] if fleet else []
         camera = self._camera.at_pitch(sample.gimbal_pitch)
@@ -105,7 +105,7 @@ class OracleModel:
 
 
 def candidates_in_row(world: World, start: StartPose) -> list[Instance]:
-    """Return the target and its look-alikes from left to right, seen from a start."""
+    """Return the target and its look-alikes from left to right, as seen from a start pose."""
     candidates = world.target_and_lookalikes
     yaw, (north, east, _) = math.radians(start.yaw_deg), start.position_ned
 

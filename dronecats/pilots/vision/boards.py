@@ -1,9 +1,8 @@
-"""Finds notice boards of any paint, and decides for a drone that was sent to one.
+"""Finds notice boards of any paint, and chooses the actions of a drone that was sent to one.
 
 A board is a plain rectangle near the horizon with two thin posts below it. Assumed knowledge: with its frame it is
 about 0.86 m high and up to 1.3 m wide, its lower edge is 0.72 m above the ground, and its posts stand a little inside
-its sides. A board's height looks the same from every side, so it gives the distance; its width gives the angle of the
-view.
+its sides. A board's height looks the same from every side, so it gives the distance. Its width gives the viewing angle.
 """
 
 import math
@@ -24,25 +23,25 @@ from foundation.protocol import NEAR_M, STRIDE_MAX_M, STRIDE_MIN_M
 
 HEIGHT_M, WIDTH_M, FOOT_M = 0.86, 1.26, 0.72  # a board with its frame; FOOT_M: its lower edge above the ground
 _LEVEL_STEP = 8  # grey levels between two thresholds
-_TOLERANCES = (6.0, 9.0, 13.0, 18.0, 24.0, 32.0)  # color_difference within one board: sun, shade and letters
+_TOLERANCES = (6.0, 9.0, 13.0, 18.0, 24.0, 32.0)  # largest color_difference within a board in sun, shade and letters
 _LEAST_PX = (4, 5)  # least width and height of a board
 _FARTHEST_M = 48.0
-_WIDEST = 1.75  # widest board, over its height: a long word makes a longer board
+_WIDEST = 1.75  # largest width / height: a long word makes a wider board
 _FILLED = 0.5  # least share of paint in its rectangle; the rest is letters
 _TOP_RANGE = (-0.7, 1.25)  # its upper edge below the horizon, in board heights: cameras are 1 … 2.4 m high and pitch
-_BAND_FROM = 0.3  # of the picture's height: boards stand below this row
+_BAND_FROM = 0.3  # fraction of the picture's height: boards are below this row
 _SAME_OVERLAP = 0.5  # overlap above which two rectangles are one thing
-_POST = 0.73  # of half the width: the posts' distance from the middle
-_POST_OFF = 14.0  # grey levels between the posts and the ground between them
+_POST = 0.73  # distance of the posts from the middle, in half widths
+_POST_OFF = 14.0  # least difference of the posts from the ground between them, in grey levels
 _POST_FROM, _POST_TO = 0.15, 0.72  # rows of the posts, in board heights below the lower edge
 _READ_M = 9.0  # within this, letters are large enough to read
 _ARRIVED_M = 4.55  # from the body to the board's middle; the verifier's radius is 5 m
-_STOP_M = 3.3  # from the camera to the board: where the last stride shall end
-_BELOW_M = 1.0  # a board's middle below the camera, at most
+_STOP_M = 3.3  # from the camera to the board, at the end of the last stride
+_BELOW_M = 1.0  # largest height of the camera above a board's middle
 _LINE_ROWS = (0.27, 0.73)  # rows of a single line, in board heights
 _STRETCH_MAX = 3.0
 
-Color = tuple[float, float, float]  # CIE Lab as OpenCV has it in 8 bits
+Color = tuple[float, float, float]  # CIE Lab on OpenCV's 8-bit scale
 _Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 
 
@@ -50,7 +49,7 @@ _Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 class NoticeBoard:
     """A board in a picture."""
 
-    left: int  # px, as right, top and bottom
+    left: int  # px, like top, right and bottom
     top: int
     right: int
     bottom: int
@@ -59,7 +58,7 @@ class NoticeBoard:
 
     @property
     def middle(self) -> float:
-        """px, its column."""
+        """The column (px) of its middle."""
         return 0.5 * (self.left + self.right)
 
 
@@ -76,14 +75,14 @@ def find(picture: Picture) -> list[NoticeBoard]:
 
 
 def find_of_color(picture: Picture, color: Color) -> list[NoticeBoard]:
-    """Return the boards of one paint, left to right: more of them than `find` returns, and no others."""
+    """Return the boards of one paint, left to right. For this paint it finds more boards than `find`."""
     lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
     away = color_difference(_band(lab).astype(np.float32), color)
     return _boards_in(picture, lab, [away < limit for limit in _TOLERANCES])
 
 
 def color_difference(lab: NDArray[np.float32], color: Color) -> NDArray[np.float32]:
-    """Return the distance of Lab colours (…, 3) from one; lightness counts half, since it changes from sun to shade."""
+    """Return the distance of Lab colours (…, 3) from `color`. Lightness, which sun and shade change, counts half."""
     away = (lab - np.array(color, np.float32)) * np.array((0.5, 1.0, 1.0), np.float32)
     return np.asarray(np.sqrt((away**2).sum(axis=-1)), np.float32)
 
@@ -114,7 +113,7 @@ def _rectangles(mask: Mask, height: int) -> list[_Box]:
 
 
 def _grouped(boxes: list[_Box]) -> list[list[_Box]]:
-    """Return the boxes in groups that overlap by half: one board at several thresholds."""
+    """Return the boxes in groups: one board at several thresholds. Boxes of a group overlap its largest by half."""
     groups: list[list[_Box]] = []
     for box in sorted(boxes, key=lambda b: -(b[2] - b[0]) * (b[3] - b[1])):
         for group in groups:
@@ -173,7 +172,7 @@ def decide(picture: Picture, board: Candidate, wanted: Inscription) -> str:
 
 
 def stride_towards(spot: GroundPoint) -> str:
-    """Return a stride towards a point, where the last one ends before it; a long stride's depth is the distance."""
+    """Return a stride towards a point. The last stride ends _STOP_M before it. A long one's depth is the distance."""
     u = 500.0 + 500.0 * spot.right_m / spot.ahead_m
     travel = spot.ahead_m - _STOP_M
     if travel >= STRIDE_MAX_M + STRIDE_MIN_M:
@@ -182,7 +181,7 @@ def stride_towards(spot: GroundPoint) -> str:
 
 
 def read_board(picture: Picture, board: Candidate) -> list[ReadText]:
-    """Return the text of a board: the line across its middle or, if that is not sure, every line on it."""
+    """Return the text of a board: the line across its middle or, if no reading of that is sure, all its lines."""
     w, h = board.right - board.left, board.bottom - board.top
     stretch = min(max(WIDTH_M / HEIGHT_M * h / w, 1.0), _STRETCH_MAX)
     part = picture[max(0, board.top) : board.bottom, max(0, board.left) : board.right]

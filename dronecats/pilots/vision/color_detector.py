@@ -1,7 +1,7 @@
-"""Finds the thing of a named colour and kind in a picture, and its distance.
+"""Finds the thing of a named colour and kind in a picture, and estimates its distance.
 
-Patches of the colour are candidates. For a kind of the catalogue, a small network decides by the look of a patch and
-its surroundings, and corrects the distance from the rectangle. For other kinds, size and the share of paint decide.
+Patches of the colour are candidates. For the kinds in KINDS, a small network scores each patch with its surroundings,
+and corrects the distance that its rectangle gives. For other kinds, size and share of paint give the score.
 `python -m dronecats.pilots.fitting colors` fits the network (`patch_network.npz`).
 """
 
@@ -25,31 +25,31 @@ Floats = NDArray[np.float32]
 KINDS = ("suv", "sedan", "hatchback", "pickup", "van", "bus", "motorcycle", "cyclist", "quadrotor")
 COLORS = ("cyan", "red", "yellow", "orange", "blue", "green", "purple", "pink", "brown")
 SIDE = 16  # cells of a resampled patch, high and wide
-CHANNELS = 7  # CIE Luv, the colour's mask, the gradients across and down, inside the picture
-MARGIN = 0.35  # on each side of the rectangle, of its height and width
-MARGIN_PX = 3.0
+CHANNELS = 7  # CIE Luv, the colour's mask, the gradients across and down, the mask of the picture's area
+MARGIN = 0.35  # margin on each side of the rectangle, as a fraction of its width or height
+MARGIN_PX = 3.0  # least margin
 PLAIN = 17  # numbers that describe the rectangle
 LENGTH = SIDE * SIDE * CHANNELS + PLAIN + len(KINDS) + len(COLORS)
 _GRADIENT = 3.0  # factor that brings gradients to the magnitude of colours
-_PICTURE_EDGE = 0.005  # of the picture's width: a rectangle this near touches the edge
-_FACTOR_LIMIT_LOG = 0.7  # log of the largest change of the rectangle's distance
+_PICTURE_EDGE = 0.005  # fraction of the picture's width: a rectangle this near to an edge touches it
+_FACTOR_LIMIT_LOG = 0.7  # log of the largest factor on the rectangle's distance
 
-_SMALLEST_PX = 20  # of 640 × 360; a vehicle has this size at about 60 m
+_SMALLEST_PX = 20  # least number of pixels in a 640 × 360 picture; a vehicle has this size at about 60 m
 _FARTHEST_M = 42.0  # farther away, specks of any colour have the right size
 _MOST_PATCHES = 12
-_SAME_TINT = math.cos(math.radians(14.0))  # in the colour plane: one paint in sun and shade, not the grass beside it
+_SAME_TINT = math.cos(math.radians(14.0))  # one paint in sun and shade is within this angle; grass beside it is not
 _LEAST_SCORE = 0.08  # a detection by size needs this score
 _LIKELY_SCORE = 0.35  # a detection by look needs this score …
 _EXPECTED_SCORE = 0.12  # … and this one at the expected place
-_EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # the expected place: of the width, and log of the distance
+_EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # tolerances of the expected place: of the width, log of the depth
 _EXPECTED_PREFERENCE = 3.0  # factor on the rank at the expected place
-_AREA_POWER = 0.3  # of the rank: larger patches are preferred
-_HORIZON_SLACK = 0.05  # of the width: a thing on the ground may end this far above the middle, since the drone pitches
+_AREA_POWER = 0.3  # exponent of a patch's pixels in the rank: larger patches are preferred
+_HORIZON_SLACK = 0.05  # of the width: a thing's lower edge may be this far above the middle, since the drone pitches
 
 
 @dataclass(frozen=True, slots=True)
 class PatchNetwork:
-    """One hidden layer of rectifiers, two outputs: log odds, and log of the factor on the distance."""
+    """A network with one hidden layer of rectified linear units. Outputs: log odds, log of the distance's factor."""
 
     hidden: Floats  # (LENGTH, H)
     hidden_bias: Floats  # (H,)
@@ -57,7 +57,7 @@ class PatchNetwork:
     out_bias: Floats  # (2,)
 
     def classify(self, examples: Floats) -> tuple[Floats, Floats]:
-        """Return for examples (N, LENGTH) the probability of the vehicle and the factor on its distance, (N,) each."""
+        """Return the probability of the target and the factor on its distance, (N,) each, for examples (N, LENGTH)."""
         raw = np.maximum(examples @ self.hidden + self.hidden_bias, 0.0) @ self.out + self.out_bias
         odds = np.clip(raw[:, 0], -30.0, 30.0)
         factor = np.exp(np.clip(raw[:, 1], -_FACTOR_LIMIT_LOG, _FACTOR_LIMIT_LOG))
@@ -72,7 +72,7 @@ def load_network(file: Path) -> PatchNetwork:
 
 @lru_cache(maxsize=1)
 def shipped_network() -> PatchNetwork:
-    """Return the fitted network that ships."""
+    """Return the network that ships with the package."""
     return load_network(Path(__file__).with_name("patch_network.npz"))
 
 
@@ -85,7 +85,7 @@ def picture_layers(picture: Picture, mask: Mask) -> Floats:
 
 
 def network_input(layers: Floats, box: BoundingBox, estimate: Range, kind: str, color: str) -> Floats:
-    """Return the network's input (LENGTH,) for one rectangle in `picture_layers`, as a kind in a colour."""
+    """Return the network's input (LENGTH,) for one rectangle of `layers`, taken for a kind in a colour."""
     height, width = layers.shape[:2]
     aspect = height / width
     wide, high = box.right - box.left, box.bottom - box.top
@@ -114,30 +114,30 @@ def _resample(layers: Floats, box: BoundingBox) -> Floats:
     part = layers[max(0, y0) : max(0, y1), max(0, x0) : max(0, x1)]
     beyond = (max(0, -y0), max(0, y1 - height), max(0, -x0), max(0, x1 - width))
     filled = np.pad(part, (beyond[:2], beyond[2:], (0, 0)))
-    # OpenCV resizes four channels at a time
+    # OpenCV resizes at most four channels at a time
     small = [cv2.resize(filled[:, :, k : k + 4], (SIDE, SIDE), interpolation=cv2.INTER_AREA) for k in (0, 4)]
     return np.asarray(np.concatenate(small, axis=2), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """The target in a picture, or what is taken for it."""
+    """A thing in a picture that is taken for the target."""
 
     box: BoundingBox
     range: Range
     score: float  # 0 … 1
-    lean: float = 0.0  # of the picture's width: its top's fall from the left third to the right third
+    lean: float = 0.0  # fall of its upper edge from the left to the right third, as a fraction of the picture's width
 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedPlace:
-    """The place where the target of the last action must be."""
+    """The expected place of the last action's target."""
 
     bearing: float  # fraction of the picture WIDTH from its centre, + right
     depth_m: float
 
     def matches(self, box: BoundingBox, estimate: Range) -> bool:
-        """Return whether a detection is about there."""
+        """Return whether a detection is near this place."""
         aside = abs(0.5 * (box.left + box.right) - self.bearing)
         return aside < _EXPECTED_ASIDE and abs(math.log(estimate.depth_m / self.depth_m)) < _EXPECTED_DEPTH_LOG
 
@@ -160,7 +160,7 @@ def find(
 ) -> Detection | None:
     """Return the best detection of a referent in a BGR picture about 640 px wide; None if there is none.
 
-    expected: detections at this place are preferred. network: another one than the shipped one.
+    expected: detections at this place are preferred. network: None for the shipped network.
     """
     if referent.size.outline in KINDS and referent.color in COLORS:
         detections = _detect_by_look(picture, referent, expected, network or shipped_network())
@@ -181,9 +181,9 @@ class ColorPatch:
     """A patch of the referent's colour."""
 
     box: BoundingBox
-    range: Range  # if it were the referent
+    range: Range  # its distance if it were the referent
     pixels: int
-    lean: float  # as a detection's
+    lean: float  # as in `Detection`
 
 
 def color_patches(picture: colors.Picture, referent: Referent) -> tuple[list[ColorPatch], Floats]:
@@ -208,7 +208,7 @@ def color_patches(picture: colors.Picture, referent: Referent) -> tuple[list[Col
 def _detect_by_look(
     picture: colors.Picture, referent: Referent, expected: ExpectedPlace | None, network: PatchNetwork
 ) -> Iterator[tuple[Detection, int]]:
-    """Yield the detections of a catalogue's kind by its look, each with its number of pixels."""
+    """Yield the detections by the network of a kind in KINDS, each with its number of pixels."""
     patches, examples = color_patches(picture, referent)
     if not patches:
         return
@@ -228,7 +228,7 @@ def _lean(core: tuple[int, int, int, int], where: colors.Mask) -> float:
 
 
 def find_all(picture: colors.Picture, referent: Referent) -> list[Detection]:
-    """Return all detections of a referent's colour and size, left to right, whatever their look."""
+    """Return all detections of a referent's colour and size, left to right, without the network."""
     any_look = replace(referent, size=replace(referent.size, outline=""))
     detections = (detection for detection, _ in _detect_by_size(picture, any_look))
     return sorted(detections, key=lambda d: d.box.left + d.box.right)
@@ -258,8 +258,8 @@ def _blobs(picture: colors.Picture, mask: colors.Mask, color: str) -> Iterator[t
 def _grouped(stats: NDArray[np.int32], count: int, tint: NDArray[np.float64] | None) -> list[_Blob]:
     """Return the largest patches of colour, each joined with its parts.
 
-    Glass, pillars and trim cut the paint of one vehicle into roof, doors and bonnet: near patches of the same tint join
-    the large one.
+    Glass, pillars and trim divide the paint of one vehicle into roof, doors and bonnet. Patches of the same tint that
+    are near a large patch are joined to it.
     """
     blobs: list[_Blob] = []
     order = sorted(range(1, count), key=lambda i: (-int(stats[i, cv2.CC_STAT_AREA]), i))
@@ -332,7 +332,7 @@ def _bounding_box(core: tuple[int, int, int, int], width: int, height: int) -> B
 
 
 def _core(blob: _Blob, where: colors.Mask) -> tuple[int, int, int, int]:
-    """Return the rectangle of a blob without thin outliers: the rows and columns with 1 … 99 % of its pixels."""
+    """Return the rectangle of a blob without thin outliers: 0.6 % of its pixels are cut off on each side."""
     region = where[blob.top : blob.bottom, blob.left : blob.right]
     columns, rows = np.cumsum(region.sum(axis=0)), np.cumsum(region.sum(axis=1))
     total = columns[-1]
@@ -342,7 +342,7 @@ def _core(blob: _Blob, where: colors.Mask) -> tuple[int, int, int, int]:
 
 
 def _vividness(saturation: NDArray[np.uint8], color: str) -> float:
-    """Return 0 … 1: the most colourful part is paint, not a tint of grass, shade or brick."""
+    """Return a score 0 … 1, high if the most colourful part is paint, not a tint of grass, shade or brick."""
     vivid = colors.BANDS[color].vivid
     if vivid == 0:
         return 0.8  # colours without hue: size and shape decide
@@ -351,10 +351,10 @@ def _vividness(saturation: NDArray[np.uint8], color: str) -> float:
 
 
 def _solidity(region: colors.Mask, size: Size) -> float:
-    """Return 0 … 1: paint is a few large pieces, leaves and grass are many holes."""
+    """Return a score 0 … 1, high for a few large pieces (paint), low for many holes (leaves and grass)."""
     filled = float(region.mean())
     edges = float((region[:, 1:] != region[:, :-1]).sum() + (region[1:] != region[:-1]).sum())
-    # edge length over that of a plain rectangle; windows double it, foliage multiplies it
+    # edge length / edge length of a plain rectangle: about 2 with windows, much more for foliage
     rough = edges / (2.0 * sum(region.shape))
     least = 0.3 if size.height_m < 4.0 else 0.2
     return float(np.clip(filled / least, 0.0, 1.0) ** 1.5 * np.clip(4.0 / max(rough, 1e-3), 0.0, 1.0))

@@ -1,10 +1,10 @@
-"""Decides for a target that the command names by its colour and kind: "the cyan SUV".
+"""Chooses the action for a target that the command names by its colour and kind: "the cyan SUV".
 
-It aims ahead of targets that move, and goes round the end of long ones. Both need a value of the step before, kept in
-the depth of a stride, which the history repeats. The last digit of a long stride's depth is the lead of its aim: the
-next picture then shows how far the target has moved across. Of a long target, as a bus, the drone must reach the flank,
-since its end is farther from its middle than the radius of success: the depths _RIGHT_M and _LEFT_M say on which side
-the drone passes it.
+The drone aims ahead of moving targets, and flies round the end of long targets. Both need a value of the step before.
+The depth of a stride holds this value, since the history repeats it. The last digit of a long stride's depth encodes
+the lead of its aim; with it, the next picture shows how far the target has moved sideways. The end of a long target,
+such as a bus, is farther from its middle than the radius of success, so the drone must reach the flank. The depths
+_RIGHT_M and _LEFT_M encode the side on which the drone passes the target.
 """
 
 import math
@@ -19,26 +19,26 @@ from foundation.protocol import FINISHED, GO, NEAR_M, RADIUS_M, ROTATE, STRIDE_M
 
 MIDDLE_PX = 640.0
 UNSEEN_PX = (MIDDLE_PX, LEVEL_PX)  # the point of a stride to a target that was not detected
-_CODED_FROM_M = NEAR_M + 1.0  # smaller depths have other meanings
-_LEAD_STEP = 0.03  # of the picture's width, per digit
-_NO_LEAD = 5  # the digit of no lead
-_STILL_M = 0.4  # motion across during a stride; less is the drone's own drift
-_MOST_ACROSS_M = 1.2  # motion across during a stride: at 0.3 m/s for the 4 s that a stride with its turn takes
-_MOST_STRIDES = 2.0  # strides to look ahead, at most
+_CODED_FROM_M = NEAR_M + 1.0  # smaller depths do not encode a lead
+_LEAD_STEP = 0.03  # lead per unit of the digit, as a fraction of the picture's width
+_NO_LEAD = 5  # the digit for no lead
+_STILL_M = 0.4  # sideways motion during a stride; less is the drone's own drift
+_MOST_ACROSS_M = 1.2  # largest sideways motion during a stride: 0.3 m/s for 4 s, the time of a turn and a stride
+_MOST_STRIDES = 2.0  # largest number of strides to look ahead
 _SHORT_OF_M = 4.0  # distance from the target at which the last stride ends
-LONG_M = 7.0  # from this length on a thing is long
-_END_REACH_M = 3.2  # from the middle to the near end: from this on the drone passes the end
-_LONG_WITHIN_M = 20.0  # farther away the drone flies straight to it
-_CLEAR_M = 1.9  # between the drone's way and the edge of the thing
-_RIGHT_M, _LEFT_M = 5.1, 5.2  # depths of a 3 m stride that passes it on the right, or on the left
+LONG_M = 7.0  # least length of a long thing
+_END_REACH_M = 3.2  # least distance from the middle to the near end at which the drone passes the end
+_LONG_WITHIN_M = 20.0  # farther away the drone flies straight to a long thing
+_CLEAR_M = 1.9  # between the drone's path and the edge of the thing
+_RIGHT_M, _LEFT_M = 5.1, 5.2  # depths of a 3 m stride that passes the thing on its right, or on its left
 _FLANK_TURN_DEG = 60.0
 FLANK_DISTANCE_M = 4.0  # from a passing drone to the flank
-_ACROSS = 0.08  # of the picture's width off its middle: from this on the drone already passes
-_CUT_OFF = 0.49  # of the picture's width off its middle: there the picture cuts the thing off
+_ACROSS = 0.08  # of the picture's width: a thing this far off the middle is already being passed
+_CUT_OFF = 0.49  # of the picture's width: farther off the middle, the picture cuts a thing off
 
 
 def encode_lead(depth_m: float, lead: float) -> float:
-    """Return a depth of a long stride that holds a lead (fraction of the picture's width, + right)."""
+    """Return a depth (m) of a long stride that encodes a lead (fraction of the picture's width, + right)."""
     digit = min(9, max(0, round(lead / _LEAD_STEP) + _NO_LEAD))
     return max(_CODED_FROM_M, int(depth_m * 10.0) / 10.0) + 0.01 * digit
 
@@ -53,7 +53,7 @@ def decode_lead(past: tuple[PastAction, ...]) -> float | None:
 
 
 def expected_place(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
-    """Return where the target of the last long stride must be, if it stands still; None without such a stride."""
+    """Return the expected place of the last long stride's target if it does not move; None without such a stride."""
     lead = decode_lead(past)
     if lead is None:
         return None
@@ -62,7 +62,7 @@ def expected_place(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
 
 
 def compute_lead(detection: Detection, past: tuple[PastAction, ...]) -> float:
-    """Return how far beside the detection to aim, in fractions of the picture's width, + right."""
+    """Return the lead of the aim beside the detection, as a fraction of the picture's width, + right."""
     before = decode_lead(past)
     if before is None:
         return 0.0
@@ -96,7 +96,7 @@ def passing_side(past: tuple[PastAction, ...]) -> int:
 
 
 def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
-    """Return a stride past the near end, on the side of the flank, whose upper edge falls away from that end."""
+    """Return a stride past the near end, on the flank's side. The flank's upper edge falls away from the near end."""
     box = detection.box
     middle = 0.5 * (box.left + box.right)
     flank = 1 if detection.lean > 0.0 else -1
@@ -104,14 +104,14 @@ def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
     outer = box.right if side > 0 else -box.left
     if outer > _CUT_OFF:  # the thing fills the picture on that side
         side, outer = -side, -box.left if side > 0 else box.right
-    # the edge of the near end, or of the far one if the near one is already beside the drone
+    # the depth of the near end, or of the far end if the near end is already beside the drone
     beside_it = (box.left < -_CUT_OFF) if side > 0 else (box.right > _CUT_OFF)
     near = max(2.0, detection.range.depth_m + (_END_REACH_M if beside_it else -_END_REACH_M))
     return _coded_stride(side * min(_CUT_OFF, outer + _CLEAR_M * FOCAL_PER_WIDTH / near), side)
 
 
 def stride_along_flank(detection: Detection, past: tuple[PastAction, ...]) -> str | None:
-    """Return a stride along the flank, to the side on which it goes on; None if it does not."""
+    """Return a stride along the flank, to the side on which the flank continues; None if it does not continue."""
     side = passing_side(past)
     if not side:
         return None
@@ -130,7 +130,7 @@ def turn_to_flank(past: tuple[PastAction, ...]) -> str | None:
 
 
 def has_turned_to_flank(past: tuple[PastAction, ...]) -> bool:
-    """Return whether the last action was such a turn: then the flank is straight ahead."""
+    """Return whether the last action was the turn of `turn_to_flank`. The flank is then straight ahead."""
     if len(past) < 2 or past[-1].kind != ROTATE or past[-2].kind != GO:
         return False
     return past[-1].angle_deg == -_FLANK_TURN_DEG * passing_side(past)
@@ -142,21 +142,21 @@ def _coded_stride(x: float, side: int) -> str:
 
 # Arriving. The verifier's radius is 5 m around the target's centre; the margin is for the error of the estimate.
 ARRIVED_M = 4.6
-_STOP_M = 3.8  # distance at which a stride shall end; after it the drone drifts on for about half a metre
+_STOP_M = 3.8  # distance at which a stride ends; the drone then drifts on for about half a metre
 _CAREFUL_M = 9.0  # within this, only short strides: the estimate may be off, and the target may come closer
 _FILLS = 0.6  # of the picture's width: a thing this wide fills the picture
-_EDGE = 0.015  # of the picture's width: this near the edge, the edge cuts a thing off
-_AHEAD_M = 6.0  # a target that must be farther than this and is not detected: one more stride to its place
-_LOST_M = 12.0  # a target does not get farther than this between two pictures
-_SURE = 0.6  # score that a detection needs in the first circle
+_EDGE = 0.015  # of the picture's width: a thing this near to the edge is cut off there
+_AHEAD_M = 6.0  # if an undetected target is expected farther away, the drone flies one more stride to its place
+_LOST_M = 12.0  # a detection farther away than this after a declaration is not the target
+_SURE = 0.6  # least score of a detection during the first circle
 
-# Height. The agent ignores slopes under 0.15; near the target, gentle slopes are reduced below that.
+# Height. The controller ignores slopes under 0.15; near the target, gentle slopes are reduced below that.
 _LEVEL, _LEVEL_BELOW = 0.14, 0.30
 _LEVEL_WITHIN_M = 7.0
 
 
 def decide(picture: colors.Picture, referent: Referent, past: tuple[PastAction, ...]) -> str:
-    """Return the action for one picture, for the command's referent and the drone's history."""
+    """Return the action for one picture, given the command's referent and the drone's history."""
     expected = _expected(past)
     detection = color_detector.find(picture, referent, expected)
     aspect = picture.shape[0] / picture.shape[1]
@@ -177,7 +177,7 @@ def decide(picture: colors.Picture, referent: Referent, past: tuple[PastAction, 
 
 
 def _expected(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
-    """Return where the target of the last action must be: after a short stride or a declaration, straight ahead."""
+    """Return the expected place of the last action's target: straight ahead after a short stride or a declaration."""
     if has_turned_to_flank(past):
         return ExpectedPlace(0.0, FLANK_DISTANCE_M)
     if not past or past[-1].kind not in (GO, FINISHED) or search.count_wander_strides(past):
@@ -188,7 +188,7 @@ def _expected(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
 
 
 def _without_detection(picture: colors.Picture, expected: ExpectedPlace | None, past: tuple[PastAction, ...]) -> str:
-    """Return the action without a detection: one stride to where the target must be, then a search."""
+    """Return the action without a detection: one stride to the target's expected place, then a search."""
     if _was_last_stride(past):
         return actions.finished()
     if search.has_turned_away(past):
@@ -204,7 +204,7 @@ def _without_detection(picture: colors.Picture, expected: ExpectedPlace | None, 
 def _after_declaration(detection: Detection | None, aspect: float, size: Size, past: tuple[PastAction, ...]) -> str:
     """Return the action after a declaration that did not end the flight: come nearer, then turn away.
 
-    The target is farther away than it looks, or the detection is not the target.
+    Either the target is farther away than estimated, or the detection is not the target.
     """
     if detection is None or detection.range.distance_m > _LOST_M or search.has_declared_enough(past):
         return search.turn_away(past)
@@ -224,9 +224,9 @@ def _after_declaration(detection: Detection | None, aspect: float, size: Size, p
 
 
 def _fills(box: ranging.BoundingBox, aspect: float) -> bool:
-    """Return whether the thing is wide and the lower edge cuts it off: its size says little then, but it is near.
+    """Return whether a thing is wide and cut off by the lower edge. It is then near, but its size gives no distance.
 
-    Even a car of 4.7 m, from the side, is within 4 m if it is wider than 0.6 of a 90° picture.
+    A car of 4.7 m, seen from the side, is within 4 m if it is wider than 0.6 of a 90° picture.
     """
     return box.bottom >= 0.5 * aspect - _EDGE and box.right - box.left >= _FILLS
 
@@ -234,13 +234,13 @@ def _fills(box: ranging.BoundingBox, aspect: float) -> bool:
 def _was_last_stride(past: tuple[PastAction, ...]) -> bool:
     """Return whether the last action was the shortest stride, which ends at the target.
 
-    A target that is not detected after it is so near that its glass and its shadow fill the picture.
+    If the target is not detected after that stride, it is so near that its glass and its shadow fill the picture.
     """
     return bool(past) and past[-1].kind == GO and past[-1].depth_m <= actions.SHORTEST_DEPTH_M + 0.1
 
 
 def _approach(detection: Detection, aspect: float, past: tuple[PastAction, ...]) -> str:
-    """Go to the detection, or ahead of it if it moves across, with strides that end short of it."""
+    """Return a stride towards the detection, or ahead of it if it moves sideways. Strides end before it."""
     if detection.range.distance_m < _CAREFUL_M:
         return _toward(detection, aspect, _depth_for(detection.range))
     aside = compute_lead(detection, past)

@@ -1,6 +1,6 @@
-"""Where in a picture a named colour is: colours are bands of hue, saturation and value.
+"""Finds the pixels of a named colour in a picture. A colour is a band of hue, saturation and value.
 
-Hue and saturation are ratios of the channels, so they hold from full sun into shade, where the value drops to a third.
+Hue and saturation are ratios of the channels, so they are the same in sun and shade; the value in shade is a third.
 The bands follow ordinary colour naming on OpenCV's scale (hue 0–179, saturation and value 0–255).
 """
 
@@ -16,7 +16,7 @@ Picture = NDArray[np.uint8]  # (H, W, 3), OpenCV's BGR order
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """A box in HSV; a hue range may wrap through red."""
+    """A box in HSV. The hue range may wrap through red."""
 
     hue: tuple[int, int]
     saturation: tuple[int, int]
@@ -41,7 +41,7 @@ BANDS: dict[str, Band] = {
 }
 """The keys are the values of `command.COLORS`."""
 
-_SKY_STEP = 3  # grey levels between neighbouring pixels of one sky: the gradient of clear air is flatter
+_SKY_STEP = 3  # largest difference between neighbouring pixels of the sky, in grey levels
 _SKY_HUE, _SKY_SATURATION = (85, 125), 170  # car paint of the same hue is more colourful than clear air
 _SKY_VALUE = 110  # a day sky is not darker
 
@@ -69,7 +69,7 @@ def saturation(picture: Picture) -> NDArray[np.uint8]:
 
 
 def tint(picture: Picture, labels: NDArray[np.int32], count: int) -> NDArray[np.float64]:
-    """Return the mean direction of each label in CIE Lab's colour plane, (count, 2) unit vectors: hue without wrap."""
+    """Return the mean direction of each label in the colour plane of CIE Lab, as unit vectors (count, 2)."""
     lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
     flat = labels.ravel()
     plane = [np.bincount(flat, lab[:, :, k].ravel().astype(np.float64) - 128.0, count) for k in (1, 2)]
@@ -79,9 +79,9 @@ def tint(picture: Picture, labels: NDArray[np.int32], count: int) -> NDArray[np.
 
 
 def sky(picture: Picture) -> Mask:
-    """Return the sky: bright, blue or grey, and connected with the upper edge of the picture.
+    """Return the pixels of the sky: bright, blue or grey, and connected with the upper edge of the picture.
 
-    It ends a little under the middle of the picture at the latest: a level camera has the horizon in the middle.
+    They end a little below the middle of the picture at the latest, because a level camera has the horizon there.
     """
     height, width = picture.shape[:2]
     smooth = cv2.GaussianBlur(picture, (5, 5), 0)

@@ -1,4 +1,4 @@
-"""Reads the target from a command: colour and kind, place beside a landmark, inscription, and place in a row."""
+"""Parses the target of a command: colour and kind, place beside a landmark, inscription, and place in a row."""
 
 import re
 from dataclasses import dataclass, replace
@@ -27,11 +27,11 @@ class Size:
     height_m: float
     paint_from_m: float  # m above ground, lower edge of the painted body
     paint_to_m: float  # m above ground, upper edge
-    outline: str = ""  # the kind in outlines.npz; '' if it has none
+    outline: str = ""  # its key in outlines.npz; '' if it has none
 
     @property
     def paint_height_m(self) -> float:
-        """m, the height of the painted part; it looks the same from every side."""
+        """The height (m) of the painted part. It looks the same from every side."""
         return self.paint_to_m - self.paint_from_m
 
 
@@ -89,7 +89,7 @@ _SIZED_NOUN = _longest_first(dict(SIZES))
 
 
 def read_referent(command: str) -> Referent:
-    """Return the first noun of SIZES in a command, with the last colour word before it.
+    """Return the first noun of SIZES in a command with a colour word before it, and the last such colour word.
 
     'the red car parked by the white house' → red car. Without such a pair: the first colour word and the first noun.
     """
@@ -142,12 +142,12 @@ class NamedLandmark:
     """A thing beside which a command places its target."""
 
     words: str  # as in the command, without the article
-    kind: str | None  # of `shape_detector.KINDS`; None: without a known shape, as a hall
+    kind: str | None  # of `shape_detector.KINDS`; None: its shape is not known, as for a hall
 
 
 @dataclass(frozen=True, slots=True)
 class PlaceExpression:
-    """A target by its place: the NOUN RELATION LANDMARK [and LANDMARK]; two landmarks with BETWEEN."""
+    """A target named by its place: "the NOUN RELATION LANDMARK". BETWEEN has two landmarks."""
 
     kind: str  # of `shape_detector.KINDS`
     relation: str
@@ -156,7 +156,7 @@ class PlaceExpression:
 
 
 def read_place_expression(command: str) -> PlaceExpression | None:
-    """Return the expression in a command; None if it has none, or of an unknown kind. Never raises."""
+    """Return the place expression of a command; None without one, or for an unknown noun. Never raises."""
     match = _EXPRESSION.search(command)
     if match is None:
         return None
@@ -191,9 +191,9 @@ _OUTERMOST = re.compile(r"\b(left|right)\s?-?most\b")
 
 @dataclass(frozen=True, slots=True)
 class Inscription:
-    """The text that the target carries."""
+    """The text on the target."""
 
-    text: str  # capitals and digits only
+    text: str  # as from `plain_text`
     on_plate: bool  # on a vehicle's plate rather than on a board
 
 
@@ -204,7 +204,7 @@ def read_inscription(command: str) -> Inscription | None:
 
 
 def read_place_in_row(command: str) -> int | None:
-    """Return the target's index in a row: 0, 1 … from the left, -1, -2 … from the right; None: the command has none.
+    """Return the target's index in a row: 0, 1 … from the left, -1, -2 … from the right; None if no place is named.
 
     'the second one from the left' is 1, 'the rightmost' is -1.
     """
@@ -220,5 +220,5 @@ def read_place_in_row(command: str) -> int | None:
 
 
 def plain_text(text: str) -> str:
-    """Return only the capitals and digits of a text."""
+    """Return the ASCII letters, in capitals, and digits of a text."""
     return "".join(letter for letter in text.upper() if letter.isascii() and letter.isalnum())

@@ -1,17 +1,18 @@
-"""Divides the things that several pictures show among the drones: each drone gets one of them.
+"""Assigns to each drone of a fleet one of the things that the drones' pictures show.
 
-The drones stand a stride apart and look the same way, so their pictures differ by a shift of a few metres at most.
+The drones are about a stride apart and have the same heading, so a thing's place in their frames differs by a shift of
+a few metres at most.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-_APART_M = 4.2  # the largest distance between two drones, with the error of the estimates
+_APART_M = 4.2  # the largest distance between two drones, including the error of the estimates
 _WRONG_M, _WRONG_SHARE = (
     0.8,
     0.09,
-)  # tolerance of two drones' points of a thing: m, and m per metre of distance
+)  # tolerance between two drones' points of one thing: m, and m per metre of distance
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +46,13 @@ class Candidate:
 
     @property
     def size_px(self) -> float:
-        """px, the side of a square with the rectangle's area."""
+        """The side (px) of a square with the rectangle's area."""
         return math.sqrt((self.right - self.left) * (self.bottom - self.top))
 
 
 @dataclass(frozen=True, slots=True)
 class _SharedThing:
-    """A thing in the first drone's frame, and the number of pictures that show it."""
+    """A thing and the number of pictures that show it. The frame is that of the drone that sees most things."""
 
     spot: GroundPoint
     views: int
@@ -60,7 +61,7 @@ class _SharedThing:
 def divide(views: Sequence[Sequence[GroundPoint]]) -> list[GroundPoint | None]:
     """Return each drone's own thing, in that drone's frame; all None if no picture shows a thing.
 
-    Drone k gets the k-th thing from the left. With fewer things than drones the count starts again.
+    Drone k gets the k-th thing from the left. With fewer things than drones, the order starts again at the left.
     views: the things of each drone's picture, in picture order.
     """
     order = sorted(range(len(views)), key=lambda k: (-len(views[k]), k))

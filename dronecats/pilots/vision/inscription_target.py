@@ -1,8 +1,8 @@
-"""Decides for a target that the command names by an inscription: several things look alike, one of them carries it.
+"""Chooses the actions for a target that the command names by an inscription. Several things look like the target.
 
-One request has the pictures of all drones. Each drone flies to a thing of its own, reads it, and declares if it is
-the wanted one; otherwise it stays there and thinks. Nothing is remembered: a drone's own thing follows from its last
-action, which turned its nose to the thing and whose depth is the distance.
+One request has the pictures of all drones. Each drone flies to its own thing and reads it. It declares if the thing has
+the wanted inscription; otherwise it stays there and thinks. The pilot has no memory: it finds a drone's own thing by
+the last action, which turned the nose to the thing and whose depth is the distance.
 """
 
 import math
@@ -22,23 +22,23 @@ from foundation.protocol import GO, HISTORY_LENGTH, NEAR_M, ROTATE, STRIDE_MAX_M
 Past = tuple[PastAction, ...]
 OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone, candidates in its picture) → its own
 
-# How far a drone's own thing may move between two pictures: bearing, far and near, and log of the distance
+# Scales of the change of a drone's own thing between two pictures: bearing far, bearing near, log of the distance
 _ASIDE_RAD, _NEAR_ASIDE_RAD, _DISTANCE_LOG = math.radians(4.0), math.radians(8.0), 0.3
-_ROUND = 3.0  # factor on the bearing if the way leads round a vehicle
-_OWN = 3.0  # of these steps: within them a thing is the drone's own
-_NEAR_THING_M = 16.0  # within this, the way may lead past the thing
-_BACK_DEG = 50.0  # a turn of this size looks for a lost thing
+_ROUND = 3.0  # factor on the bearing's scale if the path leads round a vehicle
+_OWN = 3.0  # largest change of a drone's own thing, in these scales
+_NEAR_THING_M = 16.0  # within this distance, the path may lead past the thing
+_BACK_DEG = 50.0  # turn to look for a lost thing
 _RESTS = 2  # thinks after which a drone that has read a plate moves on: some vehicles are hidden at the start
 _OTHER_M = 7.0  # a nearer thing is the one that was read
-_LOST_M = 16.0  # a lost thing that was near is no farther away
-_SHORT_OF_M = 6.0  # after a short stride to a thing, its distance is no larger, but for the error of the estimate
+_LOST_M = 16.0  # largest distance at which a lost thing is looked for
+_SHORT_OF_M = 6.0  # largest distance of a thing after a short stride to it, apart from the error of the estimate
 _WANDER_M = 8.0  # depth of a stride to another place
-_ON_DEG = 60.0  # a turn of this size means: that thing was read, look for another
-_SAME_LOOKS = 26.0  # boards.color_difference of one paint in sun and shade
-DULL = ("brown",)  # bricks and tree trunks have it, too: tried only if no other paint fits
+_ON_DEG = 60.0  # turn to look for another thing after one was read
+_SAME_LOOKS = 26.0  # largest boards.color_difference of one paint in sun and shade
+DULL = ("brown",)  # bricks and tree trunks have this colour too, so it is tried only if no other paint fits
 VIVID = tuple(color for color, band in colors.BANDS.items() if band.vivid and color not in DULL)
 _LOOK_ALIKES = 4  # the usual number of candidates; more in a picture do not count
-_ENOUGH_SCORE = 0.75  # score per picture from which a paint fits
+_ENOUGH_SCORE = 0.75  # least score per picture of a paint that fits
 
 
 def decide(pictures: Sequence[Picture], wanted: Inscription, command: str, past: Sequence[Past]) -> list[str]:
@@ -60,7 +60,7 @@ def decide(pictures: Sequence[Picture], wanted: Inscription, command: str, past:
 
 
 def first_destination(view: Sequence[Candidate], which: int | None) -> GroundPoint | None:
-    """Return the first goal of a drone that flies alone: the thing with this index from the left, else the nearest."""
+    """Return the first goal of a single drone: the thing with the index `which` from the left, else the nearest."""
     if not view:
         return None
     if which is not None and -len(view) <= which < len(view):
@@ -75,7 +75,7 @@ def is_settled(past: Past, rests: int = HISTORY_LENGTH) -> bool:
 
 
 def is_moving_on(past: Past) -> bool:
-    """Return whether a drone looks for another thing than the one it has read."""
+    """Return whether a drone has read its thing and looks for another."""
     return bool(past) and past[-1].kind == ROTATE and abs(past[-1].angle_deg - _ON_DEG) < 0.5
 
 
@@ -102,7 +102,7 @@ def _decide_one(picture: Picture, view: Sequence[Candidate], wanted: Inscription
 
 
 def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
-    """Return the thing that a drone was sent to, by its last action; None if its picture does not show it."""
+    """Return the thing that a drone was sent to, found by its last action; None if its picture does not show it."""
     if not view:
         return None
     if not past or past[-1].kind != GO:
@@ -113,7 +113,7 @@ def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
         return min(near, key=lambda candidate: candidate.spot.distance_m) if near else None
     near_aside = _NEAR_ASIDE_RAD if past[-1].y_px == LEVEL_PX else _ROUND * _NEAR_ASIDE_RAD
     left = past[-1].depth_m - STRIDE_MAX_M
-    was_short = left <= NEAR_M  # then the depth is chosen for the stride
+    was_short = left <= NEAR_M  # then the depth set the stride's length and was not the distance
 
     def mismatch(candidate: Candidate) -> float:
         aside = abs(candidate.spot.bearing_rad) / (_ASIDE_RAD if left > _NEAR_THING_M else near_aside)
@@ -131,14 +131,14 @@ def find_candidates(
 ) -> list[list[Candidate]]:
     """Return for each picture the things that may carry the inscription, left to right. They all look alike.
 
-    kind: the vehicle that the command names; without a plate the things are boards. own: a drone's own thing; once the
-    drones are under way it decides the paint of the vehicles.
+    kind: the vehicle that the command names; not used for boards. own: finds a drone's own thing. Once the drones are
+    under way, the own things decide the paint of the vehicles.
     """
     return _find_vehicles(pictures, kind, own) if wanted.on_plate else _find_boards(pictures)
 
 
 def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidate | None) -> list[list[Candidate]]:
-    """Return the vehicles of the paint that the pictures show most, or of most drones' own vehicles."""
+    """Return the vehicles of the paint with the best score of the drones' own vehicles, then of all vehicles."""
     best: list[list[Candidate]] = [[] for _ in pictures]
     most = (0.0, 0.0)
     for color in (*VIVID, *DULL):
@@ -160,7 +160,7 @@ def _vehicle_candidate(detection: color_detector.Detection, picture: Picture) ->
     height, width = picture.shape[:2]
     left, right = (round((x + 0.5) * width) for x in (detection.box.left, detection.box.right))
     top, bottom = (round(y * width + 0.5 * height) for y in (detection.box.top, detection.box.bottom))
-    # half the sum of the edges, over a focal length of one half
+    # the middle, (left + right) / 2, divided by the focal length of 1/2
     aside = (detection.box.left + detection.box.right) * detection.range.depth_m
     return Candidate(left, top, right, bottom, GroundPoint(aside, detection.range.depth_m), detection.score)
 
@@ -170,7 +170,7 @@ def _find_boards(pictures: Sequence[Picture]) -> list[list[Candidate]]:
     all_boards = [board for view in views for board in view]
     if not all_boards:
         return [[] for _ in pictures]
-    # the candidates look alike: take the colour of which most pictures show most boards
+    # the candidates look alike: choose the colour with the most boards, counted up to _LOOK_ALIKES per picture
     board_colors = np.array([b.color for b in all_boards], np.float32)
     view_of_board = np.repeat(np.arange(len(views)), [len(view) for view in views])
     same = [boards.color_difference(board_colors, b.color) < _SAME_LOOKS for b in all_boards]

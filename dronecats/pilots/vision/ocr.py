@@ -1,7 +1,7 @@
 """Reads text in a part of a picture, and compares it with the inscription of a command.
 
-RapidOCR (Apache-2.0) on ONNX Runtime, both on the CPU and in one thread, so that equal pictures give equal texts. Its
-models come within its wheel. `python -m benchmarks.reading` measures it against distance and angle.
+It uses RapidOCR (Apache-2.0) on ONNX Runtime, on the CPU and in one thread, so that equal pictures give equal texts.
+RapidOCR's wheel contains its models. `python -m benchmarks.reading` measures the readings over distance and angle.
 """
 
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from dronecats.pilots.vision.colors import Picture
 from dronecats.pilots.vision.command import Inscription, plain_text
 from foundation import extras
 
-SURE_CONFIDENCE = 0.90  # of a reading that is believed; in benchmarks/reading.py every wrong near one has less
+SURE_CONFIDENCE = 0.90  # least confidence of a sure reading; wrong near readings in benchmarks/reading.py have less
 _ENLARGED = 4.0  # enlargement: letters of 8 px get the size that the models expect
-_LARGEST_PX = 960  # of an enlarged part, the longer side
-_LEAST_PX = 6
+_LARGEST_PX = 960  # longer side of an enlarged part
+_LEAST_PX = 6  # least height and width of a line to read
 
 
 @dataclass(frozen=True, slots=True)
 class ReadText:
-    """One text that was read."""
+    """A text that the OCR engine has read."""
 
     text: str
     confidence: float  # 0 … 1
@@ -32,7 +32,7 @@ class ReadText:
 def matches(wanted: Inscription, readings: list[ReadText]) -> bool | None:
     """Return whether the readings are the wanted inscription: True, False, or None if no reading is sure.
 
-    An unsure reading never counts as another inscription: to leave the target is worse than to look again.
+    An unsure reading never counts as another inscription, because leaving the target is worse than another look.
     """
     texts = [plain_text(r.text) for r in readings if r.confidence >= SURE_CONFIDENCE]
     if wanted.text in texts:
@@ -66,7 +66,7 @@ def load_engine() -> None:
 
 
 def read_line(part: Picture, stretch: float = 1.0) -> list[ReadText]:
-    """Return the one line of text that fills `part` (H, W, 3) BGR, widened by `stretch` if it is seen at an angle."""
+    """Return the single line of text in `part` (H, W, 3) BGR. `stretch` widens a part that is seen at an angle."""
     if min(part.shape[:2]) < _LEAST_PX:
         return []
     result = _engine()(_enlarged(part, stretch), use_det=False, use_cls=False, use_rec=True)
@@ -74,7 +74,7 @@ def read_line(part: Picture, stretch: float = 1.0) -> list[ReadText]:
 
 
 def read_lines(part: Picture, stretch: float = 1.0) -> list[ReadText]:
-    """Return the lines of text in `part` (H, W, 3) BGR, top to bottom, and all of them as one text."""
+    """Return the lines of text in `part` (H, W, 3) BGR, top to bottom, and then all lines joined to one text."""
     if min(part.shape[:2]) < 2 * _LEAST_PX:
         return []
     result = _engine()(_enlarged(part, stretch), use_det=True, use_cls=False, use_rec=True)

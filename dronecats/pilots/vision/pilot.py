@@ -1,9 +1,9 @@
 """The vision pilot: classical vision, not a model.
 
-It knows the picture, the prompt, a level pinhole camera, 90° across (paper, appendix "Execution"), the usual sizes and
-colours of things, and how a `go` is flown. It has no truth, no map and no memory: it reads its own past actions in the
-prompt's history, so equal requests get equal answers. The command decides how it looks for the target: by an
-inscription, by colour, or by its place beside a landmark. It reads no names on halls.
+It uses the picture, the prompt and assumed knowledge: a level pinhole camera, 90° across (paper, appendix "Execution"),
+the usual sizes and colours of things, and how a `go` is flown. It has no truth, no map and no memory: it reads its own
+past actions in the prompt's history, so equal requests get equal answers. The command decides how it looks for the
+target: by an inscription, by colour, or by its place beside a landmark. It cannot read the names on halls.
 """
 
 import cv2
@@ -14,11 +14,11 @@ from dronecats.pilots.vision import color_target, colors, inscription_target, pl
 from dronecats.pilots.vision.command import read_inscription, read_place_expression, read_referent
 from foundation.errors import UsageError
 
-_WIDTH = 640  # px: the agent sends this, and the thresholds in pixels are for it
+_WIDTH = 640  # px, the width that the agent sends; the thresholds in pixels are for this width
 
 
 def answer(prompt: str, images: list[bytes]) -> str:
-    """Return the next action of every picture's drone. Raises UsageError without a picture, or if one is broken."""
+    """Return the next action of every picture's drone. Raises UsageError without a picture, or for a broken one."""
     if not images:
         raise UsageError("The vision pilot needs a picture.")
     briefing = actions.read_prompt(prompt)

@@ -1,12 +1,12 @@
-"""Finds and reads number plates, and decides for a drone that was sent to a parked vehicle.
+"""Finds and reads number plates, and chooses the actions of a drone that was sent to a parked vehicle.
 
-The drone goes to a vantage point before the vehicle's nearer end, reads the plate, and declares or stays. The picture
-shows how the vehicle stands: as wide as it is long from the side, as wide as it is broad from an end. The side of its
-middle on which a plate shows is the side of the nearer end.
+The drone flies to a vantage point before the vehicle's nearer end, reads the plate, and declares or stays. The
+vehicle's width in the picture gives its heading: the picture shows its length from the side, and its breadth from an
+end. A plate left or right of the vehicle's middle shows on which side the nearer end is.
 
-Two values must be known in the next picture; the `go` holds them. Its point is a little under the horizon if the
-vehicle will be to the right of the way, a little over it if to the left: neither is steep enough to be climbed. Its
-depth is under _READ_DEPTH_M if the plate was the wanted one: on that stride the plate leaves the picture below.
+The next step needs two values, which the `go` encodes. Its point is a little below the horizon if the vehicle will be
+to the right of the path, and a little above if to the left. Both slopes are too small for a climb or descent. Its depth
+is under _READ_DEPTH_M if the wanted plate was read, because the plate leaves the picture during that stride.
 """
 
 import math
@@ -25,29 +25,29 @@ from dronecats.pilots.vision.ocr import ReadText
 from dronecats.pilots.vision.ranging import CAMERA_AHEAD_M
 from foundation.protocol import BRAKE_M, FINISHED, GO, NEAR_M, NEAR_SCALE, STRIDE_MAX_M, STRIDE_MIN_M
 
-HEIGHT_M = 0.16  # of a plate; its digits are 0.10 m high
+HEIGHT_M = 0.16  # height of a plate; its digits are 0.10 m high
 DIGITS = 4
 _LEVELS = range(110, 250, 14)  # thresholds of lightness: a pale plate against paint, lamps and shade
-_DULL = 34.0  # distance from grey in Lab: a plate is white, an indicator is not
-_SHAPE = (0.7, 4.6)  # width over height: from a very flat angle to square on
+_DULL = 34.0  # largest distance from grey in Lab: a plate is white, an indicator is not
+_SHAPE = (0.7, 4.6)  # width / height, from a very oblique to a frontal view
 _LEAST_PX = (8, 4)  # least width and height
 _FILLED = 0.5  # least share of pale pixels in its rectangle; the rest is digits
 _READABLE_PX = 9  # least height of a plate to read: its digits are 5.6 px high
 _MOST_READ = 5  # rectangles to read per vehicle
 _SAME_PX = 3  # largest difference between the edges of one rectangle at two thresholds
 VANTAGE_OFF_M = 2.6  # from a vehicle's end: near enough to read, and one stride from the radius of success
-_END_SHARE = 0.12  # of the vehicle's width, off its middle: from this on a plate is at one end
-_LOOK_M = 16.0  # within this, the drone goes to an end; farther away, to the vehicle
+_END_SHARE = 0.12  # of the vehicle's width: a plate this far off the middle is at one end
+_LOOK_M = 16.0  # within this, the drone flies to an end; farther away, to the vehicle
 _ARRIVED_M = 4.5  # from the body to the vehicle's middle, in plan; the verifier's radius is 5 m
-_TOO_FAR_M = 0.15  # beyond _ARRIVED_M: one more stride
+_TOO_FAR_M = 0.15  # distance left to _ARRIVED_M from which the drone flies one more stride
 _READ_M = 2.4  # least distance to an unread plate
-_READ_DEPTH_M = 3.05  # a `go` with less depth means that the plate was read
-_AT_VANTAGE_M = 1.4  # from a vantage point: arrived there
+_READ_DEPTH_M = 3.05  # a `go` with less depth means that the wanted plate was read
+_AT_VANTAGE_M = 1.4  # within this distance of a vantage point, the drone has arrived there
 _FACING_RAD = math.radians(12.0)  # off the axis: within this the drone faces the vehicle
 _WIDEST_RAD = math.radians(40.0)  # off the axis: the widest direction of a stride
-_ROW = 18.0  # 0–1000, over or under the horizon: a slope of 0.05 at most
-_TURN_DEG = 50.0  # of a turn to a lost vehicle
-_BROAD_RAD = math.radians(25.0)  # a vehicle turned less than this shows an end
+_ROW = 18.0  # 0–1000, offset of a point above or below the horizon: a slope of 0.05 at most
+_TURN_DEG = 50.0  # turn to a lost vehicle
+_BROAD_RAD = math.radians(25.0)  # with a heading less than this, a vehicle shows an end
 _UNREAD_M = 1.9  # shortest stride to an unread plate: its depth stays over _READ_DEPTH_M
 
 
@@ -55,7 +55,7 @@ _UNREAD_M = 1.9  # shortest stride to an unread plate: its depth stays over _REA
 class Plate:
     """A pale rectangle that may be a plate."""
 
-    left: int  # px, as right, top and bottom
+    left: int  # px, like top, right and bottom
     top: int
     right: int
     bottom: int
@@ -63,19 +63,19 @@ class Plate:
 
     @property
     def middle(self) -> float:
-        """px, its column."""
+        """The column (px) of its middle."""
         return 0.5 * (self.left + self.right)
 
     @property
     def text(self) -> str:
-        """Its capitals and digits."""
+        """The letters, in capitals, and digits of its reading."""
         return plain_text(self.reading.text) if self.reading else ""
 
 
 def find(picture: Picture, box: tuple[int, int, int, int], height_px: float) -> Plate | None:
-    """Return the best readable plate of the vehicle in `box` (left, top, right, bottom, px).
+    """Return the best plate of the vehicle in `box` (left, top, right, bottom, px), or None.
 
-    height_px: the height of a plate at the vehicle's distance.
+    An unreadable plate counts only if it is the only candidate. height_px: height of a plate at the vehicle's distance.
     """
     candidates = _pale_rectangles(picture, box, height_px)[:_MOST_READ]
     best: Plate | None = None
@@ -94,7 +94,7 @@ def _rank(plate: Plate) -> tuple[bool, float]:
 def _pale_rectangles(
     picture: Picture, box: tuple[int, int, int, int], height_px: float
 ) -> list[tuple[int, int, int, int]]:
-    """Return the rectangles that may be a plate, by the difference of their height from height_px."""
+    """Return the rectangles that may be a plate, sorted by the difference of their height from height_px."""
     height, width = picture.shape[:2]
     left, right = max(0, box[0] - 4), min(width, box[2] + 4)
     top, bottom = max(0, box[1] + (box[3] - box[1]) // 4), min(height, box[3] + max(4, (box[3] - box[1]) // 8))
@@ -148,7 +148,7 @@ def vantage_point(middle: GroundPoint, heading: float, nearer_end: int, size: Si
     """
     reach = 0.5 * size.length_m + VANTAGE_OFF_M
     bearing = middle.bearing_rad
-    # across the line of sight to the end's side, and back along it
+    # the direction to the end: across the line of sight, and along it towards the camera
     across, back = nearer_end * math.sin(heading), -math.cos(heading)
     right = across * math.cos(bearing) + back * math.sin(bearing)
     ahead = -across * math.sin(bearing) + back * math.cos(bearing)
@@ -193,7 +193,7 @@ def decide_unseen(past: tuple[PastAction, ...]) -> str:
 
 
 def was_plate_read(past: tuple[PastAction, ...]) -> bool:
-    """Return whether the last stride went to a plate that was read."""
+    """Return whether the last stride went to the wanted plate, which was read before it."""
     return bool(past) and past[-1].kind == GO and past[-1].depth_m < _READ_DEPTH_M
 
 
@@ -202,7 +202,7 @@ def _is_wanted(plate: Plate | None, wanted: Inscription) -> bool | None:
 
 
 def _declare_again(vehicle: Candidate, past: tuple[PastAction, ...]) -> str:
-    """Declare twice, then twice from one stride nearer, since the distance may be wrong, and then no more."""
+    """Declare twice, then twice more from one stride nearer, since the distance may be wrong, then think."""
     declared = [action.kind == FINISHED for action in past]
     if not (len(declared) >= 2 and declared[-2]):
         return actions.finished()
@@ -212,7 +212,7 @@ def _declare_again(vehicle: Candidate, past: tuple[PastAction, ...]) -> str:
 
 
 def _arrive(plate: Plate, size: Size, focal: float) -> str:
-    """Fly up to the wanted plate and declare before it."""
+    """Return a stride towards the wanted plate, or a declaration before it."""
     depth = focal * HEIGHT_M / (plate.bottom - plate.top)
     travel = depth + CAMERA_AHEAD_M + 0.5 * size.length_m - _ARRIVED_M
     if travel <= _TOO_FAR_M:
@@ -226,7 +226,7 @@ def _arrive(plate: Plate, size: Size, focal: float) -> str:
 def _approach_end(
     vehicle: Candidate, plate: Plate | None, past: tuple[PastAction, ...], size: Size, focal: float
 ) -> str:
-    """Go to the vantage point of the nearer end, or to the plate itself if it is near the middle."""
+    """Return the action that leads to the vantage point of the nearer end, or to a plate near the vehicle's middle."""
     heading = heading_rad(vehicle.right - vehicle.left, vehicle.spot.ahead_m, size, focal)
     end = plate_side(plate.middle, vehicle.left, vehicle.right) if plate is not None else 0
     if plate is not None and (end == 0 or heading < _BROAD_RAD):
@@ -234,7 +234,7 @@ def _approach_end(
         travel = focal * HEIGHT_M / (plate.bottom - plate.top) - _READ_M
         if travel > 0.4:
             return _stride_to(bearing, min(max(travel, _UNREAD_M), STRIDE_MAX_M), vehicle.spot.distance_m, 0)
-    if end == 0:  # from the side: the end chosen before, or the one farther ahead
+    if end == 0:  # seen from the side: the end chosen before, else the one nearer to the optical axis
         end = _chosen_end(past) or (-1 if vehicle.spot.bearing_rad > 0.0 else 1)
     vantage = vantage_point(vehicle.spot, heading, end, size)
     if vantage.distance_m <= _AT_VANTAGE_M or vantage.ahead_m <= 0.3:
@@ -249,12 +249,12 @@ def _approach_end(
 
 
 def _go_round(vehicle: Candidate, end: int) -> str:
-    """Go on round a vehicle without a readable plate on this side."""
+    """Return a stride round a vehicle that has no readable plate on this side."""
     return _stride_to(_clip_bearing(vehicle.spot.bearing_rad + end * _WIDEST_RAD), STRIDE_MAX_M, NEAR_M, -end)
 
 
 def _chosen_end(past: tuple[PastAction, ...]) -> int:
-    """Return the end of the last strides: with the vehicle to their right it is the left end."""
+    """Return the end (-1 left, 1 right, 0 unknown) of the last strides. The left end has the vehicle to its right."""
     for action in reversed(past):
         if action.kind == GO and abs(action.y_px - LEVEL_PX) > 4.0:
             return -1 if action.y_px > LEVEL_PX else 1

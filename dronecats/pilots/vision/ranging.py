@@ -1,8 +1,8 @@
 """Estimates the distance of a thing of known size from its rectangle in the picture.
 
-Each distance, heading and camera height predicts a rectangle. The estimate is the mean over all of them, weighted by
-how well they predict the detected one. Predictions are cut off at the picture's edge too, so a near thing is not
-taken for a small one.
+Each combination of distance, heading and camera height predicts a rectangle. The estimate is the mean over all
+combinations, weighted by the fit of the predicted to the detected rectangle. Predictions are also cut off at the
+picture's edge, so a near thing that is cut off does not seem small.
 """
 
 import math
@@ -110,7 +110,7 @@ def _mismatch(length: float, predicted: NDArray[np.float64]) -> NDArray[np.float
 def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return points on the outside of the painted body: metres forward, right and above the ground, (P,) each.
 
-    They come from outlines.npz if that has the kind, otherwise from the usual size.
+    They come from outlines.npz if it has the kind, otherwise from the usual size.
     """
     if size.outline:
         with np.load(Path(__file__).with_name("outlines.npz")) as arrays:

@@ -1,8 +1,8 @@
-"""Searches for a target that is not in the picture, and leaves a wrong one.
+"""Searches for a target that is not in the picture, and turns away from a wrong target.
 
-A search is a full circle, a walk to where the view is open, and another circle. A declaration that did not end the
-flight was wrong. The drone declares at one thing up to three times, each time from nearer. Then it turns away by
-LEAVE_TURN_DEG and ignores that thing. The history in the prompt, five actions long, shows the state of the search.
+A search is a full circle of turns, strides in the direction with the most open view, and another circle. A declaration
+that did not end the flight was wrong. The drone declares at one thing up to three times, each time from nearer. Then it
+turns away by LEAVE_TURN_DEG and ignores that thing. The prompt's history of five actions gives the state of the search.
 """
 
 import math
@@ -17,10 +17,10 @@ from dronecats.pilots.vision.color_detector import Detection
 from foundation.protocol import FINISHED, GO, ROTATE
 
 SWEEP_DEG = 60.0  # five turns and the first view are the full circle
-_SECOND_SWEEP_DEG = 45.0  # a turn of this size: the circle is closed, and the drone looks for a way out
+_SECOND_SWEEP_DEG = 45.0  # turn after a closed circle, to look for an open direction
 WANDER_M = 20.0  # a `go` of this depth is a stride to a new vantage point; see avoid_wander_depth
 _WANDERS = 3  # strides to a new vantage point, each up to 3 m
-_OPEN = 0.62  # share of sky above the horizon from which a direction is open
+_OPEN = 0.62  # least share of sky above the horizon in an open direction
 LEAVE_TURN_DEG = 88.0  # turn away from a wrong target, which is then outside the picture or at its edge
 CLEARANCE_M = 0.9  # m, kept between the drone and the nearest end of the thing
 CLOSER_STRIDE_M = 2.4  # m, longest stride after a wrong declaration, since a target may move away at 0.3 m/s
@@ -29,7 +29,7 @@ _REJECTED_WITHIN_M = 10.0  # m; after the turn, a thing farther away than this i
 
 
 def next_action(picture: colors.Picture, past: tuple[PastAction, ...]) -> str:
-    """Turn until the circle is closed, then walk to where the view is open, then turn again."""
+    """Return the next search action: turns until the circle is closed, strides in an open direction, then new turns."""
     turns = count_trailing(past, ROTATE)
     if turns:
         side = math.copysign(1.0, past[-1].angle_deg)
@@ -45,7 +45,7 @@ def next_action(picture: colors.Picture, past: tuple[PastAction, ...]) -> str:
         u, openness = open_direction(picture)
         if openness >= 0.5 * _OPEN:
             return actions.go(u, 500.0, WANDER_M)
-    if wander_strides == 0 and past and past[-1].kind == GO:  # the target was just in the picture: turn to its side
+    if wander_strides == 0 and past and past[-1].kind == GO:  # the target was in the last picture: turn to its side
         return actions.rotate(math.copysign(SWEEP_DEG, past[-1].x_px - 640.0))
     return actions.rotate(SWEEP_DEG)
 
@@ -114,9 +114,9 @@ def has_turned_away(past: tuple[PastAction, ...]) -> bool:
 
 
 def is_rejected(detection: Detection, past: tuple[PastAction, ...]) -> bool:
-    """Return whether a detection just after a turn away is the wrong target.
+    """Return whether a detection right after a turn away is the wrong target.
 
-    It is if it is near and touches the edge of the picture on the side from which the drone has turned.
+    A near detection is the wrong target if it touches the edge of the picture on the side that the drone turned from.
     """
     if not has_turned_away(past) or detection.range.distance_m > _REJECTED_WITHIN_M:
         return False
@@ -124,6 +124,6 @@ def is_rejected(detection: Detection, past: tuple[PastAction, ...]) -> bool:
 
 
 def stride_away(picture: colors.Picture) -> str:
-    """Return a stride to where the view is most open."""
+    """Return a stride in the direction with the most open view."""
     u, _ = open_direction(picture)
     return actions.go(u, 500.0, WANDER_M)

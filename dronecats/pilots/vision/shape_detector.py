@@ -1,9 +1,9 @@
-"""Finds things of the catalogue by their shapes: a list of kinds with their places on the ground.
+"""Finds things of the kinds in KINDS by their shapes, and their places on the ground.
 
-A level camera at a known height sees the foot of a thing at a known distance in one row, and its size in one scale.
-So the picture is scaled once per distance: a metre at that distance always has the same length. Windows of a fixed
-size in metres stand on the ground, and a small network classifies each. The camera's height is unknown, so four are
-tried. `python -m dronecats.pilots.fitting shapes` fits the network (`shape_network.npz`).
+For a level camera, its height and a thing's distance give the row of the thing's foot, and the distance gives its
+scale. The picture is therefore scaled once per distance, so that a metre at that distance has a fixed length. A small
+network classifies windows on the ground that have a fixed size in metres. The camera's height is unknown, so four
+heights are tried. `python -m dronecats.pilots.fitting shapes` fits the network (`shape_network.npz`).
 """
 
 import math
@@ -30,16 +30,16 @@ CELL_M = 0.25
 WINDOW = (15, 14)  # cells, high and wide
 BELOW = 1  # cells of the window under the foot
 DEPTHS_M = tuple(round(float(d), 3) for d in np.geomspace(3.2, 46.0, 22))
-HEIGHTS_M = (1.25, 1.5, 1.75, 2.0)  # of the camera over the foot: one cell apart
+HEIGHTS_M = (1.25, 1.5, 1.75, 2.0)  # of the camera above the foot, in steps of one cell
 CHANNELS = 8  # CIE Luv, the gradient's magnitude, and its magnitude in four directions
 
-_ABOVE, _UNDER = 9, 9  # cells over and under the horizon that windows reach
-_FAR_M = 9.0  # from this distance on every second column has a window
+_ABOVE, _UNDER = 9, 9  # cells of a strip above and below the horizon
+_FAR_M = 9.0  # from this distance on, only every second column has a window
 _PER_CELL = 2  # px of the scaled picture
 _GRADIENT = 4.0  # factor that brings gradients to the magnitude of colours
 
-LEAST_ODDS = -1.3  # log odds from which a window holds a thing
-_APART_LOG = 0.40  # log of the ratio of two distances: from this on two detections in one direction are two things
+LEAST_ODDS = -1.3  # least log odds of a detection
+_APART_LOG = 0.40  # largest log of the ratio of two distances at which two detections in one direction are one thing
 _SAME_RAD = 0.02  # detections of one kind this near in direction are one thing
 _HALF_WIDTH_M = {
     "fountain": 2.2,
@@ -57,7 +57,7 @@ _LEVEL_TOLERANCE_M = 0.3  # a thing's foot may be this far off the common ground
 
 @dataclass(frozen=True, slots=True)
 class ShapeNetwork:
-    """One hidden layer of rectifiers, and a probability for each of KINDS."""
+    """A network with one hidden layer of rectified linear units. Outputs: a probability for each of KINDS."""
 
     hidden: Floats  # (rows · columns · CHANNELS, H)
     hidden_bias: Floats  # (H,)
@@ -80,19 +80,19 @@ def load_network(file: Path) -> ShapeNetwork:
 
 @lru_cache(maxsize=1)
 def shipped_network() -> ShapeNetwork:
-    """Return the fitted network that ships."""
+    """Return the network that ships with the package."""
     return load_network(Path(__file__).with_name("shape_network.npz"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Strip:
-    """A picture at the scale of one distance, in cells of CELL_M; the horizon is under row _ABOVE."""
+    """A picture at the scale of one distance, in cells of CELL_M. The first _ABOVE rows are above the horizon."""
 
     depth_m: float
     cells: Floats  # (_ABOVE + _UNDER, columns, CHANNELS)
 
     def windows(self, height: int) -> Floats:
-        """Return the windows (N, rows · columns · CHANNELS) on the ground for the height with this index."""
+        """Return the windows (N, rows · columns · CHANNELS) on the ground for the camera height HEIGHTS_M[height]."""
         foot = _ABOVE + round(HEIGHTS_M[height] / CELL_M)
         part = self.cells[foot + BELOW - WINDOW[0] : foot + BELOW]
         padded = np.pad(part, ((0, 0), (WINDOW[1] // 2, WINDOW[1] // 2), (0, 0)), mode="edge")
@@ -149,7 +149,7 @@ def _strip(luv: Floats, depth_m: float) -> Strip:
 
 @dataclass(frozen=True, slots=True)
 class PlacedThing:
-    """A detected thing and its place, from the camera."""
+    """A detected thing and its place relative to the camera."""
 
     kind: str  # of KINDS
     depth_m: float  # along the optical axis, to its middle
@@ -159,7 +159,7 @@ class PlacedThing:
 
     @property
     def distance_m(self) -> float:
-        """m, in plan, from the camera."""
+        """The horizontal distance (m) from the camera."""
         return math.hypot(self.depth_m, self.right_m)
 
 
@@ -186,7 +186,7 @@ def find(picture: Picture, kinds: Iterable[str], network: ShapeNetwork) -> list[
 
 
 def _merge(group: list[PlacedThing]) -> PlacedThing:
-    """Return one thing for all detections of it; the first has the highest odds."""
+    """Return one thing for all detections of it. The first detection has the highest odds."""
     first = group[0]
     weight = [math.exp(detection.odds - first.odds) for detection in group]
     total = sum(weight)
@@ -197,7 +197,7 @@ def _merge(group: list[PlacedThing]) -> PlacedThing:
 
 
 def _window_peaks(picture: Picture, kinds: tuple[str, ...], network: ShapeNetwork) -> list[PlacedThing]:
-    """Return the things of windows with higher odds than their neighbours."""
+    """Return the detections of the windows that have higher odds than the windows beside them."""
     peaks: list[PlacedThing] = []
     indices = [(kind, KINDS.index(kind)) for kind in kinds]
     for strip in strips(picture):
@@ -214,7 +214,7 @@ def _window_peaks(picture: Picture, kinds: tuple[str, ...], network: ShapeNetwor
 
 
 def _ground_below_m(peaks: list[PlacedThing]) -> float:
-    """Return the ground's distance (m) below the camera, with the most evidence."""
+    """Return the ground's distance (m) below the camera: the mean of HEIGHTS_M, weighted by the squared evidence."""
     if not peaks:
         return 1.6
     evidence = {h: sum(s.odds - LEAST_ODDS for s in peaks if s.below_m == h) for h in HEIGHTS_M}

@@ -1,8 +1,8 @@
-"""Converts our names, frames and units to those of other formats, in this file only.
+"""Converts the project's names, frames and units to those of the export formats. Only this module does so.
 
-Ours: NED metres in the map's frame; attitudes (w, x, y, z) that rotate FRD into NED; seconds of vehicle time since the
-episode began. Theirs, where they ask for right-handed axes with z up (Foxglove, Rerun, ROS REP 103): ENU metres, bodies
-FLU (forward, left, up), cameras right-down-forward, quaternions in the order x, y, z, w.
+The project uses NED metres in the map's frame; attitudes (w, x, y, z) that rotate FRD into NED; seconds of vehicle time
+since the episode began. Foxglove, Rerun and ROS (REP 103) use right-handed axes with z up: ENU metres, bodies FLU
+(forward, left, up), cameras right-down-forward, quaternions in the order x, y, z, w.
 """
 
 import math
@@ -24,12 +24,12 @@ Array = NDArray[np.float64]
 
 _ENU_OF_NED = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # half a turn about the axis between north and east
 _FRD_OF_FLU = (0.0, 1.0, 0.0, 0.0)  # half a turn about forward
-JUDGE = "judge"  # prefix of data unknown to agent and autopilot: true places, targets, verdicts
+JUDGE = "judge"  # prefix of data that agent and autopilot do not have: true positions, targets, verdicts
 
 
 def optical_in_flu(camera: CameraModel) -> Quat:
-    """Return the rotation, x, y, z, w, of a mounted camera's axes, right-down-forward, into its body's."""
-    half = math.radians(camera.pitch_deg) / 2.0  # up is a negative turn about left
+    """Return the rotation (x, y, z, w) from the camera's axes (right-down-forward) to the axes of its body (FLU)."""
+    half = math.radians(camera.pitch_deg) / 2.0  # pitch up is a negative rotation about the left axis
     w, x, y, z = quat_multiply((math.cos(half), 0.0, -math.sin(half), 0.0), (0.5, -0.5, 0.5, -0.5))
     return (x, y, z, w)
 
@@ -62,10 +62,9 @@ def microseconds(t_s: float) -> int:
 
 
 def lon_lat_alt(origin: Vec3, ned: Vec3) -> Vec3:
-    """Return (longitude °, latitude °, m above mean sea level) of a place, in the order of KML and GeoJSON.
+    """Return (longitude °, latitude °, m above mean sea level) of a position, in the order of KML and GeoJSON.
 
-    `origin` is (latitude °, longitude °, altitude m) of the map's frame, in the datum of GPS, WGS84; about it the
-    projection is PX4's, as it is in everything that is flown.
+    `origin` is the (latitude °, longitude °, altitude m) of the map's frame in WGS84. The projection is PX4's.
     """
     latitude, longitude, altitude = ned_to_geodetic(*origin, *ned)
     return (longitude, latitude, altitude)
@@ -77,13 +76,13 @@ def drone_name(number: int) -> str:
 
 
 def camera_body(drone: DroneTracks) -> str:
-    """Return the body that carries a drone's camera: the estimated one, or without an estimate the true one."""
+    """Return the name of the body with a drone's camera: the estimated body, or the true one without an estimate."""
     name = drone_name(drone.number)
     return name if drone.estimate is not None else f"{JUDGE}/{name}"
 
 
 def reply_text(decision: Decision) -> str:
-    """Return the reply of a decision, or without one its action."""
+    """Return the reply of a decision; without a reply, its action as text."""
     return decision.reply if isinstance(decision.reply, str) else str(decision.action)
 
 
@@ -96,7 +95,7 @@ def read_picture(jpeg: Path) -> NDArray[np.uint8]:
 
 
 def about(flight: RecordedFlight) -> dict[str, str]:
-    """Return pilot, episode and settings in words."""
+    """Return pilot, episode and settings as texts."""
     return {
         "run": flight.run.folder.resolve().name,
         "pilot": flight.run.pilot,
@@ -110,7 +109,7 @@ def about(flight: RecordedFlight) -> dict[str, str]:
 
 
 def judged(flight: RecordedFlight) -> dict[str, str]:
-    """Return the verdict in words, each key under `judge/`."""
+    """Return the verdict as texts. Each key begins with `judge/`."""
     verdict = flight.verdict
     values = {"outcome": verdict.outcome, "success": verdict.success, "ne_m": verdict.ne_m, "error": verdict.error}
     return {f"{JUDGE}/{key}": str(value) for key, value in values.items() if value is not None}

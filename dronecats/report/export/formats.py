@@ -1,7 +1,7 @@
 """Exports runs in other formats: one file per episode, or one set of files for all.
 
-The tables are those of docs/query.md; columns that only the judge knows are named `judge/…`. The module of a format
-imports the packages that it needs.
+docs/query.md describes the tables. Names of columns with data that only the judge has begin with `judge/`. The module
+of a format is imported when the format is used, because it needs its own packages.
 """
 
 import importlib
@@ -35,7 +35,7 @@ OPEN_COSTS = frozenset({"questions", "median_latency_s", "rate_hz_5", "rate_hz_5
 OPEN_STEP = frozenset({"run", "episode", "drone_index", "step", "frame_id", "t_frame_s", "t_decided_s", "action",
                      "point_x", "point_y", "depth_m", "angle_deg", "reply", "error", "mended", "latency_s", "tokens_in",
                      "tokens_out", "thinking", "rate_hz", "finish", "rescaled", "wide_rotation"})  # fmt: skip
-# table → columns that the pilot could know; all others of these tables are the judge's
+# table → columns with data that the pilot may have; the other columns are the judge's
 OPEN: Mapping[str, frozenset[str]] = {
     "runs": frozenset(column.name for column in TABLES["runs"].columns),
     "episodes": OPEN_EPISODE | OPEN_COSTS | {"wide_rotations"},
@@ -51,12 +51,12 @@ Writer = Callable[[RecordedFlight, Path], int]  # writes one flight; returns the
 class Exported:
     """The files of an export, and the episodes that are not in them."""
 
-    files: dict[Path, int] = field(default_factory=dict)  # file or folder → messages, places, rows or frames in it
-    left_out: list[str] = field(default_factory=list)  # a sentence for each episode that is in none
+    files: dict[Path, int] = field(default_factory=dict)  # file or folder → number of messages, places, rows or frames
+    left_out: list[str] = field(default_factory=list)  # a sentence for each omitted episode
 
 
 def export(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool = False) -> Exported:
-    """Write runs in a format into a folder. Raises UsageError, if possible before anything is written."""
+    """Write runs in a format into a folder. Raises UsageError, before anything is written if possible."""
     if out.exists() and not out.is_dir():
         raise UsageError(f"--out {out} is a file. Name a folder")
     try:
@@ -118,26 +118,26 @@ def column_name(table: str, column: str) -> str:
 
 
 def _named(runs: Sequence[RecordedRun]) -> Iterator[tuple[Path, str]]:
-    """Yield (episode folder, its name); of several runs the name begins with the run's."""
+    """Yield (episode folder, its name in the export). With several runs, the name begins with that of the run."""
     for run, name in zip(runs, tabulation.names(runs), strict=True):
         for folder in run.episodes:
             yield folder, f"{name}/{folder.resolve().name}" if len(runs) > 1 else folder.resolve().name
 
 
 def finished_flight(folder: Path) -> RecordedFlight:
-    """Return the flight of an episode folder. Raises UsageError when it is damaged or has no end."""
+    """Return the flight of an episode folder. Raises UsageError when it is damaged, or has no beginning or no end."""
     flight = RecordedFlight.read(folder)
     logs = flight.logs
     if logs.begin is None or logs.end is None:
         missing = "has no beginning" if logs.begin is None else "has no end"
         raise UsageError(f"{folder} is unfinished: its {layout.TRUTH} {missing}")
     assert flight.frames is not None
-    assert flight.drone_tracks  # read here, so that damage is found before anything is written
+    assert flight.drone_tracks  # both are read here, so that damage raises before anything is written
     return flight
 
 
 def _flight(folder: Path, done: Exported) -> RecordedFlight | None:
-    """Return a flight; None where it is left out, with a sentence in `done`."""
+    """Return a flight. If it cannot be exported, add a sentence to `done` and return None."""
     try:
         return finished_flight(folder)
     except UsageError as error:

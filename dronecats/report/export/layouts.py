@@ -1,8 +1,9 @@
-"""Writes layouts for the files of `mcap` and `ulog`: for Foxglove (Layouts → Import from file) and for PlotJuggler.
+"""Writes viewer layouts: for Foxglove (`mcap`; Layouts → Import from file) and for PlotJuggler (`ulog`).
 
-`plotjuggler --datafile FILE.ulg --layout FILE.xml`. PlotJuggler (`DataLoadULog/ulog_parser.cpp`, 3.17) names a curve
-topic/field, an array's element field.00, and the topics of several drones topic.00, topic.01, …: so a fleet needs a
-layout of its own. It warns of curves that are not in a file, so a layout has only those of every complete flight.
+Usage: `plotjuggler --datafile FILE.ulg --layout FILE.xml`. PlotJuggler (`DataLoadULog/ulog_parser.cpp`, 3.17) names a
+curve topic/field, an array element field.00, and the topics of several drones topic.00, topic.01, …. So a fleet needs
+its own layout. PlotJuggler warns about curves that are not in a file, so a layout has only the curves of every complete
+flight.
 """
 
 import json
@@ -16,13 +17,13 @@ from dronecats.report.export.conventions import JUDGE, drone_name
 
 FOXGLOVE, ALONE, FLEET = "foxglove-layout.json", "plotjuggler-layout.xml", "plotjuggler-layout-fleet.xml"
 FILES: Mapping[str, tuple[str, ...]] = {"mcap": (FOXGLOVE,), "ulog": (ALONE, FLEET)}  # format → its layouts
-COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")  # of drones, PlotJuggler's first
-TRUTH_COLOUR = "#9467bd"  # of a single drone; a fleet's truth has the drones' colours
+COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")  # of the drones: PlotJuggler's first colours
+TRUTH_COLOUR = "#9467bd"  # of the truth of a single drone; a fleet's truth has the drones' colours
 ESTIMATED, TRUE = "vehicle_local_position", "vehicle_local_position_groundtruth"
 
 
 def wanted(kind: str, drones: set[int]) -> dict[str, int]:
-    """Return the layout files for flights of these numbers of drones, each with its number of drones."""
+    """Return the layout files for flights with these numbers of drones: file name → number of drones."""
     if kind == "mcap":
         return {FOXGLOVE: max(drones)}
     fleets = drones - {1}
@@ -30,7 +31,7 @@ def wanted(kind: str, drones: set[int]) -> dict[str, int]:
 
 
 def write(path: Path, drones: int) -> int:
-    """Write the layout with this file name for a number of drones; return the number of its panels or plots."""
+    """Write the layout that `path.name` selects, for a number of drones; return its number of panels or plots."""
     if path.name == FOXGLOVE:
         panels = foxglove_layout(drones)
         path.write_text(json.dumps(panels, indent=2) + "\n", encoding="utf-8")
@@ -42,7 +43,7 @@ def write(path: Path, drones: int) -> int:
 
 
 def foxglove_layout(drones: int) -> dict[str, Any]:
-    """Return the layout: scene, picture of each drone, map, heights and log; the judge's topics are hidden at first."""
+    """Return Foxglove's layout: scene, pictures, map, heights and log. The judge's topics are initially hidden."""
     names = [drone_name(number) for number in range(max(1, drones))]
     images = {f"Image!{name}": _image(name) for name in names}
     panels = {
@@ -108,7 +109,7 @@ def _image(name: str) -> dict[str, Any]:
 
 
 def _stacked(panels: list[str]) -> Any:
-    """Return panels one above the other, of the same height."""
+    """Return panels of equal height, one above the other."""
     if len(panels) == 1:
         return panels[0]
     rest = _stacked(panels[1:])
@@ -117,10 +118,10 @@ def _stacked(panels: list[str]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class DrawnCurve:
-    """A curve: a field against time, or against another field."""
+    """A curve: a field over time, or over another field."""
 
     colour: str
-    y: str  # PlotJuggler's name of it
+    y: str  # PlotJuggler's name of the field
     x: str | None = None  # None: time
 
 
@@ -134,7 +135,7 @@ class PlotPane:
 
 
 def plotjuggler_layout(drones: int) -> Xml.Element:
-    """Return the layout: a tab each of path, place, speed and decisions; the judge's tabs come last."""
+    """Return PlotJuggler's layout: a tab each for path, place, speed and decisions, then the judge's tabs."""
     root = Xml.Element("root")
     window = Xml.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     for name, plots in _tabs(drones):
@@ -170,7 +171,7 @@ def _tabs(drones: int) -> Iterator[tuple[str, list[PlotPane]]]:
 
 
 def _tab(window: Xml.Element, name: str, plots: Sequence[PlotPane]) -> None:
-    """Add a tab with its plots one below the other, of the same height."""
+    """Add a tab with plots of equal height, one below the other."""
     container = Xml.SubElement(Xml.SubElement(window, "Tab", tab_name=name, containers="1"), "Container")
     sizes = ";".join([f"{1 / len(plots):.4f}"] * len(plots))
     splitter = Xml.SubElement(container, "DockSplitter", orientation="-", count=str(len(plots)), sizes=sizes)

@@ -1,11 +1,11 @@
 """Writes many flights as one LeRobot dataset, version 3.0 of its layout. Needs the extra `lerobot`.
 
-A frame is a decision with its picture: `timestamp` counts decisions (1 per second), because LeRobot requires frames of
-a constant rate; `time.frame_s` is the time of the picture. An episode is one drone's part of a flight.
-`observation.state` is its autopilot's estimate; only `judge.success` is the judge's. The four-action form keeps the
-units of the log. The body velocity is the action as the paper's controller (`dronecats/agent/controller.py`) flies it,
-as one constant velocity along the axes of the heading at the picture, and one constant yaw rate, that end after the
-same time at the same place and heading.
+A frame is a decision with its picture. `timestamp` counts decisions, 1 per second, because LeRobot requires a constant
+frame rate. `time.frame_s` is the time of the picture. An episode is one drone's part of a flight. `observation.state`
+is the autopilot's estimate; only `judge.success` comes from the judge. `action` has the units of the log.
+`action.body_velocity` replaces the motion of the paper's controller (`dronecats/agent/controller.py`) by one constant
+velocity, in axes along the heading at the picture, and one constant yaw rate. Both motions take the same time and end
+at the same position and heading.
 """
 
 import json
@@ -35,9 +35,9 @@ from foundation.setpoints import Turn, Velocity
 STATE = ("north_m", "east_m", "down_m", "forward_m_s", "right_m_s", "down_m_s", "roll_rad", "pitch_rad", "yaw_rad")
 ACTION = ("go", "rotate", "think", "finished", "point_x", "point_y", "depth_m", "angle_deg")
 BODY_VELOCITY = ("forward_m_s", "right_m_s", "down_m_s", "yaw_rate_rad_s", "duration_s")
-EVERY_PX = 4  # stride of the rows and columns whose pixels are counted
+EVERY_PX = 4  # px, stride in rows and columns of the pixels in the statistics
 FPS = 1
-FILE_BYTES = 100_000_000  # of a data file, after which another is begun
+FILE_BYTES = 100_000_000  # of images in a data file; then the next file begins
 IMAGE = "observation.images.front"
 DATA, EPISODES = "data/chunk-000/file-{:03d}.parquet", "meta/episodes/chunk-000/file-000.parquet"
 VECTORS = {"observation.state": STATE, "action": ACTION, "action.body_velocity": BODY_VELOCITY}
@@ -52,8 +52,8 @@ Vector = NDArray[np.float32]
 def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_out: list[str]) -> int:
     """Write a dataset, completely or not at all; return the number of its frames.
 
-    A sentence for each unsuitable flight is added to `left_out`. Raises UsageError when `out` holds something else, or
-    when no flight is left.
+    A sentence about each unsuitable flight is added to `left_out`. Raises UsageError when `out` is not empty, unless
+    `overwrite` replaces a dataset in it, and when no flight is suitable.
     """
     there = out.exists() and any(out.iterdir())
     if there and not overwrite:
@@ -83,7 +83,7 @@ def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_ou
 
 
 def _unfit(flight: RecordedFlight, dataset: "_Dataset") -> str | None:
-    """Return a sentence why a flight is unsuitable for a dataset; None: it is suitable."""
+    """Return why a flight is unsuitable for the dataset, as a sentence; None: it is suitable."""
     folder = flight.folder
     if not flight.frames:
         return f"{folder} has no pictures"
@@ -104,7 +104,7 @@ def _steps(flight: RecordedFlight, drone: DroneTracks) -> list[Any]:
 
 
 class _Dataset:
-    """A dataset that grows by one episode at a time."""
+    """A dataset to which episodes are added one at a time."""
 
     def __init__(self, folder: Path) -> None:
         self.frames = 0
@@ -156,7 +156,7 @@ class _Dataset:
         self.frames += count
 
     def _write(self, columns: dict[str, Any], jpegs: list[bytes]) -> None:
-        """Write the rows of an episode into the data file, or a new one where that is full."""
+        """Write the rows of an episode into the data file, or into a new file if it is full."""
         size = sum(map(len, jpegs))
         if self._writer is not None and self._bytes + size > FILE_BYTES:
             self.close()
@@ -222,7 +222,7 @@ def _schema() -> pa.Schema:
 
 
 def _task_table(tasks: dict[str, int]) -> pa.Table:
-    """Return the tasks as pandas stores a frame with this index; LeRobot looks them up there."""
+    """Return the tasks as pandas stores a data frame with the tasks as index. LeRobot looks tasks up in the index."""
     index = "__index_level_0__"
     pandas_metadata = {
         "index_columns": [index],
@@ -241,7 +241,7 @@ def _task_table(tasks: dict[str, int]) -> pa.Table:
 
 
 def state(track: FlightTrack, t_s: float, first_s: float) -> Vector:
-    """Return an autopilot's estimate at a time (9,): place since `first_s`, velocity along its heading, attitude."""
+    """Return the estimate at a time as STATE (9,): displacement since `first_s`, velocity in heading axes, attitude."""
     now, first = track.newest(t_s), track.newest(first_s)
     w, x, y, z = (float(value) for value in track.attitude[now])
     roll, pitch, yaw = quat_to_euler((w, x, y, z))
@@ -252,7 +252,7 @@ def state(track: FlightTrack, t_s: float, first_s: float) -> Vector:
 
 
 def four_action(decision: Decision) -> Vector:
-    """Return a decision as (8,): 1 for its action, if any, of the four, and the action's numbers or 0."""
+    """Return a decision as ACTION (8,): one-hot kind of action (all 0 without an action), then its numbers or 0."""
     vector = np.zeros(len(ACTION), np.float32)
     match action_of(decision):
         case Go(x, y, depth_m):
@@ -286,7 +286,7 @@ def body_velocity(decision: Decision, camera: CameraModel) -> Vector:
 
 @dataclass(frozen=True, slots=True)
 class Moments:
-    """The statistics of one feature, an entry per number of it; of pictures (3, 1, 1), per colour, on 0 … 1."""
+    """The statistics of one feature, per component; of pictures (3, 1, 1), per colour channel, 0 … 1."""
 
     least: NDArray[np.float64]
     greatest: NDArray[np.float64]
@@ -295,7 +295,7 @@ class Moments:
     count: int  # frames
 
     def as_lists(self) -> dict[str, Any]:
-        """Return the statistics by LeRobot's names."""
+        """Return the statistics under LeRobot's names."""
         values = {"min": self.least, "max": self.greatest, "mean": self.mean, "std": self.std}
         return {**{name: value.tolist() for name, value in values.items()}, "count": [self.count]}
 
@@ -307,7 +307,7 @@ def moments(values: NDArray[Any]) -> Moments:
 
 
 def image_moments(pictures: Sequence[NDArray[np.uint8]]) -> Moments:
-    """Return the statistics of pictures (h, w, 3), from a part of their pixels."""
+    """Return the statistics of pictures (h, w, 3), from a grid of their pixels with the stride EVERY_PX."""
     pixels = np.concatenate([picture[::EVERY_PX, ::EVERY_PX].reshape(-1, 3) for picture in pictures]) / 255.0
     least, greatest, mean, std = (
         moment.reshape(3, 1, 1) for moment in (pixels.min(0), pixels.max(0), pixels.mean(0), pixels.std(0))
@@ -316,7 +316,7 @@ def image_moments(pictures: Sequence[NDArray[np.uint8]]) -> Moments:
 
 
 def merged(episodes: Sequence[Moments]) -> Moments:
-    """Return the statistics of several episodes together."""
+    """Return the pooled statistics of several episodes."""
     weights = np.array([episode.count for episode in episodes], np.float64) / sum(episode.count for episode in episodes)
     shape = (-1,) + (1,) * episodes[0].mean.ndim
     means, variances = np.array([p.mean for p in episodes]), np.array([p.std**2 for p in episodes])

@@ -1,8 +1,8 @@
 """Writes the paths and points of one flight as KML 2.2 (OGC 07-147r2) and as GeoJSON (RFC 7946), both in WGS84.
 
-Altitudes are m above mean sea level (`absolute`). Times: `gx:Track` requires a calendar, which the episode's clock
-lacks, so that an episode begins at 1970-01-01T00:00:00Z. In GeoJSON a line's times are in its property `t_s`, one per
-position, in s since the episode began.
+Altitudes are m above mean sea level (`absolute`). `gx:Track` requires dates, which the logs do not have, so in KML an
+episode begins at 1970-01-01T00:00:00Z. In GeoJSON the property `t_s` of a line has the time of each position, in s
+since the episode began.
 """
 
 import json
@@ -19,17 +19,17 @@ from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
-SPACING_S = 0.2  # s between two points of a path: the period of an autopilot's telemetry
+SPACING_S = 0.2  # s between two points of a path, at least; the period of the autopilot's telemetry
 KML, GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
-COLORS = {True: "ff2b9fff", False: "ffd08a3c"}  # aabbggrr, by whether it is the judge's
+COLORS = {True: "ff2b9fff", False: "ffd08a3c"}  # aabbggrr, by whether the data is the judge's
 
 
 @dataclass(frozen=True, slots=True)
 class MapPath:
-    """The path of something over time."""
+    """The path of a drone or a target over time."""
 
     name: str  # such as `drone_0`, or `judge/drone_0`
-    judges: bool  # whether only the judge knew it
+    judges: bool  # whether only the judge has this data
     t_s: tuple[float, ...]  # s since the episode began
     places: tuple[Vec3, ...]  # longitude °, latitude °, altitude m above mean sea level
 
@@ -46,7 +46,7 @@ class MapPoint:
 
 
 def paths(flight: RecordedFlight) -> Iterator[MapPath]:
-    """Yield the drones' own paths and the judge's, and that of a target that moves. Raises UsageError."""
+    """Yield the estimated and true paths of the drones, and the path of a moving target. Raises UsageError."""
     origin = _origin(flight)
     for drone in flight.drone_tracks:
         if drone.estimate is not None:
@@ -58,7 +58,10 @@ def paths(flight: RecordedFlight) -> Iterator[MapPath]:
 
 
 def points(flight: RecordedFlight) -> Iterator[MapPoint]:
-    """Yield the target where it stood at first, each decision at its picture, each declaration. Raises UsageError."""
+    """Yield the target's first position, each decision where its picture was taken, and each declaration.
+
+    Raises UsageError.
+    """
     origin = _origin(flight)
     if flight.target_track is not None:
         place = lon_lat_alt(origin, _at(flight.target_track, 0))
@@ -113,7 +116,7 @@ def _origin(flight: RecordedFlight) -> Vec3:
 
 
 def write_kml(flight: RecordedFlight, path: Path) -> int:
-    """Write a flight; return the number of its places. Raises UsageError where its place on earth is unknown."""
+    """Write a flight as KML; return its number of positions. Raises UsageError if the origin is unknown."""
     ET.register_namespace("", KML)
     ET.register_namespace("gx", GX)
     root = ET.Element(f"{{{KML}}}kml")
@@ -160,7 +163,7 @@ def _add_point(folder: ET.Element, point: MapPoint) -> None:
 
 
 def _placemark(folder: ET.Element, name: str, judges: bool, t_s: float | None = None) -> ET.Element:
-    """Return a new placemark, its elements in the order of the schema."""
+    """Return a new placemark with its elements in the order of the KML schema."""
     placemark = _under(folder, "Placemark")
     _under(placemark, "name", name)
     if t_s is not None:
@@ -180,7 +183,7 @@ def _data(parent: ET.Element, fields: dict[str, str]) -> None:
 
 
 def _numbers(place: tuple[float, float, float]) -> Iterator[str]:
-    """Yield degrees and metres, both to a millimetre."""
+    """Yield longitude and latitude (°) and altitude (m) with a resolution of about a millimetre."""
     yield from (f"{place[0]:.8f}", f"{place[1]:.8f}", f"{place[2]:.3f}")
 
 
@@ -196,13 +199,13 @@ def _under(parent: ET.Element, tag: str, text: str | None = None, **attributes: 
 
 
 def _printable(text: str) -> str:
-    """Return a text without characters that XML forbids."""
+    """Return a text with � in place of characters that XML forbids."""
     return "".join(c if c in "\t\n\r" or (c >= " " and not "\ud800" <= c <= "\udfff" and c < "\ufffe") else "�"
                    for c in text)  # fmt: skip
 
 
 def write_geojson(flight: RecordedFlight, path: Path) -> int:
-    """Write a flight; return the number of its places. Raises UsageError where its place on earth is unknown."""
+    """Write a flight as GeoJSON; return its number of positions. Raises UsageError if the origin is unknown."""
     lines, dots = list(paths(flight)), list(points(flight))
     features = [
         _feature("LineString", [_position(place) for place in line.places] * (2 if len(line.places) == 1 else 1),
@@ -223,5 +226,5 @@ def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[st
 
 
 def _position(place: Vec3) -> list[float]:
-    """Return a place with degrees and metres to a millimetre."""
+    """Return longitude and latitude (°) and altitude (m), rounded to about a millimetre."""
     return [round(place[0], 8), round(place[1], 8), round(place[2], 3)]

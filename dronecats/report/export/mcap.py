@@ -1,7 +1,8 @@
 """Writes one flight as MCAP with Foxglove's own schemas. Needs the extra `export`.
 
-Times are ns since the episode began, so that it begins at 1970. The frame `map` is ENU; `drone_0` is the body (FLU) as
-its autopilot estimated it, `judge/drone_0` the true one, `drone_0/camera` the camera (right-down-forward).
+Times are ns since the episode began, so viewers show an episode that begins in 1970. The frame `map` is ENU. `drone_0`
+is the body (FLU) at its estimated pose, `judge/drone_0` the body at its true pose, and `drone_0/camera` the camera
+(right-down-forward).
 """
 
 from collections.abc import Iterator, Mapping
@@ -51,7 +52,7 @@ from foundation.frames import Quat
 from foundation.protocol import POINT_SPAN
 from foundation.truth import Origin
 
-MAP = "map"  # the frame that all others are in: ENU, its origin the map's
+MAP = "map"  # the root frame: ENU, with the map's origin
 ESTIMATE_COLOR, JUDGE_COLOR = Color(r=0.24, g=0.54, b=0.82, a=1.0), Color(r=1.0, g=0.62, b=0.17, a=1.0)
 RING_PX = 48.0  # diameter of the ring around a chosen point
 TRAIL_S = 1.0  # s of vehicle time between two updates of a trail
@@ -67,14 +68,14 @@ class TimedMessage(NamedTuple):
 
 
 def write(flight: RecordedFlight, path: Path) -> int:
-    """Write a flight; return the number of messages. Raises UsageError where a picture cannot be read."""
+    """Write a flight; return the number of messages. Raises UsageError when a picture cannot be read."""
     ordered = sorted(messages(flight), key=lambda message: message.t_s)
     with path.open("wb") as file:
         writer = Writer(file)
         for sequence, (t_s, topic, message) in enumerate(ordered):
             time_ns = nanoseconds(t_s)
             writer.write_message(topic, message, log_time=time_ns, publish_time=time_ns, sequence=sequence)
-        writer._writer.add_metadata("dronecats", about(flight))  # the wrapper has no call of its own for it
+        writer._writer.add_metadata("dronecats", about(flight))  # the wrapper has no method for metadata
         writer._writer.add_metadata(f"dronecats/{JUDGE}", judged(flight))
         writer.finish()
     return len(ordered)
@@ -102,7 +103,7 @@ def messages(flight: RecordedFlight) -> Iterator[TimedMessage]:
 
 
 def _track(name: str, track: FlightTrack, origin: Origin | None) -> Iterator[TimedMessage]:
-    """Yield a drone's poses, its places on earth, and its trail; its frame has its name."""
+    """Yield a drone's poses, geodetic positions and trail. `name` is also the name of its frame."""
     judges = name.startswith(JUDGE)
     begin_s = float(track.t_s[0])
     yield _scene(begin_s, _body_arrow(begin_s, name, judges), judges)
@@ -127,13 +128,13 @@ def _track(name: str, track: FlightTrack, origin: Origin | None) -> Iterator[Tim
 
 
 def _trail_stride(track: FlightTrack) -> int:
-    """Return the stride of the samples that a trail is drawn through: ten a second are enough."""
+    """Return the stride of the samples in a trail, for about ten samples per second."""
     seconds = float(track.t_s[-1] - track.t_s[0])
     return max(1, int(len(track) / (10.0 * seconds))) if seconds > 0.0 else 1
 
 
 def _pictures(flight: RecordedFlight, drone: DroneTracks) -> Iterator[TimedMessage]:
-    """Yield a drone's pictures, each with its calibration, and the decision on it at the picture's time."""
+    """Yield a drone's pictures with their calibrations, and each decision at the time of its picture."""
     camera, sizes = f"{drone_name(drone.number)}/camera", {}
     for frame in (frame for frame in flight.frames if frame.drone == drone.number):
         jpeg = frame.jpeg.read_bytes()
@@ -153,7 +154,7 @@ def _pictures(flight: RecordedFlight, drone: DroneTracks) -> Iterator[TimedMessa
 
 
 def _logs(flight: RecordedFlight) -> Iterator[TimedMessage]:
-    """Yield the instruction, every reply, and the judge's lines, as logs."""
+    """Yield the instruction, every reply, and the judge's lines, as log messages."""
 
     def log(t_s: float, topic: str, name: str, text: str, level: Any = Log.INFO) -> TimedMessage:
         return TimedMessage(t_s, topic, Log(timestamp=_stamp(t_s), level=level, name=name, message=text))
@@ -171,7 +172,7 @@ def _logs(flight: RecordedFlight) -> Iterator[TimedMessage]:
 
 
 def _targets(flight: RecordedFlight) -> Iterator[TimedMessage]:
-    """Yield the places of the target, many where it moves, and those where arrival was declared."""
+    """Yield the positions of the target (only the first if it does not move), and those of declarations."""
     track = flight.target_track
     if track is not None:
         for index in range(len(track) if track.moves() else 1):
@@ -204,7 +205,7 @@ def _calibration(t_s: float, camera: str, model: CameraModel, width: int, height
 
 
 def _ring(t_s: float, point_px: tuple[float, float] | None, words: str) -> ImageAnnotations:
-    """Return a ring around the chosen point, if any, and the decision in words."""
+    """Return an annotation: a ring around the chosen point, if any, and the decision as text."""
     note = ImageAnnotations(timestamp=_stamp(t_s))
     text = note.texts.add(timestamp=_stamp(t_s), text=words, font_size=20.0, text_color=ESTIMATE_COLOR)
     text.position.x, text.position.y = 12.0, 28.0
@@ -221,7 +222,7 @@ def _scene(t_s: float, entity: SceneEntity, judges: bool) -> TimedMessage:
 
 
 def _trail_line(t_s: float, name: str, places_ned: Array, judges: bool) -> SceneEntity:
-    """Return a flown path as a line in the map's frame."""
+    """Return a drone's path as a line in the map's frame."""
     line = LinePrimitive(type=LinePrimitive.LINE_STRIP, thickness=2.0, scale_invariant=True, color=_color(judges))
     line.points.extend(Point3(x=x, y=y, z=z) for x, y, z in enu(places_ned))
     line.pose.orientation.w = 1.0
@@ -229,7 +230,7 @@ def _trail_line(t_s: float, name: str, places_ned: Array, judges: bool) -> Scene
 
 
 def _ball(t_s: float, name: str, place_ned: Array, diameter_m: float, metadata: Mapping[str, Any]) -> SceneEntity:
-    """Return a ball of the judge's at a place, with its metadata."""
+    """Return a ball in the judge's colour at a position, with metadata."""
     entity = SceneEntity(timestamp=_stamp(t_s), frame_id=MAP, id=name)
     ball = entity.spheres.add(color=JUDGE_COLOR, size=Vector3(x=diameter_m, y=diameter_m, z=diameter_m))
     ball.pose.CopyFrom(_pose(place_ned, (1.0, 0.0, 0.0, 0.0)))
@@ -238,7 +239,7 @@ def _ball(t_s: float, name: str, place_ned: Array, diameter_m: float, metadata: 
 
 
 def _body_arrow(t_s: float, frame: str, judges: bool) -> SceneEntity:
-    """Return an arrow at a drone's place that points where its nose does."""
+    """Return an arrow at a drone's position that points along its nose."""
     entity = SceneEntity(timestamp=_stamp(t_s), frame_id=frame, id=frame, frame_locked=True)
     arrow = entity.arrows.add(shaft_length=0.5, shaft_diameter=0.12, head_length=0.3, head_diameter=0.3)
     arrow.color.CopyFrom(_color(judges))
@@ -247,7 +248,7 @@ def _body_arrow(t_s: float, frame: str, judges: bool) -> SceneEntity:
 
 
 def _stamp(t_s: float) -> Timestamp:
-    """Return a time of the episode, exact to the microsecond."""
+    """Return a time of the episode (s) as a Timestamp, exact to the microsecond."""
     seconds, nanos = divmod(nanoseconds(t_s), 1_000_000_000)
     return Timestamp(seconds=seconds, nanos=nanos)
 

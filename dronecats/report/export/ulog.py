@@ -1,7 +1,8 @@
-"""Writes one flight as ULog, for PlotJuggler and pyulog, from the tlog and the logs, not from the onboard log.
+"""Writes one flight as ULog, for PlotJuggler and pyulog. The estimates come from flight.tlog, not from onboard.ulg.
 
-Topics and fields are PX4's, NED and FRD, times the vehicle's µs since boot. The judge's data is in PX4's own topics for
-it, `…_groundtruth`, and in `judge_target` and `judge_declaration`; places of both are in the map's frame.
+Topics and fields are PX4's (NED and FRD, times in µs since the vehicle's boot), except `agent_decision`, `judge_target`
+and `judge_declaration`. The judge's data is in the last two and in PX4's topics `…_groundtruth`. All positions are in
+the map's frame.
 """
 
 import math
@@ -23,7 +24,7 @@ from foundation.run_folder.rows import drone_label
 
 VALID = ";bool xy_valid;bool z_valid;bool v_xy_valid;bool v_z_valid;bool xy_global"
 PLACE = "float x;float y;float z;float vx;float vy;float vz;float heading;double ref_lat;double ref_lon;float ref_alt"
-FIELDS = {  # topic → its fields behind `uint64_t timestamp`
+FIELDS = {  # topic → its fields after `uint64_t timestamp`
     "vehicle_local_position": PLACE + VALID,
     "vehicle_attitude": "float[4] q",
     "trajectory_setpoint": "float[3] position;float[3] velocity;float yaw;float yawspeed",
@@ -35,7 +36,7 @@ FIELDS = {  # topic → its fields behind `uint64_t timestamp`
     "judge_declaration": "uint32_t step;float distance_m;int8_t visible;int8_t qualifies",
 }  # fmt: skip
 ACTION_NUMBERS = {name: number for number, name in enumerate(ACTIONS, 1)}  # agent_decision.action; 0: no action
-INFO, WARNING = 6, 4  # of syslog's severities
+INFO, WARNING = 6, 4  # syslog severities
 
 
 class Stamped(NamedTuple):
@@ -48,7 +49,7 @@ class Stamped(NamedTuple):
 
 
 def write(flight: RecordedFlight, path: Path) -> int:
-    """Write a flight; return the number of samples and texts. Each drone of a fleet is an instance of a topic."""
+    """Write a flight; return the number of samples and texts. Each drone of a fleet has its own topic instances."""
     ordered = sorted(_samples(flight), key=lambda sample: sample.t_s)
     keys = sorted(
         {(sample.topic, sample.drone) for sample in ordered if sample.topic}, key=lambda key: (key[1], key[0])

@@ -1,4 +1,4 @@
-"""The colours of all pages: of the light and the dark theme, and of marks on pictures and maps."""
+"""The colours of all pages: the light and the dark theme, and the marks on pictures and maps."""
 
 from collections.abc import Mapping, Sequence
 
@@ -23,12 +23,12 @@ DARK = {
     "sky": "#8fd0f5",
 }  # fmt: skip
 MARKS = {  # on pictures, on maps and in the 3-D scene, in both themes
-    "chosen": "#ffe600",  # the point of a go, and its place
+    "chosen": "#ffe600",  # the point of a go, in the picture and on the map
     "declared-good": "#3fe07a",
     "declared-bad": "#ff5a4f",
     "setpoint": "#12b886",
     "goal": "#ff46dc",  # the target, and the radius around it
-    "path": "#f2b53a",  # of a target that moves
+    "path": "#f2b53a",  # of a moving target
 }
 PRINTED = {"paper": "#ffffff", "ink": "#000000", "quiet": "#333333", "mute": "#666666", "line": "#bbbbbb",
            "soft": "#eeeeee", "link": "#000000"}  # fmt: skip
@@ -37,7 +37,7 @@ Rgb = tuple[int, int, int]  # sRGB, 0 … 255
 
 
 def css() -> str:
-    """Return the palette as CSS: the system's theme, or that of `data-theme`; light on paper."""
+    """Return the palette as CSS: the theme of the system or of `data-theme`, and a light theme for print."""
     return "".join((
         f":root {{ color-scheme: light; {_variables(MARKS | LIGHT)} }}\n",
         f'@media (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ color-scheme: dark;'

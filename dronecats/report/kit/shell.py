@@ -1,7 +1,8 @@
-"""Makes the HTML file of a page: mark-up, style, program and data, without access to a network.
+"""Makes the HTML file of a page: mark-up, style, program and data. The page uses no network.
 
-The program is written as ES modules, which a browser does not load from a disk; so they stand in the page as one
-script, in the order of their imports. Scripts and styles are allowed by their digest alone: text of a model cannot run.
+The program consists of ES modules. A browser does not load modules from a disk, so the page has them as one script, in
+the order of their imports. The content security policy allows inline scripts and styles only by their digest, so text
+from a model cannot run.
 """
 
 import base64
@@ -24,21 +25,21 @@ _EXPORT = re.compile(r"^export ((?:async )?function|const|class) (\w+)", re.MULT
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageContent:
-    """The contents of a page beside the kit's style and bar. Texts are mark-up, except the title."""
+    """The contents of a page, without the kit's style and bar. `main`, `trail`, `tools` and `more` are HTML."""
 
     title: str
-    folder: str  # package of the page's own style, page.css, and modules
+    folder: str  # package with the page's style (web/page.css) and modules
     entry: str = "bar"  # first module of the program
     main: str
     trail: str = ""  # items of the breadcrumb list in the bar
-    tools: str = ""  # buttons beside the theme's
+    tools: str = ""  # buttons beside the theme button
     more: str = ""  # elements after main
-    loads_files: bool = False  # scripts and pictures beside the page may be loaded
-    has_drawings: bool = False  # it holds SVG with styles in its elements
+    loads_files: bool = False  # whether the page may load scripts and pictures beside it
+    has_drawings: bool = False  # whether the page has SVG with style attributes
 
 
 def page(content: PageContent, blocks: Mapping[str, str] | None = None) -> Iterable[str]:
-    """Yield the page in chunks. `blocks` are JSON for script elements, by their id."""
+    """Yield the page in chunks. `blocks`: JSON for script elements, by element id."""
     style = palette.css() + _read(__package__ or "", "kit.css") + _read(content.folder, "page.css")
     script = program(content.entry, content.folder)
     values = {
@@ -62,7 +63,7 @@ def page(content: PageContent, blocks: Mapping[str, str] | None = None) -> Itera
 
 
 def program(entry: str, folder: str) -> str:
-    """Return the modules of a package and of the kit as one script: each a function, after those that it imports."""
+    """Return the modules of a package and of the kit as one script: each as a function, after its imports."""
     order: list[str] = []
 
     def visit(name: str) -> None:

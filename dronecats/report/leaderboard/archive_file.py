@@ -1,4 +1,4 @@
-"""The file format of an archive of runs: a manifest and logs, in a tar in an xz."""
+"""Reads and writes archives of runs: tar files with a manifest and logs, compressed with xz."""
 
 import hashlib
 import lzma
@@ -16,7 +16,7 @@ from msgspec import Meta
 from foundation.errors import UsageError
 from foundation.run_folder import layout
 
-SCHEMA = 1  # version of the archive; counts up when a field changes its meaning
+SCHEMA = 1  # version of the format; it increases when a field changes its meaning
 MANIFEST = "manifest.json"
 NAME_CHARS, NOTE_CHARS = 80, 500
 
@@ -38,16 +38,16 @@ Name = Annotated[str, Meta(min_length=1, max_length=NAME_CHARS)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileDigest:
-    """The digest of a file; of a folder, whose name ends with /, that of the output of `sha256sum *` in it."""
+    """The digest of a file, or of the output of `sha256sum *` in a folder. A folder's name ends with /."""
 
     bytes: Annotated[int, Meta(ge=0)]
     sha256: Sha256
-    files: Annotated[int, Meta(ge=0)] | None = None  # of a folder
+    files: Annotated[int, Meta(ge=0)] | None = None  # number of files in a folder; None: a file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubmittedRun:
-    """One run of an archive: one flight of each of its episodes."""
+    """One run in an archive: one flight of each of its episodes."""
 
     folder: Annotated[str, Meta(pattern=f"^{_OF_RUN}$")]
     seed: int
@@ -64,21 +64,21 @@ class Manifest:
     pilot: str  # built-in pilot, or PROVIDER/NAME of the model
     is_model: bool
     identity: Sha256  # of the identity that its runs share (`dronecats.report.results.identity`)
-    suite: str | None  # that each run has completely; None: none
+    suite: str | None  # suite that each run has completely; None: no such suite
     partial: str | None  # a sentence about what is missing or broken; None: the suite is complete and scored
     runs: tuple[SubmittedRun, ...]
-    files: dict[str, FileDigest]  # that follow in the archive
-    left_out: dict[str, FileDigest]  # that are not in the archive
+    files: dict[str, FileDigest]  # the other files in the archive, by name
+    left_out: dict[str, FileDigest]  # files that are not in the archive, by name
     scrubbed: tuple[str, ...]  # files from which a key or a machine's path was removed
-    dronecats: str  # version that packed it
+    dronecats: str  # version that wrote the archive
 
     def encoded(self) -> bytes:
-        """Return it as the contents of its file."""
+        """Return the contents of manifest.json."""
         return msgspec.json.format(msgspec.json.encode(self, order="deterministic"), indent=1) + b"\n"
 
 
 def decoded(data: bytes) -> Manifest:
-    """Return the manifest of a file. Raises UsageError."""
+    """Parse the contents of manifest.json. Raises UsageError."""
     try:
         content = msgspec.json.decode(data)
         version = content.get("schema") if isinstance(content, dict) else None
@@ -108,15 +108,15 @@ def decoded(data: bytes) -> Manifest:
 
 BLOCK = 512  # bytes
 CHUNK = 1 << 20
-MEMORY_MAX = 128 << 20  # bytes that unpacking may take; a stream may ask for 4 GB
-RATIO_MAX = 2000  # bytes out of one in; logs come to less than a hundred
-RATIO_FROM = 64 << 20  # bytes out from which the ratio is checked
-TOTAL_MAX = 64 << 30  # bytes, frames included
+MEMORY_MAX = 128 << 20  # bytes of memory for unpacking; a stream may request 4 GB
+RATIO_MAX = 2000  # largest ratio of unpacked to packed bytes; logs have less than 100
+RATIO_FROM = 64 << 20  # unpacked bytes from which the ratio is checked
+TOTAL_MAX = 64 << 30  # unpacked bytes, including frames
 
 
 @dataclass(slots=True)
 class Packed:
-    """A file of an archive; it can be read once, before the next."""
+    """A file in an archive. It can be read only once, and only before the next file."""
 
     name: str
     size: int  # bytes
@@ -124,14 +124,14 @@ class Packed:
     _left: int
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield its bytes in chunks. Raises UsageError where the archive is cut off."""
+        """Yield the bytes of the file in chunks. Raises UsageError when the archive is truncated."""
         while self._left:
             piece = self._source.exactly(min(CHUNK, self._left))
             self._left -= len(piece)
             yield piece
 
     def skip(self) -> None:
-        """Read to the end of its last block."""
+        """Skip the rest of the file and its padding. Raises UsageError when the padding has data."""
         for _ in self.chunks():
             pass
         if self._source.exactly(-self.size % BLOCK).strip(b"\0"):
@@ -139,7 +139,7 @@ class Packed:
 
 
 class Unxz:
-    """Decompresses an xz on demand, within bounds of memory and size."""
+    """Decompresses an xz file on demand, with limits on memory and size."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -154,7 +154,7 @@ class Unxz:
         return data
 
     def at_most(self, count: int) -> bytes:
-        """Return the next `count` bytes, fewer at the end. Raises UsageError."""
+        """Return the next `count` bytes, or fewer at the end. Raises UsageError."""
         chunks: list[bytes] = []
         missing = count
         while missing and not self._xz.eof:
@@ -182,7 +182,7 @@ class Unxz:
 def read(file: BinaryIO) -> Iterator[Packed]:
     """Yield the files of an archive in their order, with unique names. Raises UsageError.
 
-    It accepts plain files in the ustar format and nothing else: no links, no devices, no headers that change others.
+    Only plain files in the ustar format are accepted: no links, devices or extended headers.
     """
     source, names = Unxz(file), set[str]()
     while True:
@@ -203,9 +203,9 @@ def read(file: BinaryIO) -> Iterator[Packed]:
 
 
 def write(path: Path, files: Iterable[tuple[str, Callable[[], bytes]]]) -> None:
-    """Write an archive of (name, function that returns its bytes), in this order. Raises OSError.
+    """Write an archive of files in this order. A file is (name, function that returns its bytes). Raises OSError.
 
-    The same files are the same bytes.
+    Equal files give equal archives.
     """
     with (
         lzma.open(path, "wb", format=lzma.FORMAT_XZ, preset=6) as packed,
@@ -219,7 +219,7 @@ def write(path: Path, files: Iterable[tuple[str, Callable[[], bytes]]]) -> None:
 
 
 def _packed(header: bytes, source: Unxz) -> Packed:
-    """Return the file of a header. POSIX.1-1988, "ustar"."""
+    """Parse the header of a file (POSIX.1-1988, "ustar"). Raises UsageError."""
     sum_of = sum(header[:148]) + 8 * ord(" ") + sum(header[156:])
     if header[257:265] != b"ustar\x0000" or _octal(header[148:156]) != sum_of:
         raise UsageError("the archive is not a tar file of plain files")
@@ -243,15 +243,15 @@ def _octal(field: bytes) -> int | None:
 
 MANIFEST_MAX = 64 << 20  # bytes
 LOG_MAX = 256 << 20
-LOGS_MAX = 4 << 30  # of all logs together, which are unpacked
+LOGS_MAX = 4 << 30  # bytes of all logs together
 FRAME_MAX = 32 << 20
 
 
 def unpack(file: BinaryIO, place: Path) -> tuple[Manifest, list[str], int]:
-    """Unpack the logs of an archive into a folder: files with a run's names and of bounded sizes only.
+    """Unpack the logs of an archive into a folder. Only names of a run's files and limited sizes are accepted.
 
-    Returns its manifest, a sentence for each file that differs from it, and the number of frames, which are not
-    unpacked. Raises UsageError, OSError.
+    Returns the manifest, a sentence for each file that differs from the manifest, and the number of frames. Frames are
+    not unpacked. Raises UsageError, OSError.
     """
     files = read(file)
     first = next(files, None)
@@ -304,7 +304,7 @@ def _check_sizes(manifest: Manifest) -> None:
 
 
 def _check_names(manifest: Manifest) -> None:
-    """Raise UsageError unless the files are those of the runs that the manifest names: each log, and no other."""
+    """Raise UsageError when a required file of the manifest's runs is missing, or a file belongs to no run."""
     wanted = {f"{run.folder}/{layout.RUN}" for run in manifest.runs}
     homes = {f"{run.folder}/{episode}" for run in manifest.runs for episode in run.episodes}
     wanted |= {f"{home}/{log}" for home in homes for log in (layout.EPISODE, layout.DECISIONS, layout.TRUTH)}

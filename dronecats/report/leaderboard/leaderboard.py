@@ -1,4 +1,4 @@
-"""Makes docs/leaderboard.md from verified entries: models, and apart from them built-in pilots."""
+"""Makes docs/leaderboard.md from verified entries, in separate tables for models and built-in pilots."""
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
@@ -45,7 +45,7 @@ def entry(path: Path) -> Verification:
 
 
 def page(entries: Iterable[Verification]) -> str:
-    """Return the page. Raises UsageError for an entry that was not verified, or occurs twice."""
+    """Return the page. Raises UsageError when an entry was not verified, or occurs twice."""
     ordered = sorted(entries, key=lambda entry: (entry.name, entry.archive_sha256))
     for entry in ordered:
         if not entry.verified:
@@ -158,7 +158,7 @@ def _agent(entry: Verification) -> str:
 
 
 def _by_one_agent(entries: Sequence[Verification], by: str) -> list[str]:
-    """Return a table for each suite, then those of earlier versions of the benchmark, and last the partial entries."""
+    """Return a table for each suite, then the tables of earlier benchmark versions, then that of partial entries."""
     complete = [entry for entry in entries if entry.suite in SUITE_TITLES and not entry.partial]
     tables = []
     for is_present, when in ((True, ""), (False, f", version {VERSION - 1} or earlier")):
@@ -246,7 +246,7 @@ def _heading(entry: Verification) -> str:
 
 
 def _anchor(entry: Verification) -> str:
-    """Return the anchor that GitHub makes of an entry's heading."""
+    """Return GitHub's anchor for the heading of an entry."""
     heading = f"{entry.name} {entry.archive_sha256[:8]}".lower()
     return "".join(letter for letter in heading if letter.isalnum() or letter in " -_").replace(" ", "-")
 

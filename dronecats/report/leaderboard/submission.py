@@ -1,6 +1,6 @@
 """Packs run folders into an archive: the flights of one pilot under one configuration, complete or marked as partial.
 
-Keys, and paths of the machine, are removed from the packed files.
+API keys, and the folders of absolute paths, are removed from the packed files.
 """
 
 import hashlib
@@ -36,7 +36,7 @@ from foundation.redaction import HIDDEN, keyless_environment, redacted, without,
 from foundation.run_folder import layout
 from foundation.run_folder.results import SCORED
 
-# The shapes of vendors' keys: the only way to find a key that is in no environment variable any more
+# Patterns of vendors' keys. They also find keys that are no longer in an environment variable.
 KEYS = re.compile(
     r"\b(?:sk-[\w-]{16,}|AIza[\w-]{30,}|(?:hf|gsk|r8|nvapi)[_-][\w-]{20,}|xai-\w{20,}|gh[pousr]_\w{30,}|AKIA[0-9A-Z]{16}"
     r"|eyJ[\w-]{10,}\.[\w-]{10,}\.[\w-]*)|(?<=Bearer )[\w.~+/-]{12,}=*"
@@ -46,13 +46,13 @@ PATHS = re.compile(rf"(?:file://|(?<![\w./~*:])|(?<=\w:)(?!//))/(?:{_PIECE}+/)+(
 
 
 def secrets_of(environment: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the values of the environment variables that are named as keys."""
+    """Return the values of the environment variables whose names are those of keys."""
     plain = keyless_environment(environment)
     return worth_hiding(*(value for name, value in environment.items() if name not in plain))
 
 
 class Scrubber:
-    """Removes secrets, text in the shape of a key, and the folders of absolute paths, whose last name stays."""
+    """Removes secrets, text that looks like a key, and the folders of absolute paths; it keeps the file names."""
 
     def __init__(self, secrets: Sequence[str] = (), folders: Sequence[PurePosixPath] = ()) -> None:
         self._secrets = tuple(secrets)
@@ -62,16 +62,16 @@ class Scrubber:
     def text(self, text: str) -> str:
         """Return the scrubbed text."""
         text = KEYS.sub(HIDDEN, redacted(text, *self._secrets))
-        for folder in self._folders:  # the given ones first: their names may have blanks
+        for folder in self._folders:  # before PATHS: names of these folders may have blanks
             text = text.replace(f"{folder}/", "").replace(folder, PurePosixPath(folder).name)
         return PATHS.sub(r"\1", text)
 
     def lines(self, data: bytes) -> bytes:
-        """Return a scrubbed file of JSON lines; a clean line keeps its bytes."""
+        """Return scrubbed JSON lines. A line without a match is unchanged."""
         return b"\n".join(self._line(line, lambda value: json.dumps(value)) for line in data.split(b"\n"))
 
     def document(self, data: bytes) -> bytes:
-        """Return a scrubbed JSON file; a clean one keeps its bytes."""
+        """Return a scrubbed JSON document. A document without a match is unchanged."""
         return self._line(data, lambda value: json.dumps(value, indent=2, ensure_ascii=False) + "\n")
 
     def _line(self, line: bytes, written: Callable[[Any], str]) -> bytes:
@@ -81,7 +81,7 @@ class Scrubber:
         try:
             value = json.loads(text)
             clean = self._value(value)
-        except (ValueError, RecursionError):  # cut off, or no JSON: as text
+        except (ValueError, RecursionError):  # truncated or invalid JSON: scrub it as text
             return self.text(text).encode("utf-8", "surrogateescape")
         if clean == value:
             return line
@@ -105,7 +105,7 @@ RUNS_MAX = 99
 
 @dataclass(slots=True)
 class _Contents:
-    """The files of an archive by name, and those left out of it."""
+    """The files of an archive and the omitted files, by name."""
 
     files: dict[str, Callable[[], bytes]] = field(default_factory=dict)
     digests: dict[str, FileDigest] = field(default_factory=dict)
@@ -118,7 +118,7 @@ class _Contents:
         data = clean(raw)
         if data != raw:
             self.scrubbed.append(name)
-        self.files[name] = lambda: clean(path.read_bytes())  # read again when packed: too much for memory
+        self.files[name] = lambda: clean(path.read_bytes())  # read again, to save memory
         self.digests[name] = digest(data)
 
 
@@ -132,10 +132,10 @@ def submit(
     with_frames: bool = False,
     secrets: Sequence[str] = (),
 ) -> Manifest:
-    """Write the archive of some runs and return its manifest. The same runs make the same bytes.
+    """Write the archive of some runs and return its manifest. Equal runs give equal archives.
 
     Raises UsageError when the runs are of several pilots or settings, when a suite is incomplete or not fully scored
-    (unless `partial`), and when it cannot be written.
+    (unless `partial`), and when the archive cannot be written.
     """
     ordered = sorted(runs, key=lambda run: (run.seed, str(run.folder)))
     _check_one_entry(ordered)
@@ -178,7 +178,7 @@ def digest(data: bytes) -> FileDigest:
 
 
 def incomplete(flights: Sequence[Sequence[str]]) -> str | None:
-    """Return a sentence why flights, the ids of each, are not of one complete suite; None: they are."""
+    """Return why flights (the episode ids of each) are not of one complete suite, as a sentence; None: they are."""
     for ids in flights:
         own = [id for id in ids if id not in catalogue.all_ids()]
         if own:
@@ -198,12 +198,12 @@ def _size(suite: str) -> int:
 
 
 def suite_of(ids: Sequence[str]) -> str | None:
-    """Return the suite that has just these episodes; None: there is none."""
+    """Return the suite that has exactly these episodes; None: there is none."""
     return next((suite for suite in catalogue.SUITES if sorted(ids) == catalogue.suite_ids(suite)), None)
 
 
 def common_suite(flights: Sequence[Sequence[str]]) -> str | None:
-    """Return the suite that each of these flights, the ids of each, has whole; None: there is none."""
+    """Return the suite that each of the flights (the episode ids of each) has completely; None: there is none."""
     of_each = {suite_of(ids) for ids in flights}
     return of_each.pop() if len(of_each) == 1 else None
 
@@ -235,7 +235,7 @@ def _check_one_entry(runs: Sequence[RecordedRun]) -> None:
 
 
 def _as_packed(run: RecordedRun, scrubber: Scrubber) -> Identity:
-    """Return a run's identity by its scrubbed files in the archive."""
+    """Return the identity of a run, computed from its scrubbed files."""
     clean = json.loads(scrubber.document(json.dumps(run.configuration).encode()))
     values = identity(replace(run, configuration=clean))
     return {name: frozenset(map(scrubber.text, entries)) for name, entries in values.items()}
@@ -281,7 +281,7 @@ def _place(k: int) -> str:
 
 
 def _machine_folders(runs: Sequence[RecordedRun]) -> Iterator[PurePosixPath]:
-    """Yield the folders of this machine by which its paths are likely to begin."""
+    """Yield the folders of this machine in which paths in the logs are likely to be."""
     yield PurePosixPath(os.getcwd())
     with suppress(RuntimeError):  # a user id that has no home
         yield PurePosixPath(Path.home())

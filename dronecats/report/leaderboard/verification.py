@@ -1,4 +1,4 @@
-"""Judges an archive again on another machine: lists what was checked, what differs, and what cannot be checked."""
+"""Verifies an archive: judges its flights again, and lists the checks, the differences, and what cannot be checked."""
 
 import hashlib
 import math
@@ -28,19 +28,19 @@ from foundation.wording import printable
 
 DIFFERENCES_MAX = 50  # sentences
 SHOWN_CHARS = 200  # of a setting
-OTHER_CELL = "other"  # the cell of a record that has none of the benchmark's
+OTHER_CELL = "other"  # cell of records without a cell of the benchmark
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellScore:
-    """The results of the flights of one cell, as computed here."""
+    """The results of the flights of one cell, computed from the logs."""
 
     scored: int
     successes: int
     oracle_successes: int
     declared: int
     unscored: int  # neither a success nor a failure
-    ne_m: float | None  # m, mean navigation error of the scored; None: unknown
+    ne_m: float | None  # m, mean navigation error of the scored flights; None: unknown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,7 @@ class Verification:
     identity: str
     archive_sha256: str
     archive_bytes: int
-    dronecats: str  # version that packed it
+    dronecats: str  # version that wrote the archive
     verified: bool  # nothing differs
     differences: tuple[str, ...]
     checked: tuple[str, ...]
@@ -69,10 +69,10 @@ class Verification:
 
 
 def verify(path: Path, reread: Rereading) -> Verification:
-    """Return the check of an archive against its manifest and against the records that ship here.
+    """Check an archive against its manifest and the shipped records, and return the result.
 
-    Replies are parsed again by `reread`. Files are unpacked to a temporary folder only. Raises UsageError for a file
-    that is no such archive, or a malicious one.
+    `reread` parses the replies again. Files are unpacked only to a temporary folder. Raises UsageError when the file is
+    not such an archive, or is malicious.
     """
     try:
         with path.open("rb") as file, tempfile.TemporaryDirectory(prefix="dronecats-verify-") as place:
@@ -83,7 +83,7 @@ def verify(path: Path, reread: Rereading) -> Verification:
         raise UsageError(f"{error.filename or path} cannot be read or unpacked: {error.strerror}") from None
     except UsageError as wrong:
         raise UsageError(f"{path}: {_on_one_line(str(wrong))}") from None
-    except (OverflowError, RecursionError):  # numbers of any length, lists of any depth: JSON has them
+    except (OverflowError, RecursionError):  # JSON allows numbers of any length, lists of any depth
         raise UsageError(f"{path}: it has a number or a list that is impossible in a flight") from None
 
 
@@ -99,7 +99,7 @@ def _verification(
         _check_run(place / submitted.folder / layout.RUN)
     runs = [recorded_run(place / run.folder) for run in manifest.runs]
     verdicts: list[tuple[str, Verdict]] = []  # by cell
-    flights: dict[str, list[bool]] = {}  # by episode, whether each scored one succeeded
+    flights: dict[str, list[bool]] = {}  # by episode: whether each scored flight succeeded
     for run, submitted in zip(runs, manifest.runs, strict=True):
         judged = judge_run(run.folder, reread=reread)
         for episode in judged.keys() & {*submitted.episodes}:
@@ -162,7 +162,7 @@ class _KeptFlight(msgspec.Struct):
 
 
 class _KeptRun(msgspec.Struct):
-    """The fields of a run.json that are used here."""
+    """The fields of run.json that this module uses."""
 
     flight: _KeptFlight
     versions: dict[str, str]
@@ -191,7 +191,7 @@ CHECKED = (
 
 
 def _record_differences(run: RecordedRun, episode: str) -> Iterator[str]:
-    """Yield a sentence if a record is not the one that ships."""
+    """Yield a sentence if the record of an episode is not the shipped one."""
     path = run.folder / episode / layout.EPISODE
     try:
         parsed = record.parse(path.read_bytes(), layout.EPISODE)
@@ -209,7 +209,7 @@ def _verdict_differences(run: RecordedRun, episode: str, judged: Judged) -> Iter
         yield f"{layout.VERDICT} is missing"
     else:
         now = judged.verdict.as_json()
-        for words in ("error", "note"):  # they have paths of files, which differ here
+        for words in ("error", "note"):  # texts with file paths, which differ on this machine
             if isinstance(stored.get(words), str) and isinstance(now.get(words), str):
                 now[words] = stored[words]
         if differing := compare(stored, now).differing:
@@ -262,7 +262,7 @@ SETTING_KEYS = ("command", "commander", "scripted", "latency", "parser", "drones
 
 
 def _settings(configuration: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that distinguish entries of one pilot; of a model, its sampling too."""
+    """Return the settings that distinguish entries of one pilot, with the sampling of a model."""
     flight = configuration.get("flight")
     settings = {key: flight[key] for key in SETTING_KEYS if isinstance(flight, dict) and flight.get(key) is not None}
     model = flight.get("model") if isinstance(flight, dict) else None
@@ -305,7 +305,7 @@ def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> 
 
 
 def _unusual(configuration: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for each setting that is not the benchmark's."""
+    """Yield a sentence for each setting that differs from the benchmark's."""
     fields = configuration.get("flight")
     flight: Mapping[str, Any] = fields if isinstance(fields, dict) else {}
     if configuration.get("prompt_sha256") != Prompt.load().digest:

@@ -1,7 +1,7 @@
-"""Makes the page's data of one flight: prompts, decisions and truth, step by step.
+"""Makes the data of one flight for the page: prompts, decisions and truth, step by step.
 
-Times are vehicle seconds since the episode began, places metres in the map's NED frame, headings degrees from north.
-Fields that are None are left out of the page; numbers are rounded to what is visible.
+Times are vehicle seconds since the episode began, positions metres in the map's NED frame, headings degrees from north.
+Fields that are None are left out of the page. Numbers are rounded to the digits that the page shows.
 """
 
 import math
@@ -36,7 +36,7 @@ class ShownTrace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShownPath:
-    """The path of the target; one sample if it stands."""
+    """The path of the target; one sample if the target does not move."""
 
     t: tuple[float, ...]  # s
     north: tuple[float, ...]  # m
@@ -60,12 +60,12 @@ class ShownTruth:
     east: float | None  # m
     yaw: float | None  # °
     distance: float | None  # m, to the target's centre
-    box: float | None  # m, to its box
+    box: float | None  # m, to the target's box
     visible: bool | None
     share: float | None  # 0 … 1, visible share of the target
     bearing: float | None  # °, + right
     depth: float | None  # m, along the optical axis
-    qualifies: bool | None  # of a declaration: whether it was warranted
+    qualifies: bool | None  # whether a declaration qualifies; None: unknown, or no declaration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,13 +118,13 @@ class ShownExchange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShownFlight:
-    """The page's data of one flight of one episode."""
+    """The data of one flight of one episode for the page."""
 
     instruction: str
     named: str  # the target, in a few words
     drones: int
-    estimated: bool  # a flight without truth: places are the autopilot's estimates
-    delta: float  # m
+    estimated: bool  # a flight without truth: positions are the autopilot's estimates
+    delta: float  # m, success radius
     end: float  # s
     hfov: float  # °
     aspect: float  # width of a picture / its height
@@ -212,7 +212,7 @@ def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> ShownFlight
 
 
 class _Texts:
-    """The unique texts of a flight: a fleet shares a reply, and prompts of successive steps are mostly the same."""
+    """The unique texts of a flight. Drones of a fleet share a reply, and parts of successive prompts are equal."""
 
     def __init__(self) -> None:
         self.all: list[str] = []

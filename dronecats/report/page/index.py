@@ -1,4 +1,4 @@
-"""Writes the page: index.html, and beside it the flights and pictures, which it loads on demand."""
+"""Writes the page of a report: index.html, and files beside it with the flights and pictures, loaded on demand."""
 
 import html
 import json
@@ -37,7 +37,7 @@ from episodes.records.record import CELLS
 from foundation.errors import UsageError
 from foundation.files import whole_file
 
-RESERVED = ("of",)  # first words of addresses that name no run
+RESERVED = ("of",)  # first words of addresses that are not a run's
 SETTING_KEYS = (
     "command",
     "scripted",
@@ -57,7 +57,7 @@ class PageEntrant:
 
     key: str
     title: str
-    model: bool  # a built-in pilot is none
+    model: bool  # whether a model flew; False for built-in pilots and replays
     runs: tuple[int, ...]
 
 
@@ -68,7 +68,7 @@ class PageRun:
     key: str
     entrant: int
     seed: int
-    rendered: bool  # whether its frames show anything
+    rendered: bool  # whether its frames were rendered; others are grey
     settings: tuple[tuple[str, str], ...]
 
 
@@ -88,7 +88,7 @@ class PageEpisode:
     steps: int | None
     declarations: int | None
     ground: str  # key of the picture of its map; empty: there is none
-    shown: bool  # whether its steps are in the page
+    shown: bool  # whether the page has its steps
     values: tuple[MetricValue, ...]  # of the metrics, in their order
 
 
@@ -104,7 +104,7 @@ class PageMetric:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageIndex:
-    """The data that is read when the page opens."""
+    """The data that the page reads when it opens."""
 
     made: str
     cells: tuple[str, ...]
@@ -112,14 +112,14 @@ class PageIndex:
     entrants: tuple[PageEntrant, ...]
     runs: tuple[PageRun, ...]
     episodes: tuple[PageEpisode, ...]
-    outcomes: Mapping[str, tuple[str, str]]  # the mark and the word of each
+    outcomes: Mapping[str, tuple[str, str]]  # outcome → its mark and its word
     grounds: dict[str, GroundPicture]
     embedded: bool
     pictures: str  # a sentence about pictures that were left out; empty: none
 
 
 def keys(names: Sequence[str]) -> list[str]:
-    """Return a unique word for each name that is valid in file names and addresses."""
+    """Return a unique word for each name. The words are valid in file names and addresses."""
     taken: set[str] = set(RESERVED)
     result = []
     for name in names:
@@ -168,7 +168,7 @@ def _page_episode(
     error: str | None,
     shown: bool,
 ) -> PageEpisode:
-    """Return the index's data of a flight."""
+    """Return the data of a flight for the index."""
     verdict = scored.verdict
     return PageEpisode(
         key=key,
@@ -189,7 +189,7 @@ def _page_episode(
 
 
 def script_json(value: Any) -> str:
-    """Return a value as JSON that is safe in a script element or file for any text.
+    """Return a value as JSON that is safe in a script element or file, whatever text it has.
 
     Fields of dataclasses that are None are left out.
     """
@@ -203,7 +203,7 @@ def _fields(value: Any) -> dict[str, Any]:
 
 
 def _page_metrics(collection: Collection) -> list[PageMetric]:
-    """Return the metrics of flights: the registry's, then the user's own, of which only the name is known."""
+    """Return the metrics of episodes: the registry's, then the user's own metrics, with only their names."""
     ours = [metric for metric in METRICS.values() if metric.level == "episode"]
     own = {name for scored in collection.episodes for name in scored.values} - {*METRICS}
     return [
@@ -216,7 +216,7 @@ def _page_metrics(collection: Collection) -> list[PageMetric]:
 
 
 def _seen(value: MetricValue | None) -> MetricValue:
-    """Return a value to five digits; None for a value that is not finite."""
+    """Return a value with five significant digits; None: unknown or not finite."""
     if value is None or isinstance(value, bool):
         return value
     return float(f"{value:.5g}") if math.isfinite(value) else None
@@ -243,7 +243,7 @@ def _settings(run: RecordedRun) -> tuple[tuple[str, str], ...]:
 
 
 PAGE = "index.html"
-DATA = "data"  # folder of the flights, a script each: a page opened from a disk can load scripts only
+DATA = "data"  # folder of the flights, a script each, because a page on a disk can load only scripts
 TITLE = "DroneCATS report"
 KEYS_BUTTON = '<button type="button" id="keys" class="tool" aria-haspopup="dialog" title="Keyboard (?)">Keys</button>'
 MORE = """<noscript><p>This page needs JavaScript. It loads nothing from the network.</p></noscript>
@@ -258,9 +258,9 @@ def write_page(
 ) -> Path:
     """Write the page of a collection into the folder `out`, and return its path, out/index.html.
 
-    Flights and pictures lie beside it, in data/ and pictures/; `embed` puts them into the page itself, the pictures
-    smaller and no more than a browser can open at once. `every` n leaves out the pictures of all but each n-th step,
-    the first, the last, and the declarations. Raises UsageError where it cannot be written.
+    Flights and pictures are beside the page, in data/ and pictures/. `embed` puts them into the page itself, with
+    smaller pictures, and at most as many as a browser can open at once. `every`: keep only the pictures of every n-th
+    step, the first and the last step, and the declarations. Raises UsageError when the page cannot be written.
     """
     try:
         return _write(collection, tables, out, embed, every)
@@ -284,7 +284,7 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
         if scored.verdict is not None:
             try:
                 data = _flight(scored, scored.verdict.delta_m, key, out, embed, every)
-            except UsageError as error:  # in a log that no verdict goes by
+            except UsageError as error:  # in a log that does not affect the verdict
                 damage = str(error)
         if data is not None and embed:
             blocks[key] = data
@@ -360,7 +360,7 @@ def _named(collection: Collection) -> list[str]:
 
 
 def _flight(scored: ScoredEpisode, delta_m: float, key: str, out: Path, embed: bool, every: int) -> str:
-    """Return a flight as JSON, and put its pictures where the page finds them. Raises UsageError for a damaged log."""
+    """Return a flight as JSON, and store its pictures for the page. Raises UsageError for a damaged log."""
     flight = RecordedFlight.read(scored.folder, delta_m)
     wanted = kept(flight.logs.decisions, every)
     if not scored.run.is_rendered:

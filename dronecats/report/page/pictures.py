@@ -1,4 +1,4 @@
-"""Provides the pictures of the page: the frames of the models, beside or within the page, and maps from above."""
+"""Provides the pictures of a page: the pilots' frames, beside or in the page, and maps from above."""
 
 import base64
 import json
@@ -20,10 +20,10 @@ from foundation.run_folder import layout
 from foundation.run_folder.rows import Decision
 
 FOLDER = "pictures"
-# within a page: as many as a browser opens at once (50 MB), in a size that is still clear
+# limits of embedded pictures: a browser can open this many at once (50 MB), and they are still clear
 EMBEDDED_MAX = 5000
 EMBEDDED_WIDTH_PX = 480
-EMBEDDED_QUALITY = 60  # WebP: some 9 kB a picture
+EMBEDDED_QUALITY = 60  # of WebP: about 9 kB per picture
 
 PictureAddress = Callable[[Decision], str | None]  # returns the address of a decision's frame; None: there is none
 
@@ -36,16 +36,17 @@ def every_for(runs: Sequence[RecordedRun]) -> int:
 
 
 def kept(decisions: Sequence[Decision], every: int) -> set[tuple[int, int]]:
-    """Return the (drone, frame id) of the pictures to keep: of each n-th step, the first, the last and declarations."""
+    """Return the (drone, frame id) of the pictures to keep: every n-th step, the first, the last, and declarations."""
     steps = sorted({decision.step for decision in decisions})
     chosen = {*steps[::every], *steps[-1:]}
     return {(d.drone, d.frame_id) for d in decisions if d.step in chosen or d.kind == FINISHED}
 
 
 def beside(out: Path, place: Path, folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
-    """Put an episode's pictures at `out`/`place`; the addresses are relative to `out`. The answer raises OSError.
+    """Return a function that puts a decision's picture into `out`/`place`, and returns its address relative to `out`.
 
-    They are hard links where the file system has them, which cost no space, and copies where it has not.
+    The pictures are hard links, which need no space, or copies if the file system has no hard links. The function
+    raises OSError.
     """
     there = out / place
     there.mkdir(parents=True, exist_ok=True)
@@ -68,7 +69,7 @@ def beside(out: Path, place: Path, folder: Path, wanted: set[tuple[int, int]]) -
 
 
 def within(folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
-    """Return the addresses of an episode's pictures as data: URLs, of reduced size."""
+    """Return a function that returns a decision's picture as a data: URL, of reduced size."""
 
     def address(decision: Decision) -> str | None:
         source = _frame(folder, decision, wanted)
@@ -86,7 +87,7 @@ def within(folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
 
 
 def nowhere(decision: Decision) -> None:
-    """Return no address, for runs without pictures."""
+    """Return None, the address of a picture in runs without pictures."""
 
 
 def _frame(folder: Path, decision: Decision, wanted: set[tuple[int, int]]) -> Path | None:
@@ -98,17 +99,17 @@ def _frame(folder: Path, decision: Decision, wanted: set[tuple[int, int]]) -> Pa
 
 GROUND_PX = 1500
 GROUND_QUALITY = 62
-MARGIN_M = 12.0  # around the places of the map's objects
-MAPS = 12  # at most, to bound the size of a page
+MARGIN_M = 12.0  # around the map's objects
+MAPS = 12  # at most, to limit the size of a page
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundPicture:
     """A square picture of a map, north up."""
 
-    north: float  # m NED, of its middle
-    east: float  # m NED, likewise
-    half: float  # m, from the middle to a side
+    north: float  # m NED, of the centre
+    east: float  # m NED, of the centre
+    half: float  # m, from the centre to a side
     picture: str  # a data: address
 
 
@@ -122,7 +123,7 @@ def ground_key(folder: Path) -> str:
 
 
 def grounds(wanted: Iterable[str]) -> dict[str, GroundPicture]:
-    """Return the pictures by `ground_key`, without the maps that cannot be drawn here."""
+    """Return the pictures by `ground_key`, at most MAPS, without maps that this machine cannot draw."""
     pictures = {}
     for key in sorted({*wanted} - {""})[:MAPS]:
         name, _, seed = key.rpartition("/")

@@ -1,6 +1,6 @@
 """Reads a flight from its folder: its logs, telemetry, tracks and world.
 
-Film, replay, export, report and study all read a flight here. Slow parts are read when they are first needed.
+Film, replay, export, report and study use this module. Slow parts of a flight are read at their first use.
 """
 
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ class SeenFrame:
 
 
 def action_of(decision: Decision) -> Action | None:
-    """Return the action of a decision; None where it has none, or an invalid one."""
+    """Return the action of a decision; None: it has no valid action."""
     try:
         return action_from(decision.action)
     except ActionError:
@@ -50,11 +50,11 @@ def action_of(decision: Decision) -> Action | None:
 
 
 class RecordedFlight(JudgedFlight):
-    """One flight of one episode. Times are s since the episode began, places m in the map's NED frame."""
+    """One flight of one episode. Times are s since the episode began, positions m in the map's NED frame."""
 
     @cached_property
     def run(self) -> RecordedRun:
-        """Its run, with this episode alone. Raises UsageError when a newer version wrote its run.json."""
+        """Its run, with only this episode. Raises UsageError when a newer version wrote run.json."""
         return recorded_run(self.folder)
 
     @property
@@ -64,16 +64,16 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def exchanges(self) -> tuple[Exchange, ...]:
-        """The questions to its commander, if it has one. Raises UsageError for a damaged log."""
+        """The exchanges with the commander, if any. Raises UsageError for a damaged log."""
         return exchanges(self.folder)
 
     @property
     def camera(self) -> CameraModel:
-        """The camera that its frames were taken with."""
+        """The camera that took the frames."""
         return self.run.camera
 
     def camera_at(self, drone: int, t_s: float) -> CameraModel:
-        """Return the camera at a time: on a gimbal with the pitch of the drone's newest frame."""
+        """Return the camera at a time. A camera on a gimbal has the pitch of the drone's newest frame."""
         pitches = {
             frame.t: frame.camera_pitch_deg
             for frame in self.logs.frames.values()
@@ -89,7 +89,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def end_s(self) -> float:
-        """s, its end; without one, the last time in its logs."""
+        """s, end of the flight; if no end is logged, the last time in the logs."""
         if self.logs.end:
             return self.logs.end.t
         times = [pose.t for pose in self.logs.poses] + [pose.t for pose in self.estimated_poses]
@@ -101,7 +101,7 @@ class RecordedFlight(JudgedFlight):
         return self.logs.estimate.poses if self.logs.estimate else ()
 
     def latest_decision(self, drone: int, t_s: float, when: DecisionTime) -> Decision | None:
-        """Return a drone's newest decision at a time, by the time of its picture or of the decision."""
+        """Return a drone's newest decision at a time. `when` selects the time of the picture or of the decision."""
         timeline = self._decisions.get((drone, when))
         return timeline.at(t_s) if timeline else None
 
@@ -120,7 +120,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def frames(self) -> tuple[SeenFrame, ...]:
-        """The pictures of all decisions, by time; () where none were kept. Raises UsageError if one is missing."""
+        """The pictures of all decisions, by time; (): none were kept. Raises UsageError if one is missing."""
         if not any((self.folder / layout.FRAMES).glob("*.jpg")):
             return ()
         seen: dict[tuple[int, int], SeenFrame] = {}
@@ -139,7 +139,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def world(self) -> "World":
-        """The world of the episode. Raises UsageError where its record or map is missing."""
+        """The world of the episode. Raises UsageError when its record or map is missing."""
         from episodes.records import record
         from episodes.world.world import World
 
@@ -147,7 +147,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def outline(self) -> "Outline":
-        """The shape of its drones. Raises UsageError for an unknown airframe."""
+        """The shape of the drones. Raises UsageError for an unknown airframe."""
         from episodes.maps.assets.multirotor import outline
         from vehicles import airframe
 
@@ -165,7 +165,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def origin(self) -> Vec3 | None:
-        """The map's origin, or without a map the first that an autopilot sent; None: unknown. Raises UsageError."""
+        """The map's origin; without a map, the first origin from an autopilot; None: unknown. Raises UsageError."""
         origins = (drone.origin for drone in self.telemetry.values() if drone.origin)
         return self.map_origin or next(origins, None)
 
@@ -195,7 +195,7 @@ class RecordedFlight(JudgedFlight):
         return {drone: track for drone, track in tracks.items() if track is not None}
 
     def _measured_track(self, drone: int) -> "FlightTrack | None":
-        """Return the true track with attitudes; None where none was kept or the map is missing."""
+        """Return the true track with attitudes; None: no log has one, or the map is missing."""
         from dronecats.report.recorded import tracks
 
         map_origin: Vec3 | None = None
@@ -237,7 +237,7 @@ class RecordedFlight(JudgedFlight):
         """
         from dronecats.report.recorded.tracks import track_of_rows
 
-        true = {  # the onboard log has no steps of 1.1 cm
+        true = {  # a track from the onboard log needs no smoothing
             drone: track.drawn() if track.level or drone in self.telemetry else track
             for drone, track in self.true_tracks.items()
         }

@@ -25,7 +25,7 @@ class RecordedRun:
 
     @property
     def flight(self) -> dict[str, Any]:
-        """The fields of its FlightSpec."""
+        """The fields of the FlightSpec of its flights."""
         return dict(self.configuration.get("flight") or {})
 
     @property
@@ -39,7 +39,7 @@ class RecordedRun:
 
     @property
     def is_model(self) -> bool:
-        """Whether a model or another harness's policy flew it. A built-in pilot is never reported as a model."""
+        """Whether the pilot is a model, or the policy of another harness. Built-in pilots are not models."""
         return self.flight.get("model") is not None or self.flight.get("outside") is not None
 
     @property
@@ -54,7 +54,7 @@ class RecordedRun:
 
     @property
     def camera(self) -> CameraModel:
-        """The camera in run.json, else the benchmark's, at its place on the airframe."""
+        """The camera in run.json, with the benchmark's values where they are missing."""
         announced, default = self.configuration.get("camera"), CameraModel()
         try:
             camera = announced if isinstance(announced, dict) else {}
@@ -75,22 +75,22 @@ class RecordedRun:
 
     @property
     def is_rendered(self) -> bool:
-        """Whether its frames were rendered; those of other runs are grey."""
+        """Whether the frames were rendered. Otherwise they are grey."""
         return self._simulated.get("rendered") is not False
 
     @property
     def conditions(self) -> SceneConditions:
-        """Light and season of its frames."""
+        """Light and season of the frames."""
         return recorded(self.flight)
 
     @property
     def pilot_title(self) -> str:
-        """The pilot in words; a built-in one is marked as no model."""
+        """The pilot in words. A built-in pilot is named as such."""
         return self.pilot if self.is_model else f"built-in pilot {self.pilot}"
 
     @property
     def title(self) -> str:
-        """The pilot in words, with agent, autopilot and seed where they are not the default."""
+        """The pilot in words, with agent, autopilot and seed if they are not the default."""
         agent = "" if self.agent == PAPER else f", agent {self.agent}"
         autopilot = self._simulated.get("autopilot")
         on = f", on {autopilot}" if autopilot not in (None, "", "ours") else ""
@@ -103,7 +103,7 @@ class RecordedRun:
 
 
 def recorded_run(folder: Path) -> RecordedRun:
-    """Return the run of a run folder, or of an episode folder with that episode alone. Raises UsageError."""
+    """Return the run of a run folder; of an episode folder, its run with only that episode. Raises UsageError."""
     folders = episodes(folder)
     if not folders:
         raise UsageError(f"{folder} has no episode. Name a folder that has {layout.DECISIONS} and {layout.TRUTH}")
@@ -114,7 +114,7 @@ def recorded_run(folder: Path) -> RecordedRun:
 def recorded_runs(paths: Iterable[Path]) -> list[RecordedRun]:
     """Return the unique runs at or below these folders, in their order.
 
-    A folder may be a run, an episode of a run, or hold runs, such as that of a benchmark. Raises UsageError.
+    A folder may be a run, an episode of a run, or a folder of runs, such as a benchmark's. Raises UsageError.
     """
     by_folder: dict[Path, RecordedRun] = {}
     for path in paths:

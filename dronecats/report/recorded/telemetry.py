@@ -60,7 +60,7 @@ class DroneTelemetry:
     """The messages of one drone, decoded on first use. Times of arrays are µs of the vehicle's clock."""
 
     def __init__(self, drone: int, frames: Sequence[bytes] = (), t0_us: int = 0) -> None:
-        """`frames`: of the truth bus and of the autopilot, in their order; `t0_us`: the vehicle's clock at t = 0."""
+        """`frames`: MAVLink frames of truth bus and autopilot, in order; `t0_us`: the vehicle's clock at t = 0, µs."""
         self.drone, self.t0_us, self._frames = drone, t0_us, frames
 
     @cached_property
@@ -75,7 +75,7 @@ class DroneTelemetry:
 
     @cached_property
     def true_velocity(self) -> Timeline[Vec3]:
-        """m/s, NED."""
+        """The true velocity, m/s, NED."""
         return _timeline([(self._t_s(m.time_usec), (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)) for m in self._poses])
 
     @cached_property
@@ -88,7 +88,7 @@ class DroneTelemetry:
 
     @cached_property
     def places(self) -> Array:
-        """(n, 10): µs, place m and velocity m/s in the autopilot's local frame, std m of the place, NaN: not known."""
+        """(n, 10): µs; position m and velocity m/s in the local frame; std m of the position, NaN: unknown."""
         return rising(self._autopilot.places, 7)
 
     @cached_property
@@ -98,7 +98,7 @@ class DroneTelemetry:
 
     @cached_property
     def setpoints(self) -> Array:
-        """(n, 12): µs, place m, velocity m/s, yaw and yaw rate as sent, then the velocity with 0 for open axes."""
+        """(n, 12): µs; position m, velocity m/s, yaw and yaw rate as sent; velocity with 0 for axes without one."""
         return rising(self._autopilot.setpoints)
 
     @cached_property
@@ -109,7 +109,7 @@ class DroneTelemetry:
 
     @property
     def origin(self) -> Vec3 | None:
-        """lat °, lon °, alt m above mean sea level of the autopilot's local frame; None: it never sent it."""
+        """lat °, lon °, alt m above mean sea level of the autopilot's local frame; None: not received."""
         return self._autopilot.origin
 
     @cached_property
@@ -119,7 +119,7 @@ class DroneTelemetry:
 
     @cached_property
     def warnings(self) -> Timeline[str]:
-        """Texts of severity warning or worse, collisions among them."""
+        """Texts of severity warning or worse, including collisions."""
         return _timeline([(self._t_s(us), text) for us, text in self._autopilot.warnings])
 
     def _t_s(self, time_us: float) -> float:
@@ -127,10 +127,10 @@ class DroneTelemetry:
 
 
 def telemetry(path: Path, t0_us: int) -> dict[int, DroneTelemetry]:
-    """Return the telemetry in a tlog by drone; {} where there is none. Raises UsageError when it cannot be read.
+    """Return the telemetry in a tlog by drone; {}: there is no file. Raises UsageError when it cannot be read.
 
-    The truth bus numbers the drones: system 1 is drone 0. An autopilot of another number is the next drone.
-    A file that a kill has cut off is read to its last complete message.
+    A system on the truth bus is the drone with its system id − 1. Other systems whose autopilots send positions are
+    numbered from 0, in the order of their ids. A truncated file is read to its last complete message.
     """
     if not path.is_file():
         return {}
@@ -167,9 +167,9 @@ def _header(frame: bytes) -> tuple[int, int, int]:
 
 
 class _Accuracy:
-    """The newest reported accuracies of the position in the world, not only in its own frame.
+    """The newest reported accuracies of the global position, not only of the position in the local frame.
 
-    The receiver's is a lower bound for the estimator's: no filter sees an error that all of its fixes share.
+    The error is at least that of the receiver, because the estimator cannot detect an error that all fixes share.
     """
 
     def __init__(self) -> None:
@@ -177,14 +177,14 @@ class _Accuracy:
 
     @property
     def std_ned(self) -> Vec3:
-        """m per axis, the full horizontal accuracy on each of the two; NaN where neither was reported."""
+        """m per axis, the larger of both; each horizontal axis has the full horizontal accuracy. NaN: not reported."""
         horizontal, vertical = (float(np.fmax(a, b)) for a, b in zip(self.estimator, self.receiver, strict=True))
         return (horizontal, horizontal, vertical)
 
 
 @dataclass
 class _Autopilot:
-    """Collects the messages of one autopilot. Each kind of stamped message has its own clock."""
+    """Collects the messages of one autopilot. Each type of message with a time stamp has its own clock."""
 
     places: list[tuple[float, ...]] = field(default_factory=list)
     angles: list[tuple[float, ...]] = field(default_factory=list)
@@ -199,7 +199,7 @@ class _Autopilot:
     _accuracy: _Accuracy = field(default_factory=_Accuracy)
 
     def take(self, m: dialect.MAVLink_message) -> None:
-        """Take the next message."""
+        """Store the values of the next message."""
         kind, own = m.get_msgId(), m.get_srcComponent() == AUTOPILOT
         if kind == TEXT:
             self._text(m)
@@ -255,7 +255,7 @@ def _timeline(rows: Sequence[tuple[float, V]]) -> Timeline[V]:
 
 
 def rising(rows: Sequence[tuple[float, ...]], finite: int = 1) -> Array:
-    """Return rows of rising time, without late, repeated, or (in the first `finite` columns) non-finite ones."""
+    """Return the rows with rising times, without rows that have non-finite values in the first `finite` columns."""
     if not rows:
         return np.empty((0, 12))
     table = np.array(rows, np.float64)

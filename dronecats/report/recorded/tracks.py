@@ -1,7 +1,7 @@
-"""Tracks of drones as arrays: true ones, and those that autopilots estimated.
+"""True and estimated tracks of drones, as arrays.
 
-The truth bus has fifty poses a second with attitude; so has the onboard log of a simulated PX4, a ULog of PX4's topics,
-which needs pyulog to be read. truth.jsonl has two places a second and a heading; between them a drone is drawn level.
+The truth bus and the onboard log of a simulated PX4 (a ULog; needs pyulog) have fifty poses per second with attitudes.
+truth.jsonl has two positions per second with headings. A drone without attitudes is drawn level.
 """
 
 from collections.abc import Iterable
@@ -24,16 +24,16 @@ from foundation.run_folder import layout
 from foundation.run_folder.rows import EstimatedPose, FrameTruth, Pose
 from foundation.truth import Origin, TruthSample
 
-SMOOTHED_S = 0.06  # the bus has places in steps of 1.1 cm, visible as a tremor
-GAP_S = 0.2  # the largest between two samples that are smoothed
-LEVEL_PERIOD_S = 0.1  # of the samples of a drawn track without attitudes
+SMOOTHED_S = 0.06  # s, sigma of the smoothing: positions on the truth bus have steps of 1.1 cm, visible as jitter
+GAP_S = 0.2  # s between two samples, at most, of a track that is smoothed
+LEVEL_PERIOD_S = 0.1  # s between two samples of a drawn level track
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class FlightTrack:
-    """The track of one drone, n samples of rising time, at least one."""
+    """The track of one drone or target: n ≥ 1 samples with rising times."""
 
     t_s: Array  # (n,) s of vehicle time since the episode began
     position_ned: Array  # (n, 3) m
@@ -45,7 +45,7 @@ class FlightTrack:
         return len(self.t_s)
 
     def newest(self, t_s: float) -> int:
-        """Return the index of the newest sample at a time, to a microsecond; before the first, that of the first."""
+        """Return the index of the newest sample at a time, with 1 µs tolerance; 0 before the first sample."""
         return max(0, int(np.searchsorted(self.t_s, t_s + 1e-6, side="right")) - 1)
 
     def between(self, from_s: float, to_s: float) -> "FlightTrack":
@@ -56,9 +56,9 @@ class FlightTrack:
         )  # fmt: skip
 
     def at(self, t_s: float) -> DronePose:
-        """Return the pose at a time: linear between two places, on the shortest arc between two attitudes.
+        """Return the pose at a time: linear interpolation between two positions, slerp between two attitudes.
 
-        Before the first sample and after the last, it is that of the sample.
+        Before the first sample it is the first pose, after the last sample the last pose.
         """
         t_s = min(max(t_s, float(self.t_s[0])), float(self.t_s[-1]))
         if len(self.t_s) == 1:
@@ -72,7 +72,7 @@ class FlightTrack:
         return DronePose(_vec3(place), (float(w), float(x), float(y), float(z)))
 
     def positions(self, times: Array) -> Array:
-        """Return the places (len(times), 3), m NED."""
+        """Return the positions (len(times), 3), m NED, interpolated linearly."""
         return np.column_stack([np.interp(times, self.t_s, self.position_ned[:, k]) for k in range(3)])
 
     def headings(self, times: Array) -> Array:
@@ -81,11 +81,11 @@ class FlightTrack:
         return np.asarray(np.interp(times, self.t_s, np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))))
 
     def moves(self) -> bool:
-        """Return whether any place is more than a centimetre from the first on an axis."""
+        """Return whether any position differs from the first by more than a centimetre on an axis."""
         return bool((abs(self.position_ned - self.position_ned[0]) > 0.01).any())
 
     def drawn(self) -> "FlightTrack":
-        """Return the track for drawing: without the tremor of the bus, a level one smooth between its places."""
+        """Return the track for drawing: without the jitter of the truth bus; a level track smoothly interpolated."""
         if self.level:
             return self._laid_out()
         if len(self.t_s) < 3 or float(np.diff(self.t_s).max()) > GAP_S:
@@ -106,10 +106,10 @@ class DroneTracks:
     """The tracks and setpoints of one drone from the beginning of an episode to its end."""
 
     number: int  # 0 is the first
-    estimate: FlightTrack | None  # of its autopilot's telemetry, in the map's frame
-    held: FlightTrack | None  # the estimate with the newest sample before the episode
+    estimate: FlightTrack | None  # from its autopilot's telemetry, in the map's frame
+    held: FlightTrack | None  # the estimate, with the newest sample before the episode
     truth: FlightTrack | None  # the judge's; None: not measured
-    setpoints: Array | None  # (n, 9): t s, place m in the map's frame, velocity m/s, yaw, yaw rate; NaN: open
+    setpoints: Array | None  # (n, 9): t s, position m in the map's frame, velocity m/s, yaw, yaw rate; NaN: unset
 
 
 def drone_tracks(
@@ -120,7 +120,7 @@ def drone_tracks(
     moved = np.zeros(3)
     if origin is not None and telemetry.origin is not None:
         moved = np.array(geodetic_to_ned(*origin, *telemetry.origin))
-    if estimate is not None:  # one without attitudes has no heading, along which to measure
+    if estimate is not None:  # omitted without attitudes, because its heading is unknown
         estimate = None if estimate.level else replace(estimate, position_ned=estimate.position_ned + moved)
     if len(setpoints):
         times = (setpoints[:, 0] - telemetry.t0_us) / 1e6
@@ -136,7 +136,7 @@ def drone_tracks(
 
 
 def _during(track: FlightTrack | None, end_s: float, held: bool = False) -> FlightTrack | None:
-    """Return the part of a track in the episode, if `held` with the newest sample before it; None: there is none."""
+    """Return the part of a track in the episode; with `held`, also the newest sample before it; None: no samples."""
     if track is None:
         return None
     kept = track.between(min(0.0, float(track.t_s[track.newest(0.0)])) if held else 0.0, end_s)
@@ -144,7 +144,7 @@ def _during(track: FlightTrack | None, end_s: float, held: bool = False) -> Flig
 
 
 def true_track(samples: Iterable[TruthSample], t0_us: int) -> FlightTrack | None:
-    """Return the track of one drone's samples of the truth bus; None without any. `t0_us`: the clock at t = 0."""
+    """Return the track of one drone's samples of the truth bus; None: no samples. `t0_us`: the clock at t = 0."""
     rows = rising(
         [((s.time_us - t0_us) / 1e6, *s.position_ned, *s.velocity_ned, *s.attitude) for s in samples]
     )  # fmt: skip
@@ -152,9 +152,9 @@ def true_track(samples: Iterable[TruthSample], t0_us: int) -> FlightTrack | None
 
 
 def estimated_track(telemetry: DroneTelemetry) -> FlightTrack | None:
-    """Return the track that an autopilot sent, in its local frame, level without attitudes; None: it sent none.
+    """Return the estimated track in telemetry, in the autopilot's local frame; None: no positions.
 
-    Attitudes are interpolated to the times of its places.
+    Attitudes are interpolated to the times of the positions. Without attitudes the track is level.
     """
     places, angles = telemetry.places, telemetry.angles
     if not len(places):
@@ -169,9 +169,9 @@ def estimated_track(telemetry: DroneTelemetry) -> FlightTrack | None:
 
 
 def track_of_rows(rows: Iterable[Pose | FrameTruth | EstimatedPose]) -> FlightTrack | None:
-    """Return the track of one drone's rows of a log: level, without velocity; None where no row has a place.
+    """Return the track of one drone's rows of a log: level, without velocity; None: no row has a position.
 
-    A row without a heading has that of the row before it.
+    A row without a heading has the heading of the row before it.
     """
     placed = {row.t: row for row in rows if row.position_ned is not None}
     if not placed:
@@ -186,7 +186,7 @@ def track_of_rows(rows: Iterable[Pose | FrameTruth | EstimatedPose]) -> FlightTr
 
 
 def target_track(rows: Iterable[Pose | FrameTruth]) -> FlightTrack | None:
-    """Return the track of the target's centre from rows of truth.jsonl; None where no row has it."""
+    """Return the track of the target's centre from rows of truth.jsonl; None: no row has it."""
     placed = {row.t: row.target_ned for row in rows if row.target_ned is not None}
     if not placed:
         return None
@@ -209,17 +209,17 @@ def _vec3(place: Array) -> Vec3:
 
 
 def kept_ulog(folder: Path, drone: int = 0) -> Path | None:
-    """Return the onboard log of a drone's autopilot; None where it was not kept, or pyulog is missing."""
+    """Return the path of the onboard log of a drone's autopilot; None: it was not kept, or pyulog is missing."""
     path = folder / layout.onboard_log_name(drone)
     return path if path.is_file() and is_installed("pyulog") else None
 
 
 def ulog_topics(path: Path, *names: str) -> dict[str, dict[str, Any]]:
-    """Return the columns of those of these topics that a ULog has. Raises UsageError when the file is no ULog."""
+    """Return the columns of the topics `names` that a ULog has. Raises UsageError when the file is not a ULog."""
     from pyulog import ULog
 
     try:
-        return {d.name: d.data for d in reversed(ULog(str(path), list(names)).data_list)}  # instance 0 of each stays
+        return {d.name: d.data for d in reversed(ULog(str(path), list(names)).data_list)}  # keeps instance 0
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from None
     except Exception as error:  # a damaged file raises errors of many classes in pyulog
@@ -227,14 +227,14 @@ def ulog_topics(path: Path, *names: str) -> dict[str, dict[str, Any]]:
 
 
 def onboard_estimated_track(path: Path, t0_us: int) -> FlightTrack | None:
-    """Return the estimate of a ULog, in the autopilot's local frame; None: it has none. Raises UsageError."""
+    """Return the estimated track in a ULog, in the autopilot's local frame; None: it has none. Raises UsageError."""
     return _track(ulog_topics(path, "vehicle_local_position", "vehicle_attitude"), "", t0_us)
 
 
 def onboard_true_track(path: Path, t0_us: int, map_origin: Origin) -> FlightTrack | None:
-    """Return the truth that a simulated PX4 wrote, in the map's frame; None: it wrote none.
+    """Return the true track in the ULog of a simulated PX4, in the map's frame; None: it has none.
 
-    Raises UsageError when the file is no ULog.
+    Raises UsageError when the file is not a ULog.
     """
     topics = ulog_topics(path, "vehicle_local_position_groundtruth", "vehicle_attitude_groundtruth")
     track, place = _track(topics, "_groundtruth", t0_us), topics.get("vehicle_local_position_groundtruth")

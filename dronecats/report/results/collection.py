@@ -1,8 +1,8 @@
-"""Reads all episodes of some runs, one row per episode; reports, comparisons and studies are made from these rows.
+"""Reads all episodes of some runs, one row per episode. Reports, comparisons and studies use these rows.
 
-A reader may leave flights out by the value of a metric, such as those with more than two estimator resets. That is
-never the default, and every report says so: a cause that arises in flight may be more frequent at one level of a study
-than at another.
+Flights can be left out by the value of a metric, for example flights with more than two estimator resets. This is never
+the default, and every report states it: the reason may be more frequent at one level of a study than at another, which
+biases the comparison.
 """
 
 import math
@@ -60,17 +60,17 @@ class ScoredEpisode:
     steps: Mapping[str, tuple[MetricValue, ...]] = field(
         default_factory=dict
     )  # by the metric's name, a value per decision
-    mode: str | None = None  # how it ended, success or its failure mode; None: it is not scored
-    outlooks: tuple[StepOutlook, ...] = ()  # its steps, to compare the effect of a think with others
+    mode: str | None = None  # success, or the failure mode; None: it is not scored
+    outlooks: tuple[StepOutlook, ...] = ()  # its steps, to compare the effect of a think with that of other actions
     host_stalls: int | None = None  # steps that the host delayed; None: not logged, as in lockstep
-    left_out: str | None = None  # why the reader of a report does not count it
+    left_out: str | None = None  # why it is left out of a report; None: it is not
     usage: Usage = Usage()
     record_sha256: str = ""  # of the flown record; empty: there is none
-    served: tuple[str, ...] = ()  # models that answered, in the vendors' words; empty: not logged
+    served: tuple[str, ...] = ()  # models that answered, as the vendors name them; empty: not logged
 
     @property
     def scored(self) -> bool:
-        """Whether it counts: an error of the infrastructure is neither a success nor a failure."""
+        """Whether the flight counts: it is a success or a failure, and is not left out."""
         return self.verdict is not None and self.verdict.outcome in SCORED and self.left_out is None
 
     @property
@@ -96,7 +96,7 @@ def collect(
 ) -> Collection:
     """Return the runs in these folders. A damaged episode does not affect the others. Raises UsageError.
 
-    `processes` is the number of processes that read; None: as many as pay.
+    `processes`: number of reading processes; None: as many as are useful.
     """
     runs = recorded_runs(paths)
     folders = [(run, folder) for run in runs for folder in run.episodes]
@@ -104,7 +104,7 @@ def collect(
     def read(number: int) -> ScoredEpisode:
         run, folder = folders[number]
         scored = scored_episode(run, folder, delta_m, metrics)
-        return replace(scored, run=replace(run, configuration={}, episodes=()))  # the parent process has them
+        return replace(scored, run=replace(run, configuration={}, episodes=()))  # the parent process has these
 
     episodes = []
     for (run, _), scored in zip(folders, parallel_map(read, range(len(folders)), processes), strict=True):
@@ -114,7 +114,7 @@ def collect(
 
 
 def scored_episode(run: RecordedRun, folder: Path, delta_m: float, metrics: Sequence[Metric]) -> ScoredEpisode:
-    """Return one episode of a run with its metrics. Raises UsageError where a metric of the user's own fails."""
+    """Return one episode of a run with its metrics. Raises UsageError when a metric of the user fails."""
     try:
         flight = JudgedFlight.read(folder, delta_m)
     except UsageError as damage:
@@ -154,9 +154,9 @@ def usage_of(folder: Path) -> Usage:
 
 
 def _usage(decisions: Iterable[Decision], folder: Path) -> Usage:
-    """Return the usage; a joint reply is in the log of each of its drones, and counts once.
+    """Return the usage. A joint reply is in the log once per drone, but counts once.
 
-    A confirmation is a reply of the commander.
+    Confirmations are replies of the commander, so they are not counted as replies of the pilot.
     """
     steps = {decision.step: decision for decision in decisions if decision.confirmed_by is UNSET}.values()
     try:
@@ -182,7 +182,7 @@ def _sum(counts: list[int | None]) -> int | None:
 
 
 def without_stalled(collection: Collection) -> Collection:
-    """Return the collection with every flight that the host delayed left uncounted."""
+    """Return the collection, with the flights that the host delayed marked as left out."""
     kept = (
         replace(flight, left_out="the host delayed steps", error=f"the host delayed {flight.host_stalls} steps")
         if flight.scored and flight.host_stalls
@@ -194,16 +194,16 @@ def without_stalled(collection: Collection) -> Collection:
 
 @dataclass(frozen=True, slots=True)
 class Exclusion:
-    """Leaves out the flights in which a metric is above a number."""
+    """A rule that leaves out flights with a metric above a limit."""
 
-    metric: str  # a name of the registry
+    metric: str  # name in the registry of metrics
     most: float  # in the metric's unit
 
     def __str__(self) -> str:
         return f"{self.metric} above {self.most:g}"
 
     def value(self, scored: ScoredEpisode) -> float | None:
-        """Return the metric of a flight; None where the flight has none."""
+        """Return the metric of a flight; None: unknown."""
         value = scored.values.get(self.metric)
         return None if value is None else float(value)
 
@@ -234,7 +234,7 @@ def parse_exclusion(text: str) -> Exclusion:
 
 
 def exclude(collection: Collection, exclusions: Sequence[Exclusion]) -> Collection:
-    """Return the collection with the flights above any of the exclusions left uncounted."""
+    """Return the collection, with the flights that any exclusion excludes marked as left out."""
     return replace(collection, episodes=tuple(_excluded(flight, exclusions) for flight in collection.episodes))
 
 
@@ -247,9 +247,9 @@ def _excluded(scored: ScoredEpisode, exclusions: Sequence[Exclusion]) -> ScoredE
 
 
 def exclusion_sentences(flights: Sequence[ScoredEpisode], exclusions: Sequence[Exclusion]) -> Iterator[str]:
-    """Yield the sentences of a report about the flights that it leaves out."""
+    """Yield the report's sentences about the flights that are left out."""
     left_out = Counter(flight.left_out for flight in flights if flight.left_out)
-    for exclusion in exclusions:  # those that leave out no flight too
+    for exclusion in exclusions:  # including those without a flight
         left_out.setdefault(str(exclusion), 0)
     for reason, count in left_out.items():
         yield f"Left out: {count} of {len(flights)} flights: {reason}."
@@ -261,15 +261,15 @@ def exclusion_sentences(flights: Sequence[ScoredEpisode], exclusions: Sequence[E
 
 @dataclass(frozen=True, slots=True)
 class Unflown:
-    """The missing flights of one benchmark. A benchmark in progress is no sample of its suite."""
+    """The missing flights of one benchmark. Scores of an incomplete benchmark do not represent its suite."""
 
     folder: Path  # of bench.json
-    flights: int  # that belong to it
-    missing: int  # of these, those without a folder here
+    flights: int  # number of flights of the benchmark
+    missing: int  # of these, the flights without a folder
 
 
 def unflown(runs: Iterable[RecordedRun]) -> list[Unflown]:
-    """Return the benchmarks of which flights are missing; a damaged bench.json counts as empty."""
+    """Return the benchmarks with missing flights. A damaged bench.json counts as empty."""
     episode_ids: dict[Path, dict[str, set[str]]] = {}  # benchmark → run → ids of its episodes
     for run in runs:
         episode_ids.setdefault(run.folder.parent, {})[run.folder.name] = {folder.name for folder in run.episodes}

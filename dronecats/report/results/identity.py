@@ -1,7 +1,7 @@
 """Decides which runs may be counted together: the identity of a run, and the differences between two runs.
 
-The identity has everything of run.json that was requested or present, except what distinguishes flights of one kind
-(such as the seed) and what was only measured. A value that an older run does not record equals only another such gap.
+The identity has the settings and versions in run.json, except the fields that may differ between flights of one kind
+(such as the seed) and measured values. If an older run lacks a value, it equals only another missing value.
 """
 
 import hashlib
@@ -20,14 +20,14 @@ from foundation.run_folder.folder import comparable_versions
 from foundation.run_folder.reading import json_object, taken
 from foundation.run_folder.rows import EpisodeIdentity
 
-NOT_RECORDED = "not told"  # this word is in the digests of identities that archives hold, so it stays
+NOT_RECORDED = "not told"  # must not change: the identity digests in archives depend on it
 WORDS = {
     NOT_RECORDED: "not recorded",
     "told": "recorded",
     "null": "none",
     "{}": "nothing",
 }  # value of an identity → in a sentence
-KEYS_SHOWN = 4  # of a table
+KEYS_SHOWN = 4  # keys of a table in a sentence
 NAMES = {  # key of run.json → its name in a sentence
     "code_sha256": "the code",
     "prompt_sha256": "the prompt",
@@ -38,9 +38,9 @@ NAMES = {  # key of run.json → its name in a sentence
     "map_sha256": "the map",
     "firmware": "the firmware",
 }
-# fields of a flight; prompt and agent are compared by their digest and name, a recorded latency by its policy
+# fields of a flight that may differ; prompt and agent are compared by digest and name, a recorded latency by its policy
 FREE = ("seed", "episode", "record", "accounts", "prompt", "agent", "latency_trace", "keep_ulog")
-OPTIONAL_PREFIXES = ("the suite ", "the protocol's ")  # a run may lack these: each has its own suite
+OPTIONAL_PREFIXES = ("the suite ", "the protocol's ")  # compared only if both runs have them
 DIGEST = re.compile(r"\b([0-9a-f]{8})[0-9a-f]{24,}\b")
 
 Identity = Mapping[str, frozenset[str]]  # name → its values, mostly one per run
@@ -58,7 +58,7 @@ class Difference:
 
 
 def _in_words(values: Sequence[str]) -> list[str]:
-    """Return the values of an identity as a person reads them: of tables only the keys that differ."""
+    """Return the values of an identity as readable text. Of tables it has only the keys that differ."""
     parsed = [_parsed(value) for value in values]
     if not any(isinstance(value, dict) for value in parsed):
         return [WORDS.get(value, DIGEST.sub(r"\1", value)) for value in values]
@@ -93,7 +93,7 @@ def identity(run: RecordedRun) -> dict[str, frozenset[str]]:
 
 def identity_digest(values: Identity) -> str:
     """Return the SHA-256 of an identity."""
-    # with the agents' names of version 0.1.0, whose archives hold such a digest
+    # uses the agents' names of version 0.1.0, so that digests in its archives stay valid
     former = {name: made for made, name in FORMER.items()}
     agents = frozenset(former.get(name, name.replace(":", ".")) for name in values.get("the agent", ()))
     packed = {**values, "the agent": agents} if agents else values
@@ -102,7 +102,7 @@ def identity_digest(values: Identity) -> str:
 
 
 def differences(a: Identity, b: Identity) -> list[Difference]:
-    """Return the differences of two identities; none when the runs are of one kind."""
+    """Return the differences between two identities; none if the runs are of one kind."""
     differing = []
     for name in dict.fromkeys([*a, *b]):
         if name.startswith(OPTIONAL_PREFIXES) and not (name in a and name in b):
@@ -116,7 +116,7 @@ def differences(a: Identity, b: Identity) -> list[Difference]:
 def odd_runs(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, list[Difference]]]:
     """Return the runs that differ from the most frequent kind, each with its differences from the first of that kind.
 
-    Of two equally frequent kinds, that of the earlier run counts as the most frequent.
+    If two kinds are equally frequent, the kind of the earlier run counts as the most frequent.
     """
     kinds = [identity(run) for run in runs]
     usual = _usual(kinds)
@@ -125,7 +125,7 @@ def odd_runs(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, list[Differ
 
 
 def refusal(runs: Sequence[RecordedRun]) -> str | None:
-    """Return a sentence that names the differences of runs that are not of one kind; None when they are."""
+    """Return a sentence about the differences between runs of several kinds; None: all runs are of one kind."""
     for run in runs:
         codes = identity(run)["the code"]
         if len(codes) > 1:
@@ -157,13 +157,13 @@ def record_digest(record: Mapping[str, Any]) -> str:
 
 
 def served(folder: Path) -> tuple[str, ...]:
-    """Return the models that answered in an episode, in the vendors' words; empty: not recorded."""
+    """Return the models that answered in an episode, as the vendors name them; empty: not recorded."""
     episode = _episode_identity(folder)
     return episode.served if episode else ()
 
 
 def _episode_identity(folder: Path) -> EpisodeIdentity | None:
-    """Return an episode's identity.json; None where an older version wrote none, or it is damaged."""
+    """Return an episode's identity.json; None: it is damaged, or missing because an older version flew."""
     return taken(json_object(folder / layout.IDENTITY) or {}, EpisodeIdentity)[0]
 
 
@@ -189,7 +189,7 @@ def _run_values(configuration: Mapping[str, Any]) -> Iterator[tuple[str, frozens
 
 
 def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (dotted name, value) of each leaf; null means not requested, and is left out."""
+    """Yield (dotted name, value) of each leaf. Null values (not requested) are left out."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _leaves(inner, f"{name}.{key}" if name else str(key))

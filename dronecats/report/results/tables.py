@@ -1,4 +1,4 @@
-"""The SQL tables of runs: their columns with units, and the rows that run folders have in them."""
+"""The SQL tables of runs: their columns with units, and the rows that are made from run folders."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -161,8 +161,8 @@ class SqlColumn:
     """A column with its description and its SQL type."""
 
     name: str
-    type: str  # of SQL
-    description: str  # its unit first, where it has one
+    type: str  # SQL type
+    description: str  # begins with the unit, if any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,7 +204,7 @@ TABLES: Mapping[str, RunTable] = {
 
 
 def markdown() -> str:
-    """Return all tables for docs/query.md, without the columns of metrics, which docs/metrics.md has."""
+    """Return all tables for docs/query.md, without the columns of metrics, which are in docs/metrics.md."""
     return "\n".join(_section(table) for table in TABLES.values())
 
 
@@ -234,7 +234,7 @@ def _plain(hint: Any) -> Any:
 
 
 UNMEASURED = FrameTruth(frame_id=0, t=0.0, drone=0, distance_m=None, visible=None)
-Values = dict[str, list[Any]]  # of a table, by the names of its columns
+Values = dict[str, list[Any]]  # the values of a table, by column name
 
 
 @dataclass(slots=True)

@@ -1,4 +1,4 @@
-"""Tables that compare pilots pair by pair on their common episodes, and the scatter of scores from flight to flight."""
+"""Tables of pairwise comparisons of pilots on common episodes, and of the scatter of scores between flights."""
 
 import itertools
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ Flights = dict[str, tuple[str, tuple[bool, ...]]]  # episode → (its cell, the 
 
 
 def comparison(data: ReportData) -> ReportTable | None:
-    """Return the comparison of every two models and of every two built-in pilots; None without a row."""
+    """Return the comparison of every pair of models and every pair of built-in pilots; None without a row."""
     blocks = []
     for title, is_model in ((MODELS, True), (BUILT_IN, False)):
         among = [entrant for entrant in data.entrants if entrant.is_model is is_model]
@@ -65,7 +65,7 @@ def comparison(data: ReportData) -> ReportTable | None:
 
 
 def _pair_rows(among: Sequence[Entrant], suite: str, cells: Sequence[str]) -> list[TableRow]:
-    """Return a row for every two of these entrants that flew common episodes."""
+    """Return a row for every pair of these entrants with common episodes."""
     results = [(a, b, _paired(a, b, cells)) for a, b in itertools.combinations(among, 2)]
     results = [(a, b, result) for a, b, result in results if result.episodes]
     adjusted = holm([result.p for _, _, result in results])

@@ -29,7 +29,7 @@ from episodes.records.record import CELLS
 
 
 def declarations(data: ReportData) -> ReportTable | None:
-    """Return the number of declarations and the share of correct ones; the success criterion forgives false ones."""
+    """Return the number of declarations and the share of correct ones. False declarations do not affect success."""
     rates = {"success": "SR", "success_at_first": "SR₁", "success_within_three": "SR₃"}
     columns = [
         NAME,
@@ -80,7 +80,7 @@ GROUNDING = (
 
 
 def grounding(data: ReportData) -> ReportTable | None:
-    """Return pointing and depth over all steps with the target in view; None without such steps."""
+    """Return the errors of pointing and depth over all steps with the target in view; None without such steps."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         flights = entrant.scored
@@ -115,7 +115,7 @@ def grounding(data: ReportData) -> ReportTable | None:
 
 
 def _share(values: Sequence[float]) -> TableCell:
-    """Return the share (%) of steps for which a metric of 0 and 1 holds."""
+    """Return the share (%) of steps whose value is 1. All values are 0 or 1."""
     return fraction(int(sum(values)), len(values))
 
 
@@ -131,7 +131,7 @@ REPLIES = (
 
 
 def replies(data: ReportData) -> ReportTable | None:
-    """Return the shares of unreadable, refused and cut-off replies; None where only built-in pilots flew."""
+    """Return the shares of unreadable, refused and cut-off replies; None if only built-in pilots flew."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         flights = entrant.scored
@@ -169,7 +169,7 @@ INCIDENTS = (
 
 
 def incidents(data: ReportData) -> ReportTable | None:
-    """Return collisions and estimator resets, which never change a verdict; None where the logs have neither."""
+    """Return collisions and estimator resets, which never change a verdict; None if the logs have neither."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         flights = entrant.scored
@@ -257,7 +257,7 @@ THINKING = (
 
 
 def thinking(data: ReportData) -> ReportTable | None:
-    """Return the paper's three comparisons over all steps of each entrant; None where none thought."""
+    """Return the paper's three comparisons over all steps of each entrant; None if no step is a think."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         effect = deliberation(step for flight in entrant.scored for step in flight.outlooks)
@@ -326,7 +326,7 @@ def _cell(metric: Metric, flights: Sequence[ScoredEpisode]) -> TableCell:
 
 
 def _decimals(metric: Metric, data: ReportData) -> int:
-    """Return the decimals that show about three digits."""
+    """Return the number of decimals that shows about three digits of a metric."""
     sizes = [abs(value) for flight in data.episodes
              if isinstance(value := flight.values.get(metric.name), int | float)]  # fmt: skip
     size = statistics.median(sizes) if sizes else 1.0

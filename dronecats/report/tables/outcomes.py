@@ -48,7 +48,7 @@ def rate(metric: str, title: str, cell: str | None) -> TableColumn:
 
 
 def main(data: ReportData) -> ReportTable | None:
-    """Return success and oracle success by cell, of one drone. Paper, "Main Results"."""
+    """Return success and oracle success of one drone, by cell. Paper, "Main Results"."""
     cells = data.cells()
     columns = [NAME, FLIGHTS]
     for cell in (*cells, None):
@@ -147,7 +147,7 @@ def cut_off(flights: Iterable[ScoredEpisode]) -> tuple[str, ...]:
 
 
 def failures(data: ReportData) -> ReportTable | None:
-    """Return the shares of the ways in which one-drone flights ended; None where no way is known."""
+    """Return the shares of the failure modes of one-drone flights; None if no mode is known."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         flights = [flight for flight in entrant.scored if flight.cell in ONE_DRONE and flight.mode is not None]
@@ -164,7 +164,7 @@ def failures(data: ReportData) -> ReportTable | None:
 
 
 def commanding(data: ReportData) -> ReportTable | None:
-    """Return success with one drone beside the rates of reaching, declaring and succeeding with a fleet."""
+    """Return the success rate with one drone, and the rates of reaching, declaring and succeeding with a fleet."""
     columns = [
         NAME,
         replace(rate("success", "SR", APPROACHING), group="One drone"),
@@ -198,7 +198,7 @@ def commanding(data: ReportData) -> ReportTable | None:
 
 
 def drones(data: ReportData) -> ReportTable | None:
-    """Return the outcomes of each drone of a fleet, beside the success rate; None where they are not known."""
+    """Return the outcomes of the drones of a fleet, and the success rate; None if the outcomes are not known."""
     columns = [
         NAME,
         TableColumn(name="drones", title="Drones"),

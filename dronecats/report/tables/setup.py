@@ -10,7 +10,7 @@ from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.identity import DIGEST, NOT_RECORDED, identity
 from dronecats.report.table import ReportTable, TableCell, TableColumn, words
 
-IDENTITY_COLUMNS = {  # column → its title, and the entry of the identity in it
+IDENTITY_COLUMNS = {  # column → its title, and the entry of the identity that it shows
     "served": ("As served", "the model as served"),
     "prompt": ("Prompt", "the prompt"),
     "parser": ("Parser", "parser"),
@@ -72,7 +72,7 @@ def _sampling(entrant: Entrant) -> str:
 
 
 def _reasoning(entrant: Entrant) -> str:
-    """Return the fields that switch a model's reasoning, before and after a `think`; empty: unknown, or no model."""
+    """Return the fields that set a model's reasoning, without and after a `think`; empty: unknown, or no model."""
     model = entrant.runs[0].flight.get("model") or {}
     provider = PROVIDERS.get(str(model.get("provider")))
     if provider is None:

@@ -1,4 +1,4 @@
-"""Differences between flights of the same seeds: a level less the reference, and an entrant less another."""
+"""Paired differences between flights of the same seeds: a level minus its reference, and one entrant minus another."""
 
 import itertools
 import statistics
@@ -28,24 +28,24 @@ METRICS = (SUCCESS, *(measure.metric for measure in MEASURES))
 
 @dataclass(frozen=True, slots=True)
 class PairedDifference:
-    """The first side minus the second, over their pairs of flights."""
+    """The difference in a metric between two sides, the first minus the second, over their pairs of flights."""
 
-    factor: int  # its number
+    factor: int  # index in StudyResults.factors; -1: not along one factor
     cell: str
     metric: str  # one of METRICS
     first: str  # an entrant
-    second: str  # another one, or the same
+    second: str  # another entrant, or the same
     at: LevelStep  # the level of the first
-    against: LevelStep  # of the second
-    pairs: int  # of flights
-    difference: MeanDifference  # of shares (-1 … 1), or in the unit of the metric; the episode is the unit
+    against: LevelStep  # the level of the second
+    pairs: int  # number of pairs of flights
+    difference: MeanDifference  # of shares (-1 … 1), or in the metric's unit; the statistical unit is the episode
     p_holm: float  # p with Holm's correction over the table's rows of the same entrants, cell and metric
 
 
 def between_levels(results: StudyResults, factor: int) -> list[PairedDifference]:
     """Return each level of a factor minus its reference level, for the same entrant, seed and other factors.
 
-    The reference is one level even if levels are grouped; the other levels of its group are then in no pair.
+    If levels are grouped, the reference is still one level, and no pair contains the other levels of its group.
     """
     steps, reference = level_steps(results.factors[factor]), _reference_step(results.factors[factor])
     differences = []
@@ -63,9 +63,9 @@ def between_levels(results: StudyResults, factor: int) -> list[PairedDifference]
 
 
 def between_entrants(results: StudyResults, factor: int) -> list[PairedDifference]:
-    """Return the difference of each two entrants at each level of a factor, on the same seeds and other factors.
+    """Return the difference of each two entrants at each level of a factor, with the same seeds and other levels.
 
-    With one factor at a time the other factors are at their base, as in `level_results`.
+    In a design of one factor at a time, the other factors are at their base, as in `level_results`.
     """
     steps, differences = level_steps(results.factors[factor]), []
     for (first, second), cell in itertools.product(itertools.combinations(results.entrants, 2), results.groups):
@@ -83,7 +83,7 @@ Pair = tuple[StudiedFlight, StudiedFlight]
 
 
 def _reference_step(factor: StudiedFactor) -> LevelStep:
-    """Return the reference level as a step of its own."""
+    """Return a step that has only the reference level."""
     reference = factor.reference
     return LevelStep(factor.label(reference), None if isinstance(reference, str) else reference, frozenset({reference}))
 
@@ -106,14 +106,14 @@ def difference(
     second: tuple[str, LevelStep],
     pairs: Sequence[Pair],
 ) -> list[PairedDifference]:
-    """Return the difference, or nothing if no pair has both values."""
+    """Return a list of one difference; empty if no pair has both values."""
     partner = {id(a): b for a, b in pairs}
     if metric == SUCCESS:
         means = [
             statistics.fmean(a.scored.success - partner[id(a)].scored.success for a in group)
             for group in by_episode([a for a, _ in pairs]).values()
         ]
-        apart = len({id(b) for _, b in pairs})  # a flight that is paired with several of a step counts as one pair
+        apart = len({id(b) for _, b in pairs})  # a flight in several pairs counts once
         estimate, count = share_difference(means, max(1.0, apart / max(1, len(means)))), len(pairs)
     else:
         means, count = [], 0
@@ -136,27 +136,30 @@ def _with_holm(rows: Sequence[PairedDifference]) -> list[PairedDifference]:
 
 
 NE = "ne_m"
-POINTS_MAX = 100  # more points, as of a Latin hypercube, get no table
-UNDISTURBED = "the usual levels"  # of all factors
+POINTS_MAX = 100  # a study with more points, such as a Latin hypercube, gets no table of points
+UNDISTURBED = "the usual levels"  # title of the point with the usual level of every factor
 
 StudyPoint = tuple[StudiedLevel, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class PointDifference:
-    """The difference of two entrants at one point: a level of every factor."""
+    """The difference of two entrants at one point of the design. A point has a level of every factor."""
 
     first: str
     second: str
     cell: str
-    title: str  # the levels that differ from the usual ones: Wind 10 m/s
+    title: str  # the levels that differ from the usual ones, for example: Wind 10 m/s
     shares: tuple[KnownShare, KnownShare]  # share of successes of the first and of the second entrant
-    success: PairedDifference  # first minus second; Holm over all points of both entrants and the cell
-    ne: PairedDifference | None  # None: no pair has both values
+    success: PairedDifference  # first minus second; Holm's correction is over all points of both entrants and the cell
+    ne: PairedDifference | None  # the same for NE; None: no pair has both values
 
 
 def point_differences(results: StudyResults) -> list[PointDifference]:
-    """Return the difference of each two entrants at each point that both flew; nothing for a study of one factor."""
+    """Return the difference of each two entrants at each point that both flew.
+
+    The list is empty for a study of one factor, or with more than POINTS_MAX points.
+    """
     count = len({flight.levels for flight in results.scored})
     if len(results.factors) < 2 or not 0 < count <= POINTS_MAX:
         return []
@@ -172,7 +175,7 @@ def point_differences(results: StudyResults) -> list[PointDifference]:
 def pooled_differences(results: StudyResults, points: Iterable[PointDifference]) -> list[PairedDifference]:
     """Return the difference in success of each two entrants, pooled over these points, in every cell.
 
-    The episode is the unit: its mean over all points is one number.
+    The statistical unit is the episode, with its mean over all points.
     """
     differences, step = [], LevelStep("all", None, frozenset())
     for first, second, cell in dict.fromkeys((point.first, point.second, point.cell) for point in points):
@@ -182,7 +185,7 @@ def pooled_differences(results: StudyResults, points: Iterable[PointDifference])
 
 
 def point_title(factors: Sequence[StudiedFactor], point: StudyPoint, usual: StudyPoint) -> str:
-    """Return the levels of a point that differ from the usual ones: Wind 10 m/s."""
+    """Return the levels of a point that differ from the usual ones, for example: Wind 10 m/s."""
     changes = [
         f"{factor.words} {factor.label(level)}"
         for factor, level, common in zip(factors, point, usual, strict=True)
@@ -228,7 +231,7 @@ def _levels_from_reference(factor: StudiedFactor) -> list[StudiedLevel]:
 
 
 def _usual_levels(factors: Sequence[StudiedFactor], points: Iterable[StudyPoint]) -> StudyPoint:
-    """Return the most frequent level of each factor; its reference if that is as frequent as any."""
+    """Return the most frequent level of each factor; on a tie, its reference if that is among them."""
     usual = []
     for factor, column in zip(factors, zip(*points, strict=True), strict=True):
         counts = Counter(column)

@@ -1,4 +1,4 @@
-"""Reads the results of a study from its folder, and checks that runs differ in nothing but their levels."""
+"""Reads the results of a study from its folder, and checks that its runs differ only in their levels."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -30,7 +30,7 @@ SHARED = ("the code", "the camera", "the clock", "the protocol", "the suite", "t
 
 
 def load_results(folder: Path, metrics: Sequence[Metric] = (), exclusions: Sequence[Exclusion] = ()) -> StudyResults:
-    """Return the results of the study in a folder, with these further metrics and without the excluded flights.
+    """Return the results of the study in a folder, with `metrics` in addition and without the excluded flights.
 
     Raises UsageError if the folder holds no study, if a run contradicts study.json, if runs of one entrant differ in
     more than their levels, if paired flights have different seeds, and if a flight was flown twice.
@@ -109,9 +109,9 @@ def _traces(runs: Sequence[RecordedRun]) -> dict[str, tuple[float, ...]]:
 def _with_levels(
     flight: FlightSpec, levels: Mapping[str, Level], traces: Mapping[str, tuple[float, ...]]
 ) -> FlightSpec:
-    """Return a flight at these levels; a trace that they name is looked up in `traces`.
+    """Return a flight at these levels. Recorded latencies come from `traces`, by the name in the levels.
 
-    A model that they name is the recorded one: the settings and prices of its row may have changed since.
+    A model in the levels is the recorded one, since the settings and prices of its row may have changed.
     """
     named = str(levels.get("model", ""))
     if flight.model is not None and ("/" not in named or named == flight.model.title):
@@ -124,7 +124,7 @@ def _with_levels(
 def _entrants(
     runs: Sequence[RecordedRun], study: Study, study_runs: Mapping[str, StudyRun]
 ) -> tuple[dict[Path, str], dict[Path, Identity]]:
-    """Return the label of each run's entrant, and the run's identity with every factor set to the same level."""
+    """Return two mappings from run folders: the entrant's label, and the identity at the levels of the first run."""
     first = study_runs[runs[0].folder.name].levels
     same_levels = {factor.name: first[factor.name] for factor in study.factors if factor.name not in ENTRANT_FACTORS}
     traces = _traces(runs)
@@ -141,7 +141,7 @@ def _entrants(
 
 
 def _label(own: Setting, all_settings: Sequence[Setting]) -> str:
-    """Return the pilot's name, with the settings that differ from the usual or between entrants of that name."""
+    """Return the pilot's name, and its settings that are unusual or differ between entrants of this name."""
     name = f"replay of {own.pilot}" if own.replayed else own.pilot
     usual = {"command": FLAT, "commander": "", "agent": PAPER}
     namesakes = [s for s in all_settings if (s.pilot, s.replayed) == (own.pilot, own.replayed)]
@@ -204,7 +204,7 @@ def _check_duplicates(
 def _notes(
     runs: Sequence[RecordedRun], labels: Mapping[Path, str], identities: Mapping[Path, Identity]
 ) -> Iterator[str]:
-    """Yield the differences between entrants in SHARED parts of the identity and in seeds, a sentence each."""
+    """Yield one sentence per difference between entrants, in SHARED parts of the identity and in seeds."""
     first: dict[str, RecordedRun] = {}
     for run in runs:
         first.setdefault(labels[run.folder], run)
@@ -224,7 +224,7 @@ def _notes(
 def _exclusion_notes(
     flights: Sequence[StudiedFlight], factors: Sequence[StudiedFactor], exclusions: Sequence[Exclusion]
 ) -> Iterator[str]:
-    """Yield the exclusions, and the excluded share at each level: unequal shares favour some levels."""
+    """Yield sentences on the exclusions, and on the excluded share at each level; unequal shares bias the result."""
     yield from exclusion_sentences([flight.scored for flight in flights], exclusions)
     if not any(flight.scored.left_out for flight in flights):
         return

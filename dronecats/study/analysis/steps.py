@@ -1,7 +1,7 @@
 """Metrics of single steps at each level: the served rate and latency, and the target's motion during one decision.
 
-A step is the time from its picture to the next one of its drone. The width of the view is that of the plane across the
-optical axis at the target's depth (paper, appendix "Execution": 90° across).
+A step lasts from its picture to the next picture of its drone. The width of the view is measured in the plane normal to
+the optical axis at the target's depth (paper, appendix "Execution": 90° field of view).
 """
 
 import math
@@ -14,8 +14,8 @@ from dronecats.judge.metrics.metric import Metric, MetricValue, known_values, qu
 from dronecats.study.analysis.study_results import LevelStep, StudiedFlight, StudyResults, comparable, level_steps
 from foundation.camera import CameraModel
 
-MOVES_M = 0.05  # m from one picture to the next; a target below it stands still, since logged places are rounded
-ACROSS = 2.0 * math.tan(math.radians(CameraModel().hfov_deg) / 2.0)  # m of width for each m of depth
+MOVES_M = 0.05  # m per step; a target that moves less counts as still, since logged positions are rounded
+ACROSS = 2.0 * math.tan(math.radians(CameraModel().hfov_deg) / 2.0)  # width of the view (m) per m of depth
 
 
 def target_moved(flight: JudgedFlight) -> list[MetricValue]:
@@ -30,7 +30,7 @@ def view_width(flight: JudgedFlight) -> list[MetricValue]:
 
 
 def decision_period(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per step the time (s) from its picture to the next one of its drone; None for the last step."""
+    """Return per step the time (s) from its picture to the next picture of its drone; None for the last step."""
     following = _following(flight.steps)
     return [
         None if after is None or not step.counts else after.decision.t_frame - step.decision.t_frame
@@ -111,15 +111,15 @@ class TargetMotionResult:
     entrant: str
     cell: str
     step: LevelStep
-    episodes: int  # whose target moves
+    episodes: int  # number of episodes with a moving target
     period_s: StepQuantiles
     moved_m: StepQuantiles
-    width_m: StepQuantiles  # of the view, at the target
-    share: StepQuantiles  # moved_m / width_m, step by step
+    width_m: StepQuantiles  # width of the view at the target
+    share: StepQuantiles  # moved_m / width_m of each step
 
 
 def served_rates(results: StudyResults, factor: int) -> list[ServedRate]:
-    """Return the rates and latencies of every entrant at each level; a joint question of a fleet counts once."""
+    """Return the rates and latencies of every entrant at each level. A joint question of a fleet counts once."""
     rows = []
     for entrant in results.entrants:
         flights = comparable(results.of(entrant), factor)

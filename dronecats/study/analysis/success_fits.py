@@ -1,4 +1,4 @@
-"""Logistic fits of success: where half of the flights succeed along a factor, main effects, and pairs of factors."""
+"""Logistic fits of success: the level at which half of the flights succeed, main effects, and interactions."""
 
 import itertools
 import math
@@ -23,12 +23,12 @@ from dronecats.study.analysis.study_results import (
     successes,
 )
 
-CHOICES_MAX = 12  # choices of the other factors; of more, none is fitted separately
+CHOICES_MAX = 12  # choices of the other factors' levels; with more choices there are no separate fits
 
 
 @dataclass(frozen=True, slots=True)
 class HalfSuccessFit:
-    """The fit of success along a factor, at one choice of the other factors."""
+    """The fit of success along a factor, at one choice of the other factors' levels."""
 
     factor: int  # index in StudyResults.factors
     entrant: str
@@ -39,9 +39,10 @@ class HalfSuccessFit:
 
 
 def half_success_fits(results: StudyResults, factor: int) -> list[HalfSuccessFit]:
-    """Return the fits along a factor; none for levels that are words, or with more than CHOICES_MAX choices.
+    """Return the fits along a factor: one for each entrant, cell, and choice of the other factors' levels.
 
-    A design of one factor at a time has one such choice, its base, which `beside` leaves out.
+    The list is empty if the levels are words or there are more than CHOICES_MAX choices. A design of one factor at a
+    time has one choice, the base, and `beside` is then empty.
     """
     if not results.factors[factor].numeric:
         return []
@@ -72,17 +73,17 @@ def _in_order(levels: tuple[StudiedLevel, ...]) -> list[tuple[float, str]]:
 
 @dataclass(frozen=True, slots=True)
 class MainEffect:
-    """The effect of a factor from one level to another, with the other factors held."""
+    """The effect of changing a factor from one level to another, with the other factors held constant."""
 
     entrant: str
     cell: str
     factor: int
-    begin: StudiedLevel  # the lowest level; of words the first
-    end: StudiedLevel  # the highest; of words one of the others
+    begin: StudiedLevel  # the lowest level; the first word if the levels are words
+    end: StudiedLevel  # the highest level; another word if the levels are words
     log_odds: float | None  # change of the log odds of success from begin to end; None: the likelihood has no peak
-    low: float | None  # of its profile-likelihood interval; None: open
-    high: float | None
-    share_begin: float  # fitted share of successes, the other factors at their middle, 0 … 1
+    low: float | None  # lower end of the profile-likelihood interval of log_odds; None: no bound
+    high: float | None  # upper end; None: no bound
+    share_begin: float  # fitted share of successes with the other factors at their middle, 0 … 1
     share_end: float
     p: float  # likelihood ratio test of no effect
     p_holm: float  # Holm's correction over all factors of the entrant and cell
@@ -104,10 +105,10 @@ class HeatMap:
 
 
 def main_effects(results: StudyResults) -> list[MainEffect]:
-    """Return the effect of each factor for every entrant and cell; nothing for a study of one factor.
+    """Return the effect of each factor for every entrant and cell.
 
-    Nothing for a design of one factor at a time either: there each level has its pairs with the base, and a joint fit
-    would tie all factors to that one point.
+    The list is empty for a study of one factor, and for a design of one factor at a time. In that design, the paired
+    differences compare each level with the base, and a joint fit would tie all factors to that one point.
     """
     pairs = itertools.combinations(range(len(results.factors)), 2)
     if not any(_crossed(results, a, b) for a, b in pairs):
@@ -116,7 +117,7 @@ def main_effects(results: StudyResults) -> list[MainEffect]:
     for entrant, cell in results.lines():
         model = _Regression(results.factors, results.of(entrant, cell))
         by_factor = [rows for k in range(len(results.factors)) if (rows := model.effects(entrant, cell, k))]
-        adjusted = holm([rows[0].p for rows in by_factor])  # the words of a factor share one test
+        adjusted = holm([rows[0].p for rows in by_factor])  # one test per factor, also if its levels are words
         effects += [replace(row, p_holm=p) for rows, p in zip(by_factor, adjusted, strict=True) for row in rows]
     return effects
 
@@ -124,8 +125,8 @@ def main_effects(results: StudyResults) -> list[MainEffect]:
 def heat_maps(results: StudyResults) -> list[HeatMap]:
     """Return the shares over each two factors, for every entrant and cell.
 
-    Pairs of which one factor is always at its base are left out, as in a design of one factor at a time: such flights
-    do not show an interaction.
+    A pair is left out if one of its factors is always at the base, as in a design of one factor at a time: such flights
+    show no interaction.
     """
     steps = [level_steps(factor) for factor in results.factors]
     maps = []
@@ -153,7 +154,7 @@ def _crossed(results: StudyResults, k: int, m: int) -> bool:
     points = list(dict.fromkeys((flight.levels[k], flight.levels[m]) for flight in results.scored))
     if not points:
         return False
-    base_k, base_m = points[0]  # in a design of one factor at a time at least one of them is the base level
+    base_k, base_m = points[0]  # in a design of one factor at a time, at least one is a base level
     along_k, along_m = {y for x, y in points if x != base_k}, {x for x, y in points if y != base_m}
     return len(along_k) > 1 and len(along_m) > 1
 
@@ -173,7 +174,7 @@ class _Regression:
         self._covariance = None if self._is_decided else covariance(self._design, self._trials, self._fit)
 
     def effects(self, entrant: str, cell: str, k: int) -> list[MainEffect]:
-        """Return the effect of a factor; of words one effect per word but the first, with the p of all of them."""
+        """Return the effect of a factor; for words, one effect per word except the first, all with the same p."""
         first = 1 + sum(block.shape[1] for block in self._columns[:k])
         last = first + self._columns[k].shape[1]
         if last == first:
@@ -214,7 +215,8 @@ class _Regression:
     def _effect(self, place: int, block: range, effect: MainEffect) -> MainEffect:
         """Return an effect with its log odds, its interval and the fitted shares at both ends.
 
-        `place` is its column, `block` all columns of its factor; of words the other columns are 0 at both ends.
+        `place` is the column of the effect, `block` are all columns of its factor. The other columns of the factor are
+        0 at both ends.
         """
         coefficient = float(self._fit.coefficients[place])
         middle = self._design.mean(axis=0)
@@ -230,7 +232,7 @@ class _Regression:
         return replace(effect, log_odds=coefficient, low=low, high=high)
 
     def _edge(self, place: int, best: float, way: float) -> float | None:
-        """Return the value of a coefficient at which the fit gets significantly worse; None: there is none."""
+        """Return the value of a coefficient at which the fit gets significantly worse; None if there is none."""
         limit = float(special.fdtri(1, max(1, self.episodes - 1), CONFIDENCE))
         without = np.delete(self._design, place, axis=1)
         begin = MixedLogit(np.delete(self._fit.coefficients, place), self._fit.scatter, 0.0)
@@ -248,7 +250,7 @@ class _Regression:
 
 
 def _columns(factor: StudiedFactor, levels: list[StudiedLevel]) -> Array:
-    """Return the design columns of a factor: numbers centred, with a span of 1; a column per word but the first."""
+    """Return a factor's design columns: centred numbers with a span of 1, or a column per word except the first."""
     if factor.numeric:
         at = np.array([float(level) for level in levels])
         span = at.max() - at.min()
@@ -260,7 +262,7 @@ def _columns(factor: StudiedFactor, levels: list[StudiedLevel]) -> Array:
 def _trials(
     flights: Sequence[StudiedFlight], conditions: Sequence[object], condition: Callable[[StudiedFlight], object]
 ) -> Trials:
-    """Return the outcomes, a line per episode and a column per condition."""
+    """Return the outcomes, with a row per episode and a column per condition."""
     episodes = by_episode(flights)
     column = {value: k for k, value in enumerate(conditions)}
     successes, trials = (np.zeros((len(episodes), len(column))) for _ in range(2))

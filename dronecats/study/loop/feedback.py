@@ -1,7 +1,7 @@
-"""Plant, estimator and cascade in one compiled loop, with a delay line in the feedback of exactly one loop.
+"""Runs plant, estimator and cascade in one compiled loop, with a delay line in the feedback of one control loop.
 
-The cascade gets a copy of the estimate in which one quantity of one axis is late. The estimator itself has no delay,
-since it is not a part of the measured loop. Flights do not use this: they compile `dronecats/flight/sitl/fused.py`.
+The cascade gets a copy of the estimate in which one quantity of one axis is delayed. The estimator has no delay, since
+it is not a part of the measured loop. Flights do not use this module; they use `dronecats/flight/sitl/fused.py`.
 """
 
 import math
@@ -14,9 +14,9 @@ from foundation.frames import Vec3
 from vehicles.multirotor import step
 from vehicles.solids import SolidTriangles
 
-RATE, ATTITUDE, VELOCITY = 0, 1, 2  # the loop whose feedback is late
-LINE = 4096  # samples in a delay line, a millisecond each
-CHANNELS = 4  # of a delay line: a quaternion has the most
+RATE, ATTITUDE, VELOCITY = 0, 1, 2  # the loop with the delayed feedback
+LINE = 4096  # samples in a delay line, one per millisecond
+CHANNELS = 4  # of a delay line; a quaternion needs all four
 COLUMNS = 10  # of the recorded truth: rates FRD (rad/s), attitude (w, x, y, z), velocity NED (m/s)
 
 
@@ -34,7 +34,7 @@ def delayed(line: Grid, newest: int, channel: int, delay: float) -> float:
 
 @njit(cache=True)
 def acceleration(estimate: Record) -> Vec3:
-    """Return the measured specific force turned to NED (m/s²)."""
+    """Return the measured specific force, rotated to NED (m/s²)."""
     q, s = estimate.attitude, estimate.accel_frd
     turned: Vec3 = rotate((q[0], q[1], q[2], q[3]), (s[0], s[1], s[2]))
     return turned
@@ -42,7 +42,7 @@ def acceleration(estimate: Record) -> Vec3:
 
 @njit(cache=True)
 def record_feedback(loop: int, axis: int, estimate: Record, line: Grid, row: int) -> None:
-    """Write the current feedback of the loop into a row of its line."""
+    """Write the current feedback of a loop into a row of its delay line."""
     if loop == RATE:
         line[row, 0] = estimate.rates_frd[axis]
     elif loop == ATTITUDE:
@@ -57,10 +57,10 @@ def record_feedback(loop: int, axis: int, estimate: Record, line: Grid, row: int
 def delay_feedback(
     loop: int, axis: int, delay: float, derivative: bool, estimate: Record, seen: Record, line: Grid, newest: int
 ) -> None:
-    """Copy the estimate into `seen`, with one loop's feedback about one axis late by `delay` samples.
+    """Copy the estimate into `seen`, with one loop's feedback about one axis delayed by `delay` samples.
 
-    Of an attitude only the turn about that body axis is late. Of a velocity its derivative is late, too, if the loop
-    has a derivative term.
+    In an attitude, only the rotation about that body axis is delayed. With a velocity, its derivative is delayed, too,
+    if the loop has a derivative term.
     """
     seen.time_us = estimate.time_us
     seen.velocity_valid = estimate.velocity_valid
@@ -126,10 +126,10 @@ def fly_late(
     setpoint: Record,
     estimate: Record,
 ) -> None:
-    """Advance by one millisecond per row of `out` (n, COLUMNS) and write the truth into it.
+    """Advance by one millisecond per row of `out` (n, COLUMNS) and write the truth into that row.
 
-    loop, axis: the late feedback; delay: in samples, may have a fraction, at most LINE - 2. line (LINE, CHANNELS) and
-    seen (an ESTIMATE) are scratch. The rest: `Multirotor.kernel_args` and `FlightCore.kernel_args`.
+    loop, axis: the delayed feedback. delay: samples, may have a fraction, at most LINE - 2. line (LINE, CHANNELS) and
+    seen (an ESTIMATE) are scratch. `Multirotor.kernel_args` and `FlightCore.kernel_args` provide the other arguments.
     """
     for row in range(line.shape[0]):
         record_feedback(loop, axis, estimate, line, row)

@@ -1,8 +1,8 @@
-"""The cascade linearised about a hover in discrete time, and its delay margins by python-control.
+"""Linearises the cascade about a hover in discrete time, and computes its delay margins with python-control.
 
-`autopilot.control.loop_design` designs the loops with an airframe's constants, at nominal voltage and in still air.
-This is the same cascade about a flown hover: with the voltage at the rotors, the damping of the air, sample-and-hold
-rates, and the filters that are in the feedback alone.
+`autopilot.control.loop_design` designs the loops with an airframe's constants, at nominal voltage and without air
+damping. This module linearises the same cascade about a simulated hover. It adds the voltage at the rotors, the damping
+by the air, the sample-and-hold of slower loops, and the filters in the feedback path.
 """
 
 import math
@@ -23,15 +23,15 @@ from vehicles.rigid_body import air_drag
 from vehicles.rotor import EFFICIENCY, NOMINAL_CELL_V, push
 
 DENSE = np.geomspace(0.1, 1000.0, 1_000)  # rad/s; below half of the sampling rate of 1 kHz
-SMALL = 1e-3  # rad/s, m/s: disturbance of a hover that shows the damping of the air
+SMALL = 1e-3  # rad/s, m/s: disturbance of a hover, for the numerical derivative of the air's damping
 
 
 @dataclass(frozen=True, slots=True)
 class HoverPoint:
-    """The properties of a hover beside the airframe's constants."""
+    """The properties of a hover that are not airframe constants."""
 
-    torque_gain: float  # × the nominal: thrust goes with the square of the voltage
-    lift_gain: float  # × the commanded: more thrust of all rotors lowers the battery's voltage
+    torque_gain: float  # × nominal torque; thrust is proportional to the square of the voltage
+    lift_gain: float  # × commanded lift; more thrust of all rotors lowers the battery's voltage
     rate_damping: Vec3  # 1/s, roll, pitch, yaw
     velocity_damping: Vec3  # 1/s, forward, right, down
 
@@ -45,7 +45,7 @@ class DelayMargin:
 
 
 def hover_point(airframe: Airframe, plant: Any) -> HoverPoint:
-    """Return the linearisation of air and battery about a hover; `plant` is its PLANT record, which is not changed."""
+    """Return the linearisation of air and battery about a hover. `plant` is its PLANT record and stays unchanged."""
     params, voltage = plant["params"], float(plant["state"]["voltage"])
     nominal = NOMINAL_CELL_V * airframe.battery.cells
     rate_damping, velocity_damping = [], []
@@ -71,8 +71,8 @@ def hover_point(airframe: Airframe, plant: Any) -> HoverPoint:
 def sag(airframe: Airframe, plant: Any) -> float:
     """Return the relative drop of the voltage per relative increase of the thrust of all rotors.
 
-    Power goes with the cube of the speed, so with the 1.5th power of thrust; the current follows from the voltage after
-    the sag.
+    Power is proportional to the cube of the rotor speed, and so to thrust to the power of 1.5. The voltage after the
+    sag determines the current.
     """
     state, ohm = plant["state"], airframe.battery.resistance_ohm
     voltage, current = float(state["voltage"]), float(state["current"])
@@ -81,7 +81,7 @@ def sag(airframe: Airframe, plant: Any) -> float:
 
 
 def zero_order_hold(z: Complex, samples: int) -> Complex:
-    """Return the response of a hold of every `samples`-th sample."""
+    """Return the response of a hold that keeps every `samples`-th sample."""
     total: Complex = sum(z**-k for k in range(samples)) / samples  # type: ignore[assignment]
     return total
 
@@ -98,18 +98,18 @@ def low_pass(z: Complex, cutoff: float, period_s: float) -> Complex:
 
 
 def rotor_response(z: Complex, airframe: Airframe) -> Complex:
-    """Return the response of the rotors to a command: mean of spin-up and spin-down, one sample later."""
+    """Return the response of the rotors to a command: the mean lag of spin-up and spin-down, and one sample's delay."""
     gain = 1.0 - math.exp(-STEP_S / rotor_lag(airframe))
     return gain / (z - (1.0 - gain))
 
 
 def integrator(z: Complex, damping: float) -> Complex:
-    """Return the response of an integrator with a damping (1/s), for an input that holds during a sample."""
+    """Return the response of an integrator with a damping (1/s), for an input that is constant during a sample."""
     return STEP_S * z / (z - (1.0 - damping * STEP_S))
 
 
 def midpoint(z: Complex) -> Complex:
-    """Return the mean of the last two samples, which motion is integrated with."""
+    """Return the response of the mean of the last two samples; the simulation integrates motion with this mean."""
     return 0.5 * (1.0 + 1.0 / z)
 
 
@@ -163,8 +163,8 @@ def linear_loops(airframe: Airframe, gains: Gains, point: HoverPoint) -> dict[st
 def delay_margin(loop: Response, frequencies: NDArray[np.float64] = DENSE) -> DelayMargin:
     """Return the smallest delay in the feedback that makes a loop oscillate, from python-control's phase margins.
 
-    A delay τ changes the phase by -τω at a crossover ω and keeps the gain, so the margin is the phase margin over ω,
-    the smallest over all crossovers.
+    A delay τ changes the phase by -τω at a crossover frequency ω and keeps the gain. So the delay margin is the phase
+    margin divided by ω, and the smallest one of all crossovers counts.
     """
     import control
 
@@ -179,5 +179,5 @@ def delay_margin(loop: Response, frequencies: NDArray[np.float64] = DENSE) -> De
 
 
 def designed_margin(airframe: Airframe, gains: Gains, loop: CascadeLoop) -> DelayMargin:
-    """Return the delay margin of a loop in `dronecats tune`, with the airframe's constants alone."""
+    """Return the delay margin of a loop as `dronecats tune` computes it, from the airframe's constants only."""
     return delay_margin(loops(airframe, gains)[loop.name], FREQUENCIES)

@@ -1,4 +1,4 @@
-"""Studies of an airframe's loops: step responses, and delay margins of the feedback, predicted and injected."""
+"""Studies an airframe's control loops: step responses, and predicted and injected delay margins of the feedback."""
 
 import math
 from collections.abc import Callable
@@ -13,31 +13,31 @@ from foundation.errors import UsageError
 
 Array = NDArray[np.float64]
 
-SAMPLES_A_PERIOD = 10  # samples in a period of the expected oscillation
-KEPT = 1e-6  # of the largest singular value; smaller ones are rounding and quantisation
-MODES = 12  # at most
-NEAR = (0.3, 3.0)  # × the expected frequency: range of the loop's own oscillation
+SAMPLES_A_PERIOD = 10  # samples per period of the expected oscillation
+KEPT = 1e-6  # × the largest singular value; smaller values are rounding and quantisation noise
+MODES = 12  # most modes of the matrix pencil
+NEAR = (0.3, 3.0)  # × the expected frequency: the range in which the loop's own oscillation is searched
 
 
 @dataclass(frozen=True, slots=True)
 class Oscillation:
     """The strongest oscillation of a signal near an expected frequency."""
 
-    growth: float  # 1/s; below 0 it fades
+    growth: float  # 1/s; below 0: the oscillation decays
     frequency: float  # rad/s
     size: float  # amplitude at the beginning of the signal
 
     @property
     def damping_ratio(self) -> float:
-        """-growth over the distance of the pole from the origin; 0 if it neither grows nor fades."""
+        """-growth divided by the distance of the pole from the origin; 0 at constant amplitude."""
         return -self.growth / math.hypot(self.growth, self.frequency)
 
 
 def oscillation(signal: Array, step_s: float, expected: float) -> Oscillation | None:
-    """Return the strongest oscillation between NEAR times `expected` (rad/s) of a signal sampled every `step_s` (s).
+    """Return the strongest oscillation in a signal, in the range NEAR × `expected` (rad/s); None if there is none.
 
-    The strongest one has most energy over the signal: rotors that spin up faster than they spin down leave weak
-    overtones. None without any. Method: matrix pencil.
+    `step_s` (s) is the sampling period. The strongest oscillation has the most energy over the signal. This excludes
+    the weak overtones of rotors that spin up faster than they spin down. Method: matrix pencil.
     """
     stride = max(round(2.0 * math.pi / expected / SAMPLES_A_PERIOD / step_s), 1)
     values, period = signal[::stride], stride * step_s
@@ -59,16 +59,16 @@ def oscillation(signal: Array, step_s: float, expected: float) -> Oscillation | 
     return Oscillation(float(poles.real[k]), float(poles.imag[k]), float(sizes[k]))
 
 
-WITHIN = 1e-3  # of the delay: distance of the last two trials
+WITHIN = 1e-3  # × the delay: tolerance of the bisection
 LATEST = 8.0  # × the expected margin: the largest delay tried
 
 
 def injected_margin(oscillates: Callable[[float], Oscillation | None], expected_s: float) -> DelayMargin:
     """Return the delay at which the damping ratio is 0.
 
-    `oscillates` returns the oscillation that a small step leaves with a delay (s). Bisection finds a fading and a
-    growing trial within WITHIN; between them the damping ratio is interpolated linearly. Raises UsageError if the loop
-    never oscillates.
+    `oscillates` returns the oscillation after a small step, for a delay (s). Bisection finds two delays within WITHIN
+    of each other, one with a decaying and one with a growing oscillation. The damping ratio is interpolated linearly
+    between them. Raises UsageError if the oscillation grows at no delay.
     """
     stable_s, unstable_s = 0.0, expected_s
     fading, growing = oscillates(stable_s), oscillates(unstable_s)
@@ -90,11 +90,11 @@ def injected_margin(oscillates: Callable[[float], Oscillation | None], expected_
     return DelayMargin(stable_s + share * (unstable_s - stable_s), growing.frequency)
 
 
-PERIODS = 12.0  # of the expected oscillation in a trial
-SETTLING = 0.2  # of a trial; faster transients are over by then
-STEP_S = {"rate": 2.0, "attitude": 4.0, "velocity": 10.0}  # duration of a step response without delay
-BAND = 0.1  # of a step, within which it counts as settled
-SHOWN = (0.9, 1.0, 1.1)  # × the injected margin: trials that the figure shows
+PERIODS = 12.0  # duration of a trial, in periods of the expected oscillation
+SETTLING = 0.2  # share of a trial that is discarded, so that fast transients are over
+STEP_S = {"rate": 2.0, "attitude": 4.0, "velocity": 10.0}  # s, duration of a step response without delay, by group
+BAND = 0.1  # × the step: a response within this distance of the step counts as settled
+SHOWN = (0.9, 1.0, 1.1)  # × the injected margin: delays in the figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,9 +102,9 @@ class StepFigures:
     """The figures of a step response."""
 
     rise_s: float  # s, from 10 to 90 %
-    overshoot_percent: float  # of the step, above it
-    delay_s: float  # s until half of the step is there
-    settled_s: float  # s until it stays within BAND of the step; nan: not before the response ends
+    overshoot_percent: float  # % of the step
+    delay_s: float  # s until the response reaches half of the step
+    settled_s: float  # s until the response stays within BAND of the step; nan: not before it ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,19 +114,19 @@ class LoopStudy:
     airframe: str
     loop: CascadeLoop
     step: StepFigures
-    designed: DelayMargin  # with the airframe's constants, as in `dronecats tune`
-    predicted: DelayMargin  # by python-control, of the loop linearised about the hover
-    injected: DelayMargin  # at which the flown loop oscillates
+    designed: DelayMargin  # from the airframe's constants, as in `dronecats tune`
+    predicted: DelayMargin  # by python-control, for the loop linearised about the hover
+    injected: DelayMargin  # the delay at which the simulated loop oscillates
     responses: dict[float, StepResponse]  # by delay (s): 0 and SHOWN times the injected margin
 
     @property
     def prediction_error(self) -> float:
-        """The relative error of the predicted margin; above 0: predicted larger than injected."""
+        """The relative error of the predicted margin; positive if it is larger than the injected margin."""
         return self.predicted.delay_s / self.injected.delay_s - 1.0
 
 
 def step_figures(response: StepResponse) -> StepFigures:
-    """Return the figures of a step response; nan for a level that it never reaches."""
+    """Return the figures of a step response; nan where the response does not reach the level."""
     share = response.value / response.step
 
     def first(level: float) -> float:
@@ -140,14 +140,14 @@ def step_figures(response: StepResponse) -> StepFigures:
 
 
 def step_oscillation(hover: Hover, loop: CascadeLoop, expected: DelayMargin) -> Callable[[float], Oscillation | None]:
-    """Return a function that returns the oscillation after a small step with a delay (s) in the loop's feedback."""
+    """Return a function that simulates a small step with a delay (s) in the feedback and returns the oscillation."""
     seconds = PERIODS * 2.0 * math.pi / expected.frequency
 
     def oscillates(delay_s: float) -> Oscillation | None:
         value = hover.step_response(loop, delay_s, seconds).value
         left = oscillation(value[round(SETTLING * len(value)) :], SAMPLE_S, expected.frequency)
         if left is not None and left.size > loop.step:
-            # beyond the margin limits (of tilt, of integrals) bound the oscillation, so that it does not grow
+            # beyond the margin, limits of tilt and integrals keep a growing oscillation at a constant amplitude
             return replace(left, growth=abs(left.growth))
         return left
 
@@ -155,7 +155,7 @@ def step_oscillation(hover: Hover, loop: CascadeLoop, expected: DelayMargin) -> 
 
 
 def study_loops(hover: Hover, loops: tuple[CascadeLoop, ...] = LOOPS) -> list[LoopStudy]:
-    """Return the study of each loop of a hovering airframe. Raises UsageError for a loop that never oscillates."""
+    """Return the study of each loop of a hovering airframe. Raises UsageError if a loop oscillates at no delay."""
     airframe, gains = hover.airframe, hover.gains
     linear = linear_loops(airframe, gains, hover_point(airframe, hover.plant))
     studies = []

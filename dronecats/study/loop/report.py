@@ -1,4 +1,4 @@
-"""The report of a loop study: rows for JSON and CSV, figures, and a Markdown page."""
+"""Writes the report of a loop study: rows as JSON and CSV, figures, and a Markdown page."""
 
 import csv
 import json
@@ -23,12 +23,12 @@ LoopRow = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class LoopResults:
-    """The results of a loop study; parts that were not studied are empty."""
+    """The results of a loop study. A part that was not studied is empty."""
 
     studies: Sequence[LoopStudy] = ()
     tolerances: Sequence[Tolerance] = ()
-    traces: Sequence[TraceResponse] = ()  # of one airframe: our autopilot, and PX4 if it was started
-    traced: str = ""  # name of that airframe
+    traces: Sequence[TraceResponse] = ()  # of one airframe: this project's autopilot, and PX4 if it was started
+    traced: str = ""  # name of the airframe of the traces
 
 
 def margin_rows(studies: Sequence[LoopStudy]) -> list[LoopRow]:
@@ -137,7 +137,7 @@ SETTLED = {"settled": ("settled_s", "g", " s")}
 
 
 def tables(results: LoopResults) -> list[ReportTable]:
-    """Return the tables of margins, stream tolerances and trace steps, without those that were not studied."""
+    """Return the tables of margins, stream tolerances and trace steps. Parts that were not studied have no table."""
     report_tables = []
     if results.studies:
         report_tables.append(_table(("airframe", "loop"), {**STEP, **DELAYS}, margin_rows(results.studies)))
@@ -156,7 +156,7 @@ def tables(results: LoopResults) -> list[ReportTable]:
 def _table(
     names: Sequence[str], measures: Mapping[str, tuple[str, str, str]], rows: Iterable[Mapping[str, Any]]
 ) -> ReportTable:
-    """Return a table of rows; `measures` are (field, format, unit) by their heads."""
+    """Return a table of rows; `measures` maps column heads to (field, format, unit)."""
     lines = (
         (*(row[name] for name in names),
          *("–" if row[field] is None else f"{row[field]:{form}}{unit}" for field, form, unit in measures.values()))
@@ -166,7 +166,7 @@ def _table(
 
 
 def write(results: LoopResults, out: Path, command: str) -> list[Path]:
-    """Write page, figures, JSON and CSV into a folder and return their paths. Raises InfrastructureError."""
+    """Write the page, figures, JSON and CSV files into a folder and return their paths. Raises InfrastructureError."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         pngs = draw(results, out, command)
@@ -211,13 +211,13 @@ def _tolerance_cells(tolerance: Tolerance) -> tuple[CellValue, ...]:
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 MARKERS = ("o", "s", "^", "D", "v", "P")
 GROUP_COLOURS = {"rate": style.BLUE, "attitude": style.ORANGE, "velocity": style.GREEN}
-AGREED = 0.2  # largest prediction error, share of the injected margin
-POINTS = 300  # drawn of an oscillating curve
+AGREED = 0.2  # largest prediction error that counts as agreement, as a share of the injected margin
+POINTS = 300  # points that are drawn of an oscillating curve
 SHOWN = ("roll rate", "roll attitude", "horizontal velocity", "vertical velocity")
 
 
 def draw(results: LoopResults, out: Path, command: str) -> dict[str, Path]:
-    """Draw the figures of all studied parts as SVG, PDF and PNG, with the command in each; return the PNGs by name.
+    """Write the figures of all studied parts as SVG, PDF and PNG, with the command below each. Return PNGs by name.
 
     Raises InfrastructureError.
     """
@@ -246,7 +246,7 @@ def _airframes(studies: Sequence[LoopStudy] | Sequence[Tolerance]) -> list[str]:
 
 
 def draw_margins(studies: Sequence[LoopStudy]) -> Any:
-    """Return a figure of injected over predicted delay margins, with the band of AGREED around equality."""
+    """Return a figure of injected delay margins over predicted ones, with the band of AGREED around equality."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
     figure, axes = _panels(1, 1, 3.6)
@@ -282,7 +282,7 @@ def draw_margins(studies: Sequence[LoopStudy]) -> Any:
 
 
 def draw_steps(studies: Sequence[LoopStudy]) -> Any:
-    """Return a figure of the step responses of each airframe in the loops of SHOWN, without delay."""
+    """Return a figure of the step responses without delay, of each airframe in the loops of SHOWN."""
     shown = [name for name in SHOWN if any(study.loop.name == name for study in studies)] or [studies[0].loop.name]
     figure, axes = _panels(1, len(shown), 2.0, sharey=True)
     names = _airframes(studies)
@@ -300,7 +300,7 @@ def draw_steps(studies: Sequence[LoopStudy]) -> Any:
 
 
 def draw_onset(studies: Sequence[LoopStudy]) -> Any:
-    """Return a figure of the first airframe's oscillations below, at and above the injected margins."""
+    """Return a figure of the first airframe's oscillations with delays below, at and above the injected margins."""
     first = [study for study in studies if study.airframe == studies[0].airframe]
     shown = [study for study in first if study.loop.name in SHOWN] or first[:1]
     figure, axes = _panels(3, len(shown), 4.0, sharex="col", sharey=True)
@@ -319,7 +319,7 @@ def draw_onset(studies: Sequence[LoopStudy]) -> Any:
 
 
 def draw_stream(tolerances: Sequence[Tolerance]) -> Any:
-    """Return a figure of the tracking error over jitter and loss, with the levels at which offboard is left."""
+    """Return a figure of the tracking error over jitter and loss, with the levels at which offboard mode ends."""
     kinds = list(dict.fromkeys(tolerance.impairment for tolerance in tolerances))
     figure, axes = _panels(1, len(kinds), 2.4, sharey=True)
     names = _airframes(tolerances)

@@ -1,7 +1,7 @@
-"""The tolerance of a vehicle to jitter and loss of its setpoint stream: until tracking degrades or offboard ends.
+"""Measures the jitter and loss of a setpoint stream at which tracking degrades or offboard mode ends.
 
-The stream is that of the agent: SET_POSITION_TARGET_LOCAL_NED at 20 Hz, bytes of MAVLink through the wire of
-`hil/impairment`, on the vehicle's clock.
+The stream is the same as the agent's: SET_POSITION_TARGET_LOCAL_NED at 20 Hz, sent as MAVLink bytes through the
+simulated wire of `hil/impairment`, on the vehicle's clock.
 """
 
 import math
@@ -21,7 +21,7 @@ ORIGIN = (47.397742, 8.545594, 488.0)
 HEIGHT_M = 10.0
 LEVEL_MASK = 0b0000_0101_1110_0011  # not controlled: x, y, vz, all accelerations, yaw
 STREAM_TICKS = 5  # 20 Hz, as for the agent
-SPEED, ROUND_S = 1.2, 10.0  # m/s, as in the paper; s for a circle, on which a late setpoint is a wrong one
+SPEED, ROUND_S = 1.2, 10.0  # m/s, as in the paper; s per circle, where a delayed setpoint has a wrong direction
 TRIAL_S, CATCH_UP_S, REST_S = 30.0, 5.0, 5.0
 SEEDS = (1, 2, 3)
 JITTERS_S = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.25, 1.5)
@@ -31,11 +31,11 @@ WORSE = 2.0  # × the tracking error on a perfect wire: limit of the tolerance
 
 @dataclass(frozen=True, slots=True)
 class StreamTrial:
-    """The result of a circle flown with one wire."""
+    """The result of flying the circle with one wire."""
 
-    level: float  # s of jitter, or share lost
-    error: float  # m/s, rms of velocity minus the commanded one, while in offboard
-    left_s: float | None  # s until offboard was left; None: it was not
+    level: float  # jitter (s), or share of lost setpoints
+    error: float  # m/s, rms velocity error in offboard mode
+    left_s: float | None  # s until the vehicle left offboard mode; None: it stayed
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class Tolerance:
 
     @property
     def doubled_at(self) -> float | None:
-        """The level at which the error is WORSE times that of a perfect wire, interpolated linearly; None: none."""
+        """The level (interpolated) at which the error is WORSE × that of a perfect wire; None if there is none."""
         bound, levels, errors = WORSE * self.perfect_error, self.levels, self.errors
         for k in range(1, len(levels)):
             if errors[k] >= bound:
@@ -72,21 +72,21 @@ class Tolerance:
 
     @property
     def left_offboard_at(self) -> float | None:
-        """The first level at which a flight left offboard; None: no flight did."""
+        """The first level at which a flight left offboard mode; None if no flight did."""
         return next((trials[0].level for trials in self.trials if any(t.left_s is not None for t in trials)), None)
 
 
 def circle_velocity(t_s: float) -> Vec3:
-    """Return the commanded velocity (m/s, NED) on the circle at a time."""
+    """Return the commanded velocity (m/s, NED) at a time on the circle."""
     angle = 2.0 * math.pi * t_s / ROUND_S
     return SPEED * math.cos(angle), SPEED * math.sin(angle), 0.0
 
 
 class StreamedVehicle:
-    """A simulated vehicle in the air, in offboard, and the wire for its setpoints."""
+    """A simulated vehicle that hovers in offboard mode and flies trials over impaired wires."""
 
     def __init__(self, airframe: Airframe, seed: int = 1) -> None:
-        """Boot, take off and settle. Raises InfrastructureError if it does not fly."""
+        """Boot, take off and settle. Raises InfrastructureError if the vehicle is then not in offboard mode."""
         self.vehicle = SimulatedVehicle(0, airframe, BootPose((0.0, 0.0, 0.0), 0.0), seed=seed, origin=ORIGIN)
         self._port = self.vehicle.open_port("minimal")
         self._agent = Packer(255, dialect.MAV_COMP_ID_MISSIONPLANNER)
@@ -103,7 +103,7 @@ class StreamedVehicle:
             raise InfrastructureError(f"{airframe.name} does not fly: its mode is {commander.mode}")
 
     def trial(self, level: float, wire: Impairment, seed: int) -> StreamTrial:
-        """Fly the circle with setpoints over a wire, on a full battery, then hover on a perfect wire."""
+        """Fly the circle on a full battery with setpoints over `wire`, then hover on a perfect wire."""
         self.vehicle.plant.state["charge_ah"] = self.vehicle.plant.params["capacity_ah"]
         channel, truth = Channel(wire, seed), self.vehicle.plant.truth
         errors, left_s = [], None
@@ -125,7 +125,7 @@ class StreamedVehicle:
         return StreamTrial(level, math.sqrt(float(np.mean(errors))) if errors else math.nan, left_s)
 
     def _rest(self) -> None:
-        """Hover in offboard."""
+        """Hover in offboard mode for REST_S."""
         for tick in range(round(REST_S * 1e6) // TICK_US):
             if tick % STREAM_TICKS == 0:
                 self._port.receive(self._setpoint((0.0, 0.0, 0.0)))
@@ -151,8 +151,8 @@ def tolerances(
 ) -> tuple[Tolerance, Tolerance]:
     """Return the tolerance of an airframe to jitter and to loss.
 
-    The levels rise from 0, a perfect wire, and end with the first at which offboard is left. Raises InfrastructureError
-    if the vehicle does not fly.
+    The levels rise from 0, a perfect wire, and end with the first at which the vehicle leaves offboard mode. Raises
+    InfrastructureError if the vehicle does not fly.
     """
     vehicle = StreamedVehicle(airframe)
     tolerances = []

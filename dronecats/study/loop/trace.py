@@ -1,4 +1,4 @@
-"""A trace of velocity setpoints, flown by our autopilot or a real PX4 in the same vehicle, in lockstep."""
+"""Flies a trace of velocity setpoints in lockstep, with this project's autopilot or PX4 in the same vehicle."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ Array = NDArray[np.float64]
 
 EPISODE = "v1-residential-searching-01"  # no obstacle within a few metres
 HEIGHT_M = 10.0
-AIRFRAME = "x500"  # default; PX4 flies quadrotors here
+AIRFRAME = "x500"  # default; PX4 is supported for quadrotors
 AXES = ("forward", "up", "yaw rate")  # m/s, m/s, rad/s: the columns of a trace response
 
 
 @dataclass(frozen=True, slots=True)
 class TraceStep:
-    """A setpoint that is streamed for some seconds, in a body frame: forward, up and yaw rate."""
+    """A setpoint (forward, up, yaw rate, in the body frame) that is streamed for `seconds`."""
 
     seconds: float
     forward: float = 0.0  # m/s
@@ -37,19 +37,19 @@ class TraceStep:
 
     @property
     def setpoint(self) -> tuple[float, float, float]:
-        """The setpoint, by AXES."""
+        """The setpoint, in the order of AXES."""
         return self.forward, self.up, self.yaw_rate
 
 
 TRACE = (
     TraceStep(2.0),
-    TraceStep(5.0, forward=1.2),  # the paper's fastest
+    TraceStep(5.0, forward=1.2),  # the paper's fastest command
     TraceStep(4.0),
     TraceStep(5.0, forward=0.5),
     TraceStep(4.0),
     TraceStep(5.0, up=0.5),
     TraceStep(4.0),
-    TraceStep(2.0, yaw_rate=float(np.radians(60.0))),  # the paper's turn
+    TraceStep(2.0, yaw_rate=float(np.radians(60.0))),  # the paper's turn rate
     TraceStep(3.0),
 )
 
@@ -58,13 +58,13 @@ TRACE = (
 class TraceResponse:
     """The response of a vehicle to TRACE."""
 
-    autopilot: str  # ours or px4
+    autopilot: str  # "ours" (this project's) or "px4"
     time: Array  # (n,) s since the trace began, every 10 ms
-    setpoints: Array  # (n, 3), by AXES
-    measured: Array  # (n, 3), by AXES: the truth
+    setpoints: Array  # (n, 3), columns as in AXES
+    measured: Array  # (n, 3), true values, columns as in AXES
 
     def steps(self) -> list[tuple[str, StepFigures]]:
-        """Return (name, figures) of each step from a stand; a name is such as `forward 1.2 m/s`."""
+        """Return (name, figures) of each step that starts from a standstill. Example of a name: `forward 1.2 m/s`."""
         responses, begins = [], 0.0
         for step in TRACE:
             for axis, size in enumerate(step.setpoint):
@@ -94,9 +94,9 @@ def fly(
     log_dir: Path | None = None,
     seed: int = 0,
 ) -> TraceResponse:
-    """Return the response of our autopilot, or of the PX4 that the command `px4` starts, to the trace.
+    """Return the response to TRACE of this project's autopilot, or of the PX4 that the command `px4` starts.
 
-    log_dir: existing folder for the output of PX4; None: it is not kept.
+    log_dir: existing folder for the output of PX4; None: the output is discarded.
     Raises UsageError; LinkError if the vehicle does not fly; InfrastructureError if PX4 ends.
     """
     world = world_of(catalogue.load(EPISODE), airframe, 1)
@@ -114,7 +114,7 @@ def fly(
             ahead = north * np.cos(yaw) + east * np.sin(yaw)
             rows.append((float(truth["time_us"]) / 1e6, ahead, -down, float(truth["rates_frd"][2])))
 
-        link.stop_stream()  # the link's own loops for height and heading are not under study
+        link.stop_stream()  # exclude the link's own loops for height and heading
         clock.followers.append(record)
         begun_us = link.time_us
         while (step := step_at((link.time_us - begun_us) / 1e6)) is not None:

@@ -1,4 +1,4 @@
-"""The timing chain from camera to setpoint: times of each question, their summary, files of a measured chain."""
+"""Measures the timing chain from camera to setpoint: the times of each question, their summary, and their files."""
 
 import csv
 import json
@@ -21,7 +21,7 @@ DIGITS = 6  # of seconds: µs
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QuestionTimes:
-    """The times of a question that led to a setpoint: a line of chain.csv. Host seconds, unless stated otherwise."""
+    """The times of a question that led to a setpoint: a line of chain.csv. Times are host seconds unless noted."""
 
     step: int  # as in decisions.jsonl
     frame_id: int
@@ -29,12 +29,12 @@ class QuestionTimes:
     wait_s: float  # from the request of the picture to its arrival
     encode_s: float  # JPEG, prompt, request body and parsing of the response: all work of the client
     failed_s: float  # failed attempts, the pauses after them, and the wait for a turn
-    model_s: float  # from sending the answered request to its answer
+    model_s: float  # from sending the request that was answered to its answer
     parse_s: float  # from the reply to the controller's setpoint
-    tick_s: float  # waiting for the agent's next tick: with the picture, the reply and the setpoint
-    step_s: float  # from the request of the picture to the setpoint as it would be sent: the sum of all but the age
-    latency_s: float  # encode_s + model_s + parse_s: for a simulated reply, since a simulation has its own ticks
-    rate_hz: float | None  # decisions per s of vehicle time since the last one, actions flown; None: the first
+    tick_s: float  # waits for the agent's next tick, after the picture, the reply and the setpoint
+    step_s: float  # from the request of the picture to the ready setpoint: the sum of all times above except age_s
+    latency_s: float  # encode_s + model_s + parse_s, the latency for a simulation, which has its own ticks
+    rate_hz: float | None  # decisions per s of vehicle time since the last decision, with its action; None: the first
 
 
 @dataclass(slots=True)
@@ -55,54 +55,54 @@ class _Question:
 class ChainClock:
     """Records the events of each question, and reports its times when its setpoint is ready.
 
-    An agent of one drone asks one question at a time, so no lock is needed, although picture and reply come on
-    their own threads. A question without a setpoint is not reported.
+    A question without a setpoint is not reported. Pictures and replies arrive on separate threads, but no lock is
+    needed: an agent of one drone asks one question at a time.
     """
 
     def __init__(self, wall_s: Callable[[], float], on_times: Callable[[QuestionTimes], None]) -> None:
-        """`wall_s` reads the clock of all times; `on_times` is called for each finished question."""
+        """`wall_s` reads the host's clock (s); `on_times` is called with the times of each finished question."""
         self._wall_s, self._on_times = wall_s, on_times
         self._current: _Question | None = None
         self._decided: _Question | None = None  # waits for its setpoint
         self._ticked_s = 0.0
 
     def picture_requested(self) -> None:
-        """A picture is requested: a question begins."""
+        """Record that a picture is requested, which begins a question."""
         self._current = _Question(self._wall_s())
 
     def picture_arrived(self, age_s: float) -> None:
-        """The picture has arrived, `age_s` old."""
+        """Record that the picture has arrived; its age is `age_s`."""
         if self._current is not None:
             self._current.arrived_s, self._current.age_s = self._wall_s(), age_s
 
     def picture_seen(self) -> None:
-        """The agent has taken the picture."""
+        """Record that the agent has taken the picture."""
         if self._current is not None and self._current.seen_s is None:
             self._current.seen_s = self._wall_s()
 
     def answered(self, reply: Reply) -> None:
-        """The reply has left the model's client."""
+        """Record that the model's client has returned the reply."""
         if self._current is not None:
             self._current.answered_s, self._current.reply = self._wall_s(), reply
 
     def ticked(self) -> None:
-        """A tick has passed, and the agent continues."""
+        """Record that a tick has passed and the agent continues."""
         self._ticked_s = self._wall_s()
 
     def decided(self, decision: Decision) -> None:
-        """The reply has been parsed."""
+        """Record that the reply has been parsed."""
         if (current := self._current) is not None and current.reply is not None:
             current.decision = decision
             current.reply_seen_s = max(current.answered_s, self._ticked_s)
             self._decided = current
 
     def controller_done(self) -> None:
-        """The controller has computed a setpoint."""
+        """Record that the controller has computed a setpoint."""
         if self._decided is not None and self._decided.controlled_s is None:
             self._decided.controlled_s = self._wall_s()
 
     def setpoint_ready(self) -> None:
-        """The setpoint is ready to be sent."""
+        """Record that the setpoint is ready to be sent, and report the question."""
         question = self._decided
         if question is not None and question.controlled_s is not None:
             self._decided = None
@@ -138,7 +138,7 @@ def _times(question: _Question, sent_s: float) -> QuestionTimes:
 
 LEVELS = (0.0, 0.5, 0.9, 0.99, 1.0)
 HEAD = ("min", "median", "90 %", "99 %", "max")
-LINKS = {  # field of QuestionTimes → name of the link in tables
+LINKS = {  # field of QuestionTimes → name of this link of the chain in tables
     "age_s": "picture's age",
     "wait_s": "waiting for it",
     "encode_s": "encoding",
@@ -173,15 +173,15 @@ class ChainSummary:
     """The summary of a measured chain."""
 
     pilot: str
-    questions: int  # that led to a setpoint
+    questions: int  # number of questions that led to a setpoint
     camera_stamps: bool  # whether the camera stamps the time of capture
-    links: dict[str, LinkQuantiles]  # by field of QuestionTimes, s
+    links: dict[str, LinkQuantiles]  # s, by field of QuestionTimes
     chain_hz: LinkQuantiles  # 1 / step_s
-    served_hz: LinkQuantiles | None  # of vehicle time, each action flown before the next question; None: one question
+    served_hz: LinkQuantiles | None  # rate in vehicle time, with the flight of each action; None: only one question
 
     @property
     def frame_delay_s(self) -> float:
-        """The delay (s) of a simulated picture: the larger of median age and median wait."""
+        """The delay (s) to set for simulated pictures: the larger of the median age and the median wait."""
         return round(max(self.links["age_s"].median, self.links["wait_s"].median), 3)
 
     def as_json(self) -> dict[str, Any]:
@@ -200,7 +200,7 @@ class ChainSummary:
 
 
 def summarize(times: Sequence[QuestionTimes], pilot: str, *, camera_stamps: bool) -> ChainSummary:
-    """Return the summary of at least one question."""
+    """Return the summary of one or more questions."""
     rates_hz = [question.rate_hz for question in times if question.rate_hz is not None]
     return ChainSummary(
         pilot=pilot,
@@ -213,7 +213,7 @@ def summarize(times: Sequence[QuestionTimes], pilot: str, *, camera_stamps: bool
 
 
 def summary_table(summary: ChainSummary, requested: int | None = None) -> ReportTable:
-    """Return the summary as a table; `wanted` is the requested number of questions, None: as time allowed."""
+    """Return the summary as a table; `requested` is the requested number of questions, None if there was no number."""
     rows = [(label, summary.links[name], "s", 4) for name, label in LINKS.items()]
     rows.append(("chain's rate", summary.chain_hz, "Hz", 3))
     if summary.served_hz:
@@ -246,7 +246,7 @@ class ReplayedChain:
 
 
 class ChainLog:
-    """chain.csv: a header and a line per question, flushed at once."""
+    """Writes chain.csv: a header and a line per question. Each line is flushed at once."""
 
     def __init__(self, folder: Path) -> None:
         """Create the file. Raises InfrastructureError."""
@@ -279,7 +279,7 @@ def check_fresh(folder: Path) -> None:
 
 
 def write_replay(folder: Path, times: Sequence[QuestionTimes], frame_delay_s: float) -> ReplayedChain:
-    """Write trace.csv for `--latency trace:FILE`, and study.toml, a study of it. Raises InfrastructureError."""
+    """Write trace.csv for `--latency trace:FILE`, and study.toml, a study with it. Raises InfrastructureError."""
     replayed = ReplayedChain(folder / TRACE, frame_delay_s)
     lines = [COLUMN, *(f"{min(question.latency_s, LONGEST_S):.{DIGITS}f}" for question in times)]
     for path, text in ((replayed.trace, "\n".join(lines) + "\n"), (folder / STUDY, study_file(replayed))):
@@ -291,7 +291,7 @@ def write_replay(folder: Path, times: Sequence[QuestionTimes], frame_delay_s: fl
 
 
 def study_file(chain: ReplayedChain) -> str:
-    """Return the file of a study of the chain's cost, against a chain without latency."""
+    """Return the text of study.toml: a study that compares the chain with one without latency."""
     delays = [0, chain.frame_delay_s] if chain.frame_delay_s else []
     return "\n".join(
         [

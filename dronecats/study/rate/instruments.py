@@ -1,4 +1,4 @@
-"""The instruments of a rehearsal: wrappers that time camera, model, vehicle and agent without changing them."""
+"""The instruments of a rehearsal: wrappers that time the camera, model, vehicle and agent without changing them."""
 
 import time
 from collections.abc import Callable
@@ -25,11 +25,11 @@ class RateInstruments(Instruments):
     def __init__(self, questions: int | None) -> None:
         """`questions`: number of questions; None: until the flight ends."""
         self.times: list[QuestionTimes] = []
-        self.camera_stamps = False  # whether the camera stamps the time of capture; else that of arrival is used
+        self.camera_stamps = False  # whether the camera stamps the time of capture; if not, frames have their arrival
         self.run: Path | None = None  # the run folder; None: not created yet
         self._questions = questions
         self._log: ChainLog | None = None
-        # wall time is the subject here
+        # the study measures wall time
         self._clock = ChainClock(time.monotonic, self._on_times)
 
     def watch(self, link: Link, camera: PatientCamera, run: Path) -> None:
@@ -45,11 +45,11 @@ class RateInstruments(Instruments):
         link.on_setpoint = on_setpoint
 
     def model(self, model: Model) -> Model:
-        """Return the model, timed."""
+        """Return the model with a wrapper that times its replies."""
         return TimedModel(model, self._clock)
 
     def agent(self, make: AgentFactory) -> AgentFactory:
-        """Return a factory that makes the same agent in a timed cockpit."""
+        """Return a factory that makes the same agent with a timed camera, vehicle and steps."""
 
         def make_timed(cockpit: Cockpit) -> Agent:
             def on_step(decision: Decision) -> None:
@@ -81,14 +81,14 @@ class TimedCamera:
     """A camera whose pictures are timed."""
 
     def __init__(self, camera: Camera, now_us: Callable[[], int], clock: ChainClock) -> None:
-        """`now_us` reads the clock by which frames are stamped."""
+        """`now_us` reads the clock (µs) of the frames' time stamps."""
         self._camera, self._now_us, self._clock = camera, now_us, clock
 
     def newest(self, drone: int = 0) -> Frame:
         """Return the camera's newest frame. Raises CameraError."""
         self._clock.picture_requested()
         frame = self._camera.newest(drone)
-        # a picture may be newer than the last telemetry
+        # the clock is that of the last telemetry, and a picture may be newer
         self._clock.picture_arrived(max(0.0, (self._now_us() - frame.time_us) / 1e6))
         return frame
 
@@ -118,7 +118,7 @@ class TimedModel:
 
 
 class TimedAircraft:
-    """A vehicle that reports when the agent takes a picture, sets a setpoint, and has waited for a tick."""
+    """A vehicle that records when the agent takes a picture, sets a setpoint, and has waited for a tick."""
 
     def __init__(self, aircraft: Aircraft, clock: ChainClock) -> None:
         self._aircraft, self._clock = aircraft, clock
@@ -134,16 +134,16 @@ class TimedAircraft:
         return self._aircraft.steady
 
     def sight(self, time_us: int) -> Sight:
-        """Return where the vehicle was at a time of its clock (µs). Raises LinkError."""
+        """Return the vehicle's pose at a time of its clock (µs). Raises LinkError."""
         return self._aircraft.sight(time_us)
 
     def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
-        """Take the controller's setpoint for the stream."""
+        """Stream the controller's setpoint."""
         self._aircraft.fly(setpoint, seconds, seen)
         self._clock.controller_done()
 
     def listen(self) -> None:
-        """Take in arrived telemetry; an agent does this first when it takes a picture."""
+        """Process received telemetry. An agent does this first when it takes a picture."""
         self._clock.picture_seen()
         self._aircraft.listen()
 
@@ -166,13 +166,13 @@ class CountedAgent:
 
     @property
     def steps(self) -> int:
-        """The number of decided steps."""
+        """The number of steps with a decision."""
         return self._agent.steps
 
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
         """Fly until `cap_s` or until `stop`. Raises DronecatsError, and KeyboardInterrupt after the last question.
 
-        The interrupt makes the flight end as interrupted, since it did not reach its own end.
+        The interrupt marks the flight as interrupted, since it was stopped early.
         """
         self._agent.fly(cap_s, lambda decision: stop(decision) or self._is_done())
         if self._is_done():

@@ -1,4 +1,4 @@
-"""Figures along a factor: success and the other measures, the served rate, and the motion of targets."""
+"""Figures along a factor: success, the other measures, the served rate, and the motion of targets."""
 
 import math
 from typing import Any
@@ -12,7 +12,7 @@ from dronecats.study.report.findings import PERCENT, FactorFindings, Findings, c
 
 
 def success_figure(findings: Findings, along: FactorFindings) -> Any:
-    """Return the share of successes at each level with intervals, the fits, and the place where half succeed."""
+    """Return a figure of the share of successes at each level with intervals, the fits, and the half-success levels."""
     groups = findings.results.groups
     figure, axes = panels.panels(len(groups), 2.15)
     for k, (axis, cell) in enumerate(zip(axes, groups, strict=True)):
@@ -28,7 +28,10 @@ def success_figure(findings: Findings, along: FactorFindings) -> Any:
 
 
 def success_by_choice_figure(findings: Findings, along: FactorFindings) -> Any | None:
-    """Return the curves along a factor for each choice of the other factors; None with one choice or too many."""
+    """Return a figure of success along a factor, with a curve per choice of the other factors' levels.
+
+    None if there is one choice, or more choices than colours.
+    """
     cell = findings.results.groups[0]
     fits = [fit for fit in along.halves if fit.cell == cell and fit.beside]
     choices = list(dict.fromkeys(fit.beside for fit in fits))
@@ -58,7 +61,7 @@ def _finish_success_axis(axis: Any, along: FactorFindings, k: int, title: str) -
 
 
 def measures_figure(findings: Findings, along: FactorFindings) -> Any:
-    """Return NE, dwell and the longest loss along a factor: a row per cell, a column per measure."""
+    """Return a figure of NE, dwell and longest loss along a factor, with a row per cell and a column per measure."""
     groups = findings.results.groups
     figure, axes = panels.panels(len(groups) * len(MEASURES), 1.55, len(MEASURES), share_y=False)
     for place, axis in enumerate(axes):
@@ -94,7 +97,7 @@ def _draw_levels(axis: Any, levels: list[LevelResult], number: int, count: int, 
 
 
 def _draw_fit(axis: Any, along: FactorFindings, fit: HalfSuccessFit, number: int, *, alone: bool = True) -> None:
-    """Draw a fitted curve and its half-success place; with its band and the interval if `alone`."""
+    """Draw a fitted curve and its half-success level; if `alone`, also its band and the interval."""
     if fit.curve is not None:
         axis.plot(fit.curve.at, PERCENT * fit.curve.share, color=panels.colour(number), linewidth=1.3)
         if alone:
@@ -115,7 +118,7 @@ LEAST, MIDDLE, MOST = QUANTILES.index(0.05), QUANTILES.index(0.5), QUANTILES.ind
 
 
 def served_figure(findings: Findings, along: FactorFindings) -> Any | None:
-    """Return a box per level and entrant: 5–95 %, 25–75 % and the median of the control rate; None without steps."""
+    """Return a box plot of the control rate per level and entrant (5, 25, 50, 75 and 95 %); None without data."""
     if not along.served:
         return None
     steps = list(dict.fromkeys(rate.step for rate in along.served))
@@ -138,9 +141,9 @@ def served_figure(findings: Findings, along: FactorFindings) -> Any | None:
 
 
 def target_motion_figure(findings: Findings, along: FactorFindings) -> Any | None:
-    """Return the distance that a target moves in one decision, the width of the view, and their ratio.
+    """Return a figure of the distance that a target moves in one decision, the width of the view, and their ratio.
 
-    Pooled over all cells; None if no target moves.
+    The data are pooled over all cells. None if no target moves.
     """
     cell = ALL if ALL in findings.results.groups else (findings.results.groups or ("",))[0]
     motions = [at for at in along.motions if at.cell == cell and at.moved_m.at and at.width_m.at]

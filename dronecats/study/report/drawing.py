@@ -1,4 +1,4 @@
-"""The figures of a study's report, in the order of its sections, as SVG, PDF and PNG."""
+"""Writes the figures of a study's report as SVG, PDF and PNG, in the order of the report's sections."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -64,11 +64,11 @@ HEAT_MAP = "Success rate over two factors, pooled over the others."
 
 @dataclass(frozen=True, slots=True)
 class StudyFigure:
-    """A figure that was written."""
+    """A figure on disk."""
 
     name: str  # of its files
-    caption: str  # a sentence or two
-    path: Path  # of the PNG; SVG and PDF are beside it
+    caption: str  # one or two sentences
+    path: Path  # of the PNG; the SVG and PDF files have the same folder and name
 
 
 def draw(findings: Findings, out: Path) -> list[StudyFigure]:

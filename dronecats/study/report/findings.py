@@ -1,4 +1,4 @@
-"""The findings of a study, computed once for tables, figures and page, and their texts."""
+"""The findings of a study and their texts, computed once for the tables, the figures and the page."""
 
 import math
 from collections.abc import Iterator
@@ -55,8 +55,8 @@ class Findings:
     factors: tuple[FactorFindings, ...]
     effects: tuple[MainEffect, ...]
     maps: tuple[HeatMap, ...]
-    points: tuple[PointDifference, ...]  # each two entrants at each point of the design
-    pooled: tuple[PairedDifference, ...]  # each two entrants, pooled over all points
+    points: tuple[PointDifference, ...]  # of each two entrants at each point of the design
+    pooled: tuple[PairedDifference, ...]  # of each two entrants, pooled over all points
 
     def maps_by_pair(self) -> Iterator[tuple[tuple[StudiedFactor, StudiedFactor], list[HeatMap]]]:
         """Yield the heat maps of each pair of factors, with the factors of their rows and columns."""
@@ -101,17 +101,17 @@ NOWHERE = {
 
 
 def cell_title(cell: str) -> str:
-    """Return a cell as a heading: Search-and-Track, All cells."""
+    """Return a cell as a heading, for example: Search-and-Track, or All cells."""
     return ALL.capitalize() if cell == ALL else titled(cell) or "No cell"
 
 
 def in_cell(entrant: str, cell: str) -> str:
-    """Return an entrant, or two, and a cell as text: noisy, all cells."""
+    """Return an entrant (or two) and a cell as text, for example: noisy, all cells."""
     return f"{entrant}, {cell_title(cell).lower()}"
 
 
 def half_place(factor: StudiedFactor, half: HalfSuccess) -> str:
-    """Return the place where half succeed, without its interval."""
+    """Return the level at which half of the flights succeed as text, without its interval."""
     if half.where == "within" and half.value is not None:
         return factor.label(_three_digits(half.value))
     if half.where == "between":
@@ -120,7 +120,7 @@ def half_place(factor: StudiedFactor, half: HalfSuccess) -> str:
 
 
 def half_interval(factor: StudiedFactor, half: HalfSuccess) -> str:
-    """Return the interval of the place where half succeed; ends outside of the flown levels are open."""
+    """Return the interval of the half-success level as text. Ends outside of the flown levels are open."""
     levels = [float(level) for level in factor.levels]
     least, most = factor.label(min(levels)), factor.label(max(levels))
     if half.scatter is None:  # all succeed or all fail, so that nothing was fitted
@@ -135,12 +135,15 @@ def half_interval(factor: StudiedFactor, half: HalfSuccess) -> str:
 
 
 def scatter_value(half: HalfSuccess) -> str | float | None:
-    """Return the scatter of the episodes (log odds); a text if it is WIDEST or more."""
+    """Return the scatter of the episodes (log odds); "≥ WIDEST" as text if it is at that limit."""
     return f"≥ {WIDEST:g}" if half.scatter == WIDEST else half.scatter
 
 
 def other_levels(results: StudyResults, fit: HalfSuccessFit) -> str:
-    """Return the levels of the other factors: wind 5 m/s; empty: there are none, or they are at their base."""
+    """Return the levels of the other factors as text, for example: wind 5 m/s.
+
+    Empty if there are no other factors, or they are at their base.
+    """
     if not fit.beside:
         return ""
     rest = [factor for number, factor in enumerate(results.factors) if number != fit.factor]
@@ -149,7 +152,7 @@ def other_levels(results: StudyResults, fit: HalfSuccessFit) -> str:
 
 
 def half_sentence(results: StudyResults, fit: HalfSuccessFit) -> str:
-    """Return a sentence about the place where half succeed."""
+    """Return a sentence about the half-success level of a fit."""
     factor, half = results.factors[fit.factor], fit.half
     subject = in_cell(fit.entrant, fit.cell)
     if choice := other_levels(results, fit):
@@ -168,7 +171,7 @@ def half_sentence(results: StudyResults, fit: HalfSuccessFit) -> str:
 
 
 def equals_p(p: float) -> str:
-    """Return a p value with its relation: = 0.012, or < 0.001."""
+    """Return a p value with its relation, for example: = 0.012, or < 0.001."""
     text = probability(p)
     return text if text.startswith("<") else f"= {text}"
 

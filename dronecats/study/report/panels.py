@@ -1,4 +1,4 @@
-"""Parts of the figures of a study: panels, colours and markers of entrants, axes of levels, legend and command."""
+"""Shared parts of the figures of a study: panels, colours and markers of entrants, axes of levels, and the legend."""
 
 import textwrap
 from collections.abc import Sequence
@@ -9,9 +9,9 @@ from dronecats.study.analysis.study_results import LevelStep, StudiedFactor
 
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 MARKERS = "osD^vP"
-ACROSS = 3  # panels beside one another at most
-LETTERS = 118  # in a line of the command
-TICK_GAP = 0.045  # share of an axis, least distance between labels, either way
+ACROSS = 3  # most panels in a row
+LETTERS = 118  # characters in a line of the command
+TICK_GAP = 0.045  # share of an axis, half of the least distance between labels
 
 
 def panels(count: int, height_in: float, across: int = ACROSS, *, share_y: bool = True) -> tuple[Any, list[Any]]:
@@ -27,22 +27,22 @@ def panels(count: int, height_in: float, across: int = ACROSS, *, share_y: bool 
 
 
 def colour(number: int) -> str:
-    """Return the colour of the entrant of this number."""
+    """Return the colour of the entrant with this index."""
     return COLOURS[number % len(COLOURS)]
 
 
 def marker(number: int) -> str:
-    """Return the marker of the entrant of this number."""
+    """Return the marker of the entrant with this index."""
     return MARKERS[number % len(MARKERS)]
 
 
 def places_of(steps: Sequence[LevelStep]) -> list[float]:
-    """Return the places of levels on an axis: numbers at their value, words one after another."""
+    """Return the places of levels on an axis. The place of a number is its value, that of a word its index."""
     return [float(number) if step.at is None else step.at for number, step in enumerate(steps)]
 
 
 def name_levels(axis: Any, factor: StudiedFactor, steps: Sequence[LevelStep]) -> None:
-    """Label the levels below a panel; levels too close to the last label get none."""
+    """Label the levels below a panel. A level too close to the previous label gets none."""
     places = places_of(steps)
     reach = max(places) - min(places) or 1.0
     words = any(step.at is None for step in steps)
@@ -58,12 +58,12 @@ def name_levels(axis: Any, factor: StudiedFactor, steps: Sequence[LevelStep]) ->
 
 
 def without_unit(step: LevelStep, factor: StudiedFactor) -> str:
-    """Return the title of a level without the unit, for an axis that names it."""
+    """Return the title of a level without the unit, since the title of the axis has it."""
     return step.title.removesuffix(f" {factor.unit}") if factor.unit else step.title
 
 
 def shifted(places: Sequence[float], number: int, count: int) -> list[float]:
-    """Return the places shifted a little for each entrant, so that they do not hide one another."""
+    """Return the places with a small shift per entrant, so that markers do not hide each other."""
     reach = max(places, default=0.0) - min(places, default=0.0) or 1.0
     aside = 0.012 * reach * (number - (count - 1) / 2)
     return [place + aside for place in places]
@@ -72,7 +72,7 @@ def shifted(places: Sequence[float], number: int, count: int) -> list[float]:
 def draw_spans(
     axis: Any, places: Sequence[float], spans: Sequence[tuple[float, float, float]], number: int, **options: Any
 ) -> None:
-    """Draw values with their intervals, (low, value, high) each, in the colour and with the marker of an entrant."""
+    """Draw values with their intervals, as (low, value, high), with the colour and marker of an entrant."""
     reach = [[value - low for low, value, _ in spans], [high - value for _, value, high in spans]]
     usual = {"color": colour(number), "marker": marker(number), "markersize": 3.5, "linewidth": 1.0, "elinewidth": 0.8}
     axis.errorbar(places, [value for _, value, _ in spans], yerr=reach, **{**usual, **options})

@@ -1,4 +1,4 @@
-"""The report of a study as files: an HTML page, Markdown, tables, figures, and the flights as data."""
+"""Writes the report of a study: an HTML page, Markdown, tables, figures, and the flights as data files."""
 
 import csv
 import html
@@ -29,7 +29,7 @@ TABLES, FIGURES, DATA = "tables", "figures", "data"
 
 @dataclass(frozen=True, slots=True)
 class StudyReport:
-    """A report that was written."""
+    """A report on disk."""
 
     page: Path
     markdown: Path
@@ -38,7 +38,7 @@ class StudyReport:
 
 
 def write(results: StudyResults, command: str, out: Path) -> StudyReport:
-    """Write the report of these results; `command` is the command line that makes it."""
+    """Write the report of these results. `command` is the command line that makes it. Raises InfrastructureError."""
     findings = compute_findings(results, command)
     try:
         (out / DATA).mkdir(parents=True, exist_ok=True)
@@ -55,7 +55,7 @@ def write(results: StudyResults, command: str, out: Path) -> StudyReport:
 
 
 def as_json(report: StudyReport) -> dict[str, Any]:
-    """Return the tables as `dronecats study report --json` prints them: by name, rows by the columns' names."""
+    """Return the output of `dronecats study report --json`: paths, main sentences, and the tables by name."""
     return {
         "page": str(report.page),
         "report": str(report.markdown),
@@ -86,15 +86,15 @@ CSV, PARQUET = "flights.csv", "flights.parquet"
 
 @dataclass(frozen=True, slots=True)
 class FlightColumn:
-    """A column of the data."""
+    """A column of the flight data."""
 
     name: str
-    type: str  # of SQL
+    type: str  # SQL type
     values: Sequence[Any]  # one per flight
 
 
 def flight_columns(results: StudyResults) -> list[FlightColumn]:
-    """Return entrant, run, episode, flight, levels, outcome and every metric of the episode."""
+    """Return the columns of the flight data: entrant, run, episode, flight, levels, outcome, and episode metrics."""
     flights = results.flights
     episodes = [flight.scored for flight in flights]
     columns = [
@@ -122,7 +122,7 @@ def flight_columns(results: StudyResults) -> list[FlightColumn]:
 
 
 def write_csv(columns: Sequence[FlightColumn], path: Path) -> None:
-    """Write the flights as CSV; unknown values are empty. Raises OSError."""
+    """Write the flights as CSV. Unknown values are empty. Raises OSError."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([column.name for column in columns])
@@ -156,8 +156,8 @@ def _csv_value(value: Any) -> str:
     return "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
 
 
-LONG = 10  # rows; a table with more is folded
-# colour of a drawing → variable of the page
+LONG = 10  # a table with more rows is folded
+# colour in a figure → name of the page's CSS variable
 COLOURS = {
     style.INK: "ink", style.GREY: "mute", style.LIGHT: "line", "#000000": "ink", style.BLUE: "blue",
     style.VERMILION: "vermilion", style.GREEN: "green", style.PURPLE: "purple", style.ORANGE: "orange",
@@ -173,7 +173,7 @@ BACKGROUND = re.compile(r'<g id="patch_1">.*?</g>', re.DOTALL)
 
 
 def html_page(content: ReportContent) -> str:
-    """Return the HTML page, with the opening sentences at the top and the summary below them."""
+    """Return the HTML page. It begins with the opening sentences and the summary."""
     page = shell.PageContent(
         title=content.title,
         folder=__package__ or "",
@@ -204,7 +204,7 @@ def _body(content: ReportContent) -> Iterator[str]:
 
 
 def _table(table: ReportTable) -> Iterator[str]:
-    """Yield a table with its title; a long one is folded, except in print."""
+    """Yield a table with its title. A long table is folded, except in print."""
     title = html.escape(table.title)
     if len(table.rows) <= LONG:
         yield f"<h3>{title}</h3>{as_html(table)}"
@@ -228,10 +228,9 @@ def _figure(figure: StudyFigure, command: str) -> str:
 
 
 def inline(svg: str, key: str, label: str) -> str:
-    """Return an SVG figure as an element of the page; `key` is the prefix of its ids, `label` is for screen readers.
+    """Return an SVG figure as an HTML element; `key` is the prefix of its ids, `label` is for screen readers.
 
-    Its colours become variables of the page, so it fits both themes. Text without a colour is black in SVG and takes
-    the ink of the page. Numbers on coloured fields keep their white and black.
+    The colours of COLOURS become CSS variables of the page, so the figure fits the light and the dark theme.
     """
     body = STYLE.sub("", METADATA.sub("", HEAD.sub("", svg)))
     body = BACKGROUND.sub("", body, count=1)

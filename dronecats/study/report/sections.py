@@ -1,4 +1,4 @@
-"""The sections of a study's report and its summary, the same for the page and for Markdown."""
+"""Composes the sections and the summary of a study's report, for the HTML page and for Markdown."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ PLACED = ("within", "between")  # half-success results with a place among the le
 
 @dataclass(frozen=True, slots=True)
 class SectionBlock:
-    """Figures with the tables of their numbers."""
+    """Figures and the tables of their numbers."""
 
     figures: tuple[StudyFigure, ...]
     tables: tuple[ReportTable, ...]
@@ -45,10 +45,10 @@ class StudySection:
 
 @dataclass(frozen=True, slots=True)
 class ReportContent:
-    """The content of a study's report, the same for the page and for Markdown."""
+    """The content of a study's report, shared by the HTML page and Markdown."""
 
     title: str
-    opening: tuple[str, ...]  # sentences that precede all numbers
+    opening: tuple[str, ...]  # sentences above the results: flights, design and limits
     summary: tuple[str, ...]  # the main results in a few sentences
     sections: tuple[StudySection, ...]
     command: str  # command line that makes the report
@@ -60,7 +60,7 @@ class ReportContent:
 
 
 def report_content(findings: Findings, figures: Sequence[StudyFigure]) -> ReportContent:
-    """Return the content of the report with these figures; sections without content are left out."""
+    """Return the content of the report with these figures. Sections without content are left out."""
     return ReportContent(
         title=f"Study: {findings.results.name}",
         opening=tuple(opening(findings)),
@@ -89,7 +89,7 @@ def _sections(findings: Findings, figures: Sequence[StudyFigure]) -> list[StudyS
 
 
 def opening(findings: Findings) -> list[str]:
-    """Return the sentences that precede all numbers: flights, design, and limits of the comparison."""
+    """Return the sentences above the results: flights, design, and limits of the comparison."""
     results = findings.results
     scored, flights = len(results.scored), len(results.flights)
     sentences = [
@@ -106,7 +106,7 @@ def opening(findings: Findings) -> list[str]:
 def summary(findings: Findings) -> list[str]:
     """Return the main results in a few sentences: differences between entrants, costs of levels, half-success levels.
 
-    With many factors only significant results are named, and the other factors in one sentence.
+    With many factors, the sentences cover only significant results, and one sentence per entrant lists the others.
     """
     few = len(findings.factors) <= FACTORS_FEW
     sentences = [*_pooled_sentences(findings, findings.results.groups[:1])]
@@ -153,7 +153,10 @@ def _insignificant_factors(findings: Findings) -> Iterator[str]:
 
 
 def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
-    """Yield for each entrant the cost of the nearest level with a significant difference, and whether there is one."""
+    """Yield (sentence, whether a difference is significant) for each entrant.
+
+    The sentence states the cost of the level nearest to the reference that differs significantly from it.
+    """
     reference = along.factor.label(along.factor.reference)
     name = "" if len(findings.factors) <= FACTORS_FEW else f" along {along.factor.words}"
     for entrant in findings.results.entrants:
@@ -161,7 +164,7 @@ def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple
         rows = _against_reference(along, entrant, cell)
         significant = [row for row in rows if row.p_holm <= ALPHA]
         if significant:
-            nearest = min(significant, key=_distance)  # of words, whose distance is 0, the first
+            nearest = min(significant, key=_distance)  # the first one for words, whose distance is 0
             text = (
                 f"{in_cell(entrant, cell)}{name}: {nearest.at.title} is the first level that differs significantly from"
                 f" {reference}: {_success_text(nearest)}; p {equals_p(nearest.p_holm)} after Holm's correction."
@@ -175,12 +178,12 @@ def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple
 
 
 def _against_reference(along: FactorFindings, entrant: str, cell: str) -> list[PairedDifference]:
-    """Return the success at each level minus that at the reference."""
+    """Return the difference in success between each level and the reference."""
     return [row for row in along.between_levels if (row.first, row.cell, row.metric) == (entrant, cell, SUCCESS)]
 
 
 def _uncorrected(rows: Sequence[PairedDifference]) -> str:
-    """Return the level that is significant without Holm's correction, and its corrected p; empty: there is none."""
+    """Return a text on the level that is significant only without Holm's correction; empty if there is none."""
     best = min(rows, key=lambda row: row.difference.p)
     if best.difference.p > ALPHA:
         return ""
@@ -192,14 +195,14 @@ def _uncorrected(rows: Sequence[PairedDifference]) -> str:
 
 
 def _success_text(row: PairedDifference) -> str:
-    """Return a difference of success as text: −4 points of success (−6 to −1)."""
+    """Return a difference of success as text, for example: −4 points of success (−6 to −1)."""
     low, high = row.difference.low, row.difference.high
     interval = "" if low is None or high is None else f" ({points(low)} to {points(high)})"
     return f"{points(row.difference.mean)} points of success{interval}"
 
 
 def _distance(row: PairedDifference) -> float:
-    """Return the distance of a level from the one it is compared with; 0 for words."""
+    """Return the distance between the two levels of a difference; 0 for words."""
     at, against = row.at.at, row.against.at
     return 0.0 if at is None or against is None else abs(at - against)
 

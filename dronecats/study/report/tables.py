@@ -1,4 +1,4 @@
-"""The tables of a study's report: measures along a factor, differences on the same seeds, effects, interactions."""
+"""Makes the tables of a study's report: measures along a factor, paired differences, effects, interactions."""
 
 from collections.abc import Iterable, Sequence
 
@@ -34,7 +34,7 @@ UNIT = "the episode is the unit, so several flights of an episode count as one (
 
 
 def success(findings: Findings, along: FactorFindings) -> ReportTable:
-    """Return a row per entrant and cell: the share of successes at each level, and the place where half succeed."""
+    """Return a table with a row per entrant and cell: success at each level, and the half-success level."""
     lines: dict[tuple[str, str], list[LevelResult]] = {}
     for level in along.levels:
         lines.setdefault((level.entrant, level.cell), []).append(level)
@@ -48,7 +48,7 @@ def success(findings: Findings, along: FactorFindings) -> ReportTable:
     rows = []
     for (entrant, cell), levels in lines.items():
         fits = [fit.half for fit in along.halves if (fit.entrant, fit.cell) == (entrant, cell)]
-        half = fits[0] if len(fits) == 1 else None  # with other factors there are several
+        half = fits[0] if len(fits) == 1 else None  # there are several if other factors vary
         place = (half_place(along.factor, half), half_interval(along.factor, half)) if half else (None, None)
         shares = (percent(level.success) for level in levels)
         rows.append((entrant, row(cell_title(cell), *shares, *place, entrant=entrant)))
@@ -59,7 +59,7 @@ def success(findings: Findings, along: FactorFindings) -> ReportTable:
 
 
 def measures(findings: Findings, along: FactorFindings) -> ReportTable:
-    """Return a row per entrant, cell and level, with every measure."""
+    """Return a table with every measure, and a row per entrant, cell and level."""
     columns = [
         words(along.factor.title, "level"),
         numbers("Flights", "flights"),
@@ -84,7 +84,10 @@ def measures(findings: Findings, along: FactorFindings) -> ReportTable:
 
 
 def half_success(findings: Findings, along: FactorFindings) -> ReportTable | None:
-    """Return a row per fit: the place where half succeed, slope, scatter of the episodes, and the tests of the line."""
+    """Return a table with a row per fit: half-success level, slope, scatter of the episodes, and tests of the line.
+
+    None without fits.
+    """
     if not along.halves:
         return None
     unit = f" per {along.factor.unit}" if along.factor.unit else ""
@@ -145,7 +148,7 @@ def _table(
     rows: Iterable[tuple[str, TableRow]],
     notes: tuple[str, ...] = (),
 ) -> ReportTable:
-    """Return a table of (block, row)."""
+    """Return a table; `rows` are (block, row)."""
     return ReportTable(name=name, title=title, caption=caption, columns=tuple(columns), blocks=in_blocks(rows),
                        notes=notes, command=findings.command)  # fmt: skip
 
@@ -158,7 +161,7 @@ LEAST, MIDDLE, MOST = (QUANTILES.index(share) for share in (0.05, 0.5, 0.95))
 
 
 def served_rates(findings: Findings, along: FactorFindings) -> ReportTable | None:
-    """Return the quantiles of the served rate and latency, a row per entrant and level; None without them."""
+    """Return a table of quantiles of the served rate and latency, a row per entrant and level; None without data."""
     if not along.served:
         return None
     columns = [words(along.factor.title, "level"), numbers("Steps", "steps")]
@@ -177,7 +180,10 @@ def served_rates(findings: Findings, along: FactorFindings) -> ReportTable | Non
 
 
 def target_motion(findings: Findings, along: FactorFindings) -> ReportTable | None:
-    """Return the motion of targets during one decision and the width of the view, a row per entrant, cell and level."""
+    """Return a table of target motion during one decision and the width of the view; None without moving targets.
+
+    It has a row per entrant, cell and level.
+    """
     if not along.motions:
         return None
     columns = (
@@ -228,7 +234,10 @@ TESTS = (
 
 
 def between_levels(findings: Findings, along: FactorFindings) -> ReportTable | None:
-    """Return each level minus the reference, a row per level, a group of columns per measure; None without a pair."""
+    """Return a table of each level minus the reference, a row per level, a group of columns per measure.
+
+    None without pairs.
+    """
     reference = along.factor.label(along.factor.reference)
     differences = ((in_cell(d.first, d.cell), d) for d in along.between_levels)
     title, caption = f"Each level against {reference}", f"The level minus {reference}, for the same entrant. {TESTS}"
@@ -236,7 +245,7 @@ def between_levels(findings: Findings, along: FactorFindings) -> ReportTable | N
 
 
 def between_entrants(findings: Findings, along: FactorFindings) -> ReportTable | None:
-    """Return the difference of each two entrants at each level; None with a single entrant."""
+    """Return a table of the difference of each two entrants at each level; None with a single entrant."""
     differences = ((in_cell(f"{d.first} minus {d.second}", d.cell), d) for d in along.between_entrants)
     title = f"Entrants against each other, at each level of {along.factor.words}"
     caption = f"The first minus the second, at the same level. {TESTS}"
@@ -244,7 +253,7 @@ def between_entrants(findings: Findings, along: FactorFindings) -> ReportTable |
 
 
 def point_differences(findings: Findings) -> ReportTable | None:
-    """Return the difference of each two entrants at every point of the design, a row per point; None without points."""
+    """Return a table of the difference of each two entrants, a row per point of the design; None without points."""
     if not findings.points:
         return None
     rows = [
@@ -273,7 +282,10 @@ def _difference_table(
     title: str,
     caption: str,
 ) -> ReportTable | None:
-    """Return a table of (block, difference), a row per level, a group of columns per measure; None without any."""
+    """Return a table with a row per level and a group of columns per measure; None without differences.
+
+    `differences` are (block, difference).
+    """
     by_row: dict[tuple[str, str], dict[str, PairedDifference]] = {}
     for block, difference in differences:
         by_row.setdefault((block, difference.at.title), {})[difference.metric] = difference
@@ -305,7 +317,7 @@ def _difference_cells(row: PairedDifference | None, metric: str) -> Sequence[Cel
 
 
 def effects(findings: Findings) -> ReportTable | None:
-    """Return the main effects, a row per factor; None without any."""
+    """Return a table of the main effects, a row per factor; None without effects."""
     if not findings.effects:
         return None
     columns = (
@@ -338,7 +350,7 @@ def effects(findings: Findings) -> ReportTable | None:
 
 
 def interactions(findings: Findings) -> Sequence[ReportTable]:
-    """Return a table for each two factors: the shares at all of their levels, and the p of no interaction."""
+    """Return a table for each two factors: success at each combination of levels, and the p of no interaction."""
     tables = []
     for (row_factor, column_factor), maps in findings.maps_by_pair():
         columns = [words(row_factor.title, "level")]

@@ -1,4 +1,4 @@
-"""Assesses a draft: the checks that accept an episode, and the picture of a drone's camera at its start."""
+"""Assesses a draft: runs the episode checks, and draws the picture of a drone's camera at its start."""
 
 import math
 from dataclasses import replace
@@ -23,7 +23,7 @@ PREVIEW = CameraModel(width=640, height=360)
 
 
 def findings(record: EpisodeRecord) -> list[RuleFinding]:
-    """Return the findings of `dronecats episodes check`; an unreadable record is one failed finding."""
+    """Return the findings of `dronecats episodes check`. An invalid record gives one failed finding."""
     try:
         return rules.check(World(parse(record.to_json(), record.id or "the draft")))
     except UsageError as error:
@@ -31,20 +31,20 @@ def findings(record: EpisodeRecord) -> list[RuleFinding]:
 
 
 class Previews:
-    """Draws what drones see. A moved object keeps the renderer; a changed appearance builds a new one."""
+    """Draws the pictures of drones' cameras. It builds a new renderer only if an object's appearance changes."""
 
     def __init__(self, threads: int = 2) -> None:
-        """`threads`: that draw."""
+        """`threads`: number of threads that draw."""
         self._threads = threads
         self._look: object = None  # the fields of the record that the renderer was built for
         self._renderer: Renderer | None = None
         self._ids: tuple[int, ...] = ()
         self._fleet: Fleet | None = None
         self._ground = FLAT
-        self._wheels: tuple[Wheels | None, ...] = ()  # of each id
+        self._wheels: tuple[Wheels | None, ...] = ()  # per id in _ids
 
     def picture(self, record: EpisodeRecord, drone: int, t_s: float = 0.0) -> NDArray[np.uint8]:
-        """Return the (360, 640, 3) sRGB picture of one drone at its start. Raises UsageError."""
+        """Return the (360, 640, 3) sRGB picture of a drone at its start, with targets at `t_s`. Raises UsageError."""
         renderer = self._ready(record)
         start = record.starts[drone]
         attitude = quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg))
@@ -80,7 +80,7 @@ class Previews:
 
 
 def _movable(world: World) -> tuple[Scene, tuple[Instance, ...]]:
-    """Return the scene with the objects of the record movable, and these objects, target first."""
+    """Return the scene, in which only the objects of the record are movable, and these objects, target first."""
     placed = len(world.record.candidates) + (world.record.target.native is None)
     plan = world.scene.instances[: len(world.scene.instances) - placed]
     free = tuple(replace(instance, movable=True) for instance in world.scene.instances[len(plan) :])

@@ -1,4 +1,4 @@
-"""The episode editor: the session with its undo history, and the server that shows it."""
+"""The episode editor: the session with its undo history, and the server of its page."""
 
 import contextlib
 import threading
@@ -27,12 +27,12 @@ MOST_UNDONE = 200
 class Session:
     """The draft, its undo history, and the file of the record. All methods may be called from any thread.
 
-    `changed` runs after each change, outside the lock. Consecutive changes of one gesture are one step of the history:
-    undo takes back a complete drag.
+    `changed` runs after each change, outside the lock. Consecutive changes of one gesture are one step of the history,
+    so undo reverts a complete drag.
     """
 
     def __init__(self, drafting: Drafting, first: Draft, folder: Path) -> None:
-        """`first`: the first draft; `folder`: where records are written."""
+        """`first`: the first draft; `folder`: the folder for the records."""
         self.drafting = drafting
         self.folder = folder
         self.changed: Callable[[Draft, str], None] = lambda draft, gesture: None
@@ -53,7 +53,7 @@ class Session:
         return self._draft.record
 
     def do(self, operation: Callable[[Draft], Draft], gesture: str = "") -> None:
-        """Apply an operation to the draft. When the operation raises, nothing changes."""
+        """Apply an operation to the draft. If the operation raises an exception, nothing changes."""
         with self._turn:
             following = operation(self._draft)
             if following == self._draft:
@@ -64,16 +64,16 @@ class Session:
         self.changed(following, gesture)
 
     def settle(self) -> None:
-        """End a gesture, so that the next one is a step of its own."""
+        """End a gesture, so that the next change is a new step."""
         self._gesture = ""
         self.changed(self._draft, "")
 
     def undo(self) -> bool:
-        """Go back one step; return whether there was one."""
+        """Undo the last step; return whether there was one."""
         return self._step(self._past, self._future)
 
     def redo(self) -> bool:
-        """Repeat the step that was undone last; return whether there was one."""
+        """Redo the step that was undone last; return whether there was one."""
         return self._step(self._future, self._past)
 
     def _step(self, source: list[Draft], opposite: list[Draft]) -> bool:
@@ -90,14 +90,14 @@ class Session:
         return self.folder / f"{self.record.id}.json"
 
     def save(self, replace: bool = False) -> Path:
-        """Write the record into the session's folder, and return the file, which is named after the id.
+        """Write the record as ID.json into the session's folder, and return the file.
 
-        Raises UsageError for a record that cannot be read back, for the id of a shipped episode, unless the file is
-        that episode's own, and for an existing file unless `replace`.
+        Raises UsageError for an invalid record; for the id of a shipped episode, unless the file is that episode's; and
+        for an existing file unless `replace`.
         """
         record = self.record
         text = record.to_json()
-        parse(text, f"episode '{record.id[:64]}'")  # the id is a plain name from here on
+        parse(text, f"episode '{record.id[:64]}'")  # rejects an id that is not a plain file name
         path = self.path()
         if record.id in catalogue.all_ids() and path.resolve() != (catalogue.FOLDER / path.name).resolve():
             raise UsageError(f"'{record.id}' is the id of a shipped episode. Choose another id.")
@@ -115,14 +115,14 @@ class Editor:
     """The editor of one episode; its page is at `url`."""
 
     def __init__(self, name: str, folder: Path, port: int, hosts: Sequence[str] = ()) -> None:
-        """Open a map by its name, or an episode by its id or file, and serve the page. Raises UsageError.
+        """Open a map by name, or an episode by id or file, and serve the page. Raises UsageError.
 
-        `hosts`: as for `LoopbackServer`.
+        `hosts`: see `LoopbackServer`.
         """
         session, scene_name = open_session(name, folder)
         self.session = session
         self.drafting = session.drafting
-        self.findings: tuple[RuleFinding, ...] = ()  # of the newest record that was checked
+        self.findings: tuple[RuleFinding, ...] = ()  # of the last checked record
         self.checked: EpisodeRecord | None = None
         self._server = LoopbackServer(f"DroneCATS · {scene_name}", port, hosts)
         self.url = self._server.url
@@ -139,7 +139,7 @@ class Editor:
         self._changed(session.draft, "")
 
     def idle(self, timeout_s: float) -> bool:
-        """Wait until picture and checks belong to the current draft; return whether they do."""
+        """Wait until the picture and the checks are those of the current draft; return False after the timeout."""
         return self._pictures.idle(timeout_s) and self._checks.idle(timeout_s)
 
     def close(self) -> None:
@@ -149,7 +149,7 @@ class Editor:
         self._previews.close()
         self._server.stop()
 
-    # ---- orders of the panels
+    # ---- calls from the panels
 
     def do(self, operation: Callable[[Draft], Draft], client: Any) -> None:
         """Change the draft, or show the error to the client."""
@@ -185,7 +185,7 @@ class Editor:
     # ---- drags and clicks in the scene
 
     def moved(self, name: str, north: float, east: float, yaw_deg: float) -> None:
-        """Move the object that is being dragged."""
+        """Move the dragged object."""
         kind, _, number = name.partition("-")
         which = int(number or 0)
         operations: dict[str, Callable[[Draft], Draft]] = {
@@ -198,11 +198,11 @@ class Editor:
             self.session.do(operations[kind], gesture=name)
 
     def let_go(self) -> None:
-        """End the drag: every object moves to its place in the draft."""
+        """End the drag and show every object at its place in the draft."""
         self.session.settle()
 
     def _clicked(self, event: Any) -> None:
-        """Apply a click on the map, with the meaning that is chosen in the panel."""
+        """Apply a click on the map; the panel selects its meaning."""
         meaning = self._panels.click
         if not meaning:
             return
@@ -222,7 +222,7 @@ class Editor:
     # ---- updates after a change
 
     def _changed(self, draft: Draft, gesture: str) -> None:
-        """Show the current draft. It may be newer than `draft`, because changes come from several threads."""
+        """Show the current draft, which may be newer than `draft`: several threads make changes."""
         with self._showing:
             now = self.session.draft
             self._view.show(now)
@@ -236,7 +236,7 @@ class Editor:
     def _draw(self, wanted: tuple[EpisodeRecord, int]) -> None:
         record, drone = wanted
         drone = min(drone, len(record.starts) - 1)
-        with contextlib.suppress(UsageError):  # the checks say what is wrong with the record
+        with contextlib.suppress(UsageError):  # the checks report the error in the record
             picture = self._previews.picture(record, drone)
             self._panels.show_picture(picture)
             self._view.show_view(drone, picture)
@@ -252,7 +252,7 @@ class Editor:
 
 
 def open_session(name: str, folder: Path) -> tuple[Session, str]:
-    """Return a session on a map, or on an episode by its id or file, and its title. Raises UsageError."""
+    """Return a session for a map (by name) or an episode (by id or file), and its title. Raises UsageError."""
     if name in maps.names():
         drafting = Drafting(maps.build(name))
         return Session(drafting, drafting.new(name), folder), name

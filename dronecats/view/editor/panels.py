@@ -1,4 +1,4 @@
-"""The panels beside the map: the fields of the draft, the camera's picture, and the checks."""
+"""The panels of the editor: the fields of the draft, the camera's picture, and the checks."""
 
 from collections.abc import Callable, Sequence
 from html import escape
@@ -18,7 +18,7 @@ GREEN, RED, GREY = (LIGHT[name] for name in ("good", "bad", "mute"))
 
 
 def checks_html(findings: Sequence[RuleFinding], fresh: bool) -> str:
-    """Return the list of checks, failed ones first; dimmed unless `fresh`, that is of the current draft."""
+    """Return the list of checks as HTML, failed checks first. It is dimmed unless `fresh` (of the current draft)."""
     failed = [f for f in findings if not f.passed]
     title = f"{len(findings) - len(failed)} of {len(findings)} checks passed" if findings else "Checking …"
     color = GREY if not findings else RED if failed else GREEN
@@ -45,7 +45,7 @@ def _row(finding: RuleFinding) -> str:
 
 
 def facts_html(rows: Sequence[tuple[str, str]]) -> str:
-    """Return pairs of a name and a value, one line per pair."""
+    """Return (name, value) pairs as HTML, one line per pair."""
     lines = "".join(
         f'<div style="display:flex;justify-content:space-between"><span style="opacity:0.65">{escape(name)}</span>'
         f"<b>{escape(value)}</b></div>"
@@ -66,7 +66,7 @@ NATIVE = "(an object of the map)"
 
 
 class PanelOrders(Protocol):
-    """The calls of the panels, implemented by `Editor`."""
+    """The methods that the panels call. `Editor` implements them."""
 
     drafting: Drafting
 
@@ -82,10 +82,10 @@ class PanelOrders(Protocol):
 
 
 class Panels:
-    """Shows the fields of a draft, and calls the orders of the person who edits them."""
+    """Shows the fields of a draft, and calls PanelOrders when a user edits them."""
 
     def __init__(self, server: viser.ViserServer, orders: PanelOrders, title: str) -> None:
-        """Lay the panels out."""
+        """Create the panels."""
         self._gui = server.gui
         self._orders = orders
         self._drone = 0
@@ -181,7 +181,7 @@ class Panels:
     # ---- tabs
 
     def _do(self, event: Any, operation: Callable[[Draft], Draft]) -> None:
-        """Apply the operation of a person's edit; updates by the program itself have no client."""
+        """Apply an operation if a user caused the event; updates by the program have no client and are ignored."""
         if event.client is not None:
             self._orders.do(operation, event.client)
 

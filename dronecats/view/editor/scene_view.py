@@ -1,4 +1,4 @@
-"""The map in 3-D with the objects that can be dragged."""
+"""The 3-D view of the editor: the map and the objects that can be dragged."""
 
 import itertools
 import math
@@ -26,7 +26,7 @@ RULER = (255, 255, 255)
 
 
 class DragOrders(Protocol):
-    """The calls of a drag. `name` is 'target', 'waypoint-2', 'drone-0' or 'candidate-1'."""
+    """The methods that a drag calls. Examples of `name`: 'target', 'waypoint-2', 'drone-0', 'candidate-1'."""
 
     def moved(self, name: str, north: float, east: float, yaw_deg: float) -> None: ...
 
@@ -39,8 +39,8 @@ class _Object:
 
     place: Vec3  # m, NED
     yaw: float  # rad
-    look: object  # a change of it needs a new shape
-    add: Callable[[str], Any]  # adds the shape under a node
+    look: object  # identifies the appearance; the shape is rebuilt when it changes
+    add: Callable[[str], Any]  # adds the shape under the node with this path
 
 
 @dataclass(slots=True)
@@ -51,7 +51,7 @@ class _Gizmo:
 
 
 class SceneView:
-    """Shows drafts of one map, and sends only changes."""
+    """Shows drafts of one map, and sends only changes to the browser."""
 
     def __init__(self, server: viser.ViserServer, drafting: Drafting, orders: DragOrders) -> None:
         """Send the map to the browser."""
@@ -66,7 +66,7 @@ class SceneView:
         display.add_glb(server, "/map", display.map_glb(drafting.scene))
 
     def frame(self, draft: Draft) -> None:
-        """Set the initial view of browsers so that it contains the first drone and the target."""
+        """Set the initial view of browsers, with the first drone and the target in it."""
         here, goal = np.array(draft.record.starts[0].position_ned), np.array(self._drafting.centre(draft.record))
         away, span = here - goal, max(float(np.linalg.norm((here - goal)[:2])), 6.0)
         back = away[:2] / max(float(np.linalg.norm(away[:2])), 1e-6)
@@ -79,7 +79,7 @@ class SceneView:
         view.look_at = display.place_of((float(middle[0]), float(middle[1]), float(middle[2])))
 
     def show(self, draft: Draft) -> None:
-        """Show a draft; an object that is being dragged stays where the browser has it."""
+        """Show a draft. The dragged object keeps its place in the browser."""
         with self._server.atomic():
             objects = self._objects(draft)
             for name in [name for name in self._gizmos if name not in objects]:
@@ -137,7 +137,7 @@ class SceneView:
                 wxyz=rotation,
             )
 
-            async def dragged(event: Any) -> None:  # async: one after the other, in the order in which they came
+            async def dragged(event: Any) -> None:  # async: viser then calls it in the order of the events
                 self._dragged(name, event)
 
             handle.on_update(dragged)
@@ -203,7 +203,7 @@ class SceneView:
         return display.add_lines(self._server, node, points(), color, width_px)
 
     def _redraw(self, name: str, key: object, add: Callable[[], Any] | None) -> None:
-        """Replace a line or label when its key has changed; `add` None removes it."""
+        """Replace a line or label if its key has changed. `add` None removes it."""
         old_key, handle = self._lines.get(name, (None, None))
         if old_key == key:
             return

@@ -1,9 +1,9 @@
-"""The chase camera behind a drone: its path around obstacles, and the renderer of what it sees.
+"""The chase camera behind a drone: plans its path around obstacles, and renders its pictures.
 
-The path is planned over the complete flight, so that the camera avoids a wall before it is there. Every quarter of a
-second the camera may be at one of many places around the drone. A place costs more the farther it is from the place
-behind the drone, and much more when it is blocked; dynamic programming finds the cheapest path. The path is smoothed,
-and the boom shortened where smoothing has led it into an obstacle.
+The path is planned over the complete flight, so that the camera moves away from a wall in time. For every quarter of a
+second, many places around the drone are candidates. The cost of a place grows with the distance from the place behind
+the drone, and is much higher if an obstacle blocks the view. Dynamic programming finds the cheapest path. The path is
+then smoothed, and the boom is shortened where the smoothed path would enter an obstacle.
 """
 
 import itertools
@@ -27,18 +27,18 @@ from foundation.frames import Vec3, quat_from_euler
 Array = NDArray[np.float64]
 
 BOOM_M = 3.4  # from the drone to the camera
-SHORTEST_M = 0.9  # at which an x500 fills the picture without being clipped
-STEP_S = 0.25
+SHORTEST_M = 0.9  # shortest boom: an x500 fills the picture but is not clipped
+STEP_S = 0.25  # between planned places
 PLACE_S, HEADING_S, SWING_S, BOOM_S = 0.35, 1.0, 0.6, 0.3  # σ of the smoothing
 AHEAD_M = 4.0  # distance ahead of the drone of the point at which the camera looks
 ROOM_M = 0.35  # free space on each side of the camera
-# candidate places of the camera: azimuth from behind the drone, elevation, share of the boom length
-AZIMUTHS_DEG = (15.0, -15.0, 38.0, -38.0, 68.0, -68.0, 100.0, -100.0)  # never straight behind: it hides its goal
+# candidate places of the camera: azimuth (0 is behind the drone), elevation, share of the boom length
+AZIMUTHS_DEG = (15.0, -15.0, 38.0, -38.0, 68.0, -68.0, 100.0, -100.0)  # not 0, where the drone would hide its goal
 ELEVATIONS_DEG = (20.0, 34.0, 52.0, 70.0)
 LENGTHS = (1.0, 0.65, 0.4)
-BLOCKED = 30.0  # cost of a place from which the drone is hidden; more than a path around the drone
+BLOCKED = 30.0  # cost of a place from which the drone is hidden; more than the cost of moving around the drone
 
-HFOV_DEG, VFOV_DEG = 70.0, 50.0  # at most, of a chase view
+HFOV_DEG, VFOV_DEG = 70.0, 50.0  # largest field of view of a chase view
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ class ChasePath:
     last_s: float
 
     def at(self, t: float) -> CameraPose:
-        """Return the pose of the camera; before and after the flight, the first and the last one."""
+        """Return the pose of the camera at a time (s). Times outside of the flight give its first or last pose."""
         north, east, down, yaw, pitch = map(float, self._places(min(max(t, self.first_s), self.last_s)))
         return CameraPose((north, east, down), quat_from_euler(0.0, pitch, yaw))
 
 
 def chase(track: FlightTrack, end_s: float, obstacles: Solids) -> ChasePath:
-    """Return the path of a camera behind `track` from t = 0 to `end_s`, around the obstacles."""
+    """Return the path of a camera that follows `track` from t = 0 to `end_s` and avoids the obstacles."""
     times = np.arange(0.0, max(end_s, STEP_S) + 2 * STEP_S, STEP_S)
     places = _smooth(track.positions(times), PLACE_S)
     heading = _smooth(track.headings(times), HEADING_S)
@@ -84,13 +84,13 @@ def _smooth(values: Array, sigma_s: float) -> Array:
 
 
 def _outwards(azimuth: Array, elevation: Array) -> Array:
-    """Return the unit vectors (N, 3), NED, from the drone to the camera; azimuth 0: south of it."""
+    """Return the unit vectors (N, 3), NED, from the drone to the camera. Azimuth 0 is south of the drone."""
     flat = np.cos(elevation)
     return np.column_stack([-flat * np.cos(azimuth), -flat * np.sin(azimuth), -np.sin(elevation)])
 
 
 def _blocked(place: Array, heading: float, candidates: Array, obstacles: Solids) -> NDArray[np.bool_]:
-    """Return whether an obstacle is between the drone and each candidate, with room around it: (N,)."""
+    """Return whether an obstacle hides the drone from each candidate place or its margin ROOM_M, (N,)."""
     azimuth, elevation = heading + np.radians(candidates[:, 0]), np.radians(candidates[:, 1])
     out = _outwards(azimuth, elevation)
     eye = place + (candidates[:, 2:] * BOOM_M + ROOM_M) * out
@@ -102,7 +102,7 @@ def _blocked(place: Array, heading: float, candidates: Array, obstacles: Solids)
 
 
 def _cheapest(blocked: NDArray[np.bool_], candidates: Array) -> NDArray[np.intp]:
-    """Return the index of the candidate at each step of the cheapest path, (N,)."""
+    """Return the candidates' indices along the cheapest path, (steps,)."""
     azimuth, elevation, length = candidates.T
     own = (
         ((abs(azimuth) - AZIMUTHS_DEG[0]) / 50.0) ** 2
@@ -130,20 +130,20 @@ def _vec3(place: Array) -> Vec3:
 
 
 def chase_lens(width: int, height: int) -> CameraModel:
-    """Return the camera of a chase view of that size, px."""
+    """Return the camera of a chase view with this size (px)."""
     focal = min(0.5 * width / math.tan(math.radians(HFOV_DEG / 2)), 0.5 * height / math.tan(math.radians(VFOV_DEG / 2)))
     return CameraModel(width, height, math.degrees(2.0 * math.atan(0.5 * width / focal)), (0.0, 0.0, 0.0))
 
 
 class FilmStage:
-    """Draws a flight at any time, with all its drones and the target."""
+    """Renders a flight at any time, with all of its drones and the target."""
 
     def __init__(self, flight: RecordedFlight, lens: CameraModel, threads: int = 1) -> None:
         self._flight = flight
         world = flight.world
         mesh = multirotor(flight.outline)
         first = max(instance.id for instance in world.scene.instances) + 1
-        self.ids = {drone: first + k for k, drone in enumerate(flight.drones)}  # drone → id in a view
+        self.ids = {drone: first + k for k, drone in enumerate(flight.drones)}  # drone → instance id in a view
         drones = tuple(
             Instance(number, f"drone-{drone}", "drone", mesh, flight.tracks[drone].at(0.0).position_ned, 0.0, True)
             for drone, number in self.ids.items()
@@ -171,6 +171,6 @@ class FilmStage:
 
 
 def obstacles_of(flight: RecordedFlight) -> Solids:
-    """Return the obstacles of a camera: all that stands, including a target that does not move."""
+    """Return the obstacles for a camera: all static objects, including a static target."""
     world = flight.world
     return world.solids if world.target.movable else Together(world.solids, Solids((world.target,)))

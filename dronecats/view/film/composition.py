@@ -1,4 +1,4 @@
-"""The picture of a film: chase views on the left, the pilots' frames and the map on the right, a caption below."""
+"""Composes a film's pictures: chase views on the left, the pilots' frames and the map on the right, a caption below."""
 
 import math
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ from foundation.protocol import POINT_SPAN, RADIUS_M
 from foundation.run_folder.rows import Decision, drone_label
 
 REFERENCE_PX = 720  # height at which text has its nominal size
-GAP = 4  # px at that height, between the panes
+GAP = 4  # px between the panes, at REFERENCE_PX
 COLOR_OF = {"success": GREEN, "failure": RED}
 NONE_YET, NOT_KEPT, NOT_DRAWN = "no picture yet", "no picture was recorded", "flown without rendering"
 
@@ -60,11 +60,11 @@ class Panes:
     onboard: tuple[Pane, ...]  # one per drone
     map: Pane
     bar: Pane
-    unit: float  # px of this picture per px of the reference
+    unit: float  # scale of text and gaps: height / REFERENCE_PX
 
 
 def panes(width: int, height: int, drones: int) -> Panes:
-    """Return the layout of a picture (px) for so many drones."""
+    """Return the layout of a picture of this size (px) with this number of drones."""
     unit = height / REFERENCE_PX
     gap = max(1, round(GAP * unit))
     column, low = round(0.3125 * width), round(0.165 * height)
@@ -82,7 +82,7 @@ def panes(width: int, height: int, drones: int) -> Panes:
 
 
 def _grid(area: Pane, count: int, gap: int) -> tuple[Pane, ...]:
-    """Return an area divided into a grid of `count` panes, as square in counts as possible."""
+    """Return `count` panes that divide an area into a grid, with about as many rows as columns."""
     columns = math.ceil(math.sqrt(count))
     rows = math.ceil(count / columns)
     width, height = (area.width - gap * (columns - 1)) // columns, (area.height - gap * (rows - 1)) // rows
@@ -96,7 +96,7 @@ class Composition:
     """Draws the pictures of a film of one flight."""
 
     def __init__(self, flight: RecordedFlight, width: int, height: int, drone: int | None = None) -> None:
-        """`drone`: the only one that is followed; None: each drone in a pane of its own."""
+        """`drone`: the only drone to follow; None: all drones, each in its own pane."""
         self._flight, self._size = flight, (width, height)
         self._followed = flight.drones if drone is None else (drone,)
         self.panes = panes(width, height, len(self._followed))
@@ -105,7 +105,7 @@ class Composition:
         obstacles = obstacles_of(flight)
         self._paths = {k: chase(flight.tracks[k], flight.end_s, obstacles) for k in self._followed}
         self._map = MapPane(flight, self.panes.map.width, self.panes.map.height, self.panes.unit)
-        self._kept: tuple[float, Picture] | None = None  # the newest picture, without its bar
+        self._kept: tuple[float, Picture] | None = None  # time and picture of the last call, without the caption bar
 
     def at(self, t: float, speed: float = 1.0, over: bool = False) -> Picture:
         """Return the picture at a time, (height, width, 3) RGB. `over`: the flight has ended; show its verdict."""
@@ -149,7 +149,7 @@ def _put(picture: Picture, pane: Pane, content: Picture) -> None:
 def caption_bar(
     flight: RecordedFlight, t: float, speed: float, over: bool, width: int, height: int, unit: float
 ) -> Picture:
-    """Return the bar below the pictures, (height, width, 3) RGB. `over`: the verdict is shown."""
+    """Return the caption bar, (height, width, 3) RGB. `over`: show the verdict."""
     picture = np.full((height, width, 3), BACKGROUND, np.uint8)
     large, middle, small = (max(9, round(px * unit)) for px in (23, 21, 14))
     left, right, y = round(14 * unit), width - round(14 * unit), round(9 * unit)
@@ -190,13 +190,13 @@ def action_words(flight: RecordedFlight, drone: int, t: float) -> tuple[str, Ink
 
 
 def is_decided(flight: RecordedFlight, t: float) -> bool:
-    """Return whether the deciding declaration has been made by then."""
+    """Return whether the deciding declaration was made at or before a time."""
     deciding = flight.verdict.deciding
     return deciding is not None and t >= deciding.t
 
 
 def verdict_words(flight: RecordedFlight) -> tuple[str, Ink]:
-    """Return a short text on the verdict, computed from the logs, and its colour."""
+    """Return a short text on the verdict and its colour. The verdict is computed from the logs."""
     verdict = flight.verdict
     away = f" · {verdict.ne_m:.2f} m from the target" if verdict.ne_m is not None else ""
     return f"{str(verdict.outcome).upper()}{away}", COLOR_OF.get(str(verdict.outcome), PALE)
@@ -205,7 +205,7 @@ def verdict_words(flight: RecordedFlight) -> tuple[str, Ink]:
 def pilot_view(flight: RecordedFlight, drone: int, t: float, width: int, height: int, unit: float) -> Picture:
     """Return the newest frame of a drone at a time, (height, width, 3) RGB; `unit`: the scale of text.
 
-    The chosen point is ringed from the time of the reply. A note replaces a frame that the folder does not have.
+    A ring marks the chosen point from the time of the reply. A note replaces a frame that is missing from the folder.
     """
     small = max(9, round(14 * unit))
     decision = flight.latest_decision(drone, t, "t_frame")
@@ -235,7 +235,7 @@ def pilot_view(flight: RecordedFlight, drone: int, t: float, width: int, height:
 
 
 def chosen(decision: Decision) -> tuple[float, float] | None:
-    """Return the point of a go, (x, y) as shares of width and height; None for other actions."""
+    """Return the point of a `go`, (x, y) as shares of width and height; None for other actions."""
     return None if decision.go is None else (decision.go.x / POINT_SPAN, decision.go.y / POINT_SPAN)
 
 
@@ -258,19 +258,19 @@ def _read(path: Path, width: int, height: int) -> Picture | None:
     return np.ascontiguousarray(fitted[..., ::-1], np.uint8)
 
 
-LENS_DEG = 14.0  # a long lens from high above: roofs stay over their houses
+LENS_DEG = 14.0  # narrow field of view from high above, so that roofs are not displaced from their houses
 MARGIN_M = 9.0
-LEAST_M = 13.0  # half of the ground's smaller side
-SAMPLES_S = 0.2  # of the trail
-VIEW_M = 9.0  # how far the field of view is drawn
-SHIFT = 4  # binary places of the pixels that lines are drawn with
+LEAST_M = 13.0  # least half side of the map
+SAMPLES_S = 0.2  # between two points of a trail
+VIEW_M = 9.0  # length of the drawn field of view
+SHIFT = 4  # fractional bits of pixel coordinates in OpenCV's drawing functions
 JUDGE_NOTE = "target with 5 m radius (judge)"
 
 Array = NDArray[np.float64]
 
 
 class MapPane:
-    """Draws the map of a flight from above: trails, fields of view, and the target, which only the judge knows."""
+    """Draws the map of a flight from above, with trails, fields of view, and the target, unknown to the pilot."""
 
     def __init__(self, flight: RecordedFlight, width: int, height: int, unit: float) -> None:
         """`unit`: the scale of text."""
@@ -282,7 +282,7 @@ class MapPane:
         self._middle = (low + high) / 2
         half_high = max((high[0] - low[0]) / 2 + MARGIN_M, LEAST_M)
         half_wide = max((high[1] - low[1]) / 2 + MARGIN_M, LEAST_M)
-        self.per_px = max(2 * half_high / height, 2 * half_wide / width)  # m
+        self.per_px = max(2 * half_high / height, 2 * half_wide / width)  # m per pixel
         self._ground = self._from_above()
         self._mark_scale(self._ground)
 
@@ -301,7 +301,7 @@ class MapPane:
         return picture
 
     def px(self, place: Vec3) -> tuple[float, float]:
-        """Return the pixel of a position, (x, y)."""
+        """Return the pixel (x, y) of a position (m, NED)."""
         width, height = self._size
         return (width / 2 + (place[1] - float(self._middle[1])) / self.per_px,
                 height / 2 - (place[0] - float(self._middle[0])) / self.per_px)  # fmt: skip
@@ -316,7 +316,7 @@ class MapPane:
         return [self._flight.world.target_centre(float(t)) for t in self._times[::5]]
 
     def _from_above(self) -> Picture:
-        """Return the ground with everything that does not move."""
+        """Return a picture of all static objects from above."""
         width, height = self._size
         world = self._flight.world
         camera = CameraModel(2 * width, 2 * height, LENS_DEG, (0.0, 0.0, 0.0))
@@ -331,7 +331,7 @@ class MapPane:
         finally:
             renderer.close()
         picture = cv2.resize(view, self._size, interpolation=cv2.INTER_AREA)
-        return np.asarray(0.72 * picture, np.uint8)  # darker, so that what is drawn on it stands out
+        return np.asarray(0.72 * picture, np.uint8)  # darker, for contrast with the marks
 
     def _field_of_view(self, picture: Picture, place: Vec3, yaw: float, color: Ink) -> None:
         half = math.radians(self._flight.camera.hfov_deg / 2)
@@ -343,7 +343,7 @@ class MapPane:
         cv2.addWeighted(over, 0.32, picture, 0.68, 0.0, picture)
 
     def _target(self, picture: Picture, centre: Vec3) -> None:
-        """Mark the target and the ring within which a declaration counts, which no pilot sees."""
+        """Mark the target and the radius for declarations. The pilot's pictures do not show these marks."""
         around = np.linspace(0.0, 2 * math.pi, 73)
         ring = np.column_stack(
             [centre[0] + RADIUS_M * np.cos(around), centre[1] + RADIUS_M * np.sin(around), 0 * around]

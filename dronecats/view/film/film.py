@@ -1,8 +1,8 @@
-"""Makes a film file: its parts are drawn by several processes, encoded, and joined.
+"""Makes a film file: several processes draw and encode its parts, which are then joined.
 
-Parts are files in a folder beside the film. A part gets its name when it is complete, so that a kill leaves only
-complete parts, and the same command makes the others. H.264 parts, encoded by the ffmpeg of imageio-ffmpeg, are
-joined without encoding. Without that ffmpeg, and for GIF, parts are JPEG pictures that are encoded when all exist.
+Parts are files in a folder beside the film. A part gets its final name when it is complete. So after a kill, all parts
+are complete, and the same command makes the missing ones. The ffmpeg of imageio-ffmpeg encodes parts as H.264 and joins
+them without encoding again. Without this ffmpeg, and for GIF, parts are Motion JPEG, and the joined film is encoded.
 """
 
 import contextlib
@@ -32,12 +32,12 @@ from foundation.threads import once
 
 MANIFEST, LOCK, MAKING = "manifest.json", ".lock", ".making"
 CRF, PRESET = 23, "veryfast"
-JPEG_QUALITY = 95  # of a part, which is encoded again: the loss is not visible
-GIF_COLORS = 128  # the marks' and words' colours included, which are few pixels and matter most
-GIF_SAMPLED = 24  # pictures from which the palette is made
-GIF_STILL = 10  # of 255: a pixel that changes by less in each channel keeps its value, which keeps the file small
+JPEG_QUALITY = 95  # of a part that is encoded again; the loss is not visible
+GIF_COLORS = 128  # including MARKS, the colours of marks and text, which the sampled pictures would under-represent
+GIF_SAMPLED = 24  # number of pictures from which the palette is computed
+GIF_STILL = 10  # of 255: a pixel that changes by less in each channel keeps its value, for a smaller file
 BRIGHT = (YELLOW, MAGENTA, GREEN, RED)
-# the same at the edge of a letter, and a field of view on a road
+# DIM: the same colours at the edge of a letter; the last of MARKS: a field of view on a road
 DIM = tuple(tuple((a + b) // 2 for a, b in zip(mark, BACKGROUND, strict=True)) for mark in BRIGHT)
 MARKS = (*BRIGHT, *DIM, WHITE, *DRONES, (112, 86, 34))
 
@@ -48,7 +48,7 @@ SUFFIX: dict[Codec, str] = {"h264": ".mp4", "mp4v": ".avi", "gif": ".avi"}
 
 @dataclass(frozen=True, slots=True)
 class PartsFolder:
-    """The folder of a film's parts."""
+    """The parts of a film, as files in a folder."""
 
     folder: Path
     plan: FilmPlan
@@ -67,11 +67,11 @@ class PartsFolder:
 def make(
     plan: FilmPlan, out: Path, jobs: int | None = None, progress: Callable[[int], PicturesDone] | None = None
 ) -> Codec:
-    """Write a film, and return how it is encoded. For the main thread.
+    """Write a film, and return its codec. Call it from the main thread only.
 
-    `progress` takes the number of pictures that exist already, and returns a function for each later count. `jobs`:
-    processes that draw, None: one per core. An unfinished film of the same plan is resumed. Raises UsageError when the
-    film cannot be written, InfrastructureError when an encoder or a process fails.
+    `progress` takes the number of pictures that exist already, and returns a function that takes the number of new
+    pictures. `jobs`: number of drawing processes, None: one per core. An unfinished film of the same plan is resumed.
+    Raises UsageError if the film cannot be written, InfrastructureError if an encoder or a process fails.
     """
     codec = codec_for(out)
     with open_parts(out, plan, codec) as parts_folder:
@@ -92,7 +92,7 @@ def make(
 
 
 def draw_part(parts_folder: PartsFolder, number: int) -> int:
-    """Draw and write one part, and return its number. For a process of its own, or the caller's."""
+    """Draw and write one part, and return its number. A worker process or the caller's process runs it."""
     plan, path = parts_folder.plan, parts_folder.path(number)
     unfinished = path.with_name(f"{path.stem}{MAKING}{path.suffix}")
     write_part(unfinished, _pictures(plan, number), plan, parts_folder.codec)
@@ -108,7 +108,7 @@ def _pictures(plan: FilmPlan, number: int) -> Iterator[Picture]:
 
 @once(1)
 def composition(folder: str, width: int, height: int, drone: int | None) -> Composition:
-    """Return the composition of a film, made once per process. Raises UsageError for a flight that cannot be filmed."""
+    """Return the composition of a film, cached per process. Raises UsageError if the flight cannot be filmed."""
     cv2.setNumThreads(1)  # there is one process per core
     return Composition(filmable(Path(folder)), width, height, drone)
 
@@ -120,9 +120,9 @@ def folder_beside(out: Path) -> Path:
 
 @contextlib.contextmanager
 def open_parts(out: Path, plan: FilmPlan, codec: Codec) -> Iterator[PartsFolder]:
-    """Yield the locked folder of a film's parts; parts of another film are removed.
+    """Lock the folder of a film's parts, remove parts of other films, and yield it.
 
-    Raises UsageError when it cannot be written, or another process makes a film there.
+    Raises UsageError if the folder cannot be written, or another process makes this film.
     """
     if out.is_dir():
         raise UsageError(f"--out {out} is a folder. Name a file in it")
@@ -147,7 +147,7 @@ def open_parts(out: Path, plan: FilmPlan, codec: Codec) -> Iterator[PartsFolder]
 
 
 def codec_for(out: Path) -> Codec:
-    """Return the codec of a film on this machine, by the file's suffix and the installed encoders."""
+    """Return the codec of a film, which depends on the file's suffix and the installed encoders."""
     if out.suffix.lower() == ".gif":
         return "gif"
     return "h264" if ffmpeg() else "mp4v"
@@ -163,7 +163,7 @@ def describe_codec(codec: Codec) -> str:
 
 
 def ffmpeg() -> str | None:
-    """Return the path of the ffmpeg of imageio-ffmpeg, None when it is not installed."""
+    """Return the path of the ffmpeg of imageio-ffmpeg; None if it is not installed."""
     try:
         import imageio_ffmpeg
 
@@ -191,7 +191,7 @@ def write_part(path: Path, pictures: Iterable[Picture], plan: FilmPlan, codec: C
 
 
 def _write_h264(path: Path, pictures: Iterable[Picture], plan: FilmPlan) -> None:
-    # no B-frames: each part begins at its first picture, so that parts join without new timestamps
+    # without B-frames, a part's timestamps begin at its first picture, so parts join without new timestamps
     size, rate = f"{plan.width}x{plan.height}", str(plan.fps)
     command = [
         str(ffmpeg()), "-y", "-loglevel", "error",
@@ -209,7 +209,7 @@ def _write_h264(path: Path, pictures: Iterable[Picture], plan: FilmPlan) -> None
                 process.stdin.write(np.ascontiguousarray(picture).tobytes())
             process.stdin.close()
         except BrokenPipeError:
-            pass  # ffmpeg ended, and its output says why
+            pass  # ffmpeg ended; its output has the reason
         except BaseException:
             process.kill()
             raise
@@ -288,7 +288,7 @@ def _join_gif(paths: Sequence[Path], out: Path, plan: FilmPlan) -> None:
 
 
 def _palette(samples: Sequence[Picture]) -> Any:
-    """Return a picture with a palette for all samples."""
+    """Return a picture whose palette fits all samples and contains MARKS."""
     width = max(1, samples[0].shape[1] // 2)
     height = max(1, samples[0].shape[0] // 2)
     small = [cv2.resize(sample, (width, height), interpolation=cv2.INTER_NEAREST) for sample in samples]

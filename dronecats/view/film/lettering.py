@@ -1,4 +1,4 @@
-"""Text on a picture, in a font of matplotlib."""
+"""Writes text on pictures, in a font from matplotlib."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -26,9 +26,9 @@ BACKGROUND: Ink = (20, 23, 27)
 
 def write(picture: Picture, text: str, at: tuple[int, int], size_px: int, color: Ink = WHITE, bold: bool = False,
           right: bool = False) -> int:  # fmt: skip
-    """Write a line with its top left corner, or with `right` its top right one, at (x, y); return its width in px.
+    """Write a line of text on a picture, and return its width in px. Text beyond an edge of the picture is cut off.
 
-    Text beyond an edge of the picture is cut off.
+    `at` (x, y) is the line's top left corner, or its top right corner if `right`.
     """
     mask = _mask(text, size_px, bold)
     x, y = (at[0] - mask.shape[1], at[1]) if right else at
@@ -45,12 +45,12 @@ def color_of(drone: int) -> Ink:
 
 
 def width_px(text: str, size_px: int, bold: bool = False) -> int:
-    """Return the width of a line."""
+    """Return the width of a line of text, px."""
     return int(_font(size_px, bold).getlength(text)) + 1
 
 
 def fitted(text: str, size_px: int, room_px: int, lines: int = 1, bold: bool = False) -> list[str]:
-    """Return a text in at most that many lines of `room_px`; text that does not fit ends in …"""
+    """Return a text wrapped to at most `lines` lines of `room_px`. A text that does not fit ends in …"""
     fitting = [""]
     words: Sequence[str] = text.split()
     for number, word in enumerate(words):

@@ -1,4 +1,4 @@
-"""The plan of a film: a validated value that a process can receive."""
+"""The plan of a film: a validated value that can be sent to another process."""
 
 import hashlib
 import json
@@ -14,7 +14,7 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import episode_folder
 
 CLOSING_S = 2.5  # s of film that show the last picture with the verdict
-PART = 60  # pictures per part: what each process loses at most by a kill
+PART = 60  # pictures per part; a killed process loses at most this many
 SPEEDS = (0.1, 100.0)
 RATES = (1, 120)
 SIDES_PX = (120, 3840)
@@ -27,20 +27,20 @@ SOURCES = (Path(__file__).parent, Path(recorded.__file__).parent, Path(dronecats
 class FilmPlan:
     """A film of one flight. Its pictures are numbered from 0."""
 
-    folder: str  # of the episode
+    folder: str  # the episode's folder
     width: int  # px, even
     height: int  # px, even
-    fps: int  # pictures a second of film
-    speed: float  # seconds of flight in a second of film
+    fps: int  # pictures per second of film
+    speed: float  # seconds of flight per second of film
     from_s: float  # s since the episode began
-    to_s: float  # s likewise
-    closing: int  # pictures at the end that repeat the last one, with the verdict
-    drone: int | None  # the only drone that is followed; None: all
+    to_s: float  # s since the episode began
+    closing: int  # number of pictures at the end that repeat the last moment, with the verdict
+    drone: int | None  # the only drone to follow; None: all drones
     per_part: int = PART  # pictures per part
 
     @property
     def moving(self) -> int:
-        """The number of pictures before the closing ones."""
+        """The number of pictures before the closing pictures."""
         return max(1, math.ceil((self.to_s - self.from_s) / self.speed * self.fps - 1e-6))
 
     @property
@@ -54,7 +54,7 @@ class FilmPlan:
         return self.pictures / self.fps
 
     def time_of(self, picture: int) -> float:
-        """Return the time of the episode that a picture shows, s."""
+        """Return the time (s since the episode began) that a picture shows."""
         if picture >= self.moving:
             return self.to_s
         return min(self.from_s + picture * self.speed / self.fps, self.to_s)
@@ -66,7 +66,7 @@ class FilmPlan:
         return tuple(range(first, min(first + self.per_part, self.pictures)) for first in firsts)
 
     def digest(self, codec: str) -> str:
-        """Return a digest of everything that determines a film's parts: plan, logs, frames, our sources, codec."""
+        """Return a digest of all inputs of a film's parts: plan, codec, logs, frames and source files."""
         folder = Path(self.folder)
         state = hashlib.sha256(json.dumps([asdict(self), codec, dronecats.__version__]).encode())
         frames = sorted((folder / layout.FRAMES).glob("*.jpg"))
@@ -88,7 +88,7 @@ def plan(
     to_s: float | None,
     drone: int | None,
 ) -> FilmPlan:
-    """Return the plan of a film. `to_s` None: to the flight's end. Raises UsageError for impossible values."""
+    """Return the plan of a film. `to_s` None: until the flight's end. Raises UsageError for invalid values."""
     least, most = SIDES_PX
     width, height = size
     if not all(least <= side <= most and side % 2 == 0 for side in size):
@@ -124,9 +124,9 @@ def plan(
 
 
 def filmable(path: Path) -> RecordedFlight:
-    """Return the flight of an episode folder, or of the only one of a run.
+    """Return the flight of an episode's folder, or of a run with one episode.
 
-    Raises UsageError for another folder, a flight without truth, and one outside our worlds.
+    Raises UsageError for another folder, a flight without truth, and a flight whose world is unknown.
     """
     if not path.is_dir():
         raise UsageError(f"folder {path} does not exist")

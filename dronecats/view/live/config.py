@@ -7,21 +7,21 @@ from foundation.conditions import AS_BUILT, SceneConditions
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchedWires:
-    """The addresses of a simulator that writes no folder."""
+    """The addresses of a simulator that writes no run folder."""
 
-    episode: str  # id, or a record's file, whose world it is
+    episode: str  # id or record file of the episode, which defines the world
     drones: int
     truth: str  # URL of the truth bus
     conditions: SceneConditions = AS_BUILT
-    telemetry: tuple[str, ...]  # URLs, one per autopilot; none without a free port
+    telemetry: tuple[str, ...]  # URLs, one per autopilot; empty if no port is free
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewerConfig:
-    """A page of the flights of a folder, or of a simulator."""
+    """The configuration of a page that shows the flights of a folder or of a simulator."""
 
-    port: int  # of the page on this machine; the next free one when it is taken
-    hosts: tuple[str, ...] = ()  # host names beside the loopback ones under which the page opens
-    root: str = ""  # a run's folder, or a benchmark's, which may not exist yet
-    wires: WatchedWires | None = None  # in place of `root`
+    port: int  # local port of the page; if it is taken, the next free one
+    hosts: tuple[str, ...] = ()  # host names that may open the page, in addition to the loopback names
+    root: str = ""  # folder of a run or a benchmark; it may not exist yet
+    wires: WatchedWires | None = None  # a simulator, instead of `root`
     title: str = ""  # of the page

@@ -1,6 +1,6 @@
 """Reads a run folder while it is written: its flights, their worlds, log lines, MAVLink frames and pictures.
 
-Nothing here waits or locks, and the writer never notices the reader. A missing file counts as empty.
+No function blocks or locks a file, so the reader does not affect the writer. A missing file counts as empty.
 """
 
 import os
@@ -19,33 +19,33 @@ from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.reading import json_object
 
-DEPTH = 2  # an episode's folder is below its run's, and that below a benchmark's
-READ_BYTES = 4_000_000  # most bytes per read: of a long log the rest comes with the next reads
+DEPTH = 2  # levels of subfolders that are searched: benchmark / run / episode
+READ_BYTES = 4_000_000  # most bytes per read; the next reads return the rest of a long log
 NAME = re.compile(r"(\d{6,})(?:_d(\d+))?\.jpg")
-END = b"\xff\xd9"  # of a complete JPEG
+END = b"\xff\xd9"  # last bytes of a complete JPEG
 KEPT = 4  # pictures per drone
 SETTLED_NS = 100_000_000  # a folder that changed within this time may change again with the same timestamp
 
 
 @dataclass(frozen=True, slots=True)
 class WatchedEpisode:
-    """One flight."""
+    """One flight below the watched folder."""
 
     name: str  # of its folder, relative to the watched folder
     folder: Path
-    begun_ns: int  # ns of the machine's clock, when its folder was prepared
-    over: bool  # it has been judged
+    begun_ns: int  # ns, system clock, when its folder was prepared
+    over: bool  # whether the flight has been judged
 
 
 class EpisodeList:
-    """The flights below a folder."""
+    """Lists the flights below a folder."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
         self._over: dict[Path, WatchedEpisode] = {}
 
     def look(self) -> list[WatchedEpisode]:
-        """Return the flights of now, the newest first."""
+        """Return the current flights, newest first."""
         folders = _episode_folders(self._root, DEPTH)
         episodes = [e for folder in folders if (e := self._over.get(folder) or self._episode(folder)) is not None]
         self._over = {episode.folder: episode for episode in episodes if episode.over}
@@ -73,8 +73,8 @@ def _episode_folders(folder: Path, depth: int) -> Iterator[Path]:
 
 
 def load_world(folder: Path) -> World | None:
-    """Return the world of an episode folder; None for a real place, and for a map that is not installed."""
-    drawn = folder / layout.WORLD  # of a flight on a map that is not judged
+    """Return the world of an episode folder; None for a flight in the real world, or if the map is not installed."""
+    drawn = folder / layout.WORLD  # exists for a flight on a map that is not judged
     try:
         record = records.load(drawn if drawn.is_file() else folder / layout.EPISODE)
         return World(record, conditions=_run(folder).conditions)
@@ -83,17 +83,17 @@ def load_world(folder: Path) -> World | None:
 
 
 def load_instruction(folder: Path) -> str:
-    """Return the pilots' instruction in an episode folder, "" when it has none."""
+    """Return the pilots' instruction in an episode folder; "" if there is none."""
     return str((json_object(folder / layout.EPISODE) or {}).get("instruction") or "")
 
 
 def load_camera(folder: Path) -> CameraModel:
-    """Return the camera in a flight's run.json, else the benchmark's."""
+    """Return the camera in a flight's run.json, or the benchmark's camera if there is none."""
     return _run(folder).camera
 
 
 def _run(folder: Path) -> RecordedRun:
-    """Return the run of an episode folder, whose settings are known although it is not over."""
+    """Return the run of an episode folder with its settings and without episodes. The run may not be over."""
     configuration = json_object(folder.parent / layout.RUN) or {}
     return RecordedRun(folder=folder.parent, configuration=configuration, episodes=())
 
@@ -105,7 +105,7 @@ class GrowingFile:
         self._path, self._at = path, 0
 
     def read(self) -> bytes:
-        """Return the new bytes, READ_BYTES at most; none when the file cannot be read."""
+        """Return the new bytes, READ_BYTES at most; empty if the file cannot be read."""
         try:
             if self._path.stat().st_size <= self._at:
                 return b""
@@ -125,7 +125,7 @@ class LineTail:
         self._file, self._rest = GrowingFile(path), b""
 
     def read(self) -> list[bytes]:
-        """Return the lines that were completed since the last call, without their ends."""
+        """Return the lines completed since the last call, without line ends."""
         data = self._file.read()
         if not data:
             return []
@@ -140,7 +140,7 @@ class FrameTail:
         self._file, self._rest = GrowingFile(path), b""
 
     def read(self) -> list[tuple[int, bytes]]:
-        """Return (vehicle time in µs, MAVLink 2 frame) of the frames that were completed since the last call."""
+        """Return (vehicle time in µs, MAVLink 2 frame) of the frames completed since the last call."""
         data = self._rest + self._file.read()
         frames, rest = wire.logged_frames(data)
         self._rest = data[rest:]
@@ -148,29 +148,29 @@ class FrameTail:
 
 
 def is_intact(frame: bytes) -> bool:
-    """Return whether a MAVLink 2 frame is undamaged and of a message that we know."""
+    """Return whether a MAVLink 2 frame is undamaged and has a known message."""
     return wire.scan(frame)[0] == [frame]
 
 
 class PictureTail:
-    """The pictures of an episode; the newest of each drone are kept."""
+    """Reads the pictures of an episode, and caches the last ones of each drone."""
 
     def __init__(self, folder: Path) -> None:
-        """`folder`: of the pictures; it may not exist yet."""
+        """`folder` contains the pictures; it may not exist yet."""
         self._folder = folder
-        self._seen_ns = -1  # last known change of the folder
+        self._seen_ns = -1  # modification time of the folder at the last look; -1: look again
         self._newest: dict[int, int] = {}
         self._read: dict[tuple[int, int], bytes] = {}
 
     def newest(self, drone: int) -> tuple[int, bytes] | None:
-        """Return (frame_id, JPEG) of a drone's newest complete picture, None when there is none."""
+        """Return (frame_id, JPEG) of a drone's newest picture; None if there is none or it is incomplete."""
         self._look()
         frame_id = self._newest.get(drone)
         jpeg = None if frame_id is None else self.of(drone, frame_id)
         return None if frame_id is None or jpeg is None else (frame_id, jpeg)
 
     def of(self, drone: int, frame_id: int) -> bytes | None:
-        """Return a picture, None when it is missing or incomplete."""
+        """Return a picture; None if it is missing or incomplete."""
         if (jpeg := self._read.get((drone, frame_id))) is not None:
             return jpeg
         try:

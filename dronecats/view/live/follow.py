@@ -1,4 +1,4 @@
-"""Follows the folder of a flight while it is written, and returns its moment of now."""
+"""Follows the folder of a flight while it is written, and returns the current moment."""
 
 import contextlib
 import json
@@ -31,14 +31,14 @@ from foundation.run_folder.rows import (
     drone_label,
 )
 
-MESSAGES = 20  # that are kept of each drone
+MESSAGES = 20  # number of messages kept per drone
 
 
 class FlightFollower:
-    """Follows one episode folder; `turn` never waits."""
+    """Follows one episode folder. `turn` does not block."""
 
     def __init__(self, folder: Path, world: World | None, drones: int) -> None:
-        """`world`: of the flight, None when it is unknown; `drones`: how many fly."""
+        """`world`: the flight's world, None if it is unknown; `drones`: number of drones."""
         self.folder, self._world, self._drones = folder, world, drones
         scene = world.scene if world is not None else None
         origin = (scene.latitude_deg, scene.longitude_deg, scene.altitude_m) if scene is not None else None
@@ -51,15 +51,15 @@ class FlightFollower:
         self._begin: Begin | None = None
         self._end: End | None = None
         self._frames: dict[tuple[int, int], FrameTruth] = {}
-        self._decisions: dict[int, Decision] = {}  # the newest of each drone
+        self._decisions: dict[int, Decision] = {}  # the newest decision of each drone
         self._reader = PromptReader()
         self._texts: dict[int, list[str]] = defaultdict(list)  # first drone of a question → unanswered prompts
         self._prompts: dict[int, str] = {}  # drone → the prompt of its newest decision
         self._sights: dict[int, tuple[int, ChosenSight]] = {}  # drone → (step, sight) of its newest go
         self._rate_hz: float | None = None
         self._messages: dict[int, list[tuple[int, str]]] = defaultdict(list)  # drone → (vehicle time in µs, text)
-        self._limits: dict[int, list[str]] = {}  # drone → limits of the envelope that act on it
-        self._limited: Counter[tuple[int, str]] = Counter()  # (drone, text) → count of the envelope's messages
+        self._limits: dict[int, list[str]] = {}  # drone → active limits of the safety envelope
+        self._limited: Counter[tuple[int, str]] = Counter()  # (drone, text) → number of messages from the envelope
         self._judge_messages: list[str] = []
         self._verdict: str | None = None
         self.trails: dict[int, list[Vec3]] = defaultdict(list)  # drone → true positions, m, NED, at 2 Hz
@@ -70,7 +70,7 @@ class FlightFollower:
         return self._verdict is not None
 
     def turn(self) -> Moment:
-        """Read the new lines and frames, and return the moment of now."""
+        """Read the new lines and frames, and return the current moment."""
         self._wires.feed(self._tlog.read())
         for row in self._rows(layout.TRUTH):
             self._take_truth(row)
@@ -133,7 +133,7 @@ class FlightFollower:
                 self._add_limited(drone, time_us, f"envelope: limited by {', '.join(begun)}")
 
     def _add_limited(self, drone: int, time_us: int, text: str) -> None:
-        """Replace the last equal message by one with a count, since a limit may act at every step."""
+        """Add a message on a limit. Equal messages become one with a count, since a limit may act at every step."""
         times = self._limited[drone, text]
         before = f"{text} ({times} times)" if times > 1 else text
         self._messages[drone] = [(t_us, old) for t_us, old in self._messages[drone] if old != before]
@@ -143,7 +143,7 @@ class FlightFollower:
     def _take_prompt(self, value: dict[str, Any]) -> None:
         row = taken(value, LoggedPrompt)[0]
         if row is not None:
-            with contextlib.suppress(UsageError):  # the line with its template was lost
+            with contextlib.suppress(UsageError):  # the line with the prompt's template was lost
                 prompt = self._reader.read(row)
                 if row.role == "pilot":
                     self._texts[row.drone].append(prompt.text)
@@ -159,7 +159,7 @@ class FlightFollower:
         self._messages[drone] = sorted([*self._messages[drone], (time_us, text)], key=itemgetter(0))[-MESSAGES:]
 
     def _take_decisions(self, decisions: Sequence[Decision]) -> None:
-        """Take decisions in their order; those of one step answer one question."""
+        """Process decisions in order. Decisions of the same step answer one question."""
         steps: dict[int, list[Decision]] = {}
         for decision in decisions:
             steps.setdefault(decision.step, []).append(decision)
@@ -209,7 +209,7 @@ class FlightFollower:
         )
 
     def _chosen(self, decision: Decision) -> ChosenSight | None:
-        """Return the sight of a go, None for any other action."""
+        """Return the sight of a `go`; None for any other action."""
         step, stored = self._sights.get(decision.drone, (None, None))
         if step == decision.step:
             return stored

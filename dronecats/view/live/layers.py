@@ -1,4 +1,4 @@
-"""Layers of a flight's scene: trails, the objects that the record adds to the map, and the judge's marks."""
+"""Layers of a flight's scene: trails, the record's objects on the map, and the judge's marks."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,21 +14,21 @@ from foundation.frames import Vec3
 from foundation.protocol import RADIUS_M
 from foundation.terrain import FLAT
 
-STEP_M = 0.15  # between two points of a trail
-PIECE = 64  # points; a complete piece is never sent again
+STEP_M = 0.15  # least distance between two points of a trail
+PIECE = 64  # points per piece of a trail; a complete piece is not sent again
 JUDGE = palette.rgb(palette.MARKS["goal"])
 
 
 class Trail:
-    """The trail of a drone: a line that grows, of which only the last piece is sent again."""
+    """The trail of a drone: a growing line, of which only the last piece is sent again."""
 
     def __init__(self, server: viser.ViserServer, node: str, color: tuple[int, int, int]) -> None:
         self._server, self._node, self._color = server, node, color
         self._pieces: list[Any] = []
-        self._points: list[tuple[float, float, float]] = []  # of the piece that grows
+        self._points: list[tuple[float, float, float]] = []  # of the last piece
 
     def extend(self, place_ned: Vec3) -> None:
-        """Extend the line to a position (m, NED) that is far enough away to be visible."""
+        """Extend the line to a position (m, NED), unless it is closer than STEP_M to the last point."""
         point = display.place_of(place_ned)
         if self._points and float(np.hypot.reduce(np.subtract(point, self._points[-1]))) < STEP_M:
             return
@@ -41,7 +41,7 @@ class Trail:
                 self._points = [point]
 
     def set(self, places_ned: Sequence[Vec3]) -> None:
-        """Replace the line by one through these positions (m, NED)."""
+        """Replace the line by a line through these positions (m, NED)."""
         points = [display.place_of(place) for place in places_ned]
         for piece in self._pieces:
             piece.remove()
@@ -61,10 +61,10 @@ def _segments(points: Sequence[tuple[float, float, float]]) -> Any:
 
 
 class AddedObjects:
-    """The target and its look-alikes, as pictures show them. The sent data does not tell which is the target."""
+    """The target and its look-alikes. The data sent to the browser do not reveal which object is the target."""
 
     def __init__(self, server: viser.ViserServer, node: str, scene: Scene | None) -> None:
-        """`scene`: of the world, with the objects of its record; None: there are none."""
+        """`scene`: the world's scene with the record's objects; None: there are no objects."""
         self._server, self._node = server, node
         base = scene.base if scene is not None else None
         on_map = {instance.id for instance in base.instances} if base else set()
@@ -72,7 +72,7 @@ class AddedObjects:
         self._nodes: dict[int, Any] = {}
 
     def show(self, moved: Moved) -> None:
-        """Show the objects; `moved`: the poses of those that move."""
+        """Show the objects. `moved`: poses of the moving objects."""
         for instance in self._instances:
             if instance.id not in self._nodes:
                 self._nodes[instance.id] = display.add_glb(
@@ -87,24 +87,24 @@ class AddedObjects:
                 node.position, node.wxyz = display.place_of(pose[0]), display.wxyz_of(pose[1])
 
     def remove(self) -> None:
-        """Remove them from the browser."""
+        """Remove the objects from the browser."""
         for node in self._nodes.values():
             node.remove()
         self._nodes = {}
 
 
 class JudgeMarks:
-    """The marks that only the judge's view has. Nothing of them is sent before `show`, or left after `remove`."""
+    """The marks of the judge's view. The browser has them only between `show` and `remove`."""
 
     def __init__(self, server: viser.ViserServer, node: str, scene: Scene | None) -> None:
-        """`scene`: of the world, on whose ground the ring lies; None: the ground is flat."""
+        """`scene`: the world's scene, for the height of the ground; None: flat ground."""
         self._server, self._node = server, node
         self._terrain = scene.terrain if scene is not None else FLAT
         self._nodes: dict[str, Any] = {}
-        self._centre: Vec3 | None = None  # m, NED, of the marks in the browser
+        self._centre: Vec3 | None = None  # m, NED, centre of the shown marks
 
     def show(self, judge: JudgeMoment) -> None:
-        """Draw the ring of success on the ground around the target, and a label above it."""
+        """Draw the success radius as a ring on the ground around the target, and a label above the target."""
         centre = judge.target_ned
         if centre is None or centre == self._centre:
             return
@@ -121,7 +121,7 @@ class JudgeMarks:
             self._nodes["name"].position = above
 
     def remove(self) -> None:
-        """Remove them from the browser."""
+        """Remove the marks from the browser."""
         for node in self._nodes.values():
             node.remove()
         self._nodes, self._centre = {}, None

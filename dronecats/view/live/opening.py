@@ -1,4 +1,4 @@
-"""Opens the page of a flight beside the command that flies, which never waits for the page."""
+"""Opens the live page in a child process while a command flies. The command does not wait for the page."""
 
 import contextlib
 import tempfile
@@ -21,17 +21,17 @@ class WantedPage:
     """The options of a page."""
 
     port: int
-    hosts: tuple[str, ...] = ()  # host names beside the loopback ones under which it opens
-    stays: bool = False  # after the flight, until Ctrl-C
+    hosts: tuple[str, ...] = ()  # host names that may open the page, in addition to the loopback names
+    stays: bool = False  # whether the page stays open after the flight, until Ctrl-C
 
 
 @contextmanager
 def opened(
     view: WantedPage | None, source: Path | WatchedWires, title: str, report: Callable[[str], None]
 ) -> Iterator[None]:
-    """Show the flights below a folder, or of a simulator, while the body runs; `view` None: no page.
+    """Show the flights below a folder, or of a simulator, while the body runs. `view` None: show no page.
 
-    `report` takes the address, or the error of a page that cannot be opened. The body runs in both cases.
+    `report` takes the page's address, or the error if the page cannot be opened. The body runs in both cases.
     """
     if view is None:
         yield
@@ -61,6 +61,6 @@ def opened(
                     threading.Event().wait()
         finally:
             closing.set()
-            child.kill()  # it has no state to save, and may hang
+            child.kill()  # no clean stop: the viewer has no state to save and may hang
             thread.join()
             child.close()

@@ -1,4 +1,4 @@
-"""The panels beside the map: pictures, replies, vehicle states, and the judge's view on demand."""
+"""The panels of a live page or replay: pictures, replies, vehicle states, and on demand the judge's view."""
 
 import base64
 import json
@@ -21,7 +21,7 @@ WIDTH_PX, FLEET_PX = 400, 520
 
 
 class FlightPanels:
-    """Shows moments of one flight, and sends only changes. Text of models, autopilots and people is escaped."""
+    """Shows moments of one flight, and sends only changes. All text from models, autopilots and users is escaped."""
 
     def __init__(
         self,
@@ -34,7 +34,7 @@ class FlightPanels:
     ) -> None:
         """`piloted`: show the panels of pictures and replies.
 
-        `on_judge` and `on_follow` are called when a viewer chooses the judge's view, or a drone to follow.
+        `on_judge` and `on_follow` are called when a user chooses the judge's view, or a drone to follow.
         """
         self._server, self._drones = server, drones
         self._sent: dict[str, object] = {}
@@ -58,7 +58,7 @@ class FlightPanels:
         self._judge.on_update(_by_hand(lambda: self._show_judge(bool(self._judge.value))))
 
     def _add_frames(self, panel: Any) -> Any:
-        """Fill the pictures' panel, and return the handle of the pictures."""
+        """Add the pictures to their panel, and return their handle."""
         single = self._drones == 1
         self.pictures = panel.add_tab("What the pilot saw" if single else "What the pilots saw", viser.Icon.CAMERA)
         with self.pictures:
@@ -86,16 +86,16 @@ class FlightPanels:
         self._server.flush()
 
     def forget(self) -> None:
-        """Send everything with the next moment, which is of another flight."""
+        """Clear the cache of sent content, so that the next moment, of another flight, is sent completely."""
         self._sent.clear()
 
     def _wanted(self) -> int | None:
-        """Return the drone to follow, None for none."""
+        """Return the drone to follow; None if no drone is followed."""
         named = {drone_label(k): k for k in range(self._drones)}
         return named.get(self._follow.value)
 
     def show_wanted(self, judge: bool, followed: int | None) -> None:
-        """Show a choice that was made elsewhere, without calling `on_judge` and `on_follow`."""
+        """Show the choices of another control, such as a key. `on_judge` and `on_follow` are not called."""
         self.judge_shown = judge
         name = NO_DRONE if followed is None else drone_label(followed)
         for field, value in ((self._judge, judge), (self._follow, name)):
@@ -114,14 +114,14 @@ class FlightPanels:
             self._on_judge(wanted)
 
     def _write(self, name: str, handle: Any, key: object, html: Callable[[], str] | None = None) -> None:
-        """Send the content of a handle when its key has changed; without `html` the key is the content."""
+        """Send the content of a handle if its key has changed. Without `html`, the key is the content."""
         if self._sent.get(name) != key:
             self._sent[name] = key
             handle.content = key if html is None else html()
 
 
 def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
-    """Return a callback for events of browsers, which ignores updates by the program itself."""
+    """Return a callback that calls `act` for events from browsers and ignores updates by the program."""
 
     def changed(event: Any) -> None:
         if event.client is not None:
@@ -131,7 +131,7 @@ def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
 
 
 def _pictured(drone: DroneMoment) -> tuple[int | None, int | None]:
-    """Return the ids of the picture that is shown of a drone, and of the decision whose point is ringed."""
+    """Return the ids of a drone's shown picture, and of the decision whose point is marked in it."""
     picture, decision = newest_decided(drone)
     return (picture.frame_id if picture else None, decision.step if decision else None)
 
@@ -139,7 +139,7 @@ def _pictured(drone: DroneMoment) -> tuple[int | None, int | None]:
 YELLOW, ACCENT, JUDGE = MARKS["chosen"], LIGHT["accent"], LIGHT["judge-line"]
 MESSAGES, FLEETS_MESSAGES = 6, 3  # newest messages shown per drone
 HEADS = ("speed", "height", "battery", "mode")
-WIDE, HIGH = 1280, 720  # units of a drawing over a picture, of any size
+WIDE, HIGH = 1280, 720  # SVG units of a drawing over a picture; the picture may have another size
 NO_PICTURE = (
     f'<div style="aspect-ratio:{WIDE}/{HIGH};background:{DARK["panel"]};color:{DARK["quiet"]};display:flex;'
     'align-items:center;justify-content:center;font-size:12px">no picture yet</div>'
@@ -147,7 +147,7 @@ NO_PICTURE = (
 
 
 def frame_html(drone: DroneMoment, label: str) -> str:
-    """Return the picture of the newest decision with its point ringed, or a newer picture without a decision."""
+    """Return a picture as HTML: a newer one without decision, or that of the newest decision with its point marked."""
     picture, decision = newest_decided(drone)
     if picture is None:
         body = NO_PICTURE
@@ -164,7 +164,7 @@ def frame_html(drone: DroneMoment, label: str) -> str:
 
 
 def frames_html(drones: Sequence[DroneMoment]) -> str:
-    """Return the pictures of all drones; those of a fleet in two columns."""
+    """Return the pictures of all drones as HTML. A fleet has two columns."""
     if len(drones) == 1:
         return frame_html(drones[0], "the picture of the question")
     cells = "".join(f"<div>{frame_html(drone, drone_label(drone.drone))}</div>" for drone in drones)
@@ -172,7 +172,7 @@ def frames_html(drones: Sequence[DroneMoment]) -> str:
 
 
 def newest_decided(drone: DroneMoment) -> tuple[ShownPicture | None, Decision | None]:
-    """Return the picture that is shown of a drone, and the decision whose point is ringed in it, if any."""
+    """Return the picture to show of a drone, and the decision whose point is marked in it, if any."""
     newer = drone.picture is not None and (
         drone.decided_on is None or drone.picture.frame_id > drone.decided_on.frame_id
     )
@@ -180,7 +180,7 @@ def newest_decided(drone: DroneMoment) -> tuple[ShownPicture | None, Decision | 
 
 
 def decisions_html(drones: Sequence[DroneMoment]) -> str:
-    """Return the newest prompts, replies and actions; a reply for several drones appears once."""
+    """Return the newest prompts, replies and actions as HTML. A reply for several drones appears once."""
     if len(drones) == 1:
         return decision_html(drones[0])
     html = ""
@@ -204,7 +204,7 @@ def decisions_html(drones: Sequence[DroneMoment]) -> str:
 
 
 def decision_html(drone: DroneMoment) -> str:
-    """Return the newest prompt, reply and action of a drone."""
+    """Return the newest prompt, reply and action of a drone as HTML."""
     decision = drone.decision
     if decision is None:
         return _box(_small("no decision yet"))
@@ -215,7 +215,7 @@ def decision_html(drone: DroneMoment) -> str:
 
 
 def _reply_html(drone: DroneMoment, decision: Decision) -> str:
-    """Return a reply, its cost, and its prompt."""
+    """Return a reply, its cost and its prompt as HTML."""
     took = "" if decision.latency_s is None else f"{decision.latency_s:.2f} s"
     rate = "" if decision.rate_hz is None else f"{decision.rate_hz:.2f} a second"
     rows = [("step", str(decision.step)), ("latency", took), ("decisions", rate), ("tokens", _tokens(decision))]
@@ -228,7 +228,7 @@ def _reply_html(drone: DroneMoment, decision: Decision) -> str:
 
 
 def numbers_html(drones: Sequence[DroneMoment]) -> str:
-    """Return speed, height, battery and mode; one line per drone of a fleet."""
+    """Return speed, height, battery and mode as HTML. A fleet has one line per drone."""
     if len(drones) == 1:
         return _box(_pairs([row for row in _numbers(drones[0]) if row[1]]))
     head = "".join(f'<th style="font-weight:400;opacity:0.65">{name}</th>' for name in ("", *HEADS))
@@ -259,7 +259,7 @@ def _numbers(drone: DroneMoment, *, brief: bool = False) -> list[tuple[str, str]
 
 
 def messages_html(drones: Sequence[DroneMoment]) -> str:
-    """Return the newest messages of each drone, newest first."""
+    """Return the newest messages of each drone as HTML, newest first."""
     several = len(drones) > 1
     most = FLEETS_MESSAGES if several else MESSAGES
     lines = [
@@ -272,7 +272,7 @@ def messages_html(drones: Sequence[DroneMoment]) -> str:
 
 
 def state_html(moment: Moment) -> str:
-    """Return the clock, the state and the instruction."""
+    """Return the clock, the state and the instruction as HTML."""
     instruction = ""
     if moment.instruction:
         instruction = f'<div style="font-size:13px;margin-top:2px"><b>{escape(moment.instruction)}</b></div>'
@@ -283,12 +283,12 @@ def state_html(moment: Moment) -> str:
 
 
 def clock(t_s: float) -> str:
-    """Return a time of the episode, in whole tenths of a second; nothing before it."""
+    """Return a time of the episode as text, in tenths of a second; "before the episode" if it has not begun."""
     return f"{t_s:.1f} s" if t_s > 0.0 else "before the episode"
 
 
 def judge_html(judge: JudgeMoment) -> str:
-    """Return what only the judge knows."""
+    """Return the judge's data as HTML: distances to the target, declarations and the verdict."""
     far = [("" if len(judge.distance_m) < 2 else f"drone {k} ", d) for k, d in enumerate(judge.distance_m)]
     rows = [(f"{drone}to the target", f"{d:.2f} m") for drone, d in far if d is not None]
     lines = "".join(f"<div>{escape(line)}</div>" for line in judge.messages[-MESSAGES:][::-1])
@@ -330,7 +330,7 @@ def _quoted(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a reply that is a JSON object as one line, any other unchanged."""
+    """Return a JSON object as one line; any other reply unchanged, without surrounding space."""
     try:
         value: Any = json.loads(text)
     except (ValueError, RecursionError):

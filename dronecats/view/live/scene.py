@@ -1,4 +1,4 @@
-"""A flight in the browser's 3-D scene: its drones, their cameras, setpoints and goals, and the judge's marks."""
+"""Shows a flight in the browser's 3-D scene: drones, their cameras, setpoints and goals, and the judge's marks."""
 
 import math
 from collections.abc import Sequence
@@ -18,10 +18,10 @@ from foundation.frames import Vec3, quat_yaw
 from foundation.run_folder.rows import drone_label
 
 COLORS: tuple[Vec3, ...] = tuple(map(palette.linear, palette.DRONES))
-CHOSEN = palette.rgb(palette.MARKS["chosen"])  # the point of a go
-MET = palette.rgb(palette.MARKS["declared-bad"])  # the obstacle before it
+CHOSEN = palette.rgb(palette.MARKS["chosen"])  # the point of a `go`
+MET = palette.rgb(palette.MARKS["declared-bad"])  # the obstacle on the ray to that point
 SETPOINT = palette.rgb(palette.MARKS["setpoint"])
-WORLD = "/world"  # the root node; to follow a drone, this node moves, and not the view
+WORLD = "/world"  # the root node; to follow a drone, this node moves and the view stays
 NOON = Sun((0.3, 0.2, -0.93))
 SETPOINT_M_PER_MPS = 1.5  # length of a setpoint's arrow
 STILL_MPS = 0.05  # a slower setpoint has no arrow
@@ -31,7 +31,7 @@ GRID_M = 400.0
 class FlightScene:
     """Shows one flight, moment by moment, and sends only changes.
 
-    Several may share a server under different names: the first adds the map and the light, each its own drones.
+    Several instances with different names may share a server. The first one adds the map and the light.
     """
 
     def __init__(
@@ -44,9 +44,9 @@ class FlightScene:
         colors: Sequence[Vec3] = COLORS,
         camera: CameraModel | None = None,
     ) -> None:
-        """Send the map of a scene, or a plain grid when it is unknown.
+        """Send the map of a scene, or a plain grid if `scene` is None.
 
-        `name`: distinguishes the flights of one browser; `colors`: linear RGB, 0 … 1, one per drone.
+        `name`: distinguishes the flights on one server; `colors`: linear RGB, 0 … 1, one per drone.
         """
         self._server, self._scene = server, scene
         self._camera = camera or CameraModel()
@@ -58,9 +58,9 @@ class FlightScene:
         self._followed: int | None = None
         self._picker: display.Picker | None = None
         self._looked = False
-        self._brought: set[int] = set()  # browsers whose view was moved to the flight
-        self.things_shown = True  # of several flights in one scene, one shows the objects
-        self.judge_shown = False  # the judge's marks are not sent before they are shown
+        self._brought: set[int] = set()  # ids of browsers whose view was moved to the flight
+        self.things_shown = True  # whether to show the record's objects; only one of several flights does
+        self.judge_shown = False  # whether to show the judge's marks; they are not sent before
         base = None if scene is None else scene.base or scene
         if server.scene.get_handle_by_name(WORLD) is None:
             server.scene.add_frame(WORLD, show_axes=False)
@@ -73,7 +73,7 @@ class FlightScene:
 
     @property
     def offset(self) -> tuple[float, float, float]:
-        """The displacement of the world to follow a drone: m, the browser's axes."""
+        """The displacement of the world that keeps a followed drone in place (m, browser's axes)."""
         x, y, z = (float(v) for v in self._world.position)
         return (x, y, z)
 
@@ -90,11 +90,11 @@ class FlightScene:
         self._server.flush()
 
     def show_trail(self, drone: int, places_ned: Sequence[Vec3]) -> None:
-        """Replace a drone's trail by one through these positions (m, NED)."""
+        """Replace a drone's trail by a line through these positions (m, NED)."""
         self._trails[drone].set(places_ned)
 
     def follow(self, drone: int | None) -> None:
-        """Follow a drone from its place of now, None: none. Viewers can still turn their view."""
+        """Keep a drone at its current place in the view; None: stop following. Users can still turn their view."""
         self._followed = drone
         self._shown.pop("followed", None)
 
@@ -106,11 +106,11 @@ class FlightScene:
         eye, seen = self._behind(here, yaw)
         for name, client in clients.items():
             if name not in self._brought:
-                client.camera.position, client.camera.look_at = eye, seen  # in this order: the first moves both
+                client.camera.position, client.camera.look_at = eye, seen  # in this order: `position` moves `look_at`
         self._brought |= clients.keys()
 
     def remove(self) -> None:
-        """Remove the flight from the browser; the map stays for others."""
+        """Remove the flight from the browser. The map stays for other flights."""
         self._added.remove()
         self._judged.remove()
         self._server.scene.remove_by_name(self._root)
@@ -204,7 +204,7 @@ class FlightScene:
             )
 
     def _met(self, lens: Vec3, place: Vec3) -> Vec3 | None:
-        """Return where the ray hits the map before the place, None when it does not."""
+        """Return the point (m, NED) where the map blocks the ray from lens to place; None if the ray is free."""
         if self._scene is None:
             return None
         if self._picker is None:
@@ -219,7 +219,7 @@ class FlightScene:
             return
         self._shown[f"picture-{k}"] = picture.frame_id
         small = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_REDUCED_COLOR_4)
-        if small is not None:  # an incomplete picture is shown next time
+        if small is not None:  # None: the picture is damaged
             self._nodes[f"camera-{k}"].image = np.ascontiguousarray(small[..., ::-1])
 
     def _drop(self, key: str) -> None:
@@ -244,18 +244,18 @@ class FlightScene:
     # ---- the view
 
     def _look(self, here: Vec3, yaw: float) -> None:
-        """Set the initial view of browsers behind and above a drone."""
+        """Set the initial view of browsers to a place behind and above a drone."""
         self._looked = True
         view = self._server.initial_camera
         view.up = (0.0, 1.0, 0.0)
         view.position, view.look_at = self._behind(here, yaw)
 
     def _behind(self, here: Vec3, yaw: float) -> tuple[Vec3, Vec3]:
-        """Return a place behind and above a drone, and the point to look at: m, the browser's axes."""
+        """Return a place behind and above a drone, and the point to look at (m, browser's axes)."""
         c, s = math.cos(yaw), math.sin(yaw)
         eye = display.place_of((here[0] - 9.0 * c + 3.0 * s, here[1] - 9.0 * s - 3.0 * c, here[2] - 4.5))
         seen = display.place_of((here[0] + 5.0 * c, here[1] + 5.0 * s, here[2] + 0.5))
-        x, y, z = self.offset  # a drone may be followed
+        x, y, z = self.offset  # not zero if a drone is followed
         return (eye[0] + x, eye[1] + y, eye[2] + z), (seen[0] + x, seen[1] + y, seen[2] + z)
 
     def _keep_up(self, drones: Sequence[DroneMoment]) -> None:

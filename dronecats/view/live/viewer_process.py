@@ -1,4 +1,4 @@
-"""The live page: the list of flights, the flight that is shown, and the child process that serves them."""
+"""The live page: the list of flights, the shown flight, and the child process that serves the page."""
 
 import math
 import os
@@ -35,13 +35,13 @@ class Follower(Protocol):
     """The source of a flight's moments."""
 
     def turn(self) -> Moment:
-        """Return the moment of now."""
+        """Return the current moment."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class WantedView:
-    """The choices of a viewer, which stay from one flight to the next."""
+    """The choices of a user, which are kept for the next flight."""
 
     judge: bool = False  # the judge's view
     followed: int | None = None  # the drone that the view follows
@@ -61,9 +61,9 @@ class LiveFlight:
         wanted: WantedView | None = None,
         piloted: bool = True,
     ) -> None:
-        """`trails`: earlier positions of each drone, m NED, filled by the follower's first turn.
+        """`trails`: earlier positions of each drone (m, NED); the follower's first turn fills them.
 
-        `wanted`: the choices of before; `piloted`: a pilot gets pictures.
+        `wanted`: the user's choices so far; `piloted`: whether a pilot gets pictures.
         """
         self._follower, self._trails = follower, trails
         self._start = world.record.starts[0] if world else None
@@ -77,7 +77,7 @@ class LiveFlight:
         self._scene.follow(self.wanted.followed)
 
     def turn(self) -> None:
-        """Show the moment of now."""
+        """Show the current moment."""
         moment = self._follower.turn()
         for drone, places in (self._trails or {}).items():
             self._scene.show_trail(drone, places)
@@ -92,7 +92,7 @@ class LiveFlight:
         self._scene.remove()
 
     def _bring(self, moment: Moment) -> None:
-        """Move the view of new browsers to the first drone, or to its start."""
+        """Move the view of new browsers to the first drone, or to its start if its position is unknown."""
         for drone in moment.drones:
             if drone.position_ned is not None:
                 self._scene.bring(drone.position_ned, quat_yaw(drone.attitude))
@@ -110,7 +110,7 @@ class LiveFlight:
 
 
 class LivePage:
-    """Shows one of several flights: the newest, until a viewer chooses another."""
+    """Shows one of several flights: the newest, until a user chooses another."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
@@ -124,7 +124,7 @@ class LivePage:
         self._list = server.gui.add_html("", visible=False)
 
     def listed(self, episodes: list[WatchedEpisode]) -> None:
-        """Take the list of flights, the newest first, and show the chosen one."""
+        """Update the list of flights (newest first), and open the chosen flight."""
         self._show_list(episodes)
         wanted = self._wanted(episodes)
         if wanted is None or wanted.folder == self._folder:
@@ -141,12 +141,12 @@ class LivePage:
         self._shown = self._open(wanted.folder, kept)
 
     def turn(self) -> None:
-        """Show the moment of now."""
+        """Show the current moment."""
         if self._shown is not None:
             self._shown.turn()
 
     def _open(self, folder: Path, kept: WantedView | None) -> LiveFlight:
-        """Open a flight. Building its world may take seconds."""
+        """Open a flight, which may take seconds to build its world."""
         world = load_world(folder)
         drones = len(world.record.starts) if world is not None else 1
         follower = FlightFollower(folder, world, drones)
@@ -177,26 +177,26 @@ class LivePage:
 
 
 def _ground(folder: Path) -> object:
-    """Return the identity of a flight's map; that of the folder when the map is unknown."""
+    """Return a value that identifies a flight's map: (map, seed), or the folder if the map is unknown."""
     record = json_object(folder / layout.WORLD) or json_object(folder / layout.EPISODE) or {}
     return (record["map"], record.get("map_seed")) if "map" in record else folder
 
 
 PERIOD_S = 0.04  # wall s between updates while a browser is connected
-IDLE_S = 0.25  # wall s between updates otherwise
-LISTED_S = 0.5  # wall s between two looks for flights
-NICE = 5  # the processes that fly have priority
+IDLE_S = 0.25  # wall s between updates without a browser
+LISTED_S = 0.5  # wall s between updates of the list of flights
+NICE = 5  # niceness: the flight's processes have priority
 
 
 class FolderPage:
-    """The page of the flights of a folder."""
+    """The page that shows the flights of a folder."""
 
     def __init__(self, server: LoopbackServer, root: Path) -> None:
         self._episodes, self._page = EpisodeList(root), LivePage(server)
         self._due_s = 0.0
 
     def turn(self) -> None:
-        """Update the list of flights when it is due, and show the moment of now."""
+        """Update the list of flights if it is due, and show the current moment."""
         now_s = time.monotonic()
         if now_s >= self._due_s:
             self._page.listed(self._episodes.look())
@@ -205,7 +205,7 @@ class FolderPage:
 
 
 class FlightViewer:
-    """The child process of a page. It only reads: when it hangs or dies, the flight is not affected."""
+    """The child process of a page. It is read-only, so the flight continues if it hangs or dies."""
 
     def __init__(self, config: ViewerConfig) -> None:
         os.nice(NICE)

@@ -1,4 +1,4 @@
-"""The state of each drone, decoded from MAVLink frames of flight.tlog or of a simulator's sockets."""
+"""Decodes the state of each drone from MAVLink frames, which come from flight.tlog or a simulator's sockets."""
 
 import struct
 from collections import deque
@@ -21,7 +21,7 @@ from hil.link.telemetry import STATE_MESSAGES, StatusTexts, VehicleState, setpoi
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
 TEXT, PLACE = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
-KEPT = 3000  # truth frames of a drone: a minute at 50 Hz, enough for the picture of a decision
+KEPT = 3000  # truth frames per drone: one minute at 50 Hz, so that the pose at a decision's picture is available
 KEPT_ESTIMATES = 600
 _TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
 
@@ -39,12 +39,12 @@ class WirePose:
 
 @dataclass(slots=True)
 class DroneWire:
-    """The frames of one drone, decoded when they are needed."""
+    """The frames and the decoded state of one drone. Frames are decoded when they are needed."""
 
-    truths: deque[bytes] = field(default_factory=lambda: deque(maxlen=KEPT))  # frames
+    truths: deque[bytes] = field(default_factory=lambda: deque(maxlen=KEPT))  # frames of the truth bus
     estimates: deque[WirePose] = field(default_factory=lambda: deque(maxlen=KEPT_ESTIMATES))
     state: VehicleState = field(default_factory=VehicleState)
-    has_state: bool = False  # a message of the autopilot has arrived
+    has_state: bool = False  # whether a message of the autopilot has arrived
     setpoint_ned: Vec3 | None = None  # m/s
     texts: StatusTexts = field(default_factory=StatusTexts)
     new: dict[int, tuple[int, bytes]] = field(default_factory=dict)  # the newest frame of each message, not decoded yet
@@ -54,13 +54,13 @@ class WireState:
     """The state of all drones of a flight."""
 
     def __init__(self, origin: Origin | None) -> None:
-        """`origin`: geodetic origin of the map; None: the map is unknown, and only autopilots are used."""
+        """`origin`: geodetic origin of the map; None: the map is unknown, and only autopilots' estimates are used."""
         self._origin = origin
         self.drones: dict[int, DroneWire] = {}
         self.time_us = 0  # µs, vehicle clock, of the newest frame
 
     def feed(self, frames: Sequence[tuple[int, bytes]]) -> None:
-        """Take frames with the vehicle times of their arrival, µs."""
+        """Process (vehicle time of arrival in µs, frame)."""
         for time_us, frame in frames:
             component, number = frame[6], frame[7] | frame[8] << 8 | frame[9] << 16
             if component == TRUTH_COMPONENT and number == POSE:
@@ -77,7 +77,7 @@ class WireState:
             self._take(drone)
 
     def pose(self, drone: int) -> WirePose | None:
-        """Return the newest pose of a drone, None when there is none."""
+        """Return the newest pose of a drone; None if there is none."""
         wires = self.drones.get(drone)
         if wires is None:
             return None
@@ -86,7 +86,7 @@ class WireState:
         return wires.estimates[-1] if wires.estimates else None
 
     def pose_at(self, drone: int, time_us: int) -> WirePose | None:
-        """Return the pose of a drone at a vehicle time, from the nearest sample."""
+        """Return the pose of a drone in the sample nearest to a vehicle time (µs); None if there is none."""
         wires = self.drones.get(drone)
         if wires is None:
             return None
@@ -96,7 +96,7 @@ class WireState:
         return min(wires.estimates, key=lambda pose: abs(pose.time_us - time_us), default=None)
 
     def moment(self, drone: int, ground_down: Callable[[float, float], float]) -> DroneMoment:
-        """Return the moment of a drone; `ground_down`: down (m, NED) of the ground at a north and east."""
+        """Return the moment of a drone. `ground_down` returns the ground's down coordinate (m) at (north, east)."""
         pose, wires = self.pose(drone), self.drones.get(drone)
         if wires is None:
             return DroneMoment(drone)
@@ -121,7 +121,7 @@ class WireState:
         )
 
     def _of(self, frame: bytes) -> DroneWire:
-        """Return the drone of a frame. Without truth there is one vehicle, whatever its system id."""
+        """Return the drone of a frame. Without truth there is one vehicle, which may have any system id."""
         return self.drones.setdefault(0 if self._origin is None else frame[5] - 1, DroneWire())
 
     def _truth(self, frame: bytes) -> WirePose | None:
@@ -151,7 +151,7 @@ class WireState:
 
 
 def _decoded(frame: bytes) -> Any:
-    """Return the message of a frame, None when it is damaged."""
+    """Return the message of a frame; None if the frame is damaged."""
     if not is_intact(frame):
         return None
     if frame[2] & wire.SIGNED:
@@ -163,7 +163,7 @@ DELIVERIES = 400  # datagrams per socket and turn, so that a busy socket does no
 
 
 class WireFollower:
-    """Follows a simulator over its sockets; `turn` never waits."""
+    """Follows a simulator through its sockets. `turn` does not block."""
 
     def __init__(self, wires: WatchedWires, world: World) -> None:
         scene = world.scene
@@ -176,7 +176,7 @@ class WireFollower:
             self._listeners.append(listener)
 
     def turn(self) -> Moment:
-        """Read the sockets, and return the moment of now."""
+        """Read the sockets, and return the current moment."""
         for listener in self._listeners:
             for _ in range(DELIVERIES):
                 if not listener.read(0.0):
@@ -191,7 +191,7 @@ class WireFollower:
             listener.close()
 
     def _taker(self) -> Callable[[bytes], None]:
-        """Return the function that takes the bytes of one socket."""
+        """Return a function that processes the bytes of one socket."""
         parser = Parser()
 
         def take(data: bytes) -> None:
@@ -200,7 +200,7 @@ class WireFollower:
         return take
 
     def _time(self, frame: bytes) -> int:
-        """Return the vehicle time (µs) of a frame: its own for a true pose, else that of the newest frame."""
+        """Return the vehicle time (µs) of a frame: its time stamp for a true pose, else the newest known time."""
         number = frame[7] | frame[8] << 8 | frame[9] << 16
         if frame[6] == TRUTH_COMPONENT and number == POSE and frame[1] >= _TIME.size:
             return int(_TIME.unpack_from(frame, wire.HEADER_BYTES)[0])

@@ -1,4 +1,4 @@
-"""The panel of a replay (runs, time, speed, lists to jump to, redrawn views) and its keyboard."""
+"""The controls of a replay: a panel (runs, time, speed, lists of events, redrawn views) and keys."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from dronecats.view.replay.views import HEIGHT_PX, WIDTH_PX, RedrawnView
 from foundation.run_folder.rows import drone_label
 
 STEP_S = 0.1  # s of the episode
-CHOICES = 9  # most runs, or drones: the digits but 0
+CHOICES = 9  # most runs or drones that can be chosen, with the digits 1 to 9
 
 
 class ReplayOrders(Protocol):
-    """The calls of keys, buttons and lists, implemented and described by `ReplayPage`."""
+    """The methods that keys, buttons and lists call. `ReplayPage` implements and documents them."""
 
     def toggle(self) -> None: ...
 
@@ -49,15 +49,15 @@ class ReplayOrders(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class KeyBinding:
-    """The order of a key."""
+    """The order that a key gives."""
 
-    shown: str  # the key as the help names it
+    shown: str  # name of the key in the help
     keys: tuple[tuple[str, str | None], ...]  # (the browser's name of the key, modifier)
-    does: str
+    does: str  # effect of the key, for the help
     order: Callable[[ReplayOrders], None]
 
 
-END_S = 1e9  # s, later than any flight: the clock stops at its own end
+END_S = 1e9  # s, later than any flight's end, at which the clock stops
 DECISION, DECLARATION, FAULT = OccurrenceKind.DECISION, OccurrenceKind.DECLARATION, OccurrenceKind.FAULT
 KEYS: tuple[KeyBinding, ...] = (
     KeyBinding("Space", (("space", None),), "play or pause", lambda o: o.toggle()),
@@ -82,13 +82,13 @@ KEYS: tuple[KeyBinding, ...] = (
 
 
 def digit(number: int) -> KeyBinding:
-    """Return the binding of a key 1 … 9; `number` counts from 0."""
+    """Return the binding of a digit key, 1 … 9; `number` is 0 … 8."""
     key = str(number + 1)
     return KeyBinding(key, ((key, None),), f"choose {key}", lambda o: o.choose(number))
 
 
 def bind(server: viser.ViserServer, orders: ReplayOrders, choices: int) -> None:
-    """Bind every key to `orders`; `choices`: how many digits choose."""
+    """Bind every key to `orders`; `choices`: number of digit keys."""
     for binding in (*KEYS, *(digit(number) for number in range(min(choices, CHOICES)))):
         for key, held in binding.keys:
             label = binding.does[0].upper() + binding.does[1:]
@@ -97,14 +97,14 @@ def bind(server: viser.ViserServer, orders: ReplayOrders, choices: int) -> None:
 
 
 def _in_turn(binding: KeyBinding, orders: ReplayOrders) -> Callable[[Any], Any]:
-    async def pressed(_: Any) -> None:  # async: one after the other, in the order in which they came
+    async def pressed(_: Any) -> None:  # async: viser then calls it in the order of the events
         binding.order(orders)
 
     return pressed
 
 
 def keys_html(choices: str) -> str:
-    """Return the list of the keys; `choices`: what digits choose, "": nothing."""
+    """Return the list of the keys as HTML; `choices`: the items that digits choose ("run", "drone"), or ""."""
     rows = [(binding.shown, binding.does) for binding in KEYS]
     if choices:
         rows.insert(-1, ("1 … 9", f"choose a {choices}"))
@@ -132,7 +132,7 @@ LISTS = {
 
 
 class Controls:
-    """Shows the clock and the runs, and calls the orders of a viewer."""
+    """Shows the clock and the runs, and calls ReplayOrders when a user acts."""
 
     def __init__(
         self,
@@ -143,7 +143,7 @@ class Controls:
         end_s: float,
         pictures: Any,
     ) -> None:
-        """`shades`: colours of the flights, RGB; `pictures`: the panel for redrawn views."""
+        """`shades`: RGB colours of the flights; `pictures`: the panel for redrawn views."""
         self._server, self._orders, self._flights, self._shades = server, orders, flights, shades
         self._shown: dict[str, object] = {}
         self._listed: dict[OccurrenceKind, tuple[Occurrence, ...]] = {}
@@ -171,12 +171,12 @@ class Controls:
             handle.on_update(self._by_hand(partial(self._jump, kind)))
 
     def on_view(self, chosen: Callable[[RedrawnView | None], None]) -> None:
-        """Set the callback for the view that a viewer chooses."""
+        """Set the callback for a user's choice of a view."""
         views = {view.value: view for view in RedrawnView}
         self._view.on_update(self._by_hand(lambda: chosen(views.get(self._view.value))))
 
     def show(self, t_s: float, clock: PlaybackClock) -> None:
-        """Show a time."""
+        """Show a time of the episode (s) and the state of the clock."""
         state = "▶" if clock.playing else "❚❚"
         text = f"{state} {t_s:.1f} s of {clock.end_s:.1f} s · {_times(clock.speed)}"
         self._set("clock", text, lambda: _write(self._clock, f'<b class="replay-clock">{text}</b>'))
@@ -184,7 +184,7 @@ class Controls:
         self._set("speed", clock.speed, lambda: self._show_speed(clock.speed))
 
     def show_chosen(self, number: int) -> None:
-        """Show the chosen flight, and the occurrences that one can jump to."""
+        """Show the chosen flight, and the lists of its occurrences."""
         if self._shown.get("chosen") == number:
             return
         self._shown["chosen"] = number
@@ -196,7 +196,7 @@ class Controls:
             handle.value = handle.options[0]
 
     def show_view(self, view: RedrawnView | None) -> None:
-        """Show the chosen view, whose picture comes later."""
+        """Show the name of the chosen view. `show_picture` shows its picture later."""
         name = NOT_DRAWN if view is None else view.value
         if self._shown.get("view") == name:
             return
@@ -206,7 +206,7 @@ class Controls:
         _write(self._caption, "" if view is None else "drawing …")
 
     def show_picture(self, picture: Picture | str, caption: str) -> None:
-        """Show the picture of a view, or the text that says why there is none."""
+        """Show the picture of a view, or a text with the reason why there is none."""
         drawn = not isinstance(picture, str)
         if drawn:
             self._picture.image = picture
@@ -242,9 +242,9 @@ class Controls:
 
     @staticmethod
     def _by_hand(act: Callable[[], None]) -> Callable[[Any], Any]:
-        """Return a callback for events of browsers, which ignores updates by the program itself."""
+        """Return a callback that calls `act` for events from browsers and ignores updates by the program."""
 
-        async def changed(event: Any) -> None:  # async: one after the other, in the order in which they came
+        async def changed(event: Any) -> None:  # async: viser then calls it in the order of the events
             if event.client is not None:
                 act()
 

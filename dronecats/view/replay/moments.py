@@ -1,4 +1,4 @@
-"""The state of a recorded flight at any time, for a page, and the events that the page can jump to."""
+"""Computes the state of a recorded flight at any time, and the events that the replay page can jump to."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -26,9 +26,9 @@ from foundation.run_folder.reading import Logs, episode_folder, rows
 from foundation.run_folder.rows import Decision, DroneNumber, Order, drone_label
 
 SAME_S = 1e-6  # s, the tolerance between times
-CALM = ("cap", "decided")  # reasons for the end of a flight that are not a problem
+CALM = ("cap", "decided")  # normal reasons for the end of a flight
 OFFBOARD = "OFFBOARD"
-ENDING_S = 1.0  # s before the end of a flight, in which the run itself may leave OFFBOARD
+ENDING_S = 1.0  # s before the end of a flight, when the run itself may leave OFFBOARD
 
 
 class OccurrenceKind(Enum):
@@ -45,13 +45,13 @@ class Occurrence:
 
     t_s: float  # s since the episode began
     kind: OccurrenceKind
-    drone: int | None  # None: of all drones
+    drone: int | None  # None: all drones
     words: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnvelopeRow:
-    """A line of safety.jsonl: the limits of the envelope that act from then on."""
+    """A line of safety.jsonl: the limits of the safety envelope that are active from this time."""
 
     time_us: int  # µs, vehicle clock
     drone: DroneNumber
@@ -59,7 +59,7 @@ class EnvelopeRow:
 
 
 def envelope_rows(path: Path, t0_us: int) -> tuple[Occurrence, ...]:
-    """Return the faults in a safety.jsonl, none without the file. Raises UsageError when it is damaged."""
+    """Return the faults in a safety.jsonl; empty without the file. Raises UsageError if the file is damaged."""
     lines = rows(path, EnvelopeRow) if path.is_file() else ()
     return tuple(
         Occurrence((row.time_us - t0_us) / 1e6, OccurrenceKind.FAULT, row.drone,
@@ -71,7 +71,7 @@ def envelope_rows(path: Path, t0_us: int) -> tuple[Occurrence, ...]:
 def occurrences(
     logs: Logs, vehicles: Mapping[int, DroneTelemetry], limited: Iterable[Occurrence], end_s: float
 ) -> tuple[Occurrence, ...]:
-    """Return the occurrences from the beginning to `end_s`, in the order of time."""
+    """Return the occurrences from 0 to `end_s`, in the order of time."""
     every = [*_decisions(logs), *limited, *_end(logs, end_s)]
     for vehicle in vehicles.values():
         every += [*_warnings(vehicle), *_mode_losses(vehicle, end_s)]
@@ -79,13 +79,13 @@ def occurrences(
 
 
 def following(sequence: Sequence[Occurrence], t_s: float) -> Occurrence | None:
-    """Return the first occurrence after a time, None after the last."""
+    """Return the first occurrence after a time; None if there is none."""
     index = bisect_right(sequence, t_s + SAME_S, key=attrgetter("t_s"))
     return sequence[index] if index < len(sequence) else None
 
 
 def preceding(sequence: Sequence[Occurrence], t_s: float) -> Occurrence | None:
-    """Return the last occurrence before a time, None before the first."""
+    """Return the last occurrence before a time; None if there is none."""
     index = bisect_left(sequence, t_s - SAME_S, key=attrgetter("t_s"))
     return sequence[index - 1] if index else None
 
@@ -106,7 +106,7 @@ def _warnings(vehicle: DroneTelemetry) -> Iterator[Occurrence]:
 
 
 def _mode_losses(vehicle: DroneTelemetry, end_s: float) -> Iterator[Occurrence]:
-    """Yield each change out of OFFBOARD during the episode: a failsafe, or a person's command."""
+    """Yield each change from OFFBOARD to another mode during the episode: a failsafe, or an operator's command."""
     before = ""
     for t_s, state in zip(vehicle.states.t_s, vehicle.states.values, strict=True):
         if before == OFFBOARD and state.mode != OFFBOARD and t_s < end_s - ENDING_S:
@@ -131,10 +131,10 @@ NO_RECORD = f"no {layout.EPISODE}: a grid is shown instead of the world"
 
 @dataclass(frozen=True)
 class FlightMoments:
-    """A recorded flight at any time, from the files that its folder still has."""
+    """The moments of a recorded flight, from the files that its folder still has."""
 
     recorded: RecordedFlight
-    world: World | None  # None: not known on this machine
+    world: World | None  # None: unknown
     happened: tuple[Occurrence, ...]  # in the order of time
     missing: tuple[str, ...]  # notes on files or maps that are missing
     _pictures: dict[tuple[int, int], ShownPicture] = field(default_factory=dict)
@@ -151,7 +151,7 @@ class FlightMoments:
 
     @property
     def true(self) -> bool:
-        """Whether the poses are the truth, and not an autopilot's estimates."""
+        """Whether the poses are true poses, not an autopilot's estimates."""
         return self.recorded.logs.true
 
     def of(self, kind: OccurrenceKind) -> tuple[Occurrence, ...]:
@@ -159,11 +159,11 @@ class FlightMoments:
         return tuple(o for o in self.happened if o.kind is kind)
 
     def pose(self, drone: int, t_s: float) -> DronePose:
-        """Return the pose of a drone at a time: the first pose before the first sample, the last one after the last."""
+        """Return the pose of a drone at a time (s); before the first sample the first pose, after the last the last."""
         return self.recorded.tracks[drone].at(t_s)
 
     def way(self, drone: int, t_s: float, every_s: float) -> list[Vec3]:
-        """Return the positions of a drone (m, NED) from the beginning to a time, `every_s` apart."""
+        """Return the positions of a drone (m, NED) from 0 to a time, every `every_s`."""
         places = self.recorded.tracks[drone].positions(np.append(np.arange(0.0, t_s, every_s), t_s))
         return [(float(north), float(east), float(down)) for north, east, down in places]
 
@@ -217,7 +217,7 @@ class FlightMoments:
 
     @cached_property
     def _orders(self) -> list[tuple[float, Order]]:
-        """The orders of a commander and their times, s."""
+        """The commander's orders, as (time in s, order)."""
         exchanges = self.recorded.exchanges
         return [(e.t_answered, order) for e in exchanges if e.t_answered is not None for order in e.orders]
 
@@ -244,7 +244,7 @@ class FlightMoments:
         return self._pictures.setdefault((decision.drone, decision.frame_id), fresh)
 
     def _sight(self, decision: Decision | None) -> ChosenSight | None:
-        """Return the sight of a go; None for other decisions."""
+        """Return the sight of a `go`; None for other decisions."""
         go = chosen_go(decision) if decision else None
         if decision is None or go is None:
             return None
@@ -289,10 +289,10 @@ class FlightMoments:
 
 
 def flight_moments(path: Path) -> FlightMoments:
-    """Return the flight of an episode's folder, or of the only episode of a run.
+    """Return the flight of an episode's folder, or of a run with one episode.
 
-    A flight that was killed, or is still in the air, ends at the end of its logs. Raises UsageError for another
-    folder, a damaged flight, a flight that never began, and a flight without a pose.
+    A flight that was killed, or is still in the air, ends with its logs. Raises UsageError for another folder, a
+    damaged flight, a flight that never began, and a flight without a pose.
     """
     if not path.is_dir():
         raise UsageError(f"folder {path} does not exist")
@@ -315,7 +315,7 @@ def flight_moments(path: Path) -> FlightMoments:
 
 
 def of_one_episode(flights: Sequence[FlightMoments]) -> None:
-    """Raise UsageError if two of these flights have different episodes. The error names them."""
+    """Raise UsageError if these flights have different episodes, or only some have truth."""
     first = flights[0].recorded
     for flight in flights[1:]:
         recorded, folders = flight.recorded, f"{first.folder} and {flight.recorded.folder}"
@@ -336,7 +336,7 @@ def of_one_episode(flights: Sequence[FlightMoments]) -> None:
 
 
 def _world(flight: RecordedFlight) -> tuple[World | None, list[str]]:
-    """Return the world of a flight, or None and the reasons."""
+    """Return the world of a flight and no notes, or None and the reasons."""
     if not flight.logs.true:
         return None, [NO_TRUTH]
     if not (flight.folder / layout.EPISODE).is_file():

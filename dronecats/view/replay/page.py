@@ -1,4 +1,4 @@
-"""The page of `dronecats replay`: flights of one episode in the browser, at one time."""
+"""The page of `dronecats replay`: shows flights of one episode in the browser, all at the same time of the episode."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -17,24 +17,24 @@ from foundation.errors import UsageError
 from foundation.run_folder.rows import drone_label
 
 RUN_COLORS = (*COLORS, palette.linear(palette.LIGHT["ink"]))  # linear RGB, of overlaid flights
-TRAIL_S = 0.1  # s between two positions of a trail that is replaced
-GAP_S = 1.0  # s, longest step of time that extends a trail; a longer one replaces it
+TRAIL_S = 0.1  # s between two positions of a replaced trail
+GAP_S = 1.0  # s, longest time step that extends a trail; a longer step replaces the trail
 VIEWS: tuple[RedrawnView | None, ...] = (None, *RedrawnView)
 
 
 @dataclass(frozen=True, slots=True)
 class PageState:
-    """The choices of the viewers."""
+    """The choices of the users of the page."""
 
     flight: int = 0
     drone: int = 0
-    along: bool = False  # the view follows that drone
+    along: bool = False  # whether the view follows `drone`
     judge: bool = False
     view: RedrawnView | None = None
 
 
 class ReplayPage:
-    """Flights of one episode in the browser; the page is at `url`."""
+    """Shows flights of one episode in the browser; the page is at `url`."""
 
     def __init__(
         self,
@@ -44,9 +44,9 @@ class ReplayPage:
         at_s: float = 0.0,
         hosts: Sequence[str] = (),
     ) -> None:
-        """Serve the page, stopped at `at_s`; `hosts`: as for `LoopbackServer`.
+        """Serve the page, paused at `at_s`; `hosts`: see `LoopbackServer`.
 
-        Raises UsageError for flights of several episodes.
+        Raises UsageError for too many flights, and for flights of different episodes.
         """
         if len(flights) > CHOICES:
             raise UsageError(f"{len(flights)} runs are too many for one page. Choose {CHOICES} at most")
@@ -102,7 +102,7 @@ class ReplayPage:
             return self._state
 
     def idle(self, timeout_s: float) -> bool:
-        """Wait until the clock has stopped and everything is sent; return whether that was within the timeout."""
+        """Wait until the clock has stopped and everything is sent; return False after the timeout."""
         return self._player.idle(timeout_s) and self._views.idle(timeout_s)
 
     def close(self) -> None:
@@ -118,15 +118,15 @@ class ReplayPage:
         self._player.order(PlaybackClock.toggled)
 
     def step(self, by_s: float) -> None:
-        """Go `by_s` later, or earlier, and stop."""
+        """Move the time by `by_s` (negative: earlier) and pause."""
         self._player.order(lambda clock, wall_s: clock.stepped(by_s, wall_s))
 
     def go_to(self, t_s: float) -> None:
-        """Go to a time of the episode, s, and stop."""
+        """Go to a time of the episode (s) and pause."""
         self._player.order(lambda clock, wall_s: clock.scrubbed(t_s, wall_s))
 
     def jump(self, kind: OccurrenceKind, ahead: bool) -> None:
-        """Go to the next occurrence of a kind in the chosen flight, or to the one before, if there is any."""
+        """Go to the next (`ahead`) or previous occurrence of a kind in the chosen flight, if there is one."""
         listed = self.flights[self.state.flight].of(kind)
         find = following if ahead else preceding
 
@@ -149,7 +149,7 @@ class ReplayPage:
         self._player.order(lambda clock, wall_s: clock.at_speed(speed, wall_s))
 
     def choose(self, number: int) -> None:
-        """Choose a run, or a drone when there is one run; 0 is the first."""
+        """Choose a run, or a drone if there is only one run; 0 is the first."""
         if len(self.flights) > 1:
             self._choose(lambda state: replace(state, flight=number))
         else:
@@ -164,7 +164,7 @@ class ReplayPage:
         self._choose(lambda state: replace(state, judge=not state.judge))
 
     def next_view(self) -> None:
-        """Choose the next redrawn view; after the last one, none."""
+        """Choose the next redrawn view; after the last view, no view."""
         self._choose(lambda state: replace(state, view=VIEWS[(VIEWS.index(state.view) + 1) % len(VIEWS)]))
 
     def help(self) -> None:
@@ -186,14 +186,14 @@ class ReplayPage:
                 return
         self._player.again()
 
-    # ---- updates, all by the player's thread
+    # ---- updates in the player's thread
 
     def _show(self, t_s: float, clock: PlaybackClock) -> None:
         state = self.state
         self._apply(state)
         jumped = self._shown_s is None or not 0.0 <= t_s - self._shown_s <= GAP_S
         numbers = sorted(range(len(self.flights)), key=lambda number: number == state.flight)
-        for number in numbers:  # the chosen flight last: new browsers look at it
+        for number in numbers:  # the chosen flight last: it sets the initial view of new browsers
             flight, scene = self.flights[number], self._scenes[number]
             moment = flight.moment(t_s)
             if jumped:
@@ -216,13 +216,13 @@ class ReplayPage:
             self._panels.forget()
         self._panels.show_wanted(state.judge, self._drone(state) if state.along else None)
         for number, scene in enumerate(self._scenes):
-            scene.things_shown = number == state.flight  # a moving target is elsewhere at the end of another flight
+            scene.things_shown = number == state.flight  # flights of unequal length disagree on a moving target
             scene.judge_shown = state.judge and number == state.flight
             if before is None or replace(before, judge=state.judge, view=state.view) != state:
                 scene.follow(self._drone(state) if state.along and number == state.flight else None)
 
     def _drone(self, state: PageState) -> int:
-        """Return the chosen drone of the chosen flight, or its first when it has no such drone."""
+        """Return the chosen drone, or the first drone if the chosen flight does not have it."""
         drones = self.flights[state.flight].drones
         return state.drone if state.drone in drones else drones[0]
 

@@ -1,6 +1,6 @@
 """The clock of a replay, and the thread that shows its time.
 
-The clock is pure: the wall time is an argument.
+The clock has no side effects: the wall time is an argument.
 """
 
 import math
@@ -13,41 +13,41 @@ from dataclasses import dataclass, replace
 from foundation.errors import UsageError
 
 RATE_HZ = 25.0  # updates per wall s during playback
-SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # s of flight per wall s, the steps of + and -
+SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # s of flight per wall s, selected with + and -
 
 
 @dataclass(frozen=True, slots=True)
 class PlaybackClock:
     """The shown time of the episode as a function of the wall time. Immutable: every order returns a new clock."""
 
-    end_s: float  # s since the episode began, where playback stops
+    end_s: float  # s since the episode began, when playback stops
     t_s: float = 0.0  # s since the episode began, shown at `wall_s`
     wall_s: float = 0.0  # s of a monotonic clock
     speed: float = 1.0  # s of flight per wall s
     playing: bool = False
 
     def at(self, wall_s: float) -> float:
-        """Return the shown time of the episode, s, within 0 … `end_s`."""
+        """Return the shown time of the episode at a wall time (s), in 0 … `end_s`."""
         gone = (wall_s - self.wall_s) * self.speed if self.playing else 0.0
         return min(max(self.t_s + gone, 0.0), self.end_s)
 
     def settled(self, wall_s: float) -> "PlaybackClock":
-        """Return the clock, stopped when it has reached the end."""
+        """Return the clock, paused if it has reached the end."""
         return self.scrubbed(self.end_s, wall_s) if self.playing and self.at(wall_s) >= self.end_s else self
 
     def toggled(self, wall_s: float) -> "PlaybackClock":
-        """Return the clock with playback started or stopped; from the end it starts at the beginning."""
+        """Return the clock with playback started or paused. At the end, playback starts from the beginning."""
         t_s = self.at(wall_s)
         begins = not self.playing and t_s >= self.end_s
         return replace(self, t_s=0.0 if begins else t_s, wall_s=wall_s, playing=not self.playing)
 
     def scrubbed(self, t_s: float, wall_s: float) -> "PlaybackClock":
-        """Return the clock, stopped at a time of the episode."""
+        """Return the clock, paused at a time of the episode."""
         t_s = min(max(t_s, 0.0), self.end_s) if math.isfinite(t_s) else self.at(wall_s)
         return replace(self, t_s=t_s, wall_s=wall_s, playing=False)
 
     def stepped(self, by_s: float, wall_s: float) -> "PlaybackClock":
-        """Return the clock, stopped `by_s` later, or earlier."""
+        """Return the clock, paused `by_s` later (negative: earlier)."""
         return self.scrubbed(self.at(wall_s) + by_s, wall_s)
 
     def at_speed(self, speed: float, wall_s: float) -> "PlaybackClock":
@@ -74,7 +74,7 @@ ClockOrder = Callable[[PlaybackClock, float], PlaybackClock]  # (clock, wall tim
 
 
 class Player:
-    """Calls `show` with the time of the episode and the clock, from its own thread, when either has changed."""
+    """Calls `show` with the time of the episode and the clock, in its own thread, when the time or clock changes."""
 
     def __init__(self, clock: PlaybackClock, show: Callable[[float, PlaybackClock], None]) -> None:
         """Start the thread. Errors of `show` go to `threading.excepthook`, and playback continues."""
@@ -107,7 +107,7 @@ class Player:
         self.order(lambda clock, _: clock)
 
     def idle(self, timeout_s: float) -> bool:
-        """Wait until playback has stopped and everything is shown; return whether that was within the timeout."""
+        """Wait until playback has stopped and everything is shown; return False after the timeout."""
         with self._news:
             return self._news.wait_for(lambda: not (self._stale or self._busy or self._clock.playing), timeout_s)
 
@@ -128,7 +128,7 @@ class Player:
                 threading.excepthook(threading.ExceptHookArgs((*sys.exc_info(), self._thread)))
 
     def _next(self, due: float) -> tuple[float, PlaybackClock] | None:
-        """Wait for the next update, during playback until `due`, and return (wall time, clock); None: closed."""
+        """Wait for the next update, during playback until `due`. Return (wall time, clock); None if closed."""
         with self._news:
             self._busy = False
             self._news.notify_all()

@@ -1,4 +1,4 @@
-"""Redrawn views of a flight: from behind a drone, from above it, or through the camera."""
+"""Redraws a flight from behind a drone, from above, or through its camera."""
 
 import math
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from foundation.frames import quat_from_euler
 from foundation.threads import Latest
 
 WIDTH_PX, HEIGHT_PX = 640, 360
-ABOVE_M = 9.0  # of the drone, from where it is seen from above
+ABOVE_M = 9.0  # height of the camera above the drone, for the view from above
 NO_WORLD = "no view can be drawn, because the world of this flight is unknown"
 
 
@@ -29,7 +29,7 @@ class RedrawnView(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ViewRequest:
-    """A picture to draw."""
+    """A request to draw a picture."""
 
     flight: int  # index of the flight on the page
     drone: int
@@ -38,11 +38,11 @@ class ViewRequest:
 
 
 class FlightViews:
-    """Draws the views of one flight, for one thread. Renderers and paths are created at their first use."""
+    """Draws the views of one flight. Not thread-safe. Renderers and paths are created at their first use."""
 
     def __init__(self, flight: RecordedFlight, size: tuple[int, int] = (WIDTH_PX, HEIGHT_PX)) -> None:
         self._flight, self._size = flight, size
-        self._stages: dict[bool, FilmStage] = {}  # by whether the view is through the drone's camera
+        self._stages: dict[bool, FilmStage] = {}  # key: whether the view is through the drone's camera
         self._paths: dict[int, ChasePath] = {}
 
     def picture(self, drone: int, view: RedrawnView, t_s: float) -> Picture:
@@ -85,7 +85,7 @@ class ViewRenderer:
     def __init__(
         self, flights: list[RecordedFlight | None], shown: Callable[[ViewRequest, Picture | str], None]
     ) -> None:
-        """`flights`: None when the world is not known. `shown` takes the picture, or the reason for none."""
+        """`flights`: None for a flight with an unknown world. `shown` takes a picture, or why there is none."""
         self._flights, self._shown = flights, shown
         self._views: dict[int, FlightViews] = {}
         self._latest = Latest(self._draw, "replay-views")
@@ -95,7 +95,7 @@ class ViewRenderer:
         self._latest.put(request)
 
     def idle(self, timeout_s: float) -> bool:
-        """Wait until the newest request is drawn; return whether that was within the timeout."""
+        """Wait until the newest request is drawn; return False after the timeout."""
         return self._latest.idle(timeout_s)
 
     def close(self) -> None:
@@ -117,7 +117,7 @@ class ViewRenderer:
 
 
 def above(pose: DronePose) -> CameraPose:
-    """Return a camera pose above a drone that looks straight down, north up."""
+    """Return the pose of a camera above a drone that looks straight down, with north at the top."""
     north, east, down = pose.position_ned
     return CameraPose((north, east, down - ABOVE_M), quat_from_euler(0.0, -math.pi / 2, 0.0))
 

@@ -1,6 +1,6 @@
-"""The map and objects in the form that the browser gets, and the pick of a point on the map.
+"""Converts the map and objects for the browser, and finds the map point under a click.
 
-The browser has glTF’s axes (x east, y up, z south): conversions go through `episodes.maps.gltf.document`.
+The browser uses glTF’s axes (x east, y up, z south). `episodes.maps.gltf.document` converts positions.
 """
 
 import math
@@ -27,9 +27,9 @@ FAR_M = 200.0  # distance of the sun's light from the origin
 
 
 def light(server: viser.ViserServer, sun: Sun) -> None:
-    """Set the up direction, the sky and the light of a map's sun, without shadows.
+    """Set the up direction, the sky and the sunlight of a map, without shadows.
 
-    The shadows that matter are in the cameras' pictures.
+    Only the cameras' pictures have shadows.
     """
     scene = server.scene
     scene.set_up_direction("+y")
@@ -51,24 +51,24 @@ def _sky() -> Any:
 
 Array = NDArray[np.float64]
 
-DRONE_SCALE = 1.8  # a drone is drawn larger than it is, to be visible beside a map
-DRONE_M = 0.25  # from the centre of the displayed drone to that of a rotor
+DRONE_SCALE = 1.8  # drones are drawn larger than they are, to be visible on a map
+DRONE_M = 0.25  # m, from the centre of the drone's mesh to the centre of a rotor
 
 
 def place_of(position_ned: Vec3) -> tuple[float, float, float]:
-    """Return a position (m, NED) in the browser's axes."""
+    """Convert a position (m, NED) to the browser's axes."""
     x, y, z = to_gltf(np.array(position_ned, np.float64))
     return (float(x), float(y), float(z))
 
 
 def ned_of(position: tuple[float, float, float] | Array) -> Vec3:
-    """Return a position of the browser in m, NED."""
+    """Convert a position in the browser's axes to NED, m."""
     n, e, d = from_gltf(np.array(position, np.float64))
     return (float(n), float(e), float(d))
 
 
 def wxyz_of(rotation: float | Quat) -> Quat:
-    """Return the browser's rotation, for objects in glTF axes, of a yaw (rad, clockwise) or attitude (FRD → NED)."""
+    """Convert a yaw (rad, clockwise) or an attitude (FRD → NED) to the browser's rotation of objects in glTF axes."""
     if isinstance(rotation, tuple):
         w, x, y, z = rotation
         return (w, y, -z, -x)
@@ -76,15 +76,15 @@ def wxyz_of(rotation: float | Quat) -> Quat:
 
 
 def yaw_of(wxyz: tuple[float, ...] | Array) -> float:
-    """Return the yaw (rad) of a rotation of the browser."""
+    """Return the yaw (rad, clockwise) of a rotation in the browser's axes."""
     w, x, y, z = (float(v) for v in wxyz)
     return -math.atan2(2.0 * (w * y + x * z), 1.0 - 2.0 * (x * x + y * y))
 
 
 def map_glb(scene: Scene) -> bytes:
-    """Return a map as one glTF file with one mesh per material, since browsers draw few meshes faster.
+    """Return a map as one glTF file. It has one mesh per material, since browsers draw few meshes faster.
 
-    No two meshes share vertices: viser recomputes the normals of each primitive and would overwrite those of others.
+    No two meshes share vertices: viser recomputes the normals of each primitive, which would change shared vertices.
     """
     meshes: dict[int, list[Mesh]] = {}  # by the identity of the material
     for instance in scene.instances:
@@ -105,7 +105,7 @@ def mesh_glb(mesh: Mesh) -> bytes:
 
 
 def drone_mesh(color: Vec3) -> Mesh:
-    """Return a small quadrotor with front arms in a colour (linear RGB); its origin is the vehicle's."""
+    """Return a small quadrotor whose front arms have a colour (linear RGB). Its origin is the vehicle's origin."""
     dark, bright = Material("drone-frame", (0.03, 0.03, 0.035)), Material("drone-mark", color)
     blade = Material("drone-rotor", (0.35, 0.36, 0.38))
     meshes = [
@@ -125,12 +125,12 @@ def add_glb(server: viser.ViserServer, node: str, glb: bytes, **options: Any) ->
 
 
 def add_lines(server: viser.ViserServer, node: str, points: Any, color: tuple[int, int, int], width_px: float) -> Any:
-    """Add line segments, (N, 2, 3) in the browser's axes, of one width on the screen."""
+    """Add line segments, (N, 2, 3) in the browser's axes, with a constant width on the screen."""
     return server.scene.add_line_segments(node, points, color, thickness=width_px, thickness_units="screen")
 
 
 def add_drone(server: viser.ViserServer, node: str, color: Vec3, camera: CameraModel, label: str) -> tuple[Any, Any]:
-    """Add a drone with its camera and a label ("": none) under a node; return its body and the camera's frustum."""
+    """Add a drone with its camera and a label ("": no label) under a node. Return its body and the camera's frustum."""
     half = math.radians(camera.pitch_deg) / 2.0
     body = add_glb(server, f"{node}/body", mesh_glb(drone_mesh(color)), scale=DRONE_SCALE)
     frustum = server.scene.add_camera_frustum(
@@ -139,7 +139,7 @@ def add_drone(server: viser.ViserServer, node: str, color: Vec3, camera: CameraM
         aspect=camera.width / camera.height,
         scale=1.1,
         color=palette.shade(color),
-        # its axes are right, down, ahead
+        # the frustum's axes are right, down, forward
         wxyz=quat_multiply((math.cos(half), math.sin(half), 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)),
         position=(camera.offset_frd[1], -camera.offset_frd[2], -camera.offset_frd[0]),
         format="jpeg",
@@ -162,13 +162,13 @@ class Picker:
     """Finds the point of the map under a click."""
 
     def __init__(self, scene: Scene) -> None:
-        """`scene`: the map, without any target in it."""
+        """`scene`: the map without targets."""
         self._instances = [i for i in scene.instances if len(i.mesh.triangles)]
         self._owner = np.repeat(np.arange(len(self._instances)), [len(i.mesh.triangles) for i in self._instances])
         self._scene = RayScene.of_instances(self._instances)
 
     def pick(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, Instance] | None:
-        """Return the first point (m, NED) that a ray hits and its instance; None when it hits nothing."""
+        """Return the first point (m, NED) that a ray hits, and the hit instance; None if it hits nothing."""
         way = np.array(direction) / np.linalg.norm(direction)
         hits = self._scene.first_hits(np.array([origin], np.float32), way[None].astype(np.float32))
         if hits.triangle[0] == NOTHING:

@@ -1,4 +1,4 @@
-"""The server of a page: silent, bound to the loopback address, and closed to everyone without its token."""
+"""The web server of a page. It prints nothing, listens on the loopback address, and requires a token."""
 
 import contextlib
 import functools
@@ -19,7 +19,7 @@ from websockets.asyncio.server import ServerConnection
 from dronecats.report.kit import palette
 from dronecats.view.scene.page_hosts import LOOPBACK_NAMES
 
-HOST = "127.0.0.1"  # a page gives its viewer control: this machine only
+HOST = "127.0.0.1"  # this machine only, since a page gives its users control
 FORBIDDEN = (
     "This page opens only at the full address that dronecats printed, with its token, on the same machine.\n"
     "To open it under another host name, start dronecats with --host NAME (with --view: --view-host NAME).\n"
@@ -32,14 +32,14 @@ ProcessRequest = Callable[[ServerConnection, Request], Response | None]
 class Gate:
     """Admits requests that come from this page's own address with the page's token.
 
-    A web site in the same browser can send requests to a loopback address, and its host name can resolve to it (DNS
-    rebinding). So the Host must be a loopback name or one of `names`, an Origin must be that very host, and the token
-    must be in the address or in the cookie that the first answer sets. The cookie has the port in its name, since
-    cookies of one host are shared between ports.
+    A web site in the same browser can send requests to a loopback address, and its host name can resolve to that
+    address (DNS rebinding). So the Host header must be a loopback name or one of `names`, and an Origin header must
+    name the same host. The token must be in the address, or in the cookie that the first answer sets. The cookie has
+    the port in its name, since browsers share the cookies of a host between ports.
     """
 
     def __init__(self, names: Sequence[str] = ()) -> None:
-        """`names`: host names beside the loopback ones. A proxy behind such a name may speak HTTPS to the browser."""
+        """`names`: admitted host names in addition to the loopback names. They may be those of an HTTPS proxy."""
         self.token = secrets.token_urlsafe(16)
         self._names = frozenset(name.lower() for name in names)
 
@@ -56,7 +56,7 @@ class Gate:
         return any(hmac.compare_digest(value.encode(), self.token.encode()) for value in shown)
 
     def guarded(self, answer: ProcessRequest | None) -> ProcessRequest:
-        """Return `process_request` of a server; requests that are not admitted get 403."""
+        """Return a server's `process_request`. It calls `answer` for admitted requests, and returns 403 for others."""
 
         def process(connection: ServerConnection, request: Request) -> Response | None:
             port = int(connection.local_address[1])
@@ -90,7 +90,7 @@ def _cookie(port: int) -> str:
 
 
 def _name(host: str) -> str:
-    """Return the name in a Host header, without its port; empty where it is malformed."""
+    """Return the host name in a Host header, without the port; empty if the header is malformed."""
     try:
         return (urlsplit(f"//{host}").hostname or "").lower()
     except ValueError:
@@ -101,9 +101,10 @@ class LoopbackServer(viser.ViserServer):
     """viser's server behind a gate. It never requests a public address."""
 
     def __init__(self, label: str, port: int, hosts: Sequence[str] = ()) -> None:
-        """Serve a page with this title on a port, or on the next free one. Raises OSError when none is free.
+        """Serve a page with this title on a port, or on the next free one. Raises OSError if none is free.
 
-        `hosts`: host names beside the loopback ones under which it opens. It listens on the loopback address only.
+        `hosts`: host names that may open the page, in addition to the loopback names. The server listens on the
+        loopback address only.
         """
         self._gate = Gate(hosts)
         with contextlib.redirect_stdout(io.StringIO()), _gated(self._gate):
@@ -118,17 +119,20 @@ class LoopbackServer(viser.ViserServer):
         return f"http://{HOST}:{self.get_port()}/?token={self._gate.token}"
 
     def request_share_url(self, verbose: bool = True) -> None:
-        """Do nothing: a page stays on this machine."""
+        """Do nothing, since a page has no public address."""
 
     def stop(self) -> None:
-        """Close the page; browsers show that it is closed."""
+        """Stop the server. Browsers show that the page is closed."""
         with contextlib.redirect_stdout(io.StringIO()):  # viser prints to standard output
             super().stop()
 
 
 @contextlib.contextmanager
 def _gated(gate: Gate) -> Iterator[None]:
-    """Put a gate in front of the server that starts meanwhile: viser has no option for `process_request`."""
+    """Put a gate in front of the server that starts in this context.
+
+    This patches `websockets`, since viser has no option for `process_request`.
+    """
     serve = websocket_server.serve
 
     def guarded_serve(*args: object, process_request: ProcessRequest | None = None, **settings: object) -> object:

@@ -1,6 +1,7 @@
-"""Rules about the look-alikes of a commanding episode.
+"""Rules about the candidates of a commanding episode: the target and its look-alikes.
 
-They look the same, are spread out and in sight, and no inscription is readable from the start.
+The candidates must look the same, stand apart, and be visible from every start. No inscription may be readable from a
+start.
 """
 
 import itertools
@@ -34,8 +35,8 @@ from episodes.world.visibility import Hides, Solids, Together
 from episodes.world.world import World, solids
 from foundation.frames import Vec3, rotate, rotate_inverse
 
-LETTER_M = {"sign": lettering.LETTER_M}  # height of an inscription's letters, by asset …
-PLATE_LETTER_M = vehicles.DIGIT_M  # … and of every other
+LETTER_M = {"sign": lettering.LETTER_M}  # m, height of an inscription's letters, by asset
+PLATE_LETTER_M = vehicles.DIGIT_M  # m, the same for all other assets
 
 
 def rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
@@ -100,7 +101,7 @@ def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
 
 
 def letters_px(instance: Instance, text: str, past: Hides, origin: Vec3, yaw_deg: float) -> float:
-    """Return the height of an inscription's letters (px in the picture of 640 px); 0: they face away."""
+    """Return the height of an inscription's letters, px in the 640 px picture; 0 if none of it is visible."""
     tri = _inscription(instance, text)
     attitude = level(yaw_deg)
     eye = np.array(origin) + np.array(rotate(attitude, CAMERA.offset_frd))
@@ -119,7 +120,7 @@ def letters_px(instance: Instance, text: str, past: Hides, origin: Vec3, yaw_deg
 
 
 def _inscription(instance: Instance, text: str) -> NDArray[np.float64]:
-    """Return the triangles (T, 3, 3) in the asset's axes (m) that show an inscription."""
+    """Return the triangles (T, 3, 3) that show an inscription, m in the asset's axes."""
     mesh = instance.mesh
     looks = [k for k, material in enumerate(mesh.materials) if material.name.endswith(f"-{text}")]
     return mesh.vertices[mesh.triangles[np.isin(mesh.material, looks)]].astype(np.float64)

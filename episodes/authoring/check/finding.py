@@ -5,20 +5,20 @@ Source of the numbers: paper, appendix "Maps and Episodes".
 
 from dataclasses import dataclass
 
-Bounds = tuple[float, float]  # least and most, both allowed
+Bounds = tuple[float, float]  # minimum and maximum, both allowed
 
-OCCUPANCY_PERCENT: Bounds = (0.40, 12.0)  # of the picture, when the target is faced from the start
-# The paper's text has 0.40 % for the residential map. On the campus, at its largest distance of 48 m, every fixture is
-# smaller: a kiosk has 0.27 %, which is 25 × 25 pixels of the picture for a model.
+OCCUPANCY_PERCENT: Bounds = (0.40, 12.0)  # share of the picture that the target's box fills, when faced from the start
+# The paper gives 0.40 % for the residential map. On the campus, every fixture fills less than that at the largest
+# distance of 48 m: a kiosk fills 0.27 %, which is 25 × 25 pixels of the model's picture.
 CAMPUS_OCCUPANCY_PERCENT: Bounds = (0.25, 12.0)
 ALTITUDE_M: Bounds = (1.2, 2.2)  # above the ground under the start, on the shipped maps
 DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # largest differences between the record and the measurement
-REACH_M = 0.7  # from a vehicle's origin to the farthest part of it, the camera ahead
-LEVEL_M = 0.10  # of the ground under a start, across REACH_M: on a kerb a vehicle tips over before take-off
-BODY_M = 0.45  # half the diagonal of a vehicle with its propellers
-OFF_GROUND_M = 0.02
-WHEEL_OFF_M = 0.03  # a wheel of a target or look-alike, over or under the ground
-START_TO_PATH_M = 6.0  # a drone that waits at its start must not be passed within the radius of success
+REACH_M = 0.7  # from a drone's origin to its farthest part, the camera at the front
+LEVEL_M = 0.10  # largest unevenness of the ground under a start: on a kerb, a drone tips over before take-off
+BODY_M = 0.45  # half the diagonal of a drone with its propellers
+OFF_GROUND_M = 0.02  # largest distance of a standing target, a look-alike or a path from the ground
+WHEEL_OFF_M = 0.03  # the same for a wheel of a target or look-alike
+START_TO_PATH_M = 6.0  # least distance of the target's path, so that a drone that waits at its start cannot succeed
 
 # Commanding
 CANDIDATES = 4
@@ -27,21 +27,21 @@ WIDEST_PAIR_M: Bounds = (18.0, 32.0)
 GRID_SIDE_M, GRID_OFF_M = 2.0, 0.02
 GRID_TO_TARGET_M: Bounds = (12.0, 32.0)
 GRID_TO_CANDIDATES_M: Bounds = (7.0, 37.0)
-SPOTTED_PX = 90  # of 1280×720: 22 pixels of the picture for a model, a visible dot
+SPOTTED_PX = 90  # pixels of 1280×720; they are 22 pixels of the model's picture, a visible dot
 
 # Height of letters in the 640 px picture (focal length 320 px). In the paper's reading probe, no model reads a plate
 # (0.10 m) at 10 m, where its digits are 3.2 px high. Two models read a sign (0.136 m) at 13 m, where its letters are
-# 3.35 px high, and none beyond. Nothing below 3.3 px was ever read.
+# 3.35 px high, and none beyond. No model reads letters below 3.3 px.
 READABLE_PX = 3.3
 READING_FOCAL_PX = 320.0
-FACING = 0.17  # cosine of the angle of view of an inscription: beyond 80° it is a line
+FACING = 0.17  # least cosine between the normal of an inscription and the view: beyond 80° it looks like a line
 
 
 @dataclass(frozen=True, slots=True)
 class MapRules:
     """The limits that differ between maps."""
 
-    start_distance_m: Bounds  # one drone, first frame, in three dimensions
+    start_distance_m: Bounds  # of an episode with one drone; in three dimensions
     speed_mps: float | None = None  # of moving targets; None: any
     off_axes_deg: float = 0.0  # the least angle between the target's bearing and the map's axes
     altitude_m: Bounds = ALTITUDE_M
@@ -58,7 +58,7 @@ OF_OTHER_MAPS = MapRules((6.0, 100.0), altitude_m=(1.0, 30.0))
 
 @dataclass(frozen=True, slots=True)
 class RuleFinding:
-    """One rule, applied."""
+    """The result of one rule for one record."""
 
     rule: str  # the checked quantity, in a few words
     passed: bool
@@ -74,16 +74,16 @@ class RuleFinding:
 
 
 def between(rule: str, value: float, limits: tuple[float, float], unit: str, digits: int = 2) -> RuleFinding:
-    """Return whether a value lies within limits, both included."""
+    """Return the finding on whether a value is within limits, both included."""
     low, high = limits
     return RuleFinding(rule, low <= value <= high, f"{value:.{digits}f} {unit}", f"{low:g} … {high:g} {unit}")
 
 
 def at_least(rule: str, value: float, least: float, unit: str, digits: int = 2) -> RuleFinding:
-    """Return whether a value reaches a limit."""
+    """Return the finding on whether a value is at least `least`."""
     return RuleFinding(rule, value >= least, f"{value:.{digits}f} {unit}", f"≥ {least:g} {unit}")
 
 
 def at_most(rule: str, value: float, most: float, unit: str, digits: int = 2) -> RuleFinding:
-    """Return whether a value stays within a limit."""
+    """Return the finding on whether a value is at most `most`."""
     return RuleFinding(rule, value <= most, f"{value:.{digits}f} {unit}", f"≤ {most:g} {unit}")

@@ -1,7 +1,8 @@
-"""Rules about the places of the target, its path and the starts of the drones.
+"""Rules about the target's place and path, and about the starts of the drones.
 
-The target stands on the ground, passes through nothing, and moves for the whole episode. The drones start at the
-recorded distance, at a fair height, and with room to take off. Obstacles are the map's solids without its ground.
+The target must stand on the ground and touch no obstacle. A moving target must move for the whole episode. The drones
+must start at the recorded distance, at an allowed height, and with room to take off. Obstacles are the solids of the
+map except its ground.
 """
 
 import itertools
@@ -41,7 +42,7 @@ Array = NDArray[np.float64]
 
 GROUND_STEP_M = 0.1
 SWEEP_STEP_M = 0.25
-MOST_SWEEPS = 1500  # most steps; for a path of half a kilometre they are longer
+MOST_SWEEPS = 1500  # largest number of steps; on a path longer than 375 m the steps are longer
 MARGIN_M = 0.05  # least distance between the target on its path and every obstacle
 LIFT_M = 0.12  # wheels pass over kerbs and roots lower than this
 
@@ -51,7 +52,7 @@ RIM = 16  # points around a start at which the ground is measured
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
-    """An upright box."""
+    """A box with vertical sides."""
 
     centre_ned: Array  # (3,) m
     half: Array  # (3,) m, along its own axes
@@ -59,7 +60,7 @@ class Box:
 
 
 def box_of(instance: Instance, place: Vec3, yaw: float, margin_m: float = 0.0, lift_m: float = 0.0) -> Box:
-    """Return the box around an instance at a pose, with a margin on all sides, from `lift_m` above its foot on."""
+    """Return the box around an instance at a pose, with a margin. The box begins `lift_m` above the instance's foot."""
     low = instance.mesh.vertices.min(axis=0).astype(np.float64) - margin_m
     high = instance.mesh.vertices.max(axis=0).astype(np.float64) + margin_m
     high[2] = min(high[2], -lift_m)
@@ -67,14 +68,14 @@ def box_of(instance: Instance, place: Vec3, yaw: float, margin_m: float = 0.0, l
 
 
 class StaticObstacles:
-    """All solids of a scene that do not move, without its ground and its leaves."""
+    """All static solids of a scene, except the ground and leaves."""
 
     def __init__(self, instances: Iterable[Instance]) -> None:
         solids = (i for i in instances if i.solid and not i.movable and i.kind != "ground")
         self._instances = [replace(i, mesh=i.mesh.without_foliage()) for i in solids]
         self._bounds = np.zeros((len(self._instances), 2, 3))
         for k, instance in enumerate(self._instances):
-            # the box of a turned box: half extents are turned with the absolute values of the matrix
+            # the bounds of the turned box: the absolute values of the matrix turn the half extents
             low, high = instance.mesh.vertices.min(axis=0), instance.mesh.vertices.max(axis=0)
             middle = turn(instance.turned) @ ((low + high) / 2) + np.array(instance.position_ned)
             reach = np.abs(turn(instance.turned)) @ ((high - low) / 2)
@@ -82,7 +83,7 @@ class StaticObstacles:
         self._placed: dict[int, Array] = {}
 
     def nearest(self, point: Vec3, within_m: float) -> tuple[float, str]:
-        """Return the distance (m) to the nearest obstacle and its name; (within_m, '') when none is that near."""
+        """Return the distance (m) to the nearest obstacle and its name; (within_m, '') if none is nearer."""
         p = np.array(point)
         outside = np.maximum(np.maximum(self._bounds[:, 0] - p, p - self._bounds[:, 1]), 0.0)
         best, name = within_m, ""
@@ -94,7 +95,7 @@ class StaticObstacles:
         return best, name
 
     def overlapping(self, box: Box, but: str = "") -> str:
-        """Return the name of an obstacle whose surface reaches into the box; '': none. `but` is left out."""
+        """Return the name of an obstacle whose surface overlaps the box, or ''. The obstacle named `but` is ignored."""
         reach = np.abs(turn(box.yaw)) @ box.half
         low, high = box.centre_ned - reach, box.centre_ned + reach
         near = (self._bounds[:, 0] <= high).all(axis=1) & (self._bounds[:, 1] >= low).all(axis=1)
@@ -110,10 +111,10 @@ class StaticObstacles:
 
 
 def overlaps(triangles: Array, box: Box) -> bool:
-    """Return whether any of the triangles (T, 3, 3) in m NED reaches into a box.
+    """Return whether any of the triangles (T, 3, 3) in m NED overlaps a box.
 
-    Separating axes of a box and a triangle (Akenine-Möller, Fast 3D Triangle-Box Overlap Testing): the box's own three,
-    the triangle's normal and the nine products of their edges.
+    Source: Akenine-Möller, Fast 3D Triangle-Box Overlap Testing. The separating axes are the three axes of the box, the
+    normal of the triangle, and the nine cross products of their edges.
     """
     local = (triangles - box.centre_ned) @ turn(box.yaw)
     reach = (local.min(axis=1) <= box.half).all(axis=1) & (local.max(axis=1) >= -box.half).all(axis=1)
@@ -130,13 +131,13 @@ def overlaps(triangles: Array, box: Box) -> bool:
 
 
 def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
-    """Yield the findings about the target's footing and its path."""
+    """Yield the findings about the target's distance from the ground, the space around it, and its path."""
     record = world.record
     if record.target.native is not None:
         return
     yield from wheels(world)
     if record.target.path is None:
-        (north, east, down), yaw = motion(record.target).pose(0.0)  # level; `wheels` checks how it leans
+        (north, east, down), yaw = motion(record.target).pose(0.0)  # the level pose; `wheels` checks the tilted one
         off = abs(down - world.ground_down(north, east))
         yield at_most("the distance of the target's foot from the ground", off, OFF_GROUND_M, "m", 3)
         met = obstacles.overlapping(box_of(world.target, (north, east, down), yaw, 0.0, LIFT_M), "target")
@@ -153,7 +154,7 @@ def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindi
 
 
 def path_off_ground(world: World) -> RuleFinding:
-    """Return whether the path is on the ground, also between waypoints, up to the target's last place."""
+    """Return whether the path stays on the ground, also between waypoints, as far as the target gets in an episode."""
     path = world.record.target.path
     if path is None:
         raise ValueError("the target stands still")
@@ -162,7 +163,7 @@ def path_off_ground(world: World) -> RuleFinding:
         leg = math.dist(a, b)
         for u in np.linspace(0.0, 1.0, max(2, math.ceil(leg / GROUND_STEP_M) + 1)):
             if gone + u * leg > path.speed_mps * CAP_S + MARGIN_M:
-                break  # beyond the target's last place
+                break  # the target does not get so far
             n, e, d = (float(p + u * (q - p)) for p, q in zip(a, b, strict=True))
             off = abs(d - world.ground_down(n, e))
             if off > worst:
@@ -175,7 +176,7 @@ def path_off_ground(world: World) -> RuleFinding:
 
 
 def wheels(world: World) -> Iterator[RuleFinding]:
-    """Yield whether all wheels of the target and its look-alikes touch the ground, on the whole way of a target."""
+    """Yield whether all wheels of the target and its look-alikes touch the ground, along the whole path."""
     way = motion(world.record.target)
     worst, where = -1.0, (0.0, 0.0, 0.0)
     for instance in world.target_and_lookalikes:
@@ -210,13 +211,13 @@ def path_clear(world: World, obstacles: StaticObstacles) -> RuleFinding:
 
 
 def _sweep(way: TargetMotion) -> NDArray[np.float64]:
-    """Return the times (s) at which a moving target is checked on its way."""
+    """Return the times (s) at which the rules check a moving target."""
     last = min(CAP_S, way.length_m / way.speed_mps)
     return np.linspace(0.0, last, min(max(2, math.ceil(last * way.speed_mps / SWEEP_STEP_M) + 1), MOST_SWEEPS))
 
 
 def path_length(world: World) -> RuleFinding:
-    """Return whether the target is still on its way when the episode ends."""
+    """Return whether the target still moves when the episode ends."""
     way = motion(world.record.target)
     least = way.speed_mps * CAP_S
     measured, wanted = f"{way.length_m:.1f} m", f"> {least:g} m, the distance covered in {CAP_S:g} s"
@@ -224,7 +225,7 @@ def path_length(world: World) -> RuleFinding:
 
 
 def pace(world: World) -> Iterator[RuleFinding]:
-    """Yield whether the target moves at its map's speed."""
+    """Yield whether the target moves at the speed that its map requires, if any."""
     wanted = RULES.get(world.record.map, OF_OTHER_MAPS).speed_mps
     speed = motion(world.record.target).speed_mps
     if wanted is not None:
@@ -240,7 +241,7 @@ def start_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindin
 
 
 def distance_and_bearing(world: World) -> Iterator[RuleFinding]:
-    """Yield whether recorded distance and bearing equal the measured ones and are within the limits of the map."""
+    """Yield whether the recorded distance and bearing are those in the scene, and within the limits of the map."""
     record, here, goal = world.record, world.record.starts[0].position_ned, world.target_centre(0.0)
     distance = math.dist(here, goal)
     bearing = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0
@@ -260,7 +261,7 @@ def distance_and_bearing(world: World) -> Iterator[RuleFinding]:
 
 
 def altitude(world: World) -> Iterator[RuleFinding]:
-    """Yield whether every drone starts at a fair height above level ground."""
+    """Yield whether every drone starts at an allowed height, and above level ground."""
     heights = [world.ground_down(s.position_ned[0], s.position_ned[1]) - s.position_ned[2] for s in world.record.starts]
     limits = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
     worst = max(heights, key=lambda h: abs(h - sum(limits) / 2))
@@ -270,7 +271,7 @@ def altitude(world: World) -> Iterator[RuleFinding]:
 
 
 def unevenness_m(world: World, north: float, east: float) -> float:
-    """Return the difference in height (m) of the ground below a vehicle at this place."""
+    """Return the largest difference in height (m) of the ground on a circle with the diameter REACH_M."""
     around = [2.0 * math.pi * k / RIM for k in range(RIM)]
     half = REACH_M / 2.0
     downs = [world.ground_down(north + half * math.cos(a), east + half * math.sin(a)) for a in around]
@@ -278,7 +279,7 @@ def unevenness_m(world: World, north: float, east: float) -> float:
 
 
 def free(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
-    """Yield whether no obstacle is near a drone at its spawn, its start, and on the climb between them."""
+    """Yield whether no obstacle is within REACH_M of a drone at its start and on the climb to it."""
     worst, name = REACH_M, ""
     for start in world.record.starts:
         for point in climb(world, start):
@@ -290,7 +291,7 @@ def free(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
 
 
 def climb(world: World, start: StartPose) -> Iterator[tuple[float, float, float]]:
-    """Yield the points (m, NED) of a drone's way from the ground up to its start."""
+    """Yield points (m, NED) on a drone's vertical climb from the ground to its start."""
     north, east, top = start.position_ned
     ground = world.ground_down(north, east)
     steps = max(1, math.ceil((ground - top) / CLIMB_STEP_M))
@@ -299,7 +300,7 @@ def climb(world: World, start: StartPose) -> Iterator[tuple[float, float, float]
 
 
 def formation(world: World) -> RuleFinding:
-    """Return whether the cell's number of drones starts, and a fleet of four in its grid."""
+    """Return whether the number of drones is that of the cell, and whether a fleet starts in a square."""
     starts, commanding = world.record.starts, world.record.cell == "commanding"
     if not commanding:
         return RuleFinding("the number of drones", len(starts) == 1, str(len(starts)), "1")

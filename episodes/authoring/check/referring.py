@@ -1,11 +1,10 @@
-"""Referring expressions and the rule about the instruction: it names the target as a person would, and nothing else.
+"""Referring expressions, and the rules about instructions: an instruction must name the target and nothing else.
 
-A referring expression is a phrase such as "the bench left of the fountain". Its target is computed from the
-geometry of the scene. A relation has a clear and a loose reading. An expression refers to its target if exactly the
-target fulfils the clear reading and no other thing of the kind fulfils even the loose one.
+A referring expression is a phrase such as "the bench left of the fountain". The geometry of the scene decides which
+things it denotes. Each relation has a clear test and a loose test. An expression refers to the target if only the
+target passes the clear test, and no other thing of its kind passes the loose test.
 
-The things of the scene have the names that people use for them. An expression may refer to the landmarks of the map
-that can be seen from a start.
+The things of a scene have their common names. See `landmarks` for the landmarks that an expression may use.
 """
 
 import itertools
@@ -29,7 +28,7 @@ from foundation.camera import CameraModel
 from foundation.frames import Vec3, quat_from_euler, rotate
 from foundation.polygon import Point
 
-# Common names of the assets. Others have the name of the asset.
+# Common names of assets, the most common first. An asset without an entry has its own name.
 NOUNS: dict[str, tuple[str, ...]] = {
     "suv": ("SUV",),
     "sedan": ("sedan", "saloon"),
@@ -45,10 +44,10 @@ NOUNS: dict[str, tuple[str, ...]] = {
     "quadrotor": ("quadrotor", "drone on the stand"),
 }
 
-COMPACT_M = 4.0  # half the width of the largest landmark with a left, right, front and back side
-BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0  # m, largest distance for beside, before or behind a landmark
-NEAREST_M = 25.0  # … and for the nearest to it
-APART_M = 40.0  # largest distance of two landmarks for `between`
+COMPACT_M = 4.0  # largest half size of a landmark for all relations except `nearest`
+BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0  # m, largest distance for left of, right of, in front of and behind
+NEAREST_M = 25.0  # m, largest distance for `nearest`
+APART_M = 40.0  # m, largest distance between the two landmarks of `between`
 RELATIONS = ("nearest", "left of", "right of", "in front of", "behind", "between")
 SEEN_FROM = ("left of", "right of", "in front of", "behind")  # relations that depend on the viewer's place
 _READ = re.compile(
@@ -58,19 +57,19 @@ _READ = re.compile(
 )
 
 CAMERA = CameraModel(320, 180)
-SEEN_SHARE = 0.0015  # of the picture: the least size of a landmark
-# kinds that no instruction names: too large, too many equal ones, or too small
+SEEN_SHARE = 0.0015  # least share of the first picture that an additional landmark fills; see `landmarks`
+# kinds that no instruction names, because they are too large, too small, or too many
 UNNAMED = ("ground", "hall", "house", "wood", "tree", "conifer", "shrub", "bush", "hedge", "fence", "lamp", "bollard")
 SLIGHT = ("bench", "bin", "person")  # kinds that may be targets, but never landmarks
 
 
 def nouns(asset: str) -> tuple[str, ...]:
-    """Return the common names of an asset or a kind of fixture, the commonest first."""
+    """Return the common names of an asset or a kind of fixture, the most common first."""
     return NOUNS.get(asset, (asset.replace("-", " ").replace("_", " "),))
 
 
 def kind_of(asset: str) -> str:
-    """Return the kind that a map's instances of an asset have: with hyphens, and 'person' for a pedestrian."""
+    """Return the `Instance.kind` of an asset on a map: its name with hyphens, or 'person' for a pedestrian."""
     return "person" if asset == "pedestrian" else asset.replace("_", "-")
 
 
@@ -80,16 +79,16 @@ class Footprint:
 
     north: float  # m, middle
     east: float  # m, middle
-    half: Point  # m, along its own forward and right axes
+    half: Point  # m, half size along the landmark's forward and right axes
     yaw: float  # rad
 
     @property
     def compact(self) -> bool:
-        """Return whether it is small enough for `left of` and `right of`."""
+        """Return whether the landmark is small enough for all relations; a larger one allows only `nearest`."""
         return max(self.half) <= COMPACT_M
 
     def distance_m(self, spot: Point) -> float:
-        """Return the distance of a spot from its edge; 0 inside."""
+        """Return the distance (m) from a spot to the edge of the rectangle; 0 inside."""
         north, east = spot[0] - self.north, spot[1] - self.east
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         ahead, right = abs(c * north + s * east), abs(-s * north + c * east)
@@ -98,11 +97,11 @@ class Footprint:
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A kind of thing in a relation to one landmark, or to two for 'between'."""
+    """A referring expression: a noun, a relation, and one landmark, or two for 'between'."""
 
     noun: str
     relation: str  # of RELATIONS
-    landmarks: tuple[str, ...]  # their phrases, article included
+    landmarks: tuple[str, ...]  # phrases with their articles, such as 'the fountain'
 
     @property
     def words(self) -> str:
@@ -111,7 +110,7 @@ class Expression:
 
 
 def read(text: str, phrases: Iterable[str]) -> Expression | None:
-    """Return the expression in an instruction; None: there is none. `phrases`: of the map's landmarks."""
+    """Return the expression in an instruction, or None. `phrases` are those of the landmarks."""
     match = _READ.search(text)
     if match is None:
         return None
@@ -134,9 +133,9 @@ def _starts(text: str, words: str) -> bool:
 def denotes(
     expression: Expression, places: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
 ) -> tuple[list[str], list[str]]:
-    """Return the names of the things that fulfil an expression clearly, and of those that fulfil it loosely.
+    """Return the names of the things that pass the clear test of an expression, and of those that pass its loose test.
 
-    places: name → position (m, NED) of everything of the kind; landmarks: phrase → footprint.
+    `places`: name → position (m, NED) of all things of the kind. `landmarks`: phrase → footprint. `viewer`: m, NED.
     """
     marks = [landmarks[phrase] for phrase in expression.landmarks]
     spots = {name: _flat(place) for name, place in places.items()}
@@ -154,7 +153,7 @@ def denotes(
 def refers(
     expression: Expression, target: str, places: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
 ) -> bool:
-    """Return whether an expression denotes only the target, in both readings."""
+    """Return whether an expression denotes only the target, by both tests."""
     clear, loose = denotes(expression, places, landmarks, viewer)
     return clear == [target] and loose == [target]
 
@@ -235,8 +234,9 @@ def footprint(instance: Instance) -> Footprint:
 def landmarks(map_name: str, map_seed: int, kind: str, viewer: Vec3, yaw_deg: float | None) -> dict[str, Footprint]:
     """Return phrase → footprint of all landmarks that an instruction may use to distinguish things of a kind.
 
-    These are the map's own landmarks. For a drone that sees its target at the start (`yaw_deg` given), they include
-    kinds with only one thing in the first picture, such as 'the kiosk'. Empty for a map without its own landmarks.
+    These are the map's own landmarks of other kinds. If the drone sees its target at the start (`yaw_deg` is given), a
+    thing is also a landmark if it is the only one of its kind in the first picture, such as 'the kiosk'. The result is
+    empty for a map without its own landmarks.
     """
     named = {mark.phrase: mark.name for mark in places(map_name, map_seed).landmarks}
     if not named:
@@ -258,7 +258,7 @@ def landmarks(map_name: str, map_seed: int, kind: str, viewer: Vec3, yaw_deg: fl
 
 @lru_cache(maxsize=8)
 def places(map_name: str, map_seed: int) -> Places:
-    """Return the places of a map; none of a user's own."""
+    """Return the places of a shipped map. A user's own map has no places."""
     return maps.places(map_name, map_seed) if map_name in maps.shipped() else Places((), ())
 
 
@@ -268,7 +268,7 @@ def _scenery(map_name: str, map_seed: int) -> "Scenery":
 
 
 class Scenery:
-    """A map's solids, for counting the pixels that show them."""
+    """Counts the pixels that show each solid of a map."""
 
     def __init__(self, instances: tuple[Instance, ...]) -> None:
         solids = [i for i in instances if i.solid]
@@ -277,7 +277,7 @@ class Scenery:
         self._scene = RayScene.of_instances(solids)
 
     def seen(self, origin: Vec3, yaw_deg: float) -> dict[str, float]:
-        """Return name → share of the picture (0 … 1) of everything in view of a level drone's camera."""
+        """Return name → share of the picture (0 … 1) of every solid that a level drone's camera sees."""
         attitude = quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
         axes = turn(attitude).T
         eye = np.array(origin) + np.array(rotate(attitude, CAMERA.offset_frd))
@@ -291,7 +291,7 @@ class Scenery:
 
 
 def contains(text: str, words: str) -> bool:
-    """Return whether an instruction contains words: whole, in upper or lower case."""
+    """Return whether a text contains `words` as whole words; case does not matter."""
     return re.search(rf"(?<![\w-]){re.escape(words)}(?![\w-])", text, re.IGNORECASE) is not None
 
 
@@ -311,7 +311,7 @@ def rules(world: World) -> Iterator[RuleFinding]:
 
 
 def inscription_rules(record: EpisodeRecord) -> Iterator[RuleFinding]:
-    """Yield whether the instruction of a commanding record has its target's inscription and no look-alike's."""
+    """Yield whether the instruction contains the target's inscription, and no inscription of a look-alike."""
     text = record.target.inscription or ""
     named = bool(text) and contains(record.instruction, text)
     yield RuleFinding("the instruction's inscription", named, f"'{record.instruction}'", f"'{text}'")
@@ -320,7 +320,7 @@ def inscription_rules(record: EpisodeRecord) -> Iterator[RuleFinding]:
 
 
 def paint_rules(world: World) -> Iterator[RuleFinding]:
-    """Yield whether the instruction names the target's paint and no other, and no other vehicle wears it."""
+    """Yield whether the instruction names only the target's paint, and whether no other asset has this paint."""
     instruction, paint = world.record.instruction, world.record.target.paint
     named = [name for name in assets.PAINTS if contains(instruction, name)]
     yield RuleFinding("the instruction's colour", named == [paint], ", ".join(named) or "none", str(paint))
@@ -335,7 +335,7 @@ def paint_rules(world: World) -> Iterator[RuleFinding]:
 
 
 def place_rule(world: World) -> RuleFinding:
-    """Return whether the instruction distinguishes the target from its near-duplicates by its place."""
+    """Return whether the instruction distinguishes the target by its place from all other things of its kind."""
     record = world.record
     kind = kind_of(record.target.asset)
     of_kind = {i.name: i.position_ned for i in world.scene.instances if kind_of(i.kind) == kind}

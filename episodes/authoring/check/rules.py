@@ -1,8 +1,8 @@
-"""All rules on one record, on many records in a pool of processes, and on a suite.
+"""Applies all rules to one record, to many records in a pool of processes, and to a suite.
 
-The rules about a suite require targets so evenly spread that a pilot without a camera cannot guess their places. They
-hold for the shipped suite `all`, and for each cell of a map with enough records. A `Layout` has the values of a record
-for these rules: the target's place relative to the nose, and the headings on which a straight flight finds it.
+The rules about a suite require that its targets are evenly spread, so that a pilot without a camera cannot guess their
+places. They apply to all one-drone records together, and to each cell of a map with at least ENOUGH records. A
+`Layout` has the values of one record that these rules need.
 """
 
 import math
@@ -28,43 +28,44 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.protocol import RADIUS_M, SPEED_MAX
 
-ENOUGH = 5  # records of a cell on a map, for a rule about their spread
-OFF_CENTRE_DEG = 15.0  # at least half of the targets in sight are farther from the nose
-UNEVEN = 0.25  # largest difference (Kolmogorov's) of a cell's ten draws from an even spread
-CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # where the nearest and the farthest start on campus lie
-HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # where the lowest and the highest start lie
-ROWS = 0.05  # of the picture's height, from the uppermost to the lowest target in a suite
-# A straight flight passes within 5 m of all targets at 16 m that are up to 14° beside its way: more than a third of the
-# picture's usable 74°. So for any spread of ten targets in sight, some heading passes at least three.
-AHEAD = {True: 2, False: 1}  # most of ten targets (in sight or hidden) that a flight straight ahead may pass …
-ANY_HEADING = {True: 4, False: 2}  # … and that a flight on the best heading may pass
+ENOUGH = 5  # least number of records of a cell on a map for a rule about their spread
+OFF_CENTRE_DEG = 15.0  # at least half of the visible targets must be farther off the nose than this
+UNEVEN = 0.25  # largest difference (Kolmogorov's D) of a cell's ten values from an even spread
+CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # limits of the nearest and of the farthest start on campus
+HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # limits of the lowest and of the highest start
+ROWS = 0.05  # least distance of the uppermost from the lowest target of a suite, as a share of the picture's height
+# A straight flight passes within 5 m of all targets at 16 m that are up to 14° off its heading. These 28° are more than
+# a third of the picture's usable 74°. So for any spread of ten visible targets, some heading passes at least three.
+# Key: whether the targets are visible at the start. Value: how many of ten targets a straight flight may pass.
+AHEAD = {True: 2, False: 1}  # if it flies straight ahead
+ANY_HEADING = {True: 4, False: 2}  # on the best heading
 
 HEADING_STEP_DEG = 2
 ALONG_STEP_M = 0.5
-CLEAR_M = 0.3  # to both sides of a straight flight
-DRONE_ID = 1_000_000  # of the first drone, beyond the ids of any scene
-DRONE_M = (0.35, 0.35, 0.13)  # half of a drone, rotors included: length, width, height
+CLEAR_M = 0.3  # free space on each side of a straight flight
+DRONE_ID = 1_000_000  # of the first drone, above all ids of a scene
+DRONE_M = (0.35, 0.35, 0.13)  # half size of a drone with its rotors: length, width, height
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The numbers of one record that the rules about a suite use."""
+    """The values of one record that the rules about a suite use."""
 
     id: str
     map: str
     cell: str
     seed: int
-    off_deg: float  # bearing of the target's middle off the first drone's nose, -180 … 180, + to the right
-    column: float | None  # 0 … 1, left to right, of that middle in the first picture; None where it is not in it
-    row: float | None  # 0 … 1, top to bottom
+    off_deg: float  # bearing of the target's middle from the first drone's nose, -180 … 180, + to the right
+    column: float | None  # 0 … 1, left to right, of the target's middle in the first picture; None if not visible
+    row: float | None  # 0 … 1, top to bottom, likewise
     distance_m: float
     height_m: float  # of the first start above the ground under it
-    straight_deg: frozenset[int]  # headings from the nose on which a level straight flight reaches a true declaration
-    fewest_px: int | None  # of a fleet: the smallest visible part of a candidate behind the other drones
+    straight_deg: frozenset[int]  # see `straight`; empty for a fleet
+    fewest_px: int | None  # see `past_each_other`; None for one drone
 
 
 def check(world: World) -> list[RuleFinding]:
-    """Return every rule's finding about a world's record, in a fixed order."""
+    """Return the findings of all rules about a world's record, in a fixed order."""
     obstacles = StaticObstacles(world.scene.instances)
     place = "target.position_ned" if world.record.target.path is None else "target.path"
     return [
@@ -77,7 +78,7 @@ def check(world: World) -> list[RuleFinding]:
 
 
 def _about(field: str, findings: Iterable[RuleFinding]) -> list[RuleFinding]:
-    """Return findings with the field of their subject, unless they have one."""
+    """Return the findings, with `field` set where they have none."""
     return [finding if finding.field else replace(finding, field=field) for finding in findings]
 
 
@@ -85,10 +86,10 @@ def _about(field: str, findings: Iterable[RuleFinding]) -> list[RuleFinding]:
 class Report:
     """The findings about one record."""
 
-    name: str  # its id; `source` when it cannot be read
+    name: str  # id of the record; `source` if the record cannot be read
     source: str  # id, file or folder
     findings: tuple[RuleFinding, ...] = ()
-    error: str | None = None  # of a record that cannot be read or built
+    error: str | None = None  # message, if the record cannot be read or its world cannot be built
     layout: Layout | None = None  # for the rules about a suite
 
     @property
@@ -113,7 +114,7 @@ def check_one(source: str, laid_out: bool = False) -> Report:
 
 
 def check_all(sources: Sequence[str], jobs: int | None = None, laid_out: bool = False) -> Iterator[Report]:
-    """Yield the reports as they are done, on `jobs` processes (default: one per core)."""
+    """Yield the reports in the order in which `jobs` processes (default: one per core) finish them."""
     yield from share_out(partial(check_one, laid_out=laid_out), sources, jobs)
 
 
@@ -140,7 +141,7 @@ def layout(world: World) -> Layout:
 
 
 def _in_picture(start: StartPose, goal: Vec3) -> tuple[float, float]:
-    """Return the column and the row (0 … 1) of a point before a level drone."""
+    """Return the column and the row (0 … 1) of a point in the picture of a level drone."""
     yaw = math.radians(start.yaw_deg)
     north, east = goal[0] - start.position_ned[0], goal[1] - start.position_ned[1]
     lever = CAMERA.offset_frd
@@ -152,9 +153,10 @@ def _in_picture(start: StartPose, goal: Vec3) -> tuple[float, float]:
 
 
 def straight(world: World, off_deg: float) -> frozenset[int]:
-    """Return the headings from the nose (whole degrees, -180 … 179) that pass a target within the radius, in view.
+    """Return the headings from the nose (degrees, -180 … 179) on which a straight flight can make a true declaration.
 
-    The flight is level, straight from the start to the first obstacle, and faces its heading.
+    On such a heading the drone comes within RADIUS_M of the target and sees it. It flies level and nose first, from the
+    start to the first obstacle. Only multiples of HEADING_STEP_DEG are checked.
     """
     here = world.record.starts[0].position_ned
     span = max(math.dist(here, world.target_centre(0.0)), 1e-3)
@@ -181,7 +183,7 @@ def _passes(world: World, heading_deg: float, span_m: float, drift_m: float) -> 
 
 
 def past_each_other(world: World) -> int:
-    """Return the smallest number of a candidate's pixels that a drone of a fleet sees behind the other drones."""
+    """Return the fewest pixels of a candidate that a drone of a fleet sees, with the other drones in the way."""
     record, of_map = world.record, solids(world.record.map, world.record.map_seed)
     targets = world.target_and_lookalikes
     drones = [_drone(k, start) for k, start in enumerate(record.starts)]
@@ -195,7 +197,7 @@ def past_each_other(world: World) -> int:
 
 
 def _drone(number: int, start: StartPose) -> Instance:
-    """Return a drone that hovers at a start, as the box around it."""
+    """Return the box of a drone that hovers at a start."""
     reach, yaw = np.array(DRONE_M), math.radians(start.yaw_deg)
     mesh = assemble([box(-reach, reach, Material("drone", (0.2, 0.2, 0.2)))])
     return Instance(DRONE_ID + number, f"drone-{number + 1}", "drone", mesh, start.position_ned, yaw)
@@ -218,7 +220,7 @@ def check_suite(layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
 
 
 def check_one_drone(layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
-    """Yield the findings about the one-drone records together."""
+    """Yield the findings about all one-drone records of a suite together."""
     campus = [layout.distance_m for layout in layouts if layout.map == "campus"]
     if campus:
         yield between("the nearest start on campus", min(campus), CAMPUS_M[0], "m")
@@ -257,18 +259,18 @@ def check_cell(name: str, layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
 
 
 def passed(layouts: Sequence[Layout]) -> tuple[int, int]:
-    """Return how many records a straight flight passes: straight ahead, and on the best heading."""
+    """Return in how many records a straight flight passes the target: straight ahead, and on the best heading."""
     count = Counter(heading for layout in layouts for heading in layout.straight_deg)
     return count[0], max(count.values(), default=0)
 
 
 def passable(in_sight: bool, count: int) -> tuple[float, float]:
-    """Return how many of `count` records of a cell a straight flight may pass: straight ahead, and on any heading."""
+    """Return the limits of `passed` for `count` records of a cell: straight ahead, and on the best heading."""
     return AHEAD[in_sight] * count / 10.0, ANY_HEADING[in_sight] * count / 10.0
 
 
 def unevenness(shares: Iterable[float]) -> float:
-    """Return the largest difference between the shares' distribution and an even one on 0 … 1 (Kolmogorov's D)."""
+    """Return the largest difference of the shares' distribution from the uniform one on 0 … 1 (Kolmogorov's D)."""
     ordered = sorted(shares)
     n = len(ordered)
     return max(max((k + 1) / n - u, u - k / n) for k, u in enumerate(ordered))

@@ -1,7 +1,7 @@
-"""Rules about the camera's view from the start: when it faces the target, and at the recorded yaw.
+"""Rules about the camera's view from the start, both facing the target and at the recorded yaw.
 
-Pixels of the target are counted by rays through their centres, as in the renderer's ids. A `Framing` has the yaws at
-which a thing is completely inside a drone's picture, or completely outside it.
+A pixel shows the target if the ray through the pixel's centre hits it, as in the renderer's ids. A `Framing` has the
+yaws at which a thing is completely inside a drone's picture, or completely outside it.
 """
 
 import math
@@ -25,23 +25,23 @@ from foundation.threads import once
 Array = NDArray[np.float64]
 
 STEP_DEG = 0.1
-EDGE_DEG = 1.0  # between a thing that is completely inside the picture and the edge
+EDGE_DEG = 1.0  # least angle between the edge of the picture and a thing that is completely inside
 CAMERA = CameraModel()
 HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
 
 STEP_M = 0.5
-MOST_STEPS = 201  # a start farther away fails the rule about its distance
-FACED_FRACTION = 0.5  # share of the target's silhouette that must be visible when it is faced
+MOST_STEPS = 201  # largest number of steps; a start that is too far for them fails the rule about its distance
+FACED_FRACTION = 0.5  # share of the target's silhouette that must be visible when the drone faces it
 
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """The target's place in a picture."""
+    """The pixels of a picture that show the target."""
 
-    pixels: int  # that show the target
-    share: float  # 0 … 1 of the picture's pixels
-    box_share: float  # 0 … 1 of the picture covered by the box around those pixels
-    cut: bool = False  # they reach an edge of the picture
+    pixels: int  # number of these pixels
+    share: float  # 0 … 1 of all pixels of the picture
+    box_share: float  # 0 … 1 of the picture that the box around these pixels covers
+    cut: bool = False  # whether they reach an edge of the picture
 
 
 NOTHING = Patch(0, 0.0, 0.0)
@@ -56,9 +56,9 @@ def patch(
     attitude: Quat,
     camera: CameraModel,
 ) -> Patch:
-    """Return where a target at `place` is in the picture of a drone at `origin` (m, NED).
+    """Return the pixels that show a target at `place` in the picture of a drone at `origin` (both m, NED).
 
-    `turned`: the target's yaw (rad) or its attitude; `solids` may hide it.
+    `turned` is the target's yaw (rad) or its attitude. `solids` may hide the target.
     """
     axes = turn(attitude).T
     eye = np.array(origin) + np.array(rotate(attitude, camera.offset_frd))
@@ -87,20 +87,20 @@ def patch(
     return Patch(len(shown), len(shown) / pixels, box / pixels, cut=0 in edges)
 
 
-@once(16)  # a record's checks and a search for places need the same few meshes over and over
+@once(16)  # the checks of a record and the episode search use the same few meshes repeatedly
 def _traced(mesh: Mesh) -> RayScene:
-    """Return a mesh for rays, in the asset's axes."""
+    """Return a mesh prepared for rays, in the asset's axes."""
     return RayScene.of_mesh(mesh)
 
 
 def _reach(
     target: Instance, place: Vec3, turned: float | Quat, eye: Array, axes: Array, camera: CameraModel
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the columns and the rows of the picture that the target's box can be in."""
+    """Return the columns and the rows of the picture that the target's box may cover."""
     seen = (box_corners(target.mesh, place, turned) - eye) @ axes.T
     if (seen[:, 0] <= NEAR_M).all():
         return np.arange(0), np.arange(0)
-    if (seen[:, 0] <= NEAR_M).any():  # partly behind the lens: it may be anywhere
+    if (seen[:, 0] <= NEAR_M).any():  # partly behind the camera: it may be anywhere in the picture
         return np.arange(camera.width), np.arange(camera.height)
     x = camera.width / 2 + camera.focal_px * seen[:, 1] / seen[:, 0]
     y = camera.height / 2 + camera.focal_px * seen[:, 2] / seen[:, 0]
@@ -113,15 +113,15 @@ def _span(values: Array, size: int) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Framing:
-    """Where a thing is in a level drone's picture as the drone turns, in steps of STEP_DEG."""
+    """The horizontal position of a thing in a level drone's picture, for all yaws in steps of STEP_DEG."""
 
-    off_deg: Array  # (N,) yaw of the nose off the thing's bearing, -180 … 180, + to the right of it
-    left_deg: Array  # (N,) azimuth of the thing's left end from the optical axis, + to the right …
-    middle_deg: Array  # (N,) … of the middle of its box …
-    right_deg: Array  # (N,) … and of its right end; left <= middle <= right, which may lie beyond ±180
+    off_deg: Array  # (N,) yaw of the nose from the thing's bearing, -180 … 180, + to the right
+    left_deg: Array  # (N,) azimuth of the thing's left end from the optical axis, + to the right
+    middle_deg: Array  # (N,) the same of the middle of its box
+    right_deg: Array  # (N,) the same of its right end; left <= middle <= right, so it may be beyond ±180
 
     def inside(self) -> NDArray[np.bool_]:
-        """Return (N,) whether the thing is completely within the picture's sides."""
+        """Return (N,) whether the whole width of the thing is in the picture."""
         limit = HALF_VIEW_DEG - EDGE_DEG
         return np.asarray((self.left_deg >= -limit) & (self.right_deg <= limit))
 
@@ -156,10 +156,10 @@ def box_corners(mesh: Mesh, position_ned: Vec3, turned: float | Quat) -> Array:
 
 
 def across(framing: Framing, share: float) -> float | None:
-    """Return the yaw off a thing's bearing (deg) at which its middle is at a share (0 … 1) of its way across.
+    """Return the yaw from a thing's bearing (deg) at which its middle is at a share (0 … 1) of its range of columns.
 
-    The way leads from one side of the picture to the other with the thing wholly inside, even in columns of the
-    picture and not in degrees. None for a thing too wide for the picture.
+    The range has all columns of the middle at which the picture shows the whole thing: 0 is the rightmost, 1 the
+    leftmost. None if the thing is too wide for the picture.
     """
     good = np.flatnonzero(framing.inside())
     if len(good) == 0:
@@ -170,9 +170,9 @@ def across(framing: Framing, share: float) -> float | None:
 
 
 def across_all(framings: Sequence[Framing], ahead_deg: Sequence[float], share: float) -> float | None:
-    """Return the compass yaw (deg) at a share (0 … 1) of the range that has every thing wholly in the picture.
+    """Return the compass yaw (deg) at a share (0 … 1) of the range at which the picture shows all things completely.
 
-    `ahead_deg`: the bearing that each framing's `off_deg` counts from. None when no yaw shows them all.
+    `ahead_deg` has the bearing of the thing of each framing. None if no yaw shows all things.
     """
     first = ahead_deg[0]
     common = np.ones(len(framings[0].off_deg), dtype=bool)
@@ -187,11 +187,11 @@ def across_all(framings: Sequence[Framing], ahead_deg: Sequence[float], share: f
 
 
 def away(framing: Framing, share: float) -> float | None:
-    """Return the yaw off a thing's bearing (deg, 0 … 360) at a share (0 … 1) of the range that hides it; None: none."""
+    """Return the yaw from a thing's bearing (deg, 0 … 360) at a share (0 … 1) of the range that hides it, or None."""
     hidden = np.flatnonzero(framing.hidden())
     if len(hidden) == 0:
         return None
-    round_about = np.sort(framing.off_deg[hidden] % 360.0)  # from just out of sight on one side to the other side
+    round_about = np.sort(framing.off_deg[hidden] % 360.0)  # from one end of the hidden range to the other
     return float(round_about[0] + share * (round_about[-1] - round_about[0]))
 
 
@@ -200,12 +200,12 @@ def _wrap(degrees: Array) -> Array:
 
 
 def level(yaw_deg: float) -> Quat:
-    """Return the attitude of a hovering drone."""
+    """Return the attitude of a level drone."""
     return quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
 
 
 def rules(world: World) -> Iterator[RuleFinding]:
-    """Yield the findings about sight. Occupancy is the box around the target's pixels, as for a detector."""
+    """Yield the findings about the view. Occupancy is the area of the box around the target's pixels."""
     record, start = world.record, world.record.starts[0]
     ahead = bearing_deg(start.position_ned, world.target_centre(0.0))
     faced = seen(world, start.position_ned, ahead)
@@ -231,14 +231,14 @@ def rules(world: World) -> Iterator[RuleFinding]:
 
 
 def seen(world: World, origin: Vec3, yaw_deg: float) -> Patch:
-    """Return the target's place in the first picture of the first drone, which is level; other drones may hide it."""
+    """Return the target's pixels in the picture of the first drone, level at `origin`. Other drones may hide it."""
     place, turned = world.target_pose(0.0)
     past = world.past(world.fleet.other_starts(0).values())
     return patch(world.target, place, turned, past, origin, level(yaw_deg), CAMERA)
 
 
 def way_to_target(world: World) -> RuleFinding:
-    """Return whether a drone has room to fly straight to the success radius of the target."""
+    """Return whether a drone has room to fly straight from its start to RADIUS_M before the target."""
     start, goal = world.record.starts[0].position_ned, world.target_centre(0.0)
     span = math.dist(start, goal)
     clear = max(span - RADIUS_M, 0.0)
@@ -255,5 +255,5 @@ def way_to_target(world: World) -> RuleFinding:
 
 
 def bearing_deg(origin: Vec3, goal: Vec3) -> float:
-    """Return the compass bearing of a goal, 0 … 360."""
+    """Return the compass bearing (deg, 0 … 360) from an origin to a goal."""
     return math.degrees(math.atan2(goal[1] - origin[1], goal[0] - origin[0])) % 360.0

@@ -1,7 +1,8 @@
-"""Drafts of episodes for one drone: targets with a colour of their own, and targets that their place tells apart.
+"""Drafts of episodes for one drone. The instruction identifies the target by its paint or by its place.
 
-On the residential map a target is placed and wears a paint that nothing else wears. On the campus it is one of many
-alike, a fixture or something that moves, and the instruction tells it by where it stands.
+On a map without landmarks, such as the residential map, the target is placed on the map, in a paint that no other asset
+has. On a map with landmarks, such as the campus, the target is one of several similar things: a fixture of the map, or
+a moving asset. The instruction then names its place relative to landmarks.
 """
 
 import itertools
@@ -21,32 +22,33 @@ from episodes.maps.scene import Instance
 from episodes.records.record import HIDDEN, MOVING, STATIONARY, Path3D, TargetRecord
 from foundation.protocol import CAP_S
 
-# Targets by their paint.
-# No signs (for fleets), robots and carts (for the campus), and people, who are too small in the picture at 16 m
+# Targets that the instruction identifies by paint
+# signs are for fleets, robots and carts for the campus, and people are too small in the picture at 16 m
 NOT_PAINTED = ("sign", "person", "pedestrian", "delivery_robot", "service_cart")
-SPEED_MPS = 0.3  # on a map without a speed of its own
-PAINTED_SPARE_M = 1.5  # of path beyond what the target covers
-BAY_M = 0.25  # from a parked target to everything around it
-REACH_M = 3.2  # from a target's middle towards the start: a drone hits a bus end-on before its middle is 5 m off
-PAINTED_STARTS = 2  # drafts of one target, at most
-# kinds of free place for an asset; everything else that drives stands at the kerb or on a drive
+SPEED_MPS = 0.3  # on a map that requires no speed
+PAINTED_SPARE_M = 1.5  # length of the path beyond the distance that the target covers
+BAY_M = 0.25  # least free space around a parked target
+# largest reach of a target towards the start: a drone hits the end of a bus before it is 5 m from its middle
+REACH_M = 3.2
+PAINTED_STARTS = 2  # largest number of drafts of one target
+# kinds of spots for an asset; an asset without an entry gets ANY_GROUND
 GROUNDS = {"bus": ("bus stop",), "quadrotor": ("lawn", "pavement"), "cyclist": ("kerb", "pavement")}
 ANY_GROUND = ("kerb", "drive")
-FOOTWAY = "pavement"  # in the name of a lane without vehicles
+FOOTWAY = "pavement"  # the name of a lane without vehicles contains it
 
-# Targets by their place.
+# Targets that the instruction identifies by place
 NO_TARGETS = (*referring.UNNAMED, "clock-tower")  # kinds of a map that are never the target
 MOVERS = ("delivery_robot", "service_cart", "pedestrian")
-PAINT = "white"  # of what drives: the same that its look-alikes wear
+PAINT = "white"  # of robots and carts: that of the map's own robots and carts
 REFERRED_SPARE_M = 1.0
-ANYWHERE = ("nearest", "between")  # relations that hold wherever one stands, as needed for targets out of sight
-BARREN = 4  # rounds through all kinds without a draft, after which the search ends
-SKIPPED_NEAREST = 0.8  # of the targets that only nearness tells, so that others are tried
-REFERRED_STARTS = 12  # tried before one target
+ANYWHERE = ("nearest", "between")  # relations that do not depend on the viewer's place, for hidden targets
+BARREN = 4  # after this many rounds through all kinds without a draft, the search ends
+SKIPPED_NEAREST = 0.8  # share of the targets with no relation but `nearest` that is skipped, so that others are tried
+REFERRED_STARTS = 12  # largest number of starts tried for one target
 
 
 def painted_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    """Yield drafts without end, each for the share that is sent: assets and paints in turn, places at random."""
+    """Yield a draft for each `Draw` sent in: assets and paints take turns, places are random. First yields None."""
     share = yield None
     moving = cell in MOVING
     kinds = [name for name in assets.names() if name not in NOT_PAINTED and not (moving and name in STATIONARY)]
@@ -57,20 +59,20 @@ def painted_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Propo
     rng.shuffle(paints)
     for turn, asset in enumerate(itertools.cycle(kinds)):
         paint = paints[turn % len(paints)]
-        for _ in range(12):  # places, until one has room for it
+        for _ in range(12):  # attempts to find a place with room for the target
             target = _moving(site, asset, paint, rng) if moving else _parked(site, asset, paint, rng)
             drafts = list(itertools.islice(_around(site, cell, target, share, rng), PAINTED_STARTS)) if target else []
             for draft in drafts:
                 previous = share
                 share = yield draft
-                if share != previous:  # the drafts left are for the previous record
+                if share != previous:  # the other drafts are for the previous record
                     break
             if drafts:
                 break
 
 
 def _parked(site: Site, asset: str, paint: str, rng: random.Random) -> TargetRecord | None:
-    """Return a target on a free spot; None when it does not fit there."""
+    """Return a target on a free spot; None if it does not fit there."""
     allowed = GROUNDS.get(asset, ANY_GROUND)
     spot = rng.choice([s for s in site.places.spots if s.place in allowed] or site.places.spots)
     yaw = round(math.degrees(spot.yaw), 1)
@@ -81,7 +83,7 @@ def _parked(site: Site, asset: str, paint: str, rng: random.Random) -> TargetRec
 
 
 def _moving(site: Site, asset: str, paint: str, rng: random.Random) -> TargetRecord | None:
-    """Return a target on a stretch of a lane; None when the lane is too short."""
+    """Return a target on a stretch of a lane; None if the lane is too short."""
     speed = RULES.get(site.name, OF_OTHER_MAPS).speed_mps or SPEED_MPS
     lane = rng.choice([lane for lane in site.places.lanes if FOOTWAY not in lane.name])
     length = speed * CAP_S + PAINTED_SPARE_M
@@ -113,7 +115,7 @@ def _around(site: Site, cell: str, target: TargetRecord, share: Draw, rng: rando
 
 
 def referred_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    """Yield drafts without end, each for the share that is sent: kinds in turn, the rest at random."""
+    """Yield a draft for each `Draw` sent in: kinds take turns, other values are random. First yields None."""
     if cell in MOVING:
         yield from _walking(site, cell, rng)
         return
@@ -175,14 +177,14 @@ def _before(
     share: Draw,
     rng: random.Random,
 ) -> Proposal | None:
-    """Return a draft of a start before a target that an expression denotes; None when there is none.
+    """Return a draft with a start from which an expression denotes only the target, or None.
 
-    The distance is the share's: of the map's whole range for a target that stands, of the range that its size allows
-    for one that moves. A relation is drawn first, so that they are not all 'nearest', which is the last choice.
+    `share` sets the start distance: within the map's range for a standing target, within the range that its size allows
+    for a moving one. A randomly drawn relation is preferred. 'nearest' is the last choice, and is often skipped.
     """
     rules = RULES.get(site.name, OF_OTHER_MAPS)
     nearest, farthest = rules.start_distance_m[0] + 0.2, rules.start_distance_m[1] - 0.3
-    if cell in MOVING:  # all that moves is small
+    if cell in MOVING:  # all moving targets are small
         farthest = min(farthest, farthest_m(placed, rules.occupancy_percent[0]))
     distance = nearest + share.distance * (farthest - nearest)
     if not nearest <= distance <= farthest_m(placed, rules.occupancy_percent[0]):
@@ -213,7 +215,7 @@ def _before(
 
 
 def farthest_m(placed: PlacedTarget, percent: float) -> float:
-    """Return the distance from which a target can fill this share of the picture, seen from its broad side."""
+    """Return the largest distance at which a target, seen from its broad side, can fill `percent` of the picture."""
     wide, high = placed.size_m
     least = percent / 100.0 * CAMERA.width * CAMERA.height
     return CAMERA.focal_px * math.sqrt(wide * high / least)

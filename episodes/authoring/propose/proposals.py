@@ -1,4 +1,4 @@
-"""Records that pass every check, proposed from a map, a cell and a seed."""
+"""Proposes records that pass every check, from a map, a cell and a seed."""
 
 import math
 import random
@@ -18,10 +18,10 @@ from episodes.world.world import World
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
-MOST = 99  # records of a request: their ids have two digits
-APART_M = 6.0  # between the targets of a request
-EAGER = 40  # drafts after which targets may stand where another record of the request has one
-TRIES = 160  # drafts of one record
+MOST = 99  # largest number in an id, which has two digits
+APART_M = 6.0  # least distance between the targets of a request
+EAGER = 40  # after this many drafts, a target may be nearer than APART_M to that of another record
+TRIES = 160  # largest number of drafts for one record
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class RecordRequest:
 def propose(request: RecordRequest) -> list[EpisodeRecord]:
     """Return the requested number of records, which all pass the checks; equal requests give equal records.
 
-    Raises UsageError for an impossible request, or when the map has no room for so many.
+    Raises UsageError for an impossible request, or if the map has no room for so many records.
     """
     validate(request)
     site = Site(request.map, request.map_seed)
@@ -72,13 +72,13 @@ def propose(request: RecordRequest) -> list[EpisodeRecord]:
 
 
 def first_free(name: str, cell: str) -> int:
-    """Return the number after those of the shipped episodes of a map and cell."""
+    """Return the number after the highest number of the shipped episodes of a map and cell."""
     numbers = [id_.removeprefix(f"{name}-{cell}-") for id_ in catalogue.ids()]
     return max((int(number) for number in numbers if number.isdigit()), default=0) + 1
 
 
 def validate(request: RecordRequest) -> None:
-    """Raise UsageError for a request that no map and no search could fulfil."""
+    """Raise UsageError for an unknown cell or map, or for a number out of range."""
     if request.cell not in CELLS:
         raise UsageError(f"cell '{request.cell}' does not exist. Choose one of {', '.join(CELLS)}.")
     if request.map not in maps.names():
@@ -90,7 +90,7 @@ def validate(request: RecordRequest) -> None:
 
 
 def _evens(request: RecordRequest, layouts: list[Layout]) -> bool:
-    """Return whether these records of a request still allow an even spread."""
+    """Return whether the records so far keep the rules about a suite that the search can check early."""
     if request.cell == "commanding":
         return (layouts[-1].fewest_px or 0) >= SPOTTED_PX
     limits = rules.passable(request.cell not in HIDDEN, request.count)
@@ -99,7 +99,7 @@ def _evens(request: RecordRequest, layouts: list[Layout]) -> bool:
 
 
 def _next(drafts: Generator[Proposal | None, Draw, None], share: Draw) -> Proposal | None:
-    """Return the next draft for a share; None when there are no more."""
+    """Return the next draft for a share; None if there are no more drafts."""
     try:
         return drafts.send(share)
     except StopIteration:
@@ -107,10 +107,10 @@ def _next(drafts: Generator[Proposal | None, Draw, None], share: Draw) -> Propos
 
 
 def _source(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    """Return the drafts of a cell, without end while the map has places; it waits for the first share."""
+    """Return the generator of a cell's drafts. It yields None first, then a draft for each `Draw` sent in."""
     if cell == "commanding":
         return commanding.drafts(site, rng)
-    if site.places.landmarks:  # a map whose own fixtures are the targets, distinguished by their places
+    if site.places.landmarks:  # the instruction identifies targets by place
         return one_drone.referred_drafts(site, cell, rng)
     return one_drone.painted_drafts(site, cell, rng)
 

@@ -1,6 +1,6 @@
-"""A map for the search: its free places and obstacles, quick checks of a start, and stretches of lanes.
+"""The map of an episode search: its free places and obstacles, quick checks of starts, and stretches of lanes.
 
-A stretch of a lane is a path that keeps to the ground between its waypoints.
+A stretch of a lane is a path that stays on the ground between its waypoints.
 """
 
 import itertools
@@ -27,19 +27,19 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3, rotate
 from foundation.terrain import HeightField
 
-LEG_M = 4.0  # longest leg
-SHORTEST_M = 0.2
-OFF_M = 0.012  # from the ground, at most, before heights are rounded
-LOOK_M = 0.1  # between the points at which that is checked
+LEG_M = 4.0  # longest leg of a path
+SHORTEST_M = 0.2  # shortest leg of a path
+OFF_M = 0.012  # largest distance of a path from the ground, before heights are rounded
+LOOK_M = 0.1  # distance between the points at which OFF_M is checked
 
 ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)
-EDGE_M = 3.0  # kept off the end of the terrain
-DIRECTIONS = 36  # tried around a target
-CLEAR_FRACTION = 0.8  # of the faced target that must be in view: more than the rules demand
+EDGE_M = 3.0  # least distance from the edge of the terrain
+DIRECTIONS = 36  # number of directions tried around a target
+CLEAR_FRACTION = 0.8  # least visible share of the target when faced; the rules demand less
 
 
 def stretch(waypoints: Sequence[Vec3], first_m: float, length_m: float, terrain: HeightField) -> tuple[Vec3, ...]:
-    """Return waypoints (m, NED, rounded to millimetres) along a polyline from `first_m` on, over `length_m` of it."""
+    """Return waypoints (m, NED, rounded to mm) along the part of a polyline from `first_m` to `first_m + length_m`."""
     flat = [(p[0], p[1]) for p in waypoints]
     marks = [0.0, *itertools.accumulate(math.dist(a, b) for a, b in itertools.pairwise(flat))]
     last_m = min(first_m + length_m, marks[-1])
@@ -61,7 +61,7 @@ def _along(flat: list[tuple[float, float]], marks: list[float], s: float) -> tup
 
 
 def _split(a: tuple[float, float], b: tuple[float, float], terrain: HeightField) -> list[tuple[float, float]]:
-    """Return points after `a` up to `b` such that straight lines between them keep to the ground."""
+    """Return points after `a`, up to `b`, such that straight lines between them stay on the ground."""
     span = math.dist(a, b)
     low, high = terrain.at(*a), terrain.at(*b)
     steps = max(2, math.ceil(span / LOOK_M))
@@ -80,7 +80,7 @@ def _split(a: tuple[float, float], b: tuple[float, float], terrain: HeightField)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedTarget:
-    """A target at its place at the beginning."""
+    """A target at its pose when the episode begins."""
 
     mesh: Mesh
     position_ned: Vec3  # m
@@ -89,18 +89,18 @@ class PlacedTarget:
 
     @property
     def centre_ned(self) -> Vec3:
-        """Return the middle (m) of its box."""
+        """Return the middle (m) of the target's box."""
         return Instance(1, "target", "target", self.mesh, self.position_ned, self.yaw).centre_ned
 
     def reach_m(self, bearing_deg: float) -> float:
-        """Return how far it reaches from its middle towards a viewer who sees it at a compass bearing."""
+        """Return the reach (m) of the target from its middle towards a viewer who sees it at a compass bearing."""
         corners = box_corners(self.mesh, self.position_ned, self.yaw)[:, :2] - np.array(self.centre_ned[:2])
         way = math.radians(bearing_deg)
         return float(-(corners @ np.array([math.cos(way), math.sin(way)])).min())
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Return its greatest width and its height."""
+        """Return the target's largest horizontal side and its height."""
         span = self.mesh.vertices.max(axis=0) - self.mesh.vertices.min(axis=0)
         return float(max(span[0], span[1])), float(span[2])
 
@@ -109,7 +109,7 @@ class Site:
     """One map with one seed."""
 
     def __init__(self, name: str, seed: int) -> None:
-        """Build the map. Raises UsageError when there is none of that name, or one that lists no places."""
+        """Build the map. Raises UsageError if the map does not exist or has no list of places."""
         if name not in maps.shipped():
             maps.places(name, seed)
         self.name, self.seed = name, seed
@@ -120,13 +120,13 @@ class Site:
         self._natives: dict[str, PlacedTarget] = {}
 
     def free_paints(self) -> list[str]:
-        """Return the paints that no instance of a target's kind wears on this map, in the catalogue's order."""
+        """Return the paints that no asset on this map has, in the order of `assets.PAINTS`."""
         kinds = set(assets.names())
         worn = {m.name for i in self.scene.instances if i.kind in kinds for m in i.mesh.materials}
         return [paint for paint in assets.PAINTS if f"paint-{paint}" not in worn]
 
     def placed(self, target: TargetRecord) -> PlacedTarget:
-        """Return a target that a record adds."""
+        """Return a target that a record places on the map."""
         if target.paint is None:
             raise ValueError("only placed targets have a paint")
         mesh = assets.build(target.asset, target.paint, target.inscription)
@@ -145,7 +145,7 @@ class Site:
         return self.scene.terrain.at(north, east)
 
     def on_map(self, north: float, east: float) -> bool:
-        """Return whether a point lies well within the terrain."""
+        """Return whether a point is at least EDGE_M inside the terrain."""
         field = self.scene.terrain
         rows, columns = field.down.shape
         high_n = field.origin_north + (rows - 1) * field.cell_m - EDGE_M
@@ -188,7 +188,7 @@ class Site:
         return target.view.sight(target.position_ned, target.yaw, CameraPose(eye, attitude), CAMERA).fraction
 
     def _at(self, goal: Vec3, distance_m: float, bearing: float, height_m: float) -> Vec3:
-        """Return the place that has a goal at a bearing (rad) and a 3-D distance, `height_m` above the ground there."""
+        """Return the place `height_m` above the ground from which a goal has a bearing (rad) and a 3-D distance."""
         down, flat = goal[2], distance_m
         for _ in range(4):
             north, east = goal[0] - flat * math.cos(bearing), goal[1] - flat * math.sin(bearing)
@@ -197,7 +197,7 @@ class Site:
         return rounded((goal[0] - flat * math.cos(bearing), goal[1] - flat * math.sin(bearing), down))
 
     def clear(self, place: Vec3, goal: Vec3) -> bool:
-        """Return whether the straight way from a place to a goal is clear; a quick check before the rule itself."""
+        """Return whether the straight way from a place to a goal is clear. Faster than the rule `way_to_target`."""
         span = math.dist(place, goal)
         for k in range(1, int((span - 5.0) / 1.5) + 1):
             u = k * 1.5 / span
@@ -213,12 +213,12 @@ class Site:
 
 
 def start(place: Vec3, yaw_deg: float) -> StartPose:
-    """Return a start with its yaw in tenths of a degree, -180 … 180."""
+    """Return a start with its yaw rounded to 0.1°, -180 … 180."""
     return StartPose(place, round(math.remainder(yaw_deg, 360.0), 1))
 
 
 def rounded(place: Vec3) -> Vec3:
-    """Return a place in whole millimetres."""
+    """Return a place (m) rounded to millimetres."""
     return (round(place[0], 3), round(place[1], 3), round(place[2], 3))
 
 

@@ -1,4 +1,4 @@
-"""The picture of a real camera: scene, haze, exposure, rain, lens and noise, applied in this order."""
+"""Draws the picture of a real camera: scene, haze, exposure, rain, lens and noise, applied in this order."""
 
 import dataclasses
 import math
@@ -19,17 +19,17 @@ from episodes.maps.scene import Moved, Scene
 from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.frames import Quat, Vec3, quat_integrate
 
-WIDEST = 2.0  # times the camera's width and height: the largest picture drawn for a lens
-ROUNDS = 15  # of the inversion; a lens that needs more folds the picture
-FARTHEST = 10.0  # focal lengths from the middle: 84° off the axis
-MISS_PX = 0.05  # at 1280 px: how well the inversion must hold
+WIDEST = 2.0  # size of the largest picture drawn for a lens, in widths and heights of the camera's picture
+ROUNDS = 15  # iterations of the inversion; a lens that needs more folds the picture
+FARTHEST = 10.0  # focal lengths from the middle, in each direction: 84° off the axis
+MISS_PX = 0.05  # largest error of the inversion, for a picture 1280 px wide
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleMotion:
-    """A vehicle at the instant of a frame."""
+    """The motion of a vehicle at the time of a frame."""
 
-    time_s: float  # s, of the scene's own motion
+    time_s: float  # s, at which `moved` gives the poses of the scene
     position_ned: Vec3  # m, body origin
     velocity_ned: Vec3  # m/s
     attitude: Quat  # FRD → NED
@@ -48,10 +48,10 @@ class VehicleMotion:
 
 
 class OpticalRenderer:
-    """Draws one scene through one camera with `optics` before, in and behind its lens.
+    """Draws one scene through one camera with the effects of `optics`.
 
-    The bytes depend on scene, camera, optics, motion and seeds alone. Only the picture is changed: depth, ids and
-    visibility are the geometry's.
+    The bytes depend only on scene, camera, optics, motion and seeds. The effects change only the picture. Depth, ids
+    and visibility come from the geometry.
     """
 
     def __init__(self, scene: Scene, camera: CameraModel, optics: Optics, threads: int = 2) -> None:
@@ -66,9 +66,10 @@ class OpticalRenderer:
     def picture(
         self, motion: VehicleMotion, moved: Callable[[float], Moved], drawn_from: Sequence[int]
     ) -> NDArray[np.uint8]:
-        """Return the (H, W, 3) sRGB picture of a frame; `moved` returns the poses of what moves at a time (s).
+        """Return the (H, W, 3) sRGB picture of a frame.
 
-        `drawn_from` identifies the picture: noise and drops are drawn from it and the options' seed.
+        `moved` returns the poses of moving instances at a time (s). `drawn_from` identifies the picture. Together with
+        the seed of the options, it seeds noise and drops.
         """
         optics, rng = self._optics, np.random.default_rng((self._optics.seed, *drawn_from))
         exposure = optics.exposure
@@ -93,7 +94,7 @@ class OpticalRenderer:
         return camera_pose(motion.position_ned, motion.attitude, self._camera.at_pitch(motion.gimbal_pitch))
 
     def _seen(self, motion: VehicleMotion, moved: Callable[[float], Moved]) -> tuple[Light, NDArray[np.float32]]:
-        """Return the light of the scene at one instant, through the air, and its planar depth (m)."""
+        """Return the light of the scene at one instant, seen through haze and rain, and its planar depth (m)."""
         haze, drops, pose = self._optics.haze, self._optics.rain, self._pose(motion)
         view = self._renderer.render(pose, moved(motion.time_s))
         light = self._codes.light(view.rgb)
@@ -130,9 +131,9 @@ class OpticalRenderer:
 
 
 def noisy(light: Light, sensor: Sensor, rng: np.random.Generator) -> Light:
-    """Return `light` as counted by a sensor: variance in electrons = signal (shot noise) + read noise squared.
+    """Return `light` with the noise of a sensor: variance in electrons = signal (shot noise) + read noise squared.
 
-    Poisson's distribution is approximated by a normal one, which looks the same from some twenty electrons on.
+    A normal distribution approximates Poisson's. From about twenty electrons on, they look the same.
     """
     per_light = sensor.full_well_e / WHITE
     electrons = np.maximum(light, 0.0) * np.float32(per_light)
@@ -142,12 +143,12 @@ def noisy(light: Light, sensor: Sensor, rng: np.random.Generator) -> Light:
 
 
 def decoding_table() -> NDArray[np.float32]:
-    """Return the (256,) light in the middle of each code's range. Encoding it gives the code again."""
+    """Return the (256,) light in the middle of each code's range. Encoding it gives the same code."""
     codes = display_table()
     steps = np.arange(STEPS + 1)
     first, last = np.searchsorted(codes, np.arange(256)), np.searchsorted(codes, np.arange(256), side="right") - 1
     middle: NDArray[np.int64] = steps[(first + last) // 2]
-    middle[0], middle[255] = 0, STEPS  # black is no light, and white is all that the sensor takes
+    middle[0], middle[255] = 0, STEPS  # black is no light, white is the most light that the sensor measures
     return (middle * (WHITE / STEPS)).astype(np.float32)
 
 
@@ -170,10 +171,10 @@ class Codes:
 
 
 def pinhole_rays(lens: LensModel, camera: CameraModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (H, W) x / z and y / z of the undistorted ray behind every pixel's middle.
+    """Return x / z and y / z, each (H, W), of the undistorted ray through every pixel's middle.
 
-    Inverts OpenCV's model, x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²) and y' alike, by
-    Newton's method. Raises ValueError for a lens whose model cannot be inverted over the picture, because it folds it.
+    Inverts OpenCV's model by Newton's method: x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²), and y'
+    likewise. Raises ValueError for a lens that folds the picture, because its model has no inverse.
     """
     shown_x, shown_y = np.meshgrid(
         (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px,
@@ -184,7 +185,7 @@ def pinhole_rays(lens: LensModel, camera: CameraModel) -> tuple[NDArray[np.float
         radial, dx, dy = _terms(lens, x, y)
         miss_x, miss_y = x * radial + dx - shown_x, y * radial + dy - shown_y
         r2 = x * x + y * y
-        steep = 2.0 * (lens.k1 + r2 * (2.0 * lens.k2 + 3.0 * lens.k3 * r2))  # of the radial factor, by r²/2
+        steep = 2.0 * (lens.k1 + r2 * (2.0 * lens.k2 + 3.0 * lens.k3 * r2))  # derivative of `radial` by r²/2
         xx = radial + x * x * steep + 2.0 * lens.p1 * y + 6.0 * lens.p2 * x
         xy = x * y * steep + 2.0 * lens.p1 * x + 2.0 * lens.p2 * y
         yy = radial + y * y * steep + 6.0 * lens.p1 * y + 2.0 * lens.p2 * x
@@ -208,14 +209,14 @@ def _terms(lens: LensModel, x: NDArray[np.float64], y: NDArray[np.float64]) -> t
 
 
 def _folds(lens: LensModel, r_max: float) -> bool:
-    """Return whether the radial part stops growing somewhere within `r_max`."""
+    """Return whether the distorted radius stops growing somewhere within `r_max`."""
     r = np.linspace(0.0, r_max, 1000)
     r2 = r * r
     return bool((1.0 + r2 * (3.0 * lens.k1 + r2 * (5.0 * lens.k2 + 7.0 * r2 * lens.k3)) <= 0.0).any())
 
 
 def wide_camera(lens: LensModel, camera: CameraModel) -> CameraModel:
-    """Return a pinhole of the same focal length that covers the view of the lens.
+    """Return a pinhole camera of the same focal length that covers the view of the lens.
 
     Raises ValueError for a lens that folds the picture or shows more than `WIDEST` times the camera's view.
     """
@@ -233,7 +234,7 @@ def wide_camera(lens: LensModel, camera: CameraModel) -> CameraModel:
 
 
 class BentLens:
-    """The lens before a camera: turns the light of a wide pinhole into that of the camera."""
+    """Applies the distortion and the vignetting of a lens to the light of a wide pinhole camera."""
 
     def __init__(self, lens: LensModel, camera: CameraModel) -> None:
         """Raises ValueError as `wide_camera` does."""
@@ -255,7 +256,7 @@ class BentLens:
 
 
 def _fall_off(lens: LensModel, camera: CameraModel) -> NDArray[np.float32] | None:
-    """Return (H, W, 1): the share of light that reaches each pixel, cos⁴ of its angle when vignetting is one."""
+    """Return the share of light that reaches each pixel, (H, W, 1): with vignetting 1, cos⁴ of its angle."""
     if not lens.vignetting:
         return None
     x = (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px

@@ -1,4 +1,4 @@
-"""Optics from a TOML file: docs/cameras.md."""
+"""Reads optics from a TOML file. The format is in docs/cameras.md."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,23 +11,23 @@ from foundation.typed_file import toml_table, typed
 
 
 def load(path: Path) -> Optics:
-    """Return the options of a TOML file. Raises UsageError, one sentence with file, key and reason."""
+    """Return the options of a TOML file. Raises UsageError with file, key and reason."""
     where = f"--optics {path}"
     return optics_of(toml_table(path, where), where)
 
 
 def optics_of(table: Mapping[str, Any], where: str) -> Optics:
-    """Return the options that a table spells out, `where` naming it in errors. Raises UsageError."""
+    """Return the options in a table. Raises UsageError, which names the table as `where`."""
     optics = typed(dict(table), Optics, where)
     _check(optics, where)
     return optics
 
 
 def _check(optics: Optics, where: str) -> None:
-    """Raise UsageError for a lens whose numbers are fine alone but make no picture together."""
+    """Raise UsageError for a lens whose coefficients are each in range, but together give no usable picture."""
     if optics.lens is None:
         return
-    from episodes.camera.optics.camera import wide_camera  # loads the renderer, which most commands do without
+    from episodes.camera.optics.camera import wide_camera  # imports the renderer, which most commands do not need
 
     try:
         wide_camera(optics.lens, CameraModel())

@@ -9,7 +9,7 @@ SEED_MAX = 2**31 - 1
 
 
 def _within(low: float, high: float) -> Meta:
-    """Return the bounds of a number, which the file's reader checks."""
+    """Return the bounds of a number. The reader of the file checks them."""
     return Meta(ge=low, le=high)
 
 
@@ -43,19 +43,19 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """The shutter. The frame's own instant is the middle of the exposure."""
+    """The exposure. Its middle is the time of the frame."""
 
     time_s: Annotated[float, _within(0.0, 0.2)] = 0.01  # s that the shutter is open
-    poses: Annotated[int, _within(2, 64)] = 8  # instants whose mean is the blurred picture; each costs a rendering
+    poses: Annotated[int, _within(2, 64)] = 8  # number of rendered pictures, whose mean is the blurred picture
 
 
 @dataclass(frozen=True, slots=True)
 class Haze:
-    """A level layer of haze that begins at the ground, beyond what every frame has in 2.2 km of clear air."""
+    """A level layer of haze above the ground, in addition to the haze of clear air (`sky.HAZE_LENGTH_M`)."""
 
-    density_per_m: Annotated[float, _within(0.0, 0.5)] = 0.005  # 1/m, extinction; the eye sees some 3.9 / density far
-    height_m: Annotated[float, _within(10.0, 5000.0)] = 300.0  # m that the layer reaches above the camera
-    # linear RGB 0 … 2; None: the sky's at the horizon
+    density_per_m: Annotated[float, _within(0.0, 0.5)] = 0.005  # 1/m, extinction; the visibility is about 3.9 / density
+    height_m: Annotated[float, _within(10.0, 5000.0)] = 300.0  # m, top of the layer above the camera
+    # linear RGB 0 … 2; None: the colour of the sky at the horizon
     color: tuple[LinearLight, LinearLight, LinearLight] | None = None
 
 
@@ -76,11 +76,11 @@ class Optics:
     exposure: Exposure | None = None
     haze: Haze | None = None
     rain: Rain | None = None
-    # of noise and drops, with that of the flight, the drone and the frame's id
+    # seed of noise and drops, together with the flight's seed, the drone and the frame's id
     seed: Annotated[int, _within(0, SEED_MAX)] = 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the options that are on, as JSON holds them; `file.optics_of` reads it back."""
+        """Return the options that are on, as JSON values. `file.optics_of` is the inverse."""
         options = {name: value for name, value in asdict(self).items() if value is not None}
         return {
             name: {key: list(v) if isinstance(v, tuple) else v for key, v in value.items() if v is not None}

@@ -1,4 +1,4 @@
-"""Haze, and drops near the camera."""
+"""Computes haze and rain."""
 
 import math
 
@@ -12,23 +12,23 @@ from foundation.frames import Vec3
 
 Light = NDArray[np.float32]  # (H, W, 3) linear RGB, 0 … `sky.WHITE`
 
-CLOUDS_M = 1500.0  # m, the base of rain clouds above the camera
+CLOUDS_M = 1500.0  # m, height of the base of rain clouds above the camera
 RAIN_EXTINCTION = (0.000248, 0.67)  # 1/m and exponent of mm/h: 1.076 R^0.67 dB/km (Carbonneau and Wisely, 1998)
 
-NEAR_M, FAR_M = 0.4, 7.0  # along the optical axis; farther drops are the veil of `weather.veil`
+NEAR_M, FAR_M = 0.4, 7.0  # of drops that are drawn, along the optical axis; farther ones are in `veil`
 SMALLEST_MM = 0.8  # smaller drops are invisible
-SHUTTER_S = 0.008  # without an exposure option
-BRIGHTNESS = 1.25  # of a drop over the haze's colour: it shows the whole sky at once
+SHUTTER_S = 0.008  # of streaks, if there is no exposure option
+BRIGHTNESS = 1.25  # of a drop relative to the haze's colour: a drop refracts light of the whole sky
 
 
 def veil(rate_mm_h: float) -> float:
-    """Return the extinction of distant rain, whose drops are too small to see, 1/m."""
+    """Return the extinction (1/m) of distant rain, whose drops are too small to see."""
     scale, exponent = RAIN_EXTINCTION
     return float(scale * rate_mm_h**exponent)
 
 
 def _depth_per_metre(camera: CameraModel) -> NDArray[np.float32]:
-    """Return (H, W): how far a metre along each pixel's ray reaches along the optical axis (its cosine)."""
+    """Return (H, W) the cosine of the angle between each pixel's ray and the optical axis: depth / distance."""
     x = (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px
     y = (np.arange(camera.height) + 0.5 - 0.5 * camera.height) / camera.focal_px
     return (1.0 / np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)).astype(np.float32)
@@ -37,9 +37,9 @@ def _depth_per_metre(camera: CameraModel) -> NDArray[np.float32]:
 def path_in_layer(
     depth: NDArray[np.float32], pose: CameraPose, camera: CameraModel, height_m: float
 ) -> NDArray[np.float32]:
-    """Return (H, W): how far each pixel's ray runs, m, through a layer that ends `height_m` above the camera.
+    """Return (H, W) the length (m) of each pixel's ray in a layer that ends `height_m` above the camera.
 
-    `depth` is planar (m, inf = sky). The path of a ray that neither leaves the layer nor hits anything is inf.
+    `depth` is planar (m, inf = sky). The length of a ray that neither leaves the layer nor hits anything is inf.
     """
     eye, per_metre = eye_of(pose, camera), _depth_per_metre(camera)
     x = (np.arange(camera.width) + 0.5 - eye.center_x) / eye.focal
@@ -53,7 +53,7 @@ def path_in_layer(
 def add_haze(light: Light, path: NDArray[np.float32], density: float, color: Vec3) -> Light:
     """Return `light` seen through `path` metres of haze: light · exp(−density · path) + color · (1 − exp(…)).
 
-    Source: Koschmieder's law of the visibility of distant things, 1924.
+    Source: Koschmieder's law of visibility, 1924.
     """
     clear: NDArray[np.float32] = np.exp(-np.float32(density) * path)[..., None]
     hazy = np.asarray(color, np.float32)
@@ -61,12 +61,12 @@ def add_haze(light: Light, path: NDArray[np.float32], density: float, color: Vec
 
 
 def haze_color(haze: Haze | None, horizon: Vec3) -> Vec3:
-    """Return the colour of the haze: that of the options, or the sky's at the horizon."""
+    """Return the colour of the haze: that of the options, or that of the sky at the horizon."""
     return haze.color if haze is not None and haze.color is not None else horizon
 
 
 def drops_per_m3(rate_mm_h: float) -> tuple[float, float]:
-    """Return how many drops above SMALLEST_MM a cubic metre holds, and the mean of their diameters beyond it (mm).
+    """Return the number of drops above SMALLEST_MM per m³, and the mean of their diameters minus SMALLEST_MM (mm).
 
     Source: Marshall and Palmer, "The distribution of raindrops with size", 1948: N(D) = 8000 e^(−Λ D) per m³ and mm
     with Λ = 4.1 R^−0.21 per mm.
@@ -76,7 +76,7 @@ def drops_per_m3(rate_mm_h: float) -> tuple[float, float]:
 
 
 def fall_speed(diameter_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the terminal speed, m/s. Source: Atlas, Srivastava and Sekhon, 1973: 9.65 − 10.3 e^(−0.6 D)."""
+    """Return the terminal speed (m/s) of drops. Source: Atlas, Srivastava and Sekhon, 1973: 9.65 − 10.3 e^(−0.6 D)."""
     return 9.65 - 10.3 * np.exp(-0.6 * diameter_mm)
 
 
@@ -90,10 +90,11 @@ def streaks(
     camera: CameraModel,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """Return (H, W): the share of each pixel's light that drops before the scene at planar `depth` (m) replace.
+    """Return (H, W) the share of each pixel's light that comes from drops in front of the scene.
 
-    A drop of diameter D that moves by L over the picture while the shutter is open covers a place of its streak for
-    the share D / (D + L) of the exposure. `velocity_ned` (m/s) is the camera's.
+    `depth` is the planar depth (m) of the scene, and `velocity_ned` (m/s) the velocity of the camera. A drop of
+    diameter D that moves by L in the picture during the exposure makes a streak. It covers each place of the streak for
+    the share D / (D + L) of the exposure.
     """
     eye = eye_of(pose, camera)
     half_w, half_h = 0.5 * camera.width / eye.focal, 0.5 * camera.height / eye.focal
@@ -121,14 +122,15 @@ def _drawn(
     depth: NDArray[np.float32],
     camera: CameraModel,
 ) -> NDArray[np.float32]:
-    """Return (H, W) of the streaks from `first` to `last` (px from the middle), `wide` px wide and `z` m away.
+    """Return the mask (H, W) of streaks from `first` to `last` (px from the middle), `wide` px wide and `z` m away.
 
-    Every streak is a row of dots half a pixel apart, as many rows side by side as it is wide, each dot shared by the
-    four pixels about it. All dots of a drop together hide its disc, however long the shutter is open.
+    A streak is drawn as parallel rows of dots that are half a pixel apart. It has one row per pixel of its width, and
+    each dot is shared by the four pixels around it. The weights of a drop's dots add up to the area of its disc, for
+    any exposure.
     """
     along = last - first
     length = np.hypot(along[:, 0], along[:, 1])
-    ends = (0.5 * wide / np.maximum(length, 1e-9))[:, None] * along  # half a drop beyond the way of its middle
+    ends = (0.5 * wide / np.maximum(length, 1e-9))[:, None] * along  # half a drop beyond both ends of its path
     first, along, length = first - ends, along + 2.0 * ends, length + wide
     rows = np.ceil(wide).astype(np.int64)
     dots = np.ceil(2.0 * length).astype(np.int64) + 1
@@ -154,6 +156,6 @@ def _drawn(
 
 
 def add_streaks(light: Light, mask: NDArray[np.float32], color: Vec3) -> Light:
-    """Return `light` with drops of the haze's `color` before it."""
+    """Return `light` with drops of the haze's `color` in front of it."""
     drop = BRIGHTNESS * np.asarray(color, np.float32)
     return (light + (drop - light) * mask[..., None]).astype(np.float32)

@@ -1,7 +1,8 @@
-"""The forward camera of the simulated world: colour, planar depth and instance ids of a scene, drawn on the CPU.
+"""Renders the forward camera on the CPU: colour, planar depth and instance ids of a scene.
 
-`layout` and `textures` lay the scene out for the kernels, `coverage` finds the triangle of each sample, `shadow` the
-shadows, `shading` and `sky` the light and the picture with smooth edges, and `renderer` runs them in that order.
+`layout` and `textures` prepare the arrays of a scene. `coverage` finds the triangle of each sample. `shadow`,
+`occlusion`, `environment` and `sky` describe the light. `shading` computes the picture with smooth edges. `renderer`
+runs these steps.
 """
 
 from episodes.camera.renderer.renderer import Renderer, View

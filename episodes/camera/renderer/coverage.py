@@ -1,13 +1,13 @@
-"""Coverage: the triangle that each sample of the picture sees.
+"""Rasterizes a scene: finds the triangle that each sample of the picture sees.
 
-Triangles are drawn in homogeneous coordinates (Olano and Greer, "Triangle scan conversion using 2D homogeneous
-coordinates", 1997): the three edge functions of a triangle are linear in the picture whether or not its corners lie
-behind the camera, so nothing is ever split at the near plane, which is a fourth linear function. Neighbours share the
-edge's coefficients exactly (with opposite signs), hence no gaps.
+Triangles are drawn in homogeneous coordinates. Source: Olano and Greer, "Triangle scan conversion using 2D homogeneous
+coordinates", 1997. The three edge functions of a triangle are linear in the picture, even if corners are behind the
+camera. The near plane is a fourth linear function, so no triangle is split there. Neighbouring triangles have exactly
+the same coefficients for their common edge, with opposite signs, so there are no gaps.
 
-The sample grid has `grain` samples per pixel and direction, an even number. Sample (j, i) lies at
-(i / grain, j / grain) px. The middle of each pixel is a sample, which alone decides depth and ids; the others, of which
-some lie on the borders between pixels, serve to smooth edges.
+The sample grid has `grain` samples per pixel in each direction, an even number. Sample (j, i) is at
+(i / grain, j / grain) px. The sample in the middle of a pixel decides depth and id. The other samples, some of them on
+the borders between pixels, are for smooth edges.
 """
 
 import math
@@ -25,14 +25,14 @@ NOTHING = -1  # in place of a triangle: the sky
 
 
 class Drawn(NamedTuple):
-    """The values of `set_up` for each triangle of a scene in one picture."""
+    """The values that `set_up` computes for each triangle of a scene in one picture."""
 
-    edges: NDArray[np.float64]  # (T, 9) three (a, b, c): a·i + b·j + c ≥ 0 inside, at sample (j, i); ∝ weight
+    edges: NDArray[np.float64]  # (T, 9) three (a, b, c): a·i + b·j + c ≥ 0 inside, at sample (j, i); ∝ corner weight
     volume: NDArray[np.float64]  # (T,) m³: planar depth = volume / (sum of the three edge functions)
-    nearest: NDArray[np.float64]  # (T,) 1/m, greatest inverse depth of a corner; < 0: cut by the near plane
+    nearest: NDArray[np.float64]  # (T,) 1/m, greatest inverse depth of a corner; < 0: the near plane cuts the triangle
     rows: NDArray[np.int32]  # (T, 2) first and last row of samples; first > last: not in the picture
-    columns: NDArray[np.int32]  # (T, 2) first and last column of samples; of those cut by the near plane nothing
-    chunk_seen: NDArray[np.bool_]  # (C,)
+    columns: NDArray[np.int32]  # (T, 2) first and last column of samples; not set if the near plane cuts it
+    chunk_seen: NDArray[np.bool_]  # (C,) whether the chunk may be in the picture
 
 
 def new_drawn(triangles: int, chunks: int) -> Drawn:
@@ -65,7 +65,7 @@ def set_up(thread: int, threads: int, triangles: Triangles, eye: Eye, drawn: Dra
         seen = x + r >= NEAR_M and abs(y) - slope_x * x <= r * per_x and abs(z) - slope_y * x <= r * per_y
         drawn.chunk_seen[chunk] = seen
         if seen:
-            # a back is seen only from within, or where the near plane has cut the front away
+            # a back face is visible only from inside, or where the near plane cuts the front away
             dx = triangles.solid_center[chunk, 0] - eye.position[0]
             dy = triangles.solid_center[chunk, 1] - eye.position[1]
             dz = triangles.solid_center[chunk, 2] - eye.position[2]
@@ -122,7 +122,7 @@ def _set_up_triangle(t: int, solid: int, position: NDArray[np.float32], eye: Eye
         left = math.ceil(scale * min(h0, h1, h2) + grain * eye.center_x - 1e-6)
         last = math.floor(scale * max(h0, h1, h2) + grain * eye.center_x + 1e-6)
         if left > last:
-            return  # slips between two columns of samples
+            return  # it is between two columns of samples
         drawn.columns[t, 0] = int(max(left, 0.0))
         drawn.columns[t, 1] = int(min(last, 2.0 * grain * eye.center_x))
         nearest = 1.0 / min(x0, x1, x2)
@@ -152,7 +152,7 @@ def _set_up_triangle(t: int, solid: int, position: NDArray[np.float32], eye: Eye
 
 @njit(cache=True, nogil=True)
 def _widen(xa: float, za: float, xb: float, zb: float, low: float, high: float) -> tuple[float, float]:
-    """Return (low, high) widened by the slopes z / x of the part of the edge a - b that lies beyond the near plane."""
+    """Return (low, high), widened to the slopes z / x of the part of edge a - b that is beyond the near plane."""
     if xa >= NEAR_M:
         low, high = min(low, za / xa), max(high, za / xa)
     if (xa >= NEAR_M) != (xb >= NEAR_M):
@@ -210,10 +210,10 @@ def draw_bands(
 ) -> None:
     """Write the nearest triangle (or NOTHING) of every sample in this thread's bands.
 
-    `samples` is (grain · H + 1, grain · W + 1). Of two triangles at the same depth the first of the items wins; the
-    cut-out triangles `cut_items`, of textures `cutout` at `uv`, come after the opaque ones, which hide most of them.
-    `inverse_depths` (threads, 2 BAND, grain · W + 1) and `lowest` (threads, grain · W + 1) are room for each thread,
-    `count_up` (grain · W + 1,) holds 0, 1 …
+    `samples` has the shape (grain · H + 1, grain · W + 1). Of two triangles at the same depth, the first one in the
+    items wins. The opaque triangles `items` are drawn first, because they hide most of the cut-out triangles
+    `cut_items`, which have textures `cutout` at `uv`. `inverse_depths` (threads, 2 BAND, grain · W + 1) and `lowest`
+    (threads, grain · W + 1) are work arrays for each thread. `count_up` (grain · W + 1,) is 0, 1, 2 …
     """
     bands = start.size - 1
     height = samples.shape[0]
@@ -272,7 +272,7 @@ def _find_lowest(inverse_depth: NDArray[np.float32], lowest: NDArray[np.float32]
 
 @njit(cache=True, nogil=True)
 def _is_hidden(nearest: float, first: int, last: int, lowest: NDArray[np.float32]) -> bool:
-    """Return whether a triangle in columns first … last is behind `lowest`; never of one cut by the near plane."""
+    """Return whether a triangle in columns first … last is behind `lowest`; False if the near plane cuts it."""
     hidden, limit, i = nearest > 0.0, np.float32(nearest), first
     while hidden and i <= last:
         hidden = limit <= lowest[i]
@@ -281,7 +281,7 @@ def _is_hidden(nearest: float, first: int, last: int, lowest: NDArray[np.float32
 
 
 class _Slopes(NamedTuple):
-    """Values that all rows of a triangle share: its inverse depth wa·i + wb·j + wc at sample (j, i), and more."""
+    """Values that all rows of a triangle share. Its inverse depth at sample (j, i) is wa·i + wb·j + wc."""
 
     wa: float
     wb: float
@@ -289,9 +289,9 @@ class _Slopes(NamedTuple):
     ia: float  # −1 / a of each edge, 0 where a is 0
     ib: float
     ic: float
-    iw: float  # 1 / wa for a triangle that the near plane cuts, likewise
+    iw: float  # 1 / wa, 0 where wa is 0; for a triangle that the near plane cuts
     is_cut: bool
-    limit: np.float32  # greatest inverse depth: rounding never brings a sliver nearer than its corners
+    limit: np.float32  # greatest inverse depth, so that no rounding brings a sliver nearer than its corners
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -313,7 +313,7 @@ def _slopes(e: NDArray[np.float64], volume: float, nearest: float) -> _Slopes:
 
 @njit(cache=True, nogil=True, inline="always")
 def _span(e: NDArray[np.float64], slopes: _Slopes, j: int, right: float) -> tuple[int, int]:
-    """Return the first sample of row `j` inside a triangle, and how many follow one another; ≤ 0: none."""
+    """Return the first sample of row `j` inside a triangle, and the number of samples inside; ≤ 0: none."""
     low, high = _cut(e[0], slopes.ia, e[1] * j + e[2], 0.0, right)
     low, high = _cut(e[3], slopes.ib, e[4] * j + e[5], low, high)
     low, high = _cut(e[6], slopes.ic, e[7] * j + e[8], low, high)
@@ -373,11 +373,11 @@ def _draw_cut_out(
     which: int,
     cutouts: Cutouts,
 ) -> None:
-    """As `_draw`, of the samples that meet a texel that is there."""
+    """Draw a triangle like `_draw`, but omit the samples that see a hole of its texture."""
     name, per = np.int32(t), 1.0 / volume
     slopes = _slopes(e, volume, nearest)
     limit = slopes.limit
-    # u and v over the depth are linear in the picture, as the inverse depth is
+    # u / depth and v / depth are linear in the picture, like the inverse depth
     u0, u1, u2 = uv[0, 0] * per, uv[1, 0] * per, uv[2, 0] * per
     v0, v1, v2 = uv[0, 1] * per, uv[1, 1] * per, uv[2, 1] * per
     ua, ub, uc = e[0] * u0 + e[3] * u1 + e[6] * u2, e[1] * u0 + e[4] * u1 + e[7] * u2, e[2] * u0 + e[5] * u1 + e[8] * u2

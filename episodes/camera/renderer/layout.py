@@ -1,6 +1,6 @@
-"""A scene laid out for the kernels: the pose of the camera, and one row per triangle, movable instances last.
+"""The arrays of a scene for the kernels: the pose of the camera, and one row per triangle, movable instances last.
 
-Instances that a scene adds to its map come after the rows of the map, which are kept.
+The rows of a map are computed once. Instances that a scene adds to its map get rows after them.
 """
 
 import itertools
@@ -24,15 +24,16 @@ from foundation.threads import once
 
 NEAR_M = 0.05  # nothing closer along the optical axis is drawn
 
-CHUNK = 128  # triangles that are accepted or rejected together
+CHUNK = 128  # largest number of triangles that are culled together
 AXES: tuple[Vec3, Vec3, Vec3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Eye(NamedTuple):
-    """A camera as the kernels see it.
+    """The pose and the pinhole of a camera, for the kernels.
 
-    A position (x, y) in px looks along `forward + (x - center_x) / focal · right + (y - center_y) / focal · down`,
-    whose component along the optical axis is one: a multiple of it *is* the planar depth.
+    The ray through (x, y) in px has the direction
+    `forward + (x - center_x) / focal · right + (y - center_y) / focal · down`. Its component along the optical axis is
+    1, so that planar depth · direction is the vector from the camera to a point.
     """
 
     position: Vec3  # m, NED, optical centre
@@ -42,7 +43,7 @@ class Eye(NamedTuple):
     focal: float  # px
     center_x: float  # px, W / 2
     center_y: float  # px, H / 2
-    grain: int  # samples per pixel and direction, even
+    grain: int  # samples per pixel in each direction, even
 
 
 def eye_of(pose: CameraPose, camera: CameraModel, grain: int = 2) -> Eye:
@@ -60,7 +61,7 @@ def eye_of(pose: CameraPose, camera: CameraModel, grain: int = 2) -> Eye:
 
 
 def as_floats(v: Vec3) -> Vec3:
-    """Return `v` as three Python floats, so that a kernel is compiled for one kind of number only."""
+    """Return `v` as three Python floats, so that kernels are compiled for one type. Raises UsageError if not finite."""
     x, y, z = (float(component) for component in v)
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         raise UsageError(f"a position in the scene must be finite, not {v}: give metres north, east and down.")
@@ -68,24 +69,24 @@ def as_floats(v: Vec3) -> Vec3:
 
 
 class Triangles(NamedTuple):
-    """Every triangle of the scene, in NED, with the chunks by which they are culled."""
+    """All triangles of the scene, in NED, and the chunks of triangles that are culled together."""
 
     position: NDArray[np.float32]  # (T, 3, 3) m, NED, corner by corner
     normal: NDArray[np.float32]  # (T, 3, 3) unit, NED, at the corners
     uv: NDArray[np.float32]  # (T, 3, 2)
-    face: NDArray[np.float32]  # (T, 3) unit, NED, of the plane, on the side from which corners run counter-clockwise
-    flat: NDArray[np.bool_]  # (T,) the normals at the corners are equal
+    face: NDArray[np.float32]  # (T, 3) unit, NED, plane's normal, on the side that sees the corners counter-clockwise
+    flat: NDArray[np.bool_]  # (T,) whether the normals at the corners are equal
     material: NDArray[np.int32]  # (T,) row of Surfaces
     instance: NDArray[np.int32]  # (T,) the instance's id
-    plane: NDArray[np.int32]  # (T,) equal for triangles of one flat, uniform piece: no edge is smoothed between them
-    solid: NDArray[np.int8]  # (T,) of a closed surface, with its face outwards: 1, inwards: -1; 0: of an open one
+    plane: NDArray[np.int32]  # (T,) equal for triangles of one flat, uniform piece; edges between them are not smoothed
+    solid: NDArray[np.int8]  # (T,) 1: of a closed surface, face outwards; -1: the same, inwards; 0: of an open surface
     cutout: NDArray[np.int32]  # (T,) row of Cutouts; OPAQUE for a triangle without holes
     chunk_first: NDArray[np.int32]  # (C,) first triangle
     chunk_count: NDArray[np.int32]  # (C,)
-    chunk_center: NDArray[np.float64]  # (C, 3) m, NED, of a sphere around the chunk
+    chunk_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the chunk
     chunk_radius: NDArray[np.float64]  # (C,) m
-    chunk_cut: NDArray[np.bool_]  # (C,) its triangles are cut out; of another chunk none is
-    solid_center: NDArray[np.float64]  # (C, 3) m, NED, of a sphere around all closed surfaces that the chunk is part of
+    chunk_cut: NDArray[np.bool_]  # (C,) whether all its triangles are cut out; else none is
+    solid_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around all surfaces that the chunk is part of
     solid_radius: NDArray[np.float64]  # (C,) m
 
 
@@ -93,23 +94,23 @@ BY_CHUNK = ("chunk_first", "chunk_count", "chunk_center", "chunk_radius", "chunk
 
 
 class Surfaces(NamedTuple):
-    """Every material of the scene."""
+    """All materials of the scene."""
 
     color: NDArray[np.float32]  # (M, 3) linear
     emission: NDArray[np.float32]  # (M,)
     specular: NDArray[np.float32]  # (M,)
     texture: NDArray[np.int32]  # (M,) texture of the atlas, -1 = none
-    drift: NDArray[np.float32]  # (M,) how far the tone drifts over the ground, 0 = not
+    drift: NDArray[np.float32]  # (M,) share by which the tone varies over the ground, 0 = not
     foliage: NDArray[np.bool_]  # (M,)
 
 
 @dataclass(frozen=True)
 class MovablePart:
-    """The rows of Triangles and Triangles.chunk_* that belong to one movable instance, and its shape at rest."""
+    """The rows of Triangles that belong to one movable instance, and its shape in the axes of the asset."""
 
     instance: Instance
-    triangles: slice
-    chunks: slice
+    triangles: slice  # rows by triangle
+    chunks: slice  # rows of the fields in BY_CHUNK
     position: NDArray[np.float32]  # (n, 3, 3) m, FRD of the asset
     normal: NDArray[np.float32]  # (n, 3, 3) FRD of the asset
     face: NDArray[np.float32]  # (n, 3) FRD of the asset
@@ -118,18 +119,18 @@ class MovablePart:
 
 @dataclass(frozen=True)
 class SceneArrays:
-    """A scene ready for the kernels."""
+    """All arrays of a scene that the kernels need."""
 
     triangles: Triangles
     surfaces: Surfaces
     atlas: Atlas
     cutouts: Cutouts
     movable: tuple[MovablePart, ...]
-    static_count: int  # the triangles that never move are the first ones
+    static_count: int  # number of triangles that never move; they are the first ones
 
 
 def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: float | Quat) -> None:
-    """Write the corners of one instance at `position_ned` (m) into `triangles`, by its yaw (rad) or its attitude."""
+    """Write one instance at `position_ned` (m), with its yaw (rad) or its attitude, into `triangles`."""
     if isinstance(turned, tuple):
         turn = np.array([rotate(turned, axis) for axis in AXES])  # row vectors: v @ turn
     else:
@@ -150,7 +151,7 @@ def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: f
 
 
 def place_all(layout: SceneArrays, moved: Moved) -> list[MovablePart]:
-    """Put every movable instance at its pose in `moved`, or in the scene, and return those to be drawn.
+    """Put every movable instance at its pose in `moved`, or else in the scene, and return the instances to draw.
 
     Raises UsageError when `moved` names an instance that the scene lacks or that is not movable.
     """
@@ -178,19 +179,20 @@ def face_normals(mesh: Mesh) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class Laid:
-    """A scene's arrays, and the state to continue them from. Objects are distinguished by identity."""
+    """The arrays of a scene, and the state that is needed to add instances. Objects are compared by identity."""
 
     arrays: SceneArrays
     materials: tuple[Material, ...] = ()  # the rows of Surfaces
     pictures: tuple[NDArray[np.uint8], ...] = ()  # the textures of the atlas
-    planes: Mapping[int, NDArray[np.int32]] = field(default_factory=dict)  # by mesh
+    planes: Mapping[int, NDArray[np.int32]] = field(default_factory=dict)  # `_flat_pieces` by id of the mesh
     plane_count: int = 0
 
 
 def lay_out(scene: Scene, of_map: Laid | None = None) -> SceneArrays:
-    """Return `scene` as arrays, continued from its map where that is laid out; the bytes are the same.
+    """Return the arrays of a scene.
 
-    Raises UsageError for ids that repeat or are below 1, or a corner not finite.
+    `of_map` is the layout of the scene's map, to which the other instances are added. The result is the same without
+    it. Raises UsageError for ids that repeat or are below 1, or a corner that is not finite.
     """
     ids = [instance.id for instance in scene.instances]
     if len(set(ids)) != len(ids) or min(ids, default=1) < 1:
@@ -202,16 +204,16 @@ def lay_out(scene: Scene, of_map: Laid | None = None) -> SceneArrays:
     return with_more(NOTHING, scene.instances).arrays
 
 
-@once(3)  # a run flies many episodes on one map, and looks at it through several cameras
+@once(3)  # a run has many episodes on one map, and several cameras
 def laid_out(scene: Scene) -> Laid | None:
-    """Return the layout of a map, to be continued; None for a map with movable instances, which come last."""
+    """Return the layout of a map, for `lay_out`; None if the map has movable instances, whose rows must be last."""
     if any(instance.movable for instance in scene.instances):
         return None
     return with_more(NOTHING, scene.instances)
 
 
 def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
-    """Return a layout continued by these instances. Raises UsageError for a corner that is not finite."""
+    """Return a layout with these instances added. Raises UsageError for a corner that is not finite."""
     for name, mesh in {id(i.mesh): (i.name, i.mesh) for i in instances}.values():
         if not (np.isfinite(mesh.vertices).all() and np.isfinite(mesh.normals).all() and np.isfinite(mesh.uv).all()):
             raise UsageError(f"the mesh of '{name}' has a corner that is not finite: mend its vertices, normals or uv.")
@@ -263,7 +265,7 @@ def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
 
 @dataclass(frozen=True, slots=True)
 class _LaidMesh:
-    """The common part of the rows of all instances of a mesh, by triangle, in the asset's axes."""
+    """The values of a mesh that all its instances share, in the asset's axes."""
 
     position: NDArray[np.float32]  # (T, 3, 3) m
     normal: NDArray[np.float32]  # (T, 3, 3)
@@ -293,7 +295,7 @@ def _lay_mesh(mesh: Mesh) -> _LaidMesh:
 
 
 def _chunk_starts(mesh: Mesh) -> NDArray[np.int64]:
-    """Return the first triangle of each of a mesh's chunks, none of which has both opaque and cut-out triangles."""
+    """Return the first triangle of each chunk of a mesh. No chunk has both opaque and cut-out triangles."""
     ends = [0, *(np.flatnonzero(np.diff(is_cut_out(mesh))) + 1).tolist(), len(mesh.triangles)]
     return np.concatenate([np.arange(first, end, CHUNK) for first, end in itertools.pairwise(ends)])
 
@@ -301,8 +303,8 @@ def _chunk_starts(mesh: Mesh) -> NDArray[np.int64]:
 def _closed_surfaces(mesh: Mesh) -> tuple[NDArray[np.int8], NDArray[np.float64], NDArray[np.float64]]:
     """Return `Triangles.solid`, and the bounds (T, 3), m, of the connected surface that each triangle belongs to.
 
-    A surface is closed if every edge is passed as often one way as the other; its faces look outwards if the volume
-    within is positive. A triangle's back is never seen from outside such a surface, unless it has holes.
+    A surface is closed if its triangles use every edge equally often in both directions. Its faces point outwards if
+    its volume is positive. A viewer outside sees none of its back faces. A surface with cut-out triangles is open.
     """
     place = _numbered(mesh.vertices)
     places = np.empty((int(place.max()) + 1, 3), np.float32)
@@ -327,7 +329,7 @@ def _closed_surfaces(mesh: Mesh) -> tuple[NDArray[np.int8], NDArray[np.float64],
 
 
 def _longer(before: Triangles, instances: Sequence[Instance]) -> Triangles:
-    """Return the rows of `before` followed by empty ones for these instances; a chunk never spans two instances."""
+    """Return `before` with empty rows added for these instances. A chunk never spans two instances."""
     starts: list[int] = []
     filled = len(before.position)
     for instance in instances:
@@ -345,9 +347,9 @@ def _longer(before: Triangles, instances: Sequence[Instance]) -> Triangles:
 
 
 def _flat_pieces(mesh: Mesh, position: NDArray[np.float32], face: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Return for each triangle a number shared by all triangles of its material and plane.
+    """Return for each triangle a number that all triangles of its material and plane share.
 
-    Foliage is one piece, however its leaves hang: their edges against one another are too many to be smoothed.
+    All foliage of one material is one piece, because the edges between leaves are too many to smooth.
     """
     offset = np.einsum("ij,ij->i", position[:, 0].astype(np.float64), face)
     key = np.column_stack((mesh.material, np.rint(face * 16.0), np.rint(offset * 8.0)))
@@ -356,7 +358,7 @@ def _flat_pieces(mesh: Mesh, position: NDArray[np.float32], face: NDArray[np.flo
 
 
 def _numbered(rows: NDArray[np.floating[Any]]) -> NDArray[np.int32]:
-    """Return the inverse of numpy.unique(rows, axis=0), which takes three times as long."""
+    """Return the inverse of numpy.unique(rows, axis=0), in a third of the time."""
     order = np.lexsort(rows.T[::-1])
     number = np.zeros(len(rows), np.int32)
     number[order[1:]] = np.cumsum((rows[order[1:]] != rows[order[:-1]]).any(axis=1))
@@ -364,7 +366,7 @@ def _numbered(rows: NDArray[np.floating[Any]]) -> NDArray[np.int32]:
 
 
 def _surfaces(materials: Sequence[Material]) -> tuple[Surfaces, list[NDArray[np.uint8]]]:
-    """Return the table of materials and the pictures of their textures, each once."""
+    """Return the table of materials, and the pictures of their textures without duplicates."""
     pictures: list[NDArray[np.uint8]] = []
     texture_of: dict[int, int] = {}
     for material in materials:

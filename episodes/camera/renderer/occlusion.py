@@ -1,8 +1,8 @@
-"""Occlusion: how much of the sky a place sees past the things that stand around it.
+"""Computes the open share of the sky: the share that is visible from a place past the things around it.
 
-The static things of a map are columns on a coarse grid in plan, each from the lowest to the highest surface above its
-cell. From them the open share of the sky is computed once, at a few heights above the ground. Movable instances, and
-those that a scene adds to its map, darken the cells around their footprint for one picture.
+A coarse horizontal grid has one column per cell, from the lowest to the highest surface of the map's static things
+above the cell. The open share of the sky is computed from the columns once, at LAYERS heights above the ground. Movable
+instances, and those that a scene adds to its map, darken the cells around their footprints for one picture.
 """
 
 import math
@@ -25,27 +25,27 @@ MARGIN_CELLS = 4
 LAYERS = 4
 LAYER_1_M, LAYER_2_M, LAYER_3_M = 1.5, 4.0, 9.0  # m above the ground; the first layer is at the ground
 LAYER_HEIGHTS = np.array((0.05, LAYER_1_M, LAYER_2_M, LAYER_3_M))
-EMPTY = 1e30  # of a column: its lower end, and minus its upper one
+EMPTY = 1e30  # lower end of the column of an empty cell; its upper end is -EMPTY
 
 AZIMUTHS = 12
-RINGS = (1.0, 2.0, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0)  # cells
-BINS = 16  # of elevation, each with the same part of the light that falls on level ground
-DARKEST = 0.16  # the open share where nothing is open: light comes from walls too
+RINGS = (1.0, 2.0, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0)  # distances in cells
+BINS = 16  # of elevation, each with the same share of the light on level ground
+DARKEST = 0.16  # least open share: light comes from walls too
 
-SUB_CELLS = 6  # of a cell, each way, in which a footprint is drawn
-REACH_M = 0.45  # how far the darkness of a footprint reaches
-CLEARANCE_M = 0.5  # between thing and ground, at which about two thirds of it are gone
-FOOT_M = 0.9  # what is lower than this above a thing's lowest point belongs to its footprint
-FOOT_SHARE = 0.30  # the open share below a thing
-ON_TOP_M = 0.6  # what is less than this below a column's upper end lies on it: roofs slope within a cell
-FACES_UP = 0.35  # least upward part of the normal of what can lie on a column
-ROOF_M = 1.0  # least height above the ground from which that makes a difference
+SUB_CELLS = 6  # per cell and direction, of the finer grid for drawing a footprint
+REACH_M = 0.45  # standard deviation of the blur of a footprint
+CLEARANCE_M = 0.5  # height of a thing above the ground at which it loses about two thirds of its darkness
+FOOT_M = 0.9  # the footprint has all points of a thing that are less than this above its lowest point
+FOOT_SHARE = 0.30  # factor on the open share below a thing that stands on the ground
+ON_TOP_M = 0.6  # a point less than this below a column's upper end is on top: roofs slope within a cell
+FACES_UP = 0.35  # least upward component of the normal of a point on top of a column
+ROOF_M = 1.0  # least height above the ground of a point on top of a column
 
 
 class Columns(NamedTuple):
-    """The height of what stands on each cell. Row i is north of `low_north`, column j east of `low_east`."""
+    """The column on each cell of the grid. Index i counts north from `low_north`, j counts east from `low_east`."""
 
-    low: NDArray[np.float32]  # (N, N) m above the origin's level, EMPTY where nothing stands
+    low: NDArray[np.float32]  # (N, N) m above the origin's level, EMPTY for an empty cell
     high: NDArray[np.float32]  # (N, N) m
     color: NDArray[np.float32]  # (N, N, 3) linear reflectance
     low_north: float  # m, of the middle of cell 0
@@ -56,16 +56,16 @@ class Columns(NamedTuple):
 class Occlusion(NamedTuple):
     """The open share of the sky on the cells of a grid."""
 
-    open: NDArray[np.uint64]  # (N, N) four lanes of 16 bits, by layer: 0 … 255
+    open: NDArray[np.uint64]  # (N, N) one lane of 16 bits per layer, each 0 … 255
     ground: NDArray[np.float32]  # (N, N) m above the origin's level
-    top: NDArray[np.float32]  # (N, N) m, the same of the column's upper end; of the highest one beside an empty cell
+    top: NDArray[np.float32]  # (N, N) m, upper end of the column; for an empty cell, the highest of its neighbours
     low_north: float  # m, of the middle of cell 0
     low_east: float  # m
     per_cell: float  # 1/m
 
 
 def columns_of(layout: SceneArrays, stop: int, ground_ids: frozenset[int], means: NDArray[np.float32]) -> Columns:
-    """Return the columns of triangles 0 … stop - 1 without the ground; `means` (M, 3) are the materials' colours."""
+    """Return the columns of triangles 0 … stop - 1 without the ground. `means` (M, 3) are the materials' colours."""
     triangles = layout.triangles
     stands = ~np.isin(triangles.instance[:stop], sorted(ground_ids))
     corners = triangles.position[:stop][stands][..., :2].reshape(-1, 2)
@@ -92,7 +92,7 @@ def _fill(
     means: NDArray[np.float32],
     stands: NDArray[np.bool_],
 ) -> None:
-    """Widen the columns by points of the triangles in `stands`, less than a cell apart."""
+    """Extend the columns to points on the triangles in `stands`. The points are less than a cell apart."""
     cells, per = columns.low.shape[0], columns.per_cell
     for t in range(len(stands)):
         if not stands[t]:
@@ -140,7 +140,7 @@ def occlusion_of(columns: Columns, terrain: HeightField) -> Occlusion:
         layer = np.ascontiguousarray(open_share[..., k])
         outside = (layer >= 0.0).astype(np.float32)
         total, count = cv2.blur(layer * outside, (5, 5)), cv2.blur(outside, (5, 5))
-        # within walls, which is seen through the filter alone: as just outside
+        # only the filter sees cells within walls: they get the mean of the cells outside
         layer = np.where(outside > 0.0, layer, np.where(count > 0.01, total / np.maximum(count, 0.01), 1.0))
         layer = cv2.GaussianBlur(layer.astype(np.float32), (3, 3), 0.7)
         lanes[..., k] = np.rint(255.0 * (DARKEST + (1.0 - DARKEST) * layer))
@@ -201,7 +201,7 @@ def _trace(
 
 @njit(cache=True, nogil=True, inline="always")
 def _blocked(low: float, high: float, away: float) -> int:
-    """Return the bins, one bit each, that something hides between two heights (m) at a distance (m)."""
+    """Return the bins of elevation, one bit each, that a column from `low` to `high` hides at a distance `away` (m)."""
     if high <= 0.0:
         return 0
     square = away * away
@@ -214,8 +214,8 @@ def _blocked(low: float, high: float, away: float) -> int:
 def open_sky(shade: Occlusion, n: float, e: float, d: float, facing_down: float) -> tuple[float, float]:
     """Return the open share (0 … 1) of the sky at a point, NED, m, and its height (m) above the ground.
 
-    `facing_down`: the downward part of the surface's normal. Layers below a roof do not count on it. Beyond the grid
-    all is open and high.
+    `facing_down` is the downward component of the surface's normal. On a roof, layers below the roof do not count.
+    Outside the grid, the share is 1 and the height is EMPTY.
     """
     x = (n - shade.low_north) * shade.per_cell
     y = (e - shade.low_east) * shade.per_cell
@@ -242,7 +242,7 @@ def open_sky(shade: Occlusion, n: float, e: float, d: float, facing_down: float)
         first, between = 16, (level - LAYER_1_M) * (1.0 / (LAYER_2_M - LAYER_1_M))
     else:
         first, between = 32, min((level - LAYER_2_M) * (1.0 / (LAYER_3_M - LAYER_2_M)), 1.0)
-    if lies_on_top:  # the layer below is within or under the thing
+    if lies_on_top:  # the lower layer is within or under the thing
         between = 1.0
     a = float((lanes >> np.uint64(first)) & np.uint64(0xFFFF))
     b = float((lanes >> np.uint64(first + 16)) & np.uint64(0xFFFF))
@@ -250,14 +250,14 @@ def open_sky(shade: Occlusion, n: float, e: float, d: float, facing_down: float)
 
 
 class ShadowFootprint(NamedTuple):
-    """The outline in plan of the lowest part of a thing."""
+    """The outline of the lowest part of a thing, seen from above."""
 
     outline: NDArray[np.float64]  # (K, 2) m, convex
-    bottom: float  # m, z of its lowest point, down
+    bottom: float  # m, NED z of its lowest point
 
 
 def footprint(corners: NDArray[np.float32]) -> ShadowFootprint:
-    """Return the footprint of triangles (T, 3, 3), m, z down."""
+    """Return the footprint of triangles (T, 3, 3), m, NED."""
     points = corners.reshape(-1, 3)
     bottom = float(points[:, 2].max())
     feet = points[points[:, 2] > bottom - FOOT_M][:, :2]
@@ -265,15 +265,15 @@ def footprint(corners: NDArray[np.float32]) -> ShadowFootprint:
 
 
 class ContactShadows:
-    """The darkness around the things that a map does not have itself. Its grid is shared: one draws at a time."""
+    """Darkens the cells around things that are not part of the map. Scenes share its grid and take turns."""
 
     def __init__(self, shade: Occlusion, turn: threading.Lock, added: Sequence[ShadowFootprint] = ()) -> None:
-        """`turn` guards drawing into `shade`; `added`: static things that are not in it."""
+        """`turn` is the lock for drawing into `shade`. `added` are static things that are not in `shade`."""
         self._shade, self._turn, self._added = shade, turn, tuple(added)
 
     @contextmanager
     def cast(self, things: Sequence[ShadowFootprint]) -> Iterator[Occlusion]:
-        """Give the grid with these footprints (NED) in it, for the duration of the block."""
+        """Yield the grid with these footprints (NED) drawn in; they are removed after the block."""
         lanes = self._shade.open.view(np.uint16).reshape(*self._shade.open.shape, LAYERS)
         with self._turn:
             covered = []
@@ -293,7 +293,7 @@ class ContactShadows:
 
 
 def _drawn(shade: Occlusion, thing: ShadowFootprint) -> tuple[tuple[slice, slice], NDArray[np.float32]] | None:
-    """Return the cells around a footprint, and by what their open share is multiplied; None if it leaves no mark."""
+    """Return the cells around a footprint, and the factor on their open share; None if it has no effect."""
     places = (thing.outline - (shade.low_north, shade.low_east)) * shade.per_cell
     reach = 2.0 * REACH_M * shade.per_cell + 1.0
     low = np.maximum(np.floor(places.min(axis=0) - reach), 0).astype(int)

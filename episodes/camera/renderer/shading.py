@@ -1,8 +1,8 @@
-"""The light of each pixel with its depth and id, and the picture with smooth edges.
+"""Computes the light, depth and id of each pixel, and the picture with smooth edges.
 
-Shading computes the light that leaves the surface towards the camera, at the middle of each pixel. Resolving smooths
-edges by the samples around each pixel, shades those of surfaces that no middle nearby sees, and encodes the light as
-sRGB.
+Shading computes the light from a surface to the camera, at the middle of each pixel. Resolving smooths edges with the
+samples in each pixel, and encodes the light as sRGB. It also shades the samples of surfaces that no pixel nearby has at
+its middle.
 """
 
 import math
@@ -21,17 +21,17 @@ from episodes.camera.renderer.textures import Atlas, drift, footprint, texture_c
 from foundation.compiled import njit
 from foundation.frames import Vec3
 
-FRESH = 4  # px, a power of two
-UNSEEN = -2  # in place of a triangle: none yet
-AWAY_CELLS = 0.8  # of the occlusion's grid: how far before a wall its open sky is read, so that it is not its own
-FOOT_M, FOOT_DARKNESS = 0.8, 0.5  # up to this height upright things darken; share of the sky's light lost at the foot
+FRESH = 4  # px between updates of slowly changing values in `_shade`; a power of two
+UNSEEN = -2  # in place of a triangle: no sample so far
+AWAY_CELLS = 0.8  # of the occlusion's grid: distance from a wall at which its open sky is read, outside its own column
+FOOT_M, FOOT_DARKNESS = 0.8, 0.5  # upright things darken below this height; share of the sky's light lost at the foot
 LEAF_BIAS_M = 0.35  # m towards the sun within which leaves do not shade one another
-LEAF_WRAP = 0.35  # of the sun's light that leaves pass on to those beside the lit side of their clump
-SLIVER = 1e-7  # of the volume: rounding must not put a thin triangle at infinity
+LEAF_WRAP = 0.35  # wrap lighting: how far (cosine) the sun lights leaves beyond the lit side of their clump
+SLIVER = 1e-7  # of the volume: least sum of weights, so that no rounding puts a thin triangle at infinity
 
 
 class SceneLight(NamedTuple):
-    """The lights of a scene and what they meet."""
+    """The light sources of a scene, and the tables for their shadows and reflections."""
 
     day: Daylight
     sun: SunMap
@@ -42,7 +42,7 @@ class SceneLight(NamedTuple):
 
 
 class ShadingInput(NamedTuple):
-    """A picture whose samples are known: what its shading reads."""
+    """The input of shading: a picture with the triangle of each sample."""
 
     eye: Eye
     drawn: Drawn
@@ -50,7 +50,7 @@ class ShadingInput(NamedTuple):
     surfaces: Surfaces
     atlas: Atlas
     light: SceneLight
-    samples: NDArray[np.int32]  # (grain · H + 1, grain · W + 1) the triangle that each sees
+    samples: NDArray[np.int32]  # (grain · H + 1, grain · W + 1) the triangle that each sample sees
 
 
 @njit(cache=True, nogil=True)
@@ -86,7 +86,7 @@ def shade_rows(
 ) -> None:
     """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE), each pixel by the sample at its middle.
 
-    `places` (threads, n ≥ W, 3) is room for each thread.
+    `places` (threads, n ≥ W, 3) is a work array for each thread.
     """
     height, width = light.shape[:2]
     grain, middle = shot.eye.grain, shot.eye.grain // 2
@@ -99,10 +99,11 @@ def shade_rows(
 
 @njit(cache=True, nogil=True)
 def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.float32]) -> None:
-    """Fill `light` (n, 3) with the light at the samples `places` (n, 3: row, column, anything).
+    """Fill `light` (n, 3) with the light at the samples `places` (n, 3: row, column, not used here).
 
-    Values of a triangle are computed where it differs from that of the sample before, the footprint of its texture,
-    the drift of its tone and the open share of the sky at least every FRESH samples, and after a leap.
+    The values of a triangle are computed again if the triangle changes, or if the column changes by more than FRESH
+    pixels. The texture's footprint, the drift of the tone and the open share of the sky are also computed again every
+    FRESH samples.
     """
     eye, drawn, triangles, surfaces, atlas, samples = (
         shot.eye, shot.drawn, shot.triangles, shot.surfaces, shot.atlas, shot.samples
@@ -112,7 +113,7 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
     )  # fmt: skip
     aside = AWAY_CELLS / shade.per_cell
     per_px, per_sample = 1.0 / eye.focal, 1.0 / eye.grain
-    # a texture is read once for every two samples of a pixel each way, as finely as edges are smoothed
+    # a texture is read once for every two samples in each direction, as finely as edges are smoothed
     reads = eye.grain // 2
     e, uv, normal, base = drawn.edges[0], triangles.uv[0], triangles.normal[0], surfaces.color[0]
     volume = emission = gloss = drifts = facing_sun = slope_x = slope_y = bias = 0.0
@@ -129,7 +130,7 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
         dn = eye.forward[0] + rx * eye.right[0] + ry * eye.down[0]
         de = eye.forward[1] + rx * eye.right[1] + ry * eye.down[1]
         dd = eye.forward[2] + rx * eye.right[2] + ry * eye.down[2]
-        per = 1.0 / math.sqrt(1.0 + rx * rx + ry * ry)  # of the ray's length to its depth
+        per = 1.0 / math.sqrt(1.0 + rx * rx + ry * ry)  # planar depth / distance
         t = samples[places[k, 0], places[k, 1]]
         if t < 0:
             r, g, b = sky_color(day, sky, dn * per, de * per, dd * per)
@@ -144,12 +145,12 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
             base, texture = surfaces.color[m], surfaces.texture[m]
             emission, gloss = float(surfaces.emission[m]), float(surfaces.specular[m])
             drifts = float(surfaces.drift[m])
-            # both normals on the side of the viewer: the order of the corners does not count
+            # turn both normals towards the viewer, whatever the order of the corners
             fn, fe, fd = float(triangles.face[t, 0]), float(triangles.face[t, 1]), float(triangles.face[t, 2])
             if fn * dn + fe * de + fd * dd > 0.0:
                 fn, fe, fd = -fn, -fe, -fd
             leafy = surfaces.foliage[m]
-            if leafy:  # as the clump is lit, whichever way the leaf hangs
+            if leafy:  # lit like its clump, whatever the direction of the leaf
                 fn, fe, fd = float(normal[0, 0]), float(normal[0, 1]), float(normal[0, 2])
                 facing_sun, slope_x, slope_y, bias = 1.0, 0.0, 0.0, LEAF_BIAS_M
             else:
@@ -172,7 +173,7 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
             u = w0 * uv[0, 0] + w1 * uv[1, 0] + w2 * uv[2, 0]
             v = w0 * uv[0, 1] + w1 * uv[1, 1] + w2 * uv[2, 1]
             if entered or k & (FRESH - 1) == 0:
-                two = 2.0 * share  # samples
+                two = 2.0 * share  # over two samples
                 ux = two * (e[0] * (uv[0, 0] - u) + e[3] * (uv[1, 0] - u) + e[6] * (uv[2, 0] - u))
                 vx = two * (e[0] * (uv[0, 1] - v) + e[3] * (uv[1, 1] - v) + e[6] * (uv[2, 1] - v))
                 uy = two * (e[1] * (uv[0, 0] - u) + e[4] * (uv[1, 0] - u) + e[7] * (uv[2, 0] - u))
@@ -206,13 +207,13 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
             direct = day.toward[0] * nn + day.toward[1] * ne + day.toward[2] * nd
             direct = max((direct + LEAF_WRAP) * (1.0 / (1.0 + LEAF_WRAP)) if leafy else direct, 0.0)
             direct *= sunlight(sun, pn, pe, pd, slope_x, slope_y, bias)
-        # a wall hides half of the sky from itself, which is no occlusion
+        # read the sky in front of a wall: the half that the wall hides from itself is no occlusion
         if entered or k & (FRESH - 1) == 0:
             free, height = open_sky(shade, pn + aside * fn, pe + aside * fe, pd + 0.2 * fd, fd)
         above = 0.5 - 0.5 * nd
         below = (1.0 - above) * min(0.25 + 1.5 * free, 1.0)
         above = min(above, free)
-        if -0.3 < height < FOOT_M:  # upright things stand in the darkness that they make on the ground
+        if -0.3 < height < FOOT_M:  # upright things darken towards the foot, like the ground around them
             foot = 1.0 - FOOT_DARKNESS * (1.0 - nd * nd) * (1.0 - max(height, 0.0) * (1.0 / FOOT_M)) ** 2
             above *= foot
             below *= foot
@@ -224,7 +225,7 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
                 day, mirrored, gloss, direct, free, dn * per, de * per, dd * per, nn, ne, nd, lr, lg, lb
             )
 
-        air = z * (1.0 / HAZE_LENGTH_M)  # and below with air / per, to the second order: exp(-air / per)
+        air = z * (1.0 / HAZE_LENGTH_M)  # below: exp(-x) ≈ 1 / (1 + x + x² / 2) with x = air / per
         clear = per * per / (per * per + per * air + 0.5 * air * air)
         lr = day.horizon[0] + (lr - day.horizon[0]) * clear
         lg = day.horizon[1] + (lg - day.horizon[1]) * clear
@@ -234,7 +235,7 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
 
 @njit(cache=True, nogil=True)
 def _toward(n: float, e: float, d: float, fn: float, fe: float, fd: float) -> Vec3:
-    """Return the vector (n, e, d) at unit length and on the side of the unit vector f; f itself if it has no length."""
+    """Return the unit vector along (n, e, d), turned to the side of the unit vector f; f if (n, e, d) has no length."""
     square = n * n + e * e + d * d
     if square < 1e-12:
         return fn, fe, fd
@@ -261,7 +262,7 @@ def _polish(
     lg: float,
     lb: float,
 ) -> Vec3:
-    """Return the light (lr, lg, lb) of a surface with its surroundings mirrored and a soft highlight of the sun added.
+    """Return the light (lr, lg, lb) of a surface with a reflection of its surroundings and a soft highlight of the sun.
 
     The mirrored share follows Schlick's approximation of Fresnel's law. `free` is the open share of the sky.
     """
@@ -305,11 +306,11 @@ def resolve_rows(
 ) -> None:
     """Write this thread's rows of `rgb` (H, W, 3) from `light` (H, W, 3 linear, 0 … WHITE) and `display_table`.
 
-    A pixel whose samples all see one triangle keeps its colour; elsewhere it is the mean of its samples, of which
-    those on its border count half. A sample has the colour of the pixel on its side that sees the same flat piece, or
-    is shaded itself. `edges` (threads, grain · W + 1), `places` (threads, n, 3), `own` (threads, n, 3), `weights`
-    (threads, n) and `means` (threads, W, 3) are room for each thread; n counts all samples of a row of pixels, and
-    those on a border once for either pixel.
+    A pixel whose samples all see one triangle keeps its light. Any other pixel gets the mean of its samples, in which
+    samples on its border count half. A sample has the light of this pixel, or of the pixel next to the sample, if that
+    pixel sees the same flat piece at its middle. Otherwise the sample is shaded itself. `edges` (threads, grain · W +
+    1), `places` (threads, n, 3), `own` (threads, n, 3), `weights` (threads, n) and `means` (threads, W, 3) are work
+    arrays for each thread. n is the number of samples of a row of pixels; samples on a border count once per pixel.
     """
     height, width = rgb.shape[:2]
     samples, plane = shot.samples, shot.triangles.plane
@@ -368,7 +369,7 @@ def resolve_rows(
 
 @njit(cache=True, nogil=True)
 def _find_edges(rows: NDArray[np.int32], middle: int, edge: NDArray[np.bool_]) -> None:
-    """Set `edge` (n,) where a column of `rows` (k, n) differs from its row `middle`, or that from its next sample."""
+    """Set `edge` (n,) where a column of `rows` (k, n) is not uniform, or row `middle` changes to the next column."""
     here = rows[middle]
     last = len(here) - 1
     for i in range(last):

@@ -1,7 +1,7 @@
-"""The shadow map: for each ray of a fine grid of parallel rays, the height of the first surface towards the sun.
+"""Draws the shadow map: the height of the surface nearest to the sun, for each ray of a fine grid of parallel rays.
 
-The shadow map of static instances is drawn once, and that of a map is shared by all its scenes. Movable instances, and
-those that a scene adds to its map, are drawn into the same shadow map for one picture, and then taken out again.
+The shadow map of static instances is drawn once, and all scenes of a map share it. Movable instances, and those that a
+scene adds to its map, are drawn into this shadow map for one picture, and then removed.
 """
 
 import itertools
@@ -22,12 +22,12 @@ from foundation.frames import Vec3
 
 CELLS = 4096  # per side of the map
 MARGIN_CELLS = 4
-SLOPE_LIMIT = 12.0  # m of depth per m across, of the receiving plane
+SLOPE_LIMIT = 12.0  # largest slope of the receiving plane, m of depth per m across
 BIAS_M = 0.015
 
 
 class SunMap(NamedTuple):
-    """Heights towards the sun on a grid across its rays.
+    """A shadow map: heights towards the sun, on a grid perpendicular to the sun's rays.
 
     Cell (j, i) belongs to the ray through `low + (i, j)·cell` in the coordinates along `across` and `up`.
     """
@@ -43,14 +43,14 @@ class SunMap(NamedTuple):
 
 
 def sun_map(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: int = CELLS) -> SunMap:
-    """Return the shadow map of static instances, fitted around everything on the ground and its shadows."""
+    """Return the shadow map of static instances. Its grid covers everything on the ground, and its shadows."""
     result = _grid(layout, sun, ground_ids, cells, np.full((cells, cells), -1e30, np.float32))
     draw_heights(result, layout.triangles, layout.cutouts, 0, layout.static_count)
     return result
 
 
 def fits(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], before: SunMap) -> bool:
-    """Return whether `before`, the map of a part of these triangles, has the same grid as `sun_map` of this layout."""
+    """Return whether `before`, the shadow map of some of these triangles, has the grid of `sun_map` of this layout."""
     return _grid(layout, sun, ground_ids, before.height.shape[0], before.height)[1:] == before[1:]
 
 
@@ -61,7 +61,7 @@ def _grid(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: int,
     across /= np.linalg.norm(across)
     up = np.cross(toward, across)
     triangles = layout.triangles
-    # a thing and its shadow lie on the same rays: the bounds of the things are enough
+    # a thing and its shadow are on the same rays, so the bounds of the things are enough
     casts = ~np.isin(triangles.instance, sorted(ground_ids))
     low, high = np.zeros(2), np.zeros(2)
     if len(casts):
@@ -102,15 +102,15 @@ def _bounds(
 
 
 class Shadows:
-    """The shadows of one scene. The map's shadow map (64 MB) is shared by all its scenes: one draws at a time."""
+    """The shadows of one scene. All scenes of a map share one shadow map (64 MB) and take turns."""
 
     def __init__(self, sun: SunMap, turn: threading.Lock, added: Sequence[slice] = ()) -> None:
-        """`turn` guards drawing into `sun`; `added`: the triangles of static instances that are not in it."""
+        """`turn` is the lock for drawing into `sun`. `added` are triangles of static instances that `sun` lacks."""
         self._sun, self._turn, self._added = sun, turn, added
 
     @contextmanager
     def cast(self, layout: SceneArrays, movable: Iterable[MovablePart]) -> Iterator[SunMap]:
-        """Give the shadow map with these movable instances in it, for the duration of the block."""
+        """Yield the shadow map with these movable instances drawn in; they are removed after the block."""
         with self._turn:
             covered = draw_instances(self._sun, layout, [*self._added, *(part.triangles for part in movable)])
             try:
@@ -129,7 +129,7 @@ def instance_slices(triangles: Triangles, first: int, stop: int) -> list[slice]:
 def draw_instances(
     sun: SunMap, layout: SceneArrays, instances: Iterable[slice]
 ) -> list[tuple[slice, slice, NDArray[np.float32]]]:
-    """Draw instances, one slice of triangles each, into the map; return the covered heights for `restore`."""
+    """Draw instances, one slice of triangles each, into the map. Return the overwritten heights for `restore`."""
     axes = np.column_stack((sun.across, sun.up))
     cells = sun.height.shape[0]
     covered = []
@@ -144,14 +144,14 @@ def draw_instances(
 
 
 def restore(sun: SunMap, covered: list[tuple[slice, slice, NDArray[np.float32]]]) -> None:
-    """Undo `draw_instances`, in reverse order because two may overlap."""
+    """Undo `draw_instances`, in reverse order because instances may overlap."""
     for rows, columns, heights in reversed(covered):
         sun.height[rows, columns] = heights
 
 
 @njit(cache=True, nogil=True, allocates=True)
 def draw_heights(sun: SunMap, triangles: Triangles, cutouts: Cutouts, first: int, stop: int) -> None:
-    """Raise `sun.height` to the triangles first … stop - 1, where their texels are there."""
+    """Raise `sun.height` to the triangles first … stop - 1, except at the holes of their textures."""
     position = triangles.position
     cells = sun.height.shape[0]
     last = cells - 1.0
@@ -201,15 +201,17 @@ def draw_heights(sun: SunMap, triangles: Triangles, cutouts: Cutouts, first: int
 
 @njit(cache=True, nogil=True)
 def sun_slopes(sun: SunMap, nn: float, ne: float, nd: float) -> Vec3:
-    """Return (slope_x, slope_y, bias) in m: how the height of a plane with unit normal n (NED) changes per cell, and
-    how far below the map's height a point of it still counts as lit.
+    """Return (slope_x, slope_y, bias), m, of a plane with unit normal n (NED).
+
+    The slopes are the changes of the plane's height per cell. A point counts as lit if it is at most `bias` below the
+    height in the map.
     """
     lit = sun.toward[0] * nn + sun.toward[1] * ne + sun.toward[2] * nd
     k = -sun.cell / max(lit, 1e-6)
     limit = SLOPE_LIMIT * sun.cell
     slope_x = min(max(k * (sun.across[0] * nn + sun.across[1] * ne + sun.across[2] * nd), -limit), limit)
     slope_y = min(max(k * (sun.up[0] * nn + sun.up[1] * ne + sun.up[2] * nd), -limit), limit)
-    # what lies within the filter on a curved or folded surface may stand out by a fraction of the slope
+    # on a curved or folded surface, points within the filter may be higher by a fraction of the slope
     return slope_x, slope_y, BIAS_M + 0.2 * (abs(slope_x) + abs(slope_y)) + 0.1 * sun.cell
 
 
@@ -217,8 +219,8 @@ def sun_slopes(sun: SunMap, nn: float, ne: float, nd: float) -> Vec3:
 def sunlight(sun: SunMap, n: float, e: float, d: float, slope_x: float, slope_y: float, bias: float) -> float:
     """Return the share (0 … 1) of the sun's disc that reaches the point (n, e, d), NED, m, of a plane.
 
-    The mean of 2 × 2 bilinear comparisons; each cell is compared with the height of the receiving plane itself above
-    that cell, so a slanted plane does not shade itself and thin things need no gap beneath them.
+    It is the mean of 2 × 2 bilinear comparisons. Each cell is compared with the height of the receiving plane at that
+    cell. So a slanted plane does not shade itself, and a small bias is enough, also below thin things.
     """
     x = (sun.across[0] * n + sun.across[1] * e + sun.across[2] * d - sun.low_across) * sun.per_cell - 0.5
     y = (sun.up[0] * n + sun.up[1] * e + sun.up[2] * d - sun.low_up) * sun.per_cell - 0.5

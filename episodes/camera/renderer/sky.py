@@ -1,7 +1,7 @@
-"""The light of a day: sky with clouds, sun disc, haze, and how bright light becomes a displayable value.
+"""Computes daylight: the sky with clouds, the sun's disc, haze, and the conversion of light to sRGB codes.
 
-The sky of a scene is a table, computed once. Direction (n, e, d) of the upper half has the place (n, e) / (1 − d) in
-the disc of radius 1 (a stereographic projection): the zenith is its middle, the horizon its rim.
+The sky of a scene is a table, computed once. A stereographic projection maps the upper half of all directions to a disc
+of radius 1: direction (n, e, d) is at (n, e) / (1 − d). The zenith is the middle of the disc, the horizon is its rim.
 """
 
 import math
@@ -20,24 +20,25 @@ EXPOSURE = 0.72
 SHOULDER = 0.48
 WHITENING = 0.09
 WHITE = 2.14  # the light at which the curve of `display_table` reaches white
-STEPS = 8192  # of the table: less than one code each where sRGB is steepest
-HAZE_LENGTH_M = 2200.0  # distance after which about two thirds of a thing's colour is lost in the air
-DISC_COSINE = math.cos(math.radians(0.45))  # a little larger than the real 0.27°, so that it is seen at all
+STEPS = 8192  # of `display_table`; a step is less than one code even where sRGB is steepest
+HAZE_LENGTH_M = 2200.0  # distance at which haze replaces about two thirds of an object's colour
+DISC_COSINE = math.cos(math.radians(0.45))  # larger than the real 0.27°, so that the disc is visible
 GLOW_COSINE = math.cos(math.radians(0.9))
 USUAL_GREY = 0.553  # mean of the default `Sun.sky`
 
-Directions = NDArray[np.floating[Any]]  # (SKY_CELLS, SKY_CELLS) of a value by direction
+Directions = NDArray[np.floating[Any]]  # (SKY_CELLS, SKY_CELLS), one value per direction
 
 SKY_CELLS = 1024  # per side of the table of the sky
 CLOUD_SEED = 5
 CLOUD_BASE_M, EARTH_M = 1300.0, 6.371e6
 CLOUD_TILE_M, CLOUD_CELLS = 14000.0, 1024  # the pattern of clouds repeats after this distance
-CLOUD_FADE_M = 24000.0  # along the ray, after which about two thirds of a cloud are lost in the air
-SUN_HOLE = math.cos(math.radians(14.0)), math.cos(math.radians(6.0))  # clouds leave the sun free: it throws shadows
+CLOUD_FADE_M = 24000.0  # along the ray; at this distance haze hides about two thirds of a cloud
+# clouds fade out between these angles from the sun, because the sun casts shadows
+SUN_HOLE = math.cos(math.radians(14.0)), math.cos(math.radians(6.0))
 
 
 class Daylight(NamedTuple):
-    """The lights of a scene, linear RGB."""
+    """The light sources of a scene, linear RGB."""
 
     toward: Vec3  # unit, NED
     sun: Vec3  # sun colour times strength
@@ -45,11 +46,11 @@ class Daylight(NamedTuple):
     bounce: Vec3  # from below: sky and sun light returned by the ground
     zenith: Vec3  # the sky overhead
     horizon: Vec3  # the sky at eye level, and the haze
-    disc: float  # share of the sun's disc that clouds leave
+    disc: float  # share of the sun's disc that clouds do not hide
 
 
 def daylight(sun: Sun) -> Daylight:
-    """Return the lights that belong to `sun`."""
+    """Return the light sources that belong to `sun`."""
     n, e, d = (float(c) for c in sun.toward_ned)
     length = math.sqrt(n * n + e * e + d * d)
     toward = (n / length, e / length, d / length)
@@ -58,9 +59,9 @@ def daylight(sun: Sun) -> Daylight:
     sky = tuple(float(c) for c in sun.sky)
     high = max(-toward[2], 0.0)
     grey = sum(sky) / 3.0
-    ambient = tuple(1.15 * (c + 0.3 * (grey - c)) for c in sky)  # walls and clouds wash out the blue
+    ambient = tuple(1.15 * (c + 0.3 * (grey - c)) for c in sky)  # less blue: light from walls and clouds is greyer
     bounce = tuple(0.20 * (a + c * high) * g for a, c, g in zip(ambient, light, (1.0, 0.95, 0.8), strict=True))
-    zenith = tuple(2.1 * c**2.2 for c in sky)  # deeper than the mean that `sky` stands for
+    zenith = tuple(2.1 * c**2.2 for c in sky)  # a deeper blue than `sky`, which is a mean
     veil = min(grey / USUAL_GREY, 1.0)
     horizon = tuple(1.2 * c + w * veil for c, w in zip(sky, (0.80, 0.95, 1.06), strict=True))
     disc = min(max((0.95 - float(sun.clouds)) / 0.2, 0.0), 1.0)
@@ -117,16 +118,16 @@ def _power(base: Directions, exponent: int) -> Directions:
 def _clouds(
     day: Daylight, clouds: float, up: Directions, north: Directions, east: Directions
 ) -> tuple[Directions, Directions]:
-    """Return how much of the sky clouds hide in each direction, and how sunlit they are there, 0 … 1.
+    """Return the share of the sky that clouds hide in each direction, and how sunlit they are there, 0 … 1.
 
-    They are a flat layer above a round earth, so that they end at the horizon, seen through as much air as lies before.
+    The clouds are a layer at one height above a round earth, so that they end at the horizon. Haze hides distant ones.
     """
     rise = EARTH_M * up
     path = np.sqrt(rise * rise + 2.0 * EARTH_M * CLOUD_BASE_M + CLOUD_BASE_M**2) - rise
     scale = np.float32(CLOUD_CELLS / CLOUD_TILE_M)
     rows, columns = path * north * scale, path * east * scale
     cover, bright = _cloud_pattern(clouds, day.toward)
-    # farther clouds are smaller than the cells of the table: their mean
+    # distant clouds are smaller than the cells of the table: use their mean
     blur = np.clip(0.5 * np.log2(np.maximum(path * (scale * 2.4 / SKY_CELLS) / np.maximum(up, 0.02), 1.0)), 0.0, 2.0)
     rows, columns = np.asarray(rows % CLOUD_CELLS, np.float32), np.asarray(columns % CLOUD_CELLS, np.float32)
     shown = []
@@ -145,7 +146,7 @@ def _clouds(
 
 
 def _cloud_pattern(clouds: float, toward: Vec3) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the cover (N, N) of a layer of clouds seen from straight below, and how sunlit it is, 0 … 1."""
+    """Return the cover of a layer of clouds seen from directly below, and how sunlit it is, each (N, N), 0 … 1."""
     side = CLOUD_CELLS
     rng = np.random.default_rng(CLOUD_SEED)
     frequency = np.fft.fftfreq(side) * side
@@ -158,7 +159,7 @@ def _cloud_pattern(clouds: float, toward: Vec3) -> tuple[NDArray[np.float32], ND
     thick = np.maximum(field - level, 0.0)
     cover = np.clip(thick / (0.9 if clouds < 1.0 else 0.01), 0.0, 1.0)
     cover = 1.0 - (1.0 - cover) ** 2.2
-    # the way of the sunlight through the layer, and the darker middle of thick clouds
+    # clouds towards the sun take light away, and thick clouds are darker in the middle
     flat = math.hypot(toward[0], toward[1]) or 1.0
     shade = np.zeros_like(thick)
     for step in (4, 9, 15):
@@ -193,7 +194,7 @@ def sky_color(day: Daylight, sky: NDArray[np.float32], n: float, e: float, d: fl
 
 @njit(cache=True, nogil=True, inline="always")
 def read_half(table: NDArray[np.float32], x: float, y: float) -> Vec3:
-    """Return the value of a table (N, N, 3) of half of all directions at a place of its disc, bilinear."""
+    """Return the bilinear value of a table (N, N, 3) of half of all directions, at a place in its disc."""
     half = 0.5 * (table.shape[0] - 1)
     px = min(max((x + 1.0) * half, 0.0), table.shape[0] - 1.001)
     py = min(max((y + 1.0) * half, 0.0), table.shape[1] - 1.001)
@@ -211,8 +212,8 @@ def read_half(table: NDArray[np.float32], x: float, y: float) -> Vec3:
 def display_table() -> NDArray[np.uint8]:
     """Return the (STEPS + 1,) sRGB codes of equally spaced lights 0 … WHITE.
 
-    After the exposure the light is bent by x (1 + a x) / (1 + b x), straight in the dark and slowly reaching white
-    (the form of Reinhard's extended curve), and encoded as IEC 61966-2-1 says.
+    The tone curve of the exposed light is x (1 + a x) / (1 + b x), which has the form of Reinhard's extended curve. It
+    is linear in the dark and approaches white slowly. The encoding is that of IEC 61966-2-1.
     """
     x = EXPOSURE * WHITE * np.arange(STEPS + 1) / STEPS
     y = np.clip(x * (1.0 + WHITENING * x) / (1.0 + SHOULDER * x), 0.0, 1.0)

@@ -1,9 +1,9 @@
-"""All textures of a scene in one array of texels with their smaller copies, and how a kernel reads them.
+"""Stores all textures of a scene and their smaller copies (mipmaps) in one array of texels, and reads them in kernels.
 
-A texel packs three ten-bit channels, each the square root of a linear value: ten bits are enough in the dark where
-eight bits of linear light are not, and squaring is cheaper than the sRGB curve. The channels lie 21 bits apart, so that
-a texel can be multiplied by a weight as it is. uv (0, 0) is the top-left corner of the picture, u to the right, v down;
-beyond 0 … 1 the picture repeats, for which every level has a border of one texel from its other side.
+A texel packs three ten-bit channels, each the square root of a linear value. In the dark this is finer than eight bits
+of linear light, and squaring is cheaper than the sRGB curve. The channels are 21 bits apart, so that one multiplication
+applies a weight to all three. uv (0, 0) is the top-left corner of the picture, u to the right, v down. Beyond 0 … 1 the
+picture repeats. For this, every level has a border of one texel from its opposite side.
 """
 
 import math
@@ -19,10 +19,10 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3
 
 LARGEST_SIDE = 2048  # texels; larger pictures are reduced
-MOST_DOUBLINGS = 3  # of the reads along the longer axis of a pixel's footprint: at most eight
+MOST_DOUBLINGS = 3  # of the number of reads along the longer axis of a pixel's footprint: at most eight reads
 WEIGHT = 2048  # sum of a pixel's integer weights; see `_bilinear`
 ONE_BITS = 0x3F800000  # the float 1.0
-SHARPEN = -0.35  # levels; a little under the strict limit keeps lettering readable and is hidden by later smoothing
+SHARPEN = -0.35  # levels; slightly finer than exact keeps letters readable, and smoothing edges hides the aliasing
 
 DRIFT_CELLS = 256  # a power of two
 
@@ -31,12 +31,12 @@ NEXT = np.uint64(1)
 
 
 class Atlas(NamedTuple):
-    """Texels of every level of every texture. A level's rows lie one after the other, each with its border."""
+    """The texels of every level of every texture. The rows of a level follow each other, each with its border."""
 
     texels: NDArray[np.uint64]  # (N,) r << 42 | g << 21 | b
     levels: NDArray[np.int64]  # (L, 3) first texel (of the border), width and height (without it) of each level
     first_level: NDArray[np.int32]  # (K,) the full-size level of each texture
-    depth: NDArray[np.int32]  # (K,) how many levels it has
+    depth: NDArray[np.int32]  # (K,) number of levels of each texture
 
 
 def srgb_to_linear(value: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -46,7 +46,7 @@ def srgb_to_linear(value: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def build_atlas(pictures: Sequence[NDArray[np.uint8]], before: Atlas | None = None) -> Atlas:
-    """Return the atlas of (H, W, 3) sRGB pictures, texture k being `pictures[k]`, after the textures of `before`.
+    """Return the atlas of the textures of `before`, followed by (H, W, 3) sRGB pictures as textures.
 
     Raises UsageError for a picture of another shape or type.
     """
@@ -81,7 +81,7 @@ def build_atlas(pictures: Sequence[NDArray[np.uint8]], before: Atlas | None = No
 
 
 def mean_colors(atlas: Atlas, texture: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Return the (K, 3) linear means of these textures, 1 where the number is negative."""
+    """Return the (K, 3) linear mean colours of textures by number; 1 for a negative number, which is no texture."""
     means = np.ones((len(texture), 3), np.float32)
     for k, number in enumerate(texture):
         if number >= 0:
@@ -92,7 +92,7 @@ def mean_colors(atlas: Atlas, texture: NDArray[np.int32]) -> NDArray[np.float32]
 
 
 def drift_table() -> NDArray[np.float32]:
-    """Return (DRIFT_CELLS, DRIFT_CELLS) values around 0, within -1 … 1, which repeat: see `drift`."""
+    """Return the table for `drift`: (DRIFT_CELLS, DRIFT_CELLS) random values within -1 … 1 that repeat."""
     rng = np.random.default_rng(17)
     frequency = np.fft.fftfreq(DRIFT_CELLS) * DRIFT_CELLS
     radius = np.hypot(frequency[:, None], frequency[None, :])
@@ -104,9 +104,9 @@ def drift_table() -> NDArray[np.float32]:
 
 @njit(cache=True, nogil=True, inline="always")
 def drift(table: NDArray[np.float32], n: float, e: float, z: float) -> float:
-    """Return how the tone of natural ground drifts at (n, e), m: within -1 … 1, in patches of metres and of 50 m.
+    """Return the drift of the tone of natural ground at (n, e), m, within -1.2 … 1.2: small patches on large ones.
 
-    The small patches fade with the distance `z`, m, at which they are finer than pixels.
+    The small patches fade at distances `z` of about 60 m, the large ones at about 800 m, where pixels are coarser.
     """
     fine = 1.0 / (1.0 + z * z * (1.0 / 3600.0))
     coarse = 1.0 / (1.0 + z * z * (1.0 / 640000.0))
@@ -148,11 +148,11 @@ def _pyramid(linear: NDArray[np.float32]) -> list[NDArray[np.float32]]:
 def footprint(
     atlas: Atlas, texture: int, ux: float, vx: float, uy: float, vy: float
 ) -> tuple[np.int64, int, int, float, float]:
-    """Return (level, mix, doublings, step_u, step_v): how `texture_color` reads a texture.
+    """Return the parameters of `texture_color` for one texture: (level, mix, doublings, step_u, step_v).
 
-    (ux, vx) and (uy, vy) are the changes of (u, v) over one read to the right and down. The level is chosen by the
-    footprint's shorter axis and 2^doublings reads follow the longer one in steps of (step_u, step_v), so that a road
-    seen at a grazing angle stays sharp across without shimmering along. `mix` of WEIGHT comes from the next level.
+    (ux, vx) and (uy, vy) are the changes of (u, v) from one read to the next, to the right and down. The shorter axis
+    of the footprint selects the level. 2^doublings reads follow the longer axis in steps of (step_u, step_v). So a road
+    at a grazing angle is sharp across and does not shimmer along. The next level has the share `mix` / WEIGHT.
     """
     first = atlas.first_level[texture]
     w = float(atlas.levels[first, 1])
@@ -193,8 +193,8 @@ def texture_color(
 ) -> Vec3:
     """Return the linear (r, g, b) around (u, v) for a `footprint`: the mean of `reads` × `reads` places.
 
-    The places lie (ux, vx) and (uy, vy) apart; `reads` is a power of two. Where a place needs one read only, both
-    levels are read; where it needs several, they take turns.
+    The places are (ux, vx) and (uy, vy) apart. `reads` is a power of two. A place without doublings reads both levels
+    once. A place with doublings reads the two levels in turn.
     """
     texels, levels = atlas.texels, atlas.levels
     first, w, h = levels[level, 0], levels[level, 1], levels[level, 2]
@@ -203,7 +203,7 @@ def texture_color(
     pairs = 1 << max(doublings - 1, 0)
     part = mix // (pairs * reads * reads)
     rest = WEIGHT // (pairs * reads * reads) - part
-    # the second level's place: of a pair of reads the second, or the same
+    # the second read of a pair is from the second level; without doublings, at the same place
     if doublings == 0:
         step_u, step_v = 0.0, 0.0
     back, start = 0.5 * (reads - 1), pairs - 0.5
@@ -235,12 +235,12 @@ def texture_color(
 def _bilinear(
     texels: NDArray[np.uint64], offset: np.int64, w: np.int64, h: np.int64, u: float, v: float, weight: int
 ) -> np.uint64:
-    """Return one level's code at (u, v) times `weight`, the three channels side by side in one integer.
+    """Return one level's code at (u, v) times `weight`, with the three channels side by side in one integer.
 
-    Positions have eight binary places and weights are whole numbers, so that multiplying and adding the integer serves
-    all channels at once. A channel has 21 bits: room for 1023 · WEIGHT.
+    Positions have eight binary places and weights are whole numbers, so that one multiplication or addition is for all
+    channels. A channel has 21 bits, enough for 1023 · WEIGHT.
     """
-    x = np.int64((u - np.floor(u)) * (w * 256.0)) + 128  # half a texel to the left, and one to the right for the border
+    x = np.int64((u - np.floor(u)) * (w * 256.0)) + 128  # + 128: half a texel back, and one forward for the border
     y = np.int64((v - np.floor(v)) * (h * 256.0)) + 128
     right = x & 255
     lower = (y & 255) * weight
@@ -259,5 +259,5 @@ def _bilinear(
 
 @njit(cache=True, nogil=True)
 def _log2(x: float) -> float:
-    """Return log₂ x within 0.05, from the bits of a float: its exponent, and its mantissa taken as straight."""
+    """Return log₂ x within 0.05, from the bits of a float: its exponent plus its mantissa."""
     return (np.float32(x).view(np.int32) - ONE_BITS) * (1.0 / (1 << 23)) + 0.043

@@ -1,4 +1,4 @@
-"""The catalogue of assets by name: targets, campus fixtures, and the scenery of other maps."""
+"""The catalogue of assets by name: targets, campus fixtures and scenery."""
 
 from collections.abc import Callable
 from functools import lru_cache, partial
@@ -23,13 +23,13 @@ from foundation.wording import suggestion
 
 PAINTS = tuple(materials.PAINTS)
 
-# asset → its maker: (paint, inscription) → mesh
+# asset → function (paint, inscription) → mesh
 _INSCRIBED: dict[str, Callable[[str, str], Mesh]] = {kind: partial(vehicles.car, kind) for kind in vehicles.SHAPES} | {
     "bus": service_vehicles.bus,
     "motorcycle": riders.motorcycle,
     "sign": lettering.sign,
 }
-# asset → its maker: paint → mesh
+# asset → function paint → mesh
 _PLAIN: dict[str, Callable[[str], Mesh]] = {
     "cyclist": riders.cyclist,
     "delivery_robot": service_vehicles.delivery_robot,
@@ -38,7 +38,7 @@ _PLAIN: dict[str, Callable[[str], Mesh]] = {
     "quadrotor": multirotor.quadrotor,
     "service_cart": service_vehicles.service_cart,
 }
-# kind of campus fixture → its maker
+# kind of campus fixture → function that builds its mesh
 FIXTURES: dict[str, Callable[[], Mesh]] = {
     "bench": campus_fixtures.bench,
     "bike-rack": campus_fixtures.bike_rack,
@@ -54,7 +54,7 @@ FIXTURES: dict[str, Callable[[], Mesh]] = {
     "statue": campus_fixtures.statue,
     "vending-machine": campus_fixtures.vending_machine,
 }
-# what else maps are furnished with → its maker
+# other object of the maps → function that builds its mesh
 SCENERY: dict[str, Callable[[], Mesh]] = {
     "barrier": street.barrier,
     "birch": partial(plants.tree, "birch", 7.2, 2),
@@ -79,7 +79,7 @@ SCENERY: dict[str, Callable[[], Mesh]] = {
         houses.house, HousePlan(width=9.4, storeys=2, band=True, hipped=True, wall="linen", roof="umber", garage=-1)
     ),
 }
-PLATE = "DC 2475"  # of a vehicle whose record has no inscription
+PLATE = "DC 2475"  # text on the plates of a vehicle whose record has no inscription
 
 
 def names() -> list[str]:
@@ -94,9 +94,9 @@ def inscribed() -> frozenset[str]:
 
 @lru_cache(maxsize=128)
 def build(asset: str, paint: str, inscription: str | None = None) -> Mesh:
-    """Return the mesh of a target asset in a paint, FRD axes, origin on the ground under its middle.
+    """Return the mesh of a target asset in a paint: FRD axes, origin on the ground under its middle.
 
-    An inscription that the asset has no place for is ignored. Raises UsageError for an unknown asset or paint.
+    `inscription` is ignored if the asset shows none. Raises UsageError for an unknown asset or paint.
     """
     if asset in _INSCRIBED:
         return _INSCRIBED[asset](paint, inscription or PLATE)

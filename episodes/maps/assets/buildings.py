@@ -1,4 +1,4 @@
-"""Halls of a campus: walls whose windows lie behind piers, an entrance with steps and a name, a roof to look at.
+"""Campus halls: walls with windows set back between piers, an entrance with steps and a name, and a roof.
 
 A hall's front faces forward (+x) and its width runs along y; its origin is the middle of its footprint on the ground.
 """
@@ -14,8 +14,8 @@ from episodes.maps.assets.materials import linear, surface
 from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Material, Mesh
 
-FLOOR_M = 0.45  # of the ground floor above the ground: three steps
-FOOT_M = 0.8  # m of wall below the ground, which slopes
+FLOOR_M = 0.45  # height of the ground floor above the ground: three steps
+FOOT_M = 0.8  # walls reach this far below the ground, because the ground slopes
 TINTS = {"sand": (222, 204, 172), "pale": (226, 226, 222), "ochre": (206, 180, 136), "slate": (164, 172, 178)}
 DARK_FRAME, PALE_FRAME = (52, 54, 56), (228, 226, 218)
 
@@ -24,12 +24,12 @@ DARK_FRAME, PALE_FRAME = (52, 54, 56), (228, 226, 218)
 class HallPlan:
     """Dimensions and features of one hall, m."""
 
-    name: str  # in capitals over its door
+    name: str  # shown in capitals over the door
     style: str  # 'brick', 'ribbon', 'columns', 'glass'
     width: float  # along y
     depth: float
     storeys: int
-    tint: str = "pale"  # of stone and panels; brick has its own
+    tint: str = "pale"  # of TINTS, for stone and panels; brick has its own colour
     storey_m: float = 3.6
     bay_m: float = 3.4  # width of one window with its pier
 
@@ -40,7 +40,7 @@ class HallPlan:
 
 
 def hall(plan: HallPlan) -> Mesh:
-    """Return the hall of a plan."""
+    """Return the mesh of a hall."""
     wall, tile = _wall(plan)
     half_d, half_w = plan.depth / 2, plan.width / 2
     solids = [g.box((-half_d, -half_w, -FOOT_M), (half_d, half_w, plan.top), wall, tile)]
@@ -75,24 +75,24 @@ def _wall(plan: HallPlan) -> tuple[Material, float]:
 
 
 def _bays(plan: HallPlan, width: float) -> Array:
-    """Return the edges (N + 1,) m of the bays of a wall, a solid corner on either side left out."""
+    """Return the edges (N + 1,) m of the N bays of a wall; the solid corner at either end is left out."""
     half = width / 2 - 0.9
     count = max(2, round(2 * half / plan.bay_m))
     return np.linspace(-half, half, count + 1)
 
 
 def _kept(plan: HallPlan, y: float, storey: int, front: bool) -> bool:
-    """Return whether a window fits at y: the entrance takes the middle of the front's lowest storey."""
+    """Return whether a window fits at y. The entrance takes up the middle of the front's ground storey."""
     return not (front and storey == 0 and abs(y) < 3.4)
 
 
 def _foot_of(plan: HallPlan, y: float, front: bool) -> float:
-    """Return the height (m) at which a pier at y begins: over the doors where they stand in its way."""
+    """Return the height (m) at which a pier at y begins; a pier in the way of the doors begins above them."""
     return FLOOR_M + (plan.storey_m if front and abs(y) < 2.8 else 0.0)
 
 
 def _quad(x: float, y: tuple[float, float], z: tuple[float, float], look: Material) -> MeshPart:
-    """Return an upright picture that faces forward."""
+    """Return an upright rectangle that faces forward and shows its texture once."""
     (y0, y1), (z0, z1) = y, z
     return g.quad([(x, y0, z0), (x, y1, z0), (x, y1, z1), (x, y0, z1)], look)
 
@@ -100,18 +100,18 @@ def _quad(x: float, y: tuple[float, float], z: tuple[float, float], look: Materi
 def _band(
     y: tuple[float, float], z: tuple[float, float], out: float, look: Material, tile: float, door: bool
 ) -> list[MeshPart]:
-    """Return a level band that stands out of a wall, interrupted where the entrance is."""
+    """Return a horizontal band that projects from a wall; if `door`, the band is interrupted at the entrance."""
     ends = ((y[0], -2.3), (2.3, y[1])) if door else (y,)
     return [g.box((-0.1, a, z[0]), (out, b, z[1]), look, tile) for a, b in ends]
 
 
 def _blind(column: int, storey: int) -> float:
-    """Return how far the blind of a window is drawn: three sorts, spread without a pattern one would notice."""
+    """Return the share of a window that its blind covers. The three values form no visible pattern."""
     return (0.0, 0.0, 0.28, 0.0, 0.55, 0.0, 0.28)[(column * 3 + storey * 5) % 7]
 
 
 def _brick_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
-    """Return a brick wall: piers and bands of brick and stone stand out, sashes lie behind them."""
+    """Return a brick wall: projecting piers and bands of brick and stone, with windows set back behind them."""
     brick, stone = surface("brick"), surface("concrete", (0.98, 0.94, 0.86))
     edges, half = _bays(plan, width), width / 2
     solids = [g.box((-0.1, -half - 0.06, -FOOT_M), (0.34, half + 0.06, FLOOR_M), stone, 1.5)]
@@ -136,7 +136,7 @@ def _brick_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
 
 
 def _ribbon_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
-    """Return a concrete wall: bands of glass between spandrels, cut by upright fins."""
+    """Return a concrete wall: bands of glass between spandrels, divided by vertical fins."""
     panel, fin = surface("panels", linear(TINTS[plan.tint])), materials.plain("fin", (210, 208, 200))
     edges, half = _bays(plan, width), width / 2
     solids = []
@@ -189,7 +189,7 @@ def _stone_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
 
 
 def _glass_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
-    """Return a glass wall: floor slabs show as bands, fins stand before it."""
+    """Return a glass wall with the floor slabs as bands and fins in front of it."""
     band, fin = materials.plain("slab-band", (214, 214, 208), 0.1), materials.plain("glass-fin", (92, 98, 104), 0.4)
     half = width / 2
     solids = [g.box((-0.1, -half - 0.1, -FOOT_M), (0.3, half + 0.1, FLOOR_M), surface("concrete"), 1.5)]
@@ -247,7 +247,7 @@ def _entrance(plan: HallPlan) -> list[MeshPart]:
 
 
 def _portico(plan: HallPlan) -> list[MeshPart]:
-    """Return six columns on a broad stair, an entablature and a pediment before the front."""
+    """Return six columns on a broad stair, an entablature and a pediment in front of the hall."""
     stone, front, half = _stone(plan), plan.depth / 2, 8.2
     beam = plan.top - 2.6
     solids = [g.box((front, -half - 0.6, -FOOT_M), (front + 6.0, half + 0.6, FLOOR_M), stone, 2.4)]
@@ -261,13 +261,13 @@ def _portico(plan: HallPlan) -> list[MeshPart]:
     solids.append(g.box((front, -half - 0.4, beam), (front + 5.85, half + 0.4, plan.top - 1.1), stone, 2.4))
     solids.append(g.box((front, -half - 0.8, plan.top - 1.1), (front + 6.2, half + 0.8, plan.top - 0.7), stone, 2.4))
     gable = [(-half - 0.8, plan.top - 0.7), (half + 0.8, plan.top - 0.7), (0.0, plan.top + 2.4)]
-    # a profile shows in x and z: turned a quarter, its x becomes the portico's width
+    # a profile lies in x and z; a quarter turn makes its x the portico's width
     solids.append(g.placed(g.placed(g.profile(gable, -front - 6.1, -front, stone, 2.4), yaw=np.pi / 2), (0, 0, 0)))
     return solids
 
 
 def _roof(plan: HallPlan) -> list[MeshPart]:
-    """Return what shows above the eaves."""
+    """Return the parts above the eaves: a hipped roof, or a flat deck with plant rooms."""
     d, w, top = plan.depth / 2, plan.width / 2, plan.top
     plant, deck = materials.plain("roof-plant", (132, 136, 138), 0.2), materials.plain("roof-deck", (120, 118, 114))
     if plan.style in ("brick", "columns"):

@@ -17,7 +17,7 @@ from episodes.maps.scene import Material, Mesh
 IRON = materials.plain("campus-iron", (48, 52, 54), 0.3)
 CAST = materials.plain("cast-concrete", (172, 168, 160))
 SLATS = surface("boards", (1.15, 1.08, 1.0), 0.05)
-SINK = 0.06  # m below the ground, so that no foot hangs over a gentle slope
+SINK = 0.06  # m; feet reach this far below the ground, so that they touch a gentle slope
 
 WATER = materials.plain("water", (84, 124, 138), 0.85)
 SPRAY = materials.plain("spray", (206, 220, 226), 0.3, 0.06)
@@ -69,7 +69,7 @@ def lamp(height: float = 4.6) -> Mesh:
 
 @cache
 def bin() -> Mesh:
-    """Return a litter bin of two compartments under one roof, its mouths forward."""
+    """Return a litter bin of two compartments under one roof, with its openings at the front."""
     shell, dark = materials.plain("bin-shell", (92, 98, 94), 0.15), materials.SHADOW
     solids = [
         g.box((-0.30, -0.58, 0.08), (0.30, 0.58, 1.02), shell),
@@ -86,7 +86,7 @@ def bin() -> Mesh:
 
 
 def _bicycle(at: tuple[float, float], lean: float) -> list[MeshPart]:
-    """Return a bicycle whose front wheel points forward, seen as thin rods."""
+    """Return a bicycle made of thin rods, placed at (x, y) `at` and turned by the yaw `lean` (rad)."""
     tyre, frame = materials.RUBBER, materials.plain("bicycle", (64, 68, 74), 0.4)
     turn = np.linspace(0, 2 * np.pi, 13)
     solids = []
@@ -198,7 +198,7 @@ def picnic_table() -> Mesh:
     high = np.column_stack([_ring(0.05, 8), np.full(8, 2.62)])
     top = g.soup([[low[k], low[(k + 1) % 8], high[(k + 1) % 8]] for k in range(8)], cloth, 0.0)
     under = g.soup([[low[(k + 1) % 8], low[k], high[k] - (0, 0, 0.05)] for k in range(8)], cloth, 0.0)
-    hem, rim = low - (0, 0, 0.16), np.array((0.99, 0.99, 1.0))  # its inner side a centimetre further in
+    hem, rim = low - (0, 0, 0.16), np.array((0.99, 0.99, 1.0))  # `rim` moves the inner side of the hem inwards by 1 %
     flap = np.array(
         [t for k in range(8) for m in [(k + 1) % 8] for t in ([hem[k], hem[m], low[m]], [hem[k], low[m], low[k]])]
     )
@@ -218,7 +218,7 @@ def _basin(radius: float, height: float) -> list[MeshPart]:
 
 
 def _bowl(radius: float, foot: float, rim: float) -> list[MeshPart]:
-    """Return a bowl on its stem, full of water, from the height of its foot to that of its rim."""
+    """Return a bowl of water on a stem; `foot` and `rim` are the heights (m) of its lower and upper end."""
     deep = 0.32 * radius
     outline = [(0.0, foot), (0.26, foot), (0.17, foot + 0.2), (0.15, rim - deep - 0.12), (0.3, rim - deep)]
     outline += [(0.7 * radius, rim - 0.45 * deep), (radius, rim), (radius - 0.07, rim), (radius - 0.1, rim - 0.06)]
@@ -256,7 +256,7 @@ def _jet(foot: float) -> list[MeshPart]:
 
 @cache
 def fountain(tiers: int = 1) -> Mesh:
-    """Return a fountain: a basin with one bowl, or a wider one with `tiers` bowls above each other."""
+    """Return a fountain: a basin with one bowl, or a wider basin with `tiers` bowls above one another."""
     radius, height = (2.5, 0.55) if tiers == 1 else (3.2, 0.62)
     solids = _basin(radius, height)
     foot, wide = height - 0.2, 1.0 if tiers == 1 else 1.7
@@ -271,7 +271,7 @@ def fountain(tiers: int = 1) -> Mesh:
 
 @cache
 def statue() -> Mesh:
-    """Return a robed figure in bronze, a book in one hand and the other raised, on a stepped plinth."""
+    """Return a robed bronze figure on a stepped plinth, with a book in one hand and the other hand raised."""
     stone = _stone()
     solids = [
         g.box((-1.05, -1.05, -SINK), (1.05, 1.05, 0.22), stone, 1.6),
@@ -309,7 +309,7 @@ def statue() -> Mesh:
 
 
 def _hip(half: tuple[float, float], eave: float, top: float, material: Material) -> MeshPart:
-    """Return a four-sided roof over a rectangle of half extents."""
+    """Return a four-sided roof over a rectangle with the half extents `half` (m)."""
     a, b = half
     low = [(-a, -b, eave), (a, -b, eave), (a, b, eave), (-a, b, eave)]
     return g.hull(low, [(x * 0.16, y * 0.16, top) for x, y, _ in low], material, 1.6)
@@ -317,7 +317,7 @@ def _hip(half: tuple[float, float], eave: float, top: float, material: Material)
 
 @cache
 def kiosk() -> Mesh:
-    """Return a booth that sells coffee: counter and awning forward, a hipped roof, a board with its name."""
+    """Return a coffee booth with a counter and an awning at the front, a hipped roof and a name board."""
     wall, roof = materials.plain("kiosk-wall", (108, 116, 112), 0.1), materials.plain("kiosk-roof", (70, 74, 78), 0.2)
     trim, glass = materials.WHITE_WOOD, materials.WINDOW
     solids = [
@@ -374,7 +374,7 @@ def _arch(half: float, spring: float, steps: int = 10) -> Array:
 
 @cache
 def clock_tower() -> Mesh:
-    """Return a brick tower of 24 m with a dial on each side and an open belfry."""
+    """Return a brick tower, 26.8 m high, with a dial on each side and an open belfry."""
 
     brick, stone, roof = surface("brick"), _stone(), materials.plain("tower-roof", (82, 102, 94), 0.15)
     solids = [

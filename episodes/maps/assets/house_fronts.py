@@ -10,8 +10,8 @@ from episodes.maps.assets.materials import surface
 from episodes.maps.geometry import MeshPart
 from episodes.maps.scene import Material
 
-FOUNDATION_M = 0.35  # floor above the ground
-FOOTING_M = -0.9  # walls reach below the ground, which may fall away from where the house stands
+FOUNDATION_M = 0.35  # height of the floor above the ground
+FOOTING_M = -0.9  # lower edge of the walls; below 0, because the ground may slope away from the house
 
 
 def window(
@@ -47,14 +47,14 @@ def window(
     if shutter is not None:
         for y in (-half - bar - 0.34, half + bar):
             solids.append(g.box((-0.01, y, sill - bar), (0.045, y + 0.34, top + bar), shutter))
-    # what lies against the wall is never seen
+    # faces against the wall are never seen
     solids = [g.without(p, (-1.0, 0.0, 0.0)) for p in solids]
     turn = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}[face]
     return [g.placed(p, (*centre, 0.0), turn) for p in solids]
 
 
 def door(plan: HousePlan, x: float, y: float, floor: float, trim: Material) -> list[MeshPart]:
-    """Return a front door of a style of DOOR_STYLES with its frame, knob and lights."""
+    """Return a front door of a style of DOOR_STYLES with its frame, knob and panes."""
     leaf, glass = materials.plain(f"door-{plan.door}", DOORS[plan.door], 0.2), materials.WINDOW
     solids = [
         g.box((x - 0.05, y - 0.58, floor), (x + 0.05, y + 0.58, floor + 2.22), trim),
@@ -75,7 +75,7 @@ def door(plan: HousePlan, x: float, y: float, floor: float, trim: Material) -> l
 
 
 def porch(plan: HousePlan, front: float, y: float, roof: Material, roof_tile: float, trim: Material) -> list[MeshPart]:
-    """Return a deck, steps, posts, railings and a lean-to roof before the door."""
+    """Return a deck, steps, posts, railings and a lean-to roof in front of the door."""
     reach, half, high = 1.9, plan.porch / 2, FOUNDATION_M + 2.45
     stone, outer = surface("concrete"), front + reach
     solids = [

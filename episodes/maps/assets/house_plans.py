@@ -1,4 +1,4 @@
-"""Plans of suburban houses: measures, colours and styles, drawn from a seed and unlike those of the neighbours."""
+"""Plans of suburban houses: dimensions, colours and styles. They are drawn from a seed; neighbours differ."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -113,13 +113,13 @@ class HousePlan:
 
 
 def plan_of(seed: int) -> HousePlan:
-    """Return a plan drawn from the seed; the garage side is left to the caller."""
+    """Return a plan drawn from the seed. The caller sets the side of the garage."""
     rng = np.random.default_rng(seed)
 
     def pick(names: Sequence[str]) -> str:
         return names[int(rng.integers(len(names)))]
 
-    # The first draws set the measures of a house, on which the places of its plot depend: their order stays.
+    # Keep the order of the first draws. They set the dimensions of the house, on which the places of its plot depend.
     storeys = int(rng.integers(1, 3))
     plan = HousePlan(
         width=float(rng.uniform(8.5, 10.0) if storeys == 2 else rng.uniform(10.0, 12.0)),
@@ -161,7 +161,7 @@ def plan_of(seed: int) -> HousePlan:
 
 
 def unlike(plan: HousePlan, neighbours: Iterable[HousePlan]) -> HousePlan:
-    """Return the plan with walls, roof, door and windows that none of its neighbours has."""
+    """Return the plan with walls, bricks, roof, door and windows that no neighbour has, as far as possible."""
     near = list(neighbours)
     return replace(
         plan,
@@ -174,18 +174,18 @@ def unlike(plan: HousePlan, neighbours: Iterable[HousePlan]) -> HousePlan:
 
 
 def _free(wanted: str, names: Sequence[str], taken: set[str]) -> str:
-    """Return the first name from the wanted one on that is not taken; the wanted one where all are."""
+    """Return the first name that is not taken, searching from `wanted` on; `wanted` if all are taken."""
     first = names.index(wanted)
     return next((name for name in (*names[first:], *names[:first]) if name not in taken), wanted)
 
 
 def door_y(plan: HousePlan) -> float:
-    """Return how far left of the middle (m) the front door stands: away from the garage."""
+    """Return the y (m, left of the middle) of the front door, on the side away from the garage."""
     return -plan.garage * plan.width * 0.175
 
 
 def footprint(plan: HousePlan) -> Array:
-    """Return (low, high) corners (2, 2) of walls and garage, x forward and y left."""
+    """Return the (low, high) corners (2, 2) of walls and garage in m, x forward and y left."""
     left = plan.width / 2 + (plan.garage_width if plan.garage > 0 else 0.0)
     right = plan.width / 2 + (plan.garage_width if plan.garage < 0 else 0.0)
     return np.array([(-plan.depth / 2, -right), (plan.depth / 2 + 0.5, left)])

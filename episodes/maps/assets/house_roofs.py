@@ -1,4 +1,4 @@
-"""Roofs of houses: gables, hips, dormers, and what lies on them."""
+"""Roofs of houses: gables, hips, dormers, solar panels, skylights and vents."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ PANEL = materials.plain("solar-panel", (26, 28, 32), 0.35)
 def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitch: float, along_y: bool,
           wall: Material, tile: float, roof: Material, roof_tile: float, trim: Material,
           overhang: float = 0.45) -> list[MeshPart]:  # fmt: skip
-    """Return the walls' triangles and two roof slabs over the rectangle low … high, ridge along y or x."""
+    """Return the gable walls and two roof slabs over the rectangle low … high, with the ridge along y or x."""
     thick = 0.16
     (x0, y0), (x1, y1) = low, high
     if not along_y:
@@ -49,7 +49,7 @@ def hip(
     roof_tile: float,
     trim: Material,
 ) -> list[MeshPart]:
-    """Return a roof that slopes on all four sides of the rectangle low … high, its ridge along the longer one."""
+    """Return a roof that slopes on all four sides of the rectangle low … high, with its ridge along the longer side."""
     overhang, thick = 0.45, 0.16
     (x0, y0), (x1, y1) = (low[0] - overhang, low[1] - overhang), (high[0] + overhang, high[1] + overhang)
     half = min(x1 - x0, y1 - y0) / 2
@@ -83,11 +83,11 @@ def dormers(
 
 
 def on_roof(plan: HousePlan, eave: float) -> list[MeshPart]:
-    """Return what is on a gabled roof: solar panels or skylights on the front slope, and a vent on the other."""
+    """Return a vent on the rear slope of a gabled roof, and solar panels or skylights on its front slope."""
     if plan.hipped or plan.gable_front:
         return []
     front, rise = plan.depth / 2, plan.pitch
-    top = 0.19  # m, of the roof's upper side over the eave's line
+    top = 0.19  # m, height of the roof's upper side above the line of the eave
 
     def slab(x: tuple[float, float], y: tuple[float, float], thick: float, look: Material) -> MeshPart:
         ring = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])]

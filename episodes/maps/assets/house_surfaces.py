@@ -1,4 +1,4 @@
-"""Textures of houses: walls, roofs, garage doors, and windows with what hangs behind them. Seeded, sRGB."""
+"""Textures of houses: walls, roofs, garage doors, and windows with curtains or blinds. Seeded, sRGB."""
 
 from collections.abc import Callable
 from functools import cache
@@ -10,12 +10,12 @@ from episodes.maps.assets.materials import Picture, linear, noise, surface, tint
 from episodes.maps.scene import Material
 from foundation.frames import Vec3
 
-TILE_M = {"brick": 0.6, "pale_brick": 0.6, "tiles": 1.6, "seams": 1.8}  # m per repeat; 1.6 of all others
+TILE_M = {"brick": 0.6, "pale_brick": 0.6, "tiles": 1.6, "seams": 1.8}  # m per repeat; 1.6 for all others
 
 
 @cache
 def pale_brick() -> Picture:
-    """Return (256, 256, 3): the bond of `materials.brick` in near white; the colour tints it."""
+    """Return (256, 256, 3): the bond of `materials.brick` in near white; the material tints it."""
     rng = np.random.default_rng(241)
     row, column = np.mgrid[0:256, 0:256]
     course = row // 32
@@ -27,7 +27,7 @@ def pale_brick() -> Picture:
 
 @cache
 def battens() -> Picture:
-    """Return (256, 256, 3): upright boards with a batten over each joint in near white; the colour tints it."""
+    """Return (256, 256, 3): upright boards with a batten over each joint in near white; the material tints it."""
     column = np.arange(256) % 64
     line = np.where(column < 9, 1.04, 0.97)
     line[(column == 9) | (column == 10)] = 0.66
@@ -38,7 +38,7 @@ def battens() -> Picture:
 
 @cache
 def shakes() -> Picture:
-    """Return (256, 256, 3): eight rows of wooden shingles of uneven width in near white; the colour tints it."""
+    """Return (256, 256, 3): eight rows of wooden shingles of uneven width in near white; the material tints it."""
     rng = np.random.default_rng(261)
     row, column = np.mgrid[0:256, 0:256]
     line = row // 32
@@ -52,13 +52,13 @@ def shakes() -> Picture:
 
 @cache
 def render() -> Picture:
-    """Return (256, 256, 3): smooth rendered wall in near white; the colour tints it."""
+    """Return (256, 256, 3): smooth rendered wall in near white; the material tints it."""
     return tinted(1.0 + 0.025 * noise((256, 256), 0.5, 271) + 0.015 * noise((256, 256), 1.6, 272), (236, 235, 231))
 
 
 @cache
 def tiles() -> Picture:
-    """Return (256, 256, 3): six rows of curved roof tiles in light grey; the colour tints it."""
+    """Return (256, 256, 3): six rows of curved roof tiles in light grey; the material tints it."""
     rng = np.random.default_rng(281)
     row, column = np.mgrid[0:256, 0:256]
     line, part = np.minimum(row // 43, 5), column // 32
@@ -70,7 +70,7 @@ def tiles() -> Picture:
 
 @cache
 def seams() -> Picture:
-    """Return (256, 256, 3): a metal roof, four trays with upright seams in light grey; the colour tints it."""
+    """Return (256, 256, 3): a metal roof, four strips with raised seams, in light grey; the material tints it."""
     column = np.arange(256) % 64
     line = np.where(column < 4, 1.12, 1.0)
     line[(column == 4) | (column == 5)] = 0.62
@@ -79,7 +79,7 @@ def seams() -> Picture:
 
 @cache
 def garage_lights() -> Picture:
-    """Return (256, 256, 3): one sectional door whose uppermost row is glazed, shown once."""
+    """Return (256, 256, 3): one sectional door whose top row is glazed; the texture does not repeat."""
     row, column = np.mgrid[0:256, 0:256]
     value = np.full((256, 256), 0.97)
     r, c = row % 64, column % 64
@@ -94,7 +94,7 @@ def garage_lights() -> Picture:
 
 @cache
 def garage_planks() -> Picture:
-    """Return (256, 256, 3): a pair of doors of upright planks with braces, shown once."""
+    """Return (256, 256, 3): a pair of doors of upright planks with braces; the texture does not repeat."""
     row, column = np.mgrid[0:256, 0:256]
     value = 0.95 + 0.03 * ((column // 16) % 2)
     value[column % 16 < 1] = 0.74
@@ -116,7 +116,7 @@ def _glass(seed: int) -> Picture:
 
 @cache
 def curtains() -> Picture:
-    """Return (96, 96, 3): a dark window, drawn once, with a curtain at either side."""
+    """Return (96, 96, 3): a dark window with a curtain on either side; the texture does not repeat."""
     image, column = _glass(1), np.arange(96)
     folds = 0.82 + 0.18 * np.cos(column * 0.9)
     for side in (column < 24, column > 71):
@@ -126,7 +126,7 @@ def curtains() -> Picture:
 
 @cache
 def blind() -> Picture:
-    """Return (96, 96, 3): a window, drawn once, with a blind that covers its upper third."""
+    """Return (96, 96, 3): a window with a blind over its upper third; the texture does not repeat."""
     image, row = _glass(2), np.arange(96)
     covered = row < 36
     image[covered] = (np.where(row[covered] % 6 < 2, 0.82, 1.0)[:, None, None] * np.array((204, 201, 190))).astype(
@@ -146,7 +146,7 @@ _TEXTURES: dict[str, Callable[[], Picture]] = {
 
 @cache
 def house_surface(name: str, color: Vec3 = (1.0, 1.0, 1.0), specular: float = 0.0) -> Material:
-    """Return the material of one of this file's textures, tinted; the same arguments give the same object."""
+    """Return the tinted material of a texture of this module; the same arguments give the same object."""
     return Material(name, color, _TEXTURES[name](), specular=specular)
 
 

@@ -1,4 +1,4 @@
-"""Suburban houses: walls of boards, brick or render, gabled or hipped roofs, framed windows, a porch, a garage."""
+"""Suburban houses: walls of boards, brick or render, gabled or hipped roofs, windows, a porch, a garage."""
 
 import numpy as np
 
@@ -46,7 +46,7 @@ def _garage(
 
 
 def _windows(plan: HousePlan, entrance: float, trim: Material) -> list[MeshPart]:
-    """Return the windows of every free wall."""
+    """Return the windows of all walls that the garage does not cover."""
     front, half = plan.depth / 2, plan.width / 2
     solids: list[MeshPart] = []
     shutter = None if plan.shutters == "none" else materials.plain(f"shutter-{plan.shutters}", SHUTTERS[plan.shutters])
@@ -74,7 +74,7 @@ def _windows(plan: HousePlan, entrance: float, trim: Material) -> list[MeshPart]
 
 
 def house(plan: HousePlan) -> Mesh:
-    """Return the house of a plan; its origin is the middle of the main block."""
+    """Return the mesh of a house. Its origin is on the ground under the middle of the main block."""
     (wall, tile), (roof, roof_tile) = house_surfaces.wall(plan), house_surfaces.roof(plan)
     brickwork, brick_tile = house_surfaces.bricks(plan)
     trim = materials.plain(f"trim-{plan.trim}", TRIMS[plan.trim], 0.05)

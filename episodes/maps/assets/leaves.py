@@ -1,7 +1,7 @@
-"""Leaves and bark: textures of twigs to cut out, and the materials of each species. Seeded, sRGB.
+"""Materials of leaves and bark for each species, and their cut-out textures. Seeded, sRGB.
 
-A texture has 2 × 2 sprigs. Each grows from the middle of its lower edge and is nearly as wide as high. The species'
-colour is that of its material, so that another season is another colour.
+A texture of leaves has 2 × 2 sprigs: small twigs with their leaves. Each grows from the middle of its lower edge and
+is nearly as wide as high. The material has the colour of the species, so that a season only changes that colour.
 """
 
 from functools import cache
@@ -16,13 +16,13 @@ from episodes.maps.scene import Material
 
 Array = NDArray[np.float64]
 
-SIDE = 256  # texels of a sprig
-FINE = 2  # times finer drawn than kept
-PALE = (214.0, 216.0, 196.0)  # a leaf that the material's colour tints
+SIDE = 256  # texels, width and height of a sprig
+FINE = 2  # textures are drawn this many times larger, then reduced
+PALE = (214.0, 216.0, 196.0)  # sRGB of a leaf; the material's colour tints it
 TWIG = (116.0, 100.0, 84.0)
-SHADE = 0.55  # of a crown's inner leaves' light that is left to them
+SHADE = 0.55  # brightness of the inner leaves of a crown, relative to the outer leaves
 
-# outlines of half a leaf from its foot to its tip: share of the length, half width
+# outlines of half a leaf from base to tip: (position along the leaf, half width), as shares of its length
 _OVAL = ((0.0, 0.03), (0.2, 0.2), (0.5, 0.27), (0.8, 0.16), (1.0, 0.0))
 _LOBED = ((0, 0.02), (0.18, 0.12), (0.24, 0.2), (0.34, 0.12), (0.46, 0.27), (0.56, 0.16), (0.7, 0.28), (0.8, 0.14),
           (0.92, 0.13), (1.0, 0.0))  # fmt: skip
@@ -31,8 +31,8 @@ _HEART = ((0.0, 0.02), (0.02, 0.26), (0.22, 0.4), (0.5, 0.36), (0.8, 0.14), (1.0
 _KITE = ((0.0, 0.02), (0.22, 0.3), (0.36, 0.32), (1.0, 0.0))
 _OUTLINES = {"oval": _OVAL, "lobed": _LOBED, "palmate": _PALMATE, "heart": _HEART, "kite": _KITE}
 
-# species → the colour that tints its leaves, their outline or kind of needles, their length as a share of a sprig's
-# width, and how many a sprig has
+# species → tint of its leaves, outline or kind of needles, length of a leaf as a share of a sprig's width, number of
+# leaves, tufts or side twigs per sprig
 _SPECIES: dict[str, tuple[Srgb, str, float, int]] = {
     "oak": ((116, 142, 66), "lobed", 0.20, 88),
     "maple": ((142, 164, 72), "palmate", 0.18, 84),
@@ -59,7 +59,7 @@ _BARK: dict[str, Srgb] = {
 
 @cache
 def leaves(species: str) -> Material:
-    """Return the material of the sprigs of a species, to be cut out."""
+    """Return the cut-out material of the sprigs of a species."""
     color, kind, size, count = _SPECIES[species]
     picture, there = _sprigs(kind, size, count)
     return Material(f"leaves-{species}", linear(color), picture, cutout=there, foliage=True)
@@ -83,7 +83,7 @@ def bark(species: str) -> Material:
 
 @cache
 def _sprigs(kind: str, size: float, count: int) -> tuple[Picture, NDArray[np.bool_]]:
-    """Return (512, 512, 3) and which of its texels (512, 512) are there."""
+    """Return the texture (512, 512, 3) of sprigs and the mask (512, 512) of its opaque texels."""
     sheet = _Sheet(2 * SIDE * FINE)
     for k in range(4):
         rng = np.random.default_rng((sum(kind.encode()), count, k))
@@ -98,7 +98,7 @@ def _sprigs(kind: str, size: float, count: int) -> tuple[Picture, NDArray[np.boo
 
 
 class _Sheet:
-    """A picture that is drawn from the back to the front."""
+    """A picture with an opacity mask. Later shapes cover earlier ones."""
 
     def __init__(self, side: int) -> None:
         self.color = np.zeros((side, side, 3), np.float32)
@@ -115,7 +115,7 @@ class _Sheet:
         cv2.line(self.there, p, q, 255, width, shift=4)
 
     def reduced(self) -> tuple[Picture, NDArray[np.bool_]]:
-        """Return the sheet at its final size: what is half covered is there; holes have the mean colour."""
+        """Return picture and mask at the final size. Half-covered texels are opaque. Holes get the mean colour."""
         weight = (self.there > 0).astype(np.float32)
         size = (len(weight) // FINE,) * 2
         share = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
@@ -127,7 +127,7 @@ class _Sheet:
 
 
 def _tint(tone: float, rng: np.random.Generator) -> Array:
-    """Return the colour of one leaf: of a tone, and a little yellower or bluer than the others."""
+    """Return the colour of one leaf with the brightness `tone`, at random a little yellower or bluer."""
     warm = rng.normal() * 0.05
     return np.asarray(np.clip(np.array(PALE) * tone * (1.0 + warm, 1.0 + 0.3 * warm, 1.0 - 1.6 * warm), 0, 255))
 
@@ -137,14 +137,14 @@ def _leaf(sheet: _Sheet, foot: Array, way: Array, length: float, outline: Array,
     along = foot + outline[:, :1] * length * way
     across = outline[:, 1:] * length * side
     sheet.polygon(np.concatenate([along + across, (along - across)[::-1]]), color)
-    sheet.polygon(np.concatenate([along, (along - 0.96 * across)[::-1]]), color * 0.88)  # the half turned away
+    sheet.polygon(np.concatenate([along, (along - 0.96 * across)[::-1]]), color * 0.88)  # the half in shade
     sheet.line(foot, foot + 0.9 * length * way, np.minimum(color * 1.12, 255.0), 1)
 
 
 def _twig_of_leaves(
     sheet: _Sheet, corner: Array, outline: Array, size: float, count: int, rng: np.random.Generator
 ) -> None:
-    """Draw a twig that branches fanwise, with leaves all along it."""
+    """Draw a twig that branches like a fan, with leaves along all branches."""
     side = SIDE * FINE
     foot = corner + np.array((0.5, 0.96)) * side
     ends = []
@@ -155,7 +155,7 @@ def _twig_of_leaves(
         sheet.line(foot, middle, np.array(TWIG), 3 * FINE)
         sheet.line(middle, end, np.array(TWIG), 2 * FINE)
         ends.append((foot, middle, end))
-    # the ends of leaves stay within the sprig, however long the leaf
+    # the tips of leaves are clipped to the area of the sprig
     length = size * side
     order = np.sort(np.sqrt(rng.uniform(0.02, 1.0, count)))
     for share in order.tolist():
@@ -172,7 +172,7 @@ def _twig_of_leaves(
 
 
 def _needle_tufts(sheet: _Sheet, corner: Array, size: float, count: int, rng: np.random.Generator) -> None:
-    """Draw the ends of a pine's twigs with their brushes of needles."""
+    """Draw the ends of pine twigs with tufts of needles."""
     side = SIDE * FINE
     foot = corner + np.array((0.5, 0.95)) * side
     for share in np.sort(rng.uniform(0.15, 1.0, count)).tolist():
@@ -208,7 +208,7 @@ def _frond(sheet: _Sheet, corner: Array, size: float, count: int, rng: np.random
 
 @cache
 def _dense(needles: bool) -> Picture:
-    """Return (256, 256, 3): leaves or needles one over the other, for a repeat of 1.2 m."""
+    """Return (256, 256, 3): overlapping leaves or needles, for a repeat of 1.2 m."""
     side, rng = SIDE * FINE, np.random.default_rng(83 + needles)
     sheet = _Sheet(side)
     sheet.color[:], sheet.there[:] = np.array(PALE) * 0.30, 255
@@ -216,7 +216,7 @@ def _dense(needles: bool) -> Picture:
     for depth in np.sort(rng.uniform(0.0, 1.0, 700 if needles else 420)).tolist():
         foot, turn = rng.uniform(0.0, side, 2), rng.uniform(0.0, 2.0 * np.pi)
         color = _tint(0.38 + 0.62 * depth, rng)
-        for shift in ((0, 0), (side, 0), (-side, 0), (0, side), (0, -side)):  # the picture repeats
+        for shift in ((0, 0), (side, 0), (-side, 0), (0, side), (0, -side)):  # so that the picture tiles
             _leaf(sheet, foot + shift, np.array((np.sin(turn), np.cos(turn))), 0.13 * side, outline, color)
     return np.asarray(cv2.resize(sheet.color, (SIDE, SIDE), interpolation=cv2.INTER_AREA).clip(0, 255), np.uint8)
 
@@ -227,7 +227,7 @@ def _grey(value: Array, color: tuple[float, float, float]) -> Picture:
 
 @cache
 def _furrows() -> Picture:
-    """Return (256, 256, 3): bark in pale grey with upright furrows, for a repeat of 0.8 m; the colour tints it."""
+    """Return (256, 256, 3): bark in pale grey with upright furrows, for a repeat of 0.8 m; the material tints it."""
     ridge = np.abs(noise((256, 256), 1.3, 91, stretch=5.0))
     fine = noise((256, 256), 0.5, 92, stretch=3.0)
     value = 0.62 + 0.42 * np.clip(ridge, 0.0, 1.0) ** 0.6 + 0.07 * fine

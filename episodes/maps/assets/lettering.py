@@ -1,6 +1,6 @@
 """Inscriptions: plates and boards with capitals and digits of an exact height, and the sign that shows a board.
 
-Letters are drawn large and reduced by area so that strokes stay even.
+Letters are drawn larger and reduced by area averaging, so that strokes have an even width.
 """
 
 from functools import cache
@@ -14,26 +14,26 @@ from episodes.maps.assets import materials
 from episodes.maps.scene import Material, Mesh
 from foundation.frames import Vec3
 
-CAP_PX = 40  # height of a capital in every picture made here
-CAP_SHARE = 0.625  # of a plate's height
-MARGIN_PX = 13  # left and right of a plate's line
+CAP_PX = 40  # height of a capital in all pictures of this module
+CAP_SHARE = 0.625  # height of a capital, as a share of a plate's height
+MARGIN_PX = 13  # left and right of the text on a plate
 OVERSAMPLED = 4
-STROKE = 0.17  # of the height of a capital: as heavy as leaves the holes of 8 and B open at a few pixels
-SPACING = 0.19  # of the height of a capital, between letters
-LEADING = 1.55  # lines of a sign, heights of a capital apart
+STROKE = 0.17  # width, as a share of a capital's height; a wider stroke closes the holes of 8 and B in small pictures
+SPACING = 0.19  # between letters, as a share of a capital's height
+LEADING = 1.55  # distance between the lines of a sign, in heights of a capital
 FONT = cv2.FONT_HERSHEY_SIMPLEX
-ZERO_WIDTH = 0.86  # of the letter O, by which a nought is drawn: a slash through it would make it an 8 from afar
+ZERO_WIDTH = 0.86  # factor from the letter O to a zero, which has no slash: with a slash it looks like an 8 from afar
 
 LETTER_M = 0.136  # height of a sign's letters (paper, appendix "Maps and Episodes")
 BOARD_M = (1.2, 0.8)  # least width and height of a sign's board
-BOARD_FOOT_M = 0.75  # m, its lower edge above the ground
+BOARD_FOOT_M = 0.75  # height of the board's lower edge above the ground
 PAPER, INK = (242, 242, 238), (24, 26, 30)
 
 Picture = NDArray[np.uint8]
 
 
 def _drawn(text: str, scale: float) -> NDArray[np.uint8]:
-    """Return a text on a dark canvas (3 caps high), its baseline two caps down, cut to the columns it covers."""
+    """Return a text on a black canvas, 3 capitals high, with its baseline 2 capitals down; cropped to its columns."""
     cap, thick = CAP_PX * OVERSAMPLED, round(STROKE * CAP_PX * OVERSAMPLED)
     image = np.zeros((3 * cap, 4 * cap), np.uint8)
     cv2.putText(image, text, (cap, 2 * cap), FONT, scale, 255, thick, cv2.LINE_AA)
@@ -43,7 +43,7 @@ def _drawn(text: str, scale: float) -> NDArray[np.uint8]:
 
 @cache
 def _measure() -> tuple[float, int]:
-    """Return (scale, row of the top) at which an H is exactly CAP_PX · OVERSAMPLED high, whatever OpenCV's font."""
+    """Return the font scale at which an H is exactly CAP_PX · OVERSAMPLED high, and the row of its top."""
     cap, scale = CAP_PX * OVERSAMPLED, 5.0
     for _ in range(8):
         rows = np.flatnonzero(_drawn("H", scale).max(axis=1) > 127)
@@ -53,7 +53,7 @@ def _measure() -> tuple[float, int]:
 
 @cache
 def _glyph(letter: str) -> NDArray[np.uint8]:
-    """Return (cap, W) of one letter, oversampled; a Q is pressed between the lines, tail and all."""
+    """Return one letter (cap, W), oversampled. A Q is compressed to the height of a capital, tail included."""
     cap = CAP_PX * OVERSAMPLED
     if letter == " ":
         return np.zeros((cap, round(0.36 * cap)), np.uint8)
@@ -71,7 +71,7 @@ def _glyph(letter: str) -> NDArray[np.uint8]:
 
 @cache
 def line(text: str) -> NDArray[np.float32]:
-    """Return (CAP_PX, W): how much of each pixel the ink of one line covers, 0 … 1, cut to the letters.
+    """Return the ink coverage (CAP_PX, W), 0 … 1, of one line of text, cropped to its letters.
 
     Capitals and digits fill the height exactly.
     """
@@ -86,7 +86,7 @@ def line(text: str) -> NDArray[np.float32]:
 
 
 def _printed(shape: tuple[int, int], lines: tuple[str, ...], ink: Vec3, ground: Vec3) -> Picture:
-    """Return a picture (H, W, 3) sRGB of lines in its middle."""
+    """Return a picture (H, W, 3) sRGB with centred lines of text."""
     cover = np.zeros(shape, np.float32)
     step = round(LEADING * CAP_PX)
     top = (shape[0] - CAP_PX - step * (len(lines) - 1)) // 2
@@ -100,7 +100,7 @@ def _printed(shape: tuple[int, int], lines: tuple[str, ...], ink: Vec3, ground: 
 
 @cache
 def plate(text: str, ink: Vec3 = (18, 24, 70), ground: Vec3 = (240, 240, 234)) -> Picture:
-    """Return (H, W, 3): one framed line, CAP_SHARE of its height."""
+    """Return (H, W, 3): one framed line of text; capitals have CAP_SHARE of the height."""
     height = round(CAP_PX / CAP_SHARE)
     image = _printed((height, line(text).shape[1] + 2 * MARGIN_PX), (text,), ink, ground)
     cv2.rectangle(image, (0, 0), (image.shape[1] - 1, height - 1), ink, 2)
@@ -109,7 +109,7 @@ def plate(text: str, ink: Vec3 = (18, 24, 70), ground: Vec3 = (240, 240, 234)) -
 
 @cache
 def board(text: str, ink: Vec3, ground: Vec3, least_px: tuple[int, int]) -> Picture:
-    """Return (H, W, 3): the words of a text on as many lines as they need, at least `least_px` (height, width)."""
+    """Return (H, W, 3): a text on as many lines as it needs; the picture has at least the size `least_px`."""
     room = least_px[1] - CAP_PX
     lines: list[str] = []
     for word in text.split():
@@ -124,14 +124,14 @@ def board(text: str, ink: Vec3, ground: Vec3, least_px: tuple[int, int]) -> Pict
 
 def contrasting(paint: str) -> tuple[int, int, int]:
     """Return the ink that reads best on a paint: near black or near white."""
-    materials.paint(paint)  # raises for a paint that is not known
+    materials.paint(paint)  # raises UsageError for an unknown paint
     r, g_, b = materials.linear(materials.PAINTS[paint])
     return INK if 0.2126 * r + 0.7152 * g_ + 0.0722 * b > 0.25 else PAPER
 
 
 @cache
 def sign(paint: str, text: str) -> Mesh:
-    """Return a board in a paint on two posts, `text` on both faces in letters LETTER_M high.
+    """Return a painted board on two posts, with `text` on both faces in letters LETTER_M high.
 
     Raises UsageError for an unknown paint.
     """

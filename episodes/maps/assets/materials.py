@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Srgb = tuple[int, int, int]
 
-# sRGB as a colour picker shows them: far enough apart to be named without doubt.
+# sRGB; the colours are far enough apart that each has an unambiguous name
 PAINTS: dict[str, tuple[int, int, int]] = {
     "cyan": (0, 205, 220),
     "red": (200, 18, 24),
@@ -31,7 +31,7 @@ PAINTS: dict[str, tuple[int, int, int]] = {
     "grey": (98, 102, 106),
     "black": (22, 23, 25),
 }
-# what parked vehicles wear, so that a target's colour stays its own, and the shades of it
+# neutral paint → its shades. Parked vehicles have only these paints, so that a target's colour is unique
 SHADES: dict[str, tuple[Srgb, ...]] = {
     "white": (PAINTS["white"], (226, 222, 212), (206, 210, 214)),
     "silver": (PAINTS["silver"], (174, 172, 168), (144, 148, 152)),
@@ -44,7 +44,7 @@ NEUTRAL = tuple(SHADES)
 def noise(shape: tuple[int, int], power: float, seed: int, stretch: float = 1.0) -> Array:
     """Return tileable noise of mean 0 and deviation 1 whose spectrum falls with frequency**-power.
 
-    It is `stretch` times as long down the rows as across them.
+    Its features are `stretch` times as long down the picture as across it.
     """
     rng = np.random.default_rng(seed)
     rows = np.fft.fftfreq(shape[0])[:, None] * shape[0]
@@ -57,7 +57,7 @@ def noise(shape: tuple[int, int], power: float, seed: int, stretch: float = 1.0)
 
 
 def _fine(value: Array) -> Array:
-    """Return noise without its slow part, which would show from above how a texture repeats."""
+    """Return noise without its low frequencies, which would make the repeats of a texture visible from above."""
     slow = cv2.GaussianBlur(np.tile(value, (2, 2)), (0, 0), value.shape[0] / 40.0)
     half = [side // 2 for side in value.shape]
     back = np.roll(slow[half[0] : 3 * half[0], half[1] : 3 * half[1]], half, (0, 1))
@@ -79,8 +79,9 @@ def asphalt() -> Picture:
 
 @cache
 def grass() -> Picture:
-    """Return (512, 512, 3): mown lawn for a repeat of 4 m, which its fine grain does not show; `Material.drift` does
-    the larger patches.
+    """Return (512, 512, 3): mown lawn, for a repeat of 4 m. Its fine grain hides the repeats.
+
+    `Material.drift` adds larger patches.
     """
     value = 1.0 + 0.15 * _fine(noise((512, 512), 0.5, 21))
     dry = np.clip(0.5 + 0.35 * _fine(noise((512, 512), 0.7, 23)), 0, 1)[..., None]
@@ -114,7 +115,7 @@ def brick() -> Picture:
 
 @cache
 def siding() -> Picture:
-    """Return (256, 256, 3): eight lapped boards in near white, for a repeat of 1.6 m; the colour tints it."""
+    """Return (256, 256, 3): eight lapped boards in near white, for a repeat of 1.6 m; the material tints it."""
     row = np.arange(256)
     lap = 0.93 + 0.07 * (row % 32) / 31.0
     lap[row % 32 >= 29] = 0.62
@@ -124,7 +125,7 @@ def siding() -> Picture:
 
 @cache
 def shingles() -> Picture:
-    """Return (256, 256, 3): eight rows of tabs in light grey, for a repeat of 1.6 m; the material's colour tints it."""
+    """Return (256, 256, 3): eight rows of tabs in light grey, for a repeat of 1.6 m; the material tints it."""
     rng = np.random.default_rng(61)
     row, column = np.mgrid[0:256, 0:256]
     line = row // 32
@@ -150,7 +151,7 @@ def boards() -> Picture:
 
 @cache
 def garage_door() -> Picture:
-    """Return (256, 256, 3): one sectional door, four rows of four panels, shown once."""
+    """Return (256, 256, 3): one sectional door, four rows of four panels; the texture does not repeat."""
     row, column = np.mgrid[0:256, 0:256]
     value = np.full((256, 256), 0.97)
     r, c = row % 64, column % 64
@@ -214,7 +215,7 @@ def _slabs(count: int, joint: int, spread: float, shift: bool, seed: int) -> Arr
     line = row // side
     shifted = (column + (line % 2) * (side // 2 if shift else 0)) % 512
     value = rng.uniform(1.0 - spread, 1.0 + spread, (count, count))[line, shifted // side]
-    # the grain repeats twice each way, which the joints hide: a quarter of the work
+    # the grain is tiled 2 × 2, which takes a quarter of the time; the joints hide the repeat
     value += np.tile(0.03 * noise((256, 256), 0.5, seed + 1) + 0.02 * noise((256, 256), 1.4, seed + 2), (2, 2))
     value[(row % side < joint) | (shifted % side < joint)] *= 0.74
     return np.asarray(value)
@@ -234,19 +235,19 @@ def setts() -> Picture:
 
 @cache
 def ashlar() -> Picture:
-    """Return (512, 512, 3): dressed stone blocks in near white, for a repeat of 2.4 m; the colour tints it."""
+    """Return (512, 512, 3): dressed stone blocks in near white, for a repeat of 2.4 m; the material tints it."""
     return tinted(_slabs(4, 4, 0.05, True, 121), (236, 230, 216))
 
 
 @cache
 def panels() -> Picture:
-    """Return (512, 512, 3): smooth concrete panels, for a repeat of 3.6 m; the colour tints it."""
+    """Return (512, 512, 3): smooth concrete panels, for a repeat of 3.6 m; the material tints it."""
     return tinted(_slabs(2, 3, 0.025, False, 131), (226, 225, 220))
 
 
 @cache
 def curtain() -> Picture:
-    """Return (256, 256, 3): one storey of glass wall, three panes wide over a dark spandrel, for a repeat of 3.6 m."""
+    """Return (256, 256, 3): one storey of a glass wall, three panes above a dark spandrel, for a repeat of 3.6 m."""
     row, column = np.mgrid[0:256, 0:256]
     rng = np.random.default_rng(141)
     tone = rng.uniform(0.9, 1.12, 3)[np.minimum(column // 86, 2)]
@@ -259,7 +260,7 @@ def curtain() -> Picture:
 
 @cache
 def _pane(frame: Srgb, columns: int, blind: float) -> Picture:
-    """Return (160, 120, 3): a window that shows once, `columns` lights wide, its blind drawn down by a share."""
+    """Return (160, 120, 3): a window, `columns` panes wide; its blind covers the share `blind`. It does not repeat."""
     row, column = np.mgrid[0:160, 0:120]
     up = 1.0 - row / 159.0
     shade = 0.62 + 0.75 * np.clip(up + 0.18 * np.sin(column / 40.0) - 0.15, 0, 1)
@@ -315,7 +316,7 @@ def shelves() -> Picture:
 
 @cache
 def _posters(seed: int) -> Picture:
-    """Return (160, 240, 3): sheets of paper pinned to a cork board; too small to read, as they should be."""
+    """Return (160, 240, 3): sheets of paper pinned to a cork board. Their text is illegible on purpose."""
     rng = np.random.default_rng(160 + seed)
     image = (1.0 + 0.08 * noise((160, 240), 0.4, 161))[..., None] * np.array((150, 112, 74))
     for row in range(2):
@@ -349,7 +350,7 @@ def dial() -> Picture:
 
 @cache
 def _words(text: str, ink: Srgb, ground: Srgb) -> Picture:
-    """Return (64, W, 3): `text` once on a plain ground, capitals three fifths of the height."""
+    """Return (64, W, 3): one line of text on a plain ground; capitals have three fifths of the height."""
     font, tall, thick = cv2.FONT_HERSHEY_DUPLEX, 256, 22
     (_, cap), _ = cv2.getTextSize("H", font, 1.0, 1)
     scale = 0.6 * tall / cap
@@ -374,13 +375,13 @@ _DRIFT = {"grass": 0.16, "asphalt": 0.09, "concrete": 0.06, "paving": 0.05, "set
 
 @cache
 def surface(name: str, color: Vec3 = (1.0, 1.0, 1.0), specular: float = 0.0) -> Material:
-    """Return the material of one of this file's textures, tinted; the same arguments give the same object."""
+    """Return the tinted material of a texture of this module; the same arguments give the same object."""
     return Material(name, color, _TEXTURES[name](), specular=specular, drift=_DRIFT.get(name, 0.0))
 
 
 @cache
 def window(frame: Srgb, columns: int, blind: float) -> Material:
-    """Return the material of a window, `columns` lights wide, with its blind drawn down by a share."""
+    """Return the material of a window, `columns` panes wide; its blind covers the share `blind`, 0 … 1."""
     return Material(f"pane-{columns}-{blind}", (1.0, 1.0, 1.0), _pane(frame, columns, blind), specular=0.45)
 
 

@@ -1,4 +1,4 @@
-"""People who stand and walk. The paint is the colour of their jacket; passers-by wear greys with a hint of a hue."""
+"""Standing and walking people. The paint is the colour of the jacket; passers-by have muted colours."""
 
 import itertools
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ LEGS: tuple[Srgb, ...] = (
 SHOES: tuple[Srgb, ...] = ((36, 34, 34), (206, 206, 202), (96, 70, 50), (70, 74, 80))
 SHIRTS: tuple[Srgb, ...] = ((224, 224, 220), (150, 164, 178), (70, 76, 86), (196, 184, 160))
 BAGS: tuple[Srgb, ...] = ((64, 62, 60), (132, 104, 76), (58, 68, 84), (76, 84, 70), (150, 148, 142))
-# clothes of passers-by. Their colours are not named in instructions, so that only the target has the named colour
+# jackets of passers-by. Instructions do not name these colours, so that only the target has the named colour
 MUTED: tuple[Srgb, ...] = (
     (98, 102, 106), (58, 62, 72), (188, 178, 160), (92, 94, 74), (40, 42, 46), (98, 104, 112), (142, 136, 126),
     (86, 98, 100), (214, 210, 200), (90, 95, 104), (124, 114, 118), (64, 64, 62), (128, 136, 122), (160, 164, 168),
@@ -49,7 +49,7 @@ CARRIED = ("none", "backpack", "shoulder bag", "none")
 
 @dataclass(frozen=True, slots=True)
 class Outfit:
-    """Clothes, load and build of a person. Colours are sRGB."""
+    """Clothes, bag and build of a person. Colours are sRGB."""
 
     skin: Srgb = SKINS[2]
     hair: Srgb = HAIRS[0]
@@ -62,14 +62,14 @@ class Outfit:
     shoes: Srgb = SHOES[0]
     bag: str = "none"  # of CARRIED
     bag_color: Srgb = BAGS[0]
-    stature: float = 1.0  # of 1.75 m
-    girth: float = 1.0  # of trunk and limbs
+    stature: float = 1.0  # body height relative to 1.75 m
+    girth: float = 1.0  # factor on the widths of trunk and limbs
     has_beard: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Posture:
-    """Where the joints of a body are (m, FLU); the right side is first in every pair."""
+    """Positions of the joints of a body (m, FLU). The right side is first in every pair."""
 
     hip: Vec3  # middle of the pelvis
     chest: Vec3  # middle of the shoulders
@@ -78,8 +78,8 @@ class Posture:
     ankles: tuple[Vec3, Vec3]
     elbows: tuple[Vec3, Vec3]
     hands: tuple[Vec3, Vec3]
-    toes: tuple[Vec3, Vec3]  # unit-ish direction in which each foot points
-    holds: str = ""  # in the right hand: 'phone', 'cup'
+    toes: tuple[Vec3, Vec3]  # direction in which each foot points, about unit length
+    holds: str = ""  # object in the right hand: 'phone', 'cup'
 
 
 UPRIGHT = Posture(
@@ -113,14 +113,14 @@ WALKING = Posture(
 
 
 def outfit_of(paint: str) -> Outfit:
-    """Return the other clothes of a person in a jacket of a paint. Each paint has a person of its own."""
+    """Return the outfit of a person whose jacket has a paint. Each paint has its own outfit."""
     k = list(materials.PAINTS).index(paint) if paint in materials.PAINTS else 0
     top = ("jacket", "hooded", "jumper")[k % 3]
     return replace(_outfit(7 * k + 3), top=top, stature=1.0, below="trousers", legs=LEGS[k % len(LEGS)])
 
 
 def _outfit(k: int) -> Outfit:
-    """Return outfit number k; two that follow each other differ in nearly everything."""
+    """Return outfit number k. Consecutive outfits differ in nearly all features."""
     head = HEADS[k % len(HEADS)]
     return Outfit(
         skin=SKINS[k % len(SKINS)],
@@ -143,30 +143,30 @@ def _outfit(k: int) -> Outfit:
 def limb(
     joints: Sequence[Vec3], radii: Sequence[float], looks: Sequence[Material], segments: int = 10
 ) -> list[MeshPart]:
-    """Return a limb: tapered rods through the joints, each with a look of its own, rounded where they begin."""
+    """Return a limb: tapered rods between the joints, each with its own material and a round start."""
     solids: list[MeshPart] = []
     for a, b, ra, rb, look in zip(joints, joints[1:], radii, radii[1:], looks, strict=False):
         solids += [g.rod(a, b, (ra, rb), look, segments), g.ball(a, (ra, ra, ra), look, 1)]
     return solids
 
 
-# share of the way from the pelvis to the shoulders, half width and half depth (m) of a trunk's rings, from the hem up
+# rings of a trunk from the hem up: position from pelvis (0) to shoulders (1), half width (m), half depth (m)
 TRUNK = (
     (-0.22, 0.0, 0.0), (-0.22, 0.185, 0.125), (-0.02, 0.19, 0.13), (0.25, 0.165, 0.115), (0.62, 0.195, 0.130),
     (0.88, 0.200, 0.115), (0.98, 0.165, 0.100), (1.06, 0.090, 0.080), (1.13, 0.065, 0.065), (1.13, 0.0, 0.0),
 )  # fmt: skip
 COAT = ((-0.80, 0.0, 0.0), (-0.80, 0.225, 0.20), (-0.40, 0.205, 0.160), *TRUNK[2:])
 SKIRT = ((-0.88, 0.0, 0.0), (-0.88, 0.215, 0.19), (-0.40, 0.200, 0.155), (-0.05, 0.175, 0.120), (-0.05, 0.0, 0.0))
-BACKPACK = ((0.12, 0.13, 0.14), (0.88, 0.10, 0.12))  # share of the way up, depth and half width (m)
+BACKPACK = ((0.12, 0.13, 0.14), (0.88, 0.10, 0.12))  # lower and upper end: position as in TRUNK, depth, half width (m)
 
 
 @dataclass(frozen=True, slots=True)
 class _Trunk:
-    """The axes of a trunk."""
+    """The origin, axes and girth of a trunk."""
 
-    low: Array  # (3,) m
+    low: Array  # (3,) m, the pelvis
     spine: Array  # (3,) m, to the shoulders
-    ahead: Array  # (3,) unit, square to it
+    ahead: Array  # (3,) unit, perpendicular to the spine
     girth: float
 
     def rings(self, outline: Sequence[tuple[float, float, float]], material: Material) -> MeshPart:
@@ -179,11 +179,11 @@ class _Trunk:
         return g.grid(np.stack(rings, axis=1), material, 60.0)
 
     def at(self, share: float, ahead: float, left: float) -> Array:
-        """Return the point (m) beside the spine."""
+        """Return the point (m) at a share of the spine, moved by `ahead` and `left` (m)."""
         return np.asarray(self.low + share * self.spine + ahead * self.ahead + np.array((0.0, left, 0.0)))
 
     def front(self, shares: Sequence[float], half: Sequence[float], material: Material, proud: float) -> MeshPart:
-        """Return a strip of cloth down the middle of the front, `half` (m) wide to either side at each share."""
+        """Return a strip of cloth on the front, `proud` (m) off the trunk, with half width `half` (m) at each share."""
         _, wide, deep = np.array(TRUNK[1:-1]).T
         along = np.array(TRUNK)[1:-1, 0]
         rows = []
@@ -227,7 +227,7 @@ def _trunk(pose: Posture, outfit: Outfit, cloth: Material) -> list[MeshPart]:
 
 
 def _ring(back: float, deep: float, half: float) -> tuple[tuple[float, float], ...]:
-    """Return a footprint (ahead, left) behind a back, counter-clockwise seen from above."""
+    """Return the corners (ahead, left) of a backpack in plan, counter-clockwise seen from above."""
     return ((-back - deep, -0.7 * half), (-back, -half), (-back, half), (-back - deep, 0.7 * half))
 
 
@@ -237,7 +237,7 @@ def _cloth(color: Srgb) -> Material:
 
 
 def _head(pose: Posture, outfit: Outfit, cloth: Material, helmet: Material | None) -> list[MeshPart]:
-    """Return neck, head, hair and what is worn on it."""
+    """Return neck, head, hair and headgear."""
     chest, head = np.array(pose.chest), np.array(pose.head)
     up, ahead, left = np.array((0.0, 0.0, 1.0)), np.array((1.0, 0.0, 0.0)), np.array((0.0, 1.0, 0.0))
     skin, hair = materials.plain("skin", outfit.skin, 0.1), materials.plain("hair", outfit.hair, 0.1)
@@ -269,13 +269,13 @@ def _head(pose: Posture, outfit: Outfit, cloth: Material, helmet: Material | Non
 
 
 def body(pose: Posture, paint: str, outfit: Outfit, helmet: Material | None = None) -> list[MeshPart]:
-    """Return a person in a pose and a jacket of a paint. Raises UsageError for an unknown paint."""
+    """Return the parts of a person in a pose, in a jacket of a paint. Raises UsageError for an unknown paint."""
     jacket = materials.paint(paint)
     return _dressed(pose, Material(f"cloth-{paint}", jacket.color, specular=0.05), outfit, helmet)
 
 
 def _dressed(pose: Posture, cloth: Material, outfit: Outfit, helmet: Material | None = None) -> list[MeshPart]:
-    """Return a person in a pose, whose jacket is of a cloth."""
+    """Return the parts of a person in a pose, in a jacket of the material `cloth`."""
     skin, legs = materials.plain("skin", outfit.skin, 0.1), _cloth(outfit.legs)
     shoes = materials.plain("shoes", outfit.shoes, 0.15)
     solids = _trunk(pose, outfit, cloth)
@@ -326,7 +326,7 @@ def pedestrian(paint: str) -> Mesh:
 
 @cache
 def passer_by(number: int) -> Mesh:
-    """Return a standing person in colours without a common name. Sixteen in a row have sixteen different looks."""
+    """Return a standing person in colours without a common name. Any sixteen consecutive numbers look different."""
     color = MUTED[number % len(MUTED)]
     cloth = Material("cloth-muted", materials.linear(color), specular=0.05)
     return _grounded(_dressed(STANDING[number % len(STANDING)], cloth, _outfit(number)))

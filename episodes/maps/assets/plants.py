@@ -1,7 +1,7 @@
-"""Trees, shrubs and hedges: trunks, a dark and solid inside, and around it sprigs of leaves that are cut out.
+"""Trees, shrubs and hedges: trunks, dark solid cores, and cut-out sprigs of leaves around the cores.
 
-A crown is made of lobes. A sprig is lit as the lobe that it grows on, and does not stop a vehicle; wood and the inside
-of a crown do. Lengths of a species are shares of the tree's height.
+A crown is made of lobes (ellipsoids). A sprig is lit like the lobe on which it grows. Vehicles pass through sprigs, but
+collide with trunks, branches and cores. Lengths in `Species` are shares of the tree's height.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,8 +16,8 @@ from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Material, Mesh
 
 BARK_TILE_M = 0.8
-HIDDEN_WITHIN = 0.80  # of a lobe: sprigs of others are not seen there
-LOWEST_M = 0.1  # of the middle of a sprig
+HIDDEN_WITHIN = 0.80  # share of a lobe's radii; sprigs of other lobes inside it are hidden and left out
+LOWEST_M = 0.1  # least height of the middle of a sprig
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,12 +30,12 @@ class Lobe:
 
 @dataclass(frozen=True, slots=True)
 class Species:
-    """A tree."""
+    """The shape of a species of tree."""
 
     lobes: Callable[[np.random.Generator], list[Lobe]]
     sprig: float  # width of a sprig
-    density: float  # sprigs per area of their square on the crown's surface
-    inside: float  # size of the solid inside of a lobe, as a share of it
+    density: float  # sprigs per square of a sprig's width, on the surface of the crown
+    inside: float  # size of the solid core of a lobe, as a share of the lobe
     thick: float  # radius of the trunk
     fork: float  # height at which branches begin
     hang: float = 0.0  # 0: sprigs point up and outwards … 1: down
@@ -46,7 +46,7 @@ def _lobe(turn: float, out: float, up: float, wide: float, high: float) -> Lobe:
 
 
 def _ring(rng: np.random.Generator, count: int, out: float, up: float, wide: float, high: float) -> list[Lobe]:
-    """Return lobes around the trunk, no two alike."""
+    """Return `count` lobes around the trunk, with random differences."""
     turns = 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.25, 0.25, count)) / count + rng.uniform(0.0, 6.0)
     return [
         _lobe(t, out * rng.uniform(0.8, 1.1), up + rng.uniform(-0.05, 0.05), wide * k, high * k)
@@ -55,7 +55,7 @@ def _ring(rng: np.random.Generator, count: int, out: float, up: float, wide: flo
 
 
 def _oak(rng: np.random.Generator) -> list[Lobe]:
-    """Broad and billowing."""
+    """Return a broad, billowing crown."""
     return [
         *_ring(rng, 5, 0.21, 0.56, 0.150, 0.125),
         *_ring(rng, 3, 0.11, 0.74, 0.150, 0.130),
@@ -65,7 +65,7 @@ def _oak(rng: np.random.Generator) -> list[Lobe]:
 
 
 def _maple(rng: np.random.Generator) -> list[Lobe]:
-    """Round as an egg and dense."""
+    """Return a dense, egg-shaped crown."""
     return [
         *_ring(rng, 5, 0.145, 0.48, 0.125, 0.115),
         *_ring(rng, 4, 0.125, 0.67, 0.130, 0.130),
@@ -75,13 +75,13 @@ def _maple(rng: np.random.Generator) -> list[Lobe]:
 
 
 def _linden(rng: np.random.Generator) -> list[Lobe]:
-    """A high drop, widest low down."""
+    """Return a tall, drop-shaped crown, widest near its lower end."""
     stack = ((0.38, 0.18, 0.10), (0.50, 0.215, 0.13), (0.64, 0.185, 0.13), (0.78, 0.135, 0.13), (0.90, 0.075, 0.095))
     return [_lobe(rng.uniform(0, 6), rng.uniform(0.0, 0.035), up, w * rng.uniform(0.93, 1.07), h) for up, w, h in stack]
 
 
 def _birch(rng: np.random.Generator) -> list[Lobe]:
-    """Slender, light and hanging."""
+    """Return a slender, light crown with hanging twigs."""
     return [
         *_ring(rng, 4, 0.115, 0.47, 0.085, 0.130),
         *_ring(rng, 3, 0.085, 0.66, 0.085, 0.125),
@@ -91,13 +91,13 @@ def _birch(rng: np.random.Generator) -> list[Lobe]:
 
 
 def _poplar(rng: np.random.Generator) -> list[Lobe]:
-    """A column."""
+    """Return a column-shaped crown."""
     stack = ((0.22, 0.075), (0.36, 0.100), (0.51, 0.108), (0.66, 0.100), (0.80, 0.080), (0.92, 0.050))
     return [_lobe(rng.uniform(0, 6), rng.uniform(0.0, 0.018), up, w * rng.uniform(0.9, 1.1), 0.115) for up, w in stack]
 
 
 def _pine(rng: np.random.Generator) -> list[Lobe]:
-    """Flat cushions at the ends of a few branches, high up."""
+    """Return flat lobes high up, at the ends of a few branches."""
     return [
         *_ring(rng, 3, 0.135, 0.56, 0.095, 0.050),
         *_ring(rng, 4, 0.115, 0.74, 0.110, 0.060),
@@ -119,7 +119,7 @@ BROADLEAVES = ("oak", "maple", "birch", "linden", "poplar")
 
 @lru_cache(maxsize=256)
 def tree(species: str = "oak", height: float = 8.0, seed: int = 1) -> Mesh:
-    """Return a tree of SPECIES; the seed varies its shape, and its height by a tenth."""
+    """Return a tree of SPECIES. The seed varies its shape, and its height by a tenth."""
     rng = np.random.default_rng((seed, *species.encode()))
     kind = SPECIES[species]
     height *= float(rng.uniform(0.92, 1.02))
@@ -147,7 +147,7 @@ def conifer(height: float = 9.0, seed: int = 1) -> Mesh:
 
 @lru_cache(maxsize=64)
 def spruce(height: float = 9.0, seed: int = 1) -> Mesh:
-    """Return a spruce: whorls of hanging branches about a straight trunk."""
+    """Return a spruce: whorls of hanging branches around a straight trunk."""
     rng, leaf = np.random.default_rng((seed, 7)), leaves("spruce")
     height *= float(rng.uniform(0.92, 1.0))
     slim = float(rng.uniform(0.85, 1.05))
@@ -188,7 +188,7 @@ def spruce(height: float = 9.0, seed: int = 1) -> Mesh:
             normals.append(out / np.linalg.norm(out, axis=1, keepdims=True))
             uv.append(_cell(rng))
     top = 0.05 * height
-    for turn in (0.3, 1.9, 3.4):  # the leader
+    for turn in (0.3, 1.9, 3.4):  # the topmost shoot
         side = np.array((np.cos(turn), np.sin(turn), 0.0)) * top * 0.6
         quad = np.array([(0, 0, 0.90 * height)] * 2 + [(0, 0, height)] * 2) + np.array([-side, side, side, -side])
         corners.append(quad)
@@ -201,7 +201,7 @@ def spruce(height: float = 9.0, seed: int = 1) -> Mesh:
 
 @lru_cache(maxsize=64)
 def bush(radius: float = 0.6, seed: int = 1) -> Mesh:
-    """Return a garden shrub: by its seed a clipped box, an upright lilac or a spreading spirea."""
+    """Return a garden shrub. The seed selects a clipped box, an upright lilac or a spreading spirea."""
     rng = np.random.default_rng((seed, 5))
     species = ("box", "lilac", "spirea")[seed % 3]
     wide, high = {"box": (1.0, 0.86), "lilac": (0.82, 1.12), "spirea": (1.12, 0.72)}[species]
@@ -217,7 +217,7 @@ def bush(radius: float = 0.6, seed: int = 1) -> Mesh:
 def shrubbery(
     lobes: Sequence[Lobe], species: str, sprig_m: float, density: float, rng: np.random.Generator
 ) -> list[MeshPart]:
-    """Return the inside and the sprigs of a shrub."""
+    """Return the cores and the sprigs of a shrub."""
     solids = [_inside(lobe, 0.84, thicket(species), rng) for lobe in lobes]
     return [*solids, _sprigs(lobes, sprig_m, density, 0.0, leaves(species), rng, low=-0.35)]
 
@@ -249,7 +249,7 @@ def hedge(length: float = 6.0, height: float = 1.2, thick: float = 0.8, seed: in
 
 @lru_cache(maxsize=16)
 def wood(length: float = 60.0, height: float = 9.0, seed: int = 1) -> Mesh:
-    """Return the edge of a wood along the forward axis, to be seen from far away: crowns that reach to the ground."""
+    """Return the edge of a wood along the forward axis, for views from far away. Its crowns reach to the ground."""
     rng = np.random.default_rng((seed, 8))
     insides: list[MeshPart] = []
     by_species: dict[str, list[Lobe]] = {"oak": [], "linden": [], "maple": [], "birch": [], "spruce": []}
@@ -269,7 +269,7 @@ def wood(length: float = 60.0, height: float = 9.0, seed: int = 1) -> Mesh:
             ]
             middle = Lobe(at + np.array((0, 0, 0.40 * tall)), np.array((0.8 * wide, 0.8 * wide, 0.44 * tall)))
             insides.append(_inside(middle, 0.92, thicket(species), rng))
-    # from one end to the other, so that triangles that follow one another are near one another
+    # sorted from one end to the other, so that consecutive triangles are close together
     groups: dict[tuple[int, str], list[Lobe]] = {}
     for species, lobes in by_species.items():
         for lobe in lobes:
@@ -284,7 +284,7 @@ def wood(length: float = 60.0, height: float = 9.0, seed: int = 1) -> Mesh:
 
 
 def _limb(line: Sequence[Sequence[float] | Array], radii: Sequence[float], material: Material, sides: int) -> MeshPart:
-    """Return a trunk or branch through some points, with its bark wound around it and both ends open."""
+    """Return a trunk or branch through some points, wrapped in its bark, with both ends open."""
     points = np.array([np.asarray(p, float) for p in line])
     ways = np.gradient(points, axis=0)
     turn = np.linspace(0.0, 2.0 * np.pi, sides + 1)
@@ -297,7 +297,7 @@ def _limb(line: Sequence[Sequence[float] | Array], radii: Sequence[float], mater
         rings.append(point + radius * (np.outer(np.cos(turn), side) + np.outer(np.sin(turn), third)))
     lattice = np.array(rings).transpose(1, 0, 2)
     part = g.grid(lattice, material, 60.0)
-    # a whole number of repeats around, so that the bark meets itself
+    # a whole number of repeats around, so that the bark has no seam
     repeats = max(1, round(2.0 * np.pi * max(radii[1:]) / BARK_TILE_M))
     down = -np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]) / BARK_TILE_M
     uv = np.stack(np.broadcast_arrays(np.linspace(0.0, repeats, sides + 1)[:, None], down[None]), axis=2)
@@ -307,7 +307,7 @@ def _limb(line: Sequence[Sequence[float] | Array], radii: Sequence[float], mater
 
 
 def _inside(lobe: Lobe, share: float, material: Material, rng: np.random.Generator) -> MeshPart:
-    """Return the solid inside of a lobe."""
+    """Return the solid core of a lobe."""
     ball = g.ball(lobe.centre, share * lobe.radii, material, 0, 1.2)
     mean = float(np.mean(lobe.radii))
     rough = g.roughened(ball, 0.08 * mean, int(rng.integers(1 << 30)), mean)
@@ -324,9 +324,9 @@ def _sprigs(
     low: float = -1.0,
     beside: Sequence[Lobe] = (),
 ) -> MeshPart:
-    """Return sprigs all over the outside of a crown, but for what lies within its other lobes or those `beside` it.
+    """Return sprigs on the surface of a crown, except inside its other lobes or the lobes in `beside`.
 
-    `low`: the lowest part of a lobe (-1 … 1) that has any.
+    `low`: lowest position of sprigs on a lobe, from -1 (its bottom) to 1 (its top).
     """
     middles, radii = np.array([k.centre for k in lobes]), np.array([k.radii for k in lobes])
     crown = middles.mean(axis=0)
@@ -336,7 +336,7 @@ def _sprigs(
     for k, lobe in enumerate(lobes):
         area = 4.0 * np.pi * float(np.mean(lobe.radii)) ** 2
         count = max(3, round(density * area / width**2))
-        # spread evenly by the golden angle
+        # spread evenly over the sphere by the golden angle
         z = np.maximum(1.0 - 2.0 * (np.arange(count) + rng.uniform(0.2, 0.8, count)) / count, low)
         turn = np.arange(count) * 2.399963 + rng.uniform(0.0, 6.0)
         flat = np.sqrt(np.maximum(1.0 - z * z, 0.0))
@@ -360,8 +360,8 @@ def _sprigs(
 
 
 def _quads(at: Array, out: Array, up: Array, sizes: Array, tilt: float, rng: np.random.Generator) -> Array:
-    """Return squares (N, 4, 3) around places (N, 3) that face about `out`, with their upper edges towards `up`."""
-    # rather upright, or the top of a crown would show its edges
+    """Return randomly tilted squares (N, 4, 3) around `at` (N, 3). They face `out`; their upper edges point to `up`."""
+    # the factor 0.6 keeps the squares upright: level squares on top of a crown would be seen edge-on
     face = out * (1.0, 1.0, 0.6) + tilt * rng.normal(size=out.shape) * (1.0, 1.0, 0.6)
     face /= np.linalg.norm(face, axis=1, keepdims=True)
     up = up + 0.45 * rng.normal(size=up.shape)
@@ -377,7 +377,7 @@ def _quads(at: Array, out: Array, up: Array, sizes: Array, tilt: float, rng: np.
 
 
 def _cell(rng: np.random.Generator) -> Array:
-    """Return the corners (4, 2) of one of a texture's four sprigs, as it is or mirrored."""
+    """Return the texture coordinates (4, 2) of a random sprig of the four, at random mirrored."""
     left, top = int(rng.integers(2)) / 2, int(rng.integers(2)) / 2
     a, b = (left, left + 0.5) if rng.random() < 0.5 else (left + 0.5, left)
     return np.array([(a, top + 0.5), (b, top + 0.5), (b, top), (a, top)])

@@ -1,4 +1,4 @@
-"""A city bus of ten metres, and the two vehicles of the campus that drive at walking pace."""
+"""A city bus, ten metres long, and the two slow vehicles of the campus: a delivery robot and a service cart."""
 
 import itertools
 from functools import cache
@@ -20,19 +20,19 @@ SHAPE = CarShape(
 )  # fmt: skip
 SILL, LINTEL = 1.22, 2.36  # m, lower and upper edge of the windows
 PANES = (-4.75, -3.30, -1.85, -0.40, 1.05, 2.50, 3.55)  # x of the uprights between the side windows
-DOORS = ((3.72, 4.72), (-0.30, 0.95))  # x reach of the doors, on the right
-PROUD = 0.012
+DOORS = ((3.72, 4.72), (-0.30, 0.95))  # x range of each door, on the right side
+PROUD = 0.012  # m, distance of panes and trim from the body
 
 
 def _pane(x0: float, x1: float, z0: float, z1: float, side: float, look: Material, proud: float = PROUD) -> MeshPart:
-    """Return a flat piece set on the body's flank, `side` +1 on the left."""
+    """Return a flat panel on the side of the body; `side` is +1 on the left and -1 on the right."""
     y0, y1 = (side * (float(plan_at(SHAPE, np.array([x]))[0]) + proud) for x in (x0, x1))
     ring = [(x0, y0, z0), (x1, y1, z0), (x1, y1, z1), (x0, y0, z1)]
     return g.quad(ring if side < 0 else [ring[1], ring[0], ring[3], ring[2]], look)
 
 
 def _across(x: float, half: float, z0: float, z1: float, look: Material) -> MeshPart:
-    """Return a flat piece set on the nose (x > 0) or the tail."""
+    """Return a flat panel on the front (x > 0) or the rear of the body."""
     s = 1.0 if x > 0 else -1.0
     return g.quad([(x, -s * half, z0), (x, s * half, z0), (x, s * half, z1), (x, -s * half, z1)], look)
 
@@ -64,7 +64,7 @@ def _flanks() -> list[MeshPart]:
 
 
 def _ends(text: str) -> list[MeshPart]:
-    """Return screens, lamps, bumpers, mirrors, and the destination at the front."""
+    """Return windscreens, lamps, bumpers, mirrors, and the destination display at the front."""
     nose, tail = LENGTH / 2 + PROUD, -LENGTH / 2 - PROUD
     half = float(plan_at(SHAPE, np.array([LENGTH / 2]))[0])
     glow = lettering.plate(text, (255, 176, 40), (18, 18, 20))
@@ -89,7 +89,7 @@ def _ends(text: str) -> list[MeshPart]:
         g.box((tail - 0.02, half - 0.24, 0.70), (tail + 0.05, half - 0.04, 0.82), materials.INDICATOR),
         g.rod((nose - 0.15, half + 0.05, 2.58), (nose + 0.06, half + 0.20, 2.50), (0.02, 0.02), materials.TRIM, 6),
         g.box((nose + 0.00, half + 0.08, 2.02), (nose + 0.09, half + 0.30, 2.48), materials.TRIM),
-        # a wiper from the foot of the screen
+        # a wiper at the lower edge of the windscreen
         g.rod((nose + 0.012, 0.25, 1.04), (nose + 0.02, 0.80, 1.46), (0.012, 0.008), materials.TRIM, 4),
     ]
     return solids + pair + [g.mirrored(p) for p in pair]
@@ -116,7 +116,7 @@ def bus(paint: str, plate: str) -> Mesh:
 
 
 def _wheel(x: float, y: float, radius: float, width: float) -> list[MeshPart]:
-    """Return a wheel that touches the ground, its hub outwards."""
+    """Return a wheel that touches the ground, with its hub on the outer side."""
     out = np.sign(y) * width / 2
     return [
         g.rod((x, y - out, radius), (x, y + out, radius), (radius, radius), materials.RUBBER, 20),
@@ -128,10 +128,10 @@ def _wheel(x: float, y: float, radius: float, width: float) -> list[MeshPart]:
 
 @cache
 def delivery_robot(paint: str) -> Mesh:
-    """Return a delivery pod of 2.4 m on four wheels, hatches on its sides, in a paint. Raises UsageError.
+    """Return a delivery pod, 2.4 m long, with four wheels and side hatches. Raises UsageError for an unknown paint.
 
-    It has the size of pods that drive on roads. A robot of 0.7 m, for pavements, would cover less than a tenth of a
-    percent of the picture from the starts of the campus, where the least is a quarter.
+    It has the size of pods that drive on roads. Seen from the start places of the campus, a pavement robot of 0.7 m
+    would cover less than 0.1 % of the picture. The least allowed share is 0.25 %.
     """
     shell = materials.paint(paint)
     side = [(-1.15, 0.42), (-1.20, 0.75), (-1.16, 1.35), (-1.02, 1.58), (-0.75, 1.66), (0.55, 1.66), (0.85, 1.56)]
@@ -150,7 +150,7 @@ def delivery_robot(paint: str) -> Mesh:
             solids += _wheel(x, y, 0.27, 0.20)
     for s in (-1, 1):
         y = 0.553 * s
-        for x0, x1 in ((-0.92, -0.05), (0.02, 0.62)):  # hatches, drawn by their seams
+        for x0, x1 in ((-0.92, -0.05), (0.02, 0.62)):  # hatches, drawn as seams
             seams = [((x0, 0.62), (x1, 0.635)), ((x0, 1.40), (x1, 1.415)), ((x0, 0.62), (x0 + 0.015, 1.415))]
             seams.append(((x1 - 0.015, 0.62), (x1, 1.415)))
             for (a, b), (c, d) in seams:
@@ -172,7 +172,7 @@ def delivery_robot(paint: str) -> Mesh:
 
 @cache
 def service_cart(paint: str) -> Mesh:
-    """Return a maintenance cart of 3 m: an open cab under a canopy, a load bed with tools, in a paint.
+    """Return a maintenance cart, 3 m long, with an open cab under a canopy and a load bed with tools.
 
     Raises UsageError for an unknown paint.
     """
@@ -201,7 +201,7 @@ def service_cart(paint: str) -> Mesh:
     ]
     solids += [g.rod(p, q, (0.016, 0.016), materials.TRIM, 5) for p, q in itertools.pairwise(ring)]
     solids.append(g.rod((0.86, 0.26, 0.92), hub, (0.03, 0.025), materials.TRIM, 6))
-    # the bed: floor, three boards, and what lies in it
+    # the bed: floor, four boards, and the load
     solids.append(g.box((-1.50, -0.62, 0.60), (-0.18, 0.62, 0.66), shell))
     solids += [g.box((-1.50, y - 0.025, 0.66), (-0.18, y + 0.025, 0.98), shell) for y in (-0.595, 0.595)]
     solids += [g.box((x - 0.025, -0.62, 0.66), (x + 0.025, 0.62, 0.98), shell) for x in (-1.475, -0.20)]

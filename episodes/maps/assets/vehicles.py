@@ -1,4 +1,4 @@
-"""Cars: a lofted body with real wheel arches, a glazed cabin, wheels, lamps, mirrors and licence plates."""
+"""Cars: a lofted body with wheel arches, a glazed cabin, wheels, lamps, mirrors and licence plates."""
 
 import itertools
 import math
@@ -16,7 +16,7 @@ DIGIT_M = 0.10  # height of a plate's letters (paper, appendix "Maps and Episode
 
 @dataclass(frozen=True, slots=True)
 class CarShape:
-    """The lines of a car, metres, x forward of its middle, heights above the road."""
+    """Dimensions of a car in metres: x forward of its middle, heights above the road."""
 
     length: float
     width: float  # without mirrors
@@ -29,8 +29,8 @@ class CarShape:
     belt: float
     roof: float
     pillars: tuple[float, ...]  # x of the upright pillars between the side windows
-    side_glass: tuple[float, float]  # x reach of the side windows at the belt, for vans with blind sides
-    bed: tuple[float, float] | None = None  # x reach of a pickup's load bed
+    side_glass: tuple[float, float]  # x range of the side windows at the belt; the rear sides of a van have none
+    bed: tuple[float, float] | None = None  # x range of a pickup's load bed
     rails: bool = False
     cladding: bool = False
 
@@ -54,7 +54,7 @@ RIMS = {"silver": materials.RIM, "dark": materials.plain("rim-dark", (66, 68, 72
 
 
 def trim_of(number: int) -> Trim:
-    """Return the trim of a parked car; two that follow each other differ."""
+    """Return the trim of a parked car. Consecutive numbers give different trims."""
     return Trim(
         shade=number + number // 3,
         spokes=(5, 0, 10, 7, 5, 0, 6)[number % 7],
@@ -102,13 +102,13 @@ SHAPES: dict[str, CarShape] = {
 
 
 def plan_at(shape: CarShape, x: Array) -> Array:
-    """Return the half width of the body at x: full amidships, drawn in at nose and tail."""
+    """Return the half width (m) of the body at x. It narrows towards nose and tail."""
     reach = np.clip(np.abs(x) / (shape.length / 2), 0.0, 1.0)
     return shape.width / 2 * (1.0 - 0.10 * reach**5 - 0.06 * np.clip((reach - 0.93) / 0.07, 0, 1) ** 2)
 
 
 def body(shape: CarShape, material: Material, rise_m: float = 0.20) -> list[MeshPart]:
-    """Return the lower body: cross-sections lofted from tail to nose, the underside raised over the wheels."""
+    """Return the lower body: cross-sections lofted from tail to nose, with the underside raised over the wheels."""
     half, arch, axle = shape.length / 2, shape.wheel_radius * 1.20, shape.wheelbase / 2
     around = arch * np.cos(np.linspace(0.0, np.pi, 11))
     x = np.unique(
@@ -131,7 +131,7 @@ def body(shape: CarShape, material: Material, rise_m: float = 0.20) -> list[Mesh
     bottom = np.minimum(bottom, top - 0.08)
     wide = plan_at(shape, x)
     tall = top - bottom
-    # half section from the keel to the crown: fractions of the half width and of the height
+    # half cross-section from bottom to top: fractions of the half width and of the height
     section = [(0.0, 0.0), (0.93, 0.0), (0.985, 0.06), (1.0, 0.30), (1.0, 0.62), (0.985, 0.84), (0.94, 0.96)]
     section += [(0.84, 1.0), (0.42, 1.02), (0.0, 1.03)]
     ring = section + [(-a, b) for a, b in section[-2:0:-1]]
@@ -148,7 +148,7 @@ def body(shape: CarShape, material: Material, rise_m: float = 0.20) -> list[Mesh
 
 
 def _cabin_side(shape: CarShape, x: float, z: float) -> float:
-    """Return the half width of the cabin: it leans in towards the roof and narrows with the body towards the tail."""
+    """Return the half width (m) of the cabin. It narrows towards the roof, and along with the body towards its ends."""
     up = (z - shape.belt) / (shape.roof - shape.belt)
     ends = plan_at(shape, np.array(shape.cabin_low)) / (shape.width / 2)
     taper = float(np.interp(x, shape.cabin_low, ends))
@@ -162,7 +162,7 @@ def _edge(shape: CarShape, end: int, z: float) -> float:
 
 
 def _cabin(shape: CarShape, material: Material, roof: str) -> list[MeshPart]:
-    """Return the greenhouse: shell and crowned roof, with glass set a finger's breadth proud of it."""
+    """Return the cabin: a shell with a curved roof, and glass 12 mm outside the shell."""
     levels = (shape.belt - 0.11, shape.roof - 0.09, shape.roof - 0.03, shape.roof)
     inset = (0.0, 0.0, 0.045, 0.16)
 
@@ -240,14 +240,14 @@ def _rear_doors(shape: CarShape) -> list[MeshPart]:
 
 
 def _facing(points: list[tuple[float, float, float]], outward: tuple[float, float, float]) -> Array:
-    """Return the ring of points in the order that faces `outward`."""
+    """Return the four points in the order that makes their face point along `outward`."""
     p = np.array(points)
     normal = np.cross(p[1] - p[0], p[2] - p[0])
     return p if np.dot(normal, outward) > 0.0 else p[[1, 0, 3, 2]]
 
 
 def wheel(radius: float, width: float, spokes: int = 5, rim: Material = materials.RIM) -> list[MeshPart]:
-    """Return a wheel about the y axis through the origin, its rim on the +y side: spokes, or a hub cap without any."""
+    """Return a wheel about the y axis through the origin, its rim on the +y side. 0 spokes: a hub cap."""
     half = width / 2
     outline = [
         (0.93 * radius, -half),
@@ -279,7 +279,7 @@ def wheel(radius: float, width: float, spokes: int = 5, rim: Material = material
 
 
 def about_y(part: MeshPart) -> MeshPart:
-    """Return a part whose z axis has become +y."""
+    """Return a part rotated so that its z axis points along +y."""
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     return replace(part, corners=part.corners @ turn, normals=part.normals @ turn)
 

@@ -1,7 +1,7 @@
-"""Maps as glTF 2.0 binary files: `save` writes a built map, `load` reads one, our own or anybody's.
+"""Maps as glTF 2.0 binary files: `save` writes a built map, `load` reads a map from any program.
 
-glTF is right-handed with +Y up, in metres. Ours is north-east-down: north = −Z, east = +X, down = −Y, and an asset's
-forward-right-down axes lie in its node's axes the same way. Source: Khronos glTF 2.0 specification, section 3.4.
+glTF axes are right-handed with +Y up, in metres. In NED axes, north = −Z, east = +X and down = −Y. In the same way, an
+asset's forward, right and down axes are −Z, +X and −Y of its node. Source: Khronos glTF 2.0 specification, section 3.4.
 """
 
 from episodes.maps.gltf.reader import load

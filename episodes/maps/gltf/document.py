@@ -1,4 +1,4 @@
-"""A glTF file: the GLB container, its JSON, its arrays and its axes. Every number is checked before it is used.
+"""The format of glTF files: GLB container, JSON, arrays and axes. Every number is checked before it is used.
 
 Source: glTF 2.0, sections 3.6.2 and 4.4. glTF has +X right, +Y up and −Z ahead. Our axes are north or forward, east or
 right, and down. Both are in metres.
@@ -20,12 +20,12 @@ from foundation.errors import UsageError
 
 _F = TypeVar("_F", np.float32, np.float64)
 
-# ours = AXES @ glTF's; a rotation, so what is wound counter-clockwise stays so
+# our axes = AXES @ glTF axes; a rotation, so the winding of triangles does not change
 AXES = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 MAX_BYTES = 256 * 2**20  # of a whole file
 MAX_JSON_BYTES = 32 * 2**20
-MAX_JSON_OBJECTS = 1_000_000  # brackets in the JSON: what its decoded form costs goes with them, not with its bytes
+MAX_JSON_OBJECTS = 1_000_000  # lists and objects in the JSON; they determine the memory that decoding takes
 _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<II")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 
@@ -40,7 +40,7 @@ LIMITS = {
     "textures": 5_000,
     "images": 2_000,
 }
-# a file that requires another extension cannot be read, as its meaning would change without it
+# a file that requires another extension is rejected, because ignoring the extension would change its meaning
 SUPPORTED = frozenset(
     {
         "KHR_materials_unlit",
@@ -72,7 +72,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 def from_gltf(xyz: NDArray[_F]) -> NDArray[_F]:
-    """Return vectors (…, 3) in our axes; signs and order change only, so the numbers stay exact."""
+    """Return vectors (…, 3) in our axes. Only signs and order change, so the numbers stay exact."""
     turned: NDArray[_F] = np.stack([-xyz[..., 2], xyz[..., 0], -xyz[..., 1]], axis=-1) + xyz.dtype.type(
         0
     )  # + 0: no negative zeros
@@ -86,17 +86,17 @@ def to_gltf(frd: NDArray[_F]) -> NDArray[_F]:
 
 
 def linear_from_gltf(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a (3, 3) linear map of glTF's axes as the same map of ours."""
+    """Return a linear map (3, 3) of glTF axes, converted to our axes."""
     return np.asarray(AXES @ matrix @ AXES.T)
 
 
 def quaternion_of(yaw: float) -> list[float]:
-    """Return glTF's (x, y, z, w) of a turn by `yaw` (rad, clockwise from above): counter-clockwise about +Y."""
+    """Return the glTF quaternion (x, y, z, w) of a turn by `yaw` (rad, clockwise seen from above): by −yaw about +Y."""
     return [0.0, -math.sin(yaw / 2) + 0.0, 0.0, math.cos(yaw / 2)]
 
 
 def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Return (the JSON object, the binary chunk or b"") of a .glb. Raises UsageError in one sentence."""
+    """Return (the JSON object, the binary chunk or b"") of a .glb. Raises UsageError."""
     try:
         if not path.is_file():
             raise UsageError(f"map file '{path}' does not exist or is not a regular file.")
@@ -127,7 +127,7 @@ def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
                     text = file.read(span)
                 elif kind == _BIN and not binary:
                     binary = file.read(span)
-                else:  # chunks of other kinds are to be ignored, says the specification
+                else:  # the specification requires that other chunks are ignored
                     file.seek(span, 1)
     except OSError as error:
         raise UsageError(f"map file '{path}' cannot be read: {error.strerror}.") from None
@@ -155,7 +155,7 @@ def _document(path: Path, text: bytes) -> dict[str, Any]:
         _refuse(path, f"has more than {MAX_JSON_OBJECTS} lists and objects in its JSON")
     try:
         tree = json.loads(text.decode("utf-8"), parse_constant=constant)
-    except (ValueError, RecursionError) as error:  # malformed, not UTF-8, numbers of thousands of digits, nested deeply
+    except (ValueError, RecursionError) as error:  # malformed, not UTF-8, huge integers, deep nesting
         _refuse(path, f"has JSON that cannot be read: {str(error).split(';')[0].split(': line')[0].rstrip('.')}")
     if not isinstance(tree, dict):
         _refuse(path, "has JSON that is not an object")
@@ -163,7 +163,7 @@ def _document(path: Path, text: bytes) -> dict[str, Any]:
 
 
 class Document:
-    """A glTF document. Every reader raises UsageError that names the file, the place and the reason."""
+    """A glTF document. All methods that read raise UsageError with the file, the place and the reason."""
 
     def __init__(self, path: Path) -> None:
         """Read the container and the tables of a file."""
@@ -189,14 +189,14 @@ class Document:
         return len(self._lists[table])
 
     def entry(self, table: str, index: Any, where: str) -> Mapping[str, Any]:
-        """Return an entry of a table of the document by the index that `where` names."""
+        """Return an entry of a table by its index. `where` is the place of the index in the file, for errors."""
         rows = self._lists[table]
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(rows):
             self.fail(where, f"is {quoted(index)}, but there are {len(rows)} {table}")
         return rows[index]
 
     def objects(self, parent: Mapping[str, Any], key: str, where: str, limit: int) -> list[Mapping[str, Any]]:
-        """Return a list of objects; [] when it is absent."""
+        """Return a list of objects; [] if it is absent."""
         value = parent.get(key, [])
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             self.fail(where, "is not a list of objects")
@@ -205,7 +205,7 @@ class Document:
         return value
 
     def mapping(self, parent: Mapping[str, Any], key: str, where: str) -> Mapping[str, Any]:
-        """Return an object; {} when it is absent."""
+        """Return an object; {} if it is absent."""
         value = parent.get(key, {})
         if not isinstance(value, dict):
             self.fail(where, "is not an object")
@@ -226,7 +226,7 @@ class Document:
         return value
 
     def numbers(self, parent: Mapping[str, Any], key: str, where: str, default: tuple[float, ...]) -> tuple[float, ...]:
-        """Return as many finite numbers as the default has."""
+        """Return finite numbers, as many as `default` has."""
         value = parent.get(key, default)
         if not isinstance(value, list | tuple) or len(value) != len(default):
             self.fail(f"{where}.{key}", f"is not a list of {len(default)} numbers")
@@ -239,7 +239,7 @@ class Document:
     def _finite(self, value: Any, where: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.fail(where, f"is {quoted(value)}, not a number")
-        if not abs(value) < 1e30:  # false for nan and inf, and exact for whole numbers of any size
+        if not abs(value) < 1e30:  # false for nan and inf; exact for integers of any size
             self.fail(where, f"is {quoted(value)}, which is not finite")
         return float(value)
 
@@ -267,7 +267,7 @@ class Document:
         return data
 
     def data(self, uri: Any, where: str) -> bytes:
-        """Return the bytes of a data: URI, decoded once. Nothing outside the file is ever opened."""
+        """Return the bytes of a data: URI, decoded once. No other file is ever opened."""
         if where not in self._decoded:
             head, comma, body = uri.partition(",") if isinstance(uri, str) else ("", "", "")
             if not (head.startswith("data:") and comma and head.endswith(";base64")):
@@ -279,7 +279,7 @@ class Document:
         return self._decoded[where]
 
     def name_of(self, parent: Mapping[str, Any]) -> str:
-        """Return an object's name as short printable text; "" when it has none."""
+        """Return an object's name as short printable text; "" if it has none."""
         value = parent.get("name")
         if not isinstance(value, str):
             return ""
@@ -297,15 +297,15 @@ def quoted(value: Any) -> str:
 
 
 def element_count(document: Document, index: Any, where: str) -> int:
-    """Return how many elements an accessor declares, before anything of it is read."""
+    """Return how many elements an accessor declares, without reading them."""
     entry = document.entry("accessors", index, where)
     return document.natural(entry, "count", f"accessors[{index}]")
 
 
 def vectors(document: Document, index: Any, where: str, *widths: int) -> NDArray[np.float32]:
-    """Return an accessor's vectors (count, width) as floats, whole numbers scaled if it says that they are normalised.
+    """Return an accessor's vectors (count, width) as floats. Integers are scaled if the accessor is normalised.
 
-    Raises UsageError unless its width is one of `widths` and all of it lies in the file and is finite.
+    Raises UsageError unless its width is one of `widths`, all its data are in the file and all numbers are finite.
     """
     raw, normalised = _elements(document, index, where, widths)
     if raw.dtype.kind == "f":
@@ -317,7 +317,7 @@ def vectors(document: Document, index: Any, where: str, *widths: int) -> NDArray
 
 
 def indices(document: Document, index: Any, where: str, vertices: int) -> NDArray[np.int32]:
-    """Return an accessor's (count,) indices. Raises UsageError unless each names one of `vertices` vertices."""
+    """Return an accessor's (count,) indices. Raises UsageError unless all are below `vertices`."""
     raw, _ = _elements(document, index, where, (1,))
     if raw.dtype.kind != "u":
         document.fail(f"accessors[{index}]", "has indices that are not unsigned whole numbers")

@@ -12,7 +12,7 @@ from episodes.maps.scene import Instance, Scene, Sun
 from foundation.frames import Vec3
 from foundation.terrain import HeightField
 
-GROUND = "ground"  # the kind of what is walked on: it carries the vehicle through the height field, not by collision
+GROUND = "ground"  # kind of ground instances; vehicles touch the ground by the height field, not by collisions
 MAX_ID = 2**31 - 1
 _SCENE = "dronecats"
 _ID, _KIND, _SOLID, _MOVABLE, _YAW = (f"dronecats_{name}" for name in ("id", "kind", "solid", "movable", "yaw"))
@@ -31,7 +31,7 @@ class NodeFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneFacts:
-    """The facts of a file about its map; None where it has none."""
+    """The facts of a file about its map. None: not in the file."""
 
     name: str = ""
     sun: Sun | None = None
@@ -43,7 +43,7 @@ class SceneFacts:
 
 
 def of_instance(instance: Instance) -> dict[str, Any]:
-    """Return a node's extras."""
+    """Return the extras of an instance's node."""
     return {
         _ID: instance.id,
         _KIND: instance.kind,
@@ -72,7 +72,7 @@ def _flag(value: Any, default: bool) -> bool:
 
 
 def of_scene(scene: Scene, terrain_view: int, terrain_bytes: bytes) -> dict[str, Any]:
-    """Return the extras of a file's scene; the heights themselves lie in the bufferView `terrain_view`."""
+    """Return the extras of a file's scene. The bufferView `terrain_view` contains the heights."""
     sun, field = scene.sun, scene.terrain
     return {
         _SCENE: {
@@ -101,7 +101,7 @@ def of_scene(scene: Scene, terrain_view: int, terrain_bytes: bytes) -> dict[str,
 
 
 def scene_facts(document: Document) -> SceneFacts:
-    """Return the facts in our extras of the file's scene. Raises UsageError when they are wrong."""
+    """Return the facts from the extras of the file's scene. Raises UsageError if they are invalid."""
     if not document.count("scenes"):
         return SceneFacts()
     scene = document.entry("scenes", document.tree.get("scene", 0), "scene")
@@ -149,7 +149,7 @@ def _origin(document: Document, facts: Mapping[str, Any], where: str) -> tuple[f
 
 
 def _terrain(document: Document, facts: Mapping[str, Any], where: str) -> HeightField | None:
-    """Return the heights that were written, or None when another program has rearranged the file since."""
+    """Return the height field; None if the file has none, or if another program has rearranged the file since."""
     if "terrain" not in facts:
         return None
     terrain = document.mapping(facts, "terrain", where)

@@ -1,8 +1,8 @@
-"""The ground of a map without a description: found from above, by rays.
+"""Finds the ground of a map by vertical rays, if the file does not describe the ground.
 
-Every column of a grid is cut by a ray that goes down through everything. The surfaces that face up are joined to those
-of the neighbouring columns that one could step or drive onto; what hangs together with the place under the spawn is the
-ground. So a roof, a bridge or a tree above the street is none, whatever mesh it belongs to.
+In each column of a grid, one ray goes down through all surfaces. Two surfaces that face up in neighbouring columns are
+connected if a vehicle can step or drive from one to the other. The ground is everything connected to the surface under
+the spawn. So a roof, a bridge or a tree above the street is not ground, whichever mesh it is part of.
 """
 
 from dataclasses import dataclass
@@ -15,16 +15,16 @@ from scipy import ndimage, sparse
 
 from foundation.terrain import HeightField
 
-FINEST_M = 0.25  # cell of a small map
-MOST_CELLS = 512  # per side, so a map of a kilometre is sampled every two metres
-REACH_M = 500.0  # from the spawn, each way; beyond it the last height holds
-STEP_M = 0.25  # a kerb or a stair that is still ground, on top of a slope of 45°
-LAYERS = 24  # surfaces one above the other that a ray is followed through
-FACES_UP = 0.5  # of a unit normal: 60° from level
-ROOM_M = 0.3  # m over a surface, below which it is none that anything stands on
-HEADROOM_M = 2.0  # above a spawn whose height was not said
-_APART = 1e-3  # m, between a hit and where its ray goes on
-_ASIDE = np.array([1.7e-4, 2.3e-4])  # m: no ray runs along the edges of a map built on a round grid
+FINEST_M = 0.25  # m, cell size of a small map
+MOST_CELLS = 512  # cells per side; a map of a kilometre has a cell size of two metres
+REACH_M = 500.0  # from the spawn in each direction; farther out, the height at the edge holds
+STEP_M = 0.25  # greatest step between connected surfaces, in addition to a slope of 45°
+LAYERS = 24  # greatest number of surfaces that a ray passes
+FACES_UP = 0.5  # least upward component of the unit normal of a ground surface: at most 60° from level
+ROOM_M = 0.3  # least free height above a ground surface
+HEADROOM_M = 2.0  # free height above a spawn without a given height
+_APART = 1e-3  # m, from a hit to the start of the continued ray
+_ASIDE = np.array([1.7e-4, 2.3e-4])  # m, offset of the rays from round coordinates, where maps have their edges
 
 Array = NDArray[np.float64]
 
@@ -39,10 +39,10 @@ class Ground:
 
 
 def find(triangles: Array, north: float, east: float, down: float | None) -> Ground | None:
-    """Return the ground of triangles (T, 3, 3), m NED, or None when there is none under the spawn.
+    """Return the ground among triangles (T, 3, 3), m NED; None if there is none under the spawn.
 
-    Faces count as they are wound; when nothing under the spawn faces up, the winding is taken to be wrong and both
-    sides count. `down` (m) chooses among the floors above one another, the lowest with room above it when None.
+    The winding of a triangle defines the side that it faces. If no triangle under the spawn faces up, both sides count.
+    `down` (m) selects the nearest of several floors. None selects the lowest floor with headroom.
     """
     corners = triangles.reshape(-1, 3).astype(np.float32)
     area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -59,13 +59,13 @@ def find(triangles: Array, north: float, east: float, down: float | None) -> Gro
 
 
 class _Columns:
-    """Rays straight down through a scene."""
+    """Casts rays straight down through a scene."""
 
     def __init__(self, scene: EmbreeScene, top: float, bottom: float) -> None:
         self._scene, self._top, self._length = scene, top - 1.0, bottom - top + 2.0
 
     def cut(self, places: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Return (LAYERS, N) NED z of the surfaces under each place, top first, nan beyond; and their triangles."""
+        """Return the NED z (LAYERS, N) of the surfaces at each place, top first, then nan; and their triangles."""
         depth = np.full((LAYERS, len(places)), np.nan)
         which = np.full((LAYERS, len(places)), -1, np.int64)
         level = np.full(len(places), self._top)
@@ -86,7 +86,7 @@ class _Columns:
 
 
 def _floor(depth: Array, which: NDArray[np.int64], facing: Array, down: float | None) -> float | None:
-    """Return the NED z of the ground among the surfaces of one column, top first."""
+    """Return the NED z of the ground among the surfaces of one column, top first; None if none faces up."""
     there = np.flatnonzero(which >= 0)
     room = np.diff(depth[there], prepend=-np.inf)
     floors = [k for k in there if facing[which[k]] > FACES_UP]
@@ -107,7 +107,7 @@ def _grow(
     spawn: tuple[float, float],
     spawn_down: float,
 ) -> Ground:
-    """Return the surface that hangs together with the one at the spawn."""
+    """Return the ground that is connected to the surface at the spawn."""
     first = np.maximum(low[:2], np.array(spawn) - REACH_M)
     last = np.minimum(high[:2], np.array(spawn) + REACH_M)
     cell = max(FINEST_M, float((last - first).max()) / (MOST_CELLS - 1))
@@ -120,15 +120,15 @@ def _grow(
         flat = HeightField(float(first[0]), float(first[1]), cell, np.full(shape, spawn_down))
         return Ground(flat, np.zeros(len(triangles), np.bool_), spawn_down)
     depth, which = depth[:layers], which[:layers]
-    # what has less room than a step above it lies under the slab that one steps on; where the slab's underside rests on
-    # it, which of the two a ray tells of is a matter of the processor
+    # A surface with less room than ROOM_M above it lies under a slab and is not ground. If the underside of the slab
+    # touches it, the ray hits one of the two, depending on the processor.
     room = np.diff(depth, axis=0, prepend=-np.inf)
     depth = np.where((which >= 0) & (facing[which] > FACES_UP) & (room >= ROOM_M), depth, np.nan)
     label = _joined(depth.reshape(layers, *shape), STEP_M + cell).reshape(layers, -1)
     row, column = (min(max(round((spawn[k] - first[k]) / cell), 0), shape[k] - 1) for k in (0, 1))
     here = row * shape[1] + column
     gap = np.abs(depth[:, here] - spawn_down)
-    if np.isnan(gap).all():  # the spawn stands in the only gap of its column: the nearest one tells
+    if np.isnan(gap).all():  # the spawn's column has no surface left: take the one nearest in height in all columns
         gap = np.abs(depth - spawn_down).ravel()
         chosen = label.ravel()[np.nanargmin(gap)]
     else:
@@ -146,7 +146,7 @@ def _grow(
 
 
 def _joined(depth: NDArray[np.float64], step: float) -> NDArray[np.int64]:
-    """Return a number for each surface (L, N, M), equal for those that one can step between; nan ones are alone."""
+    """Return a component number for each surface (L, N, M). Neighbours within `step` (m) of height are joined."""
     layers = depth.shape[0]
     number = np.arange(depth.size).reshape(depth.shape)
     ends: list[NDArray[np.int64]] = []
@@ -170,7 +170,7 @@ def _joined(depth: NDArray[np.float64], step: float) -> NDArray[np.int64]:
 
 
 def _lying_on(triangles: Array, facing: Array, field: HeightField) -> NDArray[np.bool_]:
-    """Return which triangles face up and lie in the field's surface: the small ones that no ray met."""
+    """Return which triangles face up and lie on the height field. These include small ones that no ray hit."""
     points = np.concatenate([triangles, triangles.mean(axis=1, keepdims=True)], axis=1)
     i = (points[..., 0] - field.origin_north) / field.cell_m
     j = (points[..., 1] - field.origin_east) / field.cell_m

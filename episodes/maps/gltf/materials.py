@@ -1,4 +1,4 @@
-"""Materials and pictures inside a glTF file, and ours. Sizes of pictures are read from their headers first."""
+"""Converts materials and pictures from and to glTF. Picture sizes are read from the headers before decoding."""
 
 import struct
 from collections.abc import Iterable, Mapping
@@ -16,16 +16,16 @@ from foundation.frames import Vec3
 
 MAX_SIDE = 8192
 MAX_TEXELS = 48 * 2**20  # of all pictures of a map together, after they are reduced
-SIDES = (2048, 1024, 512, 256, 128, 64, 32, 16)  # the largest side is the first at which the pictures keep to that
-CUTOFF = 0.5  # alpha below which a texel is not there, where a material of the file says nothing else
+SIDES = (2048, 1024, 512, 256, 128, 64, 32, 16)  # limit of a side: the first at which MAX_TEXELS holds
+CUTOFF = 0.5  # default of alphaCutoff: texels with a lower alpha are holes
 
 Picture = NDArray[np.uint8]
 
-EXTRA = "dronecats_look"  # [red, green, blue, emission, specular, drift, foliage] of ours
+EXTRA = "dronecats_look"  # [red, green, blue, emission, specular, drift, foliage] of a `Material`
 
 
 def encode(picture: Picture, cutout: NDArray[np.bool_] | None = None) -> bytes:
-    """Return an (H, W, 3) sRGB picture as PNG, which keeps every bit; `cutout` as its alpha."""
+    """Return an (H, W, 3) sRGB picture as lossless PNG, with `cutout` as its alpha."""
     if cutout is not None:
         picture = np.dstack([picture[..., ::-1], np.where(cutout, 255, 0).astype(np.uint8)])
     else:
@@ -37,10 +37,10 @@ def encode(picture: Picture, cutout: NDArray[np.bool_] | None = None) -> bytes:
 
 
 class Images:
-    """The pictures of one file, decoded on demand and once."""
+    """The pictures of one file, each decoded once, on demand."""
 
     def __init__(self, document: Document, used: Iterable[int]) -> None:
-        """Measure the pictures that will be used. Raises UsageError for one that is too large or of another format."""
+        """Measure the pictures that will be used. Raises UsageError if one is too large, or neither PNG nor JPEG."""
         self._document = document
         self._kept: dict[tuple[int, float | None], tuple[Picture, NDArray[np.bool_] | None]] = {}
         self._data = {k: self._bytes_of(k) for k in sorted(set(used))}
@@ -52,9 +52,9 @@ class Images:
                 break
 
     def picture(self, index: int, cutoff: float | None) -> tuple[Picture, NDArray[np.bool_] | None]:
-        """Return an image as (H, W, 3) sRGB, and which of its texels (H, W) are there: their alpha is ≥ `cutoff`.
+        """Return an image (H, W, 3) sRGB and the mask (H, W) of its opaque texels, those with alpha ≥ `cutoff`.
 
-        None for an image without holes, or without a `cutoff`. See `fill_holes` for the colour of the other texels.
+        The mask is None if the image has no holes or `cutoff` is None. See `fill_holes` for the colour of holes.
         """
         key = (index, cutoff)
         if key not in self._kept:
@@ -104,7 +104,7 @@ class Images:
 
 
 def png_size(data: bytes) -> tuple[int, int] | None:
-    """Return (width, height) that a PNG declares, or None when it is none. Source: PNG, section 11.2.2."""
+    """Return (width, height) that a PNG declares; None if the data are no PNG. Source: PNG, section 11.2.2."""
     if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 24:
         return None
     width, height = struct.unpack(">II", data[16:24])
@@ -112,7 +112,7 @@ def png_size(data: bytes) -> tuple[int, int] | None:
 
 
 def jpeg_size(data: bytes) -> tuple[int, int] | None:
-    """Return (width, height) that a JPEG declares, or None when it is none. Source: ITU-T T.81, annex B."""
+    """Return (width, height) that a JPEG declares; None if the data are no JPEG. Source: ITU-T T.81, annex B."""
     if data[:2] != b"\xff\xd8":
         return None
     at = 2
@@ -141,16 +141,16 @@ def source_of(document: Document, texture: Any, where: str) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """A material with what a mesh needs to know to wear it."""
+    """A material, and how a mesh maps its texture."""
 
     material: Material
-    uv_set: int = 0  # which TEXCOORD_ the texture follows
+    uv_set: int = 0  # n of the attribute TEXCOORD_n of the texture
     uv_scale: tuple[float, float] = (1.0, 1.0)
     uv_turn: float = 0.0  # rad
     uv_offset: tuple[float, float] = (0.0, 0.0)
 
     def uv(self, raw: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return texture coordinates (V, 2) as KHR_texture_transform moves them; untouched when it does not."""
+        """Return texture coordinates (V, 2) after KHR_texture_transform; `raw` itself if nothing changes."""
         if self.uv_scale == (1.0, 1.0) and self.uv_turn == 0.0 and self.uv_offset == (0.0, 0.0):
             return raw
         c, s = np.cos(self.uv_turn), np.sin(self.uv_turn)
@@ -159,7 +159,7 @@ class Look:
 
 
 def standard(material: Material) -> dict[str, Any]:
-    """Return the fields of a glTF material that look most like one of ours, textures apart."""
+    """Return the fields of the glTF material that looks most like `material`, without textures."""
     color = [min(max(float(c), 0.0), 1.0) for c in material.color]
     fields: dict[str, Any] = {
         "pbrMetallicRoughness": {
@@ -187,7 +187,7 @@ def used_images(document: Document, materials: set[int]) -> set[int]:
 
 
 def read(document: Document, index: int, images: Images) -> Look:
-    """Return a material of the file. Metalness, normal maps and transparency are not of our renderer's world."""
+    """Return a material of the file. Metalness, normal maps and transparency are ignored."""
     entry, where = document.entry("materials", index, "material"), f"materials[{index}]"
     name = document.name_of(entry) or f"material-{index}"
     color, specular = _surface(document, entry, where)
@@ -200,7 +200,7 @@ def read(document: Document, index: int, images: Images) -> Look:
     red, green, blue = (max(c, 0.0) for c in document.numbers(entry, "emissiveFactor", where, (0.0, 0.0, 0.0)))
     shine = (red, green, blue)
     emission = 0.0
-    if max(color) <= 1e-3 < max(shine):  # a lamp that is black but for its own light
+    if max(color) <= 1e-3 < max(shine):  # a lamp: black, apart from its own light
         color, emission = shine, 1.0
     elif sum(shine) > 0.0 and "emissiveTexture" not in entry:
         emission = min(sum(shine) / max(sum(color), 1e-3), 1.0)
@@ -219,7 +219,7 @@ def read(document: Document, index: int, images: Images) -> Look:
 
 
 def _surface(document: Document, entry: Mapping[str, Any], where: str) -> tuple[Vec3, float]:
-    """Return (linear colour, specular): a rough surface is matt, a smooth one shines."""
+    """Return (linear colour, specular). Specular is 1 − roughness, or the glossiness."""
     older = document.extension(entry, "KHR_materials_pbrSpecularGlossiness", where)
     if older is not None:
         factor = document.numbers(older, "diffuseFactor", where, (1.0, 1.0, 1.0, 1.0))
@@ -233,7 +233,7 @@ def _surface(document: Document, entry: Mapping[str, Any], where: str) -> tuple[
 
 
 def _texture(document: Document, entry: Mapping[str, Any], where: str) -> Mapping[str, Any] | None:
-    """Return the reference to the texture of a material's own colour, or of its light when it has no other."""
+    """Return the reference to a material's colour texture, or to its emissive texture if the colour is black."""
     older = document.extension(entry, "KHR_materials_pbrSpecularGlossiness", where)
     if older is not None and "diffuseTexture" in older:
         return document.mapping(older, "diffuseTexture", f"{where}.diffuseTexture")
@@ -246,16 +246,16 @@ def _texture(document: Document, entry: Mapping[str, Any], where: str) -> Mappin
 
 
 def _cutoff(document: Document, entry: Mapping[str, Any], where: str) -> float:
-    """Return the alpha of the texture (0 … 1) from which a material's surface is there."""
+    """Return the least alpha of the texture at which a material is opaque."""
     pbr = document.mapping(entry, "pbrMetallicRoughness", f"{where}.pbrMetallicRoughness")
     factor = document.numbers(pbr, "baseColorFactor", where, (1.0, 1.0, 1.0, 1.0))[3]
     return document.number(entry, "alphaCutoff", where, CUTOFF) / max(factor, 1e-6)
 
 
 def _ours(document: Document, entry: Mapping[str, Any], where: str, read: Material) -> Material | None:
-    """Return the exact material that was written, while the standard fields still say the same."""
+    """Return the exact material from the extras; None without extras, or if the standard fields no longer match."""
     look = document.mapping(entry, "extras", f"{where}.extras").get(EXTRA) if "extras" in entry else None
-    if not isinstance(look, list) or len(look) not in (5, 7):  # files of earlier versions know no drift and no foliage
+    if not isinstance(look, list) or len(look) not in (5, 7):  # files of earlier versions have no drift and no foliage
         return None
     if not all(isinstance(v, int | float) and not isinstance(v, bool) and 0.0 <= v <= 4.0 for v in look):
         return None

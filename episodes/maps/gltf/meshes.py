@@ -1,4 +1,4 @@
-"""Meshes of a glTF file and the tree in which they stand. Primitives of one mesh become one mesh of ours."""
+"""Reads the meshes of a glTF file and its tree of nodes. All primitives of a glTF mesh become one `Mesh`."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -13,7 +13,7 @@ from episodes.maps.gltf.materials import Look
 from episodes.maps.scene import Material, Mesh, turn
 from foundation.frames import Vec3
 
-MAX_VERTICES = 3_000_000  # of one mesh as the file has it, and of all meshes together as they are used
+MAX_VERTICES = 3_000_000  # of one mesh in the file; also of all meshes together, without their unused vertices
 MAX_READ = 20_000_000  # vertices read in all: some programs give every primitive a copy of all vertices of its mesh
 MAX_TRIANGLES = 1_000_000  # placed in the scene, each instance counted
 MAX_COORDINATE_M = 1e6
@@ -39,7 +39,7 @@ class _Block:
 
 
 def triangle_count(document: Document, index: int) -> int:
-    """Return how many triangles a mesh says it has, without reading any."""
+    """Return how many triangles a mesh declares, without reading them."""
     total = 0
     for k, primitive in enumerate(_primitives(document, index)):
         where = f"meshes[{index}].primitives[{k}]"
@@ -50,7 +50,7 @@ def triangle_count(document: Document, index: int) -> int:
 
 
 def materials_of(document: Document, index: int) -> set[int]:
-    """Return the indices of the materials that a mesh wears."""
+    """Return the indices of the materials of a mesh."""
     return {
         document.natural(p, "material", f"meshes[{index}]") for p in _primitives(document, index) if "material" in p
     }
@@ -63,7 +63,7 @@ def _primitives(document: Document, index: int) -> list[Mapping[str, Any]]:
 
 
 def _of(document: Document, primitive: Mapping[str, Any], where: str) -> Any:
-    """Return the accessor that says how many corners a primitive has."""
+    """Return the index of the accessor whose count is the number of corners of a primitive."""
     if document.extension(primitive, "KHR_draco_mesh_compression", where) is not None:
         document.fail(where, f"is compressed: {REMEDY['KHR_draco_mesh_compression']}")
     attributes = document.mapping(primitive, "attributes", f"{where}.attributes")
@@ -73,10 +73,10 @@ def _of(document: Document, primitive: Mapping[str, Any], where: str) -> Any:
 
 
 class Shapes:
-    """The meshes of one file, read on demand and once."""
+    """The meshes of one file, each read once, on demand."""
 
     def __init__(self, document: Document, looks: Mapping[int, Look]) -> None:
-        """Take the materials that the meshes wear, by their index."""
+        """`looks`: the materials of the meshes, by their index in the file."""
         self._document = document
         self._looks = looks
         self._plain = Look(Material("plain", (1.0, 1.0, 1.0)))
@@ -86,14 +86,14 @@ class Shapes:
         self.left_out = 0  # primitives of points and lines, which have no surface
 
     def mesh(self, index: int) -> Mesh | None:
-        """Return a mesh in FRD axes, or None when it has no triangles. Raises UsageError."""
+        """Return a mesh in FRD axes; None if it has no triangles. Raises UsageError."""
         if index not in self._kept:
             self._kept[index] = self._read(index)
         return self._kept[index]
 
     def _read(self, index: int) -> Mesh | None:
-        raw: dict[Any, _Block] = {}  # as the file has them
-        made: dict[Any, _Block] = {}  # as the mesh will, one after the other
+        raw: dict[Any, _Block] = {}  # vertices in the order of the file
+        made: dict[Any, _Block] = {}  # vertices in the order of the new mesh
         triangles, which = [], []
         worn: dict[int, tuple[int, Material]] = {}  # identity → (row, material)
         first = 0
@@ -140,7 +140,7 @@ class Shapes:
         return mesh
 
     def _room(self, vertices: int, where: str) -> None:
-        """Count vertices before they are read."""
+        """Count vertices before they are read. Raises UsageError above a limit."""
         self._read_vertices += vertices
         if vertices > MAX_VERTICES or self._read_vertices > MAX_READ:
             self._document.fail(where, f"brings the file above {MAX_READ} vertices: simplify it")
@@ -148,7 +148,7 @@ class Shapes:
     def _block(
         self, primitive: Mapping[str, Any], where: str, look: Look, blocks: dict[Any, _Block]
     ) -> tuple[Any, _Block]:
-        """Return (what tells it from others, the vertices of a primitive); equal ones are read once."""
+        """Return (key, vertices) of a primitive. Primitives with equal keys share vertices, which are read once."""
         attributes = self._document.mapping(primitive, "attributes", f"{where}.attributes")
         uv_name = f"TEXCOORD_{look.uv_set}"
         names = ("POSITION", "NORMAL", uv_name, "COLOR_0")
@@ -176,7 +176,7 @@ class Shapes:
         return key, blocks[key]
 
     def _corners(self, primitive: Mapping[str, Any], where: str, mode: int, block: _Block) -> NDArray[np.int32]:
-        """Return a primitive's triangles (T, 3); strips and fans are taken apart."""
+        """Return a primitive's triangles (T, 3). Strips and fans become separate triangles."""
         size = len(block.position)
         if "indices" in primitive:
             order = indices(self._document, primitive["indices"], f"{where}.indices", size)
@@ -194,7 +194,7 @@ class Shapes:
     def _dressed(
         self, material: Material, corners: NDArray[np.int32], block: _Block, worn: dict[int, tuple[int, Material]]
     ) -> NDArray[np.int32]:
-        """Return (T,) rows of `worn`. Vertex colours become one rounded tint of the material per triangle."""
+        """Return the row (T,) of `worn` for each triangle. Vertex colours become a rounded tint of the material."""
 
         def row(look: Material) -> int:
             return worn.setdefault(id(look), (len(worn), look))[0]
@@ -218,7 +218,7 @@ class Shapes:
 
 
 def compact(mesh: Mesh) -> Mesh:
-    """Return a mesh without the vertices that no triangle uses; the very same one when it has none."""
+    """Return a mesh without the vertices that no triangle uses; the same object if there are none."""
     used, order = np.unique(mesh.triangles, return_inverse=True)
     if len(used) == len(mesh.vertices):
         return mesh
@@ -232,14 +232,14 @@ def compact(mesh: Mesh) -> Mesh:
 
 
 def _unit(normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return normals of length one; those that are so already keep every bit."""
+    """Return normals of length one. Normals that already have it are not changed."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     mended = np.where(length > 1e-6, normals / np.maximum(length, np.float32(1e-6)), np.array([0.0, 1.0, 0.0]))
     return np.where(np.abs(length - 1.0) < 1e-3, normals, mended).astype(np.float32)
 
 
 def _flat(block: _Block, corners: NDArray[np.int32]) -> tuple[_Block, NDArray[np.int32]]:
-    """Return vertices of their own for every triangle, with its plane's normal, as glTF asks where none are given."""
+    """Return separate vertices for each triangle, with its plane's normal. glTF requires it if normals are missing."""
     tri = block.position[corners].astype(np.float64)
     area = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
     length = np.linalg.norm(area, axis=1, keepdims=True)
@@ -268,7 +268,7 @@ class Placed:
 def placed(document: Document) -> list[Placed]:
     """Return the nodes of the file's scene that show a mesh, in the order in which the file lists them.
 
-    Raises UsageError for a node with two parents, a loop, a tree deeper than MAX_DEPTH, or a place far away.
+    Raises UsageError for a node with two parents, a loop, a tree deeper than MAX_DEPTH, or a place beyond MAX_PLACE_M.
     """
     nodes: list[Placed] = []
     seen: set[int] = set()
@@ -344,10 +344,10 @@ def _matrix(document: Document, node: Mapping[str, Any], where: str) -> NDArray[
 
 
 def pose(matrix: NDArray[np.float64], hint_yaw: Any) -> tuple[Vec3, float, NDArray[np.float64] | None]:
-    """Return (position_ned in m, yaw in rad, what is left to be done to the mesh or None).
+    """Return (position_ned in m, yaw in rad, linear map (3, 3) to apply to the mesh in FRD axes, or None).
 
-    An instance of ours is turned about the vertical only, so any other turn, and every scale, goes into the mesh; the
-    matrix (3, 3) that does it is in FRD axes. `hint_yaw` is the exact yaw that was written, used while it agrees.
+    An instance has a yaw only. If the node has any other rotation or a scale, the linear map contains all of it and the
+    yaw is 0. `hint_yaw` is the exact yaw from the extras; it is used if it agrees with the matrix.
     """
     n, e, d = (float(v) for v in from_gltf(matrix[:3, 3]))
     linear = linear_from_gltf(matrix[:3, :3])
@@ -360,9 +360,9 @@ def pose(matrix: NDArray[np.float64], hint_yaw: Any) -> tuple[Vec3, float, NDArr
 
 
 def deformed(mesh: Mesh, linear: NDArray[np.float64]) -> Mesh | None:
-    """Return a mesh under a linear map (3, 3) of its FRD axes, or None when that leaves nothing of it.
+    """Return a mesh under a linear map (3, 3) of its FRD axes, or None if the map is singular.
 
-    A reflection turns the winding round, as glTF asks, so that what faced outwards still does.
+    A reflection reverses the winding, as glTF requires, so that outward faces stay outward.
     """
     determinant = float(np.linalg.det(linear))
     if abs(determinant) < 1e-12:

@@ -1,4 +1,4 @@
-"""A glTF file as a map."""
+"""Loads a glTF file as a map."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -18,19 +18,19 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.terrain import HeightField
 
-ORIGIN = (47.397742, 8.545594, 488.0)  # of a map that names none: PX4's usual home
-SUN = Sun((-0.5065, 0.3957, -0.7660))  # of a map that names none: late morning, northern summer
+ORIGIN = (47.397742, 8.545594, 488.0)  # default: PX4's usual SITL home
+SUN = Sun((-0.5065, 0.3957, -0.7660))  # default: late morning, northern summer
 
 _NOWHERE = HeightField(0.0, 0.0, 1.0, np.zeros((1, 1)))
 
 
 def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = None) -> Scene:
-    """Return the map in a binary glTF file, called `name`; one written by `save` comes back as it was.
+    """Return the map in a binary glTF file, called `name`. A map from `save` is read back unchanged.
 
-    `spawn` is (north, east) or (north, east, down) in metres NED, a free place on the ground; a file of ours knows its
-    own. Without a height the lowest floor with two metres of room above it is taken. What a file of others does not say
-    is assumed: the sun of a late morning, PX4's usual home, everything solid, nothing movable. Raises UsageError in one
-    sentence for a file that is damaged, hostile, compressed, not self-contained, or has no ground under the spawn.
+    `spawn` is a free place on the ground, (north, east) or (north, east, down) in metres NED. Files from `save` contain
+    it. Without a height, the spawn is on the lowest floor with two metres of headroom. Defaults for missing facts: the
+    sun of a late morning, PX4's usual home, all instances solid, none movable. Raises UsageError for a file that is
+    damaged, beyond the limits, compressed, not self-contained, or without ground under the spawn.
     """
     document = Document(path)
     placed = meshes.placed(document)
@@ -55,7 +55,7 @@ def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = No
 def _instances(
     document: Document, placed: list[meshes.Placed], reader: shapes.Shapes
 ) -> tuple[list[Instance], tuple[str, ...]]:
-    """Return what stands in the file, numbered, and remarks on what of it could not be taken along."""
+    """Return the instances of the file with their ids, and notes about everything that is left out."""
     facts = [extras.node_facts(node.extras) for node in placed]
     ids = [fact.id for fact in facts]
     ours = None not in ids and len(set(ids)) == len(ids)
@@ -89,7 +89,7 @@ def _instances(
 
 
 def _as_written(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] | None, document: Document) -> Scene:
-    """Return a map of ours, the spawn moved to where it is asked for."""
+    """Return a map that `save` wrote; `spawn` replaces the spawn in the file."""
     if spawn is None:
         place = facts.spawn_ned
     else:
@@ -100,7 +100,7 @@ def _as_written(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] |
 
 
 def _grounded(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] | None, document: Document) -> Scene:
-    """Return a map whose ground is found in its geometry, split off what stands on it."""
+    """Return a map whose ground is found in its geometry and separated from the other instances."""
     wanted = spawn if spawn is not None else facts.spawn_ned
     if wanted is None:
         raise UsageError(f"map file '{document.source}' has no start place. Give one with --spawn=NORTH,EAST.")
@@ -164,7 +164,7 @@ def _ends(pieces: Sequence[Any]) -> list[int]:
 
 
 def _on_map(scene: Scene, spawn: Sequence[float], document: Document) -> tuple[float, float]:
-    """Return north and east of a spawn. Raises UsageError when they lie outside the map."""
+    """Return north and east of a spawn. Raises UsageError if they are outside the map."""
     north, east = float(spawn[0]), float(spawn[1])
     low, high = extent(scene)
     if not (low[0] <= north <= high[0] and low[1] <= east <= high[1]):
@@ -187,7 +187,7 @@ def extent(scene: Scene) -> tuple[Vec3, Vec3]:
 
 
 def _unused(name: str, taken: dict[str, int]) -> str:
-    """Return a name that no other instance has: it is how records and collisions speak of a thing."""
+    """Return a name that no other instance has. Records and collisions identify instances by name."""
     while name in taken:
         taken[name] += 1
         name = f"{name}-{taken[name]}"
