@@ -89,14 +89,15 @@ def messages(flight: RecordedFlight) -> Iterator[TimedMessage]:
             yield from _track(name, drone.estimate, flight.origin)
         if drone.truth is not None:
             yield from _track(f"{JUDGE}/{name}", drone.truth, flight.origin)
-        mounted = FrameTransform(
-            timestamp=_stamp(0.0),
-            parent_frame_id=camera_body(drone),
-            child_frame_id=f"{name}/camera",
-            translation=_vector(flu(flight.camera.offset_frd)),
-            rotation=_quaternion(optical_in_flu(flight.camera)),
-        )
-        yield TimedMessage(0.0, "/tf", FrameTransforms(transforms=[mounted]))
+        for t_s, camera in flight.camera_changes(drone.number):
+            mounted = FrameTransform(
+                timestamp=_stamp(t_s),
+                parent_frame_id=camera_body(drone),
+                child_frame_id=f"{name}/camera",
+                translation=_vector(flu(camera.offset_frd)),
+                rotation=_quaternion(optical_in_flu(camera)),
+            )
+            yield TimedMessage(t_s, "/tf", FrameTransforms(transforms=[mounted]))
         yield from _pictures(flight, drone)
     yield from _logs(flight)
     yield from _targets(flight)

@@ -109,18 +109,21 @@ def _pictures(recording: rr.RecordingStream, flight: RecordedFlight, drone: Dron
     """Log a drone's pictures as the pilot received them, with the chosen points."""
     camera = f"world/{camera_body(drone)}/camera"
     frames = [frame for frame in flight.frames if frame.drone == drone.number]
-    mounted = rr.Transform3D(translation=flu(flight.camera.offset_frd), quaternion=optical_in_flu(flight.camera))
-    recording.log(camera, mounted, static=True)
-    width, height = flight.camera.width, flight.camera.height
+    for t_s, model in flight.camera_changes(drone.number):
+        _at(recording, t_s)
+        recording.log(camera, rr.Transform3D(translation=flu(model.offset_frd), quaternion=optical_in_flu(model)))
+    sizes = {}
     for frame in frames:
         height, width = read_picture(frame.jpeg).shape[:2]
+        sizes[frame.frame_id] = (width, height)
         _at(recording, frame.t_s)
         jpeg = frame.jpeg.read_bytes()
         recording.log(f"{camera}/image", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
         focal = flight.camera.focal_px * width / flight.camera.width
         recording.log(f"{camera}/image", rr.Pinhole(focal_length=focal, width=width, height=height))
     for step in flight.steps:
-        if step.decision.drone == drone.number and frames:
+        if step.decision.drone == drone.number and step.decision.frame_id in sizes:
+            width, height = sizes[step.decision.frame_id]
             _at(recording, step.decision.t_frame)
             chosen = [(step.go.x / POINT_SPAN * width, step.go.y / POINT_SPAN * height)] if step.go else []
             points = rr.Points2D(

@@ -82,6 +82,14 @@ class RecordedFlight(JudgedFlight):
         before = [t for t in pitches if t <= t_s] or [*pitches][:1]
         return replace(self.camera, pitch_deg=pitches[max(before)]) if before else self.camera
 
+    def camera_changes(self, drone: int) -> list[tuple[float, CameraModel]]:
+        """Return the camera at 0 s, and at each time (s) at which a gimbal has changed its pitch."""
+        changes = [(0.0, self.camera_at(drone, 0.0))]
+        for t_s in sorted(frame.t for frame in self.logs.frames.values() if frame.drone == drone):
+            if (camera := self.camera_at(drone, t_s)) != changes[-1][1]:
+                changes.append((t_s, camera))
+        return changes
+
     @property
     def t0_us(self) -> int:
         """µs, the vehicle's clock when the episode began."""

@@ -1,5 +1,6 @@
 """MCAP files read by MCAP's own reader. Every message agrees with the run folder."""
 
+import dataclasses
 import hashlib
 import json
 from collections import Counter, defaultdict
@@ -97,6 +98,24 @@ def test_the_calibration_puts_the_target_where_the_judge_measured_it(recording):
             assert v / w == pytest.approx(picture.shape[0] / 2.0 + half * down / forward, abs=8.0)
             compared += 1
     assert compared > 2
+
+
+def test_the_transforms_follow_a_gimbals_pitch(alone):
+    frames = sorted(alone.logs.frames.values(), key=lambda frame: frame.t)
+    pitches = {frame.frame_id: -10.0 if k < 2 else -40.0 for k, frame in enumerate(frames)}
+    on_gimbal = {
+        key: dataclasses.replace(frame, camera_pitch_deg=pitches[frame.frame_id])
+        for key, frame in alone.logs.frames.items()
+    }
+    flight = dataclasses.replace(alone, logs=dataclasses.replace(alone.logs, frames=on_gimbal))
+    mounts = []
+    for t_s, topic, message in mcap.messages(flight):
+        for mount in message.transforms if topic == "/tf" else ():
+            if mount.child_frame_id == "drone_0/camera":
+                r = mount.rotation
+                axis = Rotation.from_quat([r.x, r.y, r.z, r.w]).apply([0.0, 0.0, 1.0])  # forward, left, up
+                mounts.append((t_s, pytest.approx(np.degrees(np.arctan2(axis[2], axis[0])))))
+    assert mounts == [(0.0, -10.0), (frames[2].t, -40.0)]
 
 
 def test_the_ring_is_around_the_point_that_was_chosen(recording):
