@@ -41,7 +41,6 @@ HEIGHT_M = 5.0
 STEP_S = 2.0  # s, duration of each part of the task
 STEPS_NED = ((0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (0.0, 1.0), (0.0, 0.0), (-1.0, 0.0), (0.0, 0.0), (0.0, -1.0))  # m/s
 MOVES: tuple[Setpoint, ...] = (Hold(), Velocity(1.0, None), Hold(), Turn(0.5), Hold(), Velocity(1.0, None))
-SETTLE_S = 25.0  # s for the estimator to converge before take-off
 FLIGHTS = ("core", "mavlink", "mavlink_onboard", "fleet4")
 
 

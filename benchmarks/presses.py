@@ -63,7 +63,6 @@ class Press:
     beside: float = 0.0  # distance of the course from the obstacle's middle, over half of its width
     seconds: float = 30.0  # of pushing
     wind_n: float = 0.0  # m/s, wind to the north
-    height_m: float | None = None  # above the ground; None: two thirds of the obstacle's, within 0.6 … 2 m
 
 
 RESIDENTIAL, CAMPUS, BLOCKS = "residential-searching-01", "campus-searching-01", "blocks-commanding-01"
@@ -171,7 +170,7 @@ def before(world: World, press: Press) -> tuple[BootPose, float]:
     turned = np.stack(
         [cosine * points[:, 0] - sine * points[:, 1], sine * points[:, 0] + cosine * points[:, 1]], axis=1
     )
-    height = press.height_m or min(2.0, max(0.6, -0.67 * float(points[:, 2].min())))
+    height = min(2.0, max(0.6, -0.67 * float(points[:, 2].min())))
     solid = obstacles(world.scene)
     rest = np.flatnonzero(solid.owner != solid.names.index(press.thing))
     best: tuple[float, Vec3, float] = (-1.0, (0.0, 0.0, 0.0), 0.0)

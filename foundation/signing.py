@@ -14,7 +14,6 @@ from foundation.errors import UsageError
 from foundation.mavlink import dialect
 
 KEY_BYTES = 32
-SIGNATURE_BYTES = 13  # link id, 48-bit timestamp, 48-bit digest
 SIGNED = dialect.MAVLINK_IFLAG_SIGNED
 UNITS_PER_MINUTE = 6_000_000  # a timestamp has units of 10 µs
 LATEST = (1 << 48) - 1

@@ -48,17 +48,17 @@ class FaultEntry:
         return Fault(self.part, self.kind, round(self.from_s * 1e6), until_us, (x, y, z))
 
 
-def load(path: Path, rotors: int, suite: Suite | None = None) -> list[Fault]:
-    """Return the faults of a file, in its order, for a vehicle with `rotors` rotors and these sensors.
+def load(path: Path, rotors: int) -> list[Fault]:
+    """Return the faults of a file, in its order, for a vehicle with `rotors` rotors.
 
     Raises UsageError that names the file, the entry and the reason.
     """
-    return parse(toml_table(path, f"fault script {path}"), path.name, rotors, suite)
+    return parse(toml_table(path, f"fault script {path}"), path.name, rotors)
 
 
-def parse(table: dict[str, Any], name: str, rotors: int, suite: Suite | None = None) -> list[Fault]:
+def parse(table: dict[str, Any], name: str, rotors: int) -> list[Fault]:
     """Return the faults that a parsed TOML table lists. `name`: of the file, for errors. Raises UsageError."""
-    suite = suite or Suite()
+    suite = Suite()
     where = f"fault script {name}"
     entries = typed(table, FaultScript, where).fault
     if len(entries) > MAX_FAULTS:

@@ -216,7 +216,6 @@ MOVING_RATE = math.radians(5.0)  # rad/s, above any gyro's bias
 GRAVITY_TOLERANCE = 0.1
 FIELD_GAUSS = (0.1, 1.0)  # the Earth's field is 0.22 to 0.67
 LEVEL_MOST = math.radians(10.0)
-SENSORS = ("gyro", "mag", "accel", "level")
 
 StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
 

@@ -204,13 +204,13 @@ def _compiler() -> Diagnosis:
         return Diagnosis("compiler", MISSING, "numba compiles wrongly", "pip install --force-reinstall numba llvmlite")
     detail = f"numba compiles ({time.perf_counter() - started:.1f} s for one function)"
     if compiled.KEEPS:
-        return Diagnosis("compiler", OK, f"{detail} and keeps its work")
+        return Diagnosis("compiler", OK, f"{detail} and stores its results")
     try:
         kept = f"{compiled.cache_folder().parent} cannot be written to"
     except UsageError as homeless:
         kept = str(homeless)
     kept += ", so every start compiles for a minute"
-    return Diagnosis("compiler", NOTE, f"{detail}; {kept}", "set NUMBA_CACHE_DIR to a folder that can be")
+    return Diagnosis("compiler", NOTE, f"{detail}; {kept}", "set NUMBA_CACHE_DIR to a writable folder")
 
 
 def _rays() -> Diagnosis:

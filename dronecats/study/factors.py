@@ -119,7 +119,7 @@ def _put_jitter(place: int) -> Callable[[FlightSpec, Level], FlightSpec]:
         before = paced.text.partition(":")[2].split(",") if paced else []
         if len(before) < place:
             wanted = "jitter_cv" if before else "a rate"
-            raise UsageError(f"it goes with {wanted}. Vary that too, or hold it at one level")
+            raise UsageError(f"it needs {wanted}. Vary {wanted} too, or hold it at one level")
         text = f"{JITTER}:{','.join([*before[:place], level_text(level)])}"
         return replace(flight, latency=flight.latency.with_part(text, (RATE, JITTER)))
 
@@ -134,7 +134,7 @@ def _put_part(template: str) -> Callable[[FlightSpec, Level], FlightSpec]:
 def _put_stall_length(flight: FlightSpec, level: Level) -> FlightSpec:
     stall = flight.latency.part(STALL)
     if stall is None:
-        raise UsageError("it goes with reply_stall_share. Vary that too, or hold it at one level")
+        raise UsageError("it needs reply_stall_share. Vary reply_stall_share too, or hold it at one level")
     share = stall.text.partition(":")[2].partition(",")[0]
     return replace(flight, latency=flight.latency.with_part(f"{STALL}:{share},{level_text(level)}"))
 
@@ -235,8 +235,9 @@ def _check_combination(levels: Mapping[str, Level], *, lockstep: bool) -> None:
     for name, level in levels.items():
         factor = FACTORS[name]
         if factor.beside and factor.refines not in levels:
+            needed = factor.refines
             raise UsageError(
-                f"{name} at {level_text(level)}: it goes with {factor.refines}. Vary that too, or hold it at one level"
+                f"{name} at {level_text(level)} needs {needed}. Vary {needed} too, or hold it at one level"
             )
         if factor.real_time and lockstep:
             raise UsageError(f"{name} goes with --speed N: {disturbances.LOCKSTEP}")

@@ -105,10 +105,10 @@ def _difference_text(name: str, before: Any, after: Any) -> str | None:
     if before == after:
         return None
     if name in ("cells", "episodes"):
-        removed = [f"{value} is missing now" for value in before if value not in after]
-        added = [f"{value} is missing there" for value in after if value not in before]
+        removed = [f"{value} is missing in the new study" for value in before if value not in after]
+        added = [f"{value} is missing in the stored study" for value in after if value not in before]
         return f"{name}, {', '.join([*removed, *added][:NAMED]) or 'in another order'}"
-    return f"{name}, {_value_text(before)} there and {_value_text(after)} now"
+    return f"{name}, {_value_text(before)} in the stored study and {_value_text(after)} in the new one"
 
 
 def _value_text(value: Any) -> str:

@@ -198,7 +198,7 @@ def _no_effect_reason(name: str, flight: FlightSpec) -> str | None:
     refined = FACTORS[name].refines
     if not refined or FACTORS[refined].get(flight) != 0.0:
         return None
-    return f"{refined} is 0 there. Vary it, or hold it above 0"
+    return f"{refined} is 0 in these flights. Vary it, or hold it above 0"
 
 
 def _cap_reason(flight: FlightSpec) -> str | None:

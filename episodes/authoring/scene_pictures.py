@@ -68,12 +68,12 @@ LIGHTS: dict[str, SceneConditions] = {
 TILE_PX, COLUMNS, LABEL_PX, SHEET_QUALITY = (480, 270), 2, 24, 82
 
 
-def write_map_plan(name: str, out: Path, seed: int = 1) -> None:
+def write_map_plan(name: str, out: Path) -> None:
     """Write a plan of a map as JPEG, north up, with the names that records use for native targets.
 
     Raises UsageError for an unknown map, or a file that cannot be written.
     """
-    scene = maps.build(name, seed)
+    scene = maps.build(name)
     named = [i for i in scene.instances if i.kind not in UNNAMED]
     places = np.array([i.position_ned[:2] for i in named] or [scene.spawn_ned[:2]])
     middle = (places.min(axis=0) + places.max(axis=0)) / 2
@@ -115,12 +115,12 @@ def _meet(a: Rect, b: Rect) -> bool:
     return a[0] < b[2] + 2 and b[0] < a[2] + 2 and a[1] < b[3] + 2 and b[1] < a[3] + 2
 
 
-def write_map_view(name: str, out: Path, seed: int = 1) -> None:
+def write_map_view(name: str, out: Path) -> None:
     """Write a JPEG of at most LARGEST_BYTES that shows a map from its vantage point.
 
     Raises UsageError for an unknown map, or a file that cannot be written.
     """
-    scene = maps.build(name, seed)
+    scene = maps.build(name)
     n0, e0, _ = scene.spawn_ned
     default = (n0, e0, ABOVE_SPAWN_M, math.degrees(scene.spawn_yaw), -15.0)
     north, east, height, heading, pitch = maps.VANTAGE.get(name, default)
@@ -165,9 +165,9 @@ def write_first_frame(record: EpisodeRecord, file: Path) -> None:
     write_picture(data.tobytes(), file)
 
 
-def write_optics_sheet(file: Path, episode: str | None = None) -> None:
+def write_optics_sheet(file: Path) -> None:
     """Write one place under every option of camera, light and season as JPEG. Raises UsageError if that fails."""
-    record = catalogue.load(episode or catalogue.DEFAULT)
+    record = catalogue.load(catalogue.DEFAULT)
     world = World(record)
     tiles = [_optics_tile(name, optics, world) for name, optics in SHOWN.items()]
     tiles += [_optics_tile(name, Optics(), World(record, conditions=light)) for name, light in LIGHTS.items()]

@@ -21,7 +21,7 @@ from dronecats.pilots.vision.ocr import ReadText
 from dronecats.pilots.vision.ranging import CAMERA_AHEAD_M
 from foundation.protocol import NEAR_M, STRIDE_MAX_M, STRIDE_MIN_M
 
-HEIGHT_M, WIDTH_M, FOOT_M = 0.86, 1.26, 0.72  # a board with its frame; FOOT_M: its lower edge above the ground
+HEIGHT_M, WIDTH_M = 0.86, 1.26  # a board with its frame
 _LEVEL_STEP = 8  # grey levels between two thresholds
 _TOLERANCES = (6.0, 9.0, 13.0, 18.0, 24.0, 32.0)  # largest color_difference within a board in sun, shade and letters
 _LEAST_PX = (4, 5)  # least width and height of a board

@@ -81,7 +81,7 @@ def _bays(plan: HallPlan, width: float) -> Array:
     return np.linspace(-half, half, count + 1)
 
 
-def _kept(plan: HallPlan, y: float, storey: int, front: bool) -> bool:
+def _has_window(y: float, storey: int, front: bool) -> bool:
     """Return whether a window fits at y. The entrance takes up the middle of the front's ground storey."""
     return not (front and storey == 0 and abs(y) < 3.4)
 
@@ -125,7 +125,7 @@ def _brick_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
         if storey:
             solids.append(g.box((-0.1, -half - 0.02, floor - 0.12), (0.32, half + 0.02, floor + 0.14), stone, 1.5))
         for k, y in enumerate((edges[:-1] + edges[1:]) / 2):
-            if not _kept(plan, y, storey, front):
+            if not _has_window(y, storey, front):
                 continue
             w, sill, head = 0.88, floor + 0.85, floor + plan.storey_m - 0.55
             solids.append(_quad(0.03, (y - w, y + w), (sill, head), materials.window(PALE_FRAME, 2, _blind(k, storey))))
@@ -146,7 +146,7 @@ def _ribbon_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
         low = -FOOT_M if storey == 0 else floor - 0.5
         solids += _band((-half - 0.02, half + 0.02), (low, sill), 0.22, panel, 3.6, front and storey == 0)
         for k, (a, b) in enumerate(itertools.pairwise(edges)):
-            if _kept(plan, (a + b) / 2, storey, front):
+            if _has_window((a + b) / 2, storey, front):
                 solids.append(_quad(0.03, (a, b), (sill, head), materials.window(DARK_FRAME, 3, _blind(k, storey))))
     solids.append(g.box((-0.1, -half - 0.02, plan.top - 0.5), (0.22, half + 0.02, plan.top + 0.7), panel, 3.6))
     solids += [
@@ -174,7 +174,7 @@ def _stone_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
     for storey in range(plan.storeys):
         floor = FLOOR_M + storey * plan.storey_m
         for k, y in enumerate((edges[:-1] + edges[1:]) / 2):
-            if not _kept(plan, y, storey, front):
+            if not _has_window(y, storey, front):
                 continue
             w, sill, head = 0.75, floor + 0.75, floor + plan.storey_m - 0.6
             solids.append(

@@ -367,12 +367,6 @@ def vending_machine() -> Mesh:
     )
 
 
-def _arch(half: float, spring: float, steps: int = 10) -> Array:
-    turn = np.linspace(0.0, np.pi, steps)
-    return np.column_stack([half * np.cos(turn), spring + half * np.sin(turn)])
-
-
-@cache
 def clock_tower() -> Mesh:
     """Return a brick tower, 26.8 m high, with a dial on each side and an open belfry."""
 

@@ -236,7 +236,7 @@ def _cloth(color: Srgb) -> Material:
     return materials.plain("cloth", color, 0.03)
 
 
-def _head(pose: Posture, outfit: Outfit, cloth: Material, helmet: Material | None) -> list[MeshPart]:
+def _head(pose: Posture, outfit: Outfit, helmet: Material | None) -> list[MeshPart]:
     """Return neck, head, hair and headgear."""
     chest, head = np.array(pose.chest), np.array(pose.head)
     up, ahead, left = np.array((0.0, 0.0, 1.0)), np.array((1.0, 0.0, 0.0)), np.array((0.0, 1.0, 0.0))
@@ -302,7 +302,7 @@ def _dressed(pose: Posture, cloth: Material, outfit: Outfit, helmet: Material | 
         elif k == 0 and pose.holds == "cup":
             rim = tip + np.array((0.03, 0.0, 0.10))
             solids.append(g.rod(rim - (0.0, 0.0, 0.14), rim, (0.030, 0.040), materials.WHITE_WOOD, 10))
-    solids += _head(pose, outfit, cloth, helmet)
+    solids += _head(pose, outfit, helmet)
     return [replace(p, corners=p.corners * outfit.stature) for p in solids]
 
 
