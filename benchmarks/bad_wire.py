@@ -49,14 +49,14 @@ ORIGIN = (47.397742, 8.545594, 488.0)  # only differences matter
 SILENCE_S = 30.0  # s of wall time, longer than a cut; `fly --connect` gives up after 6 s
 PROPOSED = {"COM_OBL_RC_ACT": 5.0, "COM_OF_LOSS_T": 0.5}  # for rows with a cut: Hold, after half a second
 CUT_AT_S, CUT_S = 20.0, 10.0  # s of the minute, s
-LEG: tuple[tuple[Setpoint, float], ...] = (
+MOVES: tuple[tuple[Setpoint, float], ...] = (
     (Velocity(1.2, None), 5.0),
     (Hold(), 2.0),
     (Turn(math.radians(60.0)), 1.5),
     (Hold(), 3.5),
 )
-MINUTE = LEG * 5
-SHORT = ("perfect", "10 % loss")  # no delay, cut or baud rate, because these use wall time
+MINUTE = MOVES * 5
+SHORT_ROWS = ("perfect", "10 % loss")  # no delay, cut or baud rate, because these use wall time
 SHORT_SPEED = 3.0
 
 
@@ -174,7 +174,7 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
     """
     figures: dict[str, Any] = {"wire": row.name, "survived": False, "why": ""}
     path: Path3 = []
-    moves = LEG if args.short else MINUTE
+    moves = MOVES if args.short else MINUTE
     with autopilot(args) as (to, truth_url), Truth(truth_url) as truth:
         near = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
         wire = ImpairedWire(near, connect(to), row.up, row.down, args.seed)
@@ -248,7 +248,7 @@ def rescue(to: str) -> None:
     link.close()
 
 
-def astray(path: Path3, reference: Path3) -> dict[str, float]:
+def deviation(path: Path3, reference: Path3) -> dict[str, float]:
     """Return the largest and the last distance (m) of a path from the reference at the same time."""
     distances = [math.dist(a, b) for a, b in zip(path, reference, strict=False)]
     return {"astray_m": round(max(distances), 2), "end_m": round(distances[-1], 2)} if distances else {}
@@ -271,14 +271,14 @@ def main() -> None:
         parser.error("--px4 and --to both choose the autopilot. Leave one of them out")
     if args.short and (args.px4 or args.to):
         parser.error("--short flies in our own simulator. Leave --px4 and --to out")
-    only = SHORT if args.short else args.only
+    only = SHORT_ROWS if args.short else args.only
     reference: Path3 = []
     for row in ROWS:
         if only and row.name not in only and row is not ROWS[0]:
             continue
         figures, path = fly(row, args)
         reference = reference or path
-        figures |= astray(path, reference)
+        figures |= deviation(path, reference)
         print(json.dumps(figures, ensure_ascii=False) if args.json else line(figures), flush=True)
 
 

@@ -42,7 +42,7 @@ class CommandedFlight:
 
 def fly_commanded(mode: Mode, episode: str, pilot: str, drones: int | None, seconds: float) -> CommandedFlight:
     """Fly an episode and return its result. Raises UsageError."""
-    simulated = Simulated(speed=None, rendered=roster.looks(pilot))
+    simulated = Simulated(speed=None, rendered=roster.needs_pictures(pilot))
     spec = FlightSpec(pilot=pilot, episode=episode, drones=drones, command=mode, simulated=simulated, seconds=seconds)
     with tempfile.TemporaryDirectory() as out:
         result = fly(spec, Path(out) / "run", lambda line: None)

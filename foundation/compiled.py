@@ -44,7 +44,7 @@ SOURCES = (
     "dronecats/flight/sitl/fused.py",
     "dronecats/study/loop/feedback.py",
 )
-KEPT_S = 30 * 86_400  # s; a cache that is unused for longer is removed
+CACHE_LIFETIME_S = 30 * 86_400  # s; a cache that is unused for longer is removed
 
 
 def digest() -> str:
@@ -81,15 +81,15 @@ def _prepare() -> bool:
     with contextlib.suppress(OSError):  # another process may remove old caches at the same time
         os.utime(folder)
         for folder_entry in folder.parent.iterdir():
-            if time.time() - folder_entry.stat().st_mtime > KEPT_S:
+            if time.time() - folder_entry.stat().st_mtime > CACHE_LIFETIME_S:
                 shutil.rmtree(folder_entry, ignore_errors=True)
     return True
 
 
 @contextlib.contextmanager
-def in_turn() -> Iterator[None]:
+def compile_lock() -> Iterator[None]:
     """Let one process compile at a time, so that later ones read the compiled code from the cache."""
-    if not KEEPS:
+    if not CAN_CACHE:
         yield
         return
     with (cache_folder() / "turn").open("w") as turn:
@@ -117,10 +117,15 @@ def njit(*, cache: bool = True, allocates: bool = False, **options: Any) -> Call
     it gets out of date and fails if the sources are read-only. The wrapper for calls from C is omitted, which saves a
     tenth of the compile time. Division by zero is not checked and gives infinity or NaN, as in numpy.
     """
-    defaults = {"cache": cache and KEEPS, "no_cfunc_wrapper": True, "error_model": "numpy", "_nrt": allocates}
+    defaults = {
+        "cache": cache and CAN_CACHE,
+        "no_cfunc_wrapper": True,
+        "error_model": "numpy",
+        "_nrt": allocates,
+    }
     compiled: Callable[[Callable[P, R]], Kernel[P, R]] = numba.njit(**{**defaults, **options})
     return compiled
 
 
 prange = numba.prange
-KEEPS = _prepare()  # whether compiled code is cached for the next start
+CAN_CACHE = _prepare()  # whether compiled code is cached for the next start

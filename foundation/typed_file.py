@@ -72,7 +72,7 @@ def json_of(data: bytes, where: str, bytes_max: int = BYTES_MAX, depth_max: int 
         if len(table) < len(pairs):
             keys = [key for key, _ in pairs]
             twice = next(key for key in keys if keys.count(key) > 1)
-            raise UsageError(f"{where}: {shown(twice)} appears twice in one object")
+            raise UsageError(f"{where}: {short_repr(twice)} appears twice in one object")
         return table
 
     _check_size(data, where, bytes_max)
@@ -106,7 +106,7 @@ def typed(value: Any, kind: type[T], where: str, at: str = "") -> T:
 
     `where` names the file, and `at` the value's place in it.
     """
-    fault = _passed(value, kind, at)
+    fault = _first_extra_fault(value, kind, at)
     if fault is None:
         try:
             return msgspec.convert(value, kind)
@@ -115,14 +115,14 @@ def typed(value: Any, kind: type[T], where: str, at: str = "") -> T:
         except UnicodeError:  # half a surrogate pair
             fault = at, "has a character that is not text"
     place, reason = fault
-    raise UsageError(f"{where}: {shown(place)} {reason}" if place else f"{where} {reason}")
+    raise UsageError(f"{where}: {short_repr(place)} {reason}" if place else f"{where} {reason}")
 
 
 def replaced(base: T, table: dict[str, Any], where: str) -> T:
     """Return a copy of a dataclass with the values of a table. Raises UsageError."""
     fields = fields_of(type(base))
     if stray := next((key for key in table if key not in fields), None):
-        raise UsageError(f"{where}: {shown(stray)} {unknown(stray, fields)}")
+        raise UsageError(f"{where}: {short_repr(stray)} {unknown_key_message(stray, fields)}")
     changes = {key: typed(value, fields[key], where, key) for key, value in table.items()}
     return replace(base, **changes)  # type: ignore[type-var]
 
@@ -132,7 +132,7 @@ def join(at: str, key: str) -> str:
     return f"{at}.{key}" if at else key
 
 
-def shown(value: Any) -> str:
+def short_repr(value: Any) -> str:
     """Return a value for a message, short and on one line."""
     try:
         text = repr(value)
@@ -141,14 +141,14 @@ def shown(value: Any) -> str:
     return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
 
 
-def unknown(key: str, names: Iterable[str]) -> str:
+def unknown_key_message(key: str, names: Iterable[str]) -> str:
     """Return the message about an unknown key."""
     return f"is not known: {suggestion(key, names, count=1, cutoff=0.6)}"
 
 
 def no_choice(value: Any, choices: Iterable[str]) -> str:
     """Return the message about a value that is not one of the choices."""
-    return f"is {shown(value)}: {suggestion(value if isinstance(value, str) else '', choices)}"
+    return f"is {short_repr(value)}: {suggestion(value if isinstance(value, str) else '', choices)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,16 +206,16 @@ class FieldRule:
         """Return the message about this value, which breaks the rule."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if self.own_words:
-            return f"{self.own_words} ({shown(value)})"
+            return f"{self.own_words} ({short_repr(value)})"
         if number and (self.kind is float or (self.kind is int and isinstance(value, int))):
-            return f"is {shown(value)}, {self.range}"
+            return f"is {short_repr(value)}, {self.range}"
         if get_origin(self.kind) is Literal:
             choices = [str(word) for word in get_args(self.kind)]
             return no_choice(value, choices)
         longest = self.bound("max_length")
         if self.kind is str and isinstance(value, str) and longest and not 0 < len(value) <= longest:
             return f"must have {self.bound('min_length') or 0} … {longest} characters"
-        return f"{self.words} ({shown(value)})"
+        return f"{self.words} ({short_repr(value)})"
 
 
 def fields_of(kind: Any) -> dict[str, Any]:
@@ -245,7 +245,7 @@ def rule_of(annotation: Any) -> FieldRule:
         annotation = left[0]
 
 
-def _passed(value: Any, annotation: Any, at: str) -> PlacedFault | None:
+def _first_extra_fault(value: Any, annotation: Any, at: str) -> PlacedFault | None:
     """Return the first fault that msgspec does not report; None without one."""
     if isinstance(value, float):
         return None if math.isfinite(value) else (at, f"is {value}, which is not a finite number")
@@ -256,16 +256,16 @@ def _passed(value: Any, annotation: Any, at: str) -> PlacedFault | None:
         fields = fields_of(rule.kind)
         for key, inner in value.items():
             if key not in fields:
-                return join(at, key), unknown(key, fields)
+                return join(at, key), unknown_key_message(key, fields)
             if inner is None and rule_of(fields[key]).optional:
                 return join(at, key), "is null. Leave it out"
-            if fault := _passed(inner, fields[key], join(at, key)):
+            if fault := _first_extra_fault(inner, fields[key], join(at, key)):
                 return fault
     elif isinstance(value, dict) and get_origin(rule.kind) is dict:
-        faults = (_passed(inner, rule.item(0), join(at, key)) for key, inner in value.items())
+        faults = (_first_extra_fault(inner, rule.item(0), join(at, key)) for key, inner in value.items())
         return next(filter(None, faults), None)
     elif isinstance(value, list) and get_origin(rule.kind) in (tuple, list):
-        faults = (_passed(inner, rule.item(k), f"{at}[{k}]") for k, inner in enumerate(value))
+        faults = (_first_extra_fault(inner, rule.item(k), f"{at}[{k}]") for k, inner in enumerate(value))
         return next(filter(None, faults), None)
     return None
 

@@ -7,7 +7,7 @@ from typing import Any
 from foundation.airframe import Airframe
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY
-from foundation.typed_file import fields_of, toml_table, typed, unknown
+from foundation.typed_file import fields_of, toml_table, typed, unknown_key_message
 from foundation.wording import suggestion
 
 _FOLDER = Path(__file__).parent / "airframes"
@@ -38,7 +38,7 @@ def load(name_or_path: str) -> Airframe:
     return parse(toml_table(path, f"airframe file {path.name}"), path.stem)
 
 
-def quadrotor(airframe: Airframe) -> Airframe:
+def require_quadrotor(airframe: Airframe) -> Airframe:
     """Return `airframe`. Raises UsageError unless it has four rotors, as PX4's simulated airframe (`none_iris`) has."""
     if len(airframe.rotors) != PX4_ROTORS:
         raise UsageError(
@@ -52,7 +52,9 @@ def parse(table: dict[str, Any], name: str) -> Airframe:
     """Return the airframe that a parsed TOML table describes. Raises UsageError naming the field and the reason."""
     where = f"airframe '{name}'"
     if "name" in table:  # the name is that of the file
-        raise UsageError(f"{where}: 'name' {unknown('name', [key for key in fields_of(Airframe) if key != 'name'])}")
+        raise UsageError(
+            f"{where}: 'name' {unknown_key_message('name', [key for key in fields_of(Airframe) if key != 'name'])}"
+        )
     airframe = typed({**table, "name": name}, Airframe, where)
     if any(rotor.spin not in (-1, 1) for rotor in airframe.rotors):
         raise UsageError(f"{where}: rotors.spin must be +1 (counter-clockwise seen from above) or -1")
@@ -72,7 +74,7 @@ def parse(table: dict[str, Any], name: str) -> Airframe:
 HOVER_MAX = 0.8  # share of the full thrust; above it, too little is left for control, and no autopilot is designed
 
 
-def laden(airframe: Airframe, payload_kg: float) -> Airframe:
+def with_payload(airframe: Airframe, payload_kg: float) -> Airframe:
     """Return the airframe with `payload_kg` fixed halfway down its legs, where cameras and batteries hang.
 
     The payload is a point mass on the vertical axis. It adds to the weight and to the inertia of roll and pitch, but
@@ -82,7 +84,7 @@ def laden(airframe: Airframe, payload_kg: float) -> Airframe:
     """
     if payload_kg == 0.0:
         return airframe
-    if payload_kg > (most_kg := liftable_kg(airframe)):
+    if payload_kg > (most_kg := max_payload_kg(airframe)):
         raise UsageError(
             f"airframe '{airframe.name}' cannot carry {payload_kg:g} kg: with more than {most_kg:.3g} kg it would hover"
             f" above {HOVER_MAX:.0%} of its thrust"
@@ -95,6 +97,6 @@ def laden(airframe: Airframe, payload_kg: float) -> Airframe:
     return replace(airframe, mass_kg=empty_kg + payload_kg, inertia_frd=(roll + turned, pitch + turned, yaw))
 
 
-def liftable_kg(airframe: Airframe) -> float:
+def max_payload_kg(airframe: Airframe) -> float:
     """Return the heaviest payload (kg) that the airframe can carry; 0 if it can carry none."""
     return max(HOVER_MAX * airframe.thrust_max / GRAVITY - airframe.mass_kg, 0.0)

@@ -60,9 +60,9 @@ def collide(params: Record, state: Record, solids: Record, near: Record, triangl
             turned += (state.attitude[i] - near.looked_from[i]) ** 2
         moved = 2.0 * (moved + TURN * TURN * turned * solids.reach * solids.reach)
     if not moved < near.free * near.free:
-        count = _look(state, solids, near, triangles, count)
+        count = _find_contacts(state, solids, near, triangles, count)
     if count > 0:
-        _settle(params, state, solids, near, count)
+        _solve_contacts(params, state, solids, near, count)
         near.free = 0.0  # the contacts changed its motion
 
 
@@ -75,7 +75,7 @@ def ball_centre(state: Record, solids: Record, k: int) -> Vec3:
 
 
 @njit(cache=True)
-def _look(state: Record, solids: Record, near: Record, triangles: SolidTriangles, count: int) -> int:
+def _find_contacts(state: Record, solids: Record, near: Record, triangles: SolidTriangles, count: int) -> int:
     """Find the triangles that balls overlap. Return the number of contacts, including the `count` earlier ones."""
     for i in range(3):
         near.looked_at[i] = state.position[i]
@@ -86,7 +86,7 @@ def _look(state: Record, solids: Record, near: Record, triangles: SolidTriangles
     dx, dy, dz = x - near.gathered_at[0], y - near.gathered_at[1], z - near.gathered_at[2]
     moved = math.sqrt(dx * dx + dy * dy + dz * dz)
     if not moved < near.holds:
-        _gather(state, solids, near, triangles)
+        _gather_candidates(state, solids, near, triangles)
         moved = 0.0
     if near.candidates == 0:
         near.free = near.holds - moved
@@ -150,7 +150,7 @@ def _note(
 
 
 @njit(cache=True)
-def _gather(state: Record, solids: Record, near: Record, triangles: SolidTriangles) -> None:
+def _gather_candidates(state: Record, solids: Record, near: Record, triangles: SolidTriangles) -> None:
     """List the triangles within reach, and note the distance of travel for which the list holds."""
     x, y, z = state.position[0], state.position[1], state.position[2]
     for i in range(3):
@@ -253,7 +253,7 @@ def mobility(params: Record, arm: Vec3, way: Vec3) -> float:
 
 
 @njit(cache=True)
-def _strike(params: Record, state: Record, q: Quat, arm: Vec3, impulse: Vec3) -> None:
+def _apply_impulse(params: Record, state: Record, q: Quat, arm: Vec3, impulse: Vec3) -> None:
     """Apply an impulse (N·s, NED) at `arm` (m, FRD)."""
     for i in range(3):
         state.velocity[i] += impulse[i] / params.mass
@@ -264,7 +264,7 @@ def _strike(params: Record, state: Record, q: Quat, arm: Vec3, impulse: Vec3) ->
 
 
 @njit(cache=True)
-def _settle(params: Record, state: Record, solids: Record, near: Record, count: int) -> None:
+def _solve_contacts(params: Record, state: Record, solids: Record, near: Record, count: int) -> None:
     """Apply the normal and friction impulses of `count` contacts over one step, and note new hits."""
     q = (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3])
     before = (state.velocity[0], state.velocity[1], state.velocity[2])
@@ -278,7 +278,7 @@ def _settle(params: Record, state: Record, solids: Record, near: Record, count: 
         slot = near.ball[n] + BALLS if n < near.box_count else near.ball[n]
         begins = near.touched_us[slot] < state.time_us - STEP_US
         if begins and closing > HIT_LEAST:
-            remember(state, solids, near.ball[n], near.owner[n], closing)
+            record_hit(state, solids, near.ball[n], near.owner[n], closing)
         near.touched_us[slot] = near.newest_us = state.time_us
         if state.on_ground == 0 and solids.ball_sound[near.ball[n]] != CRASH_FOOT:
             near.leant_us, near.leant_on = state.time_us, near.owner[n]
@@ -295,8 +295,8 @@ def _settle(params: Record, state: Record, solids: Record, near: Record, count: 
             push = (spring * (near.depth[n] - STEP_S * away) - near.pressed[n]) / (1.0 + spring * STEP_S * ease)
             push = max(min(push, (REBOUND_SPEED - away) / ease), -near.pressed[n])
             near.pressed[n] += push
-            _strike(params, state, q, arm, (push * normal[0], push * normal[1], push * normal[2]))
-            _rub(params, state, near, n, q, normal)
+            _apply_impulse(params, state, q, arm, (push * normal[0], push * normal[1], push * normal[2]))
+            _apply_friction(params, state, near, n, q, normal)
     felt = rotate_inverse(
         q,
         (
@@ -310,7 +310,7 @@ def _settle(params: Record, state: Record, solids: Record, near: Record, count: 
 
 
 @njit(cache=True)
-def _rub(params: Record, state: Record, near: Record, n: int, q: Quat, normal: Vec3) -> None:
+def _apply_friction(params: Record, state: Record, near: Record, n: int, q: Quat, normal: Vec3) -> None:
     """Apply the friction of contact n: it stops the sliding, within the Coulomb limit of the normal impulse."""
     arm, moving = _approach(state, near, n, q)
     away = moving[0] * normal[0] + moving[1] * normal[1] + moving[2] * normal[2]
@@ -327,11 +327,11 @@ def _rub(params: Record, state: Record, near: Record, n: int, q: Quat, normal: V
     if size > most:
         x, y, z = x * most / size, y * most / size, z * most / size
     near.rubbed[n, 0], near.rubbed[n, 1], near.rubbed[n, 2] = x, y, z
-    _strike(params, state, q, arm, (x - held[0], y - held[1], z - held[2]))
+    _apply_impulse(params, state, q, arm, (x - held[0], y - held[1], z - held[2]))
 
 
 @njit(cache=True)
-def remember(state: Record, solids: Record, ball: int, owner: int, closing: float) -> None:
+def record_hit(state: Record, solids: Record, ball: int, owner: int, closing: float) -> None:
     """Note a hit with its obstacle and speed. A hard hit latches a crash; a harder one breaks the ball's propeller."""
     state.hits += 1
     state.hit_speed = closing

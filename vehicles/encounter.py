@@ -18,9 +18,9 @@ from vehicles.multirotor import Multirotor
 from vehicles.records import rotate, rotate_inverse
 
 DRONE = -2  # owner number of another vehicle, like `collision.BOX`
-SURELY_M = 1e-3  # m, safety margin of `Ball.may_touch`
+TOUCH_MARGIN_M = 1e-3  # m, safety margin of `Ball.may_touch`
 RESTITUTION = 0.3  # coefficient for plastic and carbon: a bump loses most of its energy
-PARTING = 3.0  # 1/s, speed of separation per depth of overlap
+SEPARATION_RATE = 3.0  # 1/s, speed of separation per depth of overlap
 
 
 @njit(cache=True)
@@ -87,7 +87,7 @@ def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
 
 
 @njit(cache=True)
-def _lean(state: Record, near: Record, closing: float, tick_s: float) -> None:
+def _note_contact(state: Record, near: Record, closing: float, tick_s: float) -> None:
     """Note a contact, whether or not it began with a hit."""
     near.newest_us = state.time_us
     if state.on_ground != 0:
@@ -125,12 +125,12 @@ def _push_apart(
     here, there = _moving(state, arm), _moving(other, other_arm)
     x, y, z = here[0] - there[0], here[1] - there[1], here[2] - there[2]
     closing = -(x * normal[0] + y * normal[1] + z * normal[2])
-    leaving = PARTING * max(reach - between, 0.0) + (RESTITUTION * closing if closing > HIT_LEAST else 0.0)
+    leaving = SEPARATION_RATE * max(reach - between, 0.0) + (RESTITUTION * closing if closing > HIT_LEAST else 0.0)
     if closing > HIT_LEAST:
         _note(params, state, closing, arm)
         _note(others, other, closing, other_arm)
-    _lean(state, near, closing, tick_s)
-    _lean(other, other_near, closing, tick_s)
+    _note_contact(state, near, closing, tick_s)
+    _note_contact(other, other_near, closing, tick_s)
     press = max(leaving + closing, 0.0) / (1.0 / params.mass + 1.0 / others.mass) / tick_s
     x, y, z = x + closing * normal[0], y + closing * normal[1], z + closing * normal[2]
     sliding = math.sqrt(x * x + y * y + z * z)
@@ -155,7 +155,15 @@ def push_apart(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
     """Add the contact of two vehicles in the coming tick to their external forces. Return whether they touch."""
     return bool(
         _push_apart(
-            one.params, one.state, one.near, girth(one), other.params, other.state, other.near, girth(other), tick_s
+            one.params,
+            one.state,
+            one.near,
+            bounding_radius(one),
+            other.params,
+            other.state,
+            other.near,
+            bounding_radius(other),
+            tick_s,
         )
     )
 
@@ -170,13 +178,13 @@ class Ball:
 
     def may_touch(self, other: "Ball", tick_s: float) -> bool:
         """Return whether two balls can touch within a tick; never False for two that do."""
-        room = math.dist(self.position, other.position) - self.radius_m - other.radius_m - SURELY_M
+        room = math.dist(self.position, other.position) - self.radius_m - other.radius_m - TOUCH_MARGIN_M
         return room <= math.dist(self.velocity, other.velocity) * tick_s
 
 
 def balls(vehicles: Sequence[Multirotor]) -> Callable[[], list[Ball]]:
     """Return a function that returns the vehicles' balls at the time of the call."""
-    looks = [(reader(vehicle.state, "position", "velocity"), girth(vehicle)) for vehicle in vehicles]
+    looks = [(reader(vehicle.state, "position", "velocity"), bounding_radius(vehicle)) for vehicle in vehicles]
 
     def look() -> list[Ball]:
         return [Ball(numbers[:3], numbers[3:], radius_m) for numbers, radius_m in ((at(), size) for at, size in looks)]
@@ -184,7 +192,7 @@ def balls(vehicles: Sequence[Multirotor]) -> Callable[[], list[Ball]]:
     return look
 
 
-def girth(vehicle: Multirotor) -> float:
+def bounding_radius(vehicle: Multirotor) -> float:
     """Return the radius (m) of the ball around a vehicle's rotors."""
     curve = vehicle.airframe.curve
     return curve.radius_m + max(math.hypot(*rotor.position_frd) for rotor in vehicle.airframe.rotors)

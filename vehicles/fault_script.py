@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from foundation.errors import UsageError
 from foundation.typed_file import toml_table, typed
-from vehicles.faults import FOR_EVER_US, Fault, script
+from vehicles.faults import FOR_EVER_US, Fault, fault_record
 from vehicles.records import MAX_FAULTS
 from vehicles.sensors import Suite
 
@@ -71,7 +71,7 @@ def parse(table: dict[str, Any], name: str, rotors: int) -> list[Fault]:
             wants = "needs a 'value'" if needs_value else "takes no 'value'"
             raise UsageError(f"{where}, entry {number}: a fault of kind {entry.kind} {wants}")
         try:
-            script([entry.fault], rotors, suite.gps_period_us, suite.gps_age_us)
+            fault_record([entry.fault], rotors, suite.gps_period_us, suite.gps_age_us)
         except UsageError as error:
             raise UsageError(f"{where}, entry {number}: {error}") from None
         faults.append(entry.fault)

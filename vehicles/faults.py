@@ -43,7 +43,7 @@ class Fault:
     value: Vec3 = (0.0, 0.0, 0.0)  # a scalar sensor uses the first component
 
 
-def script(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency_us: int) -> np.void:
+def fault_record(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency_us: int) -> np.void:
     """Return the FAULTS record of a script. If faults of one part overlap, the first one listed is active.
 
     Raises UsageError for a part, kind or combination that does not exist.
@@ -85,7 +85,7 @@ def active(faults: Record, part: int, now: int) -> tuple[int, int]:
 
 
 @njit(cache=True)
-def strike_rotors(faults: Record, state: Record, rotors: int) -> None:
+def apply_rotor_faults(faults: Record, state: Record, rotors: int) -> None:
     """Set the health of each rotor that has a fault in the script."""
     for i in range(faults.count):
         rotor = faults.part[i] - ROTOR_1

@@ -182,7 +182,7 @@ def hold(state: Record) -> None:
 
 
 @njit(cache=True)
-def settle(params: Record, state: Record, down: Grid, load: Load, mask: int) -> None:
+def update_contacts(params: Record, state: Record, down: Grid, load: Load, mask: int) -> None:
     """Update the contacts after a step: note the rotors' load and the contacts, move slipped anchors, latch a crash."""
     position = (state.position[0], state.position[1], state.position[2])
     velocity = (state.velocity[0], state.velocity[1], state.velocity[2])

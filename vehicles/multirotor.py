@@ -15,13 +15,21 @@ from foundation.sensors import ACTUATORS, MAX_ROTORS, SENSORS, TRUTH
 from foundation.terrain import FLAT, OPEN, HeightField, Obstacles
 from vehicles import ground
 from vehicles.collision import collide, fresh_near, solids_record
-from vehicles.faults import Fault, script, strike_rotors
-from vehicles.ground import at_rest, candidates, hold, in_reach, peaks, settle, surface
+from vehicles.faults import Fault, apply_rotor_faults, fault_record
+from vehicles.ground import at_rest, candidates, hold, in_reach, peaks, surface, update_contacts
 from vehicles.records import AIR, FAULTS, PARAMS, STATE, STEP_S, STEP_US, rotate_inverse
 from vehicles.rigid_body import move
-from vehicles.rotor import COLLAPSE, FIRST_TURN, IMBALANCE_SPEED, drain, ground_gain, open_circuit, push
+from vehicles.rotor import (
+    COLLAPSE,
+    FIRST_TURN,
+    IMBALANCE_SPEED,
+    advance_rotors,
+    drain_battery,
+    ground_gain,
+    open_circuit,
+)
 from vehicles.rotor import PERIOD_US as BATTERY_PERIOD_US
-from vehicles.sensors import MEMORY, SUITE, Suite, fresh_memory, grow, sample, suite_record
+from vehicles.sensors import MEMORY, SUITE, Suite, fresh_memory, sample, scale_slow_errors, suite_record
 from vehicles.solids import NEAR, SOLIDS, SolidTriangles
 from vehicles.wind import CALM, Wind, gust, streams
 from vehicles.wind import PERIOD_US as WIND_PERIOD_US
@@ -69,26 +77,26 @@ def step(plant: Record, down: Grid, peak: Grid, triangles: SolidTriangles) -> No
 
     rates = (state.rates[0], state.rates[1], state.rates[2])
     if faults.count > 0:
-        strike_rotors(faults, state, params.rotors)
-    load = push(params, state, plant.actuators, through_air, rates, near_ground)
+        apply_rotor_faults(faults, state, params.rotors)
+    load = advance_rotors(params, state, plant.actuators, through_air, rates, near_ground)
     if state.time_us % BATTERY_PERIOD_US == 0:
-        drain(params, state)
+        drain_battery(params, state)
 
     if mask != 0 and at_rest(params, state, load, breeze):
         hold(state)
     else:
         move(params, state, down, load, breeze, mask)
-        settle(params, state, down, load, mask)
+        update_contacts(params, state, down, load, mask)
     collide(params, state, plant.solids, plant.near, triangles)
     state.upside_down = 1 if upright < 0.0 else 0
     state.time_us += STEP_US
 
     sample(params, plant.suite, plant.memory, faults, state, down, plant.solids, triangles, plant.sensors)
-    _tell(state, plant.truth)
+    _write_truth(state, plant.truth)
 
 
 @njit(cache=True)
-def _tell(state: Record, truth: Record) -> None:
+def _write_truth(state: Record, truth: Record) -> None:
     truth.time_us = state.time_us
     for i in range(3):
         truth.position_ned[i] = state.position[i]
@@ -157,9 +165,9 @@ class Multirotor:
         self.air["rng"][0] = gusts
         self._origin = origin
         self.set_wind(wind)
-        self.sense(suite)
+        self.set_sensor_suite(suite)
         plant["memory"] = fresh_memory(suite, int(errors))
-        plant["faults"] = script(faults, len(airframe.rotors), suite.gps_period_us, suite.gps_age_us)
+        plant["faults"] = fault_record(faults, len(airframe.rotors), suite.gps_period_us, suite.gps_age_us)
         self.sensors["range_m"] = math.nan
         self.obstacles = obstacles
         plant["solids"] = solids_record(self.params, obstacles, camera_frd)
@@ -199,13 +207,13 @@ class Multirotor:
         self.air["mean"], self.air["w20"] = wind.mean_ned, wind.w20
         self.air["next_us"] = self.state["time_us"]
 
-    def sense(self, suite: Suite) -> None:
+    def set_sensor_suite(self, suite: Suite) -> None:
         """Use this sensor suite from now on. Errors drawn at boot and the times of samples stay.
 
         Slowly varying errors are scaled at once, because their correlation times are longer than a flight.
         """
         before, self.record["suite"] = self.record["suite"].copy(), suite_record(suite, self._origin)
-        grow(self.memory, before, self.record["suite"])
+        scale_slow_errors(self.memory, before, self.record["suite"])
 
     def place_box(self, position_ned: Vec3, yaw: float, velocity_ned: Vec3, yaw_rate: float) -> None:
         """Set the moving obstacle's pose at this vehicle's time (m, rad) and its velocities (m/s, rad/s)."""
@@ -241,7 +249,7 @@ class Multirotor:
         state["height"] = below - down
         state["charge_ah"] = self.airframe.battery.capacity_ah
         state["voltage"] = self.airframe.battery.cells * open_circuit(1.0)
-        _tell(state, self.truth)
+        _write_truth(state, self.truth)
 
 
 def parameters(airframe: Airframe, terrain: HeightField = FLAT) -> np.void:

@@ -41,7 +41,7 @@ def open_circuit(charge: float) -> float:
 
 
 @njit(cache=True)
-def drain(params: Record, state: Record) -> None:
+def drain_battery(params: Record, state: Record) -> None:
     """Drain the pack by the present power over `PERIOD_US`; writes charge, voltage and current."""
     rest = params.cells * open_circuit(state.charge_ah / params.capacity_ah)
     power = state.rotor_power / EFFICIENCY + params.avionics_w
@@ -103,7 +103,9 @@ def ground_gain(height: float, radius: float) -> float:
 
 
 @njit(cache=True)
-def push(params: Record, state: Record, actuators: Record, air: Vec3, rates: Vec3, near_ground: float) -> Load:
+def advance_rotors(
+    params: Record, state: Record, actuators: Record, air: Vec3, rates: Vec3, near_ground: float
+) -> Load:
     """Advance the rotor speeds by one step and return the load of the rotors on the body.
 
     `air` (m/s, FRD) is the body's velocity through the air, `near_ground` the factor of `ground_gain`.

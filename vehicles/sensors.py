@@ -106,7 +106,7 @@ class Suite:
         """Time (µs) from the validity of a fix to its delivery."""
         return self.gps_latency_us + self.gps_late_us
 
-    def worsened(self, *, gps_delay_s: float = 0.0, gps_noise: float = 1.0, noise: float = 1.0) -> "Suite":
+    def degraded(self, *, gps_delay_s: float = 0.0, gps_noise: float = 1.0, noise: float = 1.0) -> "Suite":
         """Return the suite with an additional, unreported delay of fixes and with larger errors.
 
         `gps_noise`: factor on all errors of a fix, but not on the accuracies that the receiver reports. `noise`: factor
@@ -204,7 +204,7 @@ def fresh_memory(suite: Suite, stream: int) -> np.void:
     return memory
 
 
-def grow(memory: np.void, before: np.void, after: np.void) -> None:
+def scale_slow_errors(memory: np.void, before: np.void, after: np.void) -> None:
     """Scale slowly varying errors by the ratio of their 1σ in two SUITE records. Errors with a 1σ of 0 before stay."""
     for kind, wanders in (("gps_error", ("gps_error",)), ("gps_multipath", ("gps_reflected", "gps_multipath"))):
         for i, axis in enumerate("hhv"):
@@ -277,7 +277,7 @@ def _inertial(suite: Record, memory: Record, faults: Record, state: Record, sens
 
 
 @njit(cache=True)
-def _wander(suite: Record, memory: Record) -> None:
+def _advance_biases(suite: Record, memory: Record) -> None:
     """Advance the random walk of the inertial biases by BIAS_PERIOD_US."""
     root = math.sqrt(BIAS_PERIOD_US * 1e-6)
     for i in range(3):
@@ -300,7 +300,7 @@ def _magnetic(suite: Record, memory: Record, faults: Record, state: Record, atti
 
 
 @njit(cache=True)
-def _wandered(value: float, sigma: float, share: float, rng: RandomStream) -> float:
+def _gauss_markov(value: float, sigma: float, share: float, rng: RandomStream) -> float:
     """Return the next value of a Gauss-Markov process with this 1σ, after `share` of its correlation time."""
     keep = math.exp(-share)
     return keep * value + math.sqrt(1.0 - keep * keep) * sigma * normal(rng)
@@ -310,7 +310,7 @@ def _wandered(value: float, sigma: float, share: float, rng: RandomStream) -> fl
 def _barometric(suite: Record, memory: Record, faults: Record, state: Record, sensors: Record) -> None:
     altitude = suite.origin_alt_m - state.position[2]
     share = suite.baro_period_us * 1e-6 / suite.baro_drift_time_s
-    memory.baro_drift = _wandered(memory.baro_drift, suite.baro_drift_hpa, share, memory.rng)
+    memory.baro_drift = _gauss_markov(memory.baro_drift, suite.baro_drift_hpa, share, memory.rng)
     fault, row = active(faults, BARO, state.time_us)
     if fault == FAIL:
         return
@@ -332,8 +332,8 @@ def _satellite_fix(suite: Record, memory: Record, faults: Record, state: Record)
         error, reflected = suite.gps_error_h, suite.gps_multipath_h
         if i == 2:
             error, reflected = suite.gps_error_v, suite.gps_multipath_v
-        memory.gps_error[i] = _wandered(memory.gps_error[i], error, period_s / suite.gps_error_time_s, rng)
-        memory.gps_reflected[i] = _wandered(
+        memory.gps_error[i] = _gauss_markov(memory.gps_error[i], error, period_s / suite.gps_error_time_s, rng)
+        memory.gps_reflected[i] = _gauss_markov(
             memory.gps_reflected[i], reflected, period_s / suite.gps_multipath_time_s, rng
         )
         memory.gps_multipath[i] += (memory.gps_reflected[i] - memory.gps_multipath[i]) * smoothing
@@ -437,7 +437,7 @@ def sample(
         _inertial(suite, memory, faults, state, sensors)
     if now >= memory.bias_next_us:
         memory.bias_next_us += BIAS_PERIOD_US
-        _wander(suite, memory)
+        _advance_biases(suite, memory)
     if now >= memory.mag_next_us:
         memory.mag_next_us += suite.mag_period_us
         _magnetic(suite, memory, faults, state, attitude, sensors)

@@ -22,7 +22,7 @@ from autopilot.commander.modes.manual import Acro, AltitudeControl, PositionCont
 from autopilot.commander.modes.mission import Mission
 from autopilot.commander.plans import MISSION, PlanItem, moved
 from autopilot.commander.supervision import (
-    QUIET,
+    NO_FAILSAFE,
     Failsafe,
     Reaction,
     StatusText,
@@ -375,7 +375,7 @@ class Commander:
 
     def _reaction(self) -> tuple[str, str]:
         """Return (mode in HEARTBEAT, name of the behaviour to fly)."""
-        if self.supervision.failsafe is QUIET and self.intended not in STICK_MODES:
+        if self.supervision.failsafe is NO_FAILSAFE and self.intended not in STICK_MODES:
             return self.intended, self.intended  # shortcut for nearly every tick; `reaction` returns the same
         return reaction(
             self.failsafe,

@@ -10,7 +10,7 @@ its side reports this only at the next arming. `LandingWatch` warns of both.
 import math
 from collections.abc import Callable
 
-from autopilot.control.position import ASIDE
+from autopilot.control.position import SIDEWAYS_SPEED
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
 from autopilot.records import IDLE, KIND_IDLE, KIND_TRAJECTORY, NAN, CascadeSetpoint
@@ -168,7 +168,7 @@ def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
     sinks = vz >= CONTACT_SPEED
     if not sinks and not demand.position_ned[2] > state.position_ned[2] + CONTACT_M:
         return None
-    if demand.kind != KIND_TRAJECTORY or math.hypot(north, east) > ASIDE:
+    if demand.kind != KIND_TRAJECTORY or math.hypot(north, east) > SIDEWAYS_SPEED:
         return None
     return vz if sinks else CONTACT_SPEED
 

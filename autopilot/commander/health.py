@@ -23,7 +23,7 @@ from autopilot.parameters import ParameterTable
 from foundation.frames import GRAVITY
 from foundation.mavlink import MODES, dialect
 
-IN_USE = 2.5  # factor on the parameter for a quantity that is valid so far
+HYSTERESIS_FACTOR = 2.5  # factor on the parameter for a quantity that is valid so far
 PROBATION_US = 1_000_000
 LASTING_US = 500_000
 
@@ -35,7 +35,7 @@ def required(parameters: ParameterTable, name: str) -> float:
 
 
 class _Hysteresis:
-    """Decides with a hysteresis whether one quantity is valid (`_believed`)."""
+    """Decides with a hysteresis whether one quantity is valid (`_valid_altitude_or_none`)."""
 
     def __init__(self, lasting_us: int = 0) -> None:
         """`lasting_us` (µs): a large deviation counts after this time."""
@@ -49,7 +49,7 @@ class _Hysteresis:
 
         `valid` is the estimator's own flag; `wanted` is the value of `required`.
         """
-        if valid and deviation < (wanted * IN_USE if self._believed else wanted):
+        if valid and deviation < (wanted * HYSTERESIS_FACTOR if self._believed else wanted):
             self._good_us = now_us
             if now_us - self._failed_us >= PROBATION_US:
                 self._believed = True
@@ -57,7 +57,7 @@ class _Hysteresis:
             self._believed, self._failed_us = False, now_us
         if not self._believed:
             return -math.inf
-        return math.inf if self._lasting_us else wanted * IN_USE
+        return math.inf if self._lasting_us else wanted * HYSTERESIS_FACTOR
 
 
 class AccuracyWatch:

@@ -57,7 +57,7 @@ def moved(home: Home, state: EstimatedState) -> bool:
 
 MISSION, FENCE, RALLY = 0, 1, 2  # MAV_MISSION_TYPE
 KINDS = (MISSION, FENCE, RALLY)
-NOT_GIVEN = (1 << 31) - 1  # INT32_MAX in x or y
+NO_COORDINATE = (1 << 31) - 1  # INT32_MAX in x or y
 DEGREES = 1e-7
 
 FRAME_MISSION = int(dialect.MAV_FRAME_MISSION)
@@ -91,7 +91,7 @@ class PlanItem:
     @property
     def _nowhere(self) -> bool:
         # in landings and take-offs, clients send (0, 0) for the present position
-        return NOT_GIVEN in (self.x, self.y) or (self.x == 0 and self.y == 0)
+        return NO_COORDINATE in (self.x, self.y) or (self.x == 0 and self.y == 0)
 
 
 def horizontal(lat_deg: float, lon_deg: float, state: EstimatedState) -> tuple[float, float]:

@@ -68,7 +68,7 @@ class Failsafe:
     sticky: bool = False  # the action stays after the condition has ended, until another mode is chosen
 
 
-QUIET = Failsafe()
+NO_FAILSAFE = Failsafe()
 FENCE_BREACHED, OFFBOARD_LOST, POSITION_LOST = "geofence breached", "offboard signal lost", "position lost"
 FLIGHT_TERMINATION_BREAKER = 121212  # CBRK_FLIGHTTERM: this value switches off the termination by the failure detector
 _LINK_ACTIONS = {1: Reaction.HOLD, 2: Reaction.RETURN, 3: Reaction.LAND, 5: Reaction.TERMINATE, 6: Reaction.DISARM}
@@ -84,7 +84,7 @@ _EXEMPT_BIT = {"MISSION": 1, "OFFBOARD": 4} | dict.fromkeys(_AUTO, 2)  # COM_RCL
 
 def _offboard_loss(c: Conditions, p: ParameterTable) -> Failsafe:
     if c.mode != "OFFBOARD" or c.offboard_signal:
-        return QUIET
+        return NO_FAILSAFE
     choice = int(p["COM_OBL_RC_ACT"])
     action = _OFFBOARD_ACTIONS.get(choice, Reaction.STICKS)
     return Failsafe(OFFBOARD_LOST, action, _OFFBOARD_STICKS.get(choice, "POSCTL"), delayed=False)
@@ -92,24 +92,24 @@ def _offboard_loss(c: Conditions, p: ParameterTable) -> Failsafe:
 
 def _manual_control_loss(c: Conditions, p: ParameterTable) -> Failsafe:
     if not c.sticks_lost_s > p["COM_RC_LOSS_T"] or p["COM_RC_IN_MODE"] == 4:
-        return QUIET
+        return NO_FAILSAFE
     if int(p["COM_RCL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0) or c.mode in _NEAR_GROUND:
-        return QUIET
+        return NO_FAILSAFE
     return Failsafe("manual control lost", _LINK_ACTIONS.get(int(p["NAV_RCL_ACT"]), Reaction.NONE))
 
 
 def _station_loss(c: Conditions, p: ParameterTable) -> Failsafe:
     if not c.station_lost_s > p["COM_DL_LOSS_T"] or c.mode in _NEAR_GROUND:
-        return QUIET
+        return NO_FAILSAFE
     if int(p["COM_DLL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0):
-        return QUIET
+        return NO_FAILSAFE
     return Failsafe("ground station lost", _LINK_ACTIONS.get(int(p["NAV_DLL_ACT"]), Reaction.NONE))
 
 
 def _battery(c: Conditions, p: ParameterTable) -> Failsafe:
     emergency, critical, low = p["BAT_EMERGEN_THR"], p["BAT_CRIT_THR"], p["BAT_LOW_THR"]
     if not c.battery < low or (c.battery_at_arming < low and c.battery >= critical):
-        return QUIET  # no warning if the battery was already low at arming
+        return NO_FAILSAFE  # no warning if the battery was already low at arming
     acts = int(p["COM_LOW_BAT_ACT"])
     if c.battery < emergency and acts in (2, 3):
         return Failsafe("battery at emergency level", Reaction.LAND)
@@ -124,7 +124,7 @@ def _position_loss(c: Conditions, p: ParameterTable) -> Failsafe:
     if c.mode == "ALTCTL" and not c.altitude_valid:
         return Failsafe("altitude lost", Reaction.STICKS, "STABILIZED", delayed=False)
     if c.position_valid or c.mode not in POSITION_MODES:
-        return QUIET
+        return NO_FAILSAFE
     if c.mode == "POSCTL" and c.sticks:
         shown = "ALTCTL" if c.altitude_valid else "STABILIZED"
         return Failsafe(POSITION_LOST, Reaction.STICKS, shown, delayed=False)
@@ -133,24 +133,24 @@ def _position_loss(c: Conditions, p: ParameterTable) -> Failsafe:
 
 def _no_such_mode(c: Conditions, p: ParameterTable) -> Failsafe:
     """Return home from an external mode, as PX4 does. Only a forced arming can start such a mode."""
-    return Failsafe(UNREGISTERED, Reaction.RETURN, delayed=False) if c.mode in EXTERNAL_MODES else QUIET
+    return Failsafe(UNREGISTERED, Reaction.RETURN, delayed=False) if c.mode in EXTERNAL_MODES else NO_FAILSAFE
 
 
 def _flight_time(c: Conditions, p: ParameterTable) -> Failsafe:
     over = 0 < p["COM_FLT_TIME_MAX"] < c.flight_time_s
-    return Failsafe("flight time over", Reaction.RETURN) if over else QUIET
+    return Failsafe("flight time over", Reaction.RETURN) if over else NO_FAILSAFE
 
 
 def _fence(c: Conditions, p: ParameterTable) -> Failsafe:
     if not c.fence_breach:
-        return QUIET
+        return NO_FAILSAFE
     action = _FENCE_ACTIONS.get(int(p["GF_ACTION"]), Reaction.NONE)
     return Failsafe(FENCE_BREACHED, action, sticky=action in (Reaction.RETURN, Reaction.LAND))
 
 
 def _attitude_failure(c: Conditions, p: ParameterTable) -> Failsafe:
     if not c.attitude_failed:
-        return QUIET
+        return NO_FAILSAFE
     if c.just_armed:
         return Failsafe("attitude failure", Reaction.DISARM)
     if p["CBRK_FLIGHTTERM"] == FLIGHT_TERMINATION_BREAKER:
@@ -173,7 +173,7 @@ TABLE: tuple[Callable[[Conditions, ParameterTable], Failsafe], ...] = (
 
 def evaluate(conditions: Conditions, parameters: ParameterTable, overridden: frozenset[str] = frozenset()) -> Failsafe:
     """Return the most severe failsafe of all rules. Causes in `overridden` (the pilot chose another mode) only warn."""
-    worst = QUIET
+    worst = NO_FAILSAFE
     for rule in TABLE:
         due = rule(conditions, parameters)
         if due.action == Reaction.RETURN and (conditions.mode == "RETURN" or conditions.mode in _LANDING):
@@ -243,7 +243,7 @@ class StickOverride:
 
 StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
 # causes that the pilot cannot overrule: they end with the mode, or the vehicle has no other choice
-UNDENIABLE = frozenset({OFFBOARD_LOST, POSITION_LOST})
+NOT_OVERRIDABLE = frozenset({OFFBOARD_LOST, POSITION_LOST})
 DELAYED = frozenset({Reaction.RETURN, Reaction.LAND, Reaction.DESCEND})
 NAMES = {Reaction.HOLD: "Hold", Reaction.RETURN: "Return", Reaction.LAND: "Land", Reaction.DESCEND: "Descend"}
 LOOK_US = 100_000  # slow conditions (battery, links, fence) are checked 10 times a second
@@ -257,10 +257,10 @@ class Supervision:
     """
 
     def __init__(self, parameters: ParameterTable, send_text: StatusText) -> None:
-        self.failsafe = QUIET
+        self.failsafe = NO_FAILSAFE
         self.breach = ""
         self.station_seen_us: int | None = None  # last heartbeat of a ground station
-        self._due = QUIET
+        self._due = NO_FAILSAFE
         self._waiting_since_us: int | None = None
         self._overridden: frozenset[str] = frozenset()
         self._looked_us = 0
@@ -286,7 +286,7 @@ class Supervision:
 
     def end(self) -> None:
         """End the supervision at disarming."""
-        self.failsafe = self._due = QUIET
+        self.failsafe = self._due = NO_FAILSAFE
         self.breach = ""
         self._waiting_since_us, self._overridden = None, frozenset()
         self._attitude.reset()
@@ -294,9 +294,9 @@ class Supervision:
 
     def overrule(self) -> None:
         """Overrule the present failsafe, because the pilot has chosen a mode: its cause only warns until it ends."""
-        if self.failsafe.action > Reaction.WARN and self.failsafe.cause not in UNDENIABLE:
+        if self.failsafe.action > Reaction.WARN and self.failsafe.cause not in NOT_OVERRIDABLE:
             self._overridden |= {self.failsafe.cause}
-        self._due = QUIET if self._due.sticky else self._due
+        self._due = NO_FAILSAFE if self._due.sticky else self._due
         self._looked_us = 0  # the next `look` checks the conditions at once
 
     def sticks_fresh(self, flight: FlightContext) -> bool:

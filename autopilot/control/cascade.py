@@ -11,7 +11,14 @@ measurement.
 import math
 
 from autopilot.control.mixer import attitude_of, limit_force, mix, track_hover
-from autopilot.control.position import accelerate, begin, feel, head, integrate, steer
+from autopilot.control.position import (
+    accelerate,
+    detect_knock,
+    initialise_references,
+    integrate,
+    update_velocity_reference,
+    update_yaw_reference,
+)
 from autopilot.records import (
     KIND_IDLE,
     KIND_RATES,
@@ -135,11 +142,13 @@ def fallback(params: Record, state: Record, estimate: Record) -> None:
 
 
 @njit(cache=True)
-def outer(params: Record, state: Record, setpoint: Record, estimate: Record, ceiling: float, dt: float) -> None:
+def run_outer_loops(
+    params: Record, state: Record, setpoint: Record, estimate: Record, ceiling: float, dt: float
+) -> None:
     """Compute the attitude and thrust setpoint from a trajectory setpoint. `ceiling` limits the thrust (0 … 1)."""
     q = estimate.attitude
-    head(params, state, setpoint, quat_yaw((q[0], q[1], q[2], q[3])), dt)
-    horizontal, vertical = steer(params, state, setpoint, estimate, dt)
+    update_yaw_reference(params, state, setpoint, quat_yaw((q[0], q[1], q[2], q[3])), dt)
+    horizontal, vertical = update_velocity_reference(params, state, setpoint, estimate, dt)
     wanted = accelerate(params, state, setpoint, estimate, horizontal, vertical, dt)
     force = limit_force(params, state.hover_thrust, ceiling, wanted)
     if not math.isfinite(force[0] + force[1] + force[2] + state.yaw_reference):
@@ -159,7 +168,7 @@ def outer(params: Record, state: Record, setpoint: Record, estimate: Record, cei
 
 
 @njit(cache=True)
-def direct(params: Record, state: Record, setpoint: Record, estimate: Record, ceiling: float) -> None:
+def apply_direct_setpoint(params: Record, state: Record, setpoint: Record, estimate: Record, ceiling: float) -> None:
     """Copy an attitude or rate setpoint and its thrust. Non-finite values become level, rate 0 and hover thrust."""
     thrust = setpoint.thrust
     if not math.isfinite(thrust):
@@ -206,7 +215,7 @@ def stop(params: Record, state: Record, setpoint: Record, actuators: Record) -> 
 
 
 @njit(cache=True)
-def drive(params: Record, state: Record, estimate: Record, actuators: Record, dt: float) -> None:
+def run_rate_loop(params: Record, state: Record, estimate: Record, actuators: Record, dt: float) -> None:
     """Compute the rotor commands from the rates setpoint and the thrust.
 
     A command is a fraction of full speed; thrust is proportional to its square.
@@ -246,7 +255,7 @@ def update(params: Record, state: Record, setpoint: Record, estimate: Record, ac
     dt = min(max((time_us - state.time_us) * 1e-6, SHORTEST_S), LONGEST_S)
     state.time_us = time_us
     filter_rates(params, state, estimate.rates_frd, dt)
-    feel(params, state, estimate, dt)
+    detect_knock(params, state, estimate, dt)
     actuators.time_us = time_us
     armed = setpoint.armed != 0
     actuators.armed = 1 if armed else 0
@@ -259,16 +268,16 @@ def update(params: Record, state: Record, setpoint: Record, estimate: Record, ac
         elapsed = time_us - state.outer_time_us
         if kind == KIND_TRAJECTORY:
             if state.kind != KIND_TRAJECTORY:
-                begin(state, estimate)
+                initialise_references(state, estimate)
                 elapsed = OUTER_PERIOD_US
             if elapsed >= OUTER_PERIOD_US or elapsed < 0:
                 state.outer_time_us = time_us
                 span = min(max(elapsed * 1e-6, SHORTEST_S), 2.0 * LONGEST_S)
-                measure(state, estimate, span)
+                filter_acceleration(state, estimate, span)
                 track_hover(params, state, estimate, span)
-                outer(params, state, setpoint, estimate, ceiling, span)
+                run_outer_loops(params, state, setpoint, estimate, ceiling, span)
         else:
-            direct(params, state, setpoint, estimate, ceiling)
+            apply_direct_setpoint(params, state, setpoint, estimate, ceiling)
         waited = time_us - state.attitude_time_us
         if kind != KIND_RATES and (waited >= ATTITUDE_PERIOD_US or waited < 0 or state.kind != kind):
             state.attitude_time_us = time_us
@@ -276,7 +285,7 @@ def update(params: Record, state: Record, setpoint: Record, estimate: Record, ac
             x, y, z = wanted_rates(params, (q[0], q[1], q[2], q[3]), (a[0], a[1], a[2], a[3]), state.yaw_rate_reference)
             state.rates_setpoint[0], state.rates_setpoint[1], state.rates_setpoint[2] = x, y, z
         state.kind = kind
-        drive(params, state, estimate, actuators, dt)
+        run_rate_loop(params, state, estimate, actuators, dt)
     for i in range(4):
         estimate.attitude_setpoint[i] = state.attitude_setpoint[i]
     for i in range(3):
@@ -286,7 +295,7 @@ def update(params: Record, state: Record, setpoint: Record, estimate: Record, ac
 
 
 @njit(cache=True)
-def measure(state: Record, estimate: Record, dt: float) -> None:
+def filter_acceleration(state: Record, estimate: Record, dt: float) -> None:
     """Low-pass filter the measured acceleration (NED, gravity removed)."""
     q, s = estimate.attitude, estimate.accel_frd
     x, y, z = rotate((q[0], q[1], q[2], q[3]), (s[0], s[1], s[2]))

@@ -80,13 +80,13 @@ YAW_GAIN = 3.0  # 1/s, yaw rate per yaw error near a yaw setpoint
 YAW_ACCELERATION = 2.5  # rad/s²; yaw torque is weak, so a faster start would saturate the rotors
 FOLLOWS = 0.4  # m/s; with a smaller velocity error, the vehicle follows its setpoint
 TRIM_S = 2.0  # s, time constant of `free_integral`
-TRIED = 0.8  # m/s²; after this growth of the integral, its effect on the velocity error is checked
-HELPS = 0.05  # m/s, by which the second half of that growth reduces the velocity error in wind, at least
-BLOWN_BACK, CREEPS = 0.3, 0.35  # m/s; a vehicle that moves faster against the push, or along it, is not blocked
+TEST_STEP = 0.8  # m/s²; after this growth of the integral, its effect on the velocity error is checked
+ERROR_DROP = 0.05  # m/s, by which the second half of that growth reduces the velocity error in wind, at least
+BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s; a vehicle faster than this against the push, or along it, is free
 DESCENDS = 0.2  # m/s, NED; a faster demand is a descent
-ASIDE = 0.3  # m/s; with a faster horizontal demand, an object that carries the vehicle is an obstacle, not the ground
-FIRST_PUSH, FIRST_S = 2.5, 2.0  # m/s², s: limit of the velocity P term against an obstacle during the first seconds
-RESTING_PUSH = 1.0  # m/s², the limit after that
+SIDEWAYS_SPEED = 0.3  # m/s; with a faster horizontal demand, the object under the vehicle is an obstacle, not ground
+INITIAL_PUSH_LIMIT, FIRST_S = 2.5, 2.0  # m/s², s: first limit of the velocity P term against an obstacle
+LASTING_PUSH_LIMIT = 1.0  # m/s², the limit after that
 BLOCKED_S = 3.0  # s, after which the integral may grow again, because the cause may have been a gust
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
 KNOCK = 8.0  # m/s², least sudden unexplained acceleration of a knock; wind of 10 m/s: 3.3 (X500), 6.1 (30 g quadrotor)
@@ -103,7 +103,7 @@ def tighter(own: float, mode: float) -> float:
 
 
 @njit(cache=True)
-def begin(state: Record, estimate: Record) -> None:
+def initialise_references(state: Record, estimate: Record) -> None:
     """Initialise the trajectory loops with the vehicle's present motion, so that the change of mode causes no jerk."""
     for i in range(3):
         v = estimate.velocity_ned[i]
@@ -132,7 +132,7 @@ def slew_yaw_rate(params: Record, state: Record, rate: float, dt: float) -> floa
 
 
 @njit(cache=True)
-def head(params: Record, state: Record, setpoint: Record, yaw: float, dt: float) -> None:
+def update_yaw_reference(params: Record, state: Record, setpoint: Record, yaw: float, dt: float) -> None:
     """Advance the yaw reference: turn to the yaw setpoint, turn at the yaw rate setpoint, or keep the heading."""
     if math.isfinite(setpoint.yaw):
         gap = wrap_pi(setpoint.yaw - state.yaw_reference)
@@ -149,7 +149,9 @@ def head(params: Record, state: Record, setpoint: Record, yaw: float, dt: float)
 
 
 @njit(cache=True)
-def steer(params: Record, state: Record, setpoint: Record, estimate: Record, dt: float) -> tuple[bool, bool]:
+def update_velocity_reference(
+    params: Record, state: Record, setpoint: Record, estimate: Record, dt: float
+) -> tuple[bool, bool]:
     """Advance the velocity reference towards the position and velocity setpoints.
 
     An axis with only an acceleration setpoint has no velocity feedback. Any other axis without a position or velocity
@@ -213,7 +215,7 @@ def accelerate(
         for i in range(3 if vertical else 2):
             error = state.velocity_expected[i] - estimate.velocity_ned[i]
             spared += params.velocity_p[i] * error * state.blocked_way[i]
-        spared = max(spared - (FIRST_PUSH if state.blocked_s < FIRST_S else RESTING_PUSH), 0.0)
+        spared = max(spared - (INITIAL_PUSH_LIMIT if state.blocked_s < FIRST_S else LASTING_PUSH_LIMIT), 0.0)
     for i in range(3):
         extra = setpoint.acceleration_ned[i]
         ahead = extra if math.isfinite(extra) else 0.0
@@ -265,26 +267,26 @@ def integrate(
         bound = 5.0  # m/s², half a g, for wind or missing thrust
         state.velocity_integral[i] = min(max(state.velocity_integral[i], -bound), bound)
     if horizontal:
-        push_or_rest(state, estimate, vertical, dt)
+        limit_obstacle_push(state, estimate, vertical, dt)
 
 
 @njit(cache=True)
 def obstacle_axes(state: Record, vertical: bool) -> int:
     """Return the number of axes (2: north and east, 3: all) that an obstacle may block. A vertical descent has 2."""
     north, east, down = state.velocity_expected
-    aside = north * north + east * east > ASIDE * ASIDE
+    aside = north * north + east * east > SIDEWAYS_SPEED * SIDEWAYS_SPEED
     return 3 if vertical and (down < DESCENDS or aside) else 2
 
 
 @njit(cache=True)
-def along(vector: Grid, way: Vec3) -> float:
+def component_along(vector: Grid, way: Vec3) -> float:
     """Return the component of a vector (north, east, down) along the unit vector `way`."""
     share: float = vector[0] * way[0] + vector[1] * way[1] + vector[2] * way[2]
     return share
 
 
 @njit(cache=True)
-def push_or_rest(state: Record, estimate: Record, vertical: bool, dt: float) -> None:
+def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: float) -> None:
     """Detect an obstacle, such as a wall, and take back the growth of the integrals against it.
 
     A vehicle at rest measures the same in wind and at a wall. But an impact on a wall causes a knock. And in wind, the
@@ -306,11 +308,14 @@ def push_or_rest(state: Record, estimate: Record, vertical: bool, dt: float) -> 
         return
     scale = 1.0 / max(size, 1e-6)
     push = (north * scale, east * scale, down * scale)
-    moves = along(estimate.velocity_ned, push)
-    stands = -BLOWN_BACK < moves < CREEPS
-    beyond, grown = along(total, push) - along(free, push), along(total, push) - along(tried, push)
-    away = along(blocked, push) < 0.0
-    if grown >= TRIED and (state.blocked_s > 0.0 or (stands and state.tried_error - size < HELPS)):
+    moves = component_along(estimate.velocity_ned, push)
+    stands = -BLOWN_BACK_SPEED < moves < CREEP_SPEED
+    beyond, grown = (
+        component_along(total, push) - component_along(free, push),
+        component_along(total, push) - component_along(tried, push),
+    )
+    away = component_along(blocked, push) < 0.0
+    if grown >= TEST_STEP and (state.blocked_s > 0.0 or (stands and state.tried_error - size < ERROR_DROP)):
         state.blocked_s = FIRST_S
         blocked[0], blocked[1], blocked[2] = push
     elif touched and (state.blocked_s == 0.0 or away):
@@ -318,20 +323,20 @@ def push_or_rest(state: Record, estimate: Record, vertical: bool, dt: float) -> 
         blocked[0], blocked[1], blocked[2] = push
     elif state.blocked_s > 0.0:
         state.blocked_s = 0.0 if away or not (stands or touched) else state.blocked_s + dt
-    if beyond < -TRIED or (state.blocked_s > 0.0 and beyond < 0.0) or 0.0 < state.blocked_s < BLOCKED_S:
+    if beyond < -TEST_STEP or (state.blocked_s > 0.0 and beyond < 0.0) or 0.0 < state.blocked_s < BLOCKED_S:
         for i in range(axes):
             total[i] += min(dt / FORGET_S, 1.0) * (free[i] - total[i])
             tried[i] = total[i]
         state.tried_error = size
-    elif grown < 0.5 * TRIED:
+    elif grown < 0.5 * TEST_STEP:
         state.tried_error = size  # the rebound of an impact ends before half of the growth
-    elif grown >= TRIED:
+    elif grown >= TEST_STEP:
         for i in range(axes):
             tried[i] = total[i]
 
 
 @njit(cache=True)
-def feel(params: Record, state: Record, estimate: Record, dt: float) -> None:
+def detect_knock(params: Record, state: Record, estimate: Record, dt: float) -> None:
     """Update the accelerations that the rotors do not explain, and detect a knock in them.
 
     The force of an obstacle rises within milliseconds, that of wind more slowly: Tomić, Ott, Haddadin, "External

@@ -84,7 +84,7 @@ def predict_covariance(params: Record, state: Record, P: Grid, history: Grid) ->
 
 
 @njit(cache=True)
-def aid(params: Record, state: Record, P: Grid, history: Grid, sensors: Record, landed: bool) -> None:
+def fuse_aiding_sensors(params: Record, state: Record, P: Grid, history: Grid, sensors: Record, landed: bool) -> None:
     """Fuse the new samples of the aiding sensors."""
     time_us = state.time_us
     if sensors.mag_time_us != state.mag_time_us:
@@ -112,7 +112,7 @@ def aid(params: Record, state: Record, P: Grid, history: Grid, sensors: Record, 
 
 
 @njit(cache=True)
-def gather(
+def collect_alignment_samples(
     params: Record,
     state: Record,
     P: Grid,
@@ -170,7 +170,7 @@ def publish(params: Record, state: Record, P: Grid, estimate: Record) -> None:
 
 
 @njit(cache=True)
-def shake(state: Record, estimate: Record, accel: Vec3, rates: Vec3) -> None:
+def update_vibration(state: Record, estimate: Record, accel: Vec3, rates: Vec3) -> None:
     """Update the vibration metrics with the newest sample (m/s² and rad/s, FRD)."""
     a, g = state.looked_accel, state.looked_rates
     if state.published_us > 0:
@@ -211,18 +211,18 @@ def update(
     gx, gy, gz = g[0] - b[0], g[1] - b[1], g[2] - b[2]
     ax, ay, az = a[0] - c[0], a[1] - c[1], a[2] - c[2]
     if state.status == STATUS_ALIGNING:
-        gather(params, state, P, sensors, a[0], a[1], a[2], g[0], g[1], g[2])
+        collect_alignment_samples(params, state, P, sensors, a[0], a[1], a[2], g[0], g[1], g[2])
     else:
         strapdown(state, ax, ay, az, gx, gy, gz, min(max(dt, 0.0), 0.05))
         if max(abs(a[0]), abs(a[1]), abs(a[2])) >= params.accel_clip:
             state.shocked, state.shock_us = 1, time_us
         if state.impulse_dt >= COVARIANCE_PERIOD_S:
             predict_covariance(params, state, P, history)
-        aid(params, state, P, history, sensors, landed)
+        fuse_aiding_sensors(params, state, P, history, sensors, landed)
         if not math.isfinite(state.attitude[0] + state.velocity[0] + state.velocity[1] + state.position[2] + P[0, 0]):
             restart(state)
     if time_us - state.published_us >= PUBLISH_PERIOD_US or time_us < state.published_us:
-        shake(state, estimate, (ax, ay, az), (gx, gy, gz))
+        update_vibration(state, estimate, (ax, ay, az), (gx, gy, gz))
         state.published_us = time_us
         publish(params, state, P, estimate)
     for i in range(4):

@@ -27,7 +27,7 @@ hard_iron_slopes = covariance.hard_iron_slopes
 innovation_variance = covariance.innovation_variance
 symmetrize = covariance.symmetrize
 
-SHOCK_DEAF_US = 1_000_000  # longest time without fixes due to impacts, for a vehicle that scrapes along a wall
+IMPACT_FIX_GAP_US = 1_000_000  # longest time without fixes due to impacts, for a vehicle that scrapes along a wall
 
 
 @njit(cache=True)
@@ -219,7 +219,7 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
     if state.gps_good_fixes < 3:  # after a gap, the first fixes are not used: the receiver must settle
         return
     time_us = state.time_us
-    if sensors.gps_time_us <= state.shock_us and time_us - state.velocity_fused_us < SHOCK_DEAF_US:
+    if sensors.gps_time_us <= state.shock_us and time_us - state.velocity_fused_us < IMPACT_FIX_GAP_US:
         return  # a fix from before an impact does not show the velocity after it
     age, dv, dp = since_fix(state, history, sensors.gps_time_us)
     local = geodetic_to_ned(

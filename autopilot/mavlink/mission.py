@@ -8,7 +8,7 @@ Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
 import math
 
 from autopilot.commander import plans
-from autopilot.commander.plans import CAPACITY, GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, PlanItem
+from autopilot.commander.plans import CAPACITY, GLOBAL_FRAMES, KINDS, MISSION, NO_COORDINATE, PlanItem
 from autopilot.mavlink.node import BY_NAME, CANCELLED, Key, Node, Port, Upload
 from autopilot.mavlink.status_makers import Message
 from foundation.mavlink import dialect
@@ -135,7 +135,9 @@ def _item(m: Message) -> PlanItem:
     x, y = m.x, m.y
     if m.get_type() == "MISSION_ITEM":
         scale = 1e7 if m.frame in GLOBAL_FRAMES else 1.0
-        x, y = (round(v * scale) if math.isfinite(v) and abs(v * scale) < NOT_GIVEN else NOT_GIVEN for v in (x, y))
+        x, y = (
+            round(v * scale) if math.isfinite(v) and abs(v * scale) < NO_COORDINATE else NO_COORDINATE for v in (x, y)
+        )
     return PlanItem(m.command, m.frame, (m.param1, m.param2, m.param3, m.param4), x, y, m.z, m.autocontinue)
 
 

@@ -39,7 +39,7 @@ class ChosenSuite:
     identity: FlownSuite
 
 
-def suite_of(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
+def choose_suite(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
     """Return these episodes, or those of the suites `names`. Raises UsageError for none, or an invalid one."""
     if episodes and names:
         raise UsageError("choose episodes by name or with --suite, not both")
@@ -53,7 +53,7 @@ def suite_of(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
     for episode, record in records.items():
         if times[record.id] > 1:
             raise UsageError(f"two episodes have the id '{record.id}'. Give each its own id")
-        if record.id in catalogue.all_ids() and not catalogue.ships(record):
+        if record.id in catalogue.all_ids() and not catalogue.is_shipped(record):
             raise UsageError(f"{episode}: '{record.id}' is the id of a shipped episode. Choose another id")
     title = None if episodes else "+".join(names)
     digest = suite_digest((record.id, record.to_json()) for record in records.values())

@@ -96,7 +96,7 @@ def cell_order(group: str) -> tuple[int, str]:
     return (cells[-1] if cells else len(CELLS), group)
 
 
-def pars(results: Iterable[Result]) -> dict[str, int]:
+def solved_steps(results: Iterable[Result]) -> dict[str, int]:
     """Return the steps of every solved episode by id."""
     return {r.episode: r.steps for r in results if r.outcome == "success"}
 
@@ -118,14 +118,14 @@ def blind_flights(results: Iterable[Result]) -> dict[str, BlindFlight]:
 
 
 @dataclass(frozen=True, slots=True)
-class Floor:
+class BlindBaseline:
     """The best blind pilots on the episodes of a row."""
 
     solved: tuple[str, ScoreRow]  # (pilot, its row): most solved
     within_three: tuple[str, ScoreRow]  # (pilot, its row): most solved within three declarations
 
 
-def floor(blind: BlindTable, name: str, results: Iterable[Result]) -> Floor | None:
+def floor(blind: BlindTable, name: str, results: Iterable[Result]) -> BlindBaseline | None:
     """Return the best blind pilots on the episodes of these results; None: no blind pilot has flown all of them."""
     episodes = [r.episode for r in results]
     rows = [
@@ -135,7 +135,7 @@ def floor(blind: BlindTable, name: str, results: Iterable[Result]) -> Floor | No
     ]
     if not rows or not episodes:
         return None
-    return Floor(
+    return BlindBaseline(
         max(rows, key=lambda r: (r[1].solved, r[1].solved_within_three or 0)),
         max(rows, key=lambda r: (r[1].solved_within_three or 0, r[1].solved)),
     )
@@ -155,7 +155,7 @@ def _blind_result(episode: str, flight: BlindFlight) -> Result:
     )
 
 
-def audit_table(rows: Iterable[ScoreRow], floors: Mapping[str, Floor | None]) -> ReportTable:
+def audit_table(rows: Iterable[ScoreRow], floors: Mapping[str, BlindBaseline | None]) -> ReportTable:
     """Return the rows as a table. The best blind pilots on the same episodes are below each row."""
     lines = []
     for row in rows:

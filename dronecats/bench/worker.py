@@ -18,7 +18,7 @@ from dronecats.flight.run.simulated import SimulatedFlight
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import from_json
-from foundation.compiled import in_turn
+from foundation.compiled import compile_lock
 from foundation.errors import DronecatsError
 from foundation.threads import COMPUTING
 
@@ -46,7 +46,7 @@ class Worker:
         self._idle = threading.Event()
         self._ended: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         sys.setswitchinterval(SWITCH_S)
-        with in_turn():  # workers start together: the first one compiles, the others use the cache
+        with compile_lock():  # workers start together: the first one compiles, the others use the cache
             compile_all()
         gc.freeze()  # code and kernels are permanent: collections can skip them
         gc.set_threshold(YOUNG, 10, 10)

@@ -110,9 +110,9 @@ def _checked(path: Path, name: str, value: Any) -> Any:
 
 def suite(args: argparse.Namespace) -> "ChosenSuite":
     """Return the requested episodes. Raises UsageError."""
-    from dronecats.bench.matrix import suite_of
+    from dronecats.bench.matrix import choose_suite
 
-    return suite_of(args.episodes or (), args.suite or ())
+    return choose_suite(args.episodes or (), args.suite or ())
 
 
 def runs(args: argparse.Namespace, chosen: "ChosenSuite", out: Path) -> "list[BenchEntry]":
@@ -170,7 +170,7 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
     flights = []
     for name, pilot in named:
         pays = "model" in pilot or "commander" in commanded
-        looks = "model" in pilot or roster.looks(pilot["pilot"]) or "commander" in commanded
+        looks = "model" in pilot or roster.needs_pictures(pilot["pilot"]) or "commander" in commanded
         flight = FlightSpec(
             **pilot,
             **commanded,

@@ -203,7 +203,7 @@ def _compiler() -> Diagnosis:
     if numba.njit(lambda x: 2.0 * x + 1.0)(3.0) != 7.0:
         return Diagnosis("compiler", MISSING, "numba compiles wrongly", "pip install --force-reinstall numba llvmlite")
     detail = f"numba compiles ({time.perf_counter() - started:.1f} s for one function)"
-    if compiled.KEEPS:
+    if compiled.CAN_CACHE:
         return Diagnosis("compiler", OK, f"{detail} and stores its results")
     try:
         kept = f"{compiled.cache_folder().parent} cannot be written to"

@@ -101,7 +101,9 @@ def _show(args: argparse.Namespace) -> int:
     from episodes.records.catalogue import load_par
 
     record = catalogue.load(args.episode)
-    member, par = (catalogue.suites_of(record.id), load_par().get(record.id)) if catalogue.ships(record) else ((), None)
+    member, par = (
+        (catalogue.suites_of(record.id), load_par().get(record.id)) if catalogue.is_shipped(record) else ((), None)
+    )
     if args.picture is not None:
         from episodes.authoring.scene_pictures import write_first_frame
 

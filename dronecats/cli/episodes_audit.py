@@ -49,8 +49,8 @@ def run(args: argparse.Namespace) -> int:
     """Fly the episodes. Return 1 if the oracle failed an episode, 3 if a flight ended in an error, else 0."""
     from dronecats.bench.campaign import Batch, fly_run
     from dronecats.bench.engine import cores
-    from dronecats.bench.matrix import suite_of
-    from dronecats.bench.tables import audit_table, blind_flights, floor, groups, pars, score_row
+    from dronecats.bench.matrix import choose_suite
+    from dronecats.bench.tables import audit_table, blind_flights, floor, groups, score_row, solved_steps
     from dronecats.flight.run.fly import settings
     from dronecats.flight.spec.flight import look_up
     from episodes.records.catalogue import load_blind
@@ -64,7 +64,9 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--write-par works with the pilot oracle only. Leave --pilot out")
     if args.write_blind and not args.pilot.startswith("blind:"):
         raise UsageError("--write-blind works with blind pilots only. Add --pilot blind:NAME")
-    chosen = tuple(suite_of(args.episodes, [args.suite] if args.suite else [] if args.episodes else ["all"]).records)
+    chosen = tuple(
+        choose_suite(args.episodes, [args.suite] if args.suite else [] if args.episodes else ["all"]).records
+    )
     spec = _flight(args)
     flight = look_up(spec)
     batch = Batch(args.out or fresh_run(f"audit-{args.pilot}"), settings(flight, flight.camera))
@@ -87,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     lines = groups(results)
     rows = [score_row(name, members) for name, members in lines.items()]
     if args.write_par:
-        _keep(pars(results))
+        _keep(solved_steps(results))
     if args.write_blind:
         _keep_blind(args.pilot, blind_flights(results))
     floors = {name: floor(load_blind(), name, members) for name, members in lines.items()}
@@ -118,7 +120,7 @@ def _flight(args: argparse.Namespace) -> "FlightSpec":
 
     return FlightSpec(
         pilot=args.pilot,
-        simulated=Simulated(speed=None, rendered=args.rendered or roster.looks(args.pilot)),
+        simulated=Simulated(speed=None, rendered=args.rendered or roster.needs_pictures(args.pilot)),
         seed=args.seed,
         latency=LatencyPolicy.parse(args.latency),
         # declarations are counted until the cap, except for the oracle: its first one determines par

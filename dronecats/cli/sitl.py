@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
     interrupt_on_signals()
     from dronecats.flight.sitl import compile_ahead
 
-    print(f"loading core and camera{compile_ahead.duration()} …", flush=True)
+    print(f"loading core and camera{compile_ahead.compile_notice()} …", flush=True)
     from dronecats.flight.processes.supervisor import Supervisor
     from dronecats.flight.sitl.board_simulator import BoardSimulator
     from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         latency=args.latency,
         jobs=args.jobs,
         speed=args.speed,
-        rendered=args.rendered or roster.looks(args.pilot),
+        rendered=args.rendered or roster.needs_pictures(args.pilot),
     )
     flights = host_load.fly(plan, args.out, print_note)
     findings = host_load.compare(flights)

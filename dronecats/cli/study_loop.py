@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     traced = (args.airframe or [trace.AIRFRAME])[0]
     px4 = args.px4 or os.environ.get("DRONECATS_PX4")
     if px4 and "trace" in experiments:  # first, so that a wrong command fails at once
-        airframe.quadrotor(airframe.load(traced))
+        airframe.require_quadrotor(airframe.load(traced))
         print_note(f"{traced}: the trace under PX4 …")
         log_dir = args.out or Path(tempfile.mkdtemp(prefix="dronecats-px4-log-"))
         log_dir.mkdir(parents=True, exist_ok=True)

@@ -131,7 +131,7 @@ def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
 
 def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":
     """Return the selected episodes: by name, or those of a suite with the given cells and maps."""
-    from dronecats.bench.matrix import suite_of
+    from dronecats.bench.matrix import choose_suite
     from episodes.records import catalogue
     from episodes.records.record import CELLS
 
@@ -148,7 +148,7 @@ def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":
         raise UsageError(
             f"no episode of the suite {'+'.join(names)} is {', '.join(cells)} on {', '.join(maps) or 'any map'}"
         )
-    return suite_of(kept, ())
+    return choose_suite(kept, ())
 
 
 def _valid(option: str, names: Iterable[str], choices: Iterable[str]) -> list[str]:

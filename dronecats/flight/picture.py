@@ -51,7 +51,7 @@ def draw(run_episode_dir: Path, map_picture: NDArray[np.uint8] | None, extent: E
     Raises UsageError when the folder holds no log to draw.
     """
     flight = JudgedFlight.read(run_episode_dir)
-    shown = [decision for decision in _spread(flight.logs) if flight.picture_path(decision) is not None]
+    shown = [decision for decision in _select_decisions(flight.logs) if flight.picture_path(decision) is not None]
     rows = math.ceil(len(shown) / _COLUMNS)
     height = _MAP_IN + rows * _ROW_IN + 0.3
     figure = Figure(figsize=(_WIDTH_IN, height), dpi=_DPI, facecolor="white")
@@ -241,7 +241,7 @@ def describe(decision: Decision) -> str:
     return str(decision.kind)
 
 
-def _spread(logs: Logs) -> list[Decision]:
+def _select_decisions(logs: Logs) -> list[Decision]:
     """Return up to FRAMES decisions over the whole flight: first, last, the decisive one, and others in between.
 
     For a fleet, all drones of a step are shown if they fit, so that their views can be compared.
@@ -264,7 +264,7 @@ def _spread(logs: Logs) -> list[Decision]:
 
 def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
     """Return an aerial picture (H, W, 3) RGB, north up, of all positions in truth.jsonl, and its extent."""
-    points = _mentioned(folder)
+    points = _logged_positions(folder)
     points += [start.position_ned for start in world.record.starts] + [world.target_centre(0.0)]
     norths, easts = [p[0] for p in points], [p[1] for p in points]
     north, east = (min(norths) + max(norths)) / 2, (min(easts) + max(easts)) / 2
@@ -279,7 +279,7 @@ def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
     return view.rgb, (north - high, north + high, east - wide, east + wide)
 
 
-def _mentioned(folder: Path) -> list[Vec3]:
+def _logged_positions(folder: Path) -> list[Vec3]:
     """Return the positions (m NED) of drones and target in truth.jsonl; none if it is damaged."""
     try:
         rows = [row for row in truth(folder) if isinstance(row, Pose | FrameTruth)]

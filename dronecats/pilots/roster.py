@@ -53,12 +53,12 @@ def check_commander(name: str) -> str:
     raise UsageError(f"commander '{name}' is not known: choose PROVIDER/NAME or {', '.join(COMMANDERS)}")
 
 
-def forgets(name: str) -> bool:
+def can_serve_several_drones(name: str) -> bool:
     """Return whether the same pilot can fly several drones that are asked separately."""
     return name in NAMES
 
 
-def looks(name: str) -> bool:
+def needs_pictures(name: str) -> bool:
     """Return whether a pilot uses the pictures, so that they must be rendered."""
     return not needs_truth(name) and name != "blind" and not name.startswith(BLIND)
 
@@ -75,9 +75,9 @@ def answer(name: str) -> Pilot:
 
         return player(Path(name.removeprefix(RECORDED)))
     if name in COMMANDERS:
-        from dronecats.pilots.scripted import divide
+        from dronecats.pilots.scripted import scripted_orders
 
-        return divide
+        return scripted_orders
     if name == "vision":
         from dronecats.pilots.vision.pilot import answer as vision
 

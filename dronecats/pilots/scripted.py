@@ -25,7 +25,7 @@ _TURN_DEG = 60.0  # turn of the pilot `blind`
 
 
 @dataclass(frozen=True, slots=True)
-class Seat:
+class DroneContext:
     """The drone that a pattern flies."""
 
     drone: int  # its index in picture order
@@ -43,7 +43,7 @@ class Pattern:
     """A flight pattern without pictures."""
 
     description: str  # one sentence
-    fly: Callable[[Seat], Iterator[str]]
+    fly: Callable[[DroneContext], Iterator[str]]
     sweeps: bool = False  # it covers an area; other patterns follow one line
 
 
@@ -69,10 +69,10 @@ def creeping() -> Iterator[str]:
         yield actions.finished()
 
 
-def straight(after_deg: float = 0.0, from_m: float = 0.0) -> Callable[[Seat], Iterator[str]]:
+def straight(after_deg: float = 0.0, from_m: float = 0.0) -> Callable[[DroneContext], Iterator[str]]:
     """Return the pattern: turn, fly `from_m` metres without a declaration, then alternate strides and declarations."""
 
-    def fly(seat: Seat) -> Iterator[str]:
+    def fly(seat: DroneContext) -> Iterator[str]:
         yield from turn(after_deg + seat.aside_deg)
         yield from long_strides(from_m)
         if from_m:
@@ -82,13 +82,13 @@ def straight(after_deg: float = 0.0, from_m: float = 0.0) -> Callable[[Seat], It
     return fly
 
 
-def declaring(seat: Seat) -> Iterator[str]:
+def declaring(seat: DroneContext) -> Iterator[str]:
     """Declare in place, without end."""
     while True:
         yield actions.finished()
 
 
-def fan(seat: Seat) -> Iterator[str]:
+def fan(seat: DroneContext) -> Iterator[str]:
     """Fly out and back along rays, first along those in view, and declare on the way out."""
     yield from turn(seat.aside_deg)
     spread = 30.0 if seat.drones == 1 else VIEW_DEG / seat.drones / 2.0
@@ -105,7 +105,7 @@ def fan(seat: Seat) -> Iterator[str]:
     yield from creeping()
 
 
-def spiral(seat: Seat) -> Iterator[str]:
+def spiral(seat: DroneContext) -> Iterator[str]:
     """Fly a square spiral outwards with arms 6 m apart, and declare after each long stride."""
     yield from turn(seat.aside_deg)
     legs = 2
@@ -118,7 +118,7 @@ def spiral(seat: Seat) -> Iterator[str]:
         legs += 2
 
 
-def ring(seat: Seat) -> Iterator[str]:
+def ring(seat: DroneContext) -> Iterator[str]:
     """Fly out 15 m, then in a circle round the start, near targets 16 m away; declare at every other stride."""
     yield from turn(seat.aside_deg - 45.0)
     yield from long_strides(15.0)
@@ -132,7 +132,7 @@ def ring(seat: Seat) -> Iterator[str]:
             yield actions.finished()
 
 
-def arc(seat: Seat) -> Iterator[str]:
+def arc(seat: DroneContext) -> Iterator[str]:
     """Declare once in each third of the first picture, 12 m out; then fly the ring."""
     yield from turn(seat.aside_deg - 24.0)
     yield from long_strides(12.0)
@@ -143,13 +143,13 @@ def arc(seat: Seat) -> Iterator[str]:
         yield from long_strides(chord + 0.1)
         yield from turn(-(90.0 - 12.0))
         yield actions.finished()
-    yield from ring(Seat(0, 1, ""))
+    yield from ring(DroneContext(0, 1, ""))
 
 
-def wandering(draw: int = 1) -> Callable[[Seat], Iterator[str]]:
+def wandering(draw: int = 1) -> Callable[[DroneContext], Iterator[str]]:
     """Return the pattern: stride, turn or declare at random. The seed is the prompt's text and the draw's number."""
 
-    def fly(seat: Seat) -> Iterator[str]:
+    def fly(seat: DroneContext) -> Iterator[str]:
         seed = f"{seat.drone} {seat.prompt}" + (f" {draw}" if draw > 1 else "")
         rng = random.Random(hashlib.sha256(seed.encode()).digest())
         while True:
@@ -209,7 +209,7 @@ def pattern_pilot(name: str) -> Pilot:
 
     def reply_to(prompt: str, images: list[bytes]) -> str:
         while len(drones) < max(1, len(images)):
-            drones.append(pattern.fly(Seat(len(drones), max(1, len(images)), prompt)))
+            drones.append(pattern.fly(DroneContext(len(drones), max(1, len(images)), prompt)))
         return actions.join([next(drone) for drone in drones])
 
     return reply_to
@@ -233,7 +233,7 @@ def place_in_goal(command: str) -> int | None:
     return ORDINALS.index(match[1].lower()) + 1 if match else None
 
 
-def divide(prompt: str, images: list[bytes]) -> str:
+def scripted_orders(prompt: str, images: list[bytes]) -> str:
     """Return the orders: a candidate for every drone without one, and the next free one for every stalled drone.
 
     All waiting reports of arrival are confirmed.

@@ -26,7 +26,7 @@ from dronecats.judge.diagnostics import distances_sentence
 from dronecats.judge.episode import write_verdict
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.telemetry import DroneTelemetry
-from dronecats.report.recorded.tracks import kept_ulog, ulog_topics
+from dronecats.report.recorded.tracks import onboard_log_path, ulog_topics
 from foundation.errors import UsageError
 from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic
 from foundation.protocol import POSE_PERIOD_S
@@ -309,7 +309,7 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
 
 
 def _estimator_log(flight: RecordedFlight) -> EstimatorLog:
-    kept = kept_ulog(flight.folder)
+    kept = onboard_log_path(flight.folder)
     if kept is not None:
         with suppress(UsageError):  # a log without estimates: flight.tlog is used
             return from_ulog(kept)

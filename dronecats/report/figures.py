@@ -90,7 +90,7 @@ def figure(height_lines: float, line_in: float = 0.26, below_in: float = 0.75) -
     return drawing, drawing.add_subplot()
 
 
-def named(axis: Any, rows: Sequence[FigureLine], heads: Sequence[tuple[str, float]]) -> None:
+def label_rows(axis: Any, rows: Sequence[FigureLine], heads: Sequence[tuple[str, float]]) -> None:
     """Write the lines' names and the blocks' titles on the left."""
     axis.set_yticks([line.y for line in rows], [str(line.row.cells[0].value) for line in rows])
     axis.tick_params(axis="y", length=0, pad=6)
@@ -132,7 +132,7 @@ class BarSegment:
     colour: str
 
 
-def nested(table: ReportTable) -> Any:
+def draw_reach_declare_succeed(table: ReportTable) -> Any:
     """Return the figure of the table `approaching`: each entrant's rates of reaching, declaring and succeeding."""
     rows, heads = lines(table)
     drawing, axis = figure(rows[-1].y + 1.0, line_in=0.36)
@@ -143,13 +143,13 @@ def nested(table: ReportTable) -> Any:
         for c, y in zip(cells, heights, strict=True):
             if c.low is not None and c.high is not None:
                 axis.plot([c.low, c.high], [y, y], color=INK, linewidth=0.9, solid_capstyle="butt")
-    named(axis, rows, heads)
+    label_rows(axis, rows, heads)
     _percent(axis, "% of the flights of approaching; lines: 95 % intervals")
     drawing.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return drawing
 
 
-def modes(table: ReportTable) -> Any:
+def draw_failure_modes(table: ReportTable) -> Any:
     """Return the figure of the table `failures`: a bar for each entrant, divided by failure modes."""
     colours = zip(report_data.MODES, MODE_COLOURS, strict=True)
     ways = [BarSegment(mode.column, mode.title, colour) for mode, colour in colours]
@@ -159,7 +159,7 @@ def modes(table: ReportTable) -> Any:
     return drawing
 
 
-def decomposition(table: ReportTable) -> Any:
+def draw_drone_outcomes(table: ReportTable) -> Any:
     """Return the figure of the table `drones`: outcomes of drones as bars, the episodes won as diamonds."""
     colours = zip(report_data.DRONES, DRONE_COLOURS, strict=True)
     drawing, axis = _stacked(table, [BarSegment(o.column, o.title, colour) for o, colour in colours])
@@ -199,7 +199,7 @@ def _stacked(table: ReportTable, ways: Sequence[BarSegment]) -> tuple[Any, Any]:
                 axis.text(begin + width / 2, line.y, rounded(width, 0), ha="center", va="center", fontsize=7,
                           color="white" if dark else INK)  # fmt: skip
         begins = [begin + width for begin, width in zip(begins, widths, strict=True)]
-    named(axis, rows, heads)
+    label_rows(axis, rows, heads)
     return drawing, axis
 
 
@@ -218,7 +218,7 @@ def rates(table: ReportTable) -> Any:
         axis.plot([low, high], [line.y, line.y], color=INK, linewidth=0.8)
         axis.barh(line.y, end - begin, left=begin, height=0.5, color=SKY, edgecolor=INK, linewidth=0.6, zorder=3)
         axis.plot([middle, middle], [line.y - 0.25, line.y + 0.25], color=INK, linewidth=1.6, zorder=4)
-    named(axis, rows, heads)
+    label_rows(axis, rows, heads)
     axis.set_xlim(left=0.0)
     axis.set_xlabel("decisions per second of vehicle time: 5, 25, 50, 75 and 95 % of the steps")
     return drawing
@@ -306,9 +306,9 @@ def _grid_keys() -> list[Any]:
 
 GRID = "episode_by_episode"  # the figure that belongs to no table
 OF_TABLES = {  # table → its figure's name and function
-    "approaching": ("reach_declare_succeed", nested),
-    "failures": ("failure_modes", modes),
-    "drones": ("commanding_by_drone", decomposition),
+    "approaching": ("reach_declare_succeed", draw_reach_declare_succeed),
+    "failures": ("failure_modes", draw_failure_modes),
+    "drones": ("commanding_by_drone", draw_drone_outcomes),
     "served": ("served_rate", rates),
 }
 

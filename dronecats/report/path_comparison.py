@@ -37,7 +37,7 @@ class Trace:
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class IntervalDistances:
     """The distances in an interval of the flight."""
 
     from_s: float
@@ -58,8 +58,8 @@ class PathComparison:
     here: Array  # (n, 3) m, positions on path a
     there: Array  # (n, 3) m, positions on path b
     distance_m: Array  # (n,) m, between the two
-    spans: tuple[Span, ...]  # minute by minute
-    first: Span  # over the requested seconds, or the shorter common time
+    spans: tuple[IntervalDistances, ...]  # minute by minute
+    first: IntervalDistances  # over the requested seconds, or the shorter common time
     beside_m: float  # m, the largest distance from a point of one path in `first` to the other path, at any time
 
     @property
@@ -162,9 +162,9 @@ def _after(steps: list[float], count: int, path: Trace) -> float:
     return steps[count] if len(steps) > count else float(path.t[-1])
 
 
-def _span(t: Array, distance_m: Array, from_s: float, to_s: float) -> Span:
+def _span(t: Array, distance_m: Array, from_s: float, to_s: float) -> IntervalDistances:
     part = distance_m[(t >= from_s - 1e-9) & (t <= to_s + 1e-9)]
-    return Span(
+    return IntervalDistances(
         round(float(from_s), 3), round(to_s, 3), float(part.max()), float(part.mean()), float(np.sqrt((part**2).mean()))
     )
 
@@ -191,7 +191,7 @@ def logs_of(path: Path) -> Logs:
 def figures(comparisons: tuple[PathComparison, ...], within_m: float, seconds: float) -> dict[str, Any]:
     """Return the comparison as JSON; `agree`: every drone stays within `within_m` for all of the first `seconds`."""
 
-    def span(s: Span) -> dict[str, float]:
+    def span(s: IntervalDistances) -> dict[str, float]:
         return {name: round(getattr(s, name), 4) for name in ("from_s", "to_s", "max_m", "mean_m", "rms_m")}
 
     compared_s = min(c.first.to_s for c in comparisons)

@@ -16,7 +16,7 @@ from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.scripted import PATTERNS
 from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.collection import Collection, ScoredEpisode
-from dronecats.report.results.identity import differences, identity, odd_runs, refusal
+from dronecats.report.results.identity import differences, identity, odd_runs, pooling_conflict
 from dronecats.report.table import CellValue, ReportTable, TableBlock, TableCell, TableColumn, TableRow, row
 from episodes.records.catalogue import BlindTable
 from episodes.records.record import CELLS
@@ -89,7 +89,7 @@ def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entr
         episodes = tuple(flight for run in members for flight in by_run.get(run.folder, ()))
         if not pool_anyway:
             advice = "or count them together with --pool-anyway"
-            if reason := refusal(members):
+            if reason := pooling_conflict(members):
                 odd = ", ".join(str(run.folder) for run, _ in odd_runs(members)) or "it"
                 raise UsageError(f"{reason}. Leave {odd} out and report it by itself, {advice}")
             if reason := _repeated_flight(episodes):
@@ -177,11 +177,11 @@ FLIGHTS = TableColumn(name="flights", title="Flights")
 ERRORS = TableColumn(name="not_scored", title="Not scored")
 
 Cells = Sequence[TableCell | CellValue]
-RowOf = Callable[[Entrant], Cells | None]  # the cells after the name; None: the entrant has no row
+RowFunction = Callable[[Entrant], Cells | None]  # the cells after the name; None: the entrant has no row
 
 
 @dataclass(frozen=True, slots=True)
-class EndedAs:
+class OutcomeColumn:
     """One way in which a flight, or a drone of a fleet, ends."""
 
     name: str  # a failure mode, or the name of a metric
@@ -194,20 +194,20 @@ class EndedAs:
 
 
 MODES = (  # the names of `failure_mode`, in the order of the paper's bars; the paper has no "did not move"
-    EndedAs("success", "Success"),
-    EndedAs("declared", "Declared, never true"),
-    EndedAs("arrived", "Arrived, undeclared"),
-    EndedAs("never grounded", "Never grounded"),
-    EndedAs("oscillated", "Oscillated"),
-    EndedAs("never closed", "Never closed"),
-    EndedAs("timed out", "Timed out"),
-    EndedAs("did not move", "Did not move"),
+    OutcomeColumn("success", "Success"),
+    OutcomeColumn("declared", "Declared, never true"),
+    OutcomeColumn("arrived", "Arrived, undeclared"),
+    OutcomeColumn("never grounded", "Never grounded"),
+    OutcomeColumn("oscillated", "Oscillated"),
+    OutcomeColumn("never closed", "Never closed"),
+    OutcomeColumn("timed out", "Timed out"),
+    OutcomeColumn("did not move", "Did not move"),
 )
 DRONES = (  # names of metrics, each a count of an episode's drones
-    EndedAs("drones_found", "Found the target"),
-    EndedAs("drones_beside", "Declared at a look-alike"),
-    EndedAs("drones_elsewhere", "Declared elsewhere"),
-    EndedAs("drones_silent", "Never declared"),
+    OutcomeColumn("drones_found", "Found the target"),
+    OutcomeColumn("drones_beside", "Declared at a look-alike"),
+    OutcomeColumn("drones_elsewhere", "Declared elsewhere"),
+    OutcomeColumn("drones_silent", "Never declared"),
 )
 
 
@@ -239,7 +239,7 @@ class ReportData:
         title: str,
         caption: str,
         columns: Sequence[TableColumn],
-        row_of: RowOf,
+        row_of: RowFunction,
         notes: tuple[str, ...] = (),
     ) -> ReportTable | None:
         """Return a table with a block of models and one of built-in pilots; None: no entrant has a row.
@@ -267,7 +267,7 @@ class ReportData:
         """Return sentences about differences between rows, or between flights of one row, that limit comparisons."""
         sentences: list[str] = []
         for entrant in self.entrants:
-            if reason := refusal(entrant.runs):
+            if reason := pooling_conflict(entrant.runs):
                 sentences.append(f"Counted together because of --pool-anyway: {reason}.")
             if entrant.setting.disturbed:
                 sentences.append(f"{entrant.label} flew with disturbances: {entrant.setting.disturbed}.")

@@ -18,9 +18,9 @@ from dronecats.report.table import NOTHING, ReportTable, TableBlock, TableCell, 
 GAP = 2  # characters between two columns of a terminal
 NARROWEST, LONG_WORD = 16, 24  # characters: a column of words keeps this width, or a word of this length
 BREAK = re.compile(r"(?<=\s)|(?<=/)|(?<=\w-)")  # where a line of words may be broken
-BESIDE = ("low", "high", "count", "of")  # further fields of a cell in CSV
+EXTRA_CSV_FIELDS = ("low", "high", "count", "of")  # further fields of a cell in CSV
 MARKUP = re.compile(r"([\\`*_\[\]<>|#{}!~&])")
-SHORT = 45  # letters of a text that HTML does not break
+UNBROKEN_CHARS = 45  # letters of a text that HTML does not break
 
 
 def as_terminal(table: ReportTable, width: int | None = None) -> str:
@@ -48,7 +48,7 @@ class _TerminalTable:
         self.has_heads = any(column.head for column in table.columns)
         indent = "  " if any(block.title for block in table.blocks) else ""
         self.blocks = [
-            (block.title, [[_lined(k, cell, column, indent) for k, (cell, column) in enumerate(
+            (block.title, [[_cell_lines(k, cell, column, indent) for k, (cell, column) in enumerate(
                 zip(row.cells, table.columns, strict=True))] for row in block.rows])
             for block in table.blocks
         ]  # fmt: skip
@@ -95,7 +95,7 @@ class _TerminalTable:
         for title, rows in self.blocks:
             lines += [title] if title else []
             for row in rows:
-                lines += _joined([row[k] for k in part], columns, widths)
+                lines += _row_lines([row[k] for k in part], columns, widths)
         return lines
 
     def _widths(self, part: Sequence[int], width: int | None) -> list[int]:
@@ -124,7 +124,7 @@ class _TerminalTable:
         return needed
 
 
-def _lined(number: int, cell: TableCell, column: TableColumn, indent: str) -> list[str]:
+def _cell_lines(number: int, cell: TableCell, column: TableColumn, indent: str) -> list[str]:
     interval = cell.interval(column)
     text = f"{cell.text(column)} ({interval})" if interval else cell.text(column)
     return [f"{'' if number else indent}{line}" for line in text.split("\n")]
@@ -138,18 +138,18 @@ def _head_lines(columns: Sequence[TableColumn], widths: Sequence[int]) -> list[s
     """Return the lines of the heads, wrapped and aligned at the bottom."""
     wrapped = [textwrap.wrap(column.head, max(1, size)) for column, size in zip(columns, widths, strict=True)]
     high = max(map(len, wrapped))
-    return _beside([[""] * (high - len(head)) + head for head in wrapped], columns, widths)
+    return _merge_lines([[""] * (high - len(head)) + head for head in wrapped], columns, widths)
 
 
-def _joined(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
+def _row_lines(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
     """Return the lines of cells side by side, wrapped to their widths."""
     sized = zip(cells, widths, strict=True)
     wrapped = [[part for line in cell for part in _wrapped(line, size)] for cell, size in sized]
     high = max(map(len, wrapped))
-    return _beside([cell + [""] * (high - len(cell)) for cell in wrapped], columns, widths)
+    return _merge_lines([cell + [""] * (high - len(cell)) for cell in wrapped], columns, widths)
 
 
-def _beside(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
+def _merge_lines(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
     """Return the lines of cells side by side, with numbers aligned right. All cells have the same number of lines."""
     return [
         (" " * GAP).join(
@@ -242,7 +242,7 @@ def as_csv(table: ReportTable) -> str:
 
     A column for an interval or a count is omitted if it is empty in every row.
     """
-    shown = [(k, column, field) for k, column in enumerate(table.columns) for field in ("value", *BESIDE)
+    shown = [(k, column, field) for k, column in enumerate(table.columns) for field in ("value", *EXTRA_CSV_FIELDS)
              if field == "value" or any(getattr(row.cells[k], field) is not None for row in table.rows)]  # fmt: skip
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -309,7 +309,7 @@ def _html_heads(columns: Sequence[TableColumn]) -> Iterator[str]:
 
 def _html_cell(cell: TableCell, column: TableColumn, number: int) -> str:
     text = html.escape(cell.text(column))
-    kinds = ["number"] if column.align == "right" else ["short-words"] if number and len(text) <= SHORT else []
+    kinds = ["number"] if column.align == "right" else ["short-words"] if number and len(text) <= UNBROKEN_CHARS else []
     kinds += ["best"] if cell.best else []
     if cell.link:
         text = f'<a href="{html.escape(cell.link)}">{text}</a>'

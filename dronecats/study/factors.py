@@ -74,7 +74,7 @@ def level_text(level: Level) -> str:
 
 def _put_pilot(flight: FlightSpec, level: Level) -> FlightSpec:
     name = roster.check(str(level))
-    return _with_pictures(replace(flight, pilot=name, model=None), roster.looks(name))
+    return _with_pictures(replace(flight, pilot=name, model=None), roster.needs_pictures(name))
 
 
 def _put_model(flight: FlightSpec, level: Level) -> FlightSpec:

@@ -16,8 +16,8 @@ from dronecats.study.plan import StudyPlan
 from foundation.errors import UsageError
 from foundation.files import write_json
 from foundation.run_folder import layout
-from foundation.run_folder.folder import PER_EPISODE, PER_SITTING
-from foundation.run_folder.reading import json_object, taken
+from foundation.run_folder.folder import PER_EPISODE, PER_RESUME
+from foundation.run_folder.reading import json_object, parse_row
 from foundation.run_folder.results import Level, Study, StudyFactor, StudyRun
 from foundation.run_folder.writing import as_json
 
@@ -28,7 +28,7 @@ def read(folder: Path) -> Study:
     value = json_object(path)
     if value is None:
         raise UsageError(f"{folder} is not a study: it has no readable {layout.STUDY}")
-    study, problem = taken(value, Study)
+    study, problem = parse_row(value, Study)
     if study is None:
         raise UsageError(f"{path}: {problem}")
     try:
@@ -72,10 +72,10 @@ def _at(levels: Mapping[str, Level], where: str) -> dict[str, Level]:
         raise UsageError(f"{where}{error}") from None
 
 
-MERGED = ("flights", "runs")  # fields in which a resumed study may differ from the earlier one
+MERGED_FIELDS = ("flights", "runs")  # fields in which a resumed study may differ from the earlier one
 PILOT_FIELDS = ("pilot", "model", "outside", "commander", "scripted")  # fields that differ between pilots
 RENDERED = "simulated.rendered"  # field that depends on the pilot
-NAMED = 3  # most differences that an error lists
+SHOWN_MAX = 3  # most differences that an error lists
 
 
 def merge_earlier_runs(folder: Path, plan: StudyPlan) -> Study:
@@ -89,7 +89,7 @@ def merge_earlier_runs(folder: Path, plan: StudyPlan) -> Study:
             raise UsageError(f"{folder} is a benchmark, not a study. Choose another --out")
         return study
     before = read(folder)
-    fields_compared = [field.name for field in fields(Study) if field.name not in MERGED]
+    fields_compared = [field.name for field in fields(Study) if field.name not in MERGED_FIELDS]
     changes = [_difference_text(name, getattr(before, name), getattr(study, name)) for name in fields_compared]
     if any(changes):
         text = "; ".join(filter(None, changes))
@@ -107,7 +107,7 @@ def _difference_text(name: str, before: Any, after: Any) -> str | None:
     if name in ("cells", "episodes"):
         removed = [f"{value} is missing in the new study" for value in before if value not in after]
         added = [f"{value} is missing in the stored study" for value in after if value not in before]
-        return f"{name}, {', '.join([*removed, *added][:NAMED]) or 'in another order'}"
+        return f"{name}, {', '.join([*removed, *added][:SHOWN_MAX]) or 'in another order'}"
     return f"{name}, {_value_text(before)} in the stored study and {_value_text(after)} in the new one"
 
 
@@ -121,7 +121,7 @@ def _value_text(value: Any) -> str:
 
 def _factor_text(factor: StudyFactor) -> str:
     levels = [level_text(level) for level in factor.levels]
-    return f"{factor.name} {', '.join(levels if len(levels) <= 2 * NAMED else [*levels[:NAMED], '…'])}"
+    return f"{factor.name} {', '.join(levels if len(levels) <= 2 * SHOWN_MAX else [*levels[:SHOWN_MAX], '…'])}"
 
 
 def _check_flights(folder: Path, before: Study, plan: StudyPlan) -> None:
@@ -146,7 +146,7 @@ def _check_flights(folder: Path, before: Study, plan: StudyPlan) -> None:
             raise UsageError(f"{folder / run_name} has other levels than {run.name} has now. Choose another --out")
         differences = list(_flight_differences(flight, entry.flight, same_pilot=run_name == run.name))
         if differences:
-            text = "; ".join(differences[:NAMED])
+            text = "; ".join(differences[:SHOWN_MAX])
             raise UsageError(
                 f"{folder / run_name} was started with another {text}. Use the same options again, or another --out"
             )
@@ -159,7 +159,7 @@ def _point_key(run: StudyRun) -> str:
 
 def _flight_differences(then: dict[str, Any], now: FlightSpec, *, same_pilot: bool) -> Iterator[str]:
     """Yield a text for each field in which a recorded and a planned flight differ, with both values."""
-    left = (*PER_EPISODE, *PER_SITTING, *(() if same_pilot else PILOT_FIELDS))
+    left = (*PER_EPISODE, *PER_RESUME, *(() if same_pilot else PILOT_FIELDS))
     before, after = dict(_leaf_values(then, left)), dict(_leaf_values(json.loads(json.dumps(as_kept(now))), left))
     for name in dict.fromkeys((*before, *after)):
         if before.get(name) != after.get(name) and (same_pilot or name != RENDERED):

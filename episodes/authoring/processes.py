@@ -15,7 +15,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def share_out(work: Callable[[Item], Result], items: Sequence[Item], jobs: int | None = None) -> Iterator[Result]:
+def process_map(work: Callable[[Item], Result], items: Sequence[Item], jobs: int | None = None) -> Iterator[Result]:
     """Yield the result of each item in the order in which `jobs` processes (default: one per core) finish them.
 
     Call it in the main thread. A terminal sends Ctrl-C to all processes: the parent handles it, and the others ignore

@@ -240,7 +240,7 @@ def roughened(part: MeshPart, amount: float, seed: int, wavelength_m: float = 0.
     return soup(part.corners + amount * push * part.normals, part.material, 50.0)
 
 
-def placed(part: MeshPart, offset: ArrayLike = (0.0, 0.0, 0.0), yaw: float = 0.0) -> MeshPart:
+def transformed(part: MeshPart, offset: ArrayLike = (0.0, 0.0, 0.0), yaw: float = 0.0) -> MeshPart:
     """Return the part turned by `yaw` (rad, counter-clockwise seen from above), then moved by `offset` (m)."""
     c, s = np.cos(yaw), np.sin(yaw)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -18,12 +18,12 @@ from foundation.frames import Vec3
 ROOM = {"kerb": (5.9, 2.2), "bus stop": (12.0, 2.6), "drive": (5.9, 2.2), "lawn": (2.0, 2.0), "pavement": (1.2, 1.2)}
 GAP = 0.4  # m between an object on a spot and the objects beside it
 TALLEST = 2.4  # m; parts above this height (crowns of trees, arms of lamps) are no obstacles on the ground
-ASIDE = 0.6  # m, distance of lanes from the centre line, on its right
+LANE_OFFSET_M = 0.6  # m, distance of lanes from the centre line, on its right
 TURN = 6.0  # m, radius of a lane at a corner
 DRIVE_TURN = 3.4  # m, radius of a lane out of a drive
-LONG = 108.0  # m, length of lanes: more than a target covers in 300 s at the paper's 0.3 m/s
-FINE = 0.25  # m between the points of a lane before it is thinned
-LOOSE = 0.008  # m, greatest distance between a thinned lane and the ground
+LANE_LENGTH_M = 108.0  # m, length of lanes: more than a target covers in 300 s at the paper's 0.3 m/s
+POINT_SPACING_M = 0.25  # m between the points of a lane before it is thinned
+LANE_TOLERANCE_M = 0.008  # m, greatest distance between a thinned lane and the ground
 LANE_WIDTH = {"road": 2.4, "drive": 2.2, "pavement": 1.2}
 
 
@@ -85,7 +85,7 @@ def _spots(homes: tuple[Plot, ...]) -> Iterator[tuple[str, float, float, float]]
 
 def _loop(clockwise: bool) -> list[tuple[float, float]]:
     """Return the corners (north, east) of the way round the block, on the right of the road."""
-    inset = ASIDE if clockwise else -ASIDE
+    inset = LANE_OFFSET_M if clockwise else -LANE_OFFSET_M
     low, high, west, east = LOWER.middle + inset, UPPER.middle - inset, MAIN.middle + inset, SECOND.middle - inset
     ring = [(low, west), (high, west), (high, east), (low, east)]
     return ring if clockwise else [ring[0], *ring[:0:-1]]
@@ -113,17 +113,17 @@ def _rounded(corners: Sequence[tuple[float, float]], radii: Sequence[float]) -> 
         reach = radius / math.tan(turn / 2)
         centre = q + (back + on) / np.linalg.norm(back + on) * radius / math.sin(turn / 2)
         first, last = q + back * reach - centre, q + on * reach - centre
-        share = np.linspace(0.0, 1.0, 2 + int(radius * (math.pi - turn) / FINE))[:, None]
+        share = np.linspace(0.0, 1.0, 2 + int(radius * (math.pi - turn) / POINT_SPACING_M))[:, None]
         span = math.pi - turn
         ways.append(centre + (np.sin((1 - share) * span) * first + np.sin(share * span) * last) / math.sin(span))
     ways.append(np.array([corners[-1]]))
     points = np.concatenate(ways)
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    along = np.linspace(0.0, reached[-1], 1 + math.ceil(reached[-1] / FINE))
+    along = np.linspace(0.0, reached[-1], 1 + math.ceil(reached[-1] / POINT_SPACING_M))
     return np.column_stack([np.interp(along, reached, points[:, k]) for k in (0, 1)])
 
 
-def _thinned(points: Array, loose: float = LOOSE) -> Array:
+def _thinned(points: Array, loose: float = LANE_TOLERANCE_M) -> Array:
     """Return some of the points (N, 3); their polyline is within `loose` (m) of all points (Douglas and Peucker)."""
     keep = np.zeros(len(points), dtype=bool)
     keep[[0, -1]] = True
@@ -167,7 +167,7 @@ def _routes(homes: tuple[Plot, ...]) -> Iterator[tuple[str, str, Array]]:
             for k, shift in enumerate((0.0, 24.0, 48.0)):
                 begin = ends[0] + math.copysign(shift, yaw)
                 bound = "eastbound" if yaw > 0.0 else "westbound"
-                points = _rounded([way.at(begin, side * ASIDE), way.at(ends[1], side * ASIDE)], ())
+                points = _rounded([way.at(begin, side * LANE_OFFSET_M), way.at(ends[1], side * LANE_OFFSET_M)], ())
                 yield "road", f"{way.name}, {bound}, {k + 1}", points
     for plot in homes:
         for turn in ("left", "right"):
@@ -194,7 +194,7 @@ def _from_drive(plot: Plot, turn: str) -> Array | None:
     """Return the points of a lane out of a drive and along the road; None if the road is too short for it."""
     out = plot.yaw
     yaw = math.remainder(out + (math.pi / 2 if turn == "right" else -math.pi / 2), 2 * math.pi)
-    lane = ASIDE if math.cos(heading(plot.street, 1) - yaw) > 0.5 else -ASIDE
+    lane = LANE_OFFSET_M if math.cos(heading(plot.street, 1) - yaw) > 0.5 else -LANE_OFFSET_M
     join = plot.street.at(plot.drive, lane)
     begin = plot.at(plot.drive, 10.5)
     for clockwise in (True, False):
@@ -205,7 +205,7 @@ def _from_drive(plot: Plot, turn: str) -> Array | None:
         if corners and on_ring and inside:
             return _rounded([begin, join, *corners[:2]], (DRIVE_TURN, TURN))
     end = plot.street.ends[1] - 4.0 if math.sin(yaw) > 0.0 else plot.street.ends[0] + 4.0
-    if plot.street.north or abs(end - plot.drive) < LONG:
+    if plot.street.north or abs(end - plot.drive) < LANE_LENGTH_M:
         return None
     return _rounded([begin, join, plot.street.at(end, lane)], (DRIVE_TURN,))
 
@@ -217,7 +217,7 @@ def _cut(points: Array, length: float) -> Array:
 
 def _free(points: Array, width: float, taken: _Boxes) -> bool:
     """Return whether an object of this width can follow the points without touching a footprint."""
-    step = points[:: round(1.0 / FINE)]
+    step = points[:: round(1.0 / POINT_SPACING_M)]
     for a, b in itertools.pairwise(step):
         yaw = math.atan2(b[1] - a[1], b[0] - a[0])
         if taken.hit(float(a[0] + b[0]) / 2, float(a[1] + b[1]) / 2, yaw, 1.6, width):
@@ -241,9 +241,9 @@ def places(seed: int = 1) -> Places:
             spots.append(Spot(on_ground(north, east), math.remainder(yaw, 2 * math.pi), place))
     lanes = []
     for kind, name, points in _routes(homes):
-        route = _cut(points, LONG)
+        route = _cut(points, LANE_LENGTH_M)
         reach = float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
-        if reach < LONG - 1.0 or not _free(route, LANE_WIDTH[kind], taken):
+        if reach < LANE_LENGTH_M - 1.0 or not _free(route, LANE_WIDTH[kind], taken):
             continue
         laid = np.array([on_ground(float(n), float(e)) for n, e in route])
         way = tuple((float(n), float(e), float(d)) for n, e, d in _thinned(laid))

@@ -19,7 +19,7 @@ from foundation.wording import did_you_mean, nearest, suggestion
 DEFAULT = "residential-approaching-01"
 RECORDS = Path(__file__).parent
 FOLDER = RECORDS / "v2"
-FORMER = RECORDS / "v1"  # the first hundred episodes; results from before `v2` refer to them
+V1_FOLDER = RECORDS / "v1"  # the first hundred episodes; results from before `v2` refer to them
 OPEN_GROUND = "open-ground"  # start place of `dronecats sitl`, no solid within 30 m; not an episode of the benchmark
 
 VERSION = 3  # of the benchmark; raised when its images or records change
@@ -55,7 +55,7 @@ def ids() -> list[str]:
 
 def v1_ids() -> list[str]:
     """Return the ids of the episodes of version 1, sorted; each begins with `v1-`."""
-    return sorted(path.stem for path in FORMER.glob("*.json"))
+    return sorted(path.stem for path in V1_FOLDER.glob("*.json"))
 
 
 def all_ids() -> list[str]:
@@ -63,7 +63,7 @@ def all_ids() -> list[str]:
     return [*ids(), *v1_ids()]
 
 
-def ships(record: EpisodeRecord) -> bool:
+def is_shipped(record: EpisodeRecord) -> bool:
     """Return whether this record equals a shipped episode. Its id alone is not enough."""
     return record.id in all_ids() and load(record.id) == record
 
@@ -81,7 +81,7 @@ def load(id_or_path: str | Path) -> EpisodeRecord:
     Raises UsageError if the episode does not exist or its record is wrong.
     """
     name = str(id_or_path)
-    for folder, names in ((FOLDER, ids()), (FORMER, v1_ids()), (RECORDS / "open", [OPEN_GROUND])):
+    for folder, names in ((FOLDER, ids()), (V1_FOLDER, v1_ids()), (RECORDS / "open", [OPEN_GROUND])):
         if name in names:
             return records.load(folder / f"{name}.json")
     path = _file(name)

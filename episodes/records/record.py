@@ -19,7 +19,7 @@ from msgspec import Meta
 from episodes import maps
 from episodes.maps import assets
 from foundation.errors import UsageError
-from foundation.typed_file import file_bytes, json_of, no_choice, shown, typed
+from foundation.typed_file import file_bytes, json_of, no_choice, short_repr, typed
 
 VERSION: Final = 1
 CELLS = ("approaching", "searching", "tracking", "search-and-track", "commanding")
@@ -169,10 +169,10 @@ def parse(data: bytes | str, source: str) -> EpisodeRecord:
     """Return the record in JSON text; `source` is named in errors. Raises UsageError."""
     document = json_of(data.encode("utf-8", "surrogatepass") if isinstance(data, str) else data, source)
     if not isinstance(document, dict):
-        raise UsageError(f"{source}: an episode record is a JSON object, not {shown(document)}")
+        raise UsageError(f"{source}: an episode record is a JSON object, not {short_repr(document)}")
     record = typed(document, EpisodeRecord, source)
     for field, reason in _faults(record):
-        raise UsageError(f"{source}: {shown(field)} {reason}")
+        raise UsageError(f"{source}: {short_repr(field)} {reason}")
     return record
 
 

@@ -11,7 +11,7 @@ from episodes.maps.assets.multirotor import X500, Outline, multirotor
 from episodes.maps.scene import Instance, Moved, turn
 from episodes.records.record import StartPose
 from episodes.world.rays import RayScene
-from episodes.world.visibility import Hides
+from episodes.world.visibility import Occluder
 from foundation.frames import Quat, Vec3, quat_from_euler
 
 Array = NDArray[np.float64]
@@ -56,14 +56,14 @@ class Fleet:
         """Return the start poses of all drones but one, by number."""
         return {k: pose for k, pose in enumerate(self.starts) if k != drone}
 
-    def among(self, solids: Hides, poses: Iterable[DronePose]) -> Hides:
+    def among(self, solids: Occluder, poses: Iterable[DronePose]) -> Occluder:
         """Return solids and drones at `poses` as one obstacle to views."""
         return _Among(solids, self._shape, tuple(poses)) if self._shape else solids
 
 
 @dataclass(frozen=True, slots=True)
 class _Among:
-    solids: Hides
+    solids: Occluder
     shape: "_Shape"
     poses: tuple[DronePose, ...]
 

@@ -17,7 +17,7 @@ from foundation.measurement import InPicture
 from foundation.protocol import DETECTION_RANGE_M, POINT_SPAN
 
 SAMPLES = 1600  # points on the target's whole surface; about 300 … 500 of them face the camera
-SURELY_M = 0.01  # m, margin around the target's bounding sphere for rounding errors
+SPHERE_MARGIN_M = 0.01  # m, margin around the target's bounding sphere for rounding errors
 NEAR_M = 0.05  # m, the renderer's near plane
 VISIBLE_FRACTION = 0.05  # of the silhouette, unhidden and in the frame: the least at which a target counts as visible
 
@@ -41,7 +41,7 @@ class Visibility:
         return self.fraction >= VISIBLE_FRACTION
 
 
-class Hides(Protocol):
+class Occluder(Protocol):
     """Obstacles to a view."""
 
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
@@ -108,7 +108,7 @@ class Solids:
         return best
 
 
-class Together(Solids):
+class SolidsUnion(Solids):
     """Several groups of solids: the solids of a map, indexed once, and the few that a record adds."""
 
     def __init__(self, *groups: Solids) -> None:
@@ -128,7 +128,7 @@ class Together(Solids):
         return min(group.clearance_m(point) for group in self._groups)
 
 
-class Without(Solids):
+class SolidsExcept(Solids):
     """A map's solids without one instance, for the view of that instance. Shares the ray scene of all solids."""
 
     def __init__(self, everything: Solids, left_out: Instance) -> None:
@@ -196,7 +196,7 @@ def distance_to_mesh(mesh: Mesh, point: Array) -> float:
 class TargetView:
     """Measures the part of one target that a camera sees past the solids."""
 
-    def __init__(self, mesh: Mesh, solids: Hides) -> None:
+    def __init__(self, mesh: Mesh, solids: Occluder) -> None:
         self._points, self._normals = surface_samples(mesh)
         self._own = RayScene.of_mesh(mesh)
         self._solids = solids
@@ -208,7 +208,7 @@ class TargetView:
         turned: float | Quat,
         pose: CameraPose,
         camera: CameraModel,
-        past: Hides | None = None,
+        past: Occluder | None = None,
     ) -> Visibility:
         """Return the visibility of the target at a pose, past the solids or past the obstacles in `past`.
 
@@ -249,7 +249,7 @@ class TargetView:
         eye = pose.position_ned
         offset = (position_ned[0] - eye[0], position_ned[1] - eye[1], position_ned[2] - eye[2])
         x, y, z = rotate_inverse(pose.attitude, offset)
-        reach = self._radius + SURELY_M
+        reach = self._radius + SPHERE_MARGIN_M
         across, under = camera.width / 2 / camera.focal_px, camera.height / 2 / camera.focal_px
         return (
             x < -reach

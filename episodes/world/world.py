@@ -15,7 +15,7 @@ from episodes.maps.scene import Instance, Moved, Scene, turn
 from episodes.records.record import EpisodeRecord, TargetRecord
 from episodes.world.fleet import DronePose, Fleet
 from episodes.world.target import TargetMotion, Wheels, motion, on_ground
-from episodes.world.visibility import Hides, Solids, TargetView, Together, Without, in_camera, picture_box
+from episodes.world.visibility import Occluder, Solids, SolidsExcept, SolidsUnion, TargetView, in_camera, picture_box
 from foundation.camera import CameraModel, camera_pose
 from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.errors import UsageError
@@ -68,8 +68,8 @@ class World:
         # everything static that may hide the target
         of_map = solids(record.map, record.map_seed)
         if native:
-            of_map = Without(of_map, native)
-        self.solids = Together(of_map, Solids(lookalikes)) if lookalikes else of_map
+            of_map = SolidsExcept(of_map, native)
+        self.solids = SolidsUnion(of_map, Solids(lookalikes)) if lookalikes else of_map
         self._view = TargetView(target.mesh, self.solids)
         self._wheels = Wheels.if_any(record.target.asset, target.mesh) if moves else None
         low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
@@ -111,7 +111,7 @@ class World:
         moved: Moved = {self.target_id: self.target_pose(t_s)} if self._motion.speed_mps > 0.0 else {}
         return moved if drones is None else {**moved, **self.fleet.moved(drones)}
 
-    def past(self, drones: Iterable[DronePose]) -> Hides:
+    def past(self, drones: Iterable[DronePose]) -> Occluder:
         """Return all obstacles that may hide the target: the static solids, and drones at these poses."""
         poses = tuple(drones)
         return self.fleet.among(self.solids, poses) if poses else self.solids

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from dronecats.cli.exit_status import exit_status
-from episodes.authoring.processes import share_out
+from episodes.authoring.processes import process_map
 from episodes.authoring.propose.proposals import RecordRequest, propose
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord
@@ -64,7 +64,7 @@ def write(out: Path, share: float, jobs: int) -> int:
     Raises UsageError if the folder cannot be written, or if a record is in the benchmark.
     """
     count = 0
-    for batch in share_out(propose, requests(share), jobs):
+    for batch in process_map(propose, requests(share), jobs):
         must_be_new(batch)
         for record in batch:
             folder = out / f"{record.map_seed:02d}-{record.map}"

@@ -20,7 +20,7 @@ from foundation.run_folder.reading import SCHEMA, check_version, json_object, ru
 from foundation.version import __version__
 
 PER_EPISODE = ("episode", "record")  # may differ between the flights of one run
-PER_SITTING = ("accounts",)  # may differ when a run is resumed
+PER_RESUME = ("accounts",)  # may differ when a run is resumed
 MEASURED = ("schema", "served_rate_hz", "pace", "firmware")  # keys of run.json that are known only after a flight
 SUITE = "suite"  # key in a benchmark's run.json; flights added later keep it
 LOCK = ".lock"  # in a run folder; held by the processes that fly the run
@@ -61,7 +61,7 @@ def create(
                 _set_aside(run, folder)
             prepare(folder)
             held.enter_context(hold(folder / layout.DECISIONS, folder))
-            with _alone(run):
+            with _exclusive(run):
                 _check_settings(run, configuration)  # again: another process may have begun the run during `first`
                 write_run(run, configuration)
         except OSError as error:
@@ -79,7 +79,7 @@ def _check_settings(run: Path, configuration: Mapping[str, Any]) -> None:
 
 
 @contextlib.contextmanager
-def _alone(folder: Path) -> Iterator[None]:
+def _exclusive(folder: Path) -> Iterator[None]:
     """Wait until no other process is in this block for the folder. Raises OSError."""
     directory = os.open(folder, os.O_RDONLY)
     try:
@@ -161,7 +161,7 @@ def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> 
     now = json.loads(json.dumps(configuration))  # tuples become lists, as in run.json
     now.setdefault(SUITE, before.get(SUITE))
     parts = (
-        (before.get("flight", {}), now.get("flight", {}), (*PER_EPISODE, *PER_SITTING)),
+        (before.get("flight", {}), now.get("flight", {}), (*PER_EPISODE, *PER_RESUME)),
         (before, now, ("flight", "versions", *MEASURED)),
         (comparable_versions(before.get("versions", {})), comparable_versions(versions()), ()),
     )
@@ -173,7 +173,7 @@ def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> 
     ]
 
 
-def of_several(configuration: Mapping[str, Any]) -> dict[str, Any]:
+def without_episode(configuration: Mapping[str, Any]) -> dict[str, Any]:
     """Return the configuration of a run of several episodes: the settings that may differ are None."""
     return {**configuration, "flight": {**configuration["flight"], **dict.fromkeys(PER_EPISODE)}}
 
@@ -187,7 +187,7 @@ def write_run(run: Path, configuration: dict[str, Any]) -> None:
     check_version(run)
     before, flight = run_configuration(run), configuration.get("flight", {})
     if before is not None and any(before.get("flight", {}).get(key) != flight.get(key) for key in PER_EPISODE):
-        configuration = of_several(configuration)
+        configuration = without_episode(configuration)
     kept = {SUITE: before[SUITE]} if before and SUITE in before else {}
     write_json(run / layout.RUN, {"schema": SCHEMA, **kept, **configuration, "versions": versions()})
 

@@ -92,7 +92,7 @@ def read(folder: Path) -> Logs:
         hits=tuple(by_kind[Hit]),
         clears=tuple(by_kind[Clear]),
         resets=tuple(by_kind[Reset]),
-        record=taken(json_object(folder / layout.EPISODE) or {}, FlownRecord)[0],
+        record=parse_row(json_object(folder / layout.EPISODE) or {}, FlownRecord)[0],
         only_commander_asked=not decisions and bool(exchanges(folder)),
     )
     return logs if logs.true else replace(logs, estimate=estimate(folder))
@@ -124,7 +124,7 @@ def exchanges(folder: Path) -> tuple[Exchange, ...]:
 
 def rows(path: Path, row: type[Row]) -> Iterator[Row]:
     """Yield the rows of a file with one kind of row. Raises UsageError naming the file and the line."""
-    at_once = quick(row)
+    at_once = fast_reader(row)
     for number, text in _lines(path):
         if (made := at_once(text)) is not None:
             yield made
@@ -167,7 +167,7 @@ def stored_result(episode: str, folder: Path) -> Result:
 
 def result_of(value: Mapping[str, Any], where: str = "a worker's answer") -> Result:
     """Return the result of a JSON object. Raises UsageError naming `where`."""
-    made, fault = taken(dict(value), Result)
+    made, fault = parse_row(dict(value), Result)
     if made is None:
         raise UsageError(f"{where} is damaged: {fault}")
     return made
@@ -201,7 +201,7 @@ def json_object(path: Path) -> dict[str, Any] | None:
 
 def _of_kinds(path: Path, kinds: Mapping[str, type[Any]], never: str | None = None) -> Iterator[Any]:
     """Yield the rows of these kinds. Other kinds are skipped; `never` raises UsageError."""
-    at_once = quick_of_kinds(kinds)
+    at_once = fast_reader_of_kinds(kinds)
     for number, text in _lines(path):
         if (made := at_once(text)) is not None:
             yield made
@@ -244,7 +244,7 @@ class LogLine:
     def value(self) -> dict[str, Any] | None:
         """Return the JSON object in the line; None for a torn line. Raises UsageError."""
         try:
-            value = json.loads(self.text, parse_constant=_refuse)
+            value = json.loads(self.text, parse_constant=_reject_constant)
         except (ValueError, RecursionError):
             if self.number < 0:
                 return None
@@ -255,7 +255,7 @@ class LogLine:
 
     def row(self, value: dict[str, Any], row: type[Row]) -> Row:
         """Return `value`, the object in the line, as a row. Raises UsageError."""
-        made, fault = taken(value, row)
+        made, fault = parse_row(value, row)
         if made is None:
             raise self.damaged(str(fault))
         return made
@@ -276,17 +276,17 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
             yield (number if number < len(texts) else -number), text
 
 
-def _refuse(constant: str) -> Any:
+def _reject_constant(constant: str) -> Any:
     raise ValueError(constant)
 
 
 LONG = 4000  # bytes; a longer line may hold a number with more digits than Python's own reader accepts
 KIND = 15  # first bytes of a line from `writing.py`, with its kind: {"kind": "pose"
 
-Quick = Callable[[bytes], Row | None]  # line → its row; None: the strict reader must read it
+FastReader = Callable[[bytes], Row | None]  # line → its row; None: the strict reader must read it
 
 
-def quick(row: type[Row]) -> Quick[Row]:
+def fast_reader(row: type[Row]) -> FastReader[Row]:
     """Return the fast reader of lines of one kind of row."""
     decode: Callable[[bytes], Row] = _decoder(cast(Hashable, row))
     checked = row is Decision
@@ -298,7 +298,7 @@ def quick(row: type[Row]) -> Quick[Row]:
     return read
 
 
-def quick_of_kinds(kinds: Mapping[str, type[Row]]) -> Quick[Row]:
+def fast_reader_of_kinds(kinds: Mapping[str, type[Row]]) -> FastReader[Row]:
     """Return the fast reader of lines of several kinds of rows. It tells the kind by the first bytes."""
     decoders = {f'{{"kind": "{kind}", '.encode()[:KIND]: _decoder(cast(Hashable, row)) for kind, row in kinds.items()}
 
@@ -327,7 +327,7 @@ EARLY_S = 0.05  # s, about one telemetry message: a decision may be this much ea
 AT = re.compile(r"\$\.(\w+)")  # the field in an error of msgspec
 
 
-def taken(value: dict[str, Any], row: type[Row]) -> tuple[Row, None] | tuple[None, str]:
+def parse_row(value: dict[str, Any], row: type[Row]) -> tuple[Row, None] | tuple[None, str]:
     """Return a JSON object as (row, None), or (None, description of its fault)."""
     try:
         made = msgspec.convert(value, row)

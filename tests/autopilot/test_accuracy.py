@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from autopilot.commander.health import IN_USE, required
+from autopilot.commander.health import HYSTERESIS_FACTOR, required
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench
@@ -133,10 +133,10 @@ def test_without_a_receiver_the_smaller_of_accuracy_and_timeout_decides(demanded
     after_s = (vehicle.time_us - began) * 1e-6
     deviation = float(vehicle.core.estimate["position_std_h"])
     if demanded < 1.0:
-        assert deviation == pytest.approx(IN_USE * demanded, rel=0.1)
+        assert deviation == pytest.approx(HYSTERESIS_FACTOR * demanded, rel=0.1)
         assert 1.0 < after_s < 4.5
         assert vehicle.core.estimate["position_valid"]  # the estimator itself has not given up yet
     else:
         assert after_s == pytest.approx(5.0, abs=0.3)  # EKF2_NOAID_TOUT
-        assert deviation < IN_USE * demanded
+        assert deviation < HYSTERESIS_FACTOR * demanded
     assert commander.failsafe.cause == "position lost"

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from dronecats.bench.campaign import Batch
-from dronecats.bench.tables import audit_table, groups, pars, score_row
+from dronecats.bench.tables import audit_table, groups, score_row, solved_steps
 from dronecats.report.writers import as_terminal
 from episodes.records import catalogue
 from foundation.errors import UsageError
@@ -120,4 +120,4 @@ def test_cells_stand_in_the_order_of_the_paper_and_keep_apart():
 
 
 def test_pars_are_of_solved_episodes_only():
-    assert pars(results()) == {"residential-tracking-01": 4, "residential-search-and-track-02": 9}
+    assert solved_steps(results()) == {"residential-tracking-01": 4, "residential-search-and-track-02": 9}

@@ -11,7 +11,7 @@ from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.campaign import RETRIED, Batch, Campaign, OpenRun
-from dronecats.bench.matrix import BenchEntry, entries, part_of, suite_of
+from dronecats.bench.matrix import BenchEntry, choose_suite, entries, part_of
 from dronecats.bench.tables import bench_rows
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
@@ -28,7 +28,7 @@ POLICY = (LatencyPolicy.parse("fixed:0.5"),)
 
 
 def bench(out, episodes=FOUR, flights=1, retry=True, **part):
-    suite = suite_of(episodes, [])
+    suite = choose_suite(episodes, [])
     runs = entries([("oracle", ORACLE)], suite, latencies=POLICY, flights=flights)
     return Bench(out, suite, runs, retry=retry, **part)
 
@@ -184,7 +184,7 @@ def test_shards_flown_apart_are_one_benchmark_when_they_are_put_together(tmp_pat
 
 def test_a_matrix_is_every_pilot_under_every_latency_and_command():
     latencies = [LatencyPolicy.parse(text) for text in ("fixed:0.5", "rate:2")]
-    suite = suite_of([*FOUR, FLEET], [])
+    suite = choose_suite([*FOUR, FLEET], [])
     two = [("oracle", ORACLE), ("vision", FlightSpec(pilot="vision", simulated=Simulated(speed=None), seed=7))]
     runs = entries(
         two,
@@ -212,18 +212,18 @@ def test_a_matrix_is_every_pilot_under_every_latency_and_command():
 
 
 def test_a_suite_is_told_by_its_records_and_not_by_what_is_flown_of_it():
-    quick = suite_of([], ["quick"])
+    quick = choose_suite([], ["quick"])
     assert list(quick.records) == catalogue.suite_ids("quick")
     assert quick.identity.name == "quick"
-    assert suite_of(catalogue.suite_ids("quick")[:3], []).identity.sha256 != quick.identity.sha256
-    assert suite_of([], ["quick", "one-drone"]).identity.name == "quick+one-drone"
+    assert choose_suite(catalogue.suite_ids("quick")[:3], []).identity.sha256 != quick.identity.sha256
+    assert choose_suite([], ["quick", "one-drone"]).identity.name == "quick+one-drone"
     with pytest.raises(UsageError, match="--suite"):
-        suite_of([], [])
+        choose_suite([], [])
 
 
 def test_other_pilots_join_a_folder_and_other_episodes_or_settings_do_not(tmp_path):
     bench(tmp_path / "b").close()
-    suite = suite_of(FOUR, [])
+    suite = choose_suite(FOUR, [])
     blind = FlightSpec(pilot="blind:fan", simulated=Simulated(speed=None, rendered=False))
     joined = Bench(tmp_path / "b", suite, entries([("blind:fan", blind)], suite, latencies=POLICY), retry=True)
     joined.close()
@@ -243,7 +243,7 @@ def test_other_pilots_join_a_folder_and_other_episodes_or_settings_do_not(tmp_pa
 def test_a_run_says_of_which_suite_it_is(tmp_path):
     opened = bench(tmp_path / "b")
     record = json.loads((opened.runs[0].batch.run / "run.json").read_text())
-    assert record["suite"]["sha256"] == suite_of(FOUR, []).identity.sha256
+    assert record["suite"]["sha256"] == choose_suite(FOUR, []).identity.sha256
     assert record["suite"]["name"] is None
     assert len(record["code_sha256"]) == 64
     with pytest.raises(UsageError, match=str(opened.runs[0].batch.run)):

@@ -110,7 +110,7 @@ def test_an_episode_that_is_named_is_the_start(monkeypatch, tmp_path):
 
 def test_the_open_ground_is_a_start_and_no_episode_of_the_benchmark():
     assert catalogue.OPEN_GROUND not in catalogue.all_ids()
-    assert not catalogue.ships(catalogue.load(catalogue.OPEN_GROUND))
+    assert not catalogue.is_shipped(catalogue.load(catalogue.OPEN_GROUND))
 
 
 @pytest.mark.parametrize("is_compiled", [True, False])

@@ -14,7 +14,7 @@ from episodes.maps.scene import Instance
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord, TargetRecord, parse
 from episodes.world.obstacles import obstacles
-from episodes.world.visibility import Solids, TargetView, Together, Without
+from episodes.world.visibility import Solids, SolidsExcept, SolidsUnion, TargetView
 from episodes.world.world import World
 from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.errors import UsageError
@@ -91,7 +91,7 @@ def test_solids_without_one_are_those_of_the_others(thing: Instance) -> None:
     instances = maps.build("residential", 1).instances
     instances = tuple(i for i in instances if i.kind not in ("wood", "conifer"))
     one = next(i for i in instances if i.name == thing.name)
-    shared, apart = Without(Solids(instances), one), Solids(i for i in instances if i is not one)
+    shared, apart = SolidsExcept(Solids(instances), one), Solids(i for i in instances if i is not one)
     n, e, d = one.position_ned
     views = [TargetView(one.mesh, solids) for solids in (shared, apart)]
     rng = np.random.default_rng(6)
@@ -108,14 +108,14 @@ def test_solids_without_one_are_those_of_the_others(thing: Instance) -> None:
     assert min(fractions) < 0.3
     assert max(fractions) > 0.9
     with pytest.raises(ValueError, match=thing.name):
-        Without(apart, one)
+        SolidsExcept(apart, one)
     built_again = replace(one, position_ned=one.position_ned)  # by another call: the same thing, another object
-    assert Without(Solids(instances), built_again).clearance_m((n, e, d)) == shared.clearance_m((n, e, d))
+    assert SolidsExcept(Solids(instances), built_again).clearance_m((n, e, d)) == shared.clearance_m((n, e, d))
 
 
 def test_groups_of_solids_together_are_one() -> None:
     instances = [i for i in maps.build("blocks", 1).instances if i.solid]
-    whole, parts = Solids(instances), Together(Solids(instances[::2]), Solids(instances[1::2]))
+    whole, parts = Solids(instances), SolidsUnion(Solids(instances[::2]), Solids(instances[1::2]))
     rng = np.random.default_rng(7)
     hidden = []
     for _ in range(20):

@@ -10,7 +10,7 @@ from typing import Any
 import psutil
 import pytest
 
-from episodes.authoring.processes import share_out
+from episodes.authoring.processes import process_map
 from foundation.errors import InfrastructureError
 
 
@@ -23,8 +23,8 @@ def ignores_interrupts(process: psutil.Process) -> bool:
 def sleepers(seconds: float) -> tuple[subprocess.Popen[str], list[psutil.Process]]:
     """Return a process, in a session of its own, with work for two others, and these two."""
     code = (
-        "import time; from episodes.authoring.processes import share_out; "
-        f"list(share_out(time.sleep, [{seconds}] * 4, 2))"
+        "import time; from episodes.authoring.processes import process_map; "
+        f"list(process_map(time.sleep, [{seconds}] * 4, 2))"
     )
     parent = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, start_new_session=True)
     itself = psutil.Process(parent.pid)
@@ -36,16 +36,16 @@ def sleepers(seconds: float) -> tuple[subprocess.Popen[str], list[psutil.Process
 
 
 def test_every_item_is_worked_on() -> None:
-    assert sorted(share_out(abs, [-1, 2, -3], jobs=2)) == [1, 2, 3]
-    assert list(share_out(abs, [-4, 2], jobs=1)) == [4, 2]
+    assert sorted(process_map(abs, [-1, 2, -3], jobs=2)) == [1, 2, 3]
+    assert list(process_map(abs, [-4, 2], jobs=1)) == [4, 2]
     items: list[Any] = [1, "x"]
     with pytest.raises(TypeError):
-        list(share_out(abs, items, jobs=2))
+        list(process_map(abs, items, jobs=2))
 
 
 def test_a_dead_process_is_reported() -> None:
     with pytest.raises(InfrastructureError, match="process"):
-        list(share_out(os._exit, [1, 1], jobs=2))
+        list(process_map(os._exit, [1, 1], jobs=2))
 
 
 def test_workers_end_with_a_parent_that_is_killed() -> None:
@@ -69,7 +69,7 @@ def test_an_interrupt_is_the_parents_alone_and_is_not_kept_waiting() -> None:
 def test_an_interrupt_while_work_is_handed_out_is_not_lost() -> None:
     code = """if True:
         import os, signal, time
-        from episodes.authoring.processes import share_out
+        from episodes.authoring.processes import process_map
 
         class Items(list):
             def __iter__(self):
@@ -78,7 +78,7 @@ def test_an_interrupt_while_work_is_handed_out_is_not_lost() -> None:
                     os.kill(os.getpid(), signal.SIGINT)
 
         try:
-            list(share_out(time.sleep, Items([600.0] * 4), 2))
+            list(process_map(time.sleep, Items([600.0] * 4), 2))
         except KeyboardInterrupt:
             print("interrupted")
     """

@@ -66,7 +66,7 @@ def test_the_first_hundred_are_kept_as_they_were() -> None:
     assert [f"v1-{name}" for name in catalogue.ids()] == catalogue.v1_ids()
     digest = hashlib.sha256()
     for name in catalogue.v1_ids():
-        digest.update((catalogue.FORMER / f"{name}.json").read_bytes().replace(b'"id": "v1-', b'"id": "', 1))
+        digest.update((catalogue.V1_FOLDER / f"{name}.json").read_bytes().replace(b'"id": "v1-', b'"id": "', 1))
     assert digest.hexdigest() == FIRST_HUNDRED
 
 

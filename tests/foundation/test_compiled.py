@@ -13,9 +13,9 @@ from foundation import compiled
 from foundation.frames import wrap_pi
 
 
-@pytest.mark.skipif(not compiled.KEEPS, reason="nothing is kept here")
+@pytest.mark.skipif(not compiled.CAN_CACHE, reason="nothing is kept here")
 def test_one_at_a_time_compiles():
-    with compiled.in_turn(), (compiled.cache_folder() / "turn").open() as turn, pytest.raises(BlockingIOError):
+    with compiled.compile_lock(), (compiled.cache_folder() / "turn").open() as turn, pytest.raises(BlockingIOError):
         fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
     with (compiled.cache_folder() / "turn").open() as turn:
         fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)

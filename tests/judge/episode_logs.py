@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.judge import episode, judged_flight
-from foundation.run_folder.reading import Logs, taken
+from foundation.run_folder.reading import Logs, parse_row
 from foundation.run_folder.rows import TRUTH_ROWS, Decision, FlownRecord
 
 BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5}
@@ -32,7 +32,7 @@ def logs(decisions=(), truth=(), begin=BEGIN, end=END, record=None) -> Logs:
     """Return the logs that hold these rows, frames and poses in `truth`."""
 
     def row(fields, kind):
-        made, fault = taken(fields, kind)
+        made, fault = parse_row(fields, kind)
         assert fault is None, fault
         return made
 

@@ -17,7 +17,7 @@ from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import Metric
 from dronecats.report.kit.shell import program
 from dronecats.report.page.index import keys, script_json, write_page
-from dronecats.report.page.pictures import kept
+from dronecats.report.page.pictures import selected_frames
 from dronecats.report.results.collection import collect
 from foundation.errors import UsageError
 from foundation.run_folder.prompts import prompts_of, read_prompts
@@ -171,8 +171,8 @@ def test_pictures_cost_no_space_where_the_file_system_has_links(tmp_path):
 def test_pictures_can_be_thinned_out_and_the_declared_ones_stay(tmp_path):
     run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go"}, steps=9)
     page_of(tmp_path / "report", run, every=4)
-    kept = sorted(path.name for path in (tmp_path / "report/pictures/vision/yard-approaching-01").iterdir())
-    assert kept == ["000000.jpg", "000004.jpg", "000008.jpg"]
+    selected_frames = sorted(path.name for path in (tmp_path / "report/pictures/vision/yard-approaching-01").iterdir())
+    assert selected_frames == ["000000.jpg", "000004.jpg", "000008.jpg"]
     _, flight = flight_in(tmp_path / "report/data/vision/yard-approaching-01.js")
     assert ["picture" in step for step in flight["steps"]] == [step % 4 == 0 for step in range(9)]
 
@@ -186,7 +186,7 @@ def test_every_declaration_keeps_its_picture():
         for step, word in enumerate(actions)
         for drone in (0, 1)
     ]
-    assert kept(decisions, 4) == {(drone, 2 * step + drone) for step in (0, 2, 4, 5) for drone in (0, 1)}
+    assert selected_frames(decisions, 4) == {(drone, 2 * step + drone) for step in (0, 2, 4, 5) for drone in (0, 1)}
 
 
 def test_grey_frames_are_not_kept(tmp_path):

@@ -57,14 +57,14 @@ def drawn(figure):
 
 
 def test_failure_bars_stand_end_to_end_and_are_the_tables_shares():
-    bars = drawn(drawing.modes(report_tables()["failures"]))
+    bars = drawn(drawing.draw_failure_modes(report_tables()["failures"]))
     bar = [(left, width) for left, width, y in bars if y == bars[0][2] and width]
     assert bar == [(0, 25), (25, 25), (50, 25), (75, 25)]
 
 
 def test_the_numbers_in_failure_bars_are_the_tables():
     table = report_tables(("success",) * 7 + ("declared",))["failures"]
-    (axis,) = drawing.modes(table).axes
+    (axis,) = drawing.draw_failure_modes(table).axes
     shares = [cell.text(column) for cell, column in zip(table.rows[0].cells, table.columns, strict=True)][2:4]
     assert shares == ["88", "13"]
     written = [text.get_text() for text in axis.texts if text.get_text().isdigit()]
@@ -72,7 +72,7 @@ def test_the_numbers_in_failure_bars_are_the_tables():
 
 
 def test_drones_stand_end_to_end_and_the_diamond_at_the_episodes_won():
-    figure = drawing.decomposition(report_tables()["drones"])
+    figure = drawing.draw_drone_outcomes(report_tables()["drones"])
     assert [bar[:2] for bar in drawn(figure) if bar[1]] == [(0, 25), (25, 50), (75, 25)]
     (axis,) = figure.axes
     assert [list(mark.get_xdata()) for mark in axis.lines if mark.get_marker() == "D"] == [[100.0]]
@@ -81,7 +81,7 @@ def test_drones_stand_end_to_end_and_the_diamond_at_the_episodes_won():
 def test_nested_bars_are_the_tables_rates():
     table = report_tables()["approaching"]
     row = line(table, "vllm/m")
-    widths = [width for _, width, _ in drawn(drawing.nested(table))]
+    widths = [width for _, width, _ in drawn(drawing.draw_reach_declare_succeed(table))]
     assert widths[0::2] == [row[column].value for column, _, _ in drawing.NESTED]
 
 

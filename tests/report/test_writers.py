@@ -25,7 +25,7 @@ from dronecats.report.table import (
     words,
 )
 from dronecats.report.tables.comparison import comparison
-from dronecats.report.writers import BESIDE, as_csv, as_html, as_markdown, as_terminal
+from dronecats.report.writers import EXTRA_CSV_FIELDS, as_csv, as_html, as_markdown, as_terminal
 from tests.needs import needs
 from tests.report.small import made, small
 from tests.support.scores import a_run, collected, flights, named
@@ -73,7 +73,7 @@ def test_csv_holds_all_of_every_cell(table):
         values = dict(zip(head, line, strict=True))
         for column, cell in zip(table.columns, row.cells, strict=True):
             assert values[column.name] == ("" if cell.value is None else str(cell.value))
-            for field in BESIDE:
+            for field in EXTRA_CSV_FIELDS:
                 value = getattr(cell, field)
                 assert values.get(f"{column.name}_{field}", "") == ("" if value is None else str(value))
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dronecats.bench.matrix import ChosenSuite, suite_of
+from dronecats.bench.matrix import ChosenSuite, choose_suite
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
 from dronecats.judge.episode import write_verdict
@@ -57,7 +57,7 @@ def write_study(
     Each episode has its own intercept. With `same_draws`, one draw decides a flight at every level, like one seed.
     Without it, each flight has its own draw. `errors` is the share of flights that the infrastructure broke.
     """
-    suite: ChosenSuite = suite_of(list(episodes), [])
+    suite: ChosenSuite = choose_suite(list(episodes), [])
     simulated = Simulated(speed=None, rendered=False)
     base = [(pilot, FlightSpec(pilot=pilot, simulated=simulated, full=True)) for pilot in pilots]
     points = made([design.Axis(name=name, levels=tuple(levels)) for name, levels in axes.items()])

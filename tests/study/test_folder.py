@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from dronecats.bench.benchmark_folder import Bench
-from dronecats.bench.matrix import suite_of
+from dronecats.bench.matrix import choose_suite
 from dronecats.flight.spec.disturbances import Disturbances, VehicleFaults
 from dronecats.flight.spec.flight_spec import Simulated
 from dronecats.study import folder
@@ -61,7 +61,7 @@ def test_a_refused_study_flies_and_writes_nothing(begun):
     made = planned((LATENCY,), [("blind", replace(BLIND, seed=6))], flights=1)
     with pytest.raises(UsageError, match=r"seed, 5 .* 6 "):
         Bench(
-            begun, suite_of(TWO, ()), made.entries, retry=False,
+            begun, choose_suite(TWO, ()), made.entries, retry=False,
             first=lambda: folder.write(begun, folder.merge_earlier_runs(begun, made)),
         )  # fmt: skip
     assert {path: path.read_bytes() for path in begun.rglob("*.json")} == before

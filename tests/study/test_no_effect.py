@@ -2,7 +2,7 @@
 
 import pytest
 
-from dronecats.bench.matrix import suite_of
+from dronecats.bench.matrix import choose_suite
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.study import design
 from dronecats.study.design import Axis
@@ -17,7 +17,7 @@ REAL_TIME = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0))
 def check(varied, held=None, made=design.full):
     axes = [Axis(name=name, levels=tuple(levels)) for name, levels in varied.items()]
     plan(
-        "mine", [("oracle", REAL_TIME)], suite_of(["residential-approaching-01"], ()), made(axes), held=held or {},
+        "mine", [("oracle", REAL_TIME)], choose_suite(["residential-approaching-01"], ()), made(axes), held=held or {},
         flights=1,
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.campaign import Batch, Campaign
-from dronecats.bench.matrix import suite_of
+from dronecats.bench.matrix import choose_suite
 from dronecats.cli.main import main
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.study import design, folder
@@ -25,13 +25,13 @@ WIND = Axis(name="wind", levels=(0.0, 6.0))
 
 
 def planned(axes=(LATENCY,), pilots=(("oracle", ORACLE),), flights=2, episodes=TWO, held=None):
-    return plan("mine", pilots, suite_of(episodes, ()), design.full(axes), held=held or {}, flights=flights)
+    return plan("mine", pilots, choose_suite(episodes, ()), design.full(axes), held=held or {}, flights=flights)
 
 
 def fly(out, made, script=lambda sortie, time: MOVED, jobs=1):
     """Fly the remaining flights; return them as RUN/EPISODE in the order of their start."""
     bench = Bench(
-        out, suite_of(TWO, ()), made.entries, retry=False,
+        out, choose_suite(TWO, ()), made.entries, retry=False,
         first=lambda: folder.write(out, folder.merge_earlier_runs(out, made)),
     )  # fmt: skip
     engine = ScriptedEngine(script)
@@ -152,7 +152,7 @@ def test_a_run_name_has_the_pilot_the_levels_and_the_number():
 def test_levels_without_a_distinct_name_are_numbered():
     awkward = Design(description="by hand", points=({"latency_policy": "fixed:1"}, {"latency_policy": "fixed-1"}))
     with pytest.raises(UsageError, match=r"latency_policy .*fixed-1"):  # not a policy; run names come first
-        plan("mine", [("oracle", ORACLE)], suite_of(TWO, ()), awkward, held={}, flights=1)
+        plan("mine", [("oracle", ORACLE)], choose_suite(TWO, ()), awkward, held={}, flights=1)
     alike = Design(
         description="by hand", points=({"latency_policy": "lognormal:1,1"}, {"latency_policy": "lognormal:1,1.0"})
     )
@@ -160,7 +160,7 @@ def test_levels_without_a_distinct_name_are_numbered():
         description="by hand", points=({"latency_policy": f"fixed:{'0' * 100}1"}, {"latency_policy": "fixed:2"})
     )
     for made in (alike, long):
-        names = [r.name for r in plan("m", [("o", ORACLE)], suite_of(TWO, ()), made, held={}, flights=1).study.runs]
+        names = [r.name for r in plan("m", [("o", ORACLE)], choose_suite(TWO, ()), made, held={}, flights=1).study.runs]
         assert names == (["o-point-1-f1", "o-point-2-f1"] if made is long else [
             "o-latency-policy-lognormal-1-1-f1", "o-latency-policy-lognormal-1-1.0-f1"])  # fmt: skip
 
@@ -231,7 +231,7 @@ def test_a_pilot_with_a_long_name_renames_no_other_run(tmp_path):
 
 def test_the_folder_of_another_study_is_refused(tmp_path):
     folder.write(tmp_path, planned().study)
-    other = plan("mine", [("o", ORACLE)], suite_of(TWO, ()), design.one_at_a_time([WIND]), held={}, flights=1)
+    other = plan("mine", [("o", ORACLE)], choose_suite(TWO, ()), design.one_at_a_time([WIND]), held={}, flights=1)
     with pytest.raises(UsageError, match=r"design, .*; factors, latency 0, 0\.5, 2 .*wind 0, 6 .*--out") as no:
         folder.merge_earlier_runs(tmp_path, other)
     assert "\n" not in str(no.value)

@@ -19,7 +19,7 @@ from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
 from dronecats.pilots import roster
-from dronecats.pilots.scripted import divide
+from dronecats.pilots.scripted import scripted_orders
 from dronecats.pilots.server import completion, read_request
 from tests.agent.models.faulty_wire import AGAIN, Wire, answer, behind, reset, say
 from tests.support.command_line import DRONECATS, last_object
@@ -66,7 +66,7 @@ def held(body):
     """Answer like a server that enforces the question's schema, whatever the question is."""
     prompt, images = read_request(body)
     schema = json.loads(body)["response_format"]["json_schema"]["schema"]
-    reply = divide(prompt, images) if "orders" in schema.get("properties", {}) else '[{"action": "finished"}]'
+    reply = scripted_orders(prompt, images) if "orders" in schema.get("properties", {}) else '[{"action": "finished"}]'
     jsonschema.validate(json.loads(reply), schema)
     return completion("m", body, prompt, images, reply)
 

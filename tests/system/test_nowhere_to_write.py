@@ -53,7 +53,7 @@ def test_without_a_home_kernels_are_compiled_and_left_nowhere(tmp_path):
 from foundation import compiled
 @compiled.njit()
 def double(x): return 2.0 * x
-print(double(1.5), compiled.KEEPS, type(double._cache).__name__)
+print(double(1.5), compiled.CAN_CACHE, type(double._cache).__name__)
 """
     script = tmp_path / "kernel.py"
     script.write_text(code)
@@ -63,9 +63,9 @@ print(double(1.5), compiled.KEEPS, type(double._cache).__name__)
 
 
 def test_the_doctor_says_where_compiled_work_is_kept(monkeypatch):
-    monkeypatch.setattr(compiled, "KEEPS", True)
+    monkeypatch.setattr(compiled, "CAN_CACHE", True)
     assert doctor._compiler().state == doctor.OK
-    monkeypatch.setattr(compiled, "KEEPS", False)
+    monkeypatch.setattr(compiled, "CAN_CACHE", False)
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", NOWHERE)
     lost = doctor._compiler()

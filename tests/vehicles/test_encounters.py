@@ -9,7 +9,7 @@ from dronecats.flight.sitl.collisions import CollisionReport, Encounters
 from foundation.truth import hit_of, seconds_of
 from tests.vehicles.fleet import spin, vehicle
 from vehicles.airframe import names
-from vehicles.encounter import DRONE, Ball, _first_touch, girth
+from vehicles.encounter import DRONE, Ball, _first_touch, bounding_radius
 from vehicles.multirotor import Multirotor
 from vehicles.sensors import PERFECT
 
@@ -39,7 +39,7 @@ def live(fleet: tuple[Multirotor, Multirotor], ticks: int) -> None:
 @pytest.mark.parametrize("name", names())
 @pytest.mark.parametrize("speed", [0.4, 1.0, 6.0])
 def test_two_that_meet_do_not_pass_through_and_share_what_they_had(name: str, speed: float) -> None:
-    apart = 2.0 * girth(vehicle(name)) + 0.1
+    apart = 2.0 * bounding_radius(vehicle(name)) + 0.1
     fleet = pair(name, apart, 0.02, speed)
     live(fleet, round(100 * 0.05 / speed) + 20)
     gap = fleet[1].state["position"][0] - fleet[0].state["position"][0]
@@ -94,7 +94,7 @@ def test_the_incident_is_printed_once_with_its_kind() -> None:
 
 
 def test_drones_that_lean_on_one_another_say_so_once_it_has_lasted() -> None:
-    fleet = pair("x500", 2.0 * girth(vehicle("x500")) + 0.01, 0.0, 0.04)
+    fleet = pair("x500", 2.0 * bounding_radius(vehicle("x500")) + 0.01, 0.0, 0.04)
     reports = [CollisionReport(craft) for craft in fleet]
     encounters, timed_hits = Encounters(fleet), []
     for tick in range(120):

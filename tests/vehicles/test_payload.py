@@ -6,13 +6,13 @@ import pytest
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY
 from tests.vehicles.fleet import HIGH, ORIGIN, spin
-from vehicles.airframe import HOVER_MAX, laden, liftable_kg, load, names
+from vehicles.airframe import HOVER_MAX, load, max_payload_kg, names, with_payload
 from vehicles.multirotor import Multirotor
 from vehicles.sensors import PERFECT
 
 
 def craft(payload_kg: float) -> Multirotor:
-    frame = laden(load("x500").balanced(), payload_kg)
+    frame = with_payload(load("x500").balanced(), payload_kg)
     return Multirotor(frame, seed=1, origin=ORIGIN, position_ned=HIGH, suite=PERFECT)
 
 
@@ -27,7 +27,7 @@ def test_hovering_takes_thrust_by_the_ratio_of_the_masses() -> None:
 
 def test_it_turns_more_slowly_about_roll_and_pitch_and_not_about_yaw() -> None:
     frame = load("x500")
-    heavy = laden(frame, 0.5)
+    heavy = with_payload(frame, 0.5)
     # Steiner for both masses about their common centre of mass, the payload halfway down to the feet
     down = frame.standing_m / 2.0
     centre = 0.5 * down / 2.5
@@ -45,9 +45,9 @@ def test_it_turns_more_slowly_about_roll_and_pitch_and_not_about_yaw() -> None:
 @pytest.mark.parametrize("name", names())
 def test_payloads_that_leave_no_thrust_for_steering_are_rejected(name: str) -> None:
     frame = load(name)
-    most_kg = liftable_kg(frame)
-    assert laden(frame, most_kg).mass_kg * GRAVITY == pytest.approx(HOVER_MAX * frame.thrust_max)
+    most_kg = max_payload_kg(frame)
+    assert with_payload(frame, most_kg).mass_kg * GRAVITY == pytest.approx(HOVER_MAX * frame.thrust_max)
     with pytest.raises(UsageError, match=f"'{name}'"):
-        laden(frame, 1.01 * most_kg)
-    assert laden(frame, 0.0) is frame
+        with_payload(frame, 1.01 * most_kg)
+    assert with_payload(frame, 0.0) is frame
     assert np.isfinite(most_kg)

@@ -26,7 +26,7 @@ def test_noise_grows_by_its_factor_from_the_moment_on(field: str, every: int) ->
     assert sigma(craft, field, every) > 0.0
     before, after = vehicle(), vehicle()
     after.advance(100)
-    after.sense(Suite().worsened(noise=4.0))
+    after.set_sensor_suite(Suite().degraded(noise=4.0))
     assert sigma(after, field, every) == pytest.approx(4.0 * sigma(before, field, every), rel=0.15)
 
 
@@ -35,7 +35,7 @@ def test_a_fixs_errors_grow_by_their_factor_and_what_the_receiver_reports_stays(
     for factor in (1.0, 5.0):
         errors = []
         for seed in range(60):
-            craft = vehicle(seed=seed, suite=Suite().worsened(gps_noise=factor))
+            craft = vehicle(seed=seed, suite=Suite().degraded(gps_noise=factor))
             craft.advance(500)
             fix = (craft.sensors["gps_lat_deg"], craft.sensors["gps_lon_deg"], craft.sensors["gps_alt_m"])
             errors.append(np.array(geodetic_to_ned(*ORIGIN, *fix)) - craft.truth["position_ned"])
@@ -56,7 +56,7 @@ def test_wandering_errors_scale_at_once_by_their_factor(factor: float) -> None:
             for seed in range(12):
                 craft = vehicle(seed=seed)
                 craft.advance(500)
-                craft.sense(Suite().worsened(gps_noise=changed, noise=changed))
+                craft.set_sensor_suite(Suite().degraded(gps_noise=changed, noise=changed))
                 craft.advance(round(after_s * 1000))
                 fix = (craft.sensors["gps_lat_deg"], craft.sensors["gps_lon_deg"], craft.sensors["gps_alt_m"])
                 errors.append(np.array(geodetic_to_ned(*ORIGIN, *fix)) - craft.truth["position_ned"])
@@ -73,7 +73,7 @@ def rms(errors: np.ndarray) -> float:
 
 
 def test_a_late_fix_is_of_a_place_before_the_moment_that_it_names() -> None:
-    craft = vehicle(position_ned=HIGH, suite=PERFECT.worsened(gps_delay_s=0.3))
+    craft = vehicle(position_ned=HIGH, suite=PERFECT.degraded(gps_delay_s=0.3))
     craft.state["velocity"] = (5.0, -3.0, 0.0)
     places, seen = {}, set()
     for _ in range(2000):
@@ -90,9 +90,9 @@ def test_a_late_fix_is_of_a_place_before_the_moment_that_it_names() -> None:
 
 
 def test_a_delay_beyond_the_fixes_under_way_is_refused() -> None:
-    Suite().worsened(gps_delay_s=1.4)
+    Suite().degraded(gps_delay_s=1.4)
     with pytest.raises(UsageError, match="gps_late_us = 1600000"):
-        Suite().worsened(gps_delay_s=1.6)
+        Suite().degraded(gps_delay_s=1.6)
 
 
 def test_gusts_that_begin_later_are_as_fast_as_those_from_boot() -> None:

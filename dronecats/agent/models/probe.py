@@ -103,7 +103,7 @@ def probe(model: Model, spec: ModelSpec, parser: ReplyParser = "strict") -> Prob
     enforced = None
     if spec.schema:
         answers.append(_answer(model, "something else than the schema allows", schema_question()))
-        enforced = holds(answers[-1].reply.text, spec.schema)
+        enforced = conforms_to_schema(answers[-1].reply.text, spec.schema)
     orders = (own.order, crossed.order) if spec.axis_order == "xy" else (crossed.order, own.order)
     return ProbeResult(spec, tuple(answers), pointing_of(*orders), enforced)
 
@@ -127,7 +127,7 @@ def pointing_of(declared_xy: AxisOrder | None, declared_yx: AxisOrder | None) ->
     return "as declared" if declared_xy == "xy" else "as not declared"
 
 
-def holds(reply: str, root: Literal["object", "array"]) -> bool:
+def conforms_to_schema(reply: str, root: Literal["object", "array"]) -> bool:
     """Return whether a reply keeps to the schema: JSON with this root that holds only actions."""
     try:
         value = json.loads(reply)
@@ -135,14 +135,14 @@ def holds(reply: str, root: Literal["object", "array"]) -> bool:
         if not isinstance(actions, list):
             return False
         for action in actions:
-            if not _flat(action):
+            if not _has_flat_form(action):
                 action_from(action)
     except (ValueError, RecursionError):  # ActionError is a ValueError
         return False
     return True
 
 
-def _flat(value: object) -> bool:
+def _has_flat_form(value: object) -> bool:
     """Return whether a value has the form of `flat_action_schema`, in which any field may be null."""
     if not isinstance(value, dict):
         return False

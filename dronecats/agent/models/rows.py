@@ -10,7 +10,7 @@ from typing import Any
 
 from dronecats.agent.models.spec import PROVIDERS, ModelSpec, Text, provider_of, spec_of
 from foundation.errors import UsageError
-from foundation.typed_file import fields_of, file_bytes, no_choice, toml_of, typed, unknown
+from foundation.typed_file import fields_of, file_bytes, no_choice, toml_of, typed, unknown_key_message
 from foundation.wording import did_you_mean, nearest
 
 OWN_FILE = "DRONECATS_MODELS"  # environment variable: the user's file
@@ -132,7 +132,7 @@ def _stated(key: str, value: Any, where: str) -> Any:
     if key not in KEYS:
         if isinstance(value, dict) and not set(value).isdisjoint({*KEYS, *NOTES}):
             raise UsageError(f"{where} has a row '{key[:40]}'. Put a name with a dot into quotes: [\"NAME.WITH.DOTS\"]")
-        raise UsageError(f"{where}: '{key[:40]}' {unknown(key, [*KEYS, *NOTES])}")
+        raise UsageError(f"{where}: '{key[:40]}' {unknown_key_message(key, [*KEYS, *NOTES])}")
     if value == NONE and key in MAY_BE_NONE:
         return None
     stated = typed(value, fields_of(ModelSpec)[KEYS[key]], where, key)

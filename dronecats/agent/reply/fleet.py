@@ -28,7 +28,7 @@ class Division:
 
     items: dict[int, Any]  # by drone, from 0
     mends: set[Mend] = field(default_factory=set)  # of the reply as a whole
-    twice: frozenset[int] = frozenset()  # drones that several objects name
+    duplicated: frozenset[int] = frozenset()  # drones that several objects name
 
 
 def read(reply: str, drones: int, axis_order: AxisOrder) -> list[DroneResult]:
@@ -44,7 +44,7 @@ def read(reply: str, drones: int, axis_order: AxisOrder) -> list[DroneResult]:
 
 def _drone_result(division: Division, drone: int, drones: int, axis_order: AxisOrder) -> DroneResult:
     mends = set(division.mends)
-    if drone in division.twice:
+    if drone in division.duplicated:
         return ActionError(f"several objects name drone {drone + 1} of {drones}"), mends
     if drone not in division.items:
         cut = "the reply breaks off before the" if "truncated" in mends else "the reply has no"
@@ -69,7 +69,7 @@ def _divided(answer: str, drones: int) -> Division:
             other_arrays = [span for span in strict.json_spans(answer, "[") if span.begin != array.begin]
             spans = sorted((span.begin, span.end) for span in (array, *other_arrays))
             division = _of_items(array.value, drones)
-            division.mends |= around(answer, spans) | ({"several"} if any(map(_arms, other_arrays)) else set())
+            division.mends |= around(answer, spans) | ({"several"} if any(map(_holds_objects, other_arrays)) else set())
             return division
     except ActionError as error:
         strict_error = error
@@ -83,7 +83,7 @@ def _divided(answer: str, drones: int) -> Division:
     return division
 
 
-def _arms(placed: strict.JsonSpan) -> bool:
+def _holds_objects(placed: strict.JsonSpan) -> bool:
     return isinstance(placed.value, list) and any(isinstance(item, dict) for item in placed.value)
 
 
@@ -188,7 +188,7 @@ def _place(division: Division, placed_items: list[tuple[int | None, Any]], drone
         division.items[place] = item
     if len(counts) < drones:
         division.mends.add("short")
-    division.twice = frozenset(place for place, count in counts.items() if count > 1)
+    division.duplicated = frozenset(place for place, count in counts.items() if count > 1)
 
 
 def _places(names: list[int], drones: int) -> tuple[list[int], bool]:

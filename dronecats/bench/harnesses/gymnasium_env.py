@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from dronecats.agent.models.model import Request
 from dronecats.bench.harnesses.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
-from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated, latency_policy
+from dronecats.flight.spec.flight_spec import LATENCY, ExternalHarness, FlightSpec, Simulated, latency_policy
 from episodes.records import catalogue
 from foundation.errors import InfrastructureError, UsageError
 from foundation.protocol import CAP_S, POINT_SPAN
@@ -100,7 +100,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         spec = FlightSpec(
             episode=name,
             simulated=Simulated(speed=None),
-            outside=Outside(harness="gymnasium", name=self._policy),
+            outside=ExternalHarness(harness="gymnasium", name=self._policy),
             latency=latency_policy(self._latency),
             seconds=self._seconds,
             seed=drawn,

@@ -33,7 +33,7 @@ from dronecats.agent.models.model import Request
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER
 from dronecats.bench.harnesses.outside_flight import OutsideFlight, OutsideReply
-from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated, latency_policy
+from dronecats.flight.spec.flight_spec import LATENCY, ExternalHarness, FlightSpec, Simulated, latency_policy
 from dronecats.judge.episode import judge_folder
 from episodes.records import catalogue
 from foundation.errors import InfrastructureError, UsageError
@@ -115,7 +115,7 @@ def flight(
         spec = FlightSpec(
             episode=str(state.metadata["episode"]),
             simulated=Simulated(speed=None),
-            outside=Outside(
+            outside=ExternalHarness(
                 harness="inspect", name=str(model), axis_order="yx" if axis_order == "yx" else "xy", lifted=lifted
             ),
             agent=agent,

@@ -25,7 +25,7 @@ from inspect_robots.types import Action, Observation, StepResult
 
 from dronecats.agent.models.model import Request
 from dronecats.bench.harnesses.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
-from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated, latency_policy
+from dronecats.flight.spec.flight_spec import LATENCY, ExternalHarness, FlightSpec, Simulated, latency_policy
 from dronecats.judge.episode import judge_folder
 from episodes.records import catalogue
 from foundation.errors import UsageError
@@ -76,7 +76,7 @@ class DroneEmbodiment(EmbodimentBase):
         spec = FlightSpec(
             episode=str(scene.metadata.get("episode", scene.id)),
             simulated=Simulated(speed=None),
-            outside=Outside(harness="inspect-robots", name=self._policy),
+            outside=ExternalHarness(harness="inspect-robots", name=self._policy),
             latency=latency_policy(self._latency),
             seconds=self._seconds,
             seed=(seed or 0) % 2**31,

@@ -20,8 +20,8 @@ import msgspec
 from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from foundation.redaction import keyless_environment
 
-EVERY_S = 1.0  # wall s from the answer to one heartbeat request until the next request
-GLANCE_S = 0.5  # wall s; largest wait that one check counts, so that a pause of the parent does not count as silence
+HEARTBEAT_PERIOD_S = 1.0  # wall s from the answer to one heartbeat request until the next request
+CHECK_MAX_S = 0.5  # wall s; largest wait that one check counts, so that a pause of the parent does not count as silence
 
 
 class Heartbeat:
@@ -37,7 +37,7 @@ class Heartbeat:
 
     def is_due(self, now_s: float) -> bool:
         """Return whether the next request is due. None is due while an answer is pending, so none pile up."""
-        return not self._is_pending and (self._answered_s is None or now_s >= self._answered_s + EVERY_S)
+        return not self._is_pending and (self._answered_s is None or now_s >= self._answered_s + HEARTBEAT_PERIOD_S)
 
     def sent(self, now_s: float) -> None:
         self._is_pending, self._looked_s, self._waited_s = True, now_s, 0.0
@@ -53,7 +53,7 @@ class Heartbeat:
         """
         if not self._is_pending or self._looked_s is None:
             return 0.0
-        self._waited_s += min(now_s - self._looked_s, GLANCE_S)
+        self._waited_s += min(now_s - self._looked_s, CHECK_MAX_S)
         self._looked_s = now_s
         return self._waited_s
 

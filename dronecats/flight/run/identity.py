@@ -39,7 +39,7 @@ FITTING = "dronecats/pilots/fitting"  # makes data files of the built-in pilots;
 JUDGE = "dronecats/judge"  # without its subfolders: metrics and statistics do not affect a verdict
 OUR_MODULE = re.compile(r"(foundation|vehicles|autopilot|episodes|hil|dronecats)(\.[a-z_0-9]+)+(:\w+)?")
 MODULUS = 1 << 256
-KEPT_MOST = 5000  # files in the cache; above it, files of other versions are dropped
+CACHE_ENTRIES_MAX = 5000  # files in the cache; above it, files of other versions are dropped
 PARENTS = "parents"  # `Path.parents[n]` counts without n, which changes when a module moves
 
 
@@ -60,13 +60,13 @@ def source_digest(paths: Sequence[Path]) -> str:
 
     Parsing hundreds of files takes seconds, so a cache keeps the sum of each file by a digest of its bytes.
     """
-    kept, read = _kept(), dict[str, int]()
+    kept, read = _load_cache(), dict[str, int]()
     for path in paths:
         data = path.read_bytes()
         name = hashlib.sha256(path.suffix.encode() + data).hexdigest()
         read[name] = kept[name] if name in kept else statements(path.suffix, data)
     if not read.keys() <= kept.keys():
-        _keep(read if len(kept) > KEPT_MOST else kept | read)
+        _store_cache(read if len(kept) > CACHE_ENTRIES_MAX else kept | read)
     total = sum(read.values()) % MODULUS
     return hashlib.sha256(total.to_bytes(32, "big")).hexdigest()
 
@@ -114,14 +114,14 @@ def _is_version(value: Any) -> bool:
     return any(isinstance(name, ast.Name) and name.id == "__version__" for name in names)
 
 
-def _kept() -> dict[str, int]:
+def _load_cache() -> dict[str, int]:
     """Return the cached sums: digest of a file's bytes → sum of its statements."""
     with contextlib.suppress(UsageError, OSError, ValueError, TypeError, AttributeError):
         return {name: int(value, 16) for name, value in json.loads(_cache().read_bytes()).items()}
     return {}
 
 
-def _keep(read: dict[str, int]) -> None:
+def _store_cache(read: dict[str, int]) -> None:
     with contextlib.suppress(UsageError, OSError):
         path = _cache()
         path.parent.mkdir(parents=True, exist_ok=True)

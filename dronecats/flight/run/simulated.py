@@ -52,7 +52,7 @@ class SimulatedFlight(FlightSetup):
         if simulated.speed is None:
             from dronecats.flight.sitl import compile_ahead
 
-            notify(f"lockstep: loading core and camera{compile_ahead.duration()} …")
+            notify(f"lockstep: loading core and camera{compile_ahead.compile_notice()} …")
             from dronecats.flight.stages.lockstep import LockstepStage
 
             world = world_of(record, simulated.airframe, conditions=spec.disturbances.conditions.of_map)

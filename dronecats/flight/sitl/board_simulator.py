@@ -11,7 +11,7 @@ from dronecats.flight.sitl.simulation import (
     BootPose,
     Physics,
     Simulation,
-    built_of,
+    build_with,
     load_world,
 )
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, GCS_PORT, LOOPBACK, UdpPort, truth_port
@@ -77,7 +77,7 @@ class BoardSimulator:
         url, instance = config.hitl or "", config.instance or 0
         period_us = sensor_period_us(url)
         self._line = BoardLine(lambda: connect(url), Packer(1, TRUTH_COMPONENT))
-        self.simulation: Simulation[BoardVehicle] = built_of(
+        self.simulation: Simulation[BoardVehicle] = build_with(
             lambda *arguments, **physics: BoardVehicle(*arguments, line=self._line, period_us=period_us, **physics),
             load_world(config.episode),
             airframe=config.airframe,

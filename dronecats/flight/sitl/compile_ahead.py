@@ -15,7 +15,7 @@ from typing import Any
 
 import numba
 
-from foundation.compiled import KEEPS, ROOT, Kernel, cache_folder
+from foundation.compiled import CAN_CACHE, ROOT, Kernel, cache_folder
 from foundation.redaction import keyless_environment
 from vehicles import airframe
 from vehicles.multirotor import Multirotor, step
@@ -26,15 +26,15 @@ CACHED = "*.nbi"  # numba's index file of one compiled function
 
 def is_compiled() -> bool:
     """Return whether the cache has the compiled plant. Otherwise this run compiles for half a minute."""
-    return KEEPS and any(cache_folder().rglob(f"multirotor.step{CACHED}"))
+    return CAN_CACHE and any(cache_folder().rglob(f"multirotor.step{CACHED}"))
 
 
-def cold() -> bool:
+def should_compile_in_parallel() -> bool:
     """Return whether to compile in parallel: the plant is not cached but can be, and there are several CPUs."""
-    return KEEPS and (os.cpu_count() or 1) > 1 and not is_compiled()
+    return CAN_CACHE and (os.cpu_count() or 1) > 1 and not is_compiled()
 
 
-def duration() -> str:
+def compile_notice() -> str:
     """Return the end of a message "loading …": how long this run compiles; empty if it does not."""
     return "" if is_compiled() else "; the first run compiles them, which takes about half a minute"
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
-from vehicles.faults import Fault, script
+from vehicles.faults import Fault, fault_record
 from vehicles.multirotor import Multirotor
 from vehicles.records import FAULTS, MAX_FAULTS
 
@@ -85,7 +85,7 @@ class Failures:
 
     def _write(self) -> None:
         suite = self._plant.suite
-        record = script(
+        record = fault_record(
             (*self._faults.values(), *self._scripted),  # the first fault of a part has effect
             len(self._plant.airframe.rotors),
             int(suite["gps_period_us"]),

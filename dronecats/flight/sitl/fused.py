@@ -113,7 +113,7 @@ class Fused:
             places += [array.ctypes.data, len(array), array.shape[-1]]
         self._kept_alive = records, arrays, np.array(places, np.int64)
         self._places = self._kept_alive[-1].ctypes.data
-        if compile_ahead.cold():
+        if compile_ahead.should_compile_in_parallel():
             compile_ahead.compile_all(update, core)
 
     def advance(self, steps: int) -> None:

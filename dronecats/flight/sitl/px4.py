@@ -30,7 +30,7 @@ from dronecats.flight.sitl.simulation import (
     Physics,
     Simulation,
     Vehicle,
-    built_of,
+    build_with,
     load_world,
 )
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
@@ -316,7 +316,7 @@ class Px4Simulator:
         """
         world = world or load_world(config.episode)
         script, command = config.faults, config.px4
-        rotors = len(airframes.quadrotor(airframes.load(config.airframe)).rotors)
+        rotors = len(airframes.require_quadrotor(airframes.load(config.airframe)).rotors)
         self._notify, self._restarts = notify, config.restart
         self.speed: float | None = config.speed
         with ExitStack() as stack:
@@ -325,7 +325,7 @@ class Px4Simulator:
             for server in self._servers:
                 stack.callback(server.close)
             self.instance = self._servers[0].port - PORT
-            self.simulation: Simulation[Px4Vehicle] = built_of(
+            self.simulation: Simulation[Px4Vehicle] = build_with(
                 self._vehicle,
                 world,
                 airframe=config.airframe,

@@ -32,7 +32,7 @@ from foundation.sensors import TRUTH
 from foundation.terrain import FLAT, OPEN, HeightField, Obstacles
 from foundation.truth import TRUTH_COMPONENT, Origin, gimbal_message, truth_message
 from vehicles import airframe as airframes
-from vehicles.airframe import laden
+from vehicles.airframe import with_payload
 from vehicles.faults import Fault
 from vehicles.gimbal import Gimbal
 from vehicles.multirotor import Multirotor
@@ -122,7 +122,7 @@ class Vehicle:
         self.origin = physics["origin"]
         self._suite = physics.get("suite", Suite())
         self.plant = Multirotor(
-            laden(airframe, physics.get("payload_kg", 0.0)),
+            with_payload(airframe, physics.get("payload_kg", 0.0)),
             seed=physics["seed"],
             origin=physics["origin"],
             terrain=physics.get("terrain", FLAT),
@@ -142,8 +142,8 @@ class Vehicle:
     def disturb(self, disturbances: VehicleFaults) -> None:
         """Apply wind, gusts and worse sensors from now on. Raises UsageError for a GPS delay that is too long."""
         self.plant.set_wind(Wind(disturbances.wind_ned, disturbances.gusts_w20))
-        self.plant.sense(
-            self._suite.worsened(
+        self.plant.set_sensor_suite(
+            self._suite.degraded(
                 gps_delay_s=disturbances.gps_delay_s,
                 gps_noise=disturbances.gps_noise,
                 noise=disturbances.estimator_noise,
@@ -373,13 +373,13 @@ def build(
     from_boot: bool = False,
     faults: Sequence[Fault] = (),
 ) -> Simulation[SimulatedVehicle]:
-    """Return the simulation of a record's drones under our autopilot; the arguments are those of `built_of`."""
+    """Return the simulation of a record's drones under our autopilot; the arguments are those of `build_with`."""
 
     def make(index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> SimulatedVehicle:
         folder = state_dir / f"vehicle-{index + 1}" if state_dir else None
         return SimulatedVehicle(index, airframe, pose, state_dir=folder, **physics)
 
-    return built_of(
+    return build_with(
         make,
         world,
         airframe=airframe,
@@ -391,7 +391,7 @@ def build(
     )
 
 
-def built_of(
+def build_with(
     make: Callable[..., V],
     world: World,
     *,

@@ -165,7 +165,7 @@ class FrameFaults:
         return 0.0 if self.rate_hz is None else self.delay_s + 1.0 / self.rate_hz
 
 
-WAYS = {"to": ("to_vehicle",), "from": ("from_vehicle",), "": ("to_vehicle", "from_vehicle")}
+DIRECTIONS = {"to": ("to_vehicle",), "from": ("from_vehicle",), "": ("to_vehicle", "from_vehicle")}
 WIRE = {entry.quantity.name: name for name, entry in declarations(Impairment).items() if entry.quantity}
 WIRE_LEVELS = ("delay", "jitter", "loss", "duplicate", "reorder", "baud")  # values that are factors of a study
 
@@ -178,7 +178,7 @@ def _read_wire(text: str) -> FieldValues:
     ):  # a value for one direction overrides that for both
         name, equals, value = word.strip().partition("=")
         way, dot, quantity = name.rpartition(".")
-        if not equals or quantity not in WIRE or way not in WAYS or (dot and not way):
+        if not equals or quantity not in WIRE or way not in DIRECTIONS or (dot and not way):
             near = nearest(quantity, WIRE) if equals else []
             raise UsageError(
                 f"--link must be NAME=VALUE,… with the names {', '.join(WIRE)}, or to.NAME and from.NAME for one"
@@ -190,7 +190,7 @@ def _read_wire(text: str) -> FieldValues:
         except ValueError:
             wanted = "a whole number" if is_whole else "a number"
             raise UsageError(f"--link needs {wanted} in '{word}'") from None
-        for entry in WAYS[way]:
+        for entry in DIRECTIONS[way]:
             ways[entry][WIRE[quantity]] = number
     return {way: Impairment(**values) for way, values in ways.items()}
 
@@ -200,7 +200,7 @@ def _wire_level(name: str) -> DisturbanceLevel:
     quantity = declarations(Impairment)[WIRE[name]].quantity
 
     def put(values: FieldValues, level: float) -> None:
-        for way in WAYS[""]:
+        for way in DIRECTIONS[""]:
             values[way] = replace(values[way], **{WIRE[name]: level})
 
     return DisturbanceLevel(
@@ -252,11 +252,11 @@ def _speed(wind_ned: Vec3) -> float:
     return math.hypot(*wind_ned)
 
 
-def _blow(values: FieldValues, speed: float) -> None:
+def _set_wind_speed(values: FieldValues, speed: float) -> None:
     values["wind_ned"] = (speed, 0.0, 0.0)
 
 
-def _turn(values: FieldValues, towards_deg: float) -> None:
+def _rotate_wind(values: FieldValues, towards_deg: float) -> None:
     """Rotate a wind that blows towards the north."""
     speed, turned = values["wind_ned"][0], math.radians(towards_deg)
     north, east = (round(speed * share(turned), 6) for share in (math.cos, math.sin))
@@ -292,13 +292,13 @@ class VehicleFaults:
             levels=(
                 DisturbanceLevel(
                     **WIND, help="steady horizontal wind; it blows towards the north unless `wind_towards` is set",
-                    put=_blow,
+                    put=_set_wind_speed,
                     get=lambda part: _speed(part.wind_ned),
                 ),
                 DisturbanceLevel(
                     name="wind_towards", high=360.0, unit="°",
                     help="direction towards which the wind blows; 0 is north, 90 east",
-                    put=_turn, refines="wind", beside=True,
+                    put=_rotate_wind, refines="wind", beside=True,
                 ),
             ),
         ),

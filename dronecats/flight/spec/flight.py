@@ -23,7 +23,7 @@ from foundation import extras
 from foundation.camera import CameraModel, camera_on
 from foundation.errors import UsageError
 from vehicles import airframe as airframes
-from vehicles.airframe import laden
+from vehicles.airframe import with_payload
 
 FREE_HEIGHT_M = 2.5  # m above the map's spawn, where a flight on a map starts: PX4's MIS_TAKEOFF_ALT
 _CAMERA = CameraModel()
@@ -94,7 +94,7 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
     _check_accounts(spec)
     if spec.pilot and not spec.replay:
         roster.check(spec.pilot)
-    if spec.command != "flat" and spec.pilot and not roster.forgets(spec.pilot):
+    if spec.command != "flat" and spec.pilot and not roster.can_serve_several_drones(spec.pilot):
         raise UsageError(
             f"--command {spec.command} asks about each drone separately, but {spec.pilot} keeps one memory for all"
             " drones. Choose vision, oracle, noisy or a model"
@@ -103,8 +103,8 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
         roster.check_commander(spec.scripted_commander)
     simulated = spec.simulated
     if simulated:
-        laden(airframes.load(simulated.airframe), spec.disturbances.vehicle.payload_kg)
-        looks = spec.model or spec.outside or spec.commander or roster.looks(spec.pilot or "")
+        with_payload(airframes.load(simulated.airframe), spec.disturbances.vehicle.payload_kg)
+        looks = spec.model or spec.outside or spec.commander or roster.needs_pictures(spec.pilot or "")
         if not simulated.rendered and simulated.camera:
             raise UsageError("--depth needs rendered frames. Add --rendered, or leave --depth out")
         if not (simulated.rendered or spec.replay) and looks:
@@ -112,7 +112,7 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
                 "only the pilots oracle, noisy, blind and failing fly without rendering. All others need the frames"
             )
         if simulated.autopilot == "px4":
-            airframes.quadrotor(airframes.load(simulated.airframe))
+            airframes.require_quadrotor(airframes.load(simulated.airframe))
     record = _record(spec)
     if spec.pilot and not spec.replay:
         roster.check_installed(spec.pilot, [record.instruction if record else spec.instruction or ""])

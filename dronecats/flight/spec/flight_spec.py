@@ -100,7 +100,7 @@ class Accounts:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outside:
+class ExternalHarness:
     """Another harness, which asks its own model and gives its replies (`dronecats.bench.harnesses`)."""
 
     harness: str  # gymnasium, inspect or inspect-robots
@@ -122,7 +122,7 @@ class FlightSpec:
     drones: int | None = None  # of a simulated episode; None: one for each start of the record
     pilot: str | None = None  # a built-in pilot; or `model`
     model: ModelSpec | None = None
-    outside: Outside | None = None
+    outside: ExternalHarness | None = None
     replay: FlightRecording | None = None  # recorded replies, instead of pilot and model
     accounts: Accounts = Accounts()
     command: Literal["flat", "hierarchical", "solo"] = (

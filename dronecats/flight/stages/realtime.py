@@ -207,7 +207,7 @@ class Patience:
         if self._waits == 6:
             from dronecats.flight.sitl import compile_ahead
 
-            self._notify(f"starting simulator and camera{compile_ahead.duration()} …")
+            self._notify(f"starting simulator and camera{compile_ahead.compile_notice()} …")
 
 
 class WorldStage(VehicleStage):

@@ -66,7 +66,7 @@ class Deliberation:
     losses: Followed  # of the steps without the target in view: seen again within three steps
 
 
-def outlooks(flight: JudgedFlight) -> list[StepOutlook]:
+def step_outlooks(flight: JudgedFlight) -> list[StepOutlook]:
     """Return the outlook of every step within the cap, drone by drone."""
     drones: dict[int, list[FlightStep]] = {}
     for step in flight.steps:
@@ -253,7 +253,7 @@ def audit_of(flight: JudgedFlight) -> EpisodeAudit:
         false_declarations=sum(d.qualifies(flight.delta_m) is False for d in flight.declarations),
         late=flight.verdict.declarations_after_cap,
         strict=strictness(flight),
-        steps=tuple(outlooks(flight)) if flight.scored else (),
+        steps=tuple(step_outlooks(flight)) if flight.scored else (),
     )
 
 

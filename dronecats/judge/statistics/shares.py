@@ -192,17 +192,17 @@ def smallest_difference(
     The share of episodes with different outcomes is `discordant`, or the difference itself if that is larger: then all
     of them favour one pilot, the best case. Accurate to 0.0001. None: too few episodes for any difference.
     """
-    if detected(episodes, 1.0, 1.0, alpha) < power:
+    if mcnemar_power(episodes, 1.0, 1.0, alpha) < power:
         return None
     low, high = 0.0, 1.0
     while high - low > 1e-4:
         middle = (low + high) / 2
-        enough = detected(episodes, middle, max(discordant, middle), alpha) >= power
+        enough = mcnemar_power(episodes, middle, max(discordant, middle), alpha) >= power
         low, high = (low, middle) if enough else (middle, high)
     return high
 
 
-def detected(episodes: int, difference: float, discordant: float, alpha: float = ALPHA) -> float:
+def mcnemar_power(episodes: int, difference: float, discordant: float, alpha: float = ALPHA) -> float:
     """Return the power of McNemar's exact test, exactly: the chance of p ≤ alpha.
 
     `discordant` is the true share of episodes with different outcomes, at least `difference`.
@@ -210,7 +210,7 @@ def detected(episodes: int, difference: float, discordant: float, alpha: float =
     first = (discordant + difference) / (2 * discordant) if discordant else 0.5
     chance = 0.0
     for pairs in range(1, episodes + 1):
-        most = _most_of_the_lesser(pairs, alpha)
+        most = _largest_significant_minority(pairs, alpha)
         if most < 0:
             continue
         rejected = math.fsum(_binomial(k, pairs, first) + _binomial(pairs - k, pairs, first) for k in range(most + 1))
@@ -219,7 +219,7 @@ def detected(episodes: int, difference: float, discordant: float, alpha: float =
 
 
 @functools.cache
-def _most_of_the_lesser(pairs: int, alpha: float) -> int:
+def _largest_significant_minority(pairs: int, alpha: float) -> int:
     """Return the largest minority of the discordant pairs for which p ≤ alpha; -1: p is larger even for none."""
     most = -1
     while 2 * (most + 1) < pairs and mcnemar(most + 1, pairs - most - 1) <= alpha:

@@ -134,16 +134,16 @@ CHECK_SCENES, CHECK_PICTURES = 4, 160
 
 # Labels of patches. A patch is the target from the intersection over union IS on. It is not the target if at most the
 # share IS_NOT of it is inside the target. Other patches, such as one door of a bus, are not used.
-IS, IS_NOT = 0.5, 0.2
+POSITIVE_IOU, NEGATIVE_SHARE = 0.5, 0.2
 ABSENT_TARGETS = 4  # additional instructions per picture, whose targets are not in it
 LIKE_BRICK = ("brown", "red", "orange")  # used more often for absent targets: houses and fences have these colours
 
 HIDDEN = 48
 DECAY = 4e-4  # weight decay
-COVERED = 0.15  # share of the cells that are set to zero in each example
-DIM = 0.2  # standard deviation of the log of the brightness factor
-FACTOR = 2.0  # weight of the squared distance error relative to the cross-entropy
-SPREAD = 0.15  # scale of the distance output: standard deviation of the log of the factor
+CELL_DROPOUT = 0.15  # share of the cells that are set to zero in each example
+BRIGHTNESS_LOG_STD = 0.2  # standard deviation of the log of the brightness factor
+DISTANCE_WEIGHT = 2.0  # weight of the squared distance error relative to the cross-entropy
+DISTANCE_SCALE = 0.15  # scale of the distance output: standard deviation of the log of the factor
 _CELLS = SIDE * SIDE
 _PATCH = _CELLS * CHANNELS
 
@@ -203,8 +203,8 @@ def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> P
         is_present = (asset, paint) == (target.asset, target.paint)
         for patch, row in zip(patches, rows, strict=True):
             union, inside = overlap(patch.box, target.box, picture.shape[:2])
-            is_part = inside > IS_NOT
-            if (is_present and union >= IS) or not is_part:
+            is_part = inside > NEGATIVE_SHARE
+            if (is_present and union >= POSITIVE_IOU) or not is_part:
                 inputs.append(row)
                 is_target.append(float(is_part))
                 factor.append(np.log(target.distance_m / patch.range.distance_m) if is_part else 0.0)
@@ -242,7 +242,7 @@ def fit(examples: PatchExamples, rounds: int, seed: int) -> PatchNetwork:
     training.train(weights, _batches(examples, rounds, mean, deviation, rng), steps, DECAY, rng)
     # fold mean, deviation and SPREAD into the weights: the network takes raw inputs and outputs the log of a factor
     hidden = weights[0] / deviation[:, None]
-    scale = np.array((1.0, SPREAD), np.float32)
+    scale = np.array((1.0, DISTANCE_SCALE), np.float32)
     return PatchNetwork(hidden, weights[1] - mean @ hidden, weights[2] * scale, weights[3] * scale)
 
 
@@ -269,9 +269,11 @@ def _batches(
             if rng.random() < 0.5:
                 x = mirrored(x)
             patch = x[:, :_PATCH].reshape(len(x), _CELLS, CHANNELS)
-            patch[:, :, :3] *= np.minimum(np.exp(rng.normal(0.0, DIM, (len(x), 1, 1))), 1.15).astype(np.float32)
+            patch[:, :, :3] *= np.minimum(np.exp(rng.normal(0.0, BRIGHTNESS_LOG_STD, (len(x), 1, 1))), 1.15).astype(
+                np.float32
+            )
             x = (np.concatenate((patch.reshape(len(x), _PATCH), x[:, _PATCH:]), axis=1) - mean) / deviation
-            visible = (rng.random((len(x), _CELLS), np.float32) >= COVERED) / np.float32(1.0 - COVERED)
+            visible = (rng.random((len(x), _CELLS), np.float32) >= CELL_DROPOUT) / np.float32(1.0 - CELL_DROPOUT)
             x[:, :_PATCH] *= np.repeat(visible, CHANNELS, axis=1)
             yield x, cost_gradient(examples.is_target[take], examples.factor[take])
 
@@ -283,7 +285,7 @@ def cost_gradient(is_target: NDArray[np.floating], factor: NDArray[np.floating])
         error = np.empty_like(outputs)
         error[:, 0] = 1.0 / (1.0 + np.exp(-np.clip(outputs[:, 0], -30.0, 30.0))) - is_target
         # clip the error at three SPREADs, because a partly hidden thing always has the wrong size
-        error[:, 1] = is_target * 0.1 * FACTOR * np.clip(outputs[:, 1] - factor / SPREAD, -3.0, 3.0)
+        error[:, 1] = is_target * 0.1 * DISTANCE_WEIGHT * np.clip(outputs[:, 1] - factor / DISTANCE_SCALE, -3.0, 3.0)
         error /= len(is_target)
         return error
 

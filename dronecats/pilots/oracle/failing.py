@@ -15,7 +15,7 @@ from dronecats.pilots.oracle import oracle
 from dronecats.pilots.oracle.oracle import TrueState, TruthPilot
 from foundation.protocol import BRAKE_M, FINISHED, GO, POINT_SPAN, RADIUS_M, STRIDE_MIN_M
 
-EARLY = 1.3  # distance / start distance at the declaration; the paper's 2B model has 1.28 on average (Table "gap")
+DECLARED_SHARE = 1.3  # distance / start distance at the declaration; 1.28 for the paper's 2B model (Table "gap")
 _LONG_DEPTH_M = 6.0  # depth of a `go` that flies the longest stride
 _STILL_DEPTH_M = 0.5 * BRAKE_M  # depth of a `go` that does not move the drone
 _CLOSE_ENOUGH_M = 0.5 * STRIDE_MIN_M  # tolerance of a goal distance, since strides have a least length
@@ -25,7 +25,9 @@ _ARRIVED_M = RADIUS_M - 0.5  # well inside the radius of success
 _EDGE = 50.0  # 0–1000, distance of a point from the picture's edge
 _KEPT_OFF_M = 2.0 * RADIUS_M  # nearer than this it never strides towards the target, even one outside the picture
 
-Way = Generator[str, TrueState, None]  # yields a drone's next action; the drone's true state after it is sent back
+ActionGenerator = Generator[
+    str, TrueState, None
+]  # yields a drone's next action; the drone's true state after it is sent back
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,14 +35,14 @@ class Failing:
     """One way to fail."""
 
     description: str  # one sentence
-    way: Callable[[TrueState], Way]  # for one drone
+    way: Callable[[TrueState], ActionGenerator]  # for one drone
     together: Callable[[list[str]], str] = actions.join  # joins the drones' actions to one reply
 
 
 def pilot(name: str) -> TruthPilot:
     """Return a failing pilot for one flight. Raises KeyError for an unknown name."""
     failing = FAILURES[name]
-    ways: list[Way] = []
+    ways: list[ActionGenerator] = []
 
     def answer(states: Sequence[TrueState]) -> str:
         if not ways:
@@ -51,16 +53,16 @@ def pilot(name: str) -> TruthPilot:
     return answer
 
 
-def declares_at_once(state: TrueState) -> Way:
+def declares_at_once(state: TrueState) -> ActionGenerator:
     """Declare in the first step, and hover."""
     yield actions.finished()
     while True:
         yield actions.think()
 
 
-def declares_early(state: TrueState) -> Way:
+def declares_early(state: TrueState) -> ActionGenerator:
     """Fly away, declare at 1.3 times the start distance, and hover."""
-    goal_m, aside_deg = EARLY * state.distance_m, 0.0
+    goal_m, aside_deg = DECLARED_SHARE * state.distance_m, 0.0
     while (left_m := goal_m - state.distance_m) > _CLOSE_ENOUGH_M:
         turn_deg = (state.bearing_deg + 180.0 + aside_deg + 180.0) % 360.0 - 180.0
         if abs(turn_deg) > _AHEAD_DEG:
@@ -74,7 +76,7 @@ def declares_early(state: TrueState) -> Way:
         yield actions.think()
 
 
-def never_declares(state: TrueState) -> Way:
+def never_declares(state: TrueState) -> ActionGenerator:
     """Fly to the target as the oracle does, then point at it at every step without moving."""
     while True:
         reply = oracle.reply_for(state)
@@ -82,12 +84,12 @@ def never_declares(state: TrueState) -> Way:
         state = yield _pointing(state) if has_arrived else reply
 
 
-def oscillates(state: TrueState) -> Way:
+def oscillates(state: TrueState) -> ActionGenerator:
     """Repeat without end: stride ahead, turn round."""
     yield from _in_turn([actions.go(500, 500, _LONG_DEPTH_M), actions.rotate(90.0), actions.rotate(90.0)])
 
 
-def never_grounds(state: TrueState) -> Way:
+def never_grounds(state: TrueState) -> ActionGenerator:
     """Stride towards the side of the picture opposite to the target; fly a square while it is not in view."""
     square = itertools.cycle([actions.go(500, 500, _LONG_DEPTH_M)] * 4 + [actions.rotate(90.0)])
     while True:
@@ -102,18 +104,18 @@ def never_grounds(state: TrueState) -> Way:
             state = yield next(square)
 
 
-def never_closes(state: TrueState) -> Way:
+def never_closes(state: TrueState) -> ActionGenerator:
     """Point at the target at every step, with a depth that does not move the drone."""
     while True:
         state = yield _pointing(state)
 
 
-def one_point(state: TrueState) -> Way:
+def one_point(state: TrueState) -> ActionGenerator:
     """Fly as `never_declares`; all drones get the first drone's action."""
     yield from never_declares(state)
 
 
-def leaves_the_protocol(state: TrueState) -> Way:
+def leaves_the_protocol(state: TrueState) -> ActionGenerator:
     """Reply with texts that neither parser accepts."""
     yield from _in_turn(NO_ACTIONS)
 
@@ -144,7 +146,7 @@ FAILURES = {
 }
 
 
-def _in_turn(texts: Sequence[str]) -> Way:
+def _in_turn(texts: Sequence[str]) -> ActionGenerator:
     for number in itertools.count():
         yield texts[number % len(texts)]
 

@@ -19,7 +19,7 @@ from foundation.protocol import FINISHED, GO, NEAR_M, RADIUS_M, ROTATE, STRIDE_M
 
 MIDDLE_PX = 640.0
 UNSEEN_PX = (MIDDLE_PX, LEVEL_PX)  # the point of a stride to a target that was not detected
-_CODED_FROM_M = NEAR_M + 1.0  # smaller depths do not encode a lead
+_LEAD_DEPTH_MIN_M = NEAR_M + 1.0  # smaller depths do not encode a lead
 _LEAD_STEP = 0.03  # lead per unit of the digit, as a fraction of the picture's width
 _NO_LEAD = 5  # the digit for no lead
 _STILL_M = 0.4  # sideways motion during a stride; less is the drone's own drift
@@ -33,19 +33,19 @@ _CLEAR_M = 1.9  # between the drone's path and the edge of the thing
 _RIGHT_M, _LEFT_M = 5.1, 5.2  # depths of a 3 m stride that passes the thing on its right, or on its left
 _FLANK_TURN_DEG = 60.0
 FLANK_DISTANCE_M = 4.0  # from a passing drone to the flank
-_ACROSS = 0.08  # of the picture's width: a thing this far off the middle is already being passed
+_PASSING_OFFSET = 0.08  # of the picture's width: a thing this far off the middle is already being passed
 _CUT_OFF = 0.49  # of the picture's width: farther off the middle, the picture cuts a thing off
 
 
 def encode_lead(depth_m: float, lead: float) -> float:
     """Return a depth (m) of a long stride that encodes a lead (fraction of the picture's width, + right)."""
     digit = min(9, max(0, round(lead / _LEAD_STEP) + _NO_LEAD))
-    return max(_CODED_FROM_M, int(depth_m * 10.0) / 10.0) + 0.01 * digit
+    return max(_LEAD_DEPTH_MIN_M, int(depth_m * 10.0) / 10.0) + 0.01 * digit
 
 
 def decode_lead(past: tuple[PastAction, ...]) -> float | None:
     """Return the lead of the last action; None if it was no long stride to a detection."""
-    if not past or past[-1].kind != GO or past[-1].depth_m < _CODED_FROM_M or search.count_wander_strides(past):
+    if not past or past[-1].kind != GO or past[-1].depth_m < _LEAD_DEPTH_MIN_M or search.count_wander_strides(past):
         return None
     if (past[-1].x_px, past[-1].y_px) == UNSEEN_PX:
         return None
@@ -100,7 +100,7 @@ def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
     box = detection.box
     middle = 0.5 * (box.left + box.right)
     flank = 1 if detection.lean > 0.0 else -1
-    side = passing_side(past) or (-1 if middle > _ACROSS else 1 if middle < -_ACROSS else flank)
+    side = passing_side(past) or (-1 if middle > _PASSING_OFFSET else 1 if middle < -_PASSING_OFFSET else flank)
     outer = box.right if side > 0 else -box.left
     if outer > _CUT_OFF:  # the thing fills the picture on that side
         side, outer = -side, -box.left if side > 0 else box.right
@@ -148,7 +148,7 @@ _FILLS = 0.6  # of the picture's width: a thing this wide fills the picture
 _EDGE = 0.015  # of the picture's width: a thing this near to the edge is cut off there
 _AHEAD_M = 6.0  # if an undetected target is expected farther away, the drone flies one more stride to its place
 _LOST_M = 12.0  # a detection farther away than this after a declaration is not the target
-_SURE = 0.6  # least score of a detection during the first circle
+_FIRST_CIRCLE_SCORE_MIN = 0.6  # least score of a detection during the first circle
 
 # Height. The controller ignores slopes under 0.15; near the target, gentle slopes are reduced below that.
 _LEVEL, _LEVEL_BELOW = 0.14, 0.30
@@ -166,7 +166,7 @@ def decide(picture: colors.Picture, referent: Referent, past: tuple[PastAction, 
         detection = None
     if detection is None:
         return _without_detection(picture, expected, past)
-    if past and search.count_trailing(past, ROTATE) == len(past) and detection.score < _SURE:
+    if past and search.count_trailing(past, ROTATE) == len(past) and detection.score < _FIRST_CIRCLE_SCORE_MIN:
         return search.next_action(picture, past)
     is_at_middle = referent.size.length_m < LONG_M or is_at_flank(detection, past)
     if detection.range.distance_m <= ARRIVED_M or (_fills(detection.box, aspect) and is_at_middle):

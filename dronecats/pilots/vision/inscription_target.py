@@ -24,16 +24,16 @@ OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone,
 
 # Scales of the change of a drone's own thing between two pictures: bearing far, bearing near, log of the distance
 _ASIDE_RAD, _NEAR_ASIDE_RAD, _DISTANCE_LOG = math.radians(4.0), math.radians(8.0), 0.3
-_ROUND = 3.0  # factor on the bearing's scale if the path leads round a vehicle
-_OWN = 3.0  # largest change of a drone's own thing, in these scales
+_DETOUR_FACTOR = 3.0  # factor on the bearing's scale if the path leads round a vehicle
+_MISMATCH_MAX = 3.0  # largest change of a drone's own thing, in these scales
 _NEAR_THING_M = 16.0  # within this distance, the path may lead past the thing
 _BACK_DEG = 50.0  # turn to look for a lost thing
-_RESTS = 2  # thinks after which a drone that has read a plate moves on: some vehicles are hidden at the start
+_THINKS_MAX = 2  # thinks after which a drone that has read a plate moves on: some vehicles are hidden at the start
 _OTHER_M = 7.0  # a nearer thing is the one that was read
 _LOST_M = 16.0  # largest distance at which a lost thing is looked for
 _SHORT_OF_M = 6.0  # largest distance of a thing after a short stride to it, apart from the error of the estimate
 _WANDER_M = 8.0  # depth of a stride to another place
-_ON_DEG = 60.0  # turn to look for another thing after one was read
+_NEXT_THING_TURN_DEG = 60.0  # turn to look for another thing after one was read
 _SAME_LOOKS = 26.0  # largest boards.color_difference of one paint in sun and shade
 DULL = ("brown",)  # bricks and tree trunks have this colour too, so it is tried only if no other paint fits
 VIVID = tuple(color for color, band in colors.BANDS.items() if band.vivid and color not in DULL)
@@ -54,7 +54,7 @@ def decide(pictures: Sequence[Picture], wanted: Inscription, command: str, past:
         return [_depart(spot) for spot in divide([[candidate.spot for candidate in view] for view in views])]
     all_settled = all(map(is_settled, past))
     return [
-        actions.rotate(_ON_DEG) if all_settled else _decide_one(picture, view, wanted, history, kind.size)
+        actions.rotate(_NEXT_THING_TURN_DEG) if all_settled else _decide_one(picture, view, wanted, history, kind.size)
         for picture, view, history in zip(pictures, views, past, strict=True)
     ]
 
@@ -76,22 +76,26 @@ def is_settled(past: Past, rests: int = HISTORY_LENGTH) -> bool:
 
 def is_moving_on(past: Past) -> bool:
     """Return whether a drone has read its thing and looks for another."""
-    return bool(past) and past[-1].kind == ROTATE and abs(past[-1].angle_deg - _ON_DEG) < 0.5
+    return bool(past) and past[-1].kind == ROTATE and abs(past[-1].angle_deg - _NEXT_THING_TURN_DEG) < 0.5
 
 
 def _depart(spot: GroundPoint | None) -> str:
     if spot is None or spot.ahead_m <= 0.0:
-        return actions.rotate(_ON_DEG)
+        return actions.rotate(_NEXT_THING_TURN_DEG)
     return actions.go(500.0 + 500.0 * spot.right_m / spot.ahead_m, 500.0, max(spot.ahead_m, NEAR_M))
 
 
 def _decide_one(picture: Picture, view: Sequence[Candidate], wanted: Inscription, past: Past, size: Size) -> str:
     if past and past[-1].kind == THINK:
-        return actions.rotate(_ON_DEG) if wanted.on_plate and is_settled(past, _RESTS) else actions.think()
+        return (
+            actions.rotate(_NEXT_THING_TURN_DEG)
+            if wanted.on_plate and is_settled(past, _THINKS_MAX)
+            else actions.think()
+        )
     own = own_candidate(view, past)
     if own is None and is_moving_on(past):
         has_circled = len(past) >= HISTORY_LENGTH and all(is_moving_on((action,)) for action in past)
-        return actions.go(500.0, 500.0, _WANDER_M) if has_circled else actions.rotate(_ON_DEG)
+        return actions.go(500.0, 500.0, _WANDER_M) if has_circled else actions.rotate(_NEXT_THING_TURN_DEG)
     if own is None:
         if past and past[-1].kind == GO and past[-1].depth_m >= NEAR_M + STRIDE_MAX_M and past[-1].y_px == LEVEL_PX:
             return actions.go(500.0, 500.0, past[-1].depth_m - STRIDE_MAX_M)  # the thing is hidden, or too far away
@@ -111,7 +115,7 @@ def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
             most = math.inf
         near = [candidate for candidate in view if least < candidate.spot.distance_m < most]
         return min(near, key=lambda candidate: candidate.spot.distance_m) if near else None
-    near_aside = _NEAR_ASIDE_RAD if past[-1].y_px == LEVEL_PX else _ROUND * _NEAR_ASIDE_RAD
+    near_aside = _NEAR_ASIDE_RAD if past[-1].y_px == LEVEL_PX else _DETOUR_FACTOR * _NEAR_ASIDE_RAD
     left = past[-1].depth_m - STRIDE_MAX_M
     was_short = left <= NEAR_M  # then the depth set the stride's length and was not the distance
 
@@ -123,7 +127,7 @@ def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
         return math.hypot(aside, off)
 
     best = min(view, key=mismatch)
-    return best if mismatch(best) <= _OWN else None
+    return best if mismatch(best) <= _MISMATCH_MAX else None
 
 
 def find_candidates(

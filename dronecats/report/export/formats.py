@@ -89,7 +89,7 @@ def _files(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool) -
         done.files[path] = count
         drones.add(len(flight.drone_tracks))
     if kind in layouts.FILES and drones:
-        for name, count in layouts.wanted(kind, drones).items():
+        for name, count in layouts.layout_files(kind, drones).items():
             done.files[out / name] = layouts.write(out / name, count)
     return _check_not_empty(done)
 

@@ -15,19 +15,19 @@ from xml.etree import ElementTree as Xml
 
 from dronecats.report.export.conventions import JUDGE, drone_name
 
-FOXGLOVE, ALONE, FLEET = "foxglove-layout.json", "plotjuggler-layout.xml", "plotjuggler-layout-fleet.xml"
-FILES: Mapping[str, tuple[str, ...]] = {"mcap": (FOXGLOVE,), "ulog": (ALONE, FLEET)}  # format → its layouts
+FOXGLOVE, SINGLE_DRONE, FLEET = "foxglove-layout.json", "plotjuggler-layout.xml", "plotjuggler-layout-fleet.xml"
+FILES: Mapping[str, tuple[str, ...]] = {"mcap": (FOXGLOVE,), "ulog": (SINGLE_DRONE, FLEET)}  # format → its layouts
 COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")  # of the drones: PlotJuggler's first colours
 TRUTH_COLOUR = "#9467bd"  # of the truth of a single drone; a fleet's truth has the drones' colours
 ESTIMATED, TRUE = "vehicle_local_position", "vehicle_local_position_groundtruth"
 
 
-def wanted(kind: str, drones: set[int]) -> dict[str, int]:
+def layout_files(kind: str, drones: set[int]) -> dict[str, int]:
     """Return the layout files for flights with these numbers of drones: file name → number of drones."""
     if kind == "mcap":
         return {FOXGLOVE: max(drones)}
     fleets = drones - {1}
-    return ({ALONE: 1} if 1 in drones else {}) | ({FLEET: max(fleets)} if fleets else {})
+    return ({SINGLE_DRONE: 1} if 1 in drones else {}) | ({FLEET: max(fleets)} if fleets else {})
 
 
 def write(path: Path, drones: int) -> int:

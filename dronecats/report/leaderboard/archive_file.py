@@ -29,7 +29,7 @@ LOGS = (
 )  # fmt: skip
 LOG = re.compile(rf"{_OF_RUN}/run\.json|{_OF_EPISODE}/(?:{'|'.join(map(re.escape, LOGS))})")
 FRAME = re.compile(rf"{_OF_EPISODE}/frames/[0-9]{{6,9}}(?:_d[0-9]{{1,3}})?\.jpg")
-LEFT_OUT = re.compile(rf"{_OF_EPISODE}/(?:frames/|flight\.tlog)")
+OMITTED_FILE = re.compile(rf"{_OF_EPISODE}/(?:frames/|flight\.tlog)")
 EPISODE_NAME = re.compile(_EPISODE)
 
 Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
@@ -101,7 +101,7 @@ def decoded(data: bytes) -> Manifest:
         if not (LOG.fullmatch(path) or FRAME.fullmatch(path)):
             raise UsageError(f"the archive names {path[:80]!r}, which is not a file of a run")
     for path in manifest.left_out:
-        if not LEFT_OUT.fullmatch(path):
+        if not OMITTED_FILE.fullmatch(path):
             raise UsageError(f"the archive names {path[:80]!r} as omitted, which is not a file of a run")
     return manifest
 
@@ -115,12 +115,12 @@ TOTAL_MAX = 64 << 30  # unpacked bytes, including frames
 
 
 @dataclass(slots=True)
-class Packed:
+class ArchiveMember:
     """A file in an archive. It can be read only once, and only before the next file."""
 
     name: str
     size: int  # bytes
-    _source: "Unxz"
+    _source: "XzReader"
     _left: int
 
     def chunks(self) -> Iterator[bytes]:
@@ -138,7 +138,7 @@ class Packed:
             raise UsageError(f"the archive is damaged: there is data after {self.name[:80]!r}")
 
 
-class Unxz:
+class XzReader:
     """Decompresses an xz file on demand, with limits on memory and size."""
 
     def __init__(self, file: BinaryIO) -> None:
@@ -179,12 +179,12 @@ class Unxz:
         return self._xz.eof and not self._xz.unused_data and not self._file.read(1)
 
 
-def read(file: BinaryIO) -> Iterator[Packed]:
+def read(file: BinaryIO) -> Iterator[ArchiveMember]:
     """Yield the files of an archive in their order, with unique names. Raises UsageError.
 
     Only plain files in the ustar format are accepted: no links, devices or extended headers.
     """
-    source, names = Unxz(file), set[str]()
+    source, names = XzReader(file), set[str]()
     while True:
         header = source.exactly(BLOCK)
         if not header.strip(b"\0"):
@@ -218,7 +218,7 @@ def write(path: Path, files: Iterable[tuple[str, Callable[[], bytes]]]) -> None:
             tar.addfile(entry, BytesIO(data))
 
 
-def _packed(header: bytes, source: Unxz) -> Packed:
+def _packed(header: bytes, source: XzReader) -> ArchiveMember:
     """Parse the header of a file (POSIX.1-1988, "ustar"). Raises UsageError."""
     sum_of = sum(header[:148]) + 8 * ord(" ") + sum(header[156:])
     if header[257:265] != b"ustar\x0000" or _octal(header[148:156]) != sum_of:
@@ -233,7 +233,7 @@ def _packed(header: bytes, source: Unxz) -> Packed:
     size = _octal(header[124:136])
     if size is None:
         raise UsageError(f"the archive is damaged: the size of {path[:80]!r} is not a number")
-    return Packed(path, size, source, size)
+    return ArchiveMember(path, size, source, size)
 
 
 def _octal(field: bytes) -> int | None:
@@ -277,7 +277,7 @@ def unpack(file: BinaryIO, place: Path) -> tuple[Manifest, list[str], int]:
     return manifest, differing, frames
 
 
-def _unpacked(packed: Packed, path: Path) -> str:
+def _unpacked(packed: ArchiveMember, path: Path) -> str:
     path.parent.mkdir(parents=True, exist_ok=True)
     sha256 = hashlib.sha256()
     with path.open("xb") as out:
@@ -287,7 +287,7 @@ def _unpacked(packed: Packed, path: Path) -> str:
     return sha256.hexdigest()
 
 
-def _hashed(packed: Packed) -> str:
+def _hashed(packed: ArchiveMember) -> str:
     sha256 = hashlib.sha256()
     for chunk in packed.chunks():
         sha256.update(chunk)

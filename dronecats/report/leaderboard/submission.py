@@ -140,7 +140,7 @@ def submit(
     ordered = sorted(runs, key=lambda run: (run.seed, str(run.folder)))
     _check_one_entry(ordered)
     suite = _suite(ordered)
-    missing = incomplete([[episode.name for episode in run.episodes] for run in ordered])
+    missing = incompleteness_reason([[episode.name for episode in run.episodes] for run in ordered])
     fault = missing or next(filter(None, map(_unscored, ordered)), None)
     if fault and not partial:
         raise UsageError(f"{fault}. To submit it anyway, marked as partial: --partial")
@@ -177,7 +177,7 @@ def digest(data: bytes) -> FileDigest:
     return FileDigest(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
 
 
-def incomplete(flights: Sequence[Sequence[str]]) -> str | None:
+def incompleteness_reason(flights: Sequence[Sequence[str]]) -> str | None:
     """Return why flights (the episode ids of each) are not of one complete suite, as a sentence; None: they are."""
     for ids in flights:
         own = [id for id in ids if id not in catalogue.all_ids()]
@@ -263,13 +263,13 @@ def _contents(runs: Sequence[RecordedRun], scrubber: Scrubber, with_frames: bool
                 for picture in pictures:
                     contents.add(f"{place}/{layout.FRAMES}/{picture.name}", picture, lambda data: data)
             elif pictures:
-                contents.left_out[f"{place}/{layout.FRAMES}/"] = _of_folder(pictures)
+                contents.left_out[f"{place}/{layout.FRAMES}/"] = _folder_digest(pictures)
             if (episode / layout.TLOG).is_file():
                 contents.left_out[f"{place}/{layout.TLOG}"] = digest((episode / layout.TLOG).read_bytes())
     return contents
 
 
-def _of_folder(files: Sequence[Path]) -> FileDigest:
+def _folder_digest(files: Sequence[Path]) -> FileDigest:
     digests = {file.name: digest(file.read_bytes()) for file in files}
     listing = "".join(f"{entry.sha256}  {name}\n" for name, entry in digests.items())
     size = sum(entry.bytes for entry in digests.values())

@@ -14,7 +14,7 @@ from dronecats.agent.prompt import Prompt
 from dronecats.judge.episode import Judged, Rereading, compare, judge_run
 from dronecats.judge.statistics.shares import known_share
 from dronecats.report.leaderboard.archive_file import FileDigest, Manifest, unpack
-from dronecats.report.leaderboard.submission import common_suite, incomplete
+from dronecats.report.leaderboard.submission import common_suite, incompleteness_reason
 from dronecats.report.recorded.run import RecordedRun, recorded_run
 from dronecats.report.results.identity import identity, identity_digest
 from episodes.records import catalogue, record
@@ -26,7 +26,7 @@ from foundation.run_folder.reading import json_object
 from foundation.run_folder.results import SCORED, Verdict
 from foundation.wording import printable
 
-DIFFERENCES_MAX = 50  # sentences
+SHOWN_MAX = 50  # sentences
 SHOWN_CHARS = 200  # of a setting
 OTHER_CELL = "other"  # cell of records without a cell of the benchmark
 
@@ -117,8 +117,8 @@ def _verification(
     if unscored and manifest.partial is None:
         differences.append(f"{unscored} episodes are not scored, but the entry is not marked as partial")
     differences = [_on_one_line(difference) for difference in differences]
-    if len(differences) > DIFFERENCES_MAX:
-        differences = [*differences[:DIFFERENCES_MAX], f"and {len(differences) - DIFFERENCES_MAX} more"]
+    if len(differences) > SHOWN_MAX:
+        differences = [*differences[:SHOWN_MAX], f"and {len(differences) - SHOWN_MAX} more"]
     return Verification(
         name=manifest.name,
         note=manifest.note,
@@ -198,7 +198,7 @@ def _record_differences(run: RecordedRun, episode: str) -> Iterator[str]:
     except UsageError as wrong:
         yield str(wrong).rstrip(".")
         return
-    if not catalogue.ships(parsed) or parsed.id != episode:
+    if not catalogue.is_shipped(parsed) or parsed.id != episode:
         yield "its record is not the shipped one of its id"
 
 
@@ -234,7 +234,7 @@ def _manifest_differences(manifest: Manifest, runs: Sequence[RecordedRun]) -> It
     flights = [run.episodes for run in manifest.runs]
     if manifest.suite != (suite := common_suite(flights)):
         yield f"the entry names the suite {manifest.suite}, but its runs have {suite or 'no whole one'}"
-    missing = incomplete(flights)
+    missing = incompleteness_reason(flights)
     if missing and manifest.partial is None:
         yield f"{missing}, but the entry is not marked as partial"
 

@@ -19,13 +19,13 @@ from dronecats.report.page.pictures import (
     FOLDER,
     GroundPicture,
     PictureAddress,
-    beside,
-    every_for,
+    embedded_pictures,
+    embedding_stride,
     ground_key,
     grounds,
-    kept,
-    nowhere,
-    within,
+    linked_pictures,
+    no_pictures,
+    selected_frames,
 )
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import RecordedRun
@@ -273,7 +273,7 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
     metrics = _page_metrics(collection)
     runs, entrants = _page_runs(collection)
     if embed:
-        every = max(every, every_for(collection.runs))
+        every = max(every, embedding_stride(collection.runs))
     places = {run.folder: number for number, run in enumerate(collection.runs)}
     named = _named(collection)
     episodes, blocks, seen_grounds = [], {}, []
@@ -362,11 +362,11 @@ def _named(collection: Collection) -> list[str]:
 def _flight(scored: ScoredEpisode, delta_m: float, key: str, out: Path, embed: bool, every: int) -> str:
     """Return a flight as JSON, and store its pictures for the page. Raises UsageError for a damaged log."""
     flight = RecordedFlight.read(scored.folder, delta_m)
-    wanted = kept(flight.logs.decisions, every)
+    wanted = selected_frames(flight.logs.decisions, every)
     if not scored.run.is_rendered:
-        picture: PictureAddress = nowhere
+        picture: PictureAddress = no_pictures
     elif embed:
-        picture = within(scored.folder, wanted)
+        picture = embedded_pictures(scored.folder, wanted)
     else:
-        picture = beside(out, Path(FOLDER, *key.split("/")), scored.folder, wanted)
+        picture = linked_pictures(out, Path(FOLDER, *key.split("/")), scored.folder, wanted)
     return script_json(shown_flight(flight, picture))

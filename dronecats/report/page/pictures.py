@@ -28,21 +28,21 @@ EMBEDDED_QUALITY = 60  # of WebP: about 9 kB per picture
 PictureAddress = Callable[[Decision], str | None]  # returns the address of a decision's frame; None: there is none
 
 
-def every_for(runs: Sequence[RecordedRun]) -> int:
+def embedding_stride(runs: Sequence[RecordedRun]) -> int:
     """Return the stride of the steps whose pictures can be embedded; 1: all of them."""
     folders = [folder / layout.FRAMES for run in runs if run.is_rendered for folder in run.episodes]
     total = sum(len(os.listdir(folder)) for folder in folders if folder.is_dir())
     return max(1, math.ceil(total / EMBEDDED_MAX))
 
 
-def kept(decisions: Sequence[Decision], every: int) -> set[tuple[int, int]]:
+def selected_frames(decisions: Sequence[Decision], every: int) -> set[tuple[int, int]]:
     """Return the (drone, frame id) of the pictures to keep: every n-th step, the first, the last, and declarations."""
     steps = sorted({decision.step for decision in decisions})
     chosen = {*steps[::every], *steps[-1:]}
     return {(d.drone, d.frame_id) for d in decisions if d.step in chosen or d.kind == FINISHED}
 
 
-def beside(out: Path, place: Path, folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
+def linked_pictures(out: Path, place: Path, folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
     """Return a function that puts a decision's picture into `out`/`place`, and returns its address relative to `out`.
 
     The pictures are hard links, which need no space, or copies if the file system has no hard links. The function
@@ -68,7 +68,7 @@ def beside(out: Path, place: Path, folder: Path, wanted: set[tuple[int, int]]) -
     return address
 
 
-def within(folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
+def embedded_pictures(folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
     """Return a function that returns a decision's picture as a data: URL, of reduced size."""
 
     def address(decision: Decision) -> str | None:
@@ -86,7 +86,7 @@ def within(folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
     return address
 
 
-def nowhere(decision: Decision) -> None:
+def no_pictures(decision: Decision) -> None:
     """Return None, the address of a picture in runs without pictures."""
 
 

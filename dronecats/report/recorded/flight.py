@@ -214,7 +214,7 @@ class RecordedFlight(JudgedFlight):
         samples = self.telemetry[drone].truth(map_origin) if drone in self.telemetry else []
         if track := tracks.true_track(samples, self.t0_us):
             return track
-        kept = tracks.kept_ulog(self.folder, drone)
+        kept = tracks.onboard_log_path(self.folder, drone)
         with suppress(UsageError):  # a damaged log: truth.jsonl is used
             return tracks.onboard_true_track(kept, self.t0_us, map_origin) if kept else None
         return None
@@ -230,7 +230,7 @@ class RecordedFlight(JudgedFlight):
         estimated: dict[int, FlightTrack] = {}
         for drone in range(max(self.telemetry, default=0) + 1):
             track = tracks.estimated_track(self.telemetry[drone]) if drone in self.telemetry else None
-            kept = tracks.kept_ulog(self.folder, drone)
+            kept = tracks.onboard_log_path(self.folder, drone)
             with suppress(UsageError):  # a damaged log: telemetry is used
                 track = (tracks.onboard_estimated_track(kept, self.t0_us) if kept else None) or track
             if track is not None:

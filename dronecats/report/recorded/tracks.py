@@ -87,13 +87,13 @@ class FlightTrack:
     def drawn(self) -> "FlightTrack":
         """Return the track for drawing: without the jitter of the truth bus; a level track smoothly interpolated."""
         if self.level:
-            return self._laid_out()
+            return self._interpolated_level()
         if len(self.t_s) < 3 or float(np.diff(self.t_s).max()) > GAP_S:
             return self
         sigma = SMOOTHED_S / float(np.median(np.diff(self.t_s)))
         return replace(self, position_ned=gaussian_filter1d(self.position_ned, sigma, axis=0, mode="nearest"))
 
-    def _laid_out(self) -> "FlightTrack":
+    def _interpolated_level(self) -> "FlightTrack":
         t, places, yaw = self.t_s, self.position_ned, self.headings(self.t_s)
         if len(t) > 1:
             fine = np.append(np.arange(t[0], t[-1], LEVEL_PERIOD_S), t[-1])
@@ -208,7 +208,7 @@ def _vec3(place: Array) -> Vec3:
     return float(place[0]), float(place[1]), float(place[2])
 
 
-def kept_ulog(folder: Path, drone: int = 0) -> Path | None:
+def onboard_log_path(folder: Path, drone: int = 0) -> Path | None:
     """Return the path of the onboard log of a drone's autopilot; None: it was not kept, or pyulog is missing."""
     path = folder / layout.onboard_log_name(drone)
     return path if path.is_file() and is_installed("pyulog") else None

@@ -15,7 +15,7 @@ from typing import Any
 from msgspec import UNSET
 
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.audit import StepOutlook, outlooks
+from dronecats.judge.metrics.audit import StepOutlook, step_outlooks
 from dronecats.judge.metrics.failure_mode import failure_mode
 from dronecats.judge.metrics.judging import METRICS, parallel_map, values_of
 from dronecats.judge.metrics.metric import Metric, MetricValue
@@ -61,7 +61,9 @@ class ScoredEpisode:
         default_factory=dict
     )  # by the metric's name, a value per decision
     mode: str | None = None  # success, or the failure mode; None: it is not scored
-    outlooks: tuple[StepOutlook, ...] = ()  # its steps, to compare the effect of a think with that of other actions
+    step_outlooks: tuple[
+        StepOutlook, ...
+    ] = ()  # its steps, to compare the effect of a think with that of other actions
     host_stalls: int | None = None  # steps that the host delayed; None: not logged, as in lockstep
     left_out: str | None = None  # why it is left out of a report; None: it is not
     usage: Usage = Usage()
@@ -134,7 +136,7 @@ def scored_episode(run: RecordedRun, folder: Path, delta_m: float, metrics: Sequ
         error=None if verdict.outcome in SCORED else verdict.error or verdict.outcome,
         steps={name: tuple(value) for name, value in values.items() if isinstance(value, Sequence)},
         mode=failure_mode(flight),
-        outlooks=tuple(outlooks(flight)),
+        step_outlooks=tuple(step_outlooks(flight)),
         host_stalls=_host_stalls(flight),
         usage=_usage(flight.logs.decisions, flight.folder),
         record_sha256=record_digest(flight.record) if flight.record else "",

@@ -17,7 +17,7 @@ from dronecats.agent.names import FORMER, agent_name
 from dronecats.report.recorded.run import RecordedRun
 from foundation.run_folder import layout
 from foundation.run_folder.folder import comparable_versions
-from foundation.run_folder.reading import json_object, taken
+from foundation.run_folder.reading import json_object, parse_row
 from foundation.run_folder.rows import EpisodeIdentity
 
 NOT_RECORDED = "not told"  # must not change: the identity digests in archives depend on it
@@ -39,7 +39,7 @@ NAMES = {  # key of run.json → its name in a sentence
     "firmware": "the firmware",
 }
 # fields of a flight that may differ; prompt and agent are compared by digest and name, a recorded latency by its policy
-FREE = ("seed", "episode", "record", "accounts", "prompt", "agent", "latency_trace", "keep_ulog")
+IGNORED_FIELDS = ("seed", "episode", "record", "accounts", "prompt", "agent", "latency_trace", "keep_ulog")
 OPTIONAL_PREFIXES = ("the suite ", "the protocol's ")  # compared only if both runs have them
 DIGEST = re.compile(r"\b([0-9a-f]{8})[0-9a-f]{24,}\b")
 
@@ -124,7 +124,7 @@ def odd_runs(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, list[Differ
     return [(run, differing) for run, differing in apart if differing]
 
 
-def refusal(runs: Sequence[RecordedRun]) -> str | None:
+def pooling_conflict(runs: Sequence[RecordedRun]) -> str | None:
     """Return a sentence about the differences between runs of several kinds; None: all runs are of one kind."""
     for run in runs:
         codes = identity(run)["the code"]
@@ -164,7 +164,7 @@ def served(folder: Path) -> tuple[str, ...]:
 
 def _episode_identity(folder: Path) -> EpisodeIdentity | None:
     """Return an episode's identity.json; None: it is damaged, or missing because an older version flew."""
-    return taken(json_object(folder / layout.IDENTITY) or {}, EpisodeIdentity)[0]
+    return parse_row(json_object(folder / layout.IDENTITY) or {}, EpisodeIdentity)[0]
 
 
 def _run_values(configuration: Mapping[str, Any]) -> Iterator[tuple[str, frozenset[str]]]:
@@ -181,7 +181,7 @@ def _run_values(configuration: Mapping[str, Any]) -> Iterator[tuple[str, frozens
     yield "the suite's version", _value(suite.get("version")) if isinstance(suite, dict) else frozenset({NOT_RECORDED})
     if isinstance(suite, dict):
         yield f"the suite {suite.get('name') or 'of episodes by name'}", _value(suite.get("sha256"))
-    for name, leaf in _leaves({key: leaf for key, leaf in flight_fields.items() if key not in FREE}):
+    for name, leaf in _leaves({key: leaf for key, leaf in flight_fields.items() if key not in IGNORED_FIELDS}):
         yield name, _value(leaf)
     versions = configuration.get("versions")
     for package, version in comparable_versions(versions if isinstance(versions, dict) else {}).items():

@@ -260,7 +260,7 @@ def thinking(data: ReportData) -> ReportTable | None:
     """Return the paper's three comparisons over all steps of each entrant; None if no step is a think."""
 
     def row_of(entrant: Entrant) -> Cells | None:
-        effect = deliberation(step for flight in entrant.scored for step in flight.outlooks)
+        effect = deliberation(step for flight in entrant.scored for step in flight.step_outlooks)
         if not effect.thinks:
             return None
         gain = TableCell(value=effect.gain_m_per_step, of=None if effect.gain_m_per_step is None else effect.matched)

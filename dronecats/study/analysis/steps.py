@@ -15,7 +15,9 @@ from dronecats.study.analysis.study_results import LevelStep, StudiedFlight, Stu
 from foundation.camera import CameraModel
 
 MOVES_M = 0.05  # m per step; a target that moves less counts as still, since logged positions are rounded
-ACROSS = 2.0 * math.tan(math.radians(CameraModel().hfov_deg) / 2.0)  # width of the view (m) per m of depth
+VIEW_WIDTH_PER_DEPTH = 2.0 * math.tan(
+    math.radians(CameraModel().hfov_deg) / 2.0
+)  # width of the view (m) per m of depth
 
 
 def target_moved(flight: JudgedFlight) -> list[MetricValue]:
@@ -59,25 +61,25 @@ def _width_m(step: FlightStep) -> float | None:
     truth = step.truth
     if truth is None or not step.counts or truth.target_frd is None or truth.target_frd[0] <= 0.0:
         return None
-    return ACROSS * truth.target_frd[0]
+    return VIEW_WIDTH_PER_DEPTH * truth.target_frd[0]
 
 
-OURS = ""  # no section of the paper
+NO_PAPER_SECTION = ""  # no section of the paper
 METRICS = (
     Metric(
         name="target_moved_m", title="Target moved", unit="m", level="step", better="less",
         definition="distance that the target moves from this picture to the drone's next picture",
-        paper=OURS, of=target_moved,
+        paper=NO_PAPER_SECTION, of=target_moved,
     ),
     Metric(
         name="view_width_m", title="Width of the view", unit="m", level="step", better=None,
         definition="width of the view at the target's depth, if the target is ahead",
-        paper=OURS, of=view_width,
+        paper=NO_PAPER_SECTION, of=view_width,
     ),
     Metric(
         name="decision_period_s", title="Decision period", unit="s", level="step", better="less",
         definition="time from this picture to the drone's next picture",
-        paper=OURS, of=decision_period,
+        paper=NO_PAPER_SECTION, of=decision_period,
     ),
 )  # fmt: skip
 

@@ -15,7 +15,7 @@ from vehicles.multirotor import step
 from vehicles.solids import SolidTriangles
 
 RATE, ATTITUDE, VELOCITY = 0, 1, 2  # the loop with the delayed feedback
-LINE = 4096  # samples in a delay line, one per millisecond
+DELAY_LINE_ROWS = 4096  # samples in a delay line, one per millisecond
 CHANNELS = 4  # of a delay line; a quaternion needs all four
 COLUMNS = 10  # of the recorded truth: rates FRD (rad/s), attitude (w, x, y, z), velocity NED (m/s)
 
@@ -106,7 +106,7 @@ def delay_feedback(
 
 
 @njit(cache=True)
-def fly_late(
+def simulate_with_delay(
     loop: int,
     axis: int,
     delay: float,

@@ -8,7 +8,15 @@ from numpy.typing import NDArray
 
 from autopilot.control.flight_core import CoreArguments, FlightCore
 from autopilot.records import ESTIMATE, KIND_ATTITUDE, KIND_RATES, KIND_TRAJECTORY, SETPOINT
-from dronecats.study.loop.feedback import ATTITUDE, CHANNELS, COLUMNS, LINE, RATE, VELOCITY, fly_late
+from dronecats.study.loop.feedback import (
+    ATTITUDE,
+    CHANNELS,
+    COLUMNS,
+    DELAY_LINE_ROWS,
+    RATE,
+    VELOCITY,
+    simulate_with_delay,
+)
 from foundation.airframe import Airframe
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
@@ -148,10 +156,10 @@ class Hover:
         """Fly, with the feedback of `loop` late by `delay_s`; return the truth of every millisecond, (n, COLUMNS)."""
         out = np.empty((round(seconds / SAMPLE_S), COLUMNS))
         level, axis = (loop.level, loop.axis) if loop else (RATE, 0)
-        line, late_estimate = np.zeros((LINE, CHANNELS)), np.zeros(1, ESTIMATE)[0]
+        line, late_estimate = np.zeros((DELAY_LINE_ROWS, CHANNELS)), np.zeros(1, ESTIMATE)[0]
         core = stack.core
-        fly_late(
-            level, axis, min(delay_s / SAMPLE_S, LINE - 2.0), out, line, late_estimate, *stack.plant,
+        simulate_with_delay(
+            level, axis, min(delay_s / SAMPLE_S, DELAY_LINE_ROWS - 2.0), out, line, late_estimate, *stack.plant,
             core.params, core.state, core.filter_params, core.filter_state, core.covariance, core.history,
             core.setpoint, core.estimate,
         )  # fmt: skip

@@ -20,9 +20,9 @@ from foundation.airframe import Airframe
 from foundation.frames import Vec3
 from vehicles.records import STEP_S
 from vehicles.rigid_body import air_drag
-from vehicles.rotor import EFFICIENCY, NOMINAL_CELL_V, push
+from vehicles.rotor import EFFICIENCY, NOMINAL_CELL_V, advance_rotors
 
-DENSE = np.geomspace(0.1, 1000.0, 1_000)  # rad/s; below half of the sampling rate of 1 kHz
+FREQUENCIES_DENSE = np.geomspace(0.1, 1000.0, 1_000)  # rad/s; below half of the sampling rate of 1 kHz
 SMALL = 1e-3  # rad/s, m/s: disturbance of a hover, for the numerical derivative of the air's damping
 
 
@@ -54,8 +54,8 @@ def hover_point(airframe: Airframe, plant: Any) -> HoverPoint:
         for sign in (1.0, -1.0):
             rest = (0.0, 0.0, 0.0)
             disturbance = (sign * SMALL * (axis == 0), sign * SMALL * (axis == 1), sign * SMALL * (axis == 2))
-            _, moment, _ = push(params, plant["state"].copy(), plant["actuators"], rest, disturbance, 1.0)
-            force, _, _ = push(params, plant["state"].copy(), plant["actuators"], disturbance, rest, 1.0)
+            _, moment, _ = advance_rotors(params, plant["state"].copy(), plant["actuators"], rest, disturbance, 1.0)
+            force, _, _ = advance_rotors(params, plant["state"].copy(), plant["actuators"], disturbance, rest, 1.0)
             drag = air_drag(params, disturbance)
             slopes.append((moment[axis], force[axis] + drag[axis]))
         rate_damping.append((slopes[1][0] - slopes[0][0]) / (2.0 * SMALL * airframe.inertia_frd[axis]))
@@ -160,7 +160,7 @@ def linear_loops(airframe: Airframe, gains: Gains, point: HoverPoint) -> dict[st
     }
 
 
-def delay_margin(loop: Response, frequencies: NDArray[np.float64] = DENSE) -> DelayMargin:
+def delay_margin(loop: Response, frequencies: NDArray[np.float64] = FREQUENCIES_DENSE) -> DelayMargin:
     """Return the smallest delay in the feedback that makes a loop oscillate, from python-control's phase margins.
 
     A delay τ changes the phase by -τω at a crossover frequency ω and keeps the gain. So the delay margin is the phase

@@ -56,7 +56,7 @@ def _finish_success_axis(axis: Any, along: FactorFindings, k: int, title: str) -
     panels.name_levels(axis, along.factor, level_steps(along.factor))
     axis.set_title(title)
     axis.set_ylim(-4, 104)
-    if k % panels.ACROSS == 0:
+    if k % panels.COLUMNS_MAX == 0:
         axis.set_ylabel("success rate (%)")
 
 

@@ -97,7 +97,7 @@ def _forest(
                 number = labels.index(label)
                 _draw_difference(axis, row, steps.index(row.at) + _offset(number, len(labels)), number, label)
         _name_rows(axis, names, cell_title(cell), axis_label)
-        if factor and k % panels.ACROSS == 0:
+        if factor and k % panels.COLUMNS_MAX == 0:
             axis.set_ylabel(factor.title)
     return panels.finish(figure, axes, findings.command)
 
@@ -140,7 +140,7 @@ def heat_maps(findings: Findings, maps: Sequence[HeatMap]) -> Any:
     down, across = findings.results.factors[maps[0].rows], findings.results.factors[maps[0].columns]
     rows, columns = len(maps[0].row_steps), len(maps[0].column_steps)
     has_several = len(findings.results.entrants) > 1
-    figure, axes = panels.panels(len(maps), 0.75 + 0.3 * rows, 2 if columns > 5 else panels.ACROSS)
+    figure, axes = panels.panels(len(maps), 0.75 + 0.3 * rows, 2 if columns > 5 else panels.COLUMNS_MAX)
     for axis, heat_map in zip(axes, maps, strict=True):
         shares = [[PERCENT * estimate.share for estimate in line] for line in heat_map.shares]
         image = axis.imshow(shares, cmap=HEAT_COLOURS, vmin=0.0, vmax=100.0, aspect="auto")

@@ -9,12 +9,12 @@ from dronecats.study.analysis.study_results import LevelStep, StudiedFactor
 
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 MARKERS = "osD^vP"
-ACROSS = 3  # most panels in a row
+COLUMNS_MAX = 3  # most panels in a row
 LETTERS = 118  # characters in a line of the command
 TICK_GAP = 0.045  # share of an axis, half of the least distance between labels
 
 
-def panels(count: int, height_in: float, across: int = ACROSS, *, share_y: bool = True) -> tuple[Any, list[Any]]:
+def panels(count: int, height_in: float, across: int = COLUMNS_MAX, *, share_y: bool = True) -> tuple[Any, list[Any]]:
     """Return a figure with `count` panels, row by row, and their axes."""
     columns = min(across, count)
     rows = -(-count // columns)

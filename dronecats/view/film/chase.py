@@ -20,7 +20,7 @@ from dronecats.report.recorded.tracks import FlightTrack
 from episodes.camera.renderer.renderer import Renderer, View
 from episodes.maps.assets.multirotor import multirotor
 from episodes.maps.scene import Instance, Moved
-from episodes.world.visibility import Solids, Together
+from episodes.world.visibility import Solids, SolidsUnion
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3, quat_from_euler
 
@@ -173,4 +173,4 @@ class FilmStage:
 def obstacles_of(flight: RecordedFlight) -> Solids:
     """Return the obstacles for a camera: all static objects, including a static target."""
     world = flight.world
-    return world.solids if world.target.movable else Together(world.solids, Solids((world.target,)))
+    return world.solids if world.target.movable else SolidsUnion(world.solids, Solids((world.target,)))

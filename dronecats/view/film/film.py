@@ -23,7 +23,7 @@ from PIL import Image
 from dronecats.view.film.composition import Composition
 from dronecats.view.film.lettering import BACKGROUND, DRONES, GREEN, MAGENTA, RED, WHITE, YELLOW, Picture
 from dronecats.view.film.plan import FilmPlan, filmable
-from episodes.authoring.processes import share_out
+from episodes.authoring.processes import process_map
 from foundation.errors import InfrastructureError, UsageError
 from foundation.extras import not_installed
 from foundation.files import write_json
@@ -79,7 +79,7 @@ def make(
         done = plan.pictures - sum(len(plan.part_ranges[number]) for number in missing)
         report = progress(done) if progress else None
         try:
-            for number in share_out(partial(draw_part, parts_folder), missing, jobs):
+            for number in process_map(partial(draw_part, parts_folder), missing, jobs):
                 if report is not None:
                     report(len(plan.part_ranges[number]))
             film = parts_folder.folder / f"film{out.suffix}"

@@ -18,7 +18,7 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.run_folder import layout
 from foundation.run_folder.prompts import PromptReader
-from foundation.run_folder.reading import json_object, taken
+from foundation.run_folder.reading import json_object, parse_row
 from foundation.run_folder.rows import (
     TRUTH_ROWS,
     Begin,
@@ -80,7 +80,7 @@ class FlightFollower:
             self._take_exchange(value)
         for value in self._rows(layout.PROMPTS):
             self._take_prompt(value)
-        rows = [taken(value, Decision)[0] for value in self._rows(layout.DECISIONS)]
+        rows = [parse_row(value, Decision)[0] for value in self._rows(layout.DECISIONS)]
         self._take_decisions([decision for decision in rows if decision is not None])
         self._read_verdict()
         t_s = self._t(self._wires.time_us) if self._begin is not None else 0.0
@@ -113,7 +113,7 @@ class FlightFollower:
 
     def _take_truth(self, value: dict[str, Any]) -> None:
         kind = TRUTH_ROWS.get(str(value.get("kind")))
-        row = None if kind is None else taken(value, kind)[0]
+        row = None if kind is None else parse_row(value, kind)[0]
         match row:
             case Begin():
                 self._begin = row
@@ -141,7 +141,7 @@ class FlightFollower:
         self._add_message(drone, time_us, f"{text} ({times + 1} times)" if times else text)
 
     def _take_prompt(self, value: dict[str, Any]) -> None:
-        row = taken(value, LoggedPrompt)[0]
+        row = parse_row(value, LoggedPrompt)[0]
         if row is not None:
             with contextlib.suppress(UsageError):  # the line with the prompt's template was lost
                 prompt = self._reader.read(row)
@@ -149,7 +149,7 @@ class FlightFollower:
                     self._texts[row.drone].append(prompt.text)
 
     def _take_exchange(self, value: dict[str, Any]) -> None:
-        exchange = taken(value, Exchange)[0]
+        exchange = parse_row(value, Exchange)[0]
         if exchange is None or exchange.t_answered is None:
             return
         for order in exchange.orders:

@@ -19,7 +19,7 @@ from foundation.run_folder.rows import drone_label
 
 COLORS: tuple[Vec3, ...] = tuple(map(palette.linear, palette.DRONES))
 CHOSEN = palette.rgb(palette.MARKS["chosen"])  # the point of a `go`
-MET = palette.rgb(palette.MARKS["declared-bad"])  # the obstacle on the ray to that point
+BLOCKED_POINT = palette.rgb(palette.MARKS["declared-bad"])  # the obstacle on the ray to that point
 SETPOINT = palette.rgb(palette.MARKS["setpoint"])
 WORLD = "/world"  # the root node; to follow a drone, this node moves and the view stays
 NOON = Sun((0.3, 0.2, -0.93))
@@ -57,9 +57,9 @@ class FlightScene:
         self._judged = JudgeMarks(server, f"{self._root}/judge", scene)
         self._followed: int | None = None
         self._picker: display.Picker | None = None
-        self._looked = False
+        self._view_is_set = False
         self._brought: set[int] = set()  # ids of browsers whose view was moved to the flight
-        self.things_shown = True  # whether to show the record's objects; only one of several flights does
+        self.shows_objects = True  # whether to show the record's objects; only one of several flights does
         self.judge_shown = False  # whether to show the judge's marks; they are not sent before
         base = None if scene is None else scene.base or scene
         if server.scene.get_handle_by_name(WORLD) is None:
@@ -98,7 +98,7 @@ class FlightScene:
         self._followed = drone
         self._shown.pop("followed", None)
 
-    def bring(self, here: Vec3, yaw: float) -> None:
+    def move_new_views(self, here: Vec3, yaw: float) -> None:
         """Move the view of each new browser behind a drone at a position (m, NED) and yaw (rad)."""
         clients = self._server.get_clients()
         if clients.keys() <= self._brought:
@@ -142,7 +142,7 @@ class FlightScene:
             display.place_of(here),
             display.wxyz_of(drone.attitude),
         )  # viser sends only changes
-        if not self._looked:
+        if not self._view_is_set:
             self._look(here, quat_yaw(drone.attitude))
         self._trails[k].extend(here)
         self._show_setpoint(k, here, drone.setpoint_ned)
@@ -185,7 +185,7 @@ class FlightScene:
             return
         if self._shown.get(key) == (lens, place):
             return
-        met = self._met(lens, place)
+        met = self._blocked_point(lens, place)
         scene = self._server.scene
         points = np.array([[display.place_of(lens), display.place_of(place)]], np.float32)
         if (node := self._nodes.get(key)) is None:
@@ -200,10 +200,10 @@ class FlightScene:
         self._drop(f"met-{k}")
         if met is not None:
             self._nodes[f"met-{k}"] = scene.add_icosphere(
-                f"{self._root}/met-{k}", 0.16, MET, position=display.place_of(met), cast_shadow=False
+                f"{self._root}/met-{k}", 0.16, BLOCKED_POINT, position=display.place_of(met), cast_shadow=False
             )
 
-    def _met(self, lens: Vec3, place: Vec3) -> Vec3 | None:
+    def _blocked_point(self, lens: Vec3, place: Vec3) -> Vec3 | None:
         """Return the point (m, NED) where the map blocks the ray from lens to place; None if the ray is free."""
         if self._scene is None:
             return None
@@ -230,7 +230,7 @@ class FlightScene:
     # ---- the layers
 
     def _show_added(self, moved: Moved) -> None:
-        if self.things_shown:
+        if self.shows_objects:
             self._added.show(moved)
         else:
             self._added.remove()
@@ -245,7 +245,7 @@ class FlightScene:
 
     def _look(self, here: Vec3, yaw: float) -> None:
         """Set the initial view of browsers to a place behind and above a drone."""
-        self._looked = True
+        self._view_is_set = True
         view = self._server.initial_camera
         view.up = (0.0, 1.0, 0.0)
         view.position, view.look_at = self._behind(here, yaw)

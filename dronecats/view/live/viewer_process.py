@@ -95,10 +95,10 @@ class LiveFlight:
         """Move the view of new browsers to the first drone, or to its start if its position is unknown."""
         for drone in moment.drones:
             if drone.position_ned is not None:
-                self._scene.bring(drone.position_ned, quat_yaw(drone.attitude))
+                self._scene.move_new_views(drone.position_ned, quat_yaw(drone.attitude))
                 return
         if self._start is not None:
-            self._scene.bring(self._start.position_ned, math.radians(self._start.yaw_deg))
+            self._scene.move_new_views(self._start.position_ned, math.radians(self._start.yaw_deg))
 
     def _judge(self, shown: bool) -> None:
         self.wanted = replace(self.wanted, judge=shown)

@@ -19,8 +19,8 @@ from foundation.truth import TRUTH_COMPONENT, Origin, truth_sample
 from hil.link.telemetry import STATE_MESSAGES, StatusTexts, VehicleState, setpoint_velocity, update
 
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
-POSE, TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
-TEXT, PLACE = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+POSE, POSITION_TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
+TEXT, LOCAL_POSITION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 KEPT = 3000  # truth frames per drone: one minute at 50 Hz, so that the pose at a decision's picture is available
 KEPT_ESTIMATES = 600
 _TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
@@ -38,7 +38,7 @@ class WirePose:
 
 
 @dataclass(slots=True)
-class DroneWire:
+class DroneFrames:
     """The frames and the decoded state of one drone. Frames are decoded when they are needed."""
 
     truths: deque[bytes] = field(default_factory=lambda: deque(maxlen=KEPT))  # frames of the truth bus
@@ -56,7 +56,7 @@ class WireState:
     def __init__(self, origin: Origin | None) -> None:
         """`origin`: geodetic origin of the map; None: the map is unknown, and only autopilots' estimates are used."""
         self._origin = origin
-        self.drones: dict[int, DroneWire] = {}
+        self.drones: dict[int, DroneFrames] = {}
         self.time_us = 0  # µs, vehicle clock, of the newest frame
 
     def feed(self, frames: Sequence[tuple[int, bytes]]) -> None:
@@ -64,14 +64,14 @@ class WireState:
         for time_us, frame in frames:
             component, number = frame[6], frame[7] | frame[8] << 8 | frame[9] << 16
             if component == TRUTH_COMPONENT and number == POSE:
-                self._of(frame).truths.append(frame)
-            elif component != AUTOPILOT or (number not in STATE_MESSAGES and number != TARGET):
+                self._drone_of(frame).truths.append(frame)
+            elif component != AUTOPILOT or (number not in STATE_MESSAGES and number != POSITION_TARGET):
                 continue
             elif number == TEXT:
                 if (message := _decoded(frame)) is not None:
-                    self._of(frame).texts.take(message, time_us)
+                    self._drone_of(frame).texts.take(message, time_us)
             else:
-                self._of(frame).new[number] = (time_us, frame)
+                self._drone_of(frame).new[number] = (time_us, frame)
             self.time_us = max(self.time_us, time_us)
         for drone in self.drones.values():
             self._take(drone)
@@ -120,9 +120,9 @@ class WireState:
             true=pose.true,
         )
 
-    def _of(self, frame: bytes) -> DroneWire:
+    def _drone_of(self, frame: bytes) -> DroneFrames:
         """Return the drone of a frame. Without truth there is one vehicle, which may have any system id."""
-        return self.drones.setdefault(0 if self._origin is None else frame[5] - 1, DroneWire())
+        return self.drones.setdefault(0 if self._origin is None else frame[5] - 1, DroneFrames())
 
     def _truth(self, frame: bytes) -> WirePose | None:
         message = _decoded(frame)
@@ -131,14 +131,14 @@ class WireState:
         sample = truth_sample(message, self._origin)
         return WirePose(sample.time_us, sample.position_ned, sample.velocity_ned, sample.attitude, true=True)
 
-    def _take(self, drone: DroneWire) -> None:
+    def _take(self, drone: DroneFrames) -> None:
         """Decode the newest messages of an autopilot."""
-        placed = PLACE in drone.new
+        placed = LOCAL_POSITION in drone.new
         for number, (time_us, frame) in drone.new.items():
             message = _decoded(frame)
             if message is None:
                 continue
-            if number == TARGET:
+            if number == POSITION_TARGET:
                 drone.setpoint_ned = setpoint_velocity(message)
             else:
                 drone.state, drone.has_state = update(drone.state, message, mode_name, time_us), True

@@ -31,7 +31,7 @@ from episodes.authoring.check.sight import CAMERA, level, patch
 from episodes.maps.assets import lettering, vehicles
 from episodes.maps.scene import Instance, turn
 from episodes.world.target import motion
-from episodes.world.visibility import Hides, Solids, Together
+from episodes.world.visibility import Occluder, Solids, SolidsUnion
 from episodes.world.world import World, solids
 from foundation.frames import Vec3, rotate, rotate_inverse
 
@@ -86,7 +86,7 @@ def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
         return
     fewest, highest, of_map = math.inf, 0.0, solids(world.record.map, world.record.map_seed)
     for candidate, text in zip(candidates, texts, strict=True):
-        around = Together(of_map, Solids(i for i in candidates if i is not candidate))
+        around = SolidsUnion(of_map, Solids(i for i in candidates if i is not candidate))
         for drone, start in enumerate(world.record.starts):
             past = world.fleet.among(around, world.fleet.other_starts(drone).values())
             attitude = level(start.yaw_deg)
@@ -100,7 +100,7 @@ def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
     yield RuleFinding("the best view of an inscription from a start", highest < READABLE_PX, measured, wanted)
 
 
-def letters_px(instance: Instance, text: str, past: Hides, origin: Vec3, yaw_deg: float) -> float:
+def letters_px(instance: Instance, text: str, past: Occluder, origin: Vec3, yaw_deg: float) -> float:
     """Return the height of an inscription's letters, px in the 640 px picture; 0 if none of it is visible."""
     tri = _inscription(instance, text)
     attitude = level(yaw_deg)

@@ -17,12 +17,12 @@ from episodes.authoring.check import candidates, placement, referring, sight
 from episodes.authoring.check.finding import SPOTTED_PX, RuleFinding, at_least, at_most, between
 from episodes.authoring.check.placement import StaticObstacles
 from episodes.authoring.check.sight import CAMERA, HALF_VIEW_DEG, bearing_deg, level, patch
-from episodes.authoring.processes import share_out
+from episodes.authoring.processes import process_map
 from episodes.maps.geometry import assemble, box
 from episodes.maps.scene import Instance, Material
 from episodes.records import catalogue
 from episodes.records.record import StartPose
-from episodes.world.visibility import Solids, Together
+from episodes.world.visibility import Solids, SolidsUnion
 from episodes.world.world import World, solids
 from foundation.errors import UsageError
 from foundation.frames import Vec3
@@ -115,7 +115,7 @@ def check_one(source: str, laid_out: bool = False) -> Report:
 
 def check_all(sources: Sequence[str], jobs: int | None = None, laid_out: bool = False) -> Iterator[Report]:
     """Yield the reports in the order in which `jobs` processes (default: one per core) finish them."""
-    yield from share_out(partial(check_one, laid_out=laid_out), sources, jobs)
+    yield from process_map(partial(check_one, laid_out=laid_out), sources, jobs)
 
 
 def layout(world: World) -> Layout:
@@ -190,7 +190,7 @@ def past_each_other(world: World) -> int:
     fewest = math.inf
     for target in targets:
         for drone, start in zip(drones, record.starts, strict=True):
-            past = Together(of_map, Solids(i for i in (*targets, *drones) if i is not target and i is not drone))
+            past = SolidsUnion(of_map, Solids(i for i in (*targets, *drones) if i is not target and i is not drone))
             place, turned, attitude = target.position_ned, target.turned, level(start.yaw_deg)
             fewest = min(fewest, patch(target, place, turned, past, start.position_ned, attitude, CAMERA).pixels)
     return int(fewest)

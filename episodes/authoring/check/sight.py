@@ -15,7 +15,7 @@ from episodes.authoring.check.finding import BODY_M, OF_OTHER_MAPS, RULES, RuleF
 from episodes.maps.scene import Instance, Mesh, turn
 from episodes.world.rays import NOTHING as NO_TRIANGLE
 from episodes.world.rays import RayScene
-from episodes.world.visibility import NEAR_M, Hides
+from episodes.world.visibility import NEAR_M, Occluder
 from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3, quat_from_euler, rotate
@@ -51,7 +51,7 @@ def patch(
     target: Instance,
     place: Vec3,
     turned: float | Quat,
-    solids: Hides,
+    solids: Occluder,
     origin: Vec3,
     attitude: Quat,
     camera: CameraModel,

@@ -41,8 +41,11 @@ NO_TARGETS = (*referring.UNNAMED, "clock-tower")  # kinds of a map that are neve
 MOVERS = ("delivery_robot", "service_cart", "pedestrian")
 PAINT = "white"  # of robots and carts: that of the map's own robots and carts
 REFERRED_SPARE_M = 1.0
-ANYWHERE = ("nearest", "between")  # relations that do not depend on the viewer's place, for hidden targets
-BARREN = 4  # after this many rounds through all kinds without a draft, the search ends
+VIEW_INDEPENDENT_RELATIONS = (
+    "nearest",
+    "between",
+)  # relations that do not depend on the viewer's place, for hidden targets
+EMPTY_ROUNDS_MAX = 4  # after this many rounds through all kinds without a draft, the search ends
 SKIPPED_NEAREST = 0.8  # share of the targets with no relation but `nearest` that is skipped, so that others are tried
 REFERRED_STARTS = 12  # largest number of starts tried for one target
 
@@ -127,7 +130,7 @@ def referred_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Prop
     kinds = [kind for kind in sorted(fixtures) if len(fixtures[kind]) > 1]
     rng.shuffle(kinds)
     barren = 0
-    while kinds and barren < BARREN:
+    while kinds and barren < EMPTY_ROUNDS_MAX:
         barren += 1
         for kind in kinds:
             for instance in rng.sample(fixtures[kind], len(fixtures[kind])):
@@ -152,7 +155,7 @@ def _walking(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | 
     lanes = [lane for lane in site.places.lanes if lane.length_m > length]
     rng.shuffle(movers)
     barren = 0
-    while movers and lanes and barren < BARREN:
+    while movers and lanes and barren < EMPTY_ROUNDS_MAX:
         barren += 1
         for asset in movers:
             for _ in range(20):
@@ -191,7 +194,7 @@ def _before(
         return None
     places = {i.name: i.position_ned for i in site.scene.instances if i.kind == kind} | {name: placed.position_ned}
     hidden = cell in HIDDEN
-    drawn = rng.choice(ANYWHERE if hidden else referring.RELATIONS)
+    drawn = rng.choice(VIEW_INDEPENDENT_RELATIONS if hidden else referring.RELATIONS)
     best: tuple[int, Proposal] | None = None
     starts = site.starts(placed, distance, share.height_m(ALTITUDES_M), rng, rules.off_axes_deg)
     for spot in itertools.islice(starts, REFERRED_STARTS):
@@ -201,7 +204,7 @@ def _before(
         pose = start(spot, yaw)
         marks = referring.landmarks(site.name, site.seed, kind, spot, None if hidden else pose.yaw_deg)
         expressions = referring.expressions(nouns(kind)[0], name, places, marks, spot)
-        expressions = [e for e in expressions if not hidden or e.relation in ANYWHERE]
+        expressions = [e for e in expressions if not hidden or e.relation in VIEW_INDEPENDENT_RELATIONS]
         for expression in rng.sample(expressions, len(expressions)):
             worth = 2 if expression.relation == drawn else int(expression.relation != "nearest")
             if best is None or worth > best[0]:

@@ -18,9 +18,9 @@ from episodes.world.world import World
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
-MOST = 99  # largest number in an id, which has two digits
+RECORDS_MAX = 99  # largest number in an id, which has two digits
 APART_M = 6.0  # least distance between the targets of a request
-EAGER = 40  # after this many drafts, a target may be nearer than APART_M to that of another record
+SPACED_TRIES = 40  # after this many drafts, a target may be nearer than APART_M to that of another record
 TRIES = 160  # largest number of drafts for one record
 
 
@@ -54,7 +54,7 @@ def propose(request: RecordRequest) -> list[EpisodeRecord]:
             draft = _next(drafts, share)
             if draft is None:
                 raise no_room(f"{request.cell} episode on {request.map}")
-            if tried < EAGER and any(math.dist(draft.placed.position_ned, place) < APART_M for place in places):
+            if tried < SPACED_TRIES and any(math.dist(draft.placed.position_ned, place) < APART_M for place in places):
                 continue
             record = _record(request, number, draft)
             world = World(record)
@@ -83,8 +83,12 @@ def validate(request: RecordRequest) -> None:
         raise UsageError(f"cell '{request.cell}' does not exist. Choose one of {', '.join(CELLS)}.")
     if request.map not in maps.names():
         raise UsageError(f"map '{request.map}' does not exist. Choose one of {', '.join(maps.names())}.")
-    if not 1 <= request.count <= MOST or not 1 <= request.first <= MOST or request.first + request.count - 1 > MOST:
-        raise UsageError(f"--count and --first must keep the numbers of the ids within 01 … {MOST}.")
+    if (
+        not 1 <= request.count <= RECORDS_MAX
+        or not 1 <= request.first <= RECORDS_MAX
+        or request.first + request.count - 1 > RECORDS_MAX
+    ):
+        raise UsageError(f"--count and --first must keep the numbers of the ids within 01 … {RECORDS_MAX}.")
     if not 0 <= request.seed <= MAX_SEED or not 0 <= request.map_seed <= MAX_SEED:
         raise UsageError(f"--seed and --map-seed must be whole numbers from 0 to {MAX_SEED}.")
 

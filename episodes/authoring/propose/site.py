@@ -21,7 +21,7 @@ from episodes.maps.scene import Instance, Mesh, Places
 from episodes.records.record import StartPose, TargetRecord
 from episodes.world import world
 from episodes.world.target import motion
-from episodes.world.visibility import TargetView, Without
+from episodes.world.visibility import SolidsExcept, TargetView
 from foundation.camera import CameraPose
 from foundation.errors import UsageError
 from foundation.frames import Vec3, rotate
@@ -136,7 +136,7 @@ class Site:
     def native(self, instance: Instance) -> PlacedTarget:
         """Return an instance of the map as a target."""
         if instance.name not in self._natives:
-            view = TargetView(instance.mesh, Without(self.solids, instance))
+            view = TargetView(instance.mesh, SolidsExcept(self.solids, instance))
             self._natives[instance.name] = PlacedTarget(instance.mesh, instance.position_ned, instance.yaw, view)
         return self._natives[instance.name]
 

@@ -48,8 +48,8 @@ def hall(plan: HallPlan) -> Mesh:
     facade = {"brick": _brick_face, "ribbon": _ribbon_face, "columns": _stone_face, "glass": _glass_face}[plan.style]
     for k, (out, width, turns) in enumerate(faces):
         panels = facade(plan, width, k == 0)
-        solids += [g.placed(g.placed(p, (out, 0.0, 0.0)), yaw=turns * np.pi) for p in panels]
-    solids += [g.placed(p, (half_d, 0.0, 0.0)) for p in _entrance(plan)]
+        solids += [g.transformed(g.transformed(p, (out, 0.0, 0.0)), yaw=turns * np.pi) for p in panels]
+    solids += [g.transformed(p, (half_d, 0.0, 0.0)) for p in _entrance(plan)]
     solids += _portico(plan) if plan.style == "columns" else []
     return g.assemble([*solids, *_roof(plan)])
 
@@ -257,12 +257,14 @@ def _portico(plan: HallPlan) -> list[MeshPart]:
     shaft = [(0.0, FLOOR_M), (0.66, FLOOR_M), (0.66, FLOOR_M + 0.22), (0.52, FLOOR_M + 0.34), (0.50, FLOOR_M + 2.5)]
     shaft += [(0.42, beam - 0.5), (0.44, beam - 0.45), (0.60, beam - 0.18), (0.60, beam)]
     column = g.lathe(shaft, surface("panels", linear(TINTS[plan.tint])), 18, 3.6)
-    solids += [g.placed(column, (front + 5.1, y, 0.0)) for y in np.linspace(-half + 0.5, half - 0.5, 6)]
+    solids += [g.transformed(column, (front + 5.1, y, 0.0)) for y in np.linspace(-half + 0.5, half - 0.5, 6)]
     solids.append(g.box((front, -half - 0.4, beam), (front + 5.85, half + 0.4, plan.top - 1.1), stone, 2.4))
     solids.append(g.box((front, -half - 0.8, plan.top - 1.1), (front + 6.2, half + 0.8, plan.top - 0.7), stone, 2.4))
     gable = [(-half - 0.8, plan.top - 0.7), (half + 0.8, plan.top - 0.7), (0.0, plan.top + 2.4)]
     # a profile lies in x and z; a quarter turn makes its x the portico's width
-    solids.append(g.placed(g.placed(g.profile(gable, -front - 6.1, -front, stone, 2.4), yaw=np.pi / 2), (0, 0, 0)))
+    solids.append(
+        g.transformed(g.transformed(g.profile(gable, -front - 6.1, -front, stone, 2.4), yaw=np.pi / 2), (0, 0, 0))
+    )
     return solids
 
 

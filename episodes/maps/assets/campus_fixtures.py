@@ -54,9 +54,11 @@ def lamp(height: float = 4.6) -> Mesh:
     ]
     for y in (-0.62, 0.62):
         solids.append(
-            g.placed(g.lathe([(0.0, -0.2), (0.1, -0.2), (0.19, 0.22), (0.0, 0.22)], glass, 8), (0, y, height))
+            g.transformed(g.lathe([(0.0, -0.2), (0.1, -0.2), (0.19, 0.22), (0.0, 0.22)], glass, 8), (0, y, height))
         )
-        solids.append(g.placed(g.lathe([(0.22, 0.2), (0.25, 0.23), (0.05, 0.42), (0.0, 0.5)], IRON, 8), (0, y, height)))
+        solids.append(
+            g.transformed(g.lathe([(0.22, 0.2), (0.25, 0.23), (0.05, 0.42), (0.0, 0.5)], IRON, 8), (0, y, height))
+        )
         solids.append(g.rod((0, y, height - 0.3), (0, y, height - 0.18), (0.03, 0.1), IRON, 8))
     for z in (height - 0.6, height - 2.12):
         solids.append(g.rod((0, 0, z), (0.84, 0, z), (0.02, 0.02), IRON, 6))
@@ -104,7 +106,7 @@ def _bicycle(at: tuple[float, float], lean: float) -> list[MeshPart]:
     solids += [g.rod((a, 0, b), (c, 0, d), (0.022, 0.022), frame, 5) for (a, b), (c, d) in tubes]
     solids.append(g.rod((0.30, -0.26, 1.0), (0.30, 0.26, 1.0), (0.018, 0.018), materials.TRIM, 6))
     solids.append(g.ball((-0.27, 0, 0.95), (0.14, 0.07, 0.04), materials.TRIM, 1))
-    return [g.placed(p, (*at, 0.0), lean) for p in solids]
+    return [g.transformed(p, (*at, 0.0), lean) for p in solids]
 
 
 @cache
@@ -165,14 +167,14 @@ def notice_board() -> Mesh:
         sheet = g.quad(
             [(0.07, -1.02, 0.84), (0.07, 1.02, 0.84), (0.07, 1.02, 1.94), (0.07, -1.02, 1.94)], materials.notices(seed)
         )
-        solids.append(g.placed(sheet, yaw=turn))
+        solids.append(g.transformed(sheet, yaw=turn))
         frame = [
             ((-1.08, 0.78), (1.08, 0.84)),
             ((-1.08, 1.94), (1.08, 2.0)),
             ((-1.08, 0.84), (-1.02, 1.94)),
             ((1.02, 0.84), (1.08, 1.94)),
         ]
-        solids += [g.placed(g.box((0.05, a, b), (0.1, c, d), IRON), yaw=turn) for (a, b), (c, d) in frame]
+        solids += [g.transformed(g.box((0.05, a, b), (0.1, c, d), IRON), yaw=turn) for (a, b), (c, d) in frame]
     return g.assemble(solids)
 
 
@@ -339,11 +341,11 @@ def kiosk() -> Mesh:
     for side in (-1, 1):  # a window on either side
         turn = side * np.pi / 2
         solids.append(
-            g.placed(
+            g.transformed(
                 g.quad([(1.46, -0.75, 1.1), (1.46, 0.75, 1.1), (1.46, 0.75, 2.0), (1.46, -0.75, 2.0)], glass), yaw=turn
             )
         )
-        solids += [g.placed(g.box((1.44, -0.82, z), (1.5, 0.82, z + 0.08), trim), yaw=turn) for z in (1.02, 2.0)]
+        solids += [g.transformed(g.box((1.44, -0.82, z), (1.5, 0.82, z + 0.08), trim), yaw=turn) for z in (1.02, 2.0)]
     sign = materials.lettered("COFFEE", (238, 232, 214), (56, 50, 46))
     solids.append(g.box((1.52, -0.95, 2.58), (1.58, 0.95, 3.0), IRON))
     solids.append(g.quad([(1.6, -0.92, 2.6), (1.6, 0.92, 2.6), (1.6, 0.92, 2.98), (1.6, -0.92, 2.98)], sign))
@@ -390,12 +392,12 @@ def clock_tower() -> Mesh:
     for k in range(4):
         turn = k * np.pi / 2
         dial = g.quad([(2.04, -1.5, 14.8), (2.04, 1.5, 14.8), (2.04, 1.5, 17.8), (2.04, -1.5, 17.8)], face)
-        solids.append(g.placed(dial, yaw=turn))
+        solids.append(g.transformed(dial, yaw=turn))
         for low in (3.4, 7.0, 10.6):
             slit = g.box((1.98, -0.32, low), (2.03, 0.32, low + 1.7), materials.WINDOW)
-            solids += [g.placed(slit, yaw=turn)]
-            solids.append(g.placed(g.box((1.98, -0.45, low - 0.16), (2.12, 0.45, low), stone), yaw=turn))
-            solids.append(g.placed(g.box((1.98, -0.45, low + 1.7), (2.12, 0.45, low + 1.95), stone), yaw=turn))
+            solids += [g.transformed(slit, yaw=turn)]
+            solids.append(g.transformed(g.box((1.98, -0.45, low - 0.16), (2.12, 0.45, low), stone), yaw=turn))
+            solids.append(g.transformed(g.box((1.98, -0.45, low + 1.7), (2.12, 0.45, low + 1.95), stone), yaw=turn))
     solids.append(g.box((2.0, -0.75, 0.0), (2.44, 0.75, 2.5), stone))
     solids.append(g.quad([(2.46, -0.6, 0.1), (2.46, 0.6, 0.1), (2.46, 0.6, 2.3), (2.46, -0.6, 2.3)], surface("doors")))
     return g.assemble(solids)

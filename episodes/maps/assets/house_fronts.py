@@ -50,7 +50,7 @@ def window(
     # faces against the wall are never seen
     solids = [g.without(p, (-1.0, 0.0, 0.0)) for p in solids]
     turn = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}[face]
-    return [g.placed(p, (*centre, 0.0), turn) for p in solids]
+    return [g.transformed(p, (*centre, 0.0), turn) for p in solids]
 
 
 def door(plan: HousePlan, x: float, y: float, floor: float, trim: Material) -> list[MeshPart]:
@@ -126,4 +126,4 @@ def _railing(plan: HousePlan, outer: float, a: float, b: float, trim: Material) 
     baluster = g.box((outer - 0.135, -0.02, FOUNDATION_M), (outer - 0.105, 0.02, FOUNDATION_M + 0.85), trim)
     for end in (-1.0, 1.0):
         baluster = g.without(baluster, (0.0, 0.0, end))
-    return solids + [g.placed(baluster, (0.0, float(k), 0.0)) for k in np.arange(a + 0.1, b, 0.22)]
+    return solids + [g.transformed(baluster, (0.0, float(k), 0.0)) for k in np.arange(a + 0.1, b, 0.22)]

@@ -20,7 +20,7 @@ def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitc
     (x0, y0), (x1, y1) = low, high
     if not along_y:
         turned = gable((y0, -x1), (y1, -x0), eave, pitch, True, wall, tile, roof, roof_tile, trim, overhang)
-        return [g.placed(p, yaw=np.pi / 2) for p in turned]
+        return [g.transformed(p, yaw=np.pi / 2) for p in turned]
     middle, half = (x0 + x1) / 2, (x1 - x0) / 2
     ridge = eave + pitch * half
     solids = [g.profile([(x0, eave), (x1, eave), (middle, ridge)], y0, y1, wall, tile)]

@@ -109,7 +109,7 @@ def _rotor(hub: Vec3, radius_m: float, number: int, look: Material) -> list[Mesh
         g.rod((x, y, z - 0.03 * radius_m), (x, y, z + 0.06 * radius_m), (0.04 * radius_m, 0.03 * radius_m), CARBON, 6),
     ]
     blade = g.prism([(radius_m * a, radius_m * b) for a, b in BLADE], -0.012 * radius_m, 0.012 * radius_m, look)
-    return solids + [g.placed(blade, hub, first + step * number + half) for half in (0.0, np.pi)]
+    return solids + [g.transformed(blade, hub, first + step * number + half) for half in (0.0, np.pi)]
 
 
 def _legs(shape: Outline, thin: float) -> list[MeshPart]:
@@ -149,7 +149,7 @@ def _display_rotor(x: float, y: float, z: float, turn: float) -> list[MeshPart]:
     flat = g.prism([*blade, (0.03, 0.02)], 0.085, 0.100, materials.TRIM)
     tip = g.prism([(0.40, -0.035), (0.465, -0.02), (0.465, 0.021), (0.40, 0.022)], 0.084, 0.101, materials.WHITE_WOOD)
     for k in (0.0, np.pi):
-        solids += [g.placed(p, (x, y, z), turn + k) for p in (flat, tip)]
+        solids += [g.transformed(p, (x, y, z), turn + k) for p in (flat, tip)]
     return solids
 
 

@@ -264,7 +264,7 @@ def _head(pose: Posture, outfit: Outfit, helmet: Material | None) -> list[MeshPa
         solids.append(g.ball(head + 0.115 * ahead + 0.062 * up, (0.075, 0.07, 0.012), hat, 1))
     elif outfit.head == "sun hat":
         brim = g.lathe([(0.0, 0.0), (0.20, -0.012), (0.205, 0.0), (0.10, 0.02), (0.095, 0.10), (0.0, 0.12)], hat, 14)
-        solids.append(g.placed(brim, head + 0.045 * up - 0.01 * ahead))
+        solids.append(g.transformed(brim, head + 0.045 * up - 0.01 * ahead))
     return solids
 
 
@@ -309,7 +309,7 @@ def _dressed(pose: Posture, cloth: Material, outfit: Outfit, helmet: Material | 
 def _grounded(solids: list[MeshPart]) -> Mesh:
     """Return the parts as a mesh whose lowest point touches the ground."""
     low = min(float(p.corners[..., 2].min()) for p in solids)
-    return g.assemble([g.placed(p, (0.0, 0.0, -low)) for p in solids])
+    return g.assemble([g.transformed(p, (0.0, 0.0, -low)) for p in solids])
 
 
 @cache

@@ -48,7 +48,7 @@ def _spoked(x: float, radius: float, spokes: int) -> list[MeshPart]:
         rim = ((radius - 0.05) * np.cos(a), 0.0, (radius - 0.05) * np.sin(a))
         solids.append(g.rod((0.0, y, 0.0), rim, (0.005, 0.004), ALLOY, 3))
     solids.append(g.rod((0, -0.05, 0), (0, 0.05, 0), (0.03, 0.03), ALLOY, 8))
-    return [g.placed(p, (x, 0.0, radius)) for p in solids]
+    return [g.transformed(p, (x, 0.0, radius)) for p in solids]
 
 
 @cache
@@ -71,7 +71,7 @@ def cyclist(paint: str) -> Mesh:
     solids.append(g.rod(seat, (-0.25, 0, 0.90), (0.015, 0.015), ALLOY, 6))
     bar = [(0.56, -0.29, 1.01), (0.42, -0.12, 1.03), (0.36, 0.0, 1.0), (0.42, 0.12, 1.03), (0.56, 0.29, 1.01)]
     solids += [g.rod(a, b, (0.014, 0.014), ALLOY, 6) for a, b in itertools.pairwise(bar)]
-    solids.append(g.placed(tyre(0.10, 0.02, materials.TRIM, 16), (-0.07, -0.05, 0.29)))
+    solids.append(g.transformed(tyre(0.10, 0.02, materials.TRIM, 16), (-0.07, -0.05, 0.29)))
     for z in (0.385, 0.21):
         solids.append(
             g.rod((-0.07, -0.05, z), (rear, -0.05, radius + (z - 0.29) * 0.3), (0.008, 0.008), materials.TRIM, 4)
@@ -94,7 +94,7 @@ def _motor_wheel(x: float, radius: float, thick: float) -> list[MeshPart]:
     solids.append(g.rod((0, -0.07, 0), (0, 0.07, 0), (0.05, 0.05), materials.RIM, 10))
     for y in (-0.065, 0.065):
         solids.append(g.rod((0, y - 0.004, 0), (0, y + 0.004, 0), (0.15, 0.15), ALLOY, 16))
-    return [g.placed(p, (x, 0.0, radius)) for p in solids]
+    return [g.transformed(p, (x, 0.0, radius)) for p in solids]
 
 
 @cache

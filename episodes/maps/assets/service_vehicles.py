@@ -102,7 +102,7 @@ def bus(paint: str, plate: str) -> Mesh:
     solids = [*body(SHAPE, shell), *_flanks(), *_ends("7 CENTRE")]
     wheel_solids = wheel(SHAPE.wheel_radius, 0.30)
     for x in (-SHAPE.wheelbase / 2, SHAPE.wheelbase / 2):
-        left = [g.placed(p, (x, WIDTH / 2 - 0.20, SHAPE.wheel_radius)) for p in wheel_solids]
+        left = [g.transformed(p, (x, WIDTH / 2 - 0.20, SHAPE.wheel_radius)) for p in wheel_solids]
         solids += left + [g.mirrored(p) for p in left]
     solids.append(g.box((-4.6, -0.82, 0.36), (4.6, 0.82, 1.1), materials.SHADOW))
     # air conditioning and hatches on the roof

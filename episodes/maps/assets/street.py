@@ -48,7 +48,7 @@ def mailbox(number: int = 0) -> Mesh:
     color = ((52, 58, 66), (206, 206, 200), (110, 114, 116), (72, 78, 68))[number % 4]
     tin, wood = materials.plain("mailbox", color, 0.4), (surface("boards"), materials.WHITE_WOOD)[number // 2 % 2]
     ring = [(0.11 * np.cos(a), 1.12 + 0.11 * np.sin(a)) for a in np.linspace(0, np.pi, 9)] + [(-0.11, 1.0), (0.11, 1.0)]
-    body = g.placed(g.profile(ring, -0.24, 0.24, tin), yaw=np.pi / 2)
+    body = g.transformed(g.profile(ring, -0.24, 0.24, tin), yaw=np.pi / 2)
     flag = materials.plain("flag", (186, 188, 190))
     return g.assemble(
         [
@@ -84,7 +84,7 @@ def picket_fence(length: float = 6.0, height: float = 0.95, tone: int = 0) -> Me
     ]
     ring = [(-0.045, 0.06), (0.045, 0.06), (0.045, height - 0.07), (0.0, height), (-0.045, height - 0.07)]
     picket = g.profile(ring, -0.01, 0.012, wood)
-    solids += [g.placed(picket, (float(x), 0.0, 0.0)) for x in np.arange(-half + 0.08, half - 0.04, 0.19)]
+    solids += [g.transformed(picket, (float(x), 0.0, 0.0)) for x in np.arange(-half + 0.08, half - 0.04, 0.19)]
     return g.assemble([g.without(p, (0.0, 0.0, -1.0)) for p in solids])
 
 
@@ -104,7 +104,7 @@ def name_post(along: str, across: str) -> Mesh:
         blade.append(
             g.quad([(-half, -0.014, z), (half, -0.014, z), (half, -0.014, z + high), (-half, -0.014, z + high)], look)
         )
-        solids += [g.placed(p, yaw=turn) for p in blade]
+        solids += [g.transformed(p, yaw=turn) for p in blade]
     return g.assemble(solids)
 
 

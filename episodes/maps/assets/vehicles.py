@@ -273,7 +273,7 @@ def wheel(radius: float, width: float, spokes: int = 5, rim: Material = material
          (inner, 0.038 * thin, 2 * root)],
         rim,
     )  # fmt: skip
-    solids += [g.placed(spoke, yaw=2 * np.pi * k / spokes) for k in range(spokes)]
+    solids += [g.transformed(spoke, yaw=2 * np.pi * k / spokes) for k in range(spokes)]
     solids.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], rim, 8))
     return [about_y(p) for p in solids]
 
@@ -290,7 +290,7 @@ def _wheels(shape: CarShape, trim: Trim) -> list[MeshPart]:
     wheel_solids = wheel(shape.wheel_radius, 0.23, trim.spokes, RIMS[trim.rim])
     for x in (-shape.wheelbase / 2, shape.wheelbase / 2):
         y = shape.width / 2 - 0.135
-        left = [g.placed(p, (x, y, shape.wheel_radius)) for p in wheel_solids]
+        left = [g.transformed(p, (x, y, shape.wheel_radius)) for p in wheel_solids]
         solids += left + [g.mirrored(p) for p in left]
     reach, inner = shape.length / 2 - 0.35, shape.width / 2 - 0.30
     solids.append(g.box((-reach, -inner, shape.clearance - 0.02), (reach, inner, shape.belt - 0.35), materials.SHADOW))

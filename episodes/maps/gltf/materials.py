@@ -140,7 +140,7 @@ def source_of(document: Document, texture: Any, where: str) -> int:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class TexturedMaterial:
     """A material, and how a mesh maps its texture."""
 
     material: Material
@@ -186,7 +186,7 @@ def used_images(document: Document, materials: set[int]) -> set[int]:
     return images
 
 
-def read(document: Document, index: int, images: Images) -> Look:
+def read(document: Document, index: int, images: Images) -> TexturedMaterial:
     """Return a material of the file. Metalness, normal maps and transparency are ignored."""
     entry, where = document.entry("materials", index, "material"), f"materials[{index}]"
     name = document.name_of(entry) or f"material-{index}"
@@ -207,7 +207,7 @@ def read(document: Document, index: int, images: Images) -> Look:
     made = Material(name, color, picture, emission, specular, cutout=cutout)
     made = _ours(document, entry, where, made) or made
     if texture is None:
-        return Look(made)
+        return TexturedMaterial(made)
     uv_set = document.natural(texture, "texCoord", f"{where}.baseColorTexture", 0)
     moved = document.extension(texture, "KHR_texture_transform", f"{where}.baseColorTexture") or {}
     place = f"{where}.KHR_texture_transform"
@@ -215,7 +215,7 @@ def read(document: Document, index: int, images: Images) -> Look:
     offset = document.numbers(moved, "offset", place, (0.0, 0.0))
     turn = document.number(moved, "rotation", place, 0.0)
     uv_set = document.natural(moved, "texCoord", place, uv_set)
-    return Look(made, uv_set, (scale[0], scale[1]), turn, (offset[0], offset[1]))
+    return TexturedMaterial(made, uv_set, (scale[0], scale[1]), turn, (offset[0], offset[1]))
 
 
 def _surface(document: Document, entry: Mapping[str, Any], where: str) -> tuple[Vec3, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps.gltf.document import REMEDY, Document, element_count, from_gltf, indices, linear_from_gltf, vectors
-from episodes.maps.gltf.materials import Look
+from episodes.maps.gltf.materials import TexturedMaterial
 from episodes.maps.scene import Material, Mesh, turn
 from foundation.frames import Vec3
 
@@ -75,11 +75,11 @@ def _of(document: Document, primitive: Mapping[str, Any], where: str) -> Any:
 class Shapes:
     """The meshes of one file, each read once, on demand."""
 
-    def __init__(self, document: Document, looks: Mapping[int, Look]) -> None:
+    def __init__(self, document: Document, looks: Mapping[int, TexturedMaterial]) -> None:
         """`looks`: the materials of the meshes, by their index in the file."""
         self._document = document
         self._looks = looks
-        self._plain = Look(Material("plain", (1.0, 1.0, 1.0)))
+        self._plain = TexturedMaterial(Material("plain", (1.0, 1.0, 1.0)))
         self._tinted: dict[tuple[int, int], Material] = {}
         self._kept: dict[int, Mesh | None] = {}
         self._read_vertices = self._kept_vertices = 0
@@ -146,7 +146,7 @@ class Shapes:
             self._document.fail(where, f"brings the file above {MAX_READ} vertices: simplify it")
 
     def _block(
-        self, primitive: Mapping[str, Any], where: str, look: Look, blocks: dict[Any, _Block]
+        self, primitive: Mapping[str, Any], where: str, look: TexturedMaterial, blocks: dict[Any, _Block]
     ) -> tuple[Any, _Block]:
         """Return (key, vertices) of a primitive. Primitives with equal keys share vertices, which are read once."""
         attributes = self._document.mapping(primitive, "attributes", f"{where}.attributes")

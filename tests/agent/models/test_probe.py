@@ -5,7 +5,15 @@ from typing import Any
 
 import pytest
 
-from dronecats.agent.models.probe import MARK, ProbeResult, holds, marked_picture, order_of, pointing_of, probe
+from dronecats.agent.models.probe import (
+    MARK,
+    ProbeResult,
+    conforms_to_schema,
+    marked_picture,
+    order_of,
+    pointing_of,
+    probe,
+)
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.wire_formats import open_model
 from foundation.errors import ModelError
@@ -132,4 +140,4 @@ def test_replies_that_satisfy_a_schema():
         ("", "object", False),
     ]
     for reply, root, kept in cases:
-        assert holds(reply, root) == kept, reply[:80]
+        assert conforms_to_schema(reply, root) == kept, reply[:80]

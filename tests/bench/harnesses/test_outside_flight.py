@@ -8,7 +8,7 @@ from dronecats.agent.latency import LatencyPolicy
 from dronecats.bench.harnesses.outside_flight import OutsideFlight, OutsideReply
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight import look_up
-from dronecats.flight.spec.flight_spec import FlightSpec, Outside, Simulated
+from dronecats.flight.spec.flight_spec import ExternalHarness, FlightSpec, Simulated
 from foundation.errors import UsageError
 
 EPISODE = "blocks-commanding-01"
@@ -25,7 +25,7 @@ def spec(**more):
             "episode": EPISODE,
             "drones": 1,
             "simulated": Simulated(speed=None),
-            "outside": Outside(harness="a test", name="three words"),
+            "outside": ExternalHarness(harness="a test", name="three words"),
             "latency": LatencyPolicy.parse("fixed:0.5"),
             "seconds": 9.0,
             **more,

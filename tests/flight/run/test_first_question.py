@@ -10,7 +10,7 @@ from dronecats.agent.models.model import Reply
 from dronecats.agent.models.replay import FlightRecording, ReplyCache
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.benchmark_folder import Bench
-from dronecats.bench.matrix import BenchEntry, suite_of
+from dronecats.bench.matrix import BenchEntry, choose_suite
 from dronecats.flight.run.accounts import FirstQuestions
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
@@ -103,7 +103,7 @@ def open_bench(out, *flights):
         BenchEntry(name=f"{each.model.name}-{each.seed}", flight=replace(each, episode=None), episodes=(EASY,))
         for each in flights
     ]
-    return Bench(out, suite_of([EASY], ()), entries, retry=False)
+    return Bench(out, choose_suite([EASY], ()), entries, retry=False)
 
 
 def test_a_bench_asks_each_model_once_and_books_it(tmp_path):

@@ -29,16 +29,16 @@ def test_the_plant_of_every_airframe_and_map_has_the_same_types() -> None:
 def test_a_cache_is_cold_until_it_holds_the_plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compile_ahead, "cache_folder", lambda: tmp_path / "kernels")
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    monkeypatch.setattr(compile_ahead, "KEEPS", True)
-    assert compile_ahead.cold()
+    monkeypatch.setattr(compile_ahead, "CAN_CACHE", True)
+    assert compile_ahead.should_compile_in_parallel()
     folder = tmp_path / "kernels" / "vehicles"
     folder.mkdir(parents=True)
-    assert compile_ahead.cold()
-    monkeypatch.setattr(compile_ahead, "KEEPS", False)
-    assert not compile_ahead.cold()  # nothing would be cached
-    monkeypatch.setattr(compile_ahead, "KEEPS", True)
+    assert compile_ahead.should_compile_in_parallel()
+    monkeypatch.setattr(compile_ahead, "CAN_CACHE", False)
+    assert not compile_ahead.should_compile_in_parallel()  # nothing would be cached
+    monkeypatch.setattr(compile_ahead, "CAN_CACHE", True)
     (folder / "multirotor.step-12.py311.nbi").touch()
-    assert not compile_ahead.cold()
+    assert not compile_ahead.should_compile_in_parallel()
 
 
 KERNELS = """
@@ -78,10 +78,10 @@ def test_a_second_process_that_cannot_run_costs_nothing_but_its_time(
 
 def test_compiled_kernels_are_detected(monkeypatch, tmp_path):
     monkeypatch.setattr(compile_ahead, "cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(compile_ahead, "KEEPS", True)
+    monkeypatch.setattr(compile_ahead, "CAN_CACHE", True)
     assert not compile_ahead.is_compiled()
     (tmp_path / "vehicles").mkdir()
     (tmp_path / "vehicles" / "multirotor.step-12.py311.nbi").touch()
     assert compile_ahead.is_compiled()
-    monkeypatch.setattr(compile_ahead, "KEEPS", False)  # each start compiles
+    monkeypatch.setattr(compile_ahead, "CAN_CACHE", False)  # each start compiles
     assert not compile_ahead.is_compiled()

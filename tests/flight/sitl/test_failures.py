@@ -75,7 +75,7 @@ def test_a_script_stays_in_force_beside_what_is_injected_and_can_be_mended():
 
 
 def test_a_delay_that_no_vehicle_remembers_is_refused_and_leaves_nothing(plant):
-    plant.sense(Suite().worsened(gps_delay_s=1.4))
+    plant.set_sensor_suite(Suite().degraded(gps_delay_s=1.4))
     failures = Failures(plant)
     assert not failures.inject(d.FAILURE_UNIT_SENSOR_GPS, d.FAILURE_TYPE_DELAYED, 0)
     assert failures.inject(d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_OFF, 1)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from foundation.errors import UsageError
 from foundation.measurement import LARGE
 from foundation.run_folder import reading
-from foundation.run_folder.reading import LONG, quick, quick_of_kinds, taken
+from foundation.run_folder.reading import LONG, fast_reader, fast_reader_of_kinds, parse_row
 from foundation.run_folder.rows import TRUTH_ROWS, Decision
 from tests.foundation.run_folder.test_schemas import ROWS
 
@@ -53,8 +53,8 @@ def read_result(folder) -> Any:
 
 def strict_read_result(folder) -> Any:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reading, "quick", lambda row: lambda line: None)
-        patch.setattr(reading, "quick_of_kinds", lambda kinds: lambda line: None)
+        patch.setattr(reading, "fast_reader", lambda row: lambda line: None)
+        patch.setattr(reading, "fast_reader_of_kinds", lambda kinds: lambda line: None)
         return read_result(folder)
 
 
@@ -89,19 +89,19 @@ def test_good_lines_go_the_quick_way():
     for name, rows in ROWS.items():
         for row, kind in rows:
             line = json.dumps({**row, "added": {"later": [1]}}).encode()
-            read = quick_of_kinds(TRUTH_ROWS) if name == "truth" else quick(kind)
-            assert read(line) == taken(row, kind)[0]
+            read = fast_reader_of_kinds(TRUTH_ROWS) if name == "truth" else fast_reader(kind)
+            assert read(line) == parse_row(row, kind)[0]
 
 
 @pytest.mark.parametrize("row", [*TRUTH_ROWS.values(), Decision])
 def test_no_number_of_a_row_may_be_beyond_measure(row):
     """`damage.py` checks values one by one; here the annotations alone must reject them."""
     (good,) = [example for rows in ROWS.values() for example, kind in rows if kind is row][:1]
-    read, looked_at = quick(row), 0
+    read, looked_at = fast_reader(row), 0
     for field in fields(row):
         for value in (LARGE, -LARGE, [LARGE, 0.0, 0.0], [0.0, 0.0, -LARGE], [0.0, 0.0, 0.0, LARGE]):
             changed = {**good, field.name: value}
-            if taken(changed, row)[0] is None:
+            if parse_row(changed, row)[0] is None:
                 looked_at += 1
                 assert read(json.dumps(changed).encode()) is None, field.name
     assert looked_at

@@ -11,7 +11,7 @@ from dronecats.pilots.scripted import replies
 from foundation.errors import UsageError
 from foundation.run_folder import layout, reading
 from foundation.run_folder.folder import create, write_run
-from foundation.run_folder.reading import taken
+from foundation.run_folder.reading import parse_row
 from foundation.run_folder.results import Result
 from foundation.run_folder.rows import Begin, Decision
 from foundation.run_folder.writing import LineLog, as_json
@@ -100,13 +100,15 @@ def test_any_reply_comes_back_as_it_was_received(tmp_path_factory, reply):
 
 @pytest.mark.parametrize("word", ["kind", "source"])
 def test_half_a_surrogate_pair_where_a_word_belongs_is_damage(word):
-    assert taken({"kind": "begin", "t0_us": 1, word: "\ud800"}, Begin)[0] is None
+    assert parse_row({"kind": "begin", "t0_us": 1, word: "\ud800"}, Begin)[0] is None
 
 
 def test_numbers_too_large_for_anything_are_damage():
     for value in (10**400, 1e12, -1e12, 1e308):
-        assert "t_frame" in (taken({**ROW, "t_frame": value}, Decision)[1] or "")
-    assert taken({"kind": "begin", "t0_us": 10**18}, Begin)[0] == Begin(t0_us=10**18)  # a clock may count from anywhere
+        assert "t_frame" in (parse_row({**ROW, "t_frame": value}, Decision)[1] or "")
+    assert parse_row({"kind": "begin", "t0_us": 10**18}, Begin)[0] == Begin(
+        t0_us=10**18
+    )  # a clock may count from anywhere
 
 
 def test_a_stored_verdict_is_a_result_and_half_a_one_is_damage(episode):

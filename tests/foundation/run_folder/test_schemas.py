@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from foundation.run_folder.reading import taken
+from foundation.run_folder.reading import parse_row
 from foundation.run_folder.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision
 from foundation.run_folder.schema import FOLDER, published, text
 from tests.foundation.run_folder.published import validator
@@ -67,7 +67,7 @@ def test_rows_as_they_are_written_are_taken_by_both():
     for name, rows in ROWS.items():
         for row, kind in rows:
             assert accepted(name, {**row, "added": 1})
-            assert taken({**row, "added": 1}, kind)[1] is None
+            assert parse_row({**row, "added": 1}, kind)[1] is None
 
 
 @settings(deadline=None, max_examples=400)
@@ -84,7 +84,7 @@ def test_any_change_is_taken_or_refused_by_both(place, value, gone):
         return
     if isinstance(value, float) and value == int(value):
         return  # 5.0 is a whole number to a schema, not to the reader
-    assert accepted(name, changed) == (taken(changed, kind)[1] is None)
+    assert accepted(name, changed) == (parse_row(changed, kind)[1] is None)
 
 
 @pytest.mark.parametrize("name", ["verdict", "result", "run"])

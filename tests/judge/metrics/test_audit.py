@@ -6,7 +6,7 @@ import pytest
 
 from dronecats.cli.main import main
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.audit import RULES, Followed, audit, audit_of, deliberation, flips, outlooks
+from dronecats.judge.metrics.audit import RULES, Followed, audit, audit_of, deliberation, flips, step_outlooks
 from tests.judge.episode_logs import BEGIN, END, decision, frame, logs, pose, write
 
 INSIDE, OUTSIDE, HIDDEN = (4.0, True), (9.0, True), (4.0, False)
@@ -90,7 +90,7 @@ def test_the_three_steps_after_a_think_are_compared_with_steps_that_closed_equal
     # both the think (step 1) and the go (step 7) closed 1 m; after them 2 m and 1 m a step are closed
     away = [21.0, 20.0, 20.0, 18.0, 16.0, 14.0, 13.0, 12.0, 11.0, 10.0, 9.0, 8.0]
     flight = steps([("think" if k == 1 else "go", m, True) for k, m in enumerate(away)])
-    by_step = outlooks(flight)
+    by_step = step_outlooks(flight)
     assert (by_step[1].think, by_step[1].closing_m, by_step[1].gained_m) == (True, 1.0, 2.0)
     assert (by_step[0].closing_m, by_step[9].gained_m) == (None, None)
     gains = [
@@ -108,16 +108,16 @@ def test_broken_stalls_and_regained_targets_are_counted():
     still = [("go", 10.0, True)] * 3
     broken = steps([*still, ("think", 10.0, True), ("go", 10.0, True), ("go", 9.5, True), ("go", 9.0, True),
                     ("go", 9.0, True)])  # fmt: skip
-    assert [outlook.stalled for outlook in outlooks(broken)][:4] == [None, None, None, True]
-    assert deliberation(outlooks(broken)).stalls == Followed(think=1, of_thinks=1, other=0, of_others=0)
+    assert [outlook.stalled for outlook in step_outlooks(broken)][:4] == [None, None, None, True]
+    assert deliberation(step_outlooks(broken)).stalls == Followed(think=1, of_thinks=1, other=0, of_others=0)
     less = steps([*still, ("go", 10.0, True), ("go", 10.0, True), ("go", 9.5, True), ("go", 9.0, True),
                   ("go", 9.01, True)])  # fmt: skip
-    assert deliberation(outlooks(less)).stalls == Followed(think=0, of_thinks=0, other=0, of_others=1)
+    assert deliberation(step_outlooks(less)).stalls == Followed(think=0, of_thinks=0, other=0, of_others=1)
     lost = steps([("think", 9.0, False), ("go", 9.0, False), ("go", 9.0, False), ("go", 9.0, True), ("go", 9.0, False)])
     # the think sees it again at the third frame; so do the two gos after it; the last is unknown
-    assert deliberation(outlooks(lost)).losses == Followed(think=1, of_thinks=1, other=2, of_others=2)
+    assert deliberation(step_outlooks(lost)).losses == Followed(think=1, of_thinks=1, other=2, of_others=2)
     gone = steps([("think", 9.0, False)] + [("go", 9.0, False)] * 3)
-    assert deliberation(outlooks(gone)).losses == Followed(think=0, of_thinks=1, other=0, of_others=0)
+    assert deliberation(step_outlooks(gone)).losses == Followed(think=0, of_thinks=1, other=0, of_others=0)
 
 
 FENCED, QUOTED = '```json\n{"action": "finished"}\n```', "{'action': 'finished'}"

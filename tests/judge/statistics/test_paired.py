@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import optimize, stats
 
-from dronecats.judge.statistics.shares import detected, mcnemar, paired, smallest_difference
+from dronecats.judge.statistics.shares import mcnemar, mcnemar_power, paired, smallest_difference
 
 
 @given(st.integers(0, 60), st.integers(0, 60))
@@ -54,15 +54,15 @@ def test_the_power_agrees_with_a_simulation(episodes, difference, discordant):
     b_share, c_share = (discordant + difference) / 2, (discordant - difference) / 2
     draws = rng.multinomial(episodes, [b_share, c_share, 1 - discordant], simulations)
     detections = sum(stats.binomtest(int(b), int(b + c)).pvalue <= 0.05 if b + c else False for b, c, _ in draws)
-    assert detected(episodes, difference, discordant) == pytest.approx(detections / simulations, abs=0.02)
+    assert mcnemar_power(episodes, difference, discordant) == pytest.approx(detections / simulations, abs=0.02)
 
 
 def test_the_smallest_difference_is_found_with_the_power_and_a_smaller_one_is_not():
     for episodes, discordant in ((20, 0.0), (80, 0.3), (100, 0.5)):
         least = smallest_difference(episodes, discordant)
         assert least is not None
-        assert detected(episodes, least, max(discordant, least)) >= 0.8
-        assert detected(episodes, least - 2e-4, max(discordant, least - 2e-4)) < 0.8
+        assert mcnemar_power(episodes, least, max(discordant, least)) >= 0.8
+        assert mcnemar_power(episodes, least - 2e-4, max(discordant, least - 2e-4)) < 0.8
 
 
 def test_the_favourable_case_needs_six_discordant_pairs():

@@ -43,9 +43,9 @@ def test_the_gradients_are_those_of_the_cost():
     def cost():
         raw = np.maximum(x @ weights[0] + weights[1], 0.0) @ weights[2] + weights[3]
         entropy = np.log1p(np.exp(raw[:, 0])) - examples.is_target * raw[:, 0]
-        off = np.abs(raw[:, 1] - examples.factor / colors.SPREAD)
+        off = np.abs(raw[:, 1] - examples.factor / colors.DISTANCE_SCALE)
         huber = np.where(off <= 3.0, 0.5 * off**2, 3.0 * off - 4.5)
-        return float(np.mean(entropy + 0.1 * colors.FACTOR * examples.is_target * huber))
+        return float(np.mean(entropy + 0.1 * colors.DISTANCE_WEIGHT * examples.is_target * huber))
 
     output_gradient = colors.cost_gradient(examples.is_target, examples.factor)
     gradients = training.gradients(weights, x, np.ones((len(x), 6)), output_gradient)

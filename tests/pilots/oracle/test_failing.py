@@ -181,7 +181,7 @@ def test_every_failing_pilot_has_its_failure_mode(failed_flight, name, mode):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_failing_pilot_is_registered_and_needs_the_truth(name):
     assert roster.check(f"failing:{name}") == f"failing:{name}"
-    assert not roster.looks(f"failing:{name}")
+    assert not roster.needs_pictures(f"failing:{name}")
     assert roster.needs_truth(f"failing:{name}")
     assert name in SECONDS
     from dronecats.flight.run.fly import fly

@@ -173,7 +173,7 @@ def test_the_shipped_numbers_are_shares_and_spreads():
 def test_noisy_is_a_built_in_pilot():
     assert roster.check("noisy") == "noisy"
     assert roster.needs_truth("noisy")
-    assert not roster.looks("noisy")
+    assert not roster.needs_pictures("noisy")
     assert pilot_description("noisy")
     with pytest.raises(UsageError, match="noisy"):
         roster.check("noisi")

@@ -21,7 +21,7 @@ def posts(count):
 
 def ask(fleet, causes, now_s=20.0):
     prompt = CommandPrompt.load().render(COMMAND, roster(fleet, now_s), causes, len(fleet))
-    reply = json.loads(commander.divide(prompt, []))
+    reply = json.loads(commander.scripted_orders(prompt, []))
     for order in reply["orders"]:
         fleet[order["drone"] - 1].order(order["goal"], now_s)
         fleet[order["drone"] - 1].begun = True

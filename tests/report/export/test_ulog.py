@@ -127,4 +127,4 @@ def test_the_layouts_lie_beside_the_logs_that_they_are_for(run, tmp_path):
     (tmp_path / "blocks-commanding-01.ulg").unlink()
     with pytest.raises(UsageError, match=r"plotjuggler-layout\.xml\b.*\b1\b.*--overwrite"):
         formats.export("ulog", [run], tmp_path)  # one that somebody has made his own, say
-    assert layouts.wanted("ulog", {4}) == {"plotjuggler-layout-fleet.xml": 4}
+    assert layouts.layout_files("ulog", {4}) == {"plotjuggler-layout-fleet.xml": 4}

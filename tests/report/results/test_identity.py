@@ -15,8 +15,8 @@ from dronecats.report.results.identity import (
     identity,
     identity_digest,
     odd_runs,
+    pooling_conflict,
     record_digest,
-    refusal,
     served,
 )
 from tests.support.scores import MODEL, TOLD, a_run, named
@@ -25,9 +25,9 @@ from tests.support.scores import MODEL, TOLD, a_run, named
 def test_flights_of_one_kind_differ_in_their_seed_and_in_who_pays():
     runs = [a_run(f"runs/{seed}", model=MODEL, seed=seed, flight={"accounts": {"ledger": f"{seed}.sqlite"}})
             for seed in range(3)]  # fmt: skip
-    assert refusal(runs) is None
-    assert refusal(runs[:1]) is None
-    assert refusal([]) is None
+    assert pooling_conflict(runs) is None
+    assert pooling_conflict(runs[:1]) is None
+    assert pooling_conflict([]) is None
 
 
 # (what the second run changes, the name of the difference, the values of both runs)
@@ -52,7 +52,7 @@ CHANGES: list[tuple[dict[str, Any], str, tuple[str, str]]] = [
 def test_an_agent_is_the_same_under_the_name_that_version_0_1_0_gave_it():
     former, now = (a_run(f"runs/{k}", model=MODEL, agent=name) for k, name in enumerate(
         ("dronecats.run.steady.steady_agent", "steady")))  # fmt: skip
-    assert refusal([former, now]) is None
+    assert pooling_conflict([former, now]) is None
     assert identity_digest(identity(former)) == identity_digest(identity(now))
 
 
@@ -69,7 +69,7 @@ def test_differences_of_kind_are_named():
         runs = [a_run("runs/a", model=MODEL, flight=usual), a_run("runs/b", **{"model": MODEL, **other})]
         (difference,) = differences(identity(runs[0]), identity(runs[1]))
         assert difference.values == values, name
-        message = refusal(runs) or ""
+        message = pooling_conflict(runs) or ""
         shown = [value[:8] if len(value) == 64 else value for value in values]
         shown = (
             ["none", "640"] if name == "camera" else [value.replace(NOT_RECORDED, "not recorded") for value in shown]
@@ -82,7 +82,7 @@ def test_differences_of_kind_are_named():
 def test_another_suite_holds_other_episodes_and_a_patch_of_python_changes_no_number():
     other = a_run("runs/b", suite={"name": "commanding", "version": 1, "sha256": "6" * 64},
                   versions={**TOLD["versions"], "python": "3.11.9"})  # fmt: skip
-    assert refusal([a_run("runs/a"), other]) is None
+    assert pooling_conflict([a_run("runs/a"), other]) is None
 
 
 def test_unrecorded_values_equal_only_unrecorded_values():
@@ -91,7 +91,7 @@ def test_unrecorded_values_equal_only_unrecorded_values():
         run = a_run(name)
         return type(run)(folder=run.folder, configuration={**configuration, "flight": run.flight}, episodes=())
 
-    assert refusal([older("runs/a"), older("runs/b")]) is None
+    assert pooling_conflict([older("runs/a"), older("runs/b")]) is None
     found_differences = differences(identity(older("runs/a")), identity(a_run("runs/b")))
     assert [difference.values for difference in found_differences] == [
         (NOT_RECORDED, "a" * 64),
@@ -107,7 +107,7 @@ def test_measured_things_make_no_kind():
 
 def test_the_rest_that_differs_is_counted():
     runs = [a_run(f"runs/{k}", prompt_sha256=str(k) * 64) for k in range(4)]
-    message = refusal(runs) or ""
+    message = pooling_conflict(runs) or ""
     assert re.search(r"runs/1\b.*runs/0\b.*prompt.*1{8}.*0{8}.*\b2\b", message)
     assert "runs/2" not in message
 
@@ -120,7 +120,7 @@ def test_the_run_that_differs_from_most_is_named_whichever_is_first():
     )  # fmt: skip
     for runs in ([alone, *bench], [*bench, alone], [bench[0], alone, *bench[1:]]):
         assert [run.folder for run, _ in odd_runs(runs)] == [alone.folder]
-        message = refusal(runs) or ""
+        message = pooling_conflict(runs) or ""
         assert message.startswith("runs/alone "), message
         assert "bench" in message
     assert odd_runs(bench) == []
@@ -138,11 +138,11 @@ def with_identity(tmp_path, name, **fields):
 def test_the_model_as_it_was_served_and_the_code_of_the_machine_that_flew_count(tmp_path):
     a = with_identity(tmp_path, "a", served=["qwen-2026 fp_1"], code_sha256="a" * 64)
     b = with_identity(tmp_path, "b", served=["qwen-2026 fp_2"], code_sha256="a" * 64)
-    assert refusal([a, a]) is None
-    assert re.search("model.*qwen-2026 fp_2.*qwen-2026 fp_1", refusal([a, b]) or "")
+    assert pooling_conflict([a, a]) is None
+    assert re.search("model.*qwen-2026 fp_2.*qwen-2026 fp_1", pooling_conflict([a, b]) or "")
     assert served(a.episodes[0]) == ("qwen-2026 fp_1",)
     elsewhere = with_identity(tmp_path, "c", served=["qwen-2026 fp_1"], code_sha256="b" * 64)
-    assert re.search("code.*a{8}.*b{8}", refusal([elsewhere]) or "")
+    assert re.search("code.*a{8}.*b{8}", pooling_conflict([elsewhere]) or "")
 
 
 def test_a_record_is_known_however_its_file_is_laid_out():

@@ -10,7 +10,7 @@ from numba import njit
 from autopilot.control.flight_core import FlightCore
 from autopilot.records import ESTIMATE, KIND_TRAJECTORY
 from dronecats.flight.sitl.fused import Fused
-from dronecats.study.loop.feedback import CHANNELS, COLUMNS, LINE, RATE, delayed, fly_late
+from dronecats.study.loop.feedback import CHANNELS, COLUMNS, DELAY_LINE_ROWS, RATE, delayed, simulate_with_delay
 from dronecats.study.loop.linear import delay_margin
 from dronecats.study.loop.margins import injected_margin, oscillation
 from foundation.errors import UsageError
@@ -50,8 +50,8 @@ def test_without_delay_the_loop_is_the_flight_itself_to_the_byte():
         return Fused(vehicle.kernel_args, args).advance
 
     def punctual(vehicle, core, args):
-        line, estimate = np.zeros((LINE, CHANNELS)), np.zeros(1, ESTIMATE)[0]
-        return lambda steps: fly_late(
+        line, estimate = np.zeros((DELAY_LINE_ROWS, CHANNELS)), np.zeros(1, ESTIMATE)[0]
+        return lambda steps: simulate_with_delay(
             RATE, 0, 0.0, np.empty((steps, COLUMNS)), line, estimate, *vehicle.kernel_args, *args[:8]
         )
 
