@@ -1,4 +1,4 @@
-"""Measures the lag of a simulator in real time while a program sends it garbage, and its effect on a client.
+"""Measures how far a simulator falls behind real time while it receives garbage, and how it serves a client meanwhile.
 
     python -m benchmarks.garbage [--json] [--only NAME …] [--seconds S] [--seed N] [--short]
 
@@ -9,7 +9,7 @@ by which the simulation fell behind for good, `core` the share of a processor co
 the share of the client's PINGs that were answered within 1 s, and the time that 95 % of these answers took at most.
 Sender and simulator want a core each, and a lag of a busy machine looks like one of the simulator: see `nothing` first.
 `core` is nearly the same on a busy machine: below 1 the simulator can hold real time.
-`--short` sends for one second: whether it runs, and nothing to quote.
+`--short` sends for one second: only to check that it runs.
 """
 
 import json

@@ -121,7 +121,7 @@ def apply(P: Grid, state: Record, innovation: float, innovation_var: float) -> N
 
 @njit(cache=True)
 def forget(P: Grid, first: int, variance: float) -> None:
-    """Give the three states from `first` on the variance `variance`, and no correlation with other states."""
+    """Set three states, beginning at `first`, to the variance `variance` without any correlation."""
     for i in range(first, first + 3):
         for j in range(STATES):
             P[i, j] = 0.0
@@ -150,7 +150,7 @@ def hard_iron_slopes(q: Grid, horizontal: float, declination: float) -> tuple[fl
     """Return d(heading innovation)/d(hard iron) in rad/gauss for the forward and the right axis.
 
     `horizontal` (gauss) is the field's horizontal part. Hard iron b turns the measured heading by n · R b / horizontal.
-    n is the horizontal unit vector to the right of magnetic north.
+    n is the horizontal unit vector to the left of magnetic north.
     """
     w, x, y, z = q[0], q[1], q[2], q[3]
     s, c = math.sin(declination) / horizontal, math.cos(declination) / horizontal
@@ -162,7 +162,7 @@ def hard_iron_slopes(q: Grid, horizontal: float, declination: float) -> tuple[fl
 
 @njit(cache=True)
 def trust_compass(P: Grid, state: Record, horizontal: float, declination: float, hard_iron: float) -> None:
-    """Add the effect of the hard iron (gauss, 1 sigma) to the yaw variance of a heading from the magnetometer."""
+    """Reset the covariance of the hard iron (gauss, 1 sigma), and add its effect to the yaw variance."""
     forward, right = hard_iron_slopes(state.attitude, max(horizontal, 0.02), declination)
     variance = hard_iron * hard_iron
     for i, slope in ((MOTION, forward), (MOTION + 1, right)):

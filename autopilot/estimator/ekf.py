@@ -1,8 +1,8 @@
 """The estimator: error-state Kalman filter of attitude, velocity, position, inertial biases and hard iron.
 
-`update` runs once per vehicle millisecond. It integrates the nominal state with every inertial sample, so that control
-always has the newest attitude. It propagates the covariance every 4 ms. It fuses the samples of the aiding sensors when
-they arrive; a GNSS fix is compared with the state at the time of the fix. The only inputs are sensor samples.
+`update` runs every millisecond of vehicle time. It integrates the nominal state with every inertial sample, so that
+control always has the newest attitude. It propagates the covariance every 4 ms. It fuses the samples of the aiding
+sensors when they arrive; a GNSS fix is compared with the state at the time of the fix. The only inputs are sensor samples.
 """
 
 import math

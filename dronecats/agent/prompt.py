@@ -1,4 +1,4 @@
-"""The prompt of a pilot: one template file and the history in it. Only this file declares the action space."""
+"""The prompt of a pilot: one template file and the history in it. Only that file declares the action space."""
 
 import hashlib
 import re
@@ -75,7 +75,7 @@ class Prompt:
 
     @property
     def digest(self) -> str:
-        """Return the SHA-256 of the template and of all text that fills it; run.json holds it."""
+        """Return the SHA-256 of the template and of the fixed texts that fill it; run.json holds it."""
         words = (self.template, *SINGLE.values(), *FLEET.values(), *FRAMED, LABEL)
         return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
@@ -121,7 +121,7 @@ def labels(drones: int) -> tuple[str, ...]:
     return tuple(LABEL.replace("{n}", str(place)) for place in range(1, drones + 1)) if drones > 1 else ()
 
 
-# a verbatim environment of LaTeX, from the line after its options; not on a line that begins with %
+# a verbatim environment of LaTeX with its options; not on a line that begins with %
 _LISTING = re.compile(
     r"^[ \t]*\\begin\{(?P<name>lstlisting|verbatim|Verbatim)\}(?P<rest>.*?)^[ \t]*\\end\{(?P=name)\}", re.M | re.S
 )

@@ -65,7 +65,7 @@ def sorted_into_cells(
     cell_m: float = CELL_M,
     moving: MovingBox | None = None,
 ) -> Obstacles:
-    """Return triangles (T, 3, 3) in metres NED as Obstacles. Each triangle is in all cells within its reach."""
+    """Return triangles (T, 3, 3) in metres NED as Obstacles. Each triangle is in all cells within `reach_m`."""
     low, high = triangles.min(axis=1) - reach_m, triangles.max(axis=1) + reach_m
     origin = np.floor(low.min(axis=0) / cell_m) * cell_m
     cells = np.ceil((high.max(axis=0) - origin) / cell_m).astype(np.int64)

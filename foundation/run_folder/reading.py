@@ -281,7 +281,7 @@ def _reject_constant(constant: str) -> Any:
 
 
 LONG = 4000  # bytes; a longer line may hold a number with more digits than Python's own reader accepts
-KIND = 15  # first bytes of a line from `writing.py`, with its kind: {"kind": "pose"
+KIND = 15  # number of bytes that tell the kind of a line from `writing.py`: {"kind": "pose"
 
 FastReader = Callable[[bytes], Row | None]  # line → its row; None: the strict reader must read it
 

@@ -80,10 +80,10 @@ class PoseHistory:
         self._ranges.keep(time_us, (range_m,))
 
     def at(self, time_us: int) -> Sight | None:
-        """Return the vehicle's pose at a time (µs); None before the first report.
+        """Return the vehicle's pose at a time (µs); None if there is no report yet.
 
-        It is interpolated between two reports, extrapolated for a moment after the newest, and is the oldest before
-        that.
+        It is interpolated between two reports, and extrapolated for a moment after the newest. At older times it is the
+        oldest.
         """
         if not self._places or not self._headings:
             return None

@@ -29,7 +29,7 @@ Role = Literal["pilot", "commander"]
 class LoggedReply:
     """One reply in the log. None stands for a value that the log does not have."""
 
-    step: int  # number of the question among those for these drones
+    step: int  # number of the question among those for `drone`
     drone: int  # first drone of the question
     reply: str
     latency_s: float = 0.0  # s of vehicle time
@@ -45,13 +45,13 @@ class LoggedReply:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightRecording:
-    """All replies of a flight: a value, so that it can be flown again without its folder."""
+    """All replies of a flight as data, so that it can be flown again without its folder."""
 
     flight: str  # name of the episode folder
     steps: tuple[LoggedReply, ...]
     to_the_cap: bool  # the flight lasted to the end of the episode, so a missing reply came too late
     decided_by: tuple[Role, int] | None = None  # role and first drone of the declaration that ended it
-    ended: str | None = None  # the reason in its log's end; None: it has none
+    ended: str | None = None  # the reason in the End row of its log; None: there is no such row
     commander: str | None = None  # name of the commander; None: there was none
 
 
@@ -91,7 +91,7 @@ class ReplayModel:
         return Reply("", LONGEST_S)
 
     def _was_open(self, drone: int) -> bool:
-        """Return whether the flight can have ended while a question about these drones had no reply."""
+        """Return whether the recorded flight may have ended while a question to `drone` was open."""
         decided_by = self._recording.decided_by
         return self._recording.to_the_cap or (decided_by is not None and decided_by != (self._role, drone))
 
@@ -151,7 +151,7 @@ def _reply(text: str) -> Reply:
 
 
 class CachedModel(WrappedModel):
-    """Sends only new questions to a model. A stored reply comes at once, with its original latency."""
+    """Sends only new questions to a model. A stored reply comes at once and states its old latency."""
 
     def __init__(self, model: Model, fingerprint: Callable[[Request], str], cache: ReplyCache) -> None:
         super().__init__(model)

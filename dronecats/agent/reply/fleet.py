@@ -146,7 +146,7 @@ def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Division:
 
 
 def _items(value: Any) -> list[Any] | None:
-    """Return the array with an object per drone, without extra arrays around it; None for any other value."""
+    """Return the array of the drones' objects without extra arrays around it; None for any other value."""
     for _ in range(_NESTED_MAX):
         if not isinstance(value, list):
             return None

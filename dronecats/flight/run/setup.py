@@ -176,7 +176,7 @@ class FlightSetup(ABC):
     def fly_in(
         self, folder: Path, notify: Notify, afterwards: Callable[[EpisodeEnd], None] = lambda ending: None
     ) -> dict[str, Any]:
-        """Fly, with an existing folder for the results, judge it, and return the object of `fly --json`.
+        """Fly into an existing folder, judge the flight, and return the object of `fly --json`.
 
         `afterwards` is called after the verdict is written. Raises InfrastructureError.
         """

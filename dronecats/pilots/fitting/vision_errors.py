@@ -1,9 +1,9 @@
 """Fits the errors of the noisy pilot to flights of the vision pilot.
 
-Each decision is compared with the true frame row, and labelled with the thing that vision took for the target. A `go`
-within 5° of the target, or within the sides of its box, took the target. Any other `go` took something else, unless its
-depth is that of a search stride. A declaration took the target if the target was visible and near. In a fleet, only the
-drone that took the target most often counts.
+Each decision is compared with the truth of its frame, and labelled with the thing that vision took for the target. A
+`go` with the depth of a search stride took nothing. Another `go` within 5° of the target, or within the sides of its
+box, took the target. The rest took something else. A declaration took the target if the target was visible and near.
+In a fleet, only the drone that took the target most often counts.
 """
 
 import math
@@ -76,7 +76,7 @@ def label(step: FlightStep) -> LabelledDecision | None:
     within = box is not None and scale * box[0] - SIDES_PX <= x <= scale * box[2] + SIDES_PX
     if angle > ASIDE_DEG and not within:
         return LabelledDecision("else", seen, away, None, None, go.depth_m)
-    if go.depth_m <= NEAR_M:  # near the target, points and depths are not estimates
+    if go.depth_m <= NEAR_M:  # so near, the pilot sets point and depth by a rule
         return LabelledDecision("target", seen, away, None, None, None)
     return LabelledDecision("target", seen, away, (off_x, off_y), math.log(go.depth_m / ahead), None)
 
@@ -92,7 +92,7 @@ def one_drone(flight: JudgedFlight) -> OneDroneFlight:
 
 
 def attention(flights: Iterable[OneDroneFlight]) -> Attention:
-    """Return the shares of steps. The share over all distances is the prior of each band's share."""
+    """Return how often each thing is taken. The share over all distances is the prior of each band's share."""
     steps = [(a, b) for f in flights for a, b in zip((None, *f.decisions), f.decisions, strict=False)]
     seen = [(a is not None and a.taken == "target", b) for a, b in steps if b.seen]
     after_else = [b.taken for a, b in steps if a is not None and a.taken == "else" and b.taken != "target"]

@@ -1,4 +1,4 @@
-"""The instruments of a rehearsal: wrappers that time the camera, model, vehicle and agent without changing them."""
+"""Instruments of a rate study: wrappers that time the camera, model, vehicle and agent without changing them."""
 
 import time
 from collections.abc import Callable
@@ -25,7 +25,7 @@ class RateInstruments(Instruments):
     def __init__(self, questions: int | None) -> None:
         """`questions`: number of questions; None: until the flight ends."""
         self.times: list[QuestionTimes] = []
-        self.camera_stamps = False  # whether the camera stamps the time of capture; if not, frames have their arrival
+        self.camera_stamps = False  # whether the camera stamps frames at capture; if not, they have the time of arrival
         self.run: Path | None = None  # the run folder; None: not created yet
         self._questions = questions
         self._log: ChainLog | None = None
@@ -143,7 +143,7 @@ class TimedAircraft:
         self._clock.controller_done()
 
     def listen(self) -> None:
-        """Process received telemetry. An agent does this first when it takes a picture."""
+        """Process received telemetry. An agent begins each picture with this call."""
         self._clock.picture_seen()
         self._aircraft.listen()
 
