@@ -2,7 +2,8 @@
 
 `update` runs every millisecond of vehicle time. It integrates the nominal state with every inertial sample, so that
 control always has the newest attitude. It propagates the covariance every 4 ms. It fuses the samples of the aiding
-sensors when they arrive; a GNSS fix is compared with the state at the time of the fix. The only inputs are sensor samples.
+sensors when they arrive; a GNSS fix is compared with the state at the time of the fix. The only inputs are sensor
+samples.
 """
 
 import math
