@@ -324,7 +324,9 @@ def test_a_think_is_compared_with_ordinary_steps_of_the_same_rate():
     run = a_run("runs/a", model=named("a"))
     first = (step(True, 0.1, 0.5, True, True), step(False, 0.1, 0.2, True, False), step(False, 9.0, 9.0))
     second = (step(False, 0.1, 0.4, True, True, True, False), step(True, lost=True, regained=True))
-    episodes = [an_episode(run, f"campus-approaching-0{k}", step_outlooks=steps) for k, steps in enumerate((first, second))]
+    episodes = [
+        an_episode(run, f"campus-approaching-0{k}", step_outlooks=steps) for k, steps in enumerate((first, second))
+    ]
     episodes.append(an_episode(run, "campus-approaching-09", "error", step_outlooks=first))
     row = line(made(measures.thinking, small(collected(episodes))), "vllm/a")
     assert (row["thinks"].value, row["matched"].value) == (2, 1)
