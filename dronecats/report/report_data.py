@@ -284,7 +284,7 @@ class ReportData:
 
 
 def is_common(name: str) -> bool:
-    """Return whether all rows of a table should agree in this entry of their identity, whatever their pilots are."""
+    """Return whether all rows of a table should agree in this entry of their identity, also with different pilots."""
     return name in ("the code", "the camera", "the clock") or name.startswith(
         ("the protocol", "the suite", "the version")
     )

@@ -139,7 +139,7 @@ class Mission(Mode):
         self._forced_yaw = abs(item.p[3]) < 1e4 and item.command != plans.LAND
         self._leg = "fly"
         if flight.landed and item.command != plans.LAND:
-            # PX4 first takes off to the item's height, at least MIS_TAKEOFF_ALT, whatever the first item is
+            # PX4 first takes off to the item's height, at least MIS_TAKEOFF_ALT, even if it is no take-off
             self._target = (self._target[0], self._target[1], min(self._target[2], least))
             self._leg = "climb"
         elif item.command == plans.TAKEOFF and here[2] - self._target[2] > CLIMBED_M:

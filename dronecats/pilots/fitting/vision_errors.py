@@ -26,7 +26,7 @@ from foundation.protocol import FINISHED, NEAR_M, POINT_SPAN, RADIUS_M
 from foundation.run_folder import reading
 
 Taken = Literal["target", "else", "claim", "nothing"]  # claim: declared elsewhere; nothing: turn, think or search
-ASIDE_DEG = 5.0  # a point within this angle of the target's centre is on the target, whatever its box
+ASIDE_DEG = 5.0  # a point within this angle of the target's centre is on the target, even outside its box
 SIDES_PX = 8.0  # a point at most this far outside the sides of the target's box is on the target
 WANDER_BAND_M = 0.3  # tolerance of the depth of a stride to a new vantage point
 PRIOR = 2.0  # weight of a prior share, in steps

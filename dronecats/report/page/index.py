@@ -189,7 +189,7 @@ def _page_episode(
 
 
 def script_json(value: Any) -> str:
-    """Return a value as JSON that is safe in a script element or file, whatever text it has.
+    """Return a value as JSON that is safe in a script element or file, with any text.
 
     Fields of dataclasses that are None are left out.
     """

@@ -20,7 +20,7 @@ from foundation.run_folder.folder import comparable_versions
 from foundation.run_folder.reading import json_object, parse_row
 from foundation.run_folder.rows import EpisodeIdentity
 
-NOT_RECORDED = "not told"  # must not change: the identity digests in archives depend on it
+NOT_RECORDED = "not told"  # an old wording that must stay: the identity digests in archives depend on it
 WORDS = {
     NOT_RECORDED: "not recorded",
     "told": "recorded",

@@ -145,12 +145,12 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
             base, texture = surfaces.color[m], surfaces.texture[m]
             emission, gloss = float(surfaces.emission[m]), float(surfaces.specular[m])
             drifts = float(surfaces.drift[m])
-            # turn both normals towards the viewer, whatever the order of the corners
+            # turn both normals towards the viewer, since corners have any order
             fn, fe, fd = float(triangles.face[t, 0]), float(triangles.face[t, 1]), float(triangles.face[t, 2])
             if fn * dn + fe * de + fd * dd > 0.0:
                 fn, fe, fd = -fn, -fe, -fd
             leafy = surfaces.foliage[m]
-            if leafy:  # lit like its clump, whatever the direction of the leaf
+            if leafy:  # lit like its clump, not by the direction of the leaf
                 fn, fe, fd = float(normal[0, 0]), float(normal[0, 1]), float(normal[0, 2])
                 facing_sun, slope_x, slope_y, bias = 1.0, 0.0, 0.0, LEAF_BIAS_M
             else:
