@@ -104,12 +104,14 @@ class StepRow:
     finish: Annotated[
         str | None, _of("why the reply was cut off or withheld: length, filtered, refusal, …; null: it is complete")
     ]
-    north_m: Annotated[float | None, _of("m, NED, position of the drone at the image")]
-    east_m: Annotated[float | None, _of("m, NED, position of the drone at the image")]
-    down_m: Annotated[float | None, _of("m, NED, position of the drone at the image")]
-    yaw_deg: Annotated[float | None, _of("°, heading from north, positive to the east, at the image")]
-    distance_m: Annotated[float | None, _of("m, distance to the target's centre, at the image")]
-    distance_box_m: Annotated[float | None, _of("m, distance to the nearest point of the target's box, at the image")]
+    north_m: Annotated[float | None, _of("m, NED, position of the drone at the time of the image")]
+    east_m: Annotated[float | None, _of("m, NED, position of the drone at the time of the image")]
+    down_m: Annotated[float | None, _of("m, NED, position of the drone at the time of the image")]
+    yaw_deg: Annotated[float | None, _of("°, heading from north, positive to the east, at the time of the image")]
+    distance_m: Annotated[float | None, _of("m, distance to the target's centre, at the time of the image")]
+    distance_box_m: Annotated[
+        float | None, _of("m, distance to the nearest point of the target's box, at the time of the image")
+    ]
     visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
     visible_fraction: Annotated[float | None, _of("visible share of the target's silhouette, 0 … 1")]
     bearing_deg: Annotated[float | None, _of("°, angle from the nose to the target's centre, positive to the right")]
@@ -149,7 +151,8 @@ class DeclarationRow:
     t_s: Annotated[float, _of("s of vehicle time, time of the decision")]
     counts: Annotated[bool, _of("whether it was made within the cap")]
     distance_m: Annotated[
-        float | None, _of("m, distance to the target's centre, at the image of its decision; null: not measured")
+        float | None,
+        _of("m, distance to the target's centre, at the time of the image of its decision; null: not measured"),
     ]
     visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
     qualifies: Annotated[bool | None, _of("whether it meets the success rule, apart from the cap; null: not known")]
