@@ -19,6 +19,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from foundation.atmosphere import pressure_altitude
 from foundation.errors import LinkError, UsageError
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.sensors import MAX_ROTORS
@@ -118,11 +119,6 @@ def is_armed(message: dialect.MAVLink_message) -> bool:
     """Return whether the autopilot that sent this HIL_ACTUATOR_CONTROLS or HEARTBEAT is armed."""
     mode = message.mode if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS else message.base_mode
     return bool(mode & ARMED)
-
-
-def pressure_altitude(pressure_hpa: float) -> float:
-    """Return the altitude (m) at which the standard atmosphere has this pressure (hPa)."""
-    return 44330.77 * (1.0 - math.pow(max(pressure_hpa, 0.0) / 1013.25, 0.190263))
 
 
 def _int16(value: float) -> int:

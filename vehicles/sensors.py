@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from foundation.atmosphere import LAPSE, TEMPERATURE_0, pressure
 from foundation.compiled import Grid, Record, njit
 from foundation.errors import UsageError
 from foundation.frames import Quat
@@ -21,10 +22,6 @@ from vehicles.wind import normal
 
 BIAS_PERIOD_US = 100_000  # µs between updates of the inertial sensors' slow errors
 BATTERY_PERIOD_US = 100_000
-PRESSURE_0 = 1013.25  # hPa, ISA sea level
-TEMPERATURE_0 = 288.15  # K, ISA sea level
-LAPSE = 0.0065  # K/m, ISA
-EXPONENT = 5.255876  # ISA: g·M / (R·LAPSE)
 KELVIN = 273.15
 GPS_ERRORS = (
     "gps_error_h", "gps_error_v", "gps_multipath_h", "gps_multipath_v", "gps_noise", "gps_velocity_noise_h",
@@ -215,13 +212,6 @@ def scale_slow_errors(memory: np.void, before: np.void, after: np.void) -> None:
 
 def _ratio(before: float, after: float) -> float:
     return after / before if before > 0.0 else 1.0
-
-
-@njit(cache=True)
-def pressure(altitude: float) -> float:
-    """Return the ISA pressure (hPa) at an altitude (m above mean sea level, below 11 km)."""
-    hpa: float = PRESSURE_0 * (1.0 - LAPSE / TEMPERATURE_0 * altitude) ** EXPONENT
-    return hpa
 
 
 @njit(cache=True)

@@ -18,6 +18,7 @@ from autopilot.records import (
     rotate,
     wrap_pi,
 )
+from foundation.atmosphere import pressure_altitude
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
@@ -39,13 +40,6 @@ def passes(state: Record, test: int, innovation: float, variance: float, gate: f
     state.test_ratio[test] = ratio
     good: bool = ratio <= 1.0
     return good
-
-
-@njit(cache=True)
-def pressure_altitude(pressure_hpa: float) -> float:
-    """Return the altitude (m) of a pressure in the International Standard Atmosphere (ISO 2533, troposphere)."""
-    altitude: float = 44330.769 * (1.0 - (pressure_hpa / 1013.25) ** 0.190263)
-    return altitude
 
 
 @njit(cache=True)

@@ -13,6 +13,7 @@ from typing import Any
 from autopilot.mavlink.motion_makers import estimator_flags
 from autopilot.mavlink.status_makers import TelemetrySource
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
+from foundation.atmosphere import pressure_altitude
 from foundation.frames import GRAVITY, rotate
 from foundation.sensors import RANGE_M
 
@@ -145,9 +146,8 @@ def _gps(s: Sources) -> tuple[Any, ...]:
 def _air_data(s: Sources) -> tuple[Any, ...]:
     r = s.sensors
     pressure = max(r.pressure_hpa, 1.0)
-    altitude = 288.15 / 0.0065 * (1.0 - (pressure / 1013.25) ** 0.190263)  # ISO 2533 troposphere
     density = pressure * 100.0 / (287.05 * (r.temperature_c + 273.15))
-    return (r.baro_time_us, altitude, r.temperature_c, r.pressure_hpa * 100.0, density)
+    return (r.baro_time_us, pressure_altitude(pressure), r.temperature_c, r.pressure_hpa * 100.0, density)
 
 
 def _magnetometer(s: Sources) -> tuple[Any, ...]:

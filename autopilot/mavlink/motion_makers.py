@@ -8,6 +8,7 @@ import math
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.mavlink.status_makers import TelemetrySource, boot_ms, clamped, heading_cdeg, int16, int32
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
+from foundation.atmosphere import pressure_altitude
 from foundation.frames import GRAVITY, rotate_inverse
 from foundation.mavlink import dialect
 from foundation.sensors import RANGE_M
@@ -206,13 +207,6 @@ def gps_raw_int(v: TelemetrySource) -> Fields | None:
     )  # fmt: skip
 
 
-def _pressure_altitude(pressure_hpa: float) -> float:
-    """Return the altitude (m) in the International Standard Atmosphere (ISO 2533 troposphere)."""
-    if not pressure_hpa > 0.0:
-        return math.nan
-    return float(288.15 / 0.0065 * (1.0 - (pressure_hpa / 1013.25) ** 0.190263))
-
-
 def highres_imu(v: TelemetrySource) -> Fields | None:
     r = v.state.sensors
     if not int(r["imu_time_us"]):
@@ -220,7 +214,7 @@ def highres_imu(v: TelemetrySource) -> Fields | None:
     pressure = float(r["pressure_hpa"])
     return (
         int(r["imu_time_us"]), *r["accel_frd"].tolist(), *r["gyro_frd"].tolist(), *r["mag_frd"].tolist(),
-        pressure, 0.0, _pressure_altitude(pressure), float(r["temperature_c"]), 0x1BFF,
+        pressure, 0.0, pressure_altitude(pressure) if pressure > 0.0 else NAN, float(r["temperature_c"]), 0x1BFF,
     )  # fmt: skip
 
 

@@ -12,10 +12,10 @@ from scipy.stats import chi2
 
 from autopilot.estimator import covariance as estimator_covariance
 from autopilot.estimator import ekf
-from autopilot.estimator.fusion import pressure_altitude
 from autopilot.estimator.records import HISTORY, MOTION, STATES, STATUS_RUNNING, default_parameters, initial_state
 from autopilot.records import ESTIMATE, HEADING_TEST, HEIGHT_TEST, quat_advance, rotate, rotate_inverse
 from foundation import frames
+from foundation.atmosphere import pressure_altitude
 from foundation.frames import GRAVITY
 from foundation.sensors import SENSORS
 
@@ -318,11 +318,6 @@ def test_fast_attitude_step_equals_the_exact_one():
         q = frames.quat_normalized(tuple(rng.normal(size=4)))
         turn = rng.uniform(-0.03, 0.03, 3)
         assert quat_advance(q, *turn) == pytest.approx(frames.quat_integrate(q, tuple(turn)), abs=1e-9)
-
-
-def test_pressure_altitude_of_the_standard_atmosphere():
-    assert pressure_altitude(1013.25) == pytest.approx(0.0, abs=1e-9)
-    assert pressure_altitude(898.746) == pytest.approx(1000.0, abs=0.5)  # ISO 2533
 
 
 def test_vibration_is_the_smoothed_change_from_look_to_look() -> None:

@@ -9,7 +9,7 @@ from foundation.errors import UsageError
 from foundation.frames import GRAVITY, geodetic_to_ned, quat_from_euler
 from tests.vehicles.fleet import HIGH, ORIGIN, vehicle
 from vehicles.multirotor import Multirotor
-from vehicles.sensors import PERFECT, Suite, pressure
+from vehicles.sensors import PERFECT, Suite
 
 
 def record(craft: Multirotor, field: str, count: int, every: int = 1) -> np.ndarray:
@@ -126,9 +126,7 @@ def test_the_magnetic_field_turns_against_the_yaw(yaw: float) -> None:
     assert np.degrees(np.arcsin(z / np.linalg.norm((x, y, z)))) == pytest.approx(PERFECT.mag_inclination_deg)
 
 
-def test_pressure_is_that_of_the_standard_atmosphere() -> None:
-    assert pressure(0.0) == pytest.approx(1013.25)
-    assert pressure(1000.0) == pytest.approx(898.75, abs=0.05)  # ISA table
+def test_pressure_and_temperature_fall_with_the_altitude() -> None:
     low, high = vehicle(suite=PERFECT), vehicle(suite=PERFECT, position_ned=HIGH)
     low.advance(25)
     high.advance(25)

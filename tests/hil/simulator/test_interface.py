@@ -19,7 +19,6 @@ from hil.simulator import (
     Sent,
     gps_message,
     is_armed,
-    pressure_altitude,
     rotor_commands,
     sensor_message,
     sent_now,
@@ -122,12 +121,6 @@ def test_whatever_px4_sends_becomes_commands_between_idle_and_full(outputs, idle
 
 def test_half_an_output_is_the_middle_between_idle_and_full_speed():
     assert rotor_commands([0.0, 0.5, 1.0, 2.0], 4, 0.2)[:4] == pytest.approx([0.2, 0.6, 1.0, 1.0])
-
-
-def test_pressure_altitude_of_the_standard_atmosphere():
-    assert pressure_altitude(1013.25) == pytest.approx(0.0)
-    assert pressure_altitude(954.61) == pytest.approx(500.0, abs=0.5)  # ISA table
-    assert pressure_altitude(701.08) == pytest.approx(3000.0, abs=1.0)
 
 
 def test_a_booting_real_px4_sends_disarmed_lockstep_outputs():
