@@ -126,7 +126,7 @@ def _middle(place: Vec3, yaw: float, local: NDArray[np.floating]) -> Vec3:
     return (place[0] + c * x - s * y, place[1] + s * x + c * y, place[2] + z)
 
 
-FILE, OUTLINES = "patch_network.npz", "outlines.npz"
+OUTLINES = "outlines.npz"
 FIT_SEED, CHECK_SEED = 320, 300  # first seeds of the neighbourhoods of the fit, and of the check
 SCENES, PICTURES, ROUNDS = 14, 180, 40
 SHORT_PICTURES = 12
@@ -337,7 +337,7 @@ def evaluate(network: PatchNetwork, jpegs: Iterable[TargetJpeg]) -> list[Detecti
 def check(folder: Path, short: bool) -> None:
     """Print a network's detections and their distance errors, by distance and by kind, and its false detections."""
     jpegs = draw(CHECK_SEED, *((1, SHORT_PICTURES) if short else (CHECK_SCENES, CHECK_PICTURES)))
-    _print_table(evaluate(color_detector.load_network(folder / FILE), jpegs))
+    _print_table(evaluate(PatchNetwork.load(folder / PatchNetwork.FILE), jpegs))
 
 
 def fit_and_check(scenes: int, pictures: int, rounds: int, out: Path | None, short: bool) -> None:
@@ -345,7 +345,7 @@ def fit_and_check(scenes: int, pictures: int, rounds: int, out: Path | None, sho
     network = fit_scenes(scenes, pictures, rounds)
     if out is not None:
         write_outlines(out / OUTLINES)
-        training.save_network(network, out / FILE)
+        network.save(out / network.FILE)
         check(out, short)
         return
     _print_table(evaluate(network, draw(CHECK_SEED, 1, SHORT_PICTURES)))

@@ -162,7 +162,6 @@ def _visible(ids: NDArray[np.int32], instances: list[Instance], eye: Vec3, yaw: 
         yield VisibleThing(instance.kind, depth, right, below, box, int(counts[instance.id]), box_pixels)
 
 
-FILE = "shape_network.npz"
 FIT_SEED, CHECK_SEED = 200, 900  # first seed of the campuses to fit to, and of those to check with
 SCENES, PICTURES, ROUNDS = 96, 28, 60
 FIRST_SCENES, FIRST_ROUNDS = 8, 14  # of the first network
@@ -413,14 +412,14 @@ def _is(detection: shape_detector.PlacedThing, item: VisibleThing, ratio_log: fl
 def check(folder: Path, short: bool) -> None:
     """Print a line per kind: detected and visible things, near and far, and false detections per picture."""
     jpegs = list(draw(CHECK_SEED, *((1, SHORT_PICTURES) if short else (CHECK_SCENES, CHECK_PICTURES))))
-    _print_table(shape_detector.load_network(folder / FILE), jpegs)
+    _print_table(ShapeNetwork.load(folder / ShapeNetwork.FILE), jpegs)
 
 
 def fit_and_check(scenes: int, pictures: int, rounds: int, out: Path | None, short: bool) -> None:
     """Fit a network, write it to the folder `out` unless it is None, and print the table of `check`."""
     network = fit_scenes(scenes, pictures, rounds)
     if out is not None:
-        training.save_network(network, out / FILE)
+        network.save(out / network.FILE)
         check(out, short)
         return
     _print_table(network, list(draw(CHECK_SEED, 1, SHORT_PICTURES)))

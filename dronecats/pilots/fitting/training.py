@@ -5,7 +5,6 @@ out (H, outputs) and out bias (outputs,).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
 from typing import TypeVar
 
 import cv2
@@ -23,7 +22,6 @@ BATCH = 128
 RATE = 1.5e-3  # learning rate at the beginning
 FIRST, SECOND = 0.9, 0.999  # decay rates of Adam's moments
 DROPOUT = 0.3  # probability that a hidden unit is off for an example
-PARAMETERS = ("hidden", "hidden_bias", "out", "out_bias")
 
 Floats = NDArray[np.float32]
 Truth = TypeVar("Truth")
@@ -93,9 +91,3 @@ def gradients(
     error = output_gradient(layer @ out + out_bias)
     back = (error @ out.T) * (before > 0.0) * active
     return [x.T @ back, back.sum(axis=0), layer.T @ error, error.sum(axis=0)]
-
-
-def save_network(network: object, file: Path) -> None:
-    """Write a network's parameters in half precision."""
-    arrays = {name: getattr(network, name).astype(np.float16) for name in PARAMETERS}
-    np.savez(file, **arrays)

@@ -8,8 +8,6 @@ and corrects the distance that its rectangle gives. For other kinds, size and sh
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,9 +16,8 @@ from numpy.typing import NDArray
 from dronecats.pilots.vision import colors, ranging
 from dronecats.pilots.vision.colors import Mask, Picture
 from dronecats.pilots.vision.command import Referent, Size
+from dronecats.pilots.vision.network import Floats, Network
 from dronecats.pilots.vision.ranging import BoundingBox, Range
-
-Floats = NDArray[np.float32]
 
 KINDS = ("suv", "sedan", "hatchback", "pickup", "van", "bus", "motorcycle", "cyclist", "quadrotor")
 COLORS = ("cyan", "red", "yellow", "orange", "blue", "green", "purple", "pink", "brown")
@@ -47,33 +44,18 @@ _AREA_POWER = 0.3  # exponent of a patch's pixels in the rank: larger patches ar
 _HORIZON_SLACK = 0.05  # of the width: a thing's lower edge may be this far above the middle, since the drone pitches
 
 
-@dataclass(frozen=True, slots=True)
-class PatchNetwork:
-    """A network with one hidden layer of rectified linear units. Outputs: log odds, log of the distance's factor."""
+class PatchNetwork(Network):
+    """The network with LENGTH inputs and two outputs: log odds, log of the distance's factor."""
 
-    hidden: Floats  # (LENGTH, H)
-    hidden_bias: Floats  # (H,)
-    out: Floats  # (H, 2)
-    out_bias: Floats  # (2,)
+    __slots__ = ()
+    FILE = "patch_network.npz"
 
     def classify(self, examples: Floats) -> tuple[Floats, Floats]:
         """Return the probability of the target and the factor on its distance, (N,) each, for examples (N, LENGTH)."""
-        raw = np.maximum(examples @ self.hidden + self.hidden_bias, 0.0) @ self.out + self.out_bias
+        raw = self.outputs(examples)
         odds = np.clip(raw[:, 0], -30.0, 30.0)
         factor = np.exp(np.clip(raw[:, 1], -_FACTOR_LIMIT_LOG, _FACTOR_LIMIT_LOG))
         return np.asarray(1.0 / (1.0 + np.exp(-odds)), np.float32), np.asarray(factor, np.float32)
-
-
-def load_network(file: Path) -> PatchNetwork:
-    """Return the network in a file. Raises OSError."""
-    with np.load(file) as arrays:
-        return PatchNetwork(*(arrays[name].astype(np.float32) for name in ("hidden", "hidden_bias", "out", "out_bias")))
-
-
-@lru_cache(maxsize=1)
-def shipped_network() -> PatchNetwork:
-    """Return the network that ships with the package."""
-    return load_network(Path(__file__).with_name("patch_network.npz"))
 
 
 def picture_layers(picture: Picture, mask: Mask) -> Floats:
@@ -163,7 +145,7 @@ def find(
     expected: detections at this place are preferred. network: None for the shipped network.
     """
     if referent.size.outline in KINDS and referent.color in COLORS:
-        detections = _detect_by_look(picture, referent, expected, network or shipped_network())
+        detections = _detect_by_look(picture, referent, expected, network or PatchNetwork.shipped())
     else:
         detections = _detect_by_size(picture, referent)
     best: Detection | None = None

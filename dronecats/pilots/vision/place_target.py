@@ -43,7 +43,7 @@ def decide(picture: Picture, expression: PlaceExpression, past: tuple[PastAction
     """Return the action for one picture, for the target's expression and the drone's history."""
     kinds = _kinds_for(expression.kind)
     landmark_kinds = {kind for mark in expression.landmarks if mark.kind for kind in _kinds_for(mark.kind)}
-    detections = shape_detector.find(picture, sorted({*kinds, *landmark_kinds}), shape_detector.shipped_network())
+    detections = shape_detector.find(picture, sorted({*kinds, *landmark_kinds}), shape_detector.ShapeNetwork.shipped())
     wanted = [t for t in detections if t.kind in kinds]
     if past and past[-1].kind == FINISHED:
         return _after_declaration(picture, wanted, past)

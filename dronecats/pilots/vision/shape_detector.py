@@ -9,22 +9,19 @@ heights are tried. `python -m dronecats.pilots.fitting shapes` fits the network 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.pilots.vision.colors import Picture
+from dronecats.pilots.vision.network import Floats, Network
 
 KINDS = (
     "nothing", "bench", "bike-rack", "bin", "bollard", "clock-tower", "delivery-robot", "fountain", "kiosk", "lamp",
     "notice-board", "person", "picnic-table", "planter", "service-cart", "statue", "tiered-fountain", "vending-machine",
 )  # fmt: skip
 """The contents of a window, in the order of the network's outputs."""
-
-Floats = NDArray[np.float32]
 
 CELL_M = 0.25
 WINDOW = (15, 14)  # cells, high and wide
@@ -55,33 +52,17 @@ _USUAL_HALF_WIDTH_M = 0.6
 _LEVEL_TOLERANCE_M = 0.3  # a thing's foot may be this far off the common ground level
 
 
-@dataclass(frozen=True, slots=True)
-class ShapeNetwork:
-    """A network with one hidden layer of rectified linear units. Outputs: a probability for each of KINDS."""
+class ShapeNetwork(Network):
+    """The network with the rows · columns · CHANNELS numbers of a window as inputs and one output per kind of KINDS."""
 
-    hidden: Floats  # (rows · columns · CHANNELS, H)
-    hidden_bias: Floats  # (H,)
-    out: Floats  # (H, len(KINDS))
-    out_bias: Floats  # (len(KINDS),)
+    __slots__ = ()
+    FILE = "shape_network.npz"
 
     def probabilities(self, windows: Floats) -> Floats:
         """Return the probabilities (N, K) of KINDS for windows (N, rows · columns · CHANNELS)."""
-        active = np.maximum(windows @ self.hidden + self.hidden_bias, 0.0)
-        raw = active @ self.out + self.out_bias
+        raw = self.outputs(windows)
         weight = np.exp(raw - raw.max(axis=1, keepdims=True))
         return np.asarray(weight / weight.sum(axis=1, keepdims=True), np.float32)
-
-
-def load_network(file: Path) -> ShapeNetwork:
-    """Return the network in a file. Raises OSError."""
-    with np.load(file) as arrays:
-        return ShapeNetwork(*(arrays[name].astype(np.float32) for name in ("hidden", "hidden_bias", "out", "out_bias")))
-
-
-@lru_cache(maxsize=1)
-def shipped_network() -> ShapeNetwork:
-    """Return the network that ships with the package."""
-    return load_network(Path(__file__).with_name("shape_network.npz"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -97,7 +97,7 @@ def test_the_outlines_that_ship_are_the_catalogues():
 @pytest.mark.slow
 def test_most_targets_of_a_neighbourhood_that_it_was_not_fitted_to_are_found_and_hardly_anything_else():
     jpegs = colors.draw(colors.CHECK_SEED + 50, 1, 40)
-    results = colors.evaluate(color_detector.shipped_network(), jpegs)
+    results = colors.evaluate(color_detector.PatchNetwork.shipped(), jpegs)
     present = [r for r in results if r.target.box is not None and r.target.distance_m < 22.0]
     absent = [r for r in results if r.target.box is None]
     ranges = [r.detected_m / r.target.distance_m for r in present if r.is_right and r.detected_m]
@@ -110,7 +110,7 @@ def test_most_targets_of_a_neighbourhood_that_it_was_not_fitted_to_are_found_and
 
 @pytest.mark.slow
 def test_the_command_runs_and_writes_only_to_out(tmp_path):
-    shipped = Path(color_detector.__file__).with_name(colors.FILE)
+    shipped = Path(color_detector.__file__).with_name(color_detector.PatchNetwork.FILE)
     before = shipped.read_bytes()
     run = [sys.executable, "-m", "dronecats.pilots.fitting", "colors", "--short", "--out", str(tmp_path)]
     done = subprocess.run(run, capture_output=True, text=True, timeout=600, cwd=Path(__file__).parents[3])

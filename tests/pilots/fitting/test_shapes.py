@@ -79,11 +79,11 @@ def test_a_window_holds_the_thing_in_its_middle_at_its_distance():
 
 @pytest.mark.slow
 def test_the_command_runs_and_writes_only_to_out(tmp_path):
-    shipped = Path(shape_detector.__file__).with_name(shapes.FILE)
-    before, file = shipped.read_bytes(), tmp_path / shapes.FILE
+    shipped = Path(shape_detector.__file__).with_name(shape_detector.ShapeNetwork.FILE)
+    before, file = shipped.read_bytes(), tmp_path / shape_detector.ShapeNetwork.FILE
     command = [sys.executable, "-m", "dronecats.pilots.fitting", "shapes", "--short", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     assert "picnic-table" in done.stdout
-    assert shape_detector.load_network(file).hidden.shape == (SIZE, shapes.HIDDEN)
+    assert shape_detector.ShapeNetwork.load(file).hidden.shape == (SIZE, shapes.HIDDEN)
     assert shipped.read_bytes() == before

@@ -161,7 +161,7 @@ def test_any_picture_gets_a_valid_action():
 @pytest.mark.slow
 def test_most_things_on_a_campus_outside_the_fit_are_found_at_their_place():
     jpegs = list(shapes.draw(shapes.CHECK_SEED + 50, 1, 12))
-    results = shapes.evaluate(shape_detector.shipped_network(), jpegs)
+    results = shapes.evaluate(shape_detector.ShapeNetwork.shipped(), jpegs)
     near = [odds > -0.9 for present, _ in results.values() for depth, odds in present if depth < 20.0]
     false = sum(odds > 0.3 for _, false_odds in results.values() for odds in false_odds)
     assert len(near) >= 15
@@ -172,6 +172,6 @@ def test_most_things_on_a_campus_outside_the_fit_are_found_at_their_place():
 def test_the_distance_of_a_thing_does_not_depend_on_the_height_of_the_eye(court):
     for height in (1.2, 1.6, 2.1):
         picture = court(("planter", 14.0, 3.0), height=height)
-        seen = shape_detector.find(picture, ["planter"], shape_detector.shipped_network())
+        seen = shape_detector.find(picture, ["planter"], shape_detector.ShapeNetwork.shipped())
         assert seen[0].depth_m == pytest.approx(14.0, rel=0.2)
         assert seen[0].right_m == pytest.approx(3.0, abs=0.8)
