@@ -1,1 +1,1 @@
-"""The flight controller: estimator, control cascade, modes, failsafes and MAVLink services. Never sees the truth."""
+"""The flight controller: estimator, control cascade, modes, failsafes, MAVLink. It never gets the true state."""

@@ -29,9 +29,9 @@ COMMANDER_US = 20_000  # 50 Hz; telemetry and the inner loop run at their own ra
 class Core(Protocol):
     """The interface of the inner loop to the commander (`autopilot.control.flight_core.FlightCore`)."""
 
-    estimate: Any  # ESTIMATE record, read
-    state: Any  # CONTROL_STATE record; its field `landed` is written: 1 while the vehicle is on the ground
-    setpoint: Any  # SETPOINT record, written
+    estimate: Any  # ESTIMATE record, which the commander reads
+    state: Any  # CONTROL_STATE record; the commander writes its field `landed`: 1 while on the ground
+    setpoint: Any  # SETPOINT record, which the commander writes
 
     def set_parameter(self, name: str, value: float) -> float | None: ...
 
@@ -196,7 +196,7 @@ def timesync(node: Node, port: Port, message: Message) -> None:
 
 
 def request_data_stream(node: Node, port: Port, message: Message) -> None:
-    """Raise the rates of a group of streams; a higher present rate stays. A stop request restores the default rates."""
+    """Raise the rates of a group of streams; a rate that is already higher stays. A stop request restores defaults."""
     for name in GROUPS.get(message.req_stream_id, ()):
         message_id = BY_NAME[name].message_id
         if not message.start_stop:
@@ -256,11 +256,11 @@ HANDLERS: dict[str, MessageHandler] = {
     "LOG_REQUEST_END": file_transfer.request_end,
     "LOG_ERASE": file_transfer.erase,
 }
-_COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # a command to another system or component is also answered
+_COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # commands to other systems and components get FAILED
 
 
 def handle(node: Node, port: Port, message: Message) -> None:
-    """Call the handler of a message. An error of the handler is counted, not raised; the first is sent as a text."""
+    """Call the handler of a message. An error of the handler is counted, not raised. The first is sent as a text."""
     kind = message.get_type()
     handler = HANDLERS.get(kind)
     if handler is None or (message.get_srcSystem() == node.system_id and message.get_srcComponent() == COMPONENT_ID):

@@ -83,12 +83,12 @@ def _float32(value: float) -> float:
 
 
 class ParameterTable:
-    """The present values: `parameters["MPC_LAND_SPEED"]`. Names are sorted, so an index always means the same name.
+    """The present values by name. The names are sorted, so an index always means the same name.
 
-    `core_defaults` are the parameters of the compiled core. Every later change of one of them is passed to `set_core`,
-    which may return a different value that it has set. Values other than the defaults are saved in `file` (JSON), if
-    given. `unsaved` is the reason if the last save failed, else None. Raises UsageError if the file cannot be read or
-    has a value that its parameter cannot hold.
+    `core_defaults` are the parameters of the compiled core. `set_core` gets every later change of these parameters. If
+    it returns another value, that value is stored. Values other than the defaults are saved in `file` (JSON), if given.
+    `unsaved` is the reason why the last save failed, or None. Raises UsageError if the file cannot be read or has a
+    value that its parameter cannot hold.
     """
 
     def __init__(

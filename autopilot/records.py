@@ -25,7 +25,7 @@ SETPOINT = np.dtype(
         ("kind", "i8"),
         ("armed", "i8"),
         ("position_ned", "f8", (3,)),  # m, local frame
-        ("velocity_ned", "f8", (3,)),  # m/s, feed-forward where the position of the axis is controlled
+        ("velocity_ned", "f8", (3,)),  # m/s, feed-forward on an axis with a position setpoint
         ("acceleration_ned", "f8", (3,)),  # m/s², feed-forward
         ("yaw", "f8"),  # rad
         ("yaw_rate", "f8"),  # rad/s
@@ -41,8 +41,8 @@ SETPOINT = np.dtype(
 )
 
 # indices of the tests of a sample in the arrays of innovations
-VELOCITY_TEST = 0  # to 2: velocity of a fix, NED
-POSITION_TEST = 3  # and 4: position of a fix, north and east
+VELOCITY_TEST = 0  # 0 to 2: velocity of a fix, NED
+POSITION_TEST = 3  # 3 and 4: position of a fix, north and east
 HEIGHT_TEST = 5  # barometer, down
 HEADING_TEST = 6  # magnetometer
 TESTS = 7
@@ -54,7 +54,7 @@ ESTIMATE = np.dtype(
         ("rates_frd", "f8", (3,)),  # rad/s, bias removed
         ("accel_frd", "f8", (3,)),  # m/s², specific force, bias removed
         ("velocity_ned", "f8", (3,)),  # m/s
-        ("position_ned", "f8", (3,)),  # m, local frame: origin where the first good fix was
+        ("position_ned", "f8", (3,)),  # m, local frame; its origin is the 10th good fix in a row
         ("gyro_bias", "f8", (3,)),  # rad/s
         ("accel_bias", "f8", (3,)),  # m/s²
         ("origin_lat_deg", "f8"),  # local frame's origin

@@ -1,6 +1,6 @@
-"""Runs estimator and cascade again on a recorded flight: the same samples and setpoints in, their outputs out.
+"""Runs the estimator and the cascade again on the samples and setpoints of a recorded flight.
 
-The file stores each sample once, with the row at which it came; inertial and magnetic ones in single precision. The
+The file stores each sample once, with the row of its arrival. Inertial and magnetic samples have single precision. The
 setpoints are stored when they change. The commander's landed flag is stored for every row.
 """
 
@@ -31,7 +31,7 @@ GROUPS = {  # fields that are sampled together: the time that changes with a new
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A flight as the inner loop met it, one row per inertial sample."""
+    """The inputs of the inner loop in one flight, one row per inertial sample."""
 
     airframe: str
     sensors: NDArray[Any]  # (n,) SENSORS
@@ -117,5 +117,5 @@ def replay(core: FlightCore, recording: Recording, every: int) -> ReplayedFlight
 
 
 def _held(rows: NDArray[np.int32], count: int) -> NDArray[np.int64]:
-    """Return, for each of `count` rows, the index in `rows` of the last entry not after it; -1: none."""
+    """Return, for each of `count` rows, the index in `rows` of the last entry at or before it; -1: none."""
     return np.searchsorted(rows, np.arange(count), side="right") - 1

@@ -2,7 +2,7 @@
 
     python -m benchmarks.agent [--json] [--steps N] [--jobs N] [--seconds S] [--short]
 
-`step_ms…` is the agent's own time per step: from the delivery of the frame until the question reaches the model, and
+`step_ms…` is the agent's own time per step: from the delivery of the frame until the question reaches the model, plus
 from the reply until the link gets the setpoint. The frames of a map, the HTTP client and the logs on disk are real.
 Vehicle, camera and model are stand-ins that take no time.
 
@@ -122,7 +122,7 @@ def frames() -> list[Frame]:
 
 
 def own_time(seen: Sequence[Frame], steps: int) -> dict[str, float]:
-    """Return the agent's own milliseconds per step, for one model that decides for `len(seen)` drones."""
+    """Return the agent's own milliseconds per step, for one model that decides for all drones of `seen`."""
     reply = ACTION if len(seen) == 1 else "[" + ", ".join([ACTION] * len(seen)) + "]"
     aircraft = [StandInAircraft() for _ in seen]
     camera = StandInCamera(seen, aircraft)

@@ -1,19 +1,19 @@
-"""Flies a scripted minute over bad wires: measures which wires the link survives, and how far the path deviates.
+"""Flies a scripted minute over bad connections (wires). Measures which ones the link survives, and the path error.
 
     python -m benchmarks.bad_wire [--json] [--only NAME …] [--seed N] [--short] [--px4 COMMAND | --to URL --truth URL]
 
 Every row is a whole flight in real time over one wire: connecting, arming, take-off, a minute of velocities, turns and
 holds, landing. Figures of a row:
 
-    astray_m          largest distance between the true path and that of the perfect wire, at the same second
+    astray_m          largest distance from the true path over the perfect wire, at the same second
     end_m             this distance at the end of the minute
     cut_speed_mps     true speed two seconds after the cable was pulled
     heading_off_deg   error of the autopilot's heading at the start of the minute
 
-A flight with a cut has survived if the link comes back and the autopilot holds, which ends the agent's flight. By
+A flight with a cut survives if the link comes back and the autopilot is in Hold. Hold ends the agent's flight. By
 default each row starts a new simulator of this project, with its own autopilot or with the PX4 that COMMAND starts.
 With --to, a running autopilot on the ground flies. Then `heading_off_deg` shows whether paths can be compared: PX4's
-own simulation has been 4° off in either direction. `--short` flies a part of the minute over the perfect wire and a
+own simulation was up to 4° off in both directions. `--short` flies a part of the minute over the perfect wire and a
 lossy one, in the project's simulator at three times real time. It only checks that everything runs.
 """
 
@@ -48,7 +48,7 @@ EPISODE = "campus-approaching-01"
 ORIGIN = (47.397742, 8.545594, 488.0)  # only differences matter
 SILENCE_S = 30.0  # s of wall time, longer than a cut; `fly --connect` gives up after 6 s
 PROPOSED = {"COM_OBL_RC_ACT": 5.0, "COM_OF_LOSS_T": 0.5}  # for rows with a cut: Hold, after half a second
-CUT_AT_S, CUT_S = 20.0, 10.0  # s of the minute, s
+CUT_AT_S, CUT_S = 20.0, 10.0  # s: start of the cut in the minute, duration of the cut
 MOVES: tuple[tuple[Setpoint, float], ...] = (
     (Velocity(1.2, None), 5.0),
     (Hold(), 2.0),
@@ -92,7 +92,7 @@ ROWS = (
 
 
 class Truth:
-    """Listens to the truth bus on its own thread. PX4's own simulation sends no time: then the wall clock counts."""
+    """Listens to the truth bus on its own thread. PX4's own simulation sends no time: then it uses the wall clock."""
 
     def __init__(self, url: str) -> None:
         self.url = url

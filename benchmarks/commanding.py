@@ -2,9 +2,9 @@
 
     python -m benchmarks.commanding [EPISODE …] [--pilot NAME] [--drones N] [--seconds S] [--json] [--short]
 
-Each episode is flown flat, solo and hierarchical in lockstep. The hierarchy has the scripted commander. The pilots and
-this commander are not models; the endpoint of a served pilot estimates their tokens. `--short` flies one episode for a
-few seconds and only checks that everything runs.
+Each episode is flown flat, solo and hierarchical in lockstep. The commander of the hierarchical flights is scripted.
+The pilots and this commander are not models, so their tokens are estimates. `--short` flies one episode for a few
+seconds and only checks that everything runs.
 """
 
 import json

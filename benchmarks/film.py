@@ -2,7 +2,7 @@
 
 The oracle flies an episode in lockstep without pictures. The flight is then filmed as by `dronecats film`. Processor
 times include all processes, their start and the encoder. `shared_out_s` is the processor time divided by `jobs`: the
-wall time to expect on an idle machine.
+expected wall time on an idle machine.
 """
 
 import os

@@ -72,7 +72,7 @@ def simulation(count: int, seed: int) -> Simulation[SimulatedVehicle]:
 
 
 class CoreFlight:
-    """Plant and autopilot without open ports. The commander gets setpoints as from its MAVLink service."""
+    """Plant and autopilot without open ports. The setpoints are written as the MAVLink service writes them."""
 
     def __init__(self, seed: int) -> None:
         self.vehicle = simulation(1, seed).vehicles[0]
@@ -115,7 +115,7 @@ class CoreFlight:
 class LinkedFlight:
     """A fleet flown through `hil.link.link.Link` at 20 Hz each. Every message is encoded, decoded and handled.
 
-    `profile`: of the MAVLink ports, by default that of an agent's port.
+    `profile` is the stream profile of the MAVLink ports, by default the profile of an agent's port.
     """
 
     def __init__(self, count: int, seed: int, profile: str = "minimal") -> None:

@@ -110,7 +110,7 @@ def pyflyt() -> dict[str, float]:
 
     env = Aviary(start_pos=np.array([[0.0, 0.0, HEIGHT_M]]), start_orn=np.zeros((1, 3)), drone_type="quadx")
     env.set_mode(7)  # x, y, yaw, z
-    dt = float(env.step_period)  # s, of its controller; the physics runs at twice that rate
+    dt = float(env.step_period)  # s, period of the controller; the physics runs at twice its rate
 
     def step(i: int) -> Place:
         x, y, z = target(i * dt)
@@ -153,7 +153,7 @@ PEERS: dict[str, Callable[[], dict[str, float]]] = {
 def compare(folder: Path, core_rtf: float, core_rtf_cpu: float) -> dict[str, Any]:
     """Return per peer its factor on real time and the project's divided by it, or a `note` on why it was skipped.
 
-    Both are by wall time and by processor time (`…_cpu`). If other programs run too, only the latter is meaningful.
+    Both figures are by wall time and by processor time (`…_cpu`). If other programs run too, use only `…_cpu`.
     """
     results: dict[str, Any] = {}
     this = Path(__file__).absolute()

@@ -2,14 +2,17 @@
 
     python -m benchmarks.garbage [--json] [--only NAME …] [--seconds S] [--seed N] [--short]
 
-Every row is a fresh simulator and one sender, a process of its own that sends as fast as it can to the agent's port and
-the truth bus in turn. A client on the agent's port sends a PING 20 times a second. `lag` is the greatest time by which
-a tick of the simulator began too late, `late` the share of its ticks that were more than 2 ms late, `given up` the time
-by which the simulation fell behind for good, `core` the share of a processor core that the simulator took, `answered`
-the share of the client's PINGs that were answered within 1 s, and the time that 95 % of these answers took at most.
-Sender and simulator want a core each, and a lag of a busy machine looks like one of the simulator: see `nothing` first.
-`core` is nearly the same on a busy machine: below 1 the simulator can hold real time.
-`--short` sends for one second: only to check that it runs.
+Every row has a fresh simulator and one sender: a process that sends garbage as fast as it can, in turn to the agent's
+port and to the truth bus. A client on the agent's port sends a PING 20 times a second. Figures of a row:
+
+    lag        greatest delay of a tick of the simulator
+    late       share of the ticks that were more than 2 ms late
+    given up   time by which the simulation fell behind for good
+    core       share of a processor core that the simulator used; below 1 it can hold real time
+    answered   share of the PINGs that were answered within 1 s, and the time within which 95 % of these answers came
+
+Sender and simulator need a core each. A busy machine also causes a lag, so compare with the row `nothing`. `core` is
+nearly the same on a busy machine. `--short` sends for one second and only checks that it runs.
 """
 
 import json
@@ -146,7 +149,7 @@ class Client:
 
 
 def measure(name: str, seconds: float, seed: int) -> dict[str, Any]:
-    """Return the figures of the row `name`."""
+    """Return the figures of one row of ROWS."""
     with tempfile.TemporaryDirectory() as folder:
         supervisor = Supervisor(Path(folder))
         try:

@@ -2,10 +2,10 @@
 
     python -m benchmarks.judge [--json] [--episodes N] [--processes N] [--short]
 
-first makes the episodes (not timed): random walks, with the logs of a real flight. Of every five episodes, four have
-one drone and one has a fleet of four. Each lasts 300 s (its cap), with a decision every 2.6 s.
-`judge_s` is the wall time of all, `cpu_ms_per_episode` the processor time of one, over all processes, and
-`…_per_loop` how many empty loops (`benchmarks/machine.py`) that is. `--short` only checks that it works.
+First makes the episodes (not timed): random walks with the same logs as a real flight. Of every five episodes, four
+have one drone and one has a fleet of four. Each lasts 300 s (its cap), with a decision every 2.6 s. `judge_s` is the
+wall time for all episodes. `cpu_ms_per_episode` is the processor time per episode, summed over all processes.
+`…_per_loop` is the same in empty loops (`benchmarks/machine.py`). `--short` only checks that it works.
 """
 
 import json
@@ -59,7 +59,7 @@ def write_episode(folder: Path, number: int) -> None:
 
 
 class _Walk:
-    """A drone on a random walk, as rows of the log."""
+    """A random walk of one drone, which makes rows of the truth log."""
 
     def __init__(self, rng: random.Random) -> None:
         self._rng, self._yaw_deg = rng, 0.0

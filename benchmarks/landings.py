@@ -4,8 +4,8 @@
 
 Half of the places are drawn from the whole map, half from above a random object. The vehicle boots on a platform above
 the place and takes off. Then the platform is removed, and the vehicle is ordered to land. The result is `upright` if
-the vehicle is disarmed and upright, `says why` if not but the autopilot sent a warning, and `silent` otherwise. The
-goal is that no landing is silent.
+the vehicle is disarmed and upright, `says why` if it is not, but the autopilot sent a warning, and `silent`
+otherwise. The goal is that no landing is silent.
 """
 
 import json
@@ -30,7 +30,7 @@ from vehicles import airframe
 from vehicles.ground import peaks
 
 MAPS = {"residential": RESIDENTIAL, "campus": CAMPUS, "blocks": BLOCKS}
-ABOVE_M = 4.0  # m, of the platform above the highest point within AROUND_M
+ABOVE_M = 4.0  # m, height of the platform above the highest point within AROUND_M
 AROUND_M = 2.0
 HOVER_S, LANDING_S = 8.0, 90.0
 TICKS = 100  # per second

@@ -2,7 +2,7 @@
 
     python -m benchmarks.page [--json] [--embed] [--flights N] [--keep DIR] [--short]
 
-Creates N artificial flights (720: nine pilots, eighty episodes) of sixty steps, each with a picture of 25 kB and a
+Creates N artificial flights (by default nine pilots × eighty episodes) of 60 steps, each with a picture of 25 kB and a
 reply of 500 characters. Writes their page and opens it from disk in a headless Chromium. The pilots share their logs
 and pictures by hard links. `--short` takes seconds and only checks that every figure can be measured.
 """

@@ -1,4 +1,4 @@
-"""A client of a live page that replaces a browser. It receives everything that the page sends."""
+"""A client of a live page, used instead of a browser. It receives everything that the page sends."""
 
 import time
 from typing import Any
@@ -9,7 +9,7 @@ import zstandard
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-HEAD = 16  # bytes: sizes of the messages, uncompressed and compressed
+HEAD = 16  # bytes of the header: size of the messages uncompressed, then compressed
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 5.0), "fov": 1.0,
     "near": 0.1, "far": 1000.0, "image_height": 600, "image_width": 800, "look_at": (0.0, 0.0, 0.0),
@@ -21,7 +21,7 @@ class PageClient:
     """Connects as a browser does, sends its camera, and receives messages."""
 
     def __init__(self, url: str) -> None:
-        """`url`: of the page. Raises OSError if the page is not served."""
+        """`url` is the address of the page. Raises OSError if the page is not served."""
         address = url.replace("http://", "ws://")
         protocol = Subprotocol(f"viser-v{viser.__version__}")
         self._socket = connect(address, subprotocols=[protocol], max_size=None, compression=None)
@@ -59,7 +59,7 @@ class PageClient:
 
 
 def decoded(delivery: bytes) -> list[dict[str, Any]]:
-    """Return the messages in one delivery of a page. Numbers replace the arrays in them."""
+    """Return the messages in one delivery of a page. Arrays are not decoded: a number replaces each array."""
     size, packed = (int.from_bytes(delivery[at : at + 8], "little") for at in (0, 8))
     inner = zstandard.ZstdDecompressor().decompress(delivery[HEAD : HEAD + packed], max_output_size=size)
     return list(msgspec.msgpack.decode(inner)["messages"])

@@ -1,8 +1,8 @@
-"""Flies a vehicle against obstacles (presses): walls, posts, cars, trees, slopes and the ground, on every map.
+"""Pushes a vehicle against obstacles (each is a press): walls, posts, cars, trees, slopes and the ground, on all maps.
 
-In each press the vehicle takes off before an obstacle, flies into it at 1.2 m/s as with an agent's go, keeps pushing,
-and then backs off. From the first contact on, the truth is compared with the autopilot's estimate. Prints one line per
-press, with the names of the exceeded limits:
+In each press the vehicle takes off before an obstacle, flies into it at 1.2 m/s as for an agent's action `go`, keeps
+pushing, and then backs off. From the first contact on, the true state is compared with the autopilot's estimate.
+Prints one line per press, with the names of the exceeded limits:
 
     python -m benchmarks.presses [--seeds N] [--only WORD] [--jobs N] [--json] [--px4 COMMAND]
 """
@@ -42,7 +42,7 @@ BEFORE_M = 3.0  # m of free way before the obstacle
 ROOM_M = 3.0  # m beside the way to the obstacle; more room is not needed
 AHEAD_S = 12.0  # s within which the vehicle must meet the obstacle
 BACK_S = 6.0
-AWAY_M = 2.0  # m that it must back off within BACK_S, unless it meets another obstacle; it came from 2.4 m away
+AWAY_M = 2.0  # m that the vehicle must back off within BACK_S, unless it meets another obstacle
 TICK_S = TICK_US / 1e6
 WATCHED = (
     dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
@@ -59,9 +59,9 @@ class Press:
 
     episode: str  # its map is used
     thing: str  # name of an instance, or 'ground'
-    turn_deg: float = 0.0  # between the course and the nearest axis of the obstacle; 0: head-on
+    turn_deg: float = 0.0  # angle between the course and the nearest axis of the obstacle; 0: head-on
     beside: float = 0.0  # distance of the course from the obstacle's middle, over half of its width
-    seconds: float = 30.0  # of pushing
+    seconds: float = 30.0  # duration of pushing
     wind_n: float = 0.0  # m/s, wind to the north
 
 
@@ -118,8 +118,8 @@ class Fastest:
     speed_at_hit: float  # m/s, true, 20 ms after the last hit
     speed_believed: float  # m/s, by LOCAL_POSITION_NED
     lean_commanded_deg: float  # largest lean of ATTITUDE_TARGET since the last hit, within the last second
-    lean_deg: float  # the same of the true attitude
-    off_target_deg: float  # median angle between true and commanded attitude over that time
+    lean_deg: float  # largest true lean in the same time
+    off_target_deg: float  # median angle between true and commanded attitude in the same time
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +129,7 @@ class Outcome:
     press: Press
     seed: int
     hits: int
-    attitude_deg: float  # between true and estimated attitude
+    attitude_deg: float  # angle between true and estimated attitude
     velocity_error: float  # m/s
     position_error_m: float
     speed: float  # m/s, true
@@ -139,13 +139,13 @@ class Outcome:
     clipped: int  # samples of 1 ms beyond the accelerometer's range, counted for each axis
     crashed: bool
     left_m: float  # distance backed off; it ends at AWAY_M or at another obstacle
-    met_another: bool  # it backed off into another obstacle
+    met_another: bool  # whether it backed off into another obstacle
     fastest: Fastest | None
     px4: bool = False  # flown by a real PX4
 
     @property
     def limits(self) -> dict[str, float]:
-        """The limits for its autopilot."""
+        """The limits for the autopilot that flew the press."""
         return PX4_LIMITS if self.px4 else LIMITS
 
     @property
@@ -190,7 +190,7 @@ def before(world: World, press: Press) -> tuple[BootPose, float]:
 
 
 def _room(solid: Obstacles, which: NDArray[np.intp], point: Vec3) -> float:
-    """Return the distance (m) from a point to the nearest of these triangles, at most ROOM_M."""
+    """Return the distance (m) from a point to the nearest of the triangles `which`, at most ROOM_M."""
     near = which[np.linalg.norm(solid.bounds[which, :3] - point, axis=1) - solid.bounds[which, 3] < ROOM_M]
     gaps = [math.dist(point, in_triangle(solid.corners, int(t), *point)[:3]) for t in near]
     return min([ROOM_M, *gaps])
@@ -234,7 +234,7 @@ class Watch:
     press: Press
     vehicle: Vehicle
     link: Link
-    hits: int  # before the press
+    hits: int  # number of hits before the press
     phase: str = "ahead"  # then "pushing", "back", "over"
     ticks: int = 0  # since the phase began
     left: Left | None = None

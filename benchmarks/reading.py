@@ -75,7 +75,7 @@ def line_of(
 
 
 def by_package(part: NDArray[np.uint8], angle_deg: float) -> ReadText:
-    """Return the pilot's reading of a line, which is widened first to undo the viewing angle."""
+    """Return the pilot's reading of the picture of a line. The picture is first widened to undo the viewing angle."""
     lines = ocr.read_line(part, min(1.0 / math.cos(math.radians(angle_deg)), 3.0))
     return lines[0] if lines else ReadText("", 0.0)
 

@@ -3,8 +3,8 @@
     python -m benchmarks.render [--json] [--map NAME] [--repeat N] [--threads N] [--poses N] [--short]
                                 [--peers --peers-dir DIR]
 
-Prints the median milliseconds per frame for each shipped map, which has its own process: at 1280×720, at 640×360, of
-the agent's picture with its JPEG encoding, and of the pictures of four drones in one world. Also prints the resident
+For each shipped map, in its own process, prints the median milliseconds per frame: at 1280×720, at 640×360, for the
+agent's picture with its JPEG encoding, and for the pictures of four drones in one world. Also prints the resident
 memory in MB. `ssim…` compares the agent's picture with the frame of 1280×720 reduced to the same size, at `--poses`
 places of the map. `cpu_ms…` counts all processors, which is more meaningful than wall time if other programs run too.
 `…_per_loop` is `cpu_ms…` divided by `python_loop_ms`; it depends little on the machine (`benchmarks/machine.py`). The
@@ -55,7 +55,7 @@ def headings(scene: Scene, count: int, height: float = 6.0) -> list[CameraPose]:
 
 
 def frame_ms(draw: Callable[[CameraPose], object], poses: list[CameraPose], repeat: int) -> tuple[float, float]:
-    """Return the median time of one frame over `repeat` rounds of `poses`: by the wall, and by all processors (ms)."""
+    """Return the median time of one frame over `repeat` rounds of `poses`: (wall time, processor time), ms."""
     draw(poses[0])
     walls, cpus = [], []
     for _ in range(repeat):
@@ -68,7 +68,7 @@ def frame_ms(draw: Callable[[CameraPose], object], poses: list[CameraPose], repe
 
 
 def fleet_ms(draw: Callable[[CameraPose], object], poses: list[CameraPose], repeat: int) -> float:
-    """Return the median time of one frame of each pose (ms), one after the other."""
+    """Return the median time (ms) of drawing one frame of each pose, one after the other."""
     rounds = []
     for _ in range(repeat):
         begun = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Exports a scene for other renderers: one Wavefront OBJ file for each piece of one colour, and a list."""
+"""Exports a scene for other renderers: one Wavefront OBJ file for each piece of one colour, and a list of them."""
 
 import json
 import math

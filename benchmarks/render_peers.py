@@ -20,15 +20,15 @@ SIZES = ((1280, 720), (640, 360))  # px
 NEAR_M, FAR_M = 0.1, 600.0
 ROUNDS = 2  # over the views
 LIMIT_S = 240  # wall time of one peer
-TOLERANCE = 0.04  # of the share of pixels without sky
-SHADOW_CELLS = 4096  # of a shadow map, per side, if the peer has such a setting
+TOLERANCE = 0.04  # largest error of the share of pixels without sky
+SHADOW_CELLS = 4096  # cells per side of a shadow map, if the peer has this setting
 
 Draw = Callable[[int, tuple[int, int]], Any]  # view and size → (H, W, 3) uint8
 Covered = Callable[[int], float]  # view → share of pixels that are not sky
 
 
 def timed(draw: Draw, covered: Covered, scene: dict[str, Any]) -> dict[str, float]:
-    """Return the median milliseconds per frame at each size, over all views: by the wall, and by all processors.
+    """Return the median milliseconds per frame at each size, over all views: in wall time and in processor time.
 
     Raises RuntimeError if the peer draws another scene, because its time would not be comparable.
     """

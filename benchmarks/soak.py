@@ -8,16 +8,16 @@ One client per vehicle connects on the open ground where `dronecats sitl` starts
 and no vehicle is reset.
 
     refused           orders that were not carried out, by reason
-    without a cause   those of them about which the autopilot sent no text
-    memory %          change of a process's private memory from the first to the last third of the samples, the largest
-                      of all processes; samples of the first three rounds, in which caches fill, are left out
-    files             lowest and highest number of open files of all processes after these rounds; a request to the
-                      camera and a log that is being written each hold some
-    grown             change of their mean between the same thirds
-    logs              largest number of logs in a vehicle's folder, of which SDLOG_DIRS_MAX keeps 10
+    without a cause   refused orders for which the autopilot sent no text
+    memory %          change of private memory from the first to the last third of the samples, of the process with the
+                      largest change; the first three rounds are left out, because caches fill in them
+    files             lowest and highest number of open files of all processes together after the first three rounds;
+                      every camera request and every log that is being written holds files open
+    grown             change of the mean number of open files between the same thirds
+    logs              largest number of logs in a vehicle's folder; SDLOG_DIRS_MAX keeps 10
 
-By default a session lasts a quarter of an hour of vehicle time; with `--full`, the real benchmark, eight hours; with
-`--short` one round.
+By default a session lasts a quarter of an hour of vehicle time. With `--full`, the real benchmark, it lasts eight
+hours, with `--short` one round.
 """
 
 import argparse
@@ -263,7 +263,7 @@ def _name(process: psutil.Process) -> str:
 
 @contextlib.contextmanager
 def rig(vehicles: int, speed: float) -> Iterator[tuple[list[str], str, Path]]:
-    """Start the processes; yield the URLs of the vehicles, that of their camera and the folder of their states."""
+    """Start the processes; yield the URLs of the vehicles, the URL of their camera and the folder of their states."""
     with tempfile.TemporaryDirectory(prefix="dronecats-soak-") as name:
         folder = Path(name)
         supervisor = Supervisor(folder)

@@ -1,1 +1,1 @@
-"""Examples of what can be built with the project, one in each folder. The wheel has none of them."""
+"""Examples of programs that use the project, one per folder or script. The wheel does not contain them."""

@@ -1,7 +1,7 @@
 """A MAVSDK 3 script: takes off, flies body velocities offboard, lands. `python examples/mavsdk3.py [URL]`.
 
-It needs its own environment, since DroneCATS installs mavsdk 4: `pip install "mavsdk<4"`. URL is the connection to the
-vehicle, by default that of `dronecats sitl`. For mavsdk 4 see mavsdk4.py.
+The script needs its own environment with `pip install "mavsdk<4"`, because DroneCATS installs mavsdk 4. URL is the
+connection to the vehicle, by default that of `dronecats sitl`. For mavsdk 4 see mavsdk4.py.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
 """Types and functions that several packages share: types with unit and frame, conversions, errors.
 
-Every package imports it. It imports none of them.
+Every package imports this one. It imports no other package of the project.
 """

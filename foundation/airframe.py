@@ -43,7 +43,7 @@ class RotorCurve:
     inertia: Positive  # kg·m², rotor and bell about the spin axis
     radius_m: Positive  # m
     drag_coefficient: NotNegative  # N / ((rad/s)·(m/s)), in-plane (blade) drag
-    rotating_kg: NotNegative = 0.0  # kg, propeller and bell; their imbalance shakes the frame; 0: no vibration
+    rotating_kg: NotNegative = 0.0  # kg, propeller and bell, whose imbalance shakes the frame; 0: no vibration
 
 
 @dataclass(frozen=True, slots=True)

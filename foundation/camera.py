@@ -20,7 +20,7 @@ class CameraModel:
     hfov_deg: float = 90.0
     offset_frd: Vec3 = (0.5, 0.0, 0.1)  # m from the body origin
     pitch_deg: float = 0.0  # of the mount: up from body forward; with a gimbal, up from the horizon
-    gimballed: bool = False  # a gimbal holds it level in roll and changes its pitch in flight
+    gimballed: bool = False  # whether a gimbal holds the camera level in roll and changes its pitch in flight
 
     @property
     def focal_px(self) -> float:
@@ -91,7 +91,7 @@ QUALITY = 85  # JPEG quality
 
 
 def reduced_size(width: int, height: int) -> tuple[int, int]:
-    """Return the (width, height) in px of a picture of this size for the model. The aspect ratio stays the same."""
+    """Return the size (width, height) in px to which a picture is reduced for the model. It keeps the aspect ratio."""
     return (WIDTH_MAX, round(height * WIDTH_MAX / width)) if width > WIDTH_MAX else (width, height)
 
 

@@ -88,7 +88,7 @@ def _prepare() -> bool:
 
 @contextlib.contextmanager
 def compile_lock() -> Iterator[None]:
-    """Let one process compile at a time, so that later ones read the compiled code from the cache."""
+    """Let one process compile at a time, so that other processes read the compiled code from the cache."""
     if not CAN_CACHE:
         yield
         return
@@ -109,8 +109,8 @@ class Kernel(Protocol[P, R]):
 def njit(*, cache: bool = True, allocates: bool = False, **options: Any) -> Callable[[Callable[P, R]], Kernel[P, R]]:
     """Return the decorator `numba.njit(…)` with caching; it keeps signatures for the type checker.
 
-    `allocates`: the kernel, or a kernel that it calls, creates an array. Only then does numba count references. With
-    reference counts, every view of an array (`a[k]`, a field of a named tuple) costs two locked instructions, and
+    `allocates`: the kernel, or a kernel that it calls, creates an array. numba counts references only in this case.
+    With reference counts, every view of an array (`a[k]`, a field of a named tuple) costs two locked instructions, and
     threads that share the array wait for one another. Short kernels would spend most of their time there.
 
     Without a writable cache folder each start compiles again. numba's default, a cache beside the sources, is not used:

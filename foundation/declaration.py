@@ -1,9 +1,9 @@
-"""Declares numbers that users set, on the dataclass fields that hold them.
+"""Declares numbers that users set, in the metadata of dataclass fields.
 
     loss: float = number(0.0, "loss", "share of frames that never arrive", high=1.0, words="{percent:g} % lost")
 
-Bounds, error messages, options, factors of studies, tables of the docs and sentences about a value all come from the
-declaration.
+The declaration is the only source of bounds, error messages, options, factors of studies, tables of the docs and
+sentences about a value.
 """
 
 import sys
@@ -43,7 +43,7 @@ class DeclaredNumber:
         )
 
     def read(self, value: object) -> float:
-        """Return the number in `value`, a number or text. Raises UsageError for other values and out of bounds."""
+        """Return the number in `value`, a number or text. Raises UsageError if it is neither, or out of bounds."""
         try:
             number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else None
         except (ValueError, OverflowError):
@@ -60,7 +60,7 @@ class Declaration:
 
     quantity: DeclaredNumber | None = None  # None: the value is checked elsewhere
     size: Callable[[Any], float] = float  # value → the number to check, such as the speed of a wind vector
-    words: str | Callable[[Any], str] = ""  # about a value that is not the default; format of value, percent, owner
+    words: str | Callable[[Any], str] = ""  # about a non-default value; uses {value}, {percent}, {owner}
     first: bool = False  # its words come before those of the other fields
 
 

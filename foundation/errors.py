@@ -8,7 +8,7 @@ class DronecatsError(Exception):
 
 
 class UsageError(DronecatsError):
-    """The caller asked for something impossible. The text names it, its place, and what to do instead."""
+    """The user asked for something impossible. The text names the fault, its place, and what to do instead."""
 
     exit_status = 2
 
@@ -26,7 +26,7 @@ class LinkError(InfrastructureError):
 class ModelError(InfrastructureError):
     """The model endpoint cannot be reached or answers with something that is not a chat completion."""
 
-    lost: tuple[int, int] = (0, 0)  # tokens (in, out) that the vendor counted in answers without a reply
+    lost: tuple[int, int] = (0, 0)  # tokens (in, out) of answers without a reply, as counted by the vendor
 
 
 class ModelRejectedError(ModelError):

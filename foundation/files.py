@@ -16,7 +16,7 @@ from foundation.errors import InfrastructureError, UsageError
 
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield the path of a draft file. It replaces `path` if the block succeeds and is removed otherwise.
+    """Yield the path of a draft file. The draft replaces `path` if the block succeeds, and is removed otherwise.
 
     Each thread and process has its own draft of a file; the last one to finish wins. Raises OSError.
     """

@@ -1,4 +1,4 @@
-"""Values that take seconds to compute and depend only on sources and libraries, kept in the user's cache."""
+"""Caches values that take seconds to compute and depend only on sources and libraries, in the user's cache folder."""
 
 import contextlib
 import hashlib
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 def kept(name: str, sources: Iterable[str], make: Callable[[], T]) -> T:
-    """Return what `make` returns, from the cache if a process with the same sources left it there.
+    """Return the value of `make()`; the cached value if a process with the same sources stored it.
 
     `name`: start of the file's name. `sources`: patterns of files below the project's root. The value must be made of
     plain types, arrays and the project's own classes. A cache that cannot be read or written only costs time.

@@ -91,7 +91,7 @@ class Px4Mode:
 
     @property
     def custom_mode(self) -> int:
-        """main << 16 | sub << 24."""
+        """The value of HEARTBEAT.custom_mode: main << 16 | sub << 24."""
         return self.main << 16 | self.sub << 24
 
 

@@ -10,7 +10,7 @@ from msgspec import Meta
 
 LARGE = 1e12  # a larger number counts as damage
 
-# `wrong`: the reader's message about any other value
+# `wrong` is the message of the reader about an invalid value
 Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
 Distance = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a distance"})]
 Place = Annotated[tuple[Number, Number, Number], Meta(extra={"wrong": "is not three numbers"})]  # north, east, down
@@ -26,7 +26,7 @@ def doc(description: str) -> Meta:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetMeasurement:
-    """Measurement of a target by one drone and its camera. None: not measured. A world measures all fields."""
+    """Measurement of a target by one drone and its camera. None: not measured. `World.measure` measures all fields."""
 
     target_ned: Annotated[Place | None, doc("m, NED, position of the target's centre")] = None
     distance_m: Annotated[Distance | None, doc("m, from the body to the target's centre, in three dimensions")]

@@ -1,7 +1,7 @@
 """Removes keys and passwords from messages and files.
 
 Any part of an address may be a key. So only safe parts are shown: scheme, host, port, short words of the path, names in
-the query. The other parts are also hidden in what the server at that address replies, in any spelling.
+the query. The other parts are also hidden, in any spelling, in replies of the server at that address.
 """
 
 import base64
@@ -47,9 +47,9 @@ def keyless_environment(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def redacted_url(url: str) -> str:
-    """Return an address for display. One that cannot be parsed shows at most its scheme.
+    """Return an address for display, without possible keys. If it cannot be parsed, at most its scheme is shown.
 
-    An address that is not of the web (a serial port, a UDP port) loses only its user.
+    In an address that is not of the web (a serial port, a UDP port), only the user is hidden.
     """
     match = _URL_FIELDS.fullmatch(url) if len(url) <= MAX_URL_CHARS else None
     if match is None:

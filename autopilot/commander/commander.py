@@ -41,7 +41,7 @@ ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
 DENIED = int(dialect.MAV_RESULT_DENIED)
 
-HOME_LOOK_US = 1_000_000  # interval at which home is moved to a disarmed vehicle that has been carried away
+HOME_LOOK_US = 1_000_000  # interval at which home is set again if the disarmed vehicle has moved
 
 
 class SetpointWriter:
@@ -157,7 +157,7 @@ class Commander:
     # requests
 
     def arm(self, force: bool = False) -> int:
-        """Start the rotors. Returns ACCEPTED (also if already armed), or REJECTED or DENIED and sends the reason."""
+        """Start the rotors. Returns ACCEPTED, also if armed; else sends the reason and returns REJECTED or DENIED."""
         if self.armed:
             return ACCEPTED
         mode = self._mode_after_arming()
@@ -257,8 +257,8 @@ class Commander:
     def circle(self, centre_ned: Vec3, radius: float, speed: float, yaw_behaviour: int = 0) -> int:
         """Request ORBIT. A nan coordinate of the centre means the present one. `yaw_behaviour`: ORBIT_YAW_BEHAVIOUR.
 
-        Returns DENIED if the vehicle is armed and the radius (m) is not in 1 … MC_ORBIT_RAD_MAX. Returns REJECTED if it
-        has fallen over on the ground.
+        Returns DENIED if the vehicle is armed and the radius (m) is not in 1 … MC_ORBIT_RAD_MAX. Returns REJECTED if
+        the vehicle has fallen over on the ground.
         """
         here = self.flight.state.position_ned
         n, e, z = (w if math.isfinite(w) else h for w, h in zip(centre_ned, here, strict=True))
@@ -376,7 +376,7 @@ class Commander:
     def _reaction(self) -> tuple[str, str]:
         """Return (mode in HEARTBEAT, name of the behaviour to fly)."""
         if self.supervision.failsafe is NO_FAILSAFE and self.intended not in STICK_MODES:
-            return self.intended, self.intended  # shortcut for nearly every tick; `reaction` returns the same
+            return self.intended, self.intended  # shortcut for nearly every tick; `reaction` returns the same values
         return reaction(
             self.failsafe,
             self.intended,
@@ -436,7 +436,7 @@ class Commander:
         return self.supervision.sticks_fresh(self.flight)
 
     def _follow_home_on_ground(self, now: int) -> None:
-        """Keep home at the vehicle's position while it is disarmed, so that clients get a home before arming."""
+        """Keep home at the vehicle's position while disarmed, so that clients get a home before arming."""
         if now - self._home_looked_us < HOME_LOOK_US:
             return
         self._home_looked_us = now

@@ -4,7 +4,7 @@ The ramp is PX4's take-off handling: spool-up, ready, ramp, flight. It does not 
 because the pilot sets their thrust. The thresholds of the land detector are PX4's LNDMC_* parameters.
 
 PX4 does not report a failed landing. A vehicle that hangs on a roof's edge stays armed in LAND. A vehicle that lies on
-its side reports this only at the next arming. `LandingWatch` warns of both.
+its side reports this only at the next arming. Here `LandingWatch` warns in both cases.
 """
 
 import math
@@ -79,19 +79,19 @@ class TakeoffRamp:
 
 # A vehicle in the air sinks if its thrust is clearly below hover thrust. If the thrust is low and the vertical speed
 # stays near zero for LNDMC_TRIG_TIME, then the ground carries the vehicle.
-SUPPORTED_THRUST = 0.8  # of hover thrust
-RANGE_IN_AIR_M = 1.0  # with a longer fresh range, the vehicle is in the air
+SUPPORTED_THRUST = 0.8  # fraction of hover thrust
+RANGE_IN_AIR_M = 1.0  # if the rangefinder measures more, the vehicle is in the air
 LIFT_OFF_M = 0.25
 LIFT_OFF_SPEED = 0.3  # m/s
 
 
-CONTACT_SPEED = 0.3  # m/s downwards; a faster demand makes a vehicle in the air descend
-CONTACT_M = 0.5  # m; the same for a demanded height that is this far below the vehicle
-CONTACT_SHARE = 0.3  # of the demanded descent; if the vehicle descends less, something carries it
+CONTACT_SPEED = 0.3  # m/s downwards; a setpoint at least this fast demands a descent
+CONTACT_M = 0.5  # m; a height setpoint that is farther below the vehicle demands a descent
+CONTACT_SHARE = 0.3  # fraction of the demanded descent; if the vehicle descends less, something carries it
 
 
 class LandDetector:
-    """Detects `landed` (True at first) and `contact`: the vehicle does not follow a demand to descend.
+    """Detects `landed` (True at first) and `contact`, which means that the vehicle does not follow a demand to descend.
 
     PX4 has three stages of LNDMC_TRIG_TIME / 3 each; `contact` is the first stage, `landed` the last.
     """
@@ -104,7 +104,7 @@ class LandDetector:
         self._ground_z: float | None = None
 
     def update(self, state: EstimatedState, armed: bool, climbing: bool, demand: CascadeSetpoint) -> None:
-        """Update with one tick. `demand`: the setpoint of the flight mode; `climbing`: whether it `wants_climb`."""
+        """Update with one tick. `demand`: the setpoint of the flight mode; `climbing`: the result of `wants_climb`."""
         if not armed:
             self.landed, self._contact_since_us, self._ground_z = True, None, None
             self.contact, self._dive = False, None
@@ -123,7 +123,7 @@ class LandDetector:
             self.landed, self._contact_since_us = False, None
 
     def _watch_contact(self, state: EstimatedState, demand: CascadeSetpoint) -> None:
-        """Compare the achieved descent with the demanded one over LNDMC_TRIG_TIME / 3."""
+        """Compare the achieved descent with the demanded descent over LNDMC_TRIG_TIME / 3."""
         speed, z = _dive(state, demand), state.position_ned[2]
         if speed is None or state.range_m() > RANGE_IN_AIR_M:
             self.contact, self._dive = False, None
@@ -162,7 +162,7 @@ class LandDetector:
 def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
     """Return the least speed (m/s) of a demanded descent; None if the demand is not a clear descent.
 
-    A demand with horizontal speed is not a landing: an obstacle may carry the vehicle, which then slides along it.
+    A demand with horizontal speed returns None: an obstacle, not the ground, may carry the vehicle, which slides along.
     """
     north, east, vz = demand.velocity_ned
     sinks = vz >= CONTACT_SPEED
@@ -175,7 +175,7 @@ def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
 
 def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:
     if demand.kind != KIND_TRAJECTORY:
-        return True  # of an attitude or rate demand only the thrust counts
+        return True  # for an attitude or rate demand, only the thrust counts
     z, vz = demand.position_ned[2], demand.velocity_ned[2]
     return vz > 0.05 or z > state.position_ned[2] + 0.1
 
@@ -195,7 +195,7 @@ class LandingWatch:
         self._has_warned = False
 
     def follow(self, state: EstimatedState, landing: bool) -> None:
-        """Update with one tick. `landing`: the mode is one of LANDING, and the vehicle has not landed yet."""
+        """Update with one tick. `landing`: whether the mode is one of LANDING, and the vehicle has not landed yet."""
         if not landing:
             self._lowest, self._has_warned = None, False
             return

@@ -5,13 +5,13 @@ hysteresis. A quantity becomes invalid when its deviation exceeds 2.5 times the 
 the deviation has been below the parameter for a second. A negative parameter switches the check off. Source: the
 parameter reference of PX4 1.15 and the behaviour of its `EstimatorChecks`.
 
-One rule differs from PX4. After an impact our estimator reports a velocity deviation of metres a second, until the next
-fix corrects it a tenth of a second later. PX4's filter does not detect impacts and does not report this. So a velocity
+One rule differs from PX4. After an impact our estimator reports a velocity deviation of several m/s, until the next GPS
+fix corrects it about 0.1 s later. PX4's filter does not detect impacts and does not report this. So a velocity
 deviation must last for LASTING_US before it counts. Otherwise every bump into a lamp post would trigger a failsafe.
 
-A calibration checks its sensor at rest, because the estimator finds the biases in flight. Clients need not turn the
-vehicle: accelerometer and compass are checked in the present attitude. The texts are PX4's, which MAVSDK and
-QGroundControl parse.
+A calibration only checks its sensor, with the vehicle at rest, because the estimator finds the biases in flight.
+Clients need not turn the vehicle: accelerometer and compass are checked in the present attitude. The status texts are
+the same as PX4's, because MAVSDK and QGroundControl parse them.
 """
 
 import math
@@ -23,19 +23,19 @@ from autopilot.parameters import ParameterTable
 from foundation.frames import GRAVITY
 from foundation.mavlink import MODES, dialect
 
-HYSTERESIS_FACTOR = 2.5  # factor on the parameter for a quantity that is valid so far
+HYSTERESIS_FACTOR = 2.5  # a valid quantity becomes invalid above this factor times the parameter
 PROBATION_US = 1_000_000
 LASTING_US = 500_000
 
 
 def required(parameters: ParameterTable, name: str) -> float:
-    """Return the largest deviation that COM_POS_FS_EPH (m) or COM_VEL_FS_EVH (m/s) allows; inf if it is negative."""
+    """Return the largest deviation that COM_POS_FS_EPH (m) or COM_VEL_FS_EVH (m/s) allows; inf if negative."""
     value = float(parameters[name])
     return value if value >= 0.0 else math.inf
 
 
 class _Hysteresis:
-    """Decides with a hysteresis whether one quantity is valid (`_valid_altitude_or_none`)."""
+    """Decides with a hysteresis whether one quantity is valid."""
 
     def __init__(self, lasting_us: int = 0) -> None:
         """`lasting_us` (µs): a large deviation counts after this time."""
@@ -107,7 +107,7 @@ class SensorHealth:
 
 
 def sensor_health(state: EstimatedState) -> SensorHealth:
-    """Return which sensors delivered a sample in the last 0.5 s; 1 s for the battery and for a 3-D fix of the GPS."""
+    """Return which sensors delivered a sample in the last 0.5 s (battery, GPS: 1 s). The GPS also needs a 3-D fix."""
     return SensorHealth(
         imu=state.age_us("imu") < SENSOR_TIMEOUT_US,
         mag=state.age_us("mag") < SENSOR_TIMEOUT_US,
@@ -196,7 +196,7 @@ class AttitudeWatch:
         self.failed, self._since_us = False, [None, None]
 
     def look(self, state: EstimatedState, *, controlled: bool) -> None:
-        """Update `failed`. `controlled`: the mode controls the attitude; in ACRO the pilot may turn over on purpose."""
+        """Update `failed`. `controlled`: the mode controls the attitude; in ACRO the pilot may flip the vehicle."""
         self.failed = False
         for i, name in enumerate(("FD_FAIL_R", "FD_FAIL_P")):
             limit = float(self._parameters[name])
@@ -213,8 +213,8 @@ class AttitudeWatch:
 DURATION_US = 2_000_000
 STEPS = 10  # calibration reports its progress in tenths
 MOVING_RATE = math.radians(5.0)  # rad/s, above any gyro's bias
-GRAVITY_TOLERANCE = 0.1
-FIELD_GAUSS = (0.1, 1.0)  # the Earth's field is 0.22 to 0.67
+GRAVITY_TOLERANCE = 0.1  # fraction of gravity
+FIELD_GAUSS = (0.1, 1.0)  # limits; the Earth's field is 0.22 to 0.67 gauss
 LEVEL_MOST = math.radians(10.0)
 
 StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text

@@ -72,7 +72,7 @@ class PlanItem:
 
     command: int  # MAV_CMD
     frame: int  # MAV_FRAME
-    p: tuple[float, float, float, float]
+    p: tuple[float, float, float, float]  # param1 … param4
     x: int  # 1e-7 deg of latitude in the global frames
     y: int  # 1e-7 deg of longitude
     z: float  # m, above sea level or above home, according to `frame`
@@ -141,7 +141,7 @@ class FenceArea:
 
 
 def well_formed(items: tuple[PlanItem, ...]) -> bool:
-    """Return whether each polygon has the number of consecutive vertices in its first item, at least three."""
+    """Return whether each polygon has as many consecutive vertices as its first item states (param1), at least 3."""
     i = 0
     while i < len(items):
         item = items[i]
@@ -325,7 +325,7 @@ class StoredPlans:
 class Plans:
     """The plans by MAV_MISSION_TYPE; `version` counts the replacements.
 
-    Every change is saved in `file` (JSON), if given. `unsaved` is the reason if the last save failed, else None.
+    Every change is saved in `file` (JSON), if given. `unsaved` is the reason why the last save failed, or None.
     Raises UsageError if the file cannot be read or contains a plan that an upload would not accept.
     """
 

@@ -242,7 +242,7 @@ class StickOverride:
 
 
 StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
-# causes that the pilot cannot overrule: they end with the mode, or the vehicle has no other choice
+# causes that the pilot cannot overrule: they end when the mode changes, or the vehicle has no other choice
 NOT_OVERRIDABLE = frozenset({OFFBOARD_LOST, POSITION_LOST})
 DELAYED = frozenset({Reaction.RETURN, Reaction.LAND, Reaction.DESCEND})
 NAMES = {Reaction.HOLD: "Hold", Reaction.RETURN: "Return", Reaction.LAND: "Land", Reaction.DESCEND: "Descend"}

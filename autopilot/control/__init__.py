@@ -1,1 +1,1 @@
-"""The cascade: position → velocity → attitude → rate. Pure compiled functions over three records."""
+"""The control cascade: position → velocity → attitude → rate. Compiled functions that read and write numpy records."""

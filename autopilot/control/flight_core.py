@@ -76,7 +76,7 @@ class FlightCore:
     def __init__(
         self, airframe: Airframe, *, declination_rad: float = 0.0558, overrides: dict[str, float] | None = None
     ) -> None:
-        """Design the gains of `airframe`. `declination_rad` (east positive) is that of the place of the flight.
+        """Design the gains of `airframe`. `declination_rad` (east positive) is the local magnetic declination.
 
         `overrides` has values of PX4 parameters that replace the defaults. Raises UsageError for an airframe that
         cannot be controlled or a parameter that does not exist.
@@ -117,7 +117,7 @@ class FlightCore:
         return gains.read(self.params, name)
 
     def set_parameter(self, name: str, value: float) -> float:
-        """Set a PX4 parameter, at any time; return the value that is set: `value` within the parameter's range.
+        """Set a PX4 parameter, at any time; return the value that is set: `value` limited to the parameter's range.
 
         Raises UsageError for a parameter that the core does not have, or a value that is not finite.
         """

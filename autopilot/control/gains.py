@@ -40,7 +40,7 @@ CONTROL_PARAMS = np.dtype(
         ("attitude_p", "f8", (3,)),  # 1/s, roll pitch yaw
         ("yaw_weight", "f8"),  # 0 … 1
         ("rate_max", "f8", (3,)),  # rad/s
-        ("torque_acceleration", "f8", (3,)),  # rad/s² of a normalised torque of 1
+        ("torque_acceleration", "f8", (3,)),  # rad/s², angular acceleration at a normalised torque of 1
         ("rate_p", "f8", (3,)),  # normalised torque per rad/s
         ("rate_i", "f8", (3,)),  # normalised torque per rad
         ("rate_d", "f8", (3,)),  # normalised torque per rad/s²
@@ -67,7 +67,7 @@ CONTROL_STATE = np.dtype(
         ("velocity_expected", "f8", (3,)),  # m/s, velocity of a vehicle that follows the reference with velocity_lag
         ("acceleration_expected", "f8", (3,)),  # m/s², derivative of velocity_expected
         ("velocity_integral", "f8", (3,)),  # m/s²
-        ("free_integral", "f8", (3,)),  # m/s², velocity_integral while the velocity followed its setpoint, filtered
+        ("free_integral", "f8", (3,)),  # m/s², velocity_integral, filtered while the velocity error was small
         ("tried_integral", "f8", (3,)),  # m/s², velocity_integral before the latest increase, which is being tested
         ("tried_error", "f8"),  # m/s, velocity error before that increase
         ("blocked_s", "f8"),  # s since the vehicle was found to push against an obstacle; 0: not blocked
@@ -75,7 +75,7 @@ CONTROL_STATE = np.dtype(
         ("unexplained", "f8", (6,)),  # m/s², rad/s², FRD, accelerations that the rotors do not explain, filtered
         ("unexplained_slow", "f8", (6,)),  # the slow part of `unexplained`, such as wind
         ("torque_filtered", "f8", (3,)),  # normalised, with the lag of the rotors
-        ("untouched_s", "f8"),  # s since the last knock
+        ("untouched_s", "f8"),  # s since the last knock (impact of an obstacle)
         ("acceleration_filtered", "f8", (3,)),  # m/s², NED, measured
         ("yaw_reference", "f8"),  # rad, yaw setpoint of the attitude loop; follows yaw_rate_expected
         ("yaw_rate_expected", "f8"),  # rad/s, derivative of yaw_reference: yaw_rate_reference with yaw_lag
@@ -90,7 +90,7 @@ CONTROL_STATE = np.dtype(
         ("torque_scale", "f8", (3,)),  # 0 … 1, achieved torque over demanded torque
         ("hover_thrust", "f8"),  # 0 … 1, running estimate
         ("thrust_filtered", "f8"),  # 0 … 1, collective with the lag of the rotors
-        ("not_finite", "i8"),  # number of steps whose result was not a number, so that the fallback flew
+        ("not_finite", "i8"),  # number of steps with a result that was not finite, in which `fallback` flew
     ],
     align=True,
 )
@@ -162,8 +162,8 @@ def default_parameters(gains: Gains, allocation: Allocation, rotors: int) -> np.
     """Return one CONTROL_PARAMS record: gains from the design, and PX4's default limits if it has them.
 
     Two limits differ from PX4 1.15 on purpose. MPC_JERK_MAX is 40 instead of 8 m/s³: a real PX4 does not smooth
-    offboard velocity setpoints at all, and half a second after a setpoint of 2 m/s it flies 1.4 m/s. MPC_YAWRAUTO_MAX
-    is 60 °/s, the yaw rate of the paper's rotations.
+    offboard velocity setpoints at all, so it flies 1.4 m/s half a second after a setpoint of 2 m/s. MPC_YAWRAUTO_MAX is
+    60 °/s, the yaw rate of the paper's rotations.
     """
     params: np.void = np.zeros(1, CONTROL_PARAMS)[0]
     for name in ("attitude_p", "velocity_p", "velocity_i", "velocity_d", "position_p"):
@@ -207,7 +207,7 @@ def read(params: np.void, name: str) -> float:
 
 
 def write(params: np.void, name: str, value: float) -> float:
-    """Set a PX4 parameter, given in PX4's unit, and return the value that is set: `value` within the parameter's range.
+    """Set a PX4 parameter, given in PX4's unit, and return the value that is set: `value` limited to its range.
 
     Raises UsageError for an unknown parameter, or for a value that is not finite.
     """

@@ -148,7 +148,7 @@ def margin(loop: Response, frequencies: NDArray[np.float64] = FREQUENCIES) -> Ma
     value = loop(1j * frequencies)
     gain = 20.0 * np.log10(np.abs(value))
     phase = np.degrees(np.unwrap(np.angle(value)))
-    phase -= 360.0 * round((phase[0] + 135.0) / 360.0)  # with one or two integrators it begins at -90° to -180°
+    phase -= 360.0 * round((phase[0] + 135.0) / 360.0)  # with one or two integrators the phase begins at -90° to -180°
     crossings = np.flatnonzero(gain[:-1] * gain[1:] < 0.0)
     phases, where = [], math.nan
     for k in crossings:

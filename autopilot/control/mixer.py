@@ -23,9 +23,9 @@ LEAST_LIFT = 0.2 * GRAVITY  # m/s²; the thrust vector always points up, also in
 
 @njit(cache=True)
 def limit_force(params: Record, hover_thrust: float, ceiling: float, acceleration: Vec3) -> Vec3:
-    """Return the specific force (NED, m/s²) of the rotors, within tilt and thrust limits; vertical force has priority.
+    """Return the specific force (NED, m/s²) of the rotors, within tilt and thrust limits.
 
-    A thrust of `thrust_horizontal_margin` is reserved for the horizontal force.
+    The vertical force has priority. Only `thrust_horizontal_margin` is reserved for the horizontal force.
     """
     per_thrust = GRAVITY / hover_thrust  # m/s² at full collective
     top = min(params.thrust_max, ceiling) * per_thrust
@@ -139,11 +139,12 @@ def mix(
 ) -> Vec3:
     """Write rotor thrust fractions in [floor, 1] and return (achieved roll-pitch scale, yaw scale, collective).
 
-    matrix (MAX_ROTORS, 4) as in `Allocation`, roll, pitch, yaw in [-1, 1], thrust in [0, 1]; fractions (MAX_ROTORS,) is
-    the output. For roll and pitch the collective may be lowered; it is raised above idle only with airmode.
+    `matrix` (MAX_ROTORS, 4) is `Allocation.mix`. `roll`, `pitch` and `yaw` are in [-1, 1], `thrust` in [0, 1].
+    `fractions` (MAX_ROTORS,) is the output. Roll and pitch may lower the collective. They raise it above idle only with
+    `airmode`.
     """
     thrust = min(max(thrust, 0.0), 1.0)
-    # roll and pitch: the largest share for which some collective keeps every rotor in range
+    # roll and pitch: the largest share for which a collective exists that keeps every rotor in range
     least = 0.0
     for i in range(rotors):
         fractions[i] = matrix[i, 0] * roll + matrix[i, 1] * pitch
@@ -154,7 +155,7 @@ def mix(
         room = (1.0 - floor) / matrix[i, 3]
         if share * spread > room:
             share = room / spread
-    # collective: the nearest to the demand
+    # collective: the value nearest to the demand
     low, high, idle = 0.0, 1e9, 0.0
     for i in range(rotors):
         idle = max(idle, floor / matrix[i, 3])

@@ -27,7 +27,7 @@ def braking_speed(distance: float, gain: float, acceleration: float) -> float:
 
 @njit(cache=True)
 def wanted_acceleration(gap: float, limit: float, jerk: float) -> float:
-    """Return the acceleration (m/s²) that closes a velocity gap (m/s, ≥ 0) and can end in time within `jerk`."""
+    """Return the acceleration (m/s²) that closes a velocity gap (m/s, ≥ 0) and can end in time at `jerk` (m/s³)."""
     return min(limit, min(RESPONSE * gap, math.sqrt(2.0 * jerk * gap)))
 
 
@@ -80,18 +80,18 @@ YAW_GAIN = 3.0  # 1/s, yaw rate per yaw error near a yaw setpoint
 YAW_ACCELERATION = 2.5  # rad/s²; yaw torque is weak, so a faster start would saturate the rotors
 FOLLOWS = 0.4  # m/s; with a smaller velocity error, the vehicle follows its setpoint
 TRIM_S = 2.0  # s, time constant of `free_integral`
-TEST_STEP = 0.8  # m/s²; after this growth of the integral, its effect on the velocity error is checked
-ERROR_DROP = 0.05  # m/s, by which the second half of that growth reduces the velocity error in wind, at least
+TEST_STEP = 0.8  # m/s²; after the integral has grown this much, its effect on the velocity error is checked
+ERROR_DROP = 0.05  # m/s; in wind, the second half of that growth reduces the velocity error at least this much
 BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s; a vehicle faster than this against the push, or along it, is free
 DESCENDS = 0.2  # m/s, NED; a faster demand is a descent
 SIDEWAYS_SPEED = 0.3  # m/s; with a faster horizontal demand, the object under the vehicle is an obstacle, not ground
-INITIAL_PUSH_LIMIT, FIRST_S = 2.5, 2.0  # m/s², s: first limit of the velocity P term against an obstacle
+INITIAL_PUSH_LIMIT, FIRST_S = 2.5, 2.0  # m/s², s: first limit of the P term against an obstacle, and its duration
 LASTING_PUSH_LIMIT = 1.0  # m/s², the limit after that
 BLOCKED_S = 3.0  # s, after which the integral may grow again, because the cause may have been a gust
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
-KNOCK = 8.0  # m/s², least sudden unexplained acceleration of a knock; wind of 10 m/s: 3.3 (X500), 6.1 (30 g quadrotor)
-KNOCK_TORQUE = 0.15  # the same as a share of the rotors' largest torque; wind of 10 m/s: 0.06 and 0.08
-KNOCK_S, GUST_S = 0.016, 0.3  # s, time constants of the band-pass for knocks: 10 Hz, and the fastest gusts
+KNOCK = 8.0  # m/s², least sudden unexplained acceleration of a knock; wind of 10 m/s: 3.3 (X500), 6.1 (30 g drone)
+KNOCK_TORQUE = 0.15  # the same as a fraction of the rotors' largest torque; wind of 10 m/s causes 0.06 and 0.08
+KNOCK_S, GUST_S = 0.016, 0.3  # s, time constants of the band-pass for knocks: 10 Hz, and the fastest gusts of wind
 TOUCHED_S = 1.0  # s after a knock, during which the vehicle is assumed to touch the obstacle
 FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²; a larger value is an invalid measurement
 
@@ -255,14 +255,14 @@ def integrate(
     vertical: bool,
     dt: float,
 ) -> None:
-    """Advance the velocity integrals. `wanted` minus `flown`, the part that the limits cut off, prevents wind-up."""
+    """Advance the velocity integrals. The limits cut off `wanted` minus `flown`; feeding it back prevents wind-up."""
     rests = obstacle_axes(state, vertical) if horizontal and 0.0 < state.blocked_s < BLOCKED_S else 0
     for i in range(3):
         if (i < 2 and not horizontal) or (i == 2 and not vertical):
             continue
         error = state.velocity_expected[i] - estimate.velocity_ned[i] if i >= rests else 0.0
         cut = wanted[i] - flown[i]
-        back = 2.0 / max(params.velocity_p[i], 0.1) * cut  # tracking anti-windup, as PX4's PositionControl
+        back = 2.0 / max(params.velocity_p[i], 0.1) * cut  # tracking anti-windup, as in PX4's PositionControl
         state.velocity_integral[i] += params.velocity_i[i] * (error - back) * dt
         bound = 5.0  # m/s², half a g, for wind or missing thrust
         state.velocity_integral[i] = min(max(state.velocity_integral[i], -bound), bound)
@@ -272,7 +272,7 @@ def integrate(
 
 @njit(cache=True)
 def obstacle_axes(state: Record, vertical: bool) -> int:
-    """Return the number of axes (2: north and east, 3: all) that an obstacle may block. A vertical descent has 2."""
+    """Return the number of axes (2: north and east, 3: all) that an obstacle may block: 2 in a vertical descent."""
     north, east, down = state.velocity_expected
     aside = north * north + east * east > SIDEWAYS_SPEED * SIDEWAYS_SPEED
     return 3 if vertical and (down < DESCENDS or aside) else 2
@@ -287,10 +287,10 @@ def component_along(vector: Grid, way: Vec3) -> float:
 
 @njit(cache=True)
 def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: float) -> None:
-    """Detect an obstacle, such as a wall, and take back the growth of the integrals against it.
+    """Detect an obstacle, such as a wall, and reduce the integrals that push against it.
 
-    A vehicle at rest measures the same in wind and at a wall. But an impact on a wall causes a knock. And in wind, the
-    velocity error falls while the integral grows; at a wall it does not.
+    A vehicle at rest measures the same velocity error in wind and at a wall. Two signs show a wall. Its impact causes a
+    knock. While the integral grows, the velocity error does not fall; in wind it falls.
     """
     total, free, tried, blocked = state.velocity_integral, state.free_integral, state.tried_integral, state.blocked_way
     north = state.velocity_expected[0] - estimate.velocity_ned[0]

@@ -1,1 +1,1 @@
-"""The estimator: an error-state Kalman filter over all sensors, and the estimate that it hands on."""
+"""The estimator: an error-state Kalman filter over all sensors, and the commander's view of its estimate."""

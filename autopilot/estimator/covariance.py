@@ -1,12 +1,14 @@
 """Covariance algebra of the error-state filter, written out by element so that zeros are not computed.
 
 The attitude error is a rotation vector in NED: q_true = exp(δθ) ⊗ q. Then (Solà 2017, "Quaternion kinematics for the
-error-state Kalman filter", section 7) with the specific force f in NED and the rotation R from FRD to NED
+error-state Kalman filter", section 7), with the specific force f in NED, the rotation R from FRD to NED, the gyro bias
+bg and the accelerometer bias ba,
 
     δθ' = -R δbg        δv' = -[f]× δθ - R δba        δp' = δv
 
-so F = I + A dt differs from I in only nine rows, each with at most five entries besides the diagonal. The hard iron of
-the magnetometer does not act on the motion. The filter separates it from the heading error when the vehicle turns.
+So the transition matrix F = I + A dt differs from I in only nine rows, each with at most five entries besides the
+diagonal. The hard iron of the magnetometer does not act on the motion. The filter separates it from the heading error
+when the vehicle turns.
 """
 
 import math

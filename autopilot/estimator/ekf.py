@@ -18,8 +18,8 @@ from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
 COVARIANCE_PERIOD_S = 0.0035  # least time between propagations: every fourth sample at 1 kHz, each sample at 250 Hz
-PUBLISH_PERIOD_US = 20_000  # deviations and ratios; the kinematic fields are written with every inertial sample
-VIBRATION_SHARE = 0.02  # weight of a new sample in the metric: smoothing over one second, as in PX4
+PUBLISH_PERIOD_US = 20_000  # for deviations and ratios; the kinematic fields are written with every inertial sample
+VIBRATION_SHARE = 0.02  # weight of a new sample in the vibration metric: smoothing over one second, as in PX4
 FULL_SCALE = 0.98 * 16.0 * GRAVITY  # m/s², of an accelerometer with ±16 g; a larger sample is clipped
 STILL_PERIOD_US = 100_000
 STILL_NOISE_GROUND = 0.1  # m/s
@@ -191,7 +191,7 @@ def update_vibration(state: Record, estimate: Record, accel: Vec3, rates: Vec3) 
 def update(
     params: Record, state: Record, P: Grid, history: Grid, sensors: Record, estimate: Record, landed: bool
 ) -> bool:
-    """Update from the SENSORS record; return whether it has a new inertial sample (`estimate` is then new too).
+    """Update from the SENSORS record; return whether it has a new inertial sample (then `estimate` is updated).
 
     params, state: ESTIMATOR_PARAMS, ESTIMATOR_STATE; P (STATES, STATES); history (HISTORY, 7); landed: the vehicle is
     assumed to stand on the ground.

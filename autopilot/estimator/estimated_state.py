@@ -22,7 +22,7 @@ _REST = tuple(name for name in ESTIMATE.names or () if name not in ("time_us", *
 
 
 def _display(names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], dict[str, Any]]:
-    """Return a function that converts the numbers of these fields to a dict by field name, of scalars and tuples.
+    """Return a function that converts the numbers of these fields to a dict from field name to scalar or tuple.
 
     It is compiled from source text, because a dict display takes half the time of a loop, and this runs at every tick.
     """
@@ -97,7 +97,7 @@ class EstimatedState:
         self.estimate = estimate
         self.sensors = sensors
         self.position_limit = math.inf  # m; above this position_std_h the position is invalid; set by `AccuracyWatch`
-        self.velocity_limit = math.inf  # m/s, the same for velocity_std_h
+        self.velocity_limit = math.inf  # m/s, the same limit for velocity_std_h
         self._time = reader(estimate, "time_us")
         self._range = reader(sensors, "range_time_us", "range_m")
         self.battery = reader(sensors, "battery_time_us", "battery_remaining")  # µs (0: never) and 0 … 1

@@ -28,7 +28,9 @@ hard_iron_slopes = covariance.hard_iron_slopes
 innovation_variance = covariance.innovation_variance
 symmetrize = covariance.symmetrize
 
-IMPACT_FIX_GAP_US = 1_000_000  # longest time without fixes due to impacts, for a vehicle that scrapes along a wall
+# A fix from before the last impact is ignored, but not for longer than this time. Otherwise a vehicle that scrapes
+# along a wall would get no fix.
+IMPACT_FIX_GAP_US = 1_000_000
 
 
 @njit(cache=True)
@@ -49,7 +51,8 @@ def fuse_heading(
     """Fuse the direction of the horizontal field (gauss, FRD).
 
     A rotation error δθ turns the field m = R m_body by δθ x m, and so its heading ψ by
-    δθz - (mz/mh)(cos ψ δθx + sin ψ δθy). Unknown hard iron also changes ψ, but this error turns with the vehicle.
+    δθz - (mz/mh)(cos ψ δθx + sin ψ δθy); mh is the length of its horizontal part. Unknown hard iron also changes ψ, but
+    this error turns with the vehicle.
     """
     q = state.attitude
     mx -= state.mag_bias[0]
@@ -62,7 +65,7 @@ def fuse_heading(
     innovation = wrap_pi(params.declination - heading)
     slope = -field[2] / horizontal
     noise = params.mag_noise / horizontal
-    # H uses the expected direction: with the measured one, H and innovation would have the same noise and bias the tilt
+    # H uses the expected direction: the measured one would put the same noise into H and innovation, and bias the tilt
     north, east = slope * math.cos(params.declination), slope * math.sin(params.declination)
     forward, right = hard_iron_slopes(q, horizontal, params.declination)
     variance = innovation_variance(P, state.work, 0, north, 1, east, 2, 1.0, noise * noise)
@@ -77,7 +80,7 @@ def fuse_heading(
         return
     state.rejected += 1
     if landed and time_us - state.mag_fused_us > params.reset_after_us:
-        # on the ground no other sensor observes yaw; in the air the GNSS velocity does, so there is no reset
+        # on the ground no other sensor observes yaw; in the air the GNSS velocity does, so yaw is not reset
         realigned = level(
             -2.0 * (q[1] * q[3] - q[0] * q[2]),
             -2.0 * (q[2] * q[3] + q[0] * q[1]),
@@ -127,7 +130,7 @@ def fuse_stillness(state: Record, P: Grid, noise: float) -> None:
 def since_fix(state: Record, history: Grid, fix_us: int) -> tuple[float, Vec3, Vec3]:
     """Return the predicted motion from fix_us to now: (age s, Δvelocity (3), Δposition (3)), NED.
 
-    The time of a fix before the oldest entry of the delay buffer is replaced by that entry's time, a later one by now.
+    For a fix older than the delay buffer, the oldest entry is used. For a fix that is not in the past, all three are 0.
     """
     newest = state.time_us
     if fix_us >= newest or state.history_count == 0:
@@ -199,7 +202,7 @@ def set_origin(params: Record, state: Record, P: Grid, history: Grid, sensors: R
 def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Record) -> None:
     """Fuse a fix with the state at the time of the fix.
 
-    The expected fix is the present state minus the predicted motion since the fix, during τ. With
+    The expected fix is the present state minus the predicted motion during τ, the time since the fix. With
     δp(t - τ) = δp - τ δv and δv(t - τ) = δv + [∫f]× δθ this is exact to first order, except for the process noise in τ.
     """
     if not good_fix(params, sensors):
@@ -214,7 +217,7 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
         return
     time_us = state.time_us
     if sensors.gps_time_us <= state.shock_us and time_us - state.velocity_fused_us < IMPACT_FIX_GAP_US:
-        return  # a fix from before an impact does not show the velocity after it
+        return  # a fix from before an impact does not show the velocity after the impact
     age, dv, dp = since_fix(state, history, sensors.gps_time_us)
     local = geodetic_to_ned(
         state.origin_lat_deg, state.origin_lon_deg, state.origin_alt_m,

@@ -15,7 +15,7 @@ STATUS_RUNNING = 1
 
 ESTIMATOR_PARAMS = np.dtype(
     [
-        ("declination", "f8"),  # rad, magnetic north east of true north (EKF2_MAG_DECL, deg there)
+        ("declination", "f8"),  # rad, magnetic declination, east positive (EKF2_MAG_DECL, which is in deg)
         ("gyro_noise", "f8"),  # rad/s/√Hz
         ("accel_noise", "f8"),  # m/s²/√Hz
         ("gyro_bias_walk", "f8"),  # rad/s/√s
@@ -61,8 +61,8 @@ ESTIMATOR_STATE = np.dtype(
         ("impulse_dt", "f8"),  # s, length of that integral
         ("shocked", "i8"),  # 1: `impulse` contains an impact beyond the accelerometer's limit
         ("shock_us", "i8"),  # time of the last impact
-        ("reckoned_velocity", "f8", (3,)),  # m/s, sum of the predictions without corrections: differences give …
-        ("reckoned_position", "f8", (3,)),  # m, … the predicted motion since a fix
+        ("reckoned_velocity", "f8", (3,)),  # m/s, sum of the predictions, without the corrections by fixes
+        ("reckoned_position", "f8", (3,)),  # m, the same for position; the change since a fix is the predicted motion
         ("history_index", "i8"),  # next entry to write
         ("history_count", "i8"),
         ("work", "f8", (STATES,)),  # P·Hᵀ of the scalar update in progress
@@ -120,7 +120,7 @@ def default_parameters(declination_rad: float) -> np.void:
     params["baro_noise"] = 1.0
     params["gps_velocity_noise"] = 0.15
     params["gps_position_noise"] = 0.5
-    params["gps_fixes_alike"] = 18.0  # 1.8 s; a minute would be best for strides, but too slow after an impact
+    params["gps_fixes_alike"] = 18.0  # 1.8 s; a minute makes moves of 3 m most exact, but is too slow after an impact
     params["gate_mag"] = 3.0
     params["gate_baro"] = 5.0
     params["gate_velocity"] = 5.0

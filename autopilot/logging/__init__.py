@@ -1,1 +1,1 @@
-"""The flight log on board: what is written between arming and disarming, and where the files lie."""
+"""The on-board flight log: the ULog format, the logged topics, and the folder of the files."""

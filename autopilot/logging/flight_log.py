@@ -41,7 +41,7 @@ def make_folder(folder: Path) -> None:
 
 
 class LogDirectory:
-    """`log001.ulg`, `log002.ulg`, … in one folder, which belongs to one vehicle.
+    """The folder with the logs of one vehicle: `log001.ulg`, `log002.ulg`, ….
 
     Creates the folder. Raises UsageError when that is impossible.
     """
@@ -79,9 +79,9 @@ class LogDirectory:
         return logs
 
     def make_room(self, limit: int) -> None:
-        """Remove the oldest logs, so that there are at most `limit` including the next one; 0 removes none.
+        """Remove the oldest logs, so that with the next log there are at most `limit`; 0 removes none.
 
-        PX4's SDLOG_DIRS_MAX, which gives `limit`, counts folders. Here all logs are in one folder, so it counts logs.
+        PX4's SDLOG_DIRS_MAX, which gives `limit`, counts folders. Here it counts logs, because all are in one folder.
         """
         for log in self.logs()[: 1 - limit or None] if limit > 0 else ():
             if log.path != self.active:

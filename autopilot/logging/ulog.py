@@ -23,7 +23,7 @@ def _message(kind: str, payload: bytes) -> bytes:
 
 
 def header(time_us: int) -> bytes:
-    """Return the file header and the message of flag bits, all 0. `time_us`: begin of the log, vehicle clock."""
+    """Return the file header and the message of flag bits, all 0. `time_us`: start of the log, vehicle clock."""
     return MAGIC + struct.pack("<BQ", VERSION, time_us) + _message("B", bytes(40))
 
 

@@ -1,1 +1,1 @@
-"""The MAVLink services above the commander: streams, commands, setpoints, parameters. Pure: bytes in, bytes out."""
+"""The MAVLink services of the autopilot: streams, commands, setpoints, parameters. They work on bytes and do no I/O."""

@@ -177,7 +177,7 @@ def _do_set_mode(node: Node, port: Port, c: Command) -> int:
 
 
 def _base_mode(base: int) -> str | None:
-    """Return the mode that MAV_MODE_FLAGs select without a custom mode (PX4, Commander::handle_command); None: none."""
+    """Return the mode that MAV_MODE_FLAGs select without a custom mode (PX4, Commander::handle_command), or None."""
     if base & dialect.MAV_MODE_FLAG_AUTO_ENABLED:
         return "MISSION"
     if not base & dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED:
@@ -275,7 +275,7 @@ def _run_prearm_checks(node: Node, port: Port, c: Command) -> int:
 
 
 def _calibrate(node: Node, port: Port, c: Command) -> int:
-    """Calibrate a sensor. Clients set one parameter: gyro 1, compass 2, accelerometer or level 5. All zero cancels."""
+    """Calibrate the sensor of the one parameter set: 1 gyro, 2 compass, 5 accelerometer or level. All 0: cancel."""
     calibration = node.vehicle.calibration
     if node.vehicle.commander.armed:
         return int(REJECTED)

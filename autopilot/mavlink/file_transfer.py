@@ -41,7 +41,7 @@ OPENING = frozenset({OPEN_TO_READ, CREATE, OPEN_TO_WRITE})
 _HEADER = struct.Struct("<HBBBBBBI")  # seq, session, opcode, size, requested opcode, burst complete, padding, offset
 PAYLOAD = 251
 DATA = PAYLOAD - _HEADER.size  # 239 bytes
-BURST_MESSAGES = 200  # of one burst: 48 kB; then the client requests the next burst
+BURST_MESSAGES = 200  # limit of one burst (48 kB); then the client requests the next burst
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,7 +305,7 @@ def _logs(node: Node) -> list[LogFile]:
 
 
 def request_list(node: Node, port: Port, message: Message) -> None:
-    """Send LOG_ENTRY for every log from `start` to `end`. If there are no logs, send one with num_logs 0."""
+    """Send LOG_ENTRY for every log from `start` to `end`. If there are no logs, send one LOG_ENTRY with num_logs 0."""
     logs = _logs(node)
     if not logs:
         port.send(dialect.MAVLink_log_entry_message(0, 0, 0, 0, 0))
@@ -324,7 +324,7 @@ def request_data(node: Node, port: Port, message: Message) -> None:
     """Send a part of one log, a limited number of messages per tick. A new request replaces the previous one.
 
     The part ends after the requested count, or with a message of fewer than 90 bytes at the end of the log. If the log
-    does not exist, only such a message is sent.
+    does not exist, one message without data is sent.
     """
     logs = _logs(node)
     if message.id >= len(logs):

@@ -5,12 +5,13 @@
     /fs/microsd/log/…      the log folder; clients may do the same there
     /@MAV_LOG/…            another name for the log folder, the same for every autopilot
 
-Clients cannot leave the card and the log folder, neither with `..` nor through a link. What they store is limited.
+Clients cannot leave the card and the log folder, neither with `..` nor through a link. The space and the number of
+files are limited.
 
-MAVProxy and pymavlink first ask for the file of parameters. Source of its format: ArduPilot, AP_Filesystem
-documentation of param.pck. A record is type, name and value; the name lacks the letters that begin the previous one.
+MAVProxy and pymavlink request the parameter file first. Source of its format: ArduPilot, AP_Filesystem documentation of
+param.pck. A record has type, name and value. The name omits the first letters that it shares with the previous name.
 
-A session is a file that a client holds open. The last answer to each client is kept in case it was lost.
+A session is a file that a client holds open. The last answer to each client is kept, to send it again if it was lost.
 """
 
 import errno
@@ -56,8 +57,8 @@ LOGS = (*CARD, "log")
 LOGS_ANYWHERE = "@MAV_LOG"
 PARAMETERS = ("@PARAM", "param.pck")
 LARGEST = 64 << 20  # bytes, upper limit of a file that a client writes
-CARD_BYTES = 1 << 30  # bytes on the card and in the log folder; from this on, clients cannot create or open to write
-CARD_ENTRIES = 4096  # the same for the number of files and folders
+CARD_BYTES = 1 << 30  # card and log folder together; at this size, clients cannot create files or open them to write
+CARD_ENTRIES = 4096  # the same limit for the number of files and folders
 
 
 class Refusal(Exception):  # noqa: N818 - not an error of ours: the answer to a request

@@ -25,7 +25,7 @@ GimbalClient = tuple[int, int]  # system, component; (0, 0): none
 
 
 class GimbalDevice(Protocol):
-    """The gimbal itself. Angles in rad, up from the horizon."""
+    """The interface of a gimbal. Angles are in rad, positive above the horizon."""
 
     low: float
     high: float
@@ -66,7 +66,8 @@ class GimbalManager:
     def point(self, source: GimbalClient, pitch_deg: float, rate_deg_s: float, flags: int) -> int:
         """Move to a pitch, or at a rate if the pitch is not finite; return MAV_RESULT.
 
-        The flag NEUTRAL has priority over both. Denied while another client is in control, or if neither is finite.
+        The flag NEUTRAL has priority over pitch and rate. Returns DENIED while another client is in control, or without
+        the flag if neither value is finite.
         """
         if self.primary != (0, 0) and source not in (self.primary, self.secondary):
             return int(dialect.MAV_RESULT_DENIED)

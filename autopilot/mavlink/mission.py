@@ -100,7 +100,7 @@ def count(node: Node, port: Port, message: Message) -> None:
 
 
 def take_item(node: Node, port: Port, message: Message) -> None:
-    """Take the requested item of an upload. If another item arrives, request the right one again."""
+    """Take the requested item of an upload. If another item arrives, request the expected item again."""
     upload = node.uploads.get(_key(port, message))
     if upload is None:
         _acknowledge(port, message, ERROR)
@@ -152,7 +152,7 @@ def refuse(node: Node, port: Port, message: Message) -> None:
     _acknowledge(port, message, UNSUPPORTED)
 
 
-# the rest
+# other messages
 
 
 def clear_all(node: Node, port: Port, message: Message) -> None:

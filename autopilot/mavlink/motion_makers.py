@@ -1,4 +1,4 @@
-"""Makers of the telemetry messages about position, motion and setpoints, and of those with raw sensor samples.
+"""Makers of the telemetry messages about position, motion, setpoints and raw sensor samples.
 
 Each maker returns the fields of its message, or None if it has no valid data or no sample of its sensor.
 """
@@ -245,6 +245,6 @@ def scaled_pressure(v: TelemetrySource) -> Fields | None:
 
 
 def vibration(v: TelemetrySource) -> Fields:
-    # as PX4 fills it: coning (not measured here), gyro, accelerometer
+    # order of the fields as in PX4: coning (not measured here), gyro, accelerometer
     s = v.state
     return (s.time_us, 0.0, s.vibration_gyro, s.vibration_accel, *s.clipped)

@@ -1,4 +1,4 @@
-"""The autopilot as a MAVLink component: its ports with their streams, the uploads that they share, and its texts.
+"""The autopilot as a MAVLink component: its ports with their streams, the uploads of all clients, and its texts.
 
 A port is one MAVLink connection. It has its own stream rates, sequence numbers, and queue of bytes to send. TABLE lists
 the streams: message, rate (Hz) on each kind of port, and maker. The rates are as measured on PX4 1.15; 0 = only on

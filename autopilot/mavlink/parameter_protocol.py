@@ -1,4 +1,4 @@
-"""The parameter protocol, with INT32 values byte-wise in the float field, as PX4 does."""
+"""MAVLink's parameter protocol. As in PX4, the float field holds the bytes of an INT32 value."""
 
 import struct
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ _INTEGER_PAYLOAD = struct.Struct("<iHH16sB")
 
 
 class _IntegerValue(dialect.MAVLink_param_value_message):  # type: ignore[misc]
-    """PARAM_VALUE of an INT32, packed as an integer. Its bits may be a signalling NaN, which a float may change."""
+    """PARAM_VALUE of an INT32, packed as an integer, because a float may change a signalling NaN."""
 
     def __init__(self, name: bytes, value: int, count: int, index: int) -> None:
         super().__init__(name, 0.0, INT32, count, index)
@@ -37,7 +37,7 @@ def parameter_value(parameters: ParameterTable, name: str) -> Message:
 def value_bytes(message: Message) -> bytes:
     """Return the 4 bytes of `param_value`, the first field of the payload, of a PARAM_SET or PARAM_VALUE.
 
-    The decoded float has lost the bits of a signalling NaN, and pymavlink's get_payload starts at the wrong byte,
+    Decoding to a float may change the bits of a signalling NaN. pymavlink's get_payload starts at the wrong byte,
     because the header of MAVLink 2 is longer.
     """
     frame = bytes(message.get_msgbuf())

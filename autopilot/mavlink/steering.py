@@ -1,6 +1,6 @@
 """Messages that steer the vehicle: external setpoints, the sticks of a ground station, and the target to follow.
 
-For setpoints: type masks, frames, and what a PX4 rejects. Decoding is pure; an accepted one is stored with its time.
+Setpoints are decoded and rejected by PX4's rules for type masks and frames. An accepted one is stored with its time.
 Sources: MAVLink POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK; the rules as read and measured on PX4 1.15.
 """
 
@@ -17,15 +17,15 @@ GLOBAL_INT = dialect.MAV_FRAME_GLOBAL_INT
 GLOBAL_RELATIVE_INT = dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 GLOBAL_TERRAIN_INT = dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT
 FORCE, YAW_IGNORE, YAW_RATE_IGNORE = 0x200, 0x400, 0x800
-LIMIT = 1e6  # m/s, m/s², rad, rad/s: a larger number is taken as nan, so that none overflows in the cascade
+LIMIT = 1e6  # m/s, m/s², rad, rad/s; a larger number counts as nan, so that the cascade does not overflow
 
 
 class RejectedError(ValueError):
-    """A setpoint that a PX4 would not take; the text names why."""
+    """A setpoint that PX4 would reject. The text is the reason."""
 
 
 def _group(mask: int, first_bit: int, x: float, y: float, z: float) -> Vec3:
-    """Return the three components with ignored, infinite and absurd ones as nan."""
+    """Return the three components; nan for an ignored component, or one that is not below LIMIT."""
     return (
         x if not mask & 1 << first_bit and abs(x) < LIMIT else NAN,
         y if not mask & 2 << first_bit and abs(y) < LIMIT else NAN,
@@ -50,9 +50,9 @@ def trajectory(mask: int, frame: int, position: Vec3, velocity: Vec3, accelerati
                attitude: Quat, heading: float) -> CascadeSetpoint:  # fmt: skip
     """Return the raw fields of a message (frame LOCAL_NED or BODY_NED) as a setpoint in the local frame.
 
-    `attitude` and `heading` (rad) are the vehicle's. BODY_NED: position is ignored, velocity is turned by the heading
-    only (z stays world down), a velocity with any ignored component is ignored, acceleration is turned by the attitude.
-    Raises RejectedError for any other frame, or when force is asked for, or nothing is controlled.
+    `attitude` and `heading` (rad) are the vehicle's. In BODY_NED the position is ignored. The velocity is rotated by
+    the heading only (z stays world down), and ignored if any of its components is. The acceleration is rotated by the
+    attitude. Raises RejectedError for another frame, for a force setpoint, or if no axis is controlled.
     """
     if mask & FORCE:
         raise RejectedError("force not supported")
@@ -85,7 +85,7 @@ def _accept(node: Node, setpoint: CascadeSetpoint) -> None:
 
 
 def local_ned(node: Node, port: Port, message: Message) -> None:
-    """SET_POSITION_TARGET_LOCAL_NED."""
+    """Handle SET_POSITION_TARGET_LOCAL_NED."""
     state = node.vehicle.state
     m = message
     try:
@@ -100,7 +100,7 @@ def local_ned(node: Node, port: Port, message: Message) -> None:
 
 
 def global_int(node: Node, port: Port, message: Message) -> None:
-    """SET_POSITION_TARGET_GLOBAL_INT: dropped silently without the origin, home or ground that its altitude needs."""
+    """Handle SET_POSITION_TARGET_GLOBAL_INT. Ignored if its altitude needs an unknown origin, home or ground."""
     state, m = node.vehicle.state, message
     down = _altitude_to_down(node, m.coordinate_frame, m.alt)
     if down is None:
@@ -135,7 +135,7 @@ def _altitude_to_down(node: Node, frame: int, altitude: float) -> float | None:
 
 
 def attitude_target(node: Node, port: Port, message: Message) -> None:
-    """SET_ATTITUDE_TARGET: the attitude wins where bit 7 is clear, else the body rates where bits 0 and 1 are clear."""
+    """Handle SET_ATTITUDE_TARGET: take the attitude if mask bit 7 is 0, else the body rates if bits 0 and 1 are 0."""
     m, mask = message, message.type_mask
     yaw_rate = m.body_yaw_rate if not mask & 0x4 and abs(m.body_yaw_rate) < LIMIT else 0.0
     if mask & 0x40 or not math.isfinite(m.thrust):
@@ -160,7 +160,7 @@ def attitude_target(node: Node, port: Port, message: Message) -> None:
 
 
 POSITION, VELOCITY = 1, 2  # bits of est_capabilities
-FASTEST = 100.0  # m/s, a component of a target's velocity above it is taken as 0
+FASTEST = 100.0  # m/s; a larger component of a target's velocity counts as 0
 
 
 def follow_target(node: Node, port: Port, message: Message) -> None:
@@ -183,7 +183,7 @@ def follow_target(node: Node, port: Port, message: Message) -> None:
 
 
 def _axis(value: int) -> float:
-    return value / 1000.0 if abs(value) <= 1000 else 0.0  # beyond it, such as INT16_MAX: there is no such axis
+    return value / 1000.0 if abs(value) <= 1000 else 0.0  # a larger value, such as INT16_MAX: the axis is not sent
 
 
 def manual_control(node: Node, port: Port, message: Message) -> None:
@@ -193,4 +193,4 @@ def manual_control(node: Node, port: Port, message: Message) -> None:
     sticks = node.vehicle.commander.flight.sticks
     sticks.time_us = node.time_us
     sticks.forward, sticks.right, sticks.yaw = _axis(message.x), _axis(message.y), _axis(message.r)
-    sticks.throttle = message.z / 1000.0 if 0 <= message.z <= 1000 else 0.5  # no such axis: hold the height
+    sticks.throttle = message.z / 1000.0 if 0 <= message.z <= 1000 else 0.5  # axis not sent: hold the height

@@ -27,20 +27,20 @@ FLAT = "flat"
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """The settings that separate entrants of one pilot. The runs of an entrant must also agree in all others."""
+    """The settings that divide the runs of one pilot into entrants. All other settings must agree within an entrant."""
 
     pilot: str
     replayed: bool  # the replies are recorded ones; no model was called
     is_model: bool
     command: str  # flat, hierarchical or solo
     commander: str  # PROVIDER/NAME, or a script; empty: none
-    latency: str  # the policy; it may also fix the rate
+    latency: str  # latency policy, which may also fix the decision rate
     agent: str  # paper, or another agent
-    disturbed: str = ""  # its disturbances, in words; empty: none
+    disturbed: str = ""  # disturbances of the flights, in words; empty: none
     temperature: str = ""  # in words, like the next three; empty: no model, or not sent
     top_p: str = ""
     max_tokens: str = ""
-    reasoning: str = ""  # fields that set reasoning on steps that do not follow a think
+    reasoning: str = ""  # request fields that set reasoning on steps that do not follow a `think`
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Entrant:
 def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entrant, ...]:
     """Return the entrants, models first, otherwise in the order of the runs.
 
-    Raises UsageError when runs of one setting are of different kinds, when a flight occurs twice, or when two records
+    Raises UsageError when runs of one setting differ in their identity, when a flight occurs twice, or when two records
     have one id. `pool_anyway` permits the first two cases.
     """
     _check_record_ids(collection.episodes)
@@ -216,7 +216,7 @@ class ReportData:
     """The data of all tables."""
 
     entrants: tuple[Entrant, ...]
-    blind: BlindTable  # results of the blind pilots on the episodes that ship
+    blind: BlindTable  # results of the blind pilots on the episodes that ship with the package
     command: str  # the command line that makes the report
 
     @property
@@ -284,7 +284,7 @@ class ReportData:
 
 
 def is_common(name: str) -> bool:
-    """Return whether all rows of a table should agree in this entry of their identity, also with different pilots."""
+    """Return whether all rows of a table should agree in this entry of their identity, even if the pilots differ."""
     return name in ("the code", "the camera", "the clock") or name.startswith(
         ("the protocol", "the suite", "the version")
     )
@@ -308,7 +308,7 @@ def pilot_description(pilot: str) -> str:
 
 
 def best_blind(table: BlindTable, episodes: Iterable[str]) -> tuple[str, int, int] | None:
-    """Return (pilot, solved, flown) of the blind pilot with most solved episodes; None: none flew all of them."""
+    """Return (pilot, solved, flown) of the blind pilot with most solved episodes; None: no pilot flew all of them."""
     ids = sorted(set(episodes))
     solved = [
         (pilot, sum(flights[episode].success for episode in ids), len(ids))
@@ -324,7 +324,7 @@ def titled(cell: str) -> str:
 
 
 def _marked(rows: Sequence[TableRow], columns: Sequence[TableColumn]) -> tuple[TableRow, ...]:
-    """Return the rows with the best cells of a column marked, if it has a better direction and its values differ."""
+    """Return the rows with the best cells marked in columns that have a better direction and differing values."""
     best: Mapping[int, float] = {
         k: (max if column.better == "more" else min)(values)
         for k, column in enumerate(columns)
@@ -343,7 +343,7 @@ def _number(cell: TableCell) -> float | None:
 
 
 def percent(flights: Iterable[ScoredEpisode], metric: str) -> TableCell:
-    """Return the share (%) of flights for which a metric holds, with its interval; episodes are the unit.
+    """Return the share (%) of flights for which a metric holds, with its interval. The episode is the statistical unit.
 
     Flights that are not scored, or for which the metric is unknown, are left out.
     """
@@ -365,13 +365,13 @@ def fraction(count: int, of: int) -> TableCell:
 
 
 def mean(flights: Iterable[ScoredEpisode], metric: str) -> TableCell:
-    """Return the mean of a metric over the flights that have it."""
+    """Return the mean of a metric over the scored flights that have it."""
     known = known_values(flights, metric)
     return TableCell(value=statistics.fmean(known), of=len(known)) if known else NONE
 
 
 def total(flights: Iterable[ScoredEpisode], metric: str) -> int:
-    """Return the sum of a count over the flights that have it."""
+    """Return the sum of a count over the scored flights that have it."""
     return round(sum(known_values(flights, metric)))
 
 

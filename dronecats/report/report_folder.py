@@ -17,7 +17,7 @@ TABLES = (*outcomes.TABLES, *comparison.TABLES, *measures.TABLES, *setup.TABLES)
 
 
 def tables(data: ReportData, metrics: Sequence[Metric] = ()) -> tuple[ReportTable, ...]:
-    """Return the tables that have rows; `metrics` are the user's own."""
+    """Return the tables that have rows. `metrics`: the user's own metrics."""
     results = [*(table(data) for table in TABLES), measures.own(data, metrics)]
     return tuple(table for table in results if table is not None)
 
@@ -48,7 +48,7 @@ def opening(data: ReportData, delta_m: float, exclusions: Sequence[Exclusion] = 
 def write(tables: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str], out: Path) -> Path:
     """Write the tables, and report.md with tables and figures, into the folder; return the path of report.md.
 
-    `figures`: by the name of their table; figures without a table come last. `head`: sentences above all tables.
+    `figures` maps table names to files; figures without a table are placed last. `head`: sentences above all tables.
     Raises InfrastructureError when the report cannot be written.
     """
     page = out / "report.md"

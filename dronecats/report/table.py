@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-if TYPE_CHECKING:  # metrics import numpy, which `dronecats doctor` must not need to print a table
+if TYPE_CHECKING:  # `dronecats doctor` prints tables without numpy, which the metrics import
     from dronecats.judge.metrics.metric import Better
 
 Align = Literal["left", "right"]
@@ -23,12 +23,12 @@ class TableColumn:
     title: str  # its head
     group: str = ""  # a head above neighbouring columns, such as Approaching; empty: none
     unit: str = ""  # of value, low and high: "%", "m", "Hz", "s", "$", …; empty: a count, a ratio or words
-    decimals: int = 0  # that are shown; CSV has all of them
+    decimals: int = 0  # number of decimals shown; CSV has all digits
     better: "Better | None" = None  # the better direction; None: neither
     align: Align = "right"
     as_count: bool = False  # show a share as 7/10, not as 70 with its interval
     floor: float | None = None  # a smaller value is shown as `< floor`, such as p < 0.001; None: no floor
-    cell: str | None = None  # the episodes' cell of its values, as in records; None: several
+    cell: str | None = None  # the cell (kind of episode) of its values, as in episode records; None: several
     map: str | None = None  # the map of its values; None: several
     code: bool = False  # its values are identifiers, which Markdown shows as code
 
@@ -53,7 +53,7 @@ class TableCell:
     count: int | None = None  # numerator of a share
     of: int | None = None  # denominator of a share; number of values of a mean
     best: bool = False  # the best of its block, or equal to it
-    link: str = ""  # address that it links to in Markdown and HTML
+    link: str = ""  # address that the cell links to in Markdown and HTML
 
     def text(self, column: TableColumn) -> str:
         """Return the value as text, without its interval."""

@@ -16,18 +16,18 @@ from typing import Any
 from dronecats.report.table import NOTHING, ReportTable, TableBlock, TableCell, TableColumn, groups
 
 GAP = 2  # characters between two columns of a terminal
-NARROWEST, LONG_WORD = 16, 24  # characters: a column of words keeps this width, or a word of this length
+NARROWEST, LONG_WORD = 16, 24  # characters, least width of a column of words: 16, or its longest word up to 24
 BREAK = re.compile(r"(?<=\s)|(?<=/)|(?<=\w-)")  # where a line of words may be broken
 EXTRA_CSV_FIELDS = ("low", "high", "count", "of")  # further fields of a cell in CSV
 MARKUP = re.compile(r"([\\`*_\[\]<>|#{}!~&])")
-UNBROKEN_CHARS = 45  # letters of a text that HTML does not break
+UNBROKEN_CHARS = 45  # characters of the longest text that HTML does not break
 
 
 def as_terminal(table: ReportTable, width: int | None = None) -> str:
     """Return the table as text with lines of at most `width` characters; None: no limit.
 
-    If a table is too wide, heads and words are wrapped. If it is still too wide, the other columns follow below; each
-    part repeats the first column.
+    If a table is too wide, heads and words are wrapped. If it is still too wide, its columns are divided into parts,
+    which follow one below the other. Each part repeats the first column.
     """
     lines = [table.title] if table.title else []
     lines += _filled(table.caption, width)
@@ -99,7 +99,7 @@ class _TerminalTable:
         return lines
 
     def _widths(self, part: Sequence[int], width: int | None) -> list[int]:
-        """Return the widths of the columns. In a narrow part the first column has priority; others share the rest."""
+        """Return the widths of the columns. If space is short, the first column has priority."""
         widest, narrowest = self._grouped(self.widest, part), self._grouped(self.narrowest, part)
         if width is None or _total(widest) <= width:
             return widest
@@ -255,7 +255,7 @@ def as_csv(table: ReportTable) -> str:
 
 
 def as_json(tables: Iterable[ReportTable]) -> dict[str, Any]:
-    """Return the tables for `--json`: by name, a list of rows by the columns' names."""
+    """Return the tables for `--json`: {table name: rows}, where a row maps column names to values."""
     return {
         table.name: [
             {"block": block.title, **{c.name: cell.value for c, cell in zip(table.columns, row.cells, strict=True)}}
@@ -328,7 +328,7 @@ SPECIAL = {
     "<": "$<$",
 }  # fmt: skip
 
-FLOAT_LINES_MAX = 40  # with titles of blocks; these and a caption of ten lines fit on A4 and letter pages
+FLOAT_LINES_MAX = 40  # lines, including block titles; with a caption of ten lines they fit on A4 and letter pages
 SHRINK_IF_TOO_WIDE = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
 
 

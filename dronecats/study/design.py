@@ -91,7 +91,7 @@ def one_at_a_time(axes: Sequence[Axis], crossed: Collection[str] = ()) -> Design
 def latin(axes: Sequence[Axis], points: int, seed: int) -> Design:
     """Return `points` points. Each factor's range is divided into `points` equal parts, with one point in each part.
 
-    The levels of a factor occur equally often, up to one. Duplicate points are left out.
+    The numbers of points at the levels of a factor differ by at most one. Duplicate points are left out.
     """
     from scipy.stats import qmc
 

@@ -22,7 +22,7 @@ from foundation.wording import did_you_mean, nearest
 ENTRANT_FACTORS = ("pilot", "model", "agent", "command")  # factors that choose the entrant
 REPLY_TIME, PILOT = "the reply time", "the pilot"
 POLICY = "latency_policy"  # the factor whose levels may name a file
-ADDED = {"rate_cap": CAP, "reply_stall_share": STALL}  # factors that are also a part of a latency policy
+ADDED = {"rate_cap": CAP, "reply_stall_share": STALL}  # factor → the part that it adds to a latency policy
 SLOWEST_HZ = 0.01  # lowest level of factors that are rates of replies
 NUMBER_FORMAT = ".12g"  # for numbers in names and policies
 
@@ -37,7 +37,7 @@ class Factor:
     name: str  # as in files and options
     help: str  # its meaning, one line
     sets: str  # the property that it sets; a study has one factor for each property
-    put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: a disturbance; all are set together
+    put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: a disturbance, see `at_levels`
     get: Callable[[FlightSpec], float | None] = lambda flight: None  # the factor's number in a flight, or None
     quantity: DeclaredNumber | None = None  # for numeric levels
     words: Sequence[str] | None = None  # allowed words; with neither quantity nor words, any word
@@ -82,7 +82,7 @@ def _put_model(flight: FlightSpec, level: Level) -> FlightSpec:
 
 
 def _with_pictures(flight: FlightSpec, looks: bool) -> FlightSpec:
-    """Return the flight, which renders pictures only if the pilot uses them; in real time it always renders them."""
+    """Return the flight with rendering on in real time. In lockstep it is on only if the pilot `looks` at pictures."""
     if flight.simulated is None:
         return flight
     return replace(flight, simulated=replace(flight.simulated, rendered=looks or flight.simulated.speed is not None))

@@ -65,7 +65,7 @@ class LoadedFlight:
     episode: str
     clock: Clock
     busy: int  # number of computing processes
-    flight: int  # number within its episode, from 1; each number has its own seed
+    flight: int  # number of the flight of its episode, from 1; each number has its own seed
     success: bool
     ne_m: float | None  # m, navigation error in the verdict
     steps: int
@@ -162,7 +162,7 @@ def log_digest(folder: Path) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelRow:
-    """The counts of the flights of one clock at one level."""
+    """The counts of the flights of one clock at one level. `compare` defines the reference flights."""
 
     clock: Clock
     busy: int  # number of computing processes

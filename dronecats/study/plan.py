@@ -21,7 +21,7 @@ from foundation.errors import UsageError
 from foundation.run_folder.results import Level, Study, StudyFactor, StudyRun
 
 RUNS_MAX = 10_000
-NAME_MAX = 100  # characters of a folder name made of levels; if it would be longer, it has the point's number instead
+NAME_MAX = 100  # characters; a folder name has the levels, or the point's number if it would be longer than this
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,10 +43,10 @@ def plan(
 ) -> StudyPlan:
     """Return the plan of a study.
 
-    `pilots` are (name, flight without episode and factors). The k-th flight of a pair (an episode and a pilot) has the
-    same seed at every point of the design. A pair flies all points before the next pair starts, and all pairs fly their
-    first flight before any pair flies its second. So if a study stops early, all but its last flights are paired.
-    Raises UsageError for contradicting levels, for a factor without an effect, and if there is nothing to fly.
+    `pilots`: (name, flight); the flights have no episode and no levels yet. The k-th flight of a pair (an episode and a
+    pilot) has the same seed at every point of the design. A pair flies all points before the next pair starts, and all
+    pairs fly their first flight before any pair flies its second. So if a study stops early, all but its last flights
+    are paired. Raises UsageError for contradicting levels, a factor without an effect, and if there is nothing to fly.
     """
     factors = tuple(design.points[0]) if design.points else ()
     if overlap := next((factor for factor in factors if factor in held), None):

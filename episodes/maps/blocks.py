@@ -21,7 +21,7 @@ from foundation.terrain import HeightField
 ORIGIN = (46.518500, 6.566900, 394.0)  # geodetic latitude, longitude (degrees) and height (m) of the middle
 JULY, HOUR = 196, 14.2  # day of the year and true solar hour
 REACH, CELL = 80.0, 0.5  # m, half extent and cell size of the height field, which is level
-FAR, HORIZON_M = 400.0, 9000.0  # m, half extent of the small squares of the floor, and of the whole floor
+FAR, HORIZON_M = 400.0, 9000.0  # m, half extents: of the part of the floor with small squares, and of the whole floor
 FIELD = 58.0  # m, half extent of the area inside the ring
 SPOT_GRID_M, SPOT_CLEAR_M = 2.0, 2.0  # spacing of candidate spots, and their least distance from any solid
 LANE_CLEAR_M = 1.6  # least distance of a lane from any solid
@@ -72,7 +72,7 @@ RING_M, RING_STEP_M = 70.0, 14.0  # distance of the ring's sides from the middle
 
 @cache
 def _floor_look() -> Material:
-    """Return the material of the floor: a line every metre, a stronger line every 5 m, for a repeat of 5 m."""
+    """Return the material of the floor: a line every metre and a stronger line every 5 m. The picture covers 5 m."""
     row, column = np.mgrid[0:512, 0:512]
     value = np.ones((512, 512))
     value[(row % 102 < 2) | (column % 102 < 2)] = 0.94

@@ -60,7 +60,7 @@ def _placed_meshes(seed: int) -> Iterator[PlacedMesh]:
 
 
 def _shrubs(rng: np.random.Generator) -> Iterator[PlacedMesh]:
-    """Yield shrubs along the front of each hall, four from either corner, except near a fixture."""
+    """Yield shrubs along the front of each hall, four at each corner, except near a fixture."""
     taken = np.array([(north, east) for _, north, east, _ in campus_plan.FIXTURES])
     for plan, north, east, facing in campus_plan.HALLS:
         yaw = math.radians(facing)
@@ -121,7 +121,7 @@ def landmarks() -> tuple[Landmark, ...]:
 
 @lru_cache(maxsize=4)
 def places(seed: int = 1) -> Places:
-    """Return the free places, lanes and landmarks. They do not depend on the seed, because the seed moves no plant."""
+    """Return the free places, lanes and landmarks. They do not depend on the seed, because it changes no positions."""
     terrain = campus_ground.terrain()
     lanes = tuple(
         Lane(name, tuple((n, e, round(terrain.at(n, e), 4)) for n, e in _stepped(corners)), campus_plan.LANE_WIDTH_M)
@@ -151,7 +151,7 @@ def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
 
 
 def _blocks(seed: int) -> Iterator[Block]:
-    """Yield (north, east, yaw, low, high) of the footprint of each object. For a tree, only the trunk counts."""
+    """Yield (north, east, yaw, low, high) of all footprints. A tree has a fixed square footprint, a wood has none."""
     for kind, mesh, north, east, yaw in _placed_meshes(seed):
         if kind in ("tree", "conifer"):
             half = np.array((0.5, 0.5)) if kind == "tree" else np.array((2.2, 2.2))

@@ -21,7 +21,7 @@ REACH = 95.0  # m, half extent of the height field; beyond it the ground keeps t
 CELL = 0.5  # m, of the height field
 LATTICE = 2.5  # m, of the drawn surface; a multiple of CELL
 FAR = (120.0, 170.0, 260.0, 430.0)  # m, grid lines of the drawn surface beyond REACH
-RISE = 0.008  # m per m: the campus climbs gently to the north
+RISE = 0.008  # m per m, slope of the ground, which rises to the north
 MOUNDS = (  # north, east, height, spread in m: all in lawns
     (27.0, -13.0, 0.55, 5.0),
     (31.0, -40.0, 0.7, 5.0),
@@ -42,7 +42,7 @@ class Paving:
 
     use: str  # 'plaza', 'walk', 'court', 'edging'
     ring: tuple[tuple[float, float], ...]  # (north, east) m, convex
-    yaw: float = 0.0  # rad, along which its slabs are laid
+    yaw: float = 0.0  # rad, direction in which its slabs are laid
 
 
 def rect(use: str, north: tuple[float, float], east: tuple[float, float]) -> Paving:
@@ -99,7 +99,7 @@ AREAS = (
 
 
 def _looks() -> dict[str, tuple[Material, float]]:
-    """Return use → material and metres per repeat."""
+    """Return use → (material, metres per repeat of its texture)."""
     return {
         "plaza": (surface("paving"), 3.0),
         "court": (surface("setts"), 2.0),
@@ -111,7 +111,7 @@ def _looks() -> dict[str, tuple[Material, float]]:
 
 
 def _rolling(north: Array, east: Array) -> Array:
-    """Return the NED z (m) of the smooth ground. The nodes of the drawn surface lie on it; the triangles are flat."""
+    """Return the NED z (m) of the smooth ground. The drawn surface joins points of this ground by flat triangles."""
     n, e = np.clip(north, -REACH, REACH), np.clip(east, -REACH, REACH)
     up = RISE * n
     for middle_n, middle_e, height, spread in MOUNDS:
@@ -146,7 +146,7 @@ def terrain() -> HeightField:
 
 
 def use_at(north: float, east: float) -> str:
-    """Return the use of the ground at a point: that of the first area which contains it, or 'lawn'."""
+    """Return the use of the first of AREAS that contains the point; 'lawn' if none does."""
     for area in AREAS:
         ring = zip(area.ring, (*area.ring[1:], area.ring[0]), strict=True)
         if all((n1 - n0) * (east - e0) - (e1 - e0) * (north - n0) >= 0.0 for (n0, e0), (n1, e1) in ring):

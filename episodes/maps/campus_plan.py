@@ -1,13 +1,13 @@
 """The plan of the campus: places in metres north and east of its middle, and bearings in degrees.
 
-The order is part of the plan: the third bench of the table is 'bench-3' in every record. New entries go to the end.
+The order of entries matters: the third bench of FIXTURES is 'bench-3' in every record. Add new entries at the end.
 """
 
 from episodes.maps.assets.buildings import HallPlan
 
 FixturePlace = tuple[str, float, float, float]  # kind, north, east, compass bearing it faces
 
-HALLS: tuple[tuple[HallPlan, float, float, float], ...] = (
+HALLS: tuple[tuple[HallPlan, float, float, float], ...] = (  # plan, north, east, compass bearing it faces
     (HallPlan("LIBRARY", "columns", 48.0, 18.0, 3, "sand", 4.2, 3.8), 61.0, 0.0, 180.0),
     (HallPlan("EULER HALL", "ribbon", 46.0, 18.0, 5), 8.0, 63.0, 270.0),
     (HallPlan("CURIE HALL", "brick", 50.0, 18.0, 4), 2.0, -61.0, 90.0),

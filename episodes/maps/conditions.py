@@ -48,14 +48,14 @@ HUES: tuple[Vec3, ...] = (  # linear RGB of leaves: gold, orange, rust, brown, a
 )
 STRAW: Vec3 = (1.22, 1.0, 0.78)  # factor on the colour of grass
 FALLEN = 260  # fallen leaves on one repeat of the grass
-FALLEN_PX = (3, 6)  # range of half their length, texels
+FALLEN_PX = (3, 6)  # texels, range of the half length of a fallen leaf
 
 Picture = NDArray[np.uint8]
 
 
 @once(3)  # a run flies many episodes on one map; scenes are immutable
 def in_conditions(scene: Scene, conditions: SceneConditions) -> Scene:
-    """Return a map in these conditions; the map itself for AS_BUILT."""
+    """Return a map in these conditions. AS_BUILT leaves the map unchanged."""
     if conditions == AS_BUILT:
         return scene
     instances = scene.instances
@@ -87,7 +87,7 @@ def direction(azimuth_deg: float, elevation_deg: float) -> Vec3:
 def moved(sun: Sun, azimuth_deg: float, elevation_deg: float) -> Sun:
     """Return `sun` at another position. A lower sun is redder and weaker, and its sky is darker.
 
-    The colour is scaled by the transmission of clear air at the new height, divided by that at the old height.
+    The colour is scaled by the transmission of clear air at the new elevation, divided by that at the old elevation.
     """
     toward = direction(azimuth_deg, elevation_deg)
 
@@ -158,7 +158,7 @@ def _shining(looks: Material, emission: float) -> Material:
 
 
 def _lit_windows(mesh: Mesh, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which of these window triangles belong to a lit window. It depends only on the window's position."""
+    """Return a mask of the triangles of lit windows. The position of a window alone decides whether it is lit."""
     _, corners = np.unique(mesh.vertices[mesh.triangles[rows]].reshape(-1, 3), axis=0, return_inverse=True)
     corners = corners.reshape(-1, 3)
     links = coo_array((np.ones(2 * len(rows)), (np.tile(corners[:, 0], 2), corners[:, 1:].T.ravel())))
@@ -181,7 +181,7 @@ def in_autumn(instances: Sequence[Instance]) -> tuple[Instance, ...]:
 
 
 class _Paints:
-    """A cache of the recoloured meshes, materials and pictures, by the identity of the originals."""
+    """A cache of recoloured meshes, materials and pictures. Its keys contain the identities of the originals."""
 
     def __init__(self) -> None:
         self._meshes: dict[tuple[int, int], Mesh] = {}
@@ -220,7 +220,7 @@ class _Paints:
 
 
 def colorless(texture: Picture) -> Picture:
-    """Return a picture in greys as bright as its brightest channel. Channels beyond RGB are kept."""
+    """Return a grey picture: each texel gets the value of its brightest channel. Channels beyond RGB are kept."""
     grey = texture.copy()
     grey[..., :3] = texture[..., :3].max(axis=-1, keepdims=True)
     return grey

@@ -1,6 +1,6 @@
-"""The land beyond a map: fields with hedgerows, and low wooded hills, out to where the haze hides them.
+"""Builds the land beyond a map: fields with hedgerows, and low wooded hills, out to where the haze hides them.
 
-It begins under the edge of the map's own ground, a square, and has the height of that edge there.
+The ground of the map is a square. The land begins under its edge, at the height of that edge.
 """
 
 from collections.abc import Callable
@@ -16,14 +16,14 @@ from episodes.maps.assets.materials import Picture, noise
 from episodes.maps.geometry import Array
 from episodes.maps.scene import Material
 
-HORIZON_M = 9000.0  # half extent
+HORIZON_M = 9000.0  # half extent of the land
 OVERLAP_M, DROP_M = 8.0, 0.4  # how far the map's ground reaches over this land, and how much lower the land is there
 PER_SIDE = 48  # pieces of a ring along each side of the square
 RINGS = (1.12, 1.3, 1.6, 2.0, 2.5, 3.1, 3.8, 4.7, 5.8, 7.2, 9.0, 12.0, 16.0)  # times the map's half extent
 LEVEL_M = 700.0  # distance from the map's edge at which the height of the edge has faded to 0
-HILLS_FROM_M, HILLS_M = (800.0, 3200.0), 170.0  # from the edge: where hills begin, are full; scale of their height
-TILE_M = 2600.0  # the pattern of fields repeats
-FIELDS = (  # sRGB of what grows there, and how often
+HILLS_FROM_M, HILLS_M = (800.0, 3200.0), 170.0  # distances from the edge where hills begin and are full; height scale
+TILE_M = 2600.0  # period of the pattern of fields
+FIELDS = (  # sRGB colour of a crop, and its relative frequency
     ((98, 119, 61), 6),
     ((108, 126, 66), 4),
     ((88, 112, 56), 4),
@@ -66,7 +66,7 @@ def _look() -> Material:
 
 
 def beyond(half_m: float, down: Callable[[Array, Array], Array], seed: int) -> g.MeshPart:
-    """Return the land around a map whose ground is a square of half extent `half_m`; `down` returns its NED z (m)."""
+    """Return the land around a square ground of half extent `half_m`. `down` returns the ground's NED z (m)."""
     radii = np.array((half_m - OVERLAP_M, *(half_m * times for times in RINGS), HORIZON_M))
     along = np.linspace(-1.0, 1.0, PER_SIDE + 1)[:-1]
     one = np.ones(PER_SIDE)
@@ -81,7 +81,7 @@ def beyond(half_m: float, down: Callable[[Array, Array], Array], seed: int) -> g
 
 
 def _height(north: Array, east: Array, half_m: float, down: Callable[[Array, Array], Array], seed: int) -> Array:
-    """Return the height (m) of the land: equal to the map's at its edge, level beyond, then hills."""
+    """Return the height (m) of the land: the height of the map's edge, which fades to 0 with distance, plus hills."""
     away = np.maximum(np.abs(north), np.abs(east)) - half_m
     inside = half_m - 1.0
     edge = -down(np.clip(north, -inside, inside), np.clip(east, -inside, inside))
@@ -98,6 +98,6 @@ def _height(north: Array, east: Array, half_m: float, down: Callable[[Array, Arr
 
 
 def _rise(value: Array, start: float, stop: float) -> Array:
-    """Return how far a value is on a smooth way from `start` (0) to `stop` (1)."""
+    """Return the smoothstep of a value: 0 at `start`, 1 at `stop`."""
     share = np.clip((value - start) / (stop - start), 0.0, 1.0)
     return np.asarray(share * share * (3.0 - 2.0 * share))

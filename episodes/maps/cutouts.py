@@ -1,4 +1,4 @@
-"""The opacity of cut-out textures, for the renderer, its shadows and ray casts.
+"""Looks up the opacity of cut-out textures, for the renderer, its shadows and ray casts.
 
 A texel is opaque or a hole. Textures are not filtered, so that renderer, shadows and rays agree. Distant leaves keep
 their share of the picture, because the share of samples that hit opaque texels stays the same.

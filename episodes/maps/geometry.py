@@ -1,4 +1,4 @@
-"""Solid primitives from which every asset is built.
+"""Builds the solid primitives that make up every asset.
 
 Shapes have forward-left-up axes (FLU, metres, z = 0 on the ground), so that heights are positive. `assemble` rotates
 them by half a turn about the forward axis into the FRD axes of `episodes.maps.scene.Mesh`. A rotation keeps outward
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 CREASE_DEG = 38.0  # faces that meet at a smaller angle are shaded as one smooth surface
 
-# the triangles of the unit cube, and for each the matrix that maps a corner to the coordinates of `slope_uv`
+# the triangles of the unit cube, and for each triangle a matrix from a corner to its texture coordinates (`slope_uv`)
 _CUBE = np.array(
     [
         [(1, 0, 0), (1, 1, 0), (1, 1, 1)], [(1, 0, 0), (1, 1, 1), (1, 0, 1)],
@@ -62,7 +62,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def face_normals(corners: Array) -> Array:
-    """Return the normals (T, 3) of triangles (T, 3, 3), with twice the area as length."""
+    """Return the normals (T, 3) of triangles (T, 3, 3). A normal's length is twice the triangle's area."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return cross(a, b)
 
@@ -191,7 +191,7 @@ def lathe(outline: ArrayLike, material: Material, segments: int = 16, tile_m: fl
 def rod(
     start: ArrayLike, end: ArrayLike, radii: tuple[float, float], material: Material, segments: int = 10
 ) -> MeshPart:
-    """Return a cylinder or cone with closed ends from `start` to `end`; `radii` are those at its two ends."""
+    """Return a cylinder or cone with closed ends from `start` to `end`; `radii` (m): at start and end."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     axis = (b - a) / np.linalg.norm(b - a)
     side = cross(axis, np.array((0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0)))
@@ -248,7 +248,7 @@ def transformed(part: MeshPart, offset: ArrayLike = (0.0, 0.0, 0.0), yaw: float 
 
 
 def without(part: MeshPart, outward: ArrayLike) -> MeshPart:
-    """Return the part without the triangles that face along the unit vector `outward`. For hidden sides."""
+    """Return the part without the triangles that face along the unit vector `outward`. It removes hidden sides."""
     area = face_normals(part.corners)
     kept = area @ np.asarray(outward, dtype=np.float64) < 0.999 * np.linalg.norm(area, axis=1)
     return MeshPart(part.corners[kept], part.normals[kept], part.uv[kept], part.material)

@@ -62,7 +62,7 @@ class Parked:
 
 
 def heading(way: Street, side: int) -> float:
-    """Return the yaw (rad) of traffic on one side of a street, where vehicles drive on the right.
+    """Return the yaw (rad) of traffic on one side of a street. Vehicles drive on the right.
 
     `side` is +1 east or north of the centre line, and -1 on the other side.
     """
@@ -157,7 +157,7 @@ def _fence(
 
 
 def _fences(plot: Plot, homes: tuple[Plot, ...], terrain: HeightField) -> Iterator[Furnishing]:
-    """Yield the fences at the back and sides of a garden; two gardens share one fence."""
+    """Yield the fences at the back and sides of a garden. Adjacent gardens share a fence, which one of them yields."""
     neighbours = {round(o.along - plot.along) for o in homes if o.street is plot.street and o.side == plot.side}
     # the garden lies between the two streets that run east, so one of its sides meets the gardens of another street
     is_inner = plot.street.dead and plot.along < 107.0 and abs(plot.at(0.0, DEPTH)[0]) < 60.0
@@ -176,7 +176,7 @@ def _garden(plot: Plot, homes: tuple[Plot, ...], seed: int, terrain: HeightField
     """Yield the plants and objects of one plot."""
     rng = np.random.default_rng((seed, plot.number // 2, plot.side + 1) if plot.street is MAIN else (seed, plot.number))
     middle, drive, house_plan = plot.along, plot.drive, plot.plan
-    off = float(np.sign(middle - drive))  # direction along the street from the drive to the rest of the front lawn
+    off = float(np.sign(middle - drive))  # direction along the street from the drive to the front lawn
     along_street = plot.yaw + math.pi / 2
 
     def put(kind: str, mesh: Mesh, along: float, out: float, yaw: float) -> Furnishing:

@@ -1,4 +1,4 @@
-"""The drawn ground of the residential neighbourhood: one mesh per use, made of lattices along the height field."""
+"""Builds the drawn ground of the residential neighbourhood: one mesh per use, made of lattices on the height field."""
 
 import itertools
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ from foundation.terrain import HeightField
 STEP_M = 5.0  # default spacing of the lattice
 FAR_M = 420.0  # half extent of the drawn ground, without the land beyond
 WEST, EAST, NORTH = -62.0, 126.0, 104.0  # m, edges of the neighbourhood; the south edge is -NORTH
-TINTS = ((1.0, 1.0, 1.0), (1.12, 1.06, 1.0), (0.86, 0.93, 0.9))  # of neighbouring lawns
+TINTS = ((1.0, 1.0, 1.0), (1.12, 1.06, 1.0), (0.86, 0.93, 0.9))  # factors on the colour of neighbouring lawns
 
 Mask = NDArray[np.bool_]
 
@@ -44,7 +44,7 @@ class _Use:
 
     look: Material
     tile: float  # m per repeat
-    shift: float = 0.0  # m from the centre line to the first joint
+    shift: float = 0.0  # m from the centre line to the first joint of the slabs
 
 
 def _uses() -> dict[str, _Use]:
@@ -63,7 +63,7 @@ def _between(a: float, b: float) -> tuple[float, float]:
 
 
 def _zones() -> Iterator[tuple[float, float, float, float, str]]:
-    """Yield rectangles (north, north, east, east, kind of grass). With the round corners, they tile the ground."""
+    """Yield rectangles (n0, n1, e0, e1, kind of grass). With the round corners, they tile the ground."""
     inner, outer = UPPER.middle - CORNER, UPPER.middle
     back = UPPER.middle - DEPTH
     for street in (MAIN, SECOND):
@@ -82,7 +82,7 @@ def _zones() -> Iterator[tuple[float, float, float, float, str]]:
 
 
 def _nodes(low: float, high: float, across: tuple[float, float], north: bool, homes: tuple[Plot, ...]) -> Array:
-    """Return the lattice coordinates (m) of a zone along one axis. `across` is its range on the other axis."""
+    """Return a zone's lattice coordinates (m) along the north or the east axis; `across` is its range on the other."""
     cuts: list[float] = [low, high]
     if high - low < 2 * FAR_M - 1.0 and abs(low) < FAR_M and abs(high) < FAR_M:
         cuts += np.arange(np.ceil(low / STEP_M) * STEP_M, high, STEP_M).tolist()
@@ -185,7 +185,7 @@ def _corners(homes: tuple[Plot, ...]) -> Iterator[tuple[str, Array, Array]]:
 
 
 def _in_plan(tri: Array, shift: float) -> Array:
-    """Return texture coordinates in metres: along the nearer street, and out from its centre line less `shift`."""
+    """Return texture coordinates (m): along the nearer street, and the distance from its centre line minus `shift`."""
     n, e = tri[..., 0], -tri[..., 1]
     mid_n, mid_e = n.mean(axis=1, keepdims=True), e.mean(axis=1, keepdims=True)
     to_north = np.minimum.reduce([np.abs(mid_e - s.middle) for s in STREETS if s.north])
@@ -199,7 +199,7 @@ def _in_plan(tri: Array, shift: float) -> Array:
 
 
 def ground(homes: tuple[Plot, ...]) -> list[tuple[str, Mesh]]:
-    """Return (use, mesh) of all ground, and of a sheet below it that fills the hair cracks between zones."""
+    """Return (use, mesh) of all ground, and of a sheet below the ground that closes the hair cracks between zones."""
     uses = _uses()
     pieces: dict[str, list[tuple[Array, Array]]] = {name: [] for name in uses}
     for zone in _zones():

@@ -1,4 +1,4 @@
-"""The free places of the residential neighbourhood: kerbs, drives, lawns, and lanes to drive or walk along."""
+"""Finds the free places of the residential neighbourhood: kerbs, drives, lawns, and lanes to drive or walk along."""
 
 import itertools
 import math
@@ -18,7 +18,7 @@ from foundation.frames import Vec3
 ROOM = {"kerb": (5.9, 2.2), "bus stop": (12.0, 2.6), "drive": (5.9, 2.2), "lawn": (2.0, 2.0), "pavement": (1.2, 1.2)}
 GAP = 0.4  # m between an object on a spot and the objects beside it
 TALLEST = 2.4  # m; parts above this height (crowns of trees, arms of lamps) are no obstacles on the ground
-LANE_OFFSET_M = 0.6  # m, distance of lanes from the centre line, on its right
+LANE_OFFSET_M = 0.6  # m, offset of lanes to the right of the centre line
 TURN = 6.0  # m, radius of a lane at a corner
 DRIVE_TURN = 3.4  # m, radius of a lane out of a drive
 LANE_LENGTH_M = 108.0  # m, length of lanes: more than a target covers in 300 s at the paper's 0.3 m/s
@@ -104,7 +104,7 @@ def _onward(start: tuple[float, float], yaw: float, clockwise: bool) -> list[tup
 
 
 def _rounded(corners: Sequence[tuple[float, float]], radii: Sequence[float]) -> Array:
-    """Return (N, 2) points FINE apart along straight lines joined by arcs of the given radii at the inner corners."""
+    """Return points (N, 2) every POINT_SPACING_M along straight lines, joined at inner corners by arcs of `radii`."""
     ways: list[Array] = [np.array([corners[0]])]
     for before, corner, after, radius in zip(corners, corners[1:], corners[2:], radii, strict=False):
         p, q, r = np.array(before), np.array(corner), np.array(after)
@@ -144,7 +144,7 @@ def _thinned(points: Array, loose: float = LANE_TOLERANCE_M) -> Array:
 
 
 def _routes(homes: tuple[Plot, ...]) -> Iterator[tuple[str, str, Array]]:
-    """Yield (kind, name, points (N, 2)) of every lane, free or not, before it is cut to LONG."""
+    """Yield (kind, name, points (N, 2)) of every lane, free or not, before it is cut to LANE_LENGTH_M."""
     for clockwise in (True, False):
         ring = _loop(clockwise)
         lap = np.concatenate([[0.0], np.cumsum([math.dist(a, b) for a, b in itertools.pairwise([*ring, ring[0]])])])

@@ -1,8 +1,8 @@
 """The plan of the residential neighbourhood: its streets, plots and drives, and the heights of the ground.
 
-Two streets run north. Two others run east and join them, so that a vehicle can go round the block; their ends are dead
-ends in the fields. Heights follow the paper's residential map (appendix "Maps and Episodes"): NED z is +0.05 m on roads
-and −0.45 m at drives, so plots are half a metre above the road.
+Two streets run north. Two others run east and join them, so that a vehicle can drive round the block. The streets that
+run east have dead ends in the fields. Heights follow the paper's residential map (appendix "Maps and Episodes"): NED z
+is +0.05 m on roads and −0.45 m at drives, so plots are half a metre above the road.
 """
 
 import math
@@ -14,14 +14,14 @@ from episodes.maps.assets import house_plans
 from episodes.maps.geometry import Array
 from foundation.terrain import HeightField
 
-REACH = (-112.0, 112.0, -70.0, 134.0)  # m, north and east extents of the height field; beyond, the edge height holds
+REACH = (-112.0, 112.0, -70.0, 134.0)  # m, north and east extents of the height field; outside, the edge height applies
 CELL = 0.25  # m
 CORNER = 9.5  # m from a centre line to the plots; kerbs at junctions are arcs around plot corners
 FRONT = 14.0  # m, house fronts from the centre line
 DEPTH = 32.0  # m, back fences from the centre line
 DRIVE_HALF = 2.3  # m, half the width of a drive
 DRIVE_END = 13.6  # m from the centre line
-NEAR_M = 21.0  # m along the street; two houses that are closer do not look alike
+NEAR_M = 21.0  # m along the street; houses closer than this do not look alike
 FLANK = 0.25  # m along the street, the slope on each side of a dropped kerb
 
 # distance from the centre line → NED z: road, kerb, verge, pavement, bank, plot
@@ -77,7 +77,7 @@ class Plot:
 
     @property
     def left(self) -> int:
-        """Return the direction along the street (+1 or -1) that is on the left when one leaves the house."""
+        """Return the direction along the street (+1 or -1) to the left of a person who leaves the house."""
         return -self.side if self.street.north else self.side
 
 
@@ -109,7 +109,8 @@ def plots(seed: int) -> tuple[Plot, ...]:
 def _away(street: Street, north: Array, east: Array) -> Array:
     """Return the distance (m) of points from a street's centre line.
 
-    Beyond its ends it is `inf` for a street that joins others. A dead end has its kerb there instead.
+    Beyond the ends of a street that joins others, the distance is `inf`. Beyond a dead end, it grows from RINGS[0], so
+    that a kerb closes the street.
     """
     along, out = (north, east) if street.north else (east, north)
     past = np.maximum(street.ends[0] - along, along - street.ends[1])
@@ -122,8 +123,8 @@ def _away(street: Street, north: Array, east: Array) -> Array:
 def away(north: Array, east: Array) -> Array:
     """Return the distance (m) of points from the nearest centre line, changed at junctions so that kerbs are round.
 
-    Within CORNER of two streets it is CORNER minus the distance from the corner of the plots. All heights of PROFILE
-    thus run in arcs around that corner.
+    Within CORNER of two streets, the result is CORNER minus the distance from the corner of the plots. Lines of equal
+    height are therefore arcs around that corner.
     """
     shape = np.broadcast(north, east).shape
     runs = [
@@ -162,7 +163,7 @@ def height(north: Array, east: Array, homes: tuple[Plot, ...]) -> Array:
 
 
 def terrain(homes: tuple[Plot, ...]) -> HeightField:
-    """Return the height field. Each drive is added in its own small window, since there are 0.7 million nodes."""
+    """Return the height field. Each drive changes only a small window, because there are 0.7 million nodes."""
     n0, n1, e0, e1 = REACH
     north, east = np.arange(n0, n1 + CELL / 2, CELL)[:, None], np.arange(e0, e1 + CELL / 2, CELL)[None, :]
     down = height(north, east, ())

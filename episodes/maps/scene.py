@@ -1,7 +1,7 @@
-"""The types of a map: its scene, and its places for targets. Metres; NED world axes, FRD axes of each asset.
+"""The types of a map: its scene, and its places for targets. Lengths are in metres; the world has NED axes.
 
-The axes of an asset point forward, right and down. Its origin is the centre of its footprint on the ground, so its
-vertices have z ≤ 0 (down is positive).
+The axes of an asset point forward, right and down (FRD). Its origin is the centre of its footprint on the ground, so
+its vertices have z ≤ 0 (down is positive).
 """
 
 import math
@@ -90,7 +90,7 @@ class Instance:
 
 
 def turn(turned: float | Quat) -> NDArray[np.float64]:
-    """Return the (3, 3) matrix from an asset's FRD axes to NED, of its yaw (rad) or its attitude."""
+    """Return the (3, 3) matrix from an asset's FRD axes to NED, for its yaw (rad) or attitude (FRD → NED)."""
     if isinstance(turned, tuple):
         return np.array([rotate(turned, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]).T
     c, s = math.cos(turned), math.sin(turned)
@@ -105,7 +105,7 @@ class Sun:
     color: Vec3 = (1.0, 0.96, 0.88)  # linear RGB, times `strength`
     strength: float = 2.6
     sky: Vec3 = (0.36, 0.52, 0.78)  # linear RGB of the ambient light from above
-    clouds: float = 0.35  # share of the sky that clouds cover, 0 … 1; `color`, `strength` and `sky` do not follow it
+    clouds: float = 0.35  # share of the sky that clouds cover, 0 … 1; does not change `color`, `strength` or `sky`
     glow: Vec3 = (0.0, 0.0, 0.0)  # linear RGB of the glow in the low sky above the position of the sun
 
 
@@ -121,7 +121,7 @@ class Scene:
     longitude_deg: float
     altitude_m: float  # m above mean sea level
     spawn_ned: Vec3 = (0.0, 0.0, 0.0)  # m, a free place on the ground
-    spawn_yaw: float = 0.0
+    spawn_yaw: float = 0.0  # rad
     notes: tuple[str, ...] = field(default=())
     base: "Scene | None" = None  # the map to which this scene adds instances; None: this scene is a map
 
@@ -153,7 +153,7 @@ class Lane:
     """A route along which a target may move from its first waypoint to its last."""
 
     name: str
-    waypoints_ned: tuple[Vec3, ...]  # m, on the ground, dense enough that the legs between them follow it
+    waypoints_ned: tuple[Vec3, ...]  # m, on the ground; legs are so short that they follow the ground
     width_m: float  # free of solids, half of it on either side
 
     @property

@@ -1,4 +1,4 @@
-"""The maps of users: `.glb` files in a folder, flown by name like the maps that ship."""
+"""Manages the maps of users: `.glb` files in a folder. Records name them like shipped maps."""
 
 import os
 import re
@@ -37,7 +37,7 @@ def names() -> list[str]:
 
 
 def build(name: str) -> Scene:
-    """Return a user's map. Raises UsageError when there is none of that name or its file is wrong."""
+    """Return a user's map. Raises UsageError if the user has no map of that name, or its file is wrong."""
     from episodes.maps import gltf  # imports the libraries for rays and pictures, which a list of names does not need
 
     return gltf.load(path_of(name))
@@ -55,9 +55,9 @@ def path_of(name: str) -> Path:
 def add(
     path: Path, name: str, spawn: Sequence[float] | None, taken: Collection[str] = (), replace: bool = False
 ) -> Scene:
-    """Check the glTF file of a map and keep it under a name; return the map as it will be flown.
+    """Check the glTF file of a map and store it under a name; return the map as flights will use it.
 
-    The kept file has our own form: its ground is found, its transforms are applied and its pictures are reduced.
+    In the stored file, the ground is found, the transforms are applied and the pictures are reduced.
     Raises UsageError if the name is invalid or in `taken`, if the user already has it and `replace` is false, or if
     the file cannot be a map.
     """

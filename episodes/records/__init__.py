@@ -1,1 +1,1 @@
-"""The episode records, the suites that name them, and what is kept for each."""
+"""The episode records, their suites, and the baseline results of pilots on each episode."""

@@ -24,7 +24,7 @@ OPEN_GROUND = "open-ground"  # start place of `dronecats sitl`, no solid within 
 
 VERSION = 3  # of the benchmark; raised when its images or records change
 SUITES = ("one-drone", "commanding", "quick", "all", "v1")
-# One episode for each cell and map, and two for each commanding map: twelve, for a quick run.
+# A quick run of twelve episodes: one for each one-drone cell and map, and two for each map with commanding episodes.
 QUICK = (
     "residential-approaching-01",
     "residential-searching-01",
@@ -91,7 +91,7 @@ def load(id_or_path: str | Path) -> EpisodeRecord:
 
 
 def _file(name: str) -> Path | None:
-    """Return the record file for a path to it or to its folder; None if there is none."""
+    """Return the record file that a path names, or that is in the folder which it names; None if there is none."""
     path = Path(name)
     try:
         if path.is_dir() and (path / "episode.json").is_file():
@@ -125,7 +125,7 @@ def suite_ids(suite: str) -> list[str]:
 
 
 def episodes_of(suite: str | Sequence[str]) -> list[str]:
-    """Return the episodes of a suite, of ids and files separated by commas, or of a sequence of these."""
+    """Return the ids and files of a suite name, of names separated by commas, or of a sequence of these."""
     if isinstance(suite, str):
         return suite_ids(suite) if suite in SUITES else [name.strip() for name in suite.split(",")]
     return [name for entry in suite for name in episodes_of(entry)]
@@ -138,7 +138,7 @@ def suites_of(episode: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class BlindFlight:
-    """The result of one flight of a blind pilot over the full time."""
+    """The result of one full-length flight of a blind pilot, which flies a fixed pattern."""
 
     success: bool
     first: bool  # its first declaration was true
@@ -157,7 +157,7 @@ BlindTable = dict[str, dict[str, BlindFlight]]  # pilot → episode → flight
 
 
 def load_par(file: Path = PAR) -> Pars:
-    """Return the pars; {} if there is no table. Raises UsageError for a wrong table."""
+    """Return the par of each episode; {} if there is no table. Raises UsageError for a wrong table."""
     return _table(file, Pars)
 
 

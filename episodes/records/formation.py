@@ -1,9 +1,9 @@
 """Changes the number of drones of a record.
 
-Fewer drones use the first starts of the record. More drones need a record with a square of four starts. The further
+Fewer drones use the first starts of the record. More drones need a record with a square of four starts. The additional
 starts are lattice places, 2 m apart, behind and beside the square, nearest first. A place is used if the record still
 passes its checks: room to stand and to climb, level ground, a valid height, all candidates in sight and no inscription
-legible. Source: none, the paper flies one drone or four.
+legible. This procedure has no source: the paper flies one drone or four.
 """
 
 import itertools
@@ -76,7 +76,7 @@ def failed(record: EpisodeRecord) -> Iterator[RuleFinding]:
 
 
 def places(square: tuple[StartPose, ...]) -> Iterator[StartPose]:
-    """Yield further places of the lattice of `square` (front left, front right, rear left, rear right), nearest first.
+    """Yield more places of the lattice of `square` (front left, front right, rear left, rear right), nearest first.
 
     No place is ahead of the square: a drone there would be in the pictures of the others and nearer to the candidates.
     """

@@ -53,7 +53,7 @@ class Fleet:
         }
 
     def other_starts(self, drone: int) -> dict[int, DronePose]:
-        """Return the start poses of all drones but one, by number."""
+        """Return the start poses of all drones except `drone`, by number."""
         return {k: pose for k, pose in enumerate(self.starts) if k != drone}
 
     def among(self, solids: Occluder, poses: Iterable[DronePose]) -> Occluder:
@@ -76,7 +76,7 @@ class _Among:
 
 
 class _Shape:
-    """One drone's triangles for rays, in its own axes."""
+    """The triangles of one drone for ray casts, in its FRD axes."""
 
     def __init__(self, shape: Outline) -> None:
         mesh = multirotor(shape)

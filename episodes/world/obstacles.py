@@ -1,4 +1,4 @@
-"""The solids of a map for the physics: triangles in a grid, and the moving target as a box."""
+"""Prepares the solids of a map for the physics: triangles in a grid, and the moving target as a box."""
 
 import math
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ def _of_map(scene: Scene, reach_m: float) -> Obstacles | None:
 
 
 def _static_triangles(instances: Sequence[Instance]) -> tuple[Array, NDArray[np.int32], tuple[str, ...]]:
-    """Return the triangles of static solids without ground and leaves, the index of each one's name, and the names."""
+    """Return (triangles, index of each triangle's name, names) of static solids, without ground and leaves."""
     static = [i for i in instances if i.solid and i.kind != "ground" and not i.movable]
     placed = [replace(instance, mesh=instance.mesh.without_foliage()).triangles_ned() for instance in static]
     owner = np.repeat(np.arange(len(static), dtype=np.int32), [len(t) for t in placed])
@@ -90,9 +90,9 @@ def sorted_into_cells(
 def with_more(
     before: Obstacles, triangles: Array, owner: NDArray[np.int32], names: tuple[str, ...]
 ) -> Obstacles | None:
-    """Return the result of `sorted_into_cells` for the triangles of `before` and these, with the same bytes but faster.
+    """Return `before` with more triangles: the same bytes as `sorted_into_cells` for all of them, but faster.
 
-    None if these triangles reach beyond the cells of `before`, because the cells would change.
+    None if the new triangles reach beyond the cells of `before`, because the cells would change.
     """
     low, high = triangles.min(axis=1) - before.reach_m, triangles.max(axis=1) + before.reach_m
     origin, cells = np.array(before.origin_ned), np.array(before.cells, np.int64)
@@ -144,7 +144,7 @@ def _cells_of(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return (cell, triangle) for all cells within reach of a batch; `number`: index of its first triangle.
 
-    Cells off a triangle's plane are left out. Otherwise a slanted roof would fill all cells of its bounding box.
+    Cells far from a triangle's plane are left out. Otherwise a slanted roof would fill all cells of its bounding box.
     """
     first = np.floor((low - origin) / cell_m).astype(np.int32)
     span = np.minimum(np.floor((high - origin) / cell_m).astype(np.int32), cells - 1) - first + 1

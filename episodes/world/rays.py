@@ -22,7 +22,7 @@ class Hits(NamedTuple):
     """The first hit of each of N rays."""
 
     triangle: NDArray[np.int32]  # (N,) NOTHING for a ray without a hit
-    distance: NDArray[np.float32]  # (N,) in lengths of the ray's direction; FAR for a ray without a hit
+    distance: NDArray[np.float32]  # (N,) as a multiple of the direction vector; FAR for a ray without a hit
 
 
 class RayScene:
@@ -56,7 +56,10 @@ class RayScene:
     def first_hits(
         self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32] | None = None
     ) -> Hits:
-        """Return the first hits of rays from `start` (N, 3) along `way` (N, 3) within `reach` (N,) lengths of `way`."""
+        """Return the first hits of rays from `start` (N, 3) along `way` (N, 3).
+
+        `reach` (N,) is the length of each ray, as a multiple of `way`; None: no limit.
+        """
         reach = np.full(len(way), FAR, np.float32) if reach is None else reach
         hit = self._opaque.run(start, way, reach, output=1)
         is_hit = hit["primID"] >= 0
@@ -80,7 +83,7 @@ class RayScene:
     def _first_leaves(
         self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32], hits: Hits
     ) -> None:
-        """Replace hits by the first hit of an opaque texel of a cut-out surface within `reach`."""
+        """Replace the hits of rays that hit an opaque texel of a cut-out surface within `reach`."""
         if self._cut is None:
             return
         going = np.arange(len(way))

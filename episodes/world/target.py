@@ -28,7 +28,7 @@ AXLES_OF_OTHERS_M = 1.0
 WALKERS = ("person", "pedestrian")  # upright on a slope; the other assets of AXLES_M have wheels
 
 TOUCHES_M = 0.01  # height of the part of a wheel that counts as touching the ground
-ONE_TRACK_M = 0.3  # wheels closer together across are in line: the vehicle does not roll
+ONE_TRACK_M = 0.3  # m; a vehicle whose wheels are closer across is single-track and does not roll
 LEVEL_RAD = 1e-6  # smaller slopes are rounding errors
 TURNS = 3  # iterations, after which the position changes by less than 0.1 mm
 
@@ -41,7 +41,7 @@ class TargetMotion:
     reached_m: tuple[float, ...]  # m along the path at each waypoint, measured in three dimensions
     speed_mps: float
     yaw: float  # rad, of a standing target
-    axles_m: float  # between the two points of the path that define the heading
+    axles_m: float  # m between the two points of the path that define the heading
 
     @property
     def length_m(self) -> float:
@@ -49,10 +49,11 @@ class TargetMotion:
         return self.reached_m[-1]
 
     def pose(self, t_s: float) -> tuple[Vec3, float]:
-        """Return (position_ned of the asset's origin in m, yaw in rad in [-π, π]) at time t_s; before 0 as at 0.
+        """Return (position_ned of the asset's origin in m, yaw in rad in [-π, π]) at time t_s ≥ 0.
 
-        The target follows the path once and stays at its end. The heading joins the points of the path half a wheelbase
-        (of a walker: half a step) ahead and behind, so it changes gradually at a corner.
+        Earlier times count as 0. The target follows the path once and stays at its end. The heading points from the
+        path half a wheelbase behind the target to the path half a wheelbase ahead (of a walker: half a step), so it
+        changes gradually at a corner.
         """
         if self.speed_mps == 0.0:
             return self.waypoints_ned[0], self.yaw
@@ -99,8 +100,8 @@ def contact_patch(mesh: Mesh) -> NDArray[np.float64]:
 class Wheels:
     """The places of an asset's wheels in its own axes, and the middle of its box."""
 
-    ahead_m: tuple[float, float]  # of the rear and of the front wheels
-    aside_m: tuple[float, float]  # of the left and of the right wheels; both 0 if they are in line
+    ahead_m: tuple[float, float]  # x of the rear and of the front wheels
+    aside_m: tuple[float, float]  # y of the left and of the right wheels; both 0 for a single-track vehicle
     middle_frd: Vec3  # m, of the asset's bounding box
 
     @classmethod
@@ -143,7 +144,7 @@ class Wheels:
         return cls.of(mesh) if has_wheels(asset) else None
 
     def _plane(self, ground: HeightField, place: Vec3, yaw: float) -> tuple[float, float, float]:
-        """Return the plane under the wheels: its slopes ahead and aside, and its NED z (m) at a place."""
+        """Return the plane under the wheels: its slopes ahead and aside (m/m), and its NED z (m) at `place`."""
         c, s = math.cos(yaw), math.sin(yaw)
         feet = [
             (x, y, ground.at(place[0] + c * x - s * y, place[1] + s * x + c * y))
@@ -158,5 +159,5 @@ class Wheels:
 
 
 def on_ground(wheels: Wheels | None, ground: HeightField, pose: tuple[Vec3, float]) -> tuple[Vec3, float | Quat]:
-    """Return the pose of an asset with its wheels on the ground, if it has any; `pose` is its level pose."""
+    """Return the pose of an asset with its wheels on the ground. Without `wheels`, return `pose`, the level pose."""
     return pose if wheels is None else wheels.on(ground, *pose)

@@ -19,7 +19,7 @@ from foundation.protocol import DETECTION_RANGE_M, POINT_SPAN
 SAMPLES = 1600  # points on the target's whole surface; about 300 … 500 of them face the camera
 SPHERE_MARGIN_M = 0.01  # m, margin around the target's bounding sphere for rounding errors
 NEAR_M = 0.05  # m, the renderer's near plane
-VISIBLE_FRACTION = 0.05  # of the silhouette, unhidden and in the frame: the least at which a target counts as visible
+VISIBLE_FRACTION = 0.05  # least share of the silhouette, in view and not hidden, of a visible target
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ EDGES = tuple(
 class Visibility:
     """The part of a target that one camera sees."""
 
-    fraction: float  # 0 … 1 of the target's silhouette (as seen unclipped and unhidden) that is in the picture
+    fraction: float  # share 0 … 1 of the target's full silhouette that is in the picture and not hidden
     depth_m: float | None  # median planar depth of the visible part; None if nothing is visible
 
     @property
@@ -109,7 +109,7 @@ class Solids:
 
 
 class SolidsUnion(Solids):
-    """Several groups of solids: the solids of a map, indexed once, and the few that a record adds."""
+    """Several groups of solids: those of a map, which are indexed once, and those that a record adds."""
 
     def __init__(self, *groups: Solids) -> None:
         self._groups = groups
@@ -144,7 +144,8 @@ class SolidsExcept(Solids):
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether something solid lies between it and the origin.
 
-        The points are on the side of `left_out` towards the origin. A ray that hits `left_out` first is at its point.
+        The points must be on the surface of `left_out` that faces the origin. A ray whose first hit is on `left_out`
+        has therefore reached its point.
         """
         start = np.ascontiguousarray(np.broadcast_to(np.array(origin, dtype=np.float32), points.shape))
         way = np.ascontiguousarray((points - np.array(origin)).astype(np.float32))
@@ -210,7 +211,7 @@ class TargetView:
         camera: CameraModel,
         past: Occluder | None = None,
     ) -> Visibility:
-        """Return the visibility of the target at a pose, past the solids or past the obstacles in `past`.
+        """Return the visibility of the target at a pose. The obstacles are the solids, or `past` instead.
 
         Each sample that the target itself does not hide is weighted with the solid angle of the surface around it.
         """
@@ -280,9 +281,10 @@ def in_camera(point_ned: Vec3, pose: CameraPose) -> Vec3:
 
 
 def picture_box(corners: Sequence[Vec3], camera: CameraModel) -> InPicture | None:
-    """Return the smallest upright box in the picture around a box whose corners (camera axes, m) are numbered by EDGES.
+    """Return the smallest upright box in the picture, x0, y0, x1, y1 on 0 … 1000, around a box in space.
 
-    The box is cut at the picture's edges and includes hidden parts. None if no part of it is in the picture.
+    `corners` (m, camera axes) are numbered as in EDGES. The result is cut at the picture's edges and includes hidden
+    parts. None if no part of the box is in the picture.
     """
     across, under = 2.0 * camera.focal_px / camera.width, 2.0 * camera.focal_px / camera.height
     shown = [(across * y / x, under * z / x) for x, y, z in _ahead(corners)]  # -1 … 1 within the picture

@@ -26,7 +26,7 @@ from foundation.threads import once
 from foundation.wording import did_you_mean, nearest
 
 NATIVE_OFF_M = 0.001  # tolerance of the position of a native target in a record
-NATIVE_TURNED_RAD = math.radians(0.1)  # tolerance of its yaw
+NATIVE_TURNED_RAD = math.radians(0.1)  # tolerance of the yaw of a native target
 
 
 class World:
@@ -39,7 +39,7 @@ class World:
         drones: int | None = None,
         conditions: SceneConditions = AS_BUILT,
     ) -> None:
-        """Build the scene. All drones of a fleet have the shape `drone`. `drones`: their number; None: one per start.
+        """Build the scene. All drones have the shape `drone`; `drones` is their number (None: one per start).
 
         `conditions` change only what a camera sees of the map. Raises UsageError for an unknown map, asset or
         paint, or a native target that the map does not have.
@@ -83,7 +83,7 @@ class World:
         return on_ground(self._wheels, self.scene.terrain, self._motion.pose(t_s))
 
     def target_upright(self, t_s: float) -> tuple[Vec3, float]:
-        """Return the origin (m NED) of a level target with the same middle, and its yaw."""
+        """Return the pose (origin in m NED, yaw in rad) of the target, made level about its centre."""
         place, yaw = self._motion.pose(t_s)
         leaning, turned = self.target_pose(t_s)
         if not isinstance(turned, tuple):
@@ -104,9 +104,9 @@ class World:
         return (place[0] + c * x - s * y, place[1] + s * x + c * y, place[2] + z)
 
     def moved(self, t_s: float, drones: Mapping[int, DronePose] | None = None) -> Moved:
-        """Return the poses of all moving instances for the renderer: of `scene`, or with `drones` of `filmed`.
+        """Return the poses of all moving instances for the renderer: of `filmed` with `drones`, of `scene` without.
 
-        `drones` are the drones to draw, by number: all but the drone that carries the camera.
+        `drones` are the drones to draw, by number: all except the drone that carries the camera.
         """
         moved: Moved = {self.target_id: self.target_pose(t_s)} if self._motion.speed_mps > 0.0 else {}
         return moved if drones is None else {**moved, **self.fleet.moved(drones)}
@@ -124,7 +124,10 @@ class World:
         camera: CameraModel,
         drones: Iterable[DronePose] = (),
     ) -> TargetMeasurement:
-        """Return the true measurement by a drone with this body origin and attitude (FRD → NED), past `drones`."""
+        """Return the true measurement of a drone with this body origin (m) and attitude (FRD → NED).
+
+        The other drones at the poses `drones` may hide the target.
+        """
         place, turned = self.target_pose(t_s)
         centre = self._centre(place, turned)
         local = turn(turned).T @ (np.array(position_ned) - np.array(centre))
@@ -179,7 +182,7 @@ def _solids(name: str, seed: int) -> Solids:
 
 
 def _placed(number: int, name: str, target: TargetRecord, ground: HeightField, *, movable: bool = False) -> Instance:
-    """Return a target or look-alike of a record as an instance at its start pose, on its wheels if it has any."""
+    """Return a target or look-alike of a record as an instance at its start pose; any wheels touch the ground."""
     if target.paint is None:
         raise UsageError(f"field '{name}.paint' is missing. Only a target of the map may lack it.")
     mesh = assets.build(target.asset, target.paint, target.inscription)

@@ -1,4 +1,4 @@
-"""A small network that flies: learnt from the oracle's flights, served like a model, benchmarked like one.
+"""A small network as a pilot. It learns from flights of the pilot `oracle`, and is served over the API of a model.
 
-The path is in docs/action-head.md. Only `network`, `train` and what loads a trained head need PyTorch (extra `train`).
+The steps are in docs/action-head.md. Only code that trains or loads a network needs PyTorch (extra `train`).
 """

@@ -72,7 +72,7 @@ def read(folder: Path) -> Decisions:
 
 
 def _rows(file: Path) -> Iterator[_Row]:
-    """Yield the usable decisions of a file. Pictures are scaled down at once to save memory."""
+    """Yield the decisions of successful flights that have an action. Pictures are scaled down to save memory."""
     for batch in pq.ParquetFile(file).iter_batches(
         batch_size=64, columns=[IMAGE, "action", "episode_index", "judge.success"]
     ):

@@ -23,7 +23,7 @@ WIDTH, HEIGHT = 256, 144  # px, size of the head's input picture
 WORDS = 512  # number of hash buckets for words
 RECENT = 3  # number of past actions that are encoded one by one
 PAST = RECENT * (len(KINDS) + 2) + 2  # length of the vector of the history
-_REFERRING = {"nearest", "left", "right", "front", "behind", "between"}  # later words name a landmark, not the target
+_REFERRING = {"nearest", "left", "right", "front", "behind", "between"}  # words after one of these name a landmark
 _SWAPPED = {"left": "right", "right": "left"}
 _FULL_TURN_DEG = 360.0
 
@@ -54,9 +54,10 @@ def words(instruction: str, *, mirrored: bool = False) -> NDArray[np.float32]:
 
 
 def history(past: Sequence[PastAction], *, mirrored: bool = False) -> NDArray[np.float32]:
-    """Return the history as (PAST,): the last three actions, newest first, the turn since the last go, and its length.
+    """Return the history as a vector (PAST,).
 
-    The depths of past gos are omitted. They are true in the training flights, so the head would rely on them.
+    It has the last three actions (newest first), the turn since the last go, and the number of actions. The depths of
+    past gos are omitted. They are true in the training flights, so the head would rely on them.
     """
     sign, width = -1.0 if mirrored else 1.0, float(CameraModel().width)
     vector = np.zeros(PAST, np.float32)

@@ -19,10 +19,10 @@ from foundation.protocol import FINISHED, GO, ROTATE
 
 _CELL_PX = WIDTH // COLUMNS
 _SHIFT_CELLS = (9, 2)  # largest shift of a picture: horizontal, vertical
-_MISNAMED = 0.15  # share of pictures that get another flight's words, whose target they do not show
-_FORGETS = 0.3  # share of decisions whose history is left out
+_MISNAMED = 0.15  # share of pictures that get the words of another flight, whose target they do not show
+_FORGETS = 0.3  # share of decisions whose history is set to zero
 _SPREAD_CELLS = 0.7  # σ of the wanted heat map around the point
-_WEIGHTS = {GO: 1.0, ROTATE: 1.5, FINISHED: 2.0}  # loss weights: a flight declares once and seldom turns
+_WEIGHTS = {GO: 1.0, ROTATE: 1.5, FINISHED: 2.0}  # loss weights; rare actions weigh more
 _WARM = 0.1  # share of the steps in which the learning rate rises
 
 
@@ -158,7 +158,7 @@ def _cells(points: Tensor) -> Tensor:
 
 
 def judged(head: ActionHead, data: Decisions) -> Judgement | None:
-    """Return a network's results on held-out decisions; None if there is no arrival among them."""
+    """Return a network's results on held-out decisions; None if none of them is an arrival (action `finished`)."""
     kept = np.flatnonzero(data.held_out)
     finished = data.kinds[kept] == KINDS.index(FINISHED)
     if not finished.any():

@@ -1,8 +1,8 @@
 """The network. It maps a picture, the instruction's words and the last actions to the four actions and their numbers.
 
-Four convolutions process the picture. After each, the words scale and shift every channel (FiLM, Perez et al. 2018), so
-that the features depend on the instruction. A heat map of 32 × 18 cells gives the point. The features at the point and
-over the whole picture give the kind of action, the depth and the angle.
+Four convolutions process the picture. After each of them, the words scale and shift every channel (FiLM, Perez et al.
+2018), so that the features depend on the instruction. A heat map of 32 × 18 cells gives the point. The features at
+the point and over the whole picture give the kind of action, the depth and the angle.
 """
 
 from dataclasses import asdict

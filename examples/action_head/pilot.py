@@ -1,7 +1,7 @@
 """The pilot of a trained head. It turns a request into the text of a reply, and does not import PyTorch.
 
-Two rules are not learnt, because no flight in the data shows their cases. After a declaration that did not end the
-flight, the pilot takes another action first. After five turns without a go, it flies to another place.
+Two rules are not learnt, because no flight in the data shows their cases. The action after a declaration is never a
+declaration. After five turns in a row, the pilot flies to another place instead of turning again.
 """
 
 import threading

@@ -6,12 +6,12 @@ from foundation.errors import UsageError
 
 
 def print_line(text: str) -> None:
-    """Print a line of progress at once, also into a file."""
+    """Print a line of progress and flush the output."""
     print(text, flush=True)
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and those above it. Raises UsageError where there can be none."""
+    """Create a folder and its parents. Raises UsageError if that fails."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -13,7 +13,7 @@ from foundation.errors import UsageError
 
 
 def train(folder: Path, out: Path, training: Training) -> None:
-    """Fit a head to a dataset's flights and write it. Raises UsageError for what cannot be learnt from or written."""
+    """Fit a head to a dataset's flights and write it. Raises UsageError if either is impossible."""
     extras.require("torch", "pyarrow")
     from examples.action_head import dataset
     from examples.action_head.fit import fit, judged

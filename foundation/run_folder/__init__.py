@@ -1,1 +1,1 @@
-"""The run folder: the names of its files, the rows of its logs, the one writer and the one strict reader."""
+"""The run folder: the names of its files, the rows of its logs, their writer and their strict reader."""

@@ -181,8 +181,8 @@ def without_episode(configuration: Mapping[str, Any]) -> dict[str, Any]:
 def write_run(run: Path, configuration: dict[str, Any]) -> None:
     """Write run.json: the resolved configuration, with the versions of all packages that affect results.
 
-    If the present file is of another episode, the new one is of several episodes. Raises UsageError if a newer version
-    wrote the present file. Raises OSError.
+    If the existing file is of another episode, the new file describes a run of several episodes. Raises UsageError if a
+    newer version wrote the existing file. Raises OSError.
     """
     check_version(run)
     before, flight = run_configuration(run), configuration.get("flight", {})

@@ -28,7 +28,7 @@ class SentPrompt:
 
 
 class PromptReader:
-    """Reconstructs the texts of a prompts.jsonl, row by row in their order."""
+    """Reconstructs the texts of a prompts.jsonl from its rows, which it must read in order."""
 
     def __init__(self) -> None:
         self._bases: dict[tuple[str, int], list[str]] = {}

@@ -72,7 +72,7 @@ class Logs:
 
     @property
     def true(self) -> bool:
-        """True if truth.jsonl contains the truth and not an autopilot's estimate."""
+        """True if truth.jsonl contains the truth; false if it contains the estimate of an autopilot."""
         return self.begin is None or self.begin.source != "estimate"
 
 
@@ -200,7 +200,7 @@ def json_object(path: Path) -> dict[str, Any] | None:
 
 
 def _of_kinds(path: Path, kinds: Mapping[str, type[Any]], never: str | None = None) -> Iterator[Any]:
-    """Yield the rows of these kinds. Other kinds are skipped; `never` raises UsageError."""
+    """Yield the rows of these kinds. Other kinds are skipped. A row of the kind `never` raises UsageError."""
     at_once = fast_reader_of_kinds(kinds)
     for number, text in _lines(path):
         if (made := at_once(text)) is not None:
@@ -299,7 +299,7 @@ def fast_reader(row: type[Row]) -> FastReader[Row]:
 
 
 def fast_reader_of_kinds(kinds: Mapping[str, type[Row]]) -> FastReader[Row]:
-    """Return the fast reader of lines of several kinds of rows. It tells the kind by the first bytes."""
+    """Return the fast reader of lines of several kinds of rows. The first bytes of a line tell its kind."""
     decoders = {f'{{"kind": "{kind}", '.encode()[:KIND]: _decoder(cast(Hashable, row)) for kind, row in kinds.items()}
 
     def read(line: bytes) -> Row | None:

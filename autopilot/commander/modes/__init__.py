@@ -1,1 +1,1 @@
-"""The flight modes: each turns what the vehicle knows and what was asked of it into one setpoint per tick."""
+"""The flight modes. Each mode computes one setpoint per tick from the estimate, the parameters and the requests."""

@@ -11,14 +11,14 @@ from autopilot.commander.plans import Home, local_place
 from autopilot.records import IDLE, NAN, CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
-BRAKING_SHARE = 0.5  # of the acceleration limit; the position controller needs the other half
+BRAKING_SHARE = 0.5  # fraction of the acceleration limit; the position controller needs the other half
 LEAST_SPEED = 1.0  # m/s; near the target the position loop limits the speed
 
 
 def approach_speed(distance: float, cruise: float, acceleration: float) -> float:
     """Return the horizontal speed limit (m/s) at `distance` (m) from the target: v² = 2·a·d, at most `cruise`.
 
-    It is rounded up to a multiple of 5 cm/s, so that the setpoint of a hovering vehicle is identical at each tick.
+    It is rounded up to a multiple of 5 cm/s, so that the setpoint of a hovering vehicle is the same at each tick.
     """
     limit = min(cruise, max(LEAST_SPEED, math.sqrt(2.0 * BRAKING_SHARE * acceleration * distance)))
     return math.ceil(limit * 20.0) / 20.0
@@ -92,7 +92,7 @@ class Takeoff(Mode):
         if self._wanted_z < z - LEAST_CLIMB_M:  # a lower height (clients send 0 for 'any') or nan means the default
             target = self._wanted_z
         elif not flight.landed and flight.home is not None:
-            # already in the air: climb to the altitude above home, never descend
+            # already in the air: climb to MIS_TAKEOFF_ALT above home, but never descend
             target = min(flight.home.position_ned[2] - float(flight.parameters["MIS_TAKEOFF_ALT"]), z)
         self._wanted_z = math.nan
         self.rest = self._target = (n, e, target)
@@ -172,7 +172,8 @@ RETURN_ARRIVED_M = 1.0
 def return_height(flight: FlightContext, distance: float, height: float) -> float:
     """Return the height above home (m) for the flight home, from the horizontal distance and the present height (m).
 
-    It is RTL_RETURN_ALT, less inside the cone of half-angle RTL_CONE_ANG over home, and never below the present height.
+    Within RTL_MIN_DIST of home it is the present height. Farther away it is RTL_RETURN_ALT, or the height of the cone
+    of half-angle RTL_CONE_ANG over home if that is lower, but never less than the present height.
     """
     p = flight.parameters
     if distance < p["RTL_MIN_DIST"]:
@@ -198,7 +199,7 @@ def safe_places(flight: FlightContext) -> list[Vec3]:
 class ReturnHome(Mode):
     """RETURN: climbs, flies to the nearest safe place, waits there at RTL_DESCEND_ALT, and lands.
 
-    The wait is RTL_LAND_DELAY (s); 0 means none, a negative value forever.
+    The wait is RTL_LAND_DELAY (s); 0 means no wait, a negative value an endless wait.
     """
 
     def __init__(self) -> None:
@@ -267,7 +268,7 @@ class Follow(Mode):
     def __init__(self) -> None:
         self._place: Vec3 = (0.0, 0.0, 0.0)
         self._yaw = 0.0
-        self._course = math.nan  # rad, of the target
+        self._course = math.nan  # rad, course of the target
         self._seen: Vec3 | None = None  # m, filtered position of the target
         self._time_us = 0
 
@@ -396,7 +397,7 @@ class Orbit(Mode):
         )
 
     def _heading(self, flight: FlightContext, inwards: float, turn: float, on_circle: bool) -> tuple[float, float]:
-        """Return (yaw, yaw rate) of the requested behaviour. Outside the circle, ALONG looks at the centre."""
+        """Return (yaw, yaw rate) of the requested behaviour. Far from the circle, ALONG looks at the centre."""
         if self.yaw_behaviour == INITIAL:
             return self._yaw, 0.0
         if self.yaw_behaviour == FREE_YAW:

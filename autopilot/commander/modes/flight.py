@@ -118,7 +118,7 @@ class Mode:
 
 
 def flyable(setpoint: CascadeSetpoint) -> bool:
-    """Return whether the cascade can fly a trajectory setpoint: it has z, and the same quantities in north and east."""
+    """Return whether the cascade can fly a trajectory setpoint: it has z, and the same quantities north and east."""
     finite = math.isfinite
     pn, pe, pd = setpoint.position_ned
     vn, ve, vd = setpoint.velocity_ned
@@ -134,7 +134,7 @@ def flyable(setpoint: CascadeSetpoint) -> bool:
 
 
 class Offboard(Mode):
-    """OFFBOARD: adds speed limits to the external setpoint. One that is not `flyable` stops the vehicle, as on PX4."""
+    """OFFBOARD: adds speed limits to the external setpoint. A setpoint that is not `flyable` stops the vehicle."""
 
     def __init__(self) -> None:
         self._source: CascadeSetpoint | None = None

@@ -36,7 +36,7 @@ def super_expo(stick: float, expo: float, extra: float) -> float:
 def throttle_thrust(throttle: float, hover: float, parameters: ParameterTable) -> float:
     """Return the collective thrust (0 … 1) of the throttle (0 … 1).
 
-    MPC_THR_CURVE 0: hover thrust at mid-stick; 1: a straight line. Both run from MPC_MANTHR_MIN to MPC_THR_MAX.
+    MPC_THR_CURVE 0: hover thrust at mid-stick; 1: a straight line. Both curves run from MPC_MANTHR_MIN to MPC_THR_MAX.
     """
     least, most = float(parameters["MPC_MANTHR_MIN"]), float(parameters["MPC_THR_MAX"])
     if parameters["MPC_THR_CURVE"] == 1:

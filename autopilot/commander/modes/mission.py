@@ -139,7 +139,7 @@ class Mission(Mode):
         self._forced_yaw = abs(item.p[3]) < 1e4 and item.command != plans.LAND
         self._leg = "fly"
         if flight.landed and item.command != plans.LAND:
-            # PX4 first takes off to the item's height, at least MIS_TAKEOFF_ALT, even if it is no take-off
+            # PX4 first takes off to the item's height, at least MIS_TAKEOFF_ALT, even if the item is no take-off
             self._target = (self._target[0], self._target[1], min(self._target[2], least))
             self._leg = "climb"
         elif item.command == plans.TAKEOFF and here[2] - self._target[2] > CLIMBED_M:
@@ -180,7 +180,7 @@ class Mission(Mode):
         item_radius = item.p[1] if item.command == plans.WAYPOINT else math.nan
         radius = item_radius if 0.0 < item_radius < 1e4 else float(p["NAV_ACC_RAD"])
         if item.command in (plans.LAND, plans.LOITER, plans.LOITER_TIME):
-            radius = LAND_OVER_M  # these must be reached more exactly
+            radius = LAND_OVER_M  # these items need a more exact arrival
         if distance > radius or height > float(p["NAV_MC_ALT_RAD"]):
             return False
         turned = abs(wrap_pi(self._yaw - flight.state.yaw)) < math.radians(p["MIS_YAW_ERR"])

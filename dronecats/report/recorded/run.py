@@ -21,7 +21,7 @@ class RecordedRun:
 
     folder: Path
     configuration: dict[str, Any]  # contents of run.json
-    episodes: tuple[Path, ...]  # their folders, by name
+    episodes: tuple[Path, ...]  # folders of the episodes, sorted by name
 
     @property
     def flight(self) -> dict[str, Any]:
@@ -30,7 +30,7 @@ class RecordedRun:
 
     @property
     def pilot(self) -> str:
-        """The built-in pilot's name, PROVIDER/NAME of the model, or HARNESS:NAME."""
+        """Name of the built-in pilot, PROVIDER/NAME of the model, or HARNESS:NAME of another harness's policy."""
         flight = self.flight
         model, outside = flight.get("model"), flight.get("outside")
         if outside:
@@ -54,7 +54,7 @@ class RecordedRun:
 
     @property
     def camera(self) -> CameraModel:
-        """The camera in run.json, with the benchmark's values where they are missing."""
+        """The camera in run.json. Missing values are those of the benchmark's camera."""
         announced, default = self.configuration.get("camera"), CameraModel()
         try:
             camera = announced if isinstance(announced, dict) else {}
@@ -85,12 +85,12 @@ class RecordedRun:
 
     @property
     def pilot_title(self) -> str:
-        """The pilot in words. A built-in pilot is named as such."""
+        """Name of the pilot for a title. A built-in pilot is marked as one."""
         return self.pilot if self.is_model else f"built-in pilot {self.pilot}"
 
     @property
     def title(self) -> str:
-        """The pilot in words, with agent, autopilot and seed if they are not the default."""
+        """`pilot_title`, with agent, autopilot and seed if they are not the default."""
         agent = "" if self.agent == PAPER else f", agent {self.agent}"
         autopilot = self._simulated.get("autopilot")
         on = f", on {autopilot}" if autopilot not in (None, "", "ours") else ""
@@ -103,7 +103,7 @@ class RecordedRun:
 
 
 def recorded_run(folder: Path) -> RecordedRun:
-    """Return the run of a run folder; of an episode folder, its run with only that episode. Raises UsageError."""
+    """Return the run of a run folder, or the run of an episode folder with only that episode. Raises UsageError."""
     folders = episodes(folder)
     if not folders:
         raise UsageError(f"{folder} has no episode. Name a folder that has {layout.DECISIONS} and {layout.TRUTH}")

@@ -1,4 +1,4 @@
-"""Reads flight.tlog, by drone: true poses, the autopilot's estimate, setpoints, modes, battery, warnings."""
+"""Reads each drone's true poses, estimates, setpoints, modes, battery and warnings from flight.tlog."""
 
 import math
 from bisect import bisect_right
@@ -88,7 +88,7 @@ class DroneTelemetry:
 
     @cached_property
     def places(self) -> Array:
-        """(n, 10): µs; position m and velocity m/s in the local frame; std m of the position, NaN: unknown."""
+        """(n, 10): µs; position (m), velocity (m/s), in the autopilot's frame; std of position (m), NaN: unknown."""
         return rising(self._autopilot.places, 7)
 
     @cached_property
@@ -98,7 +98,7 @@ class DroneTelemetry:
 
     @cached_property
     def setpoints(self) -> Array:
-        """(n, 12): µs; position m, velocity m/s, yaw and yaw rate as sent; velocity with 0 for axes without one."""
+        """(n, 12): µs; position (m), velocity (m/s), yaw (rad), yaw rate (rad/s) as sent; velocity, 0 on unset axes."""
         return rising(self._autopilot.setpoints)
 
     @cached_property
@@ -129,8 +129,8 @@ class DroneTelemetry:
 def telemetry(path: Path, t0_us: int) -> dict[int, DroneTelemetry]:
     """Return the telemetry in a tlog by drone; {}: there is no file. Raises UsageError when it cannot be read.
 
-    A system on the truth bus is the drone with its system id − 1. Other systems whose autopilots send positions are
-    numbered from 0, in the order of their ids. A truncated file is read to its last complete message.
+    A drone on the truth bus has the number system id − 1. Other systems whose autopilots send positions are numbered
+    from 0, in the order of their ids. A truncated file is read to its last complete message.
     """
     if not path.is_file():
         return {}
@@ -167,9 +167,9 @@ def _header(frame: bytes) -> tuple[int, int, int]:
 
 
 class _Accuracy:
-    """The newest reported accuracies of the global position, not only of the position in the local frame.
+    """The newest accuracies of the global position that the estimator and the GNSS receiver report.
 
-    The error is at least that of the receiver, because the estimator cannot detect an error that all fixes share.
+    The accuracy is never better than the receiver's: the estimator cannot detect an error that all fixes share.
     """
 
     def __init__(self) -> None:
@@ -177,7 +177,7 @@ class _Accuracy:
 
     @property
     def std_ned(self) -> Vec3:
-        """m per axis, the larger of both; each horizontal axis has the full horizontal accuracy. NaN: not reported."""
+        """m, N, E, D: per axis the larger reported value; N and E both have the horizontal one. NaN: not reported."""
         horizontal, vertical = (float(np.fmax(a, b)) for a, b in zip(self.estimator, self.receiver, strict=True))
         return (horizontal, horizontal, vertical)
 

@@ -25,8 +25,8 @@ from foundation.run_folder.rows import EstimatedPose, FrameTruth, Pose
 from foundation.truth import Origin, TruthSample
 
 SMOOTHED_S = 0.06  # s, sigma of the smoothing: positions on the truth bus have steps of 1.1 cm, visible as jitter
-GAP_S = 0.2  # s between two samples, at most, of a track that is smoothed
-LEVEL_PERIOD_S = 0.1  # s between two samples of a drawn level track
+GAP_S = 0.2  # s; a track with a longer interval between two samples is not smoothed
+LEVEL_PERIOD_S = 0.1  # s between two samples of a level track for drawing
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ class FlightTrack:
         return bool((abs(self.position_ned - self.position_ned[0]) > 0.01).any())
 
     def drawn(self) -> "FlightTrack":
-        """Return the track for drawing: without the jitter of the truth bus; a level track smoothly interpolated."""
+        """Return the track for drawing. The truth bus's jitter is smoothed out; a level track gets more samples."""
         if self.level:
             return self._interpolated_level()
         if len(self.t_s) < 3 or float(np.diff(self.t_s).max()) > GAP_S:
@@ -106,9 +106,9 @@ class DroneTracks:
     """The tracks and setpoints of one drone from the beginning of an episode to its end."""
 
     number: int  # 0 is the first
-    estimate: FlightTrack | None  # from its autopilot's telemetry, in the map's frame
-    held: FlightTrack | None  # the estimate, with the newest sample before the episode
-    truth: FlightTrack | None  # the judge's; None: not measured
+    estimate: FlightTrack | None  # from the autopilot's telemetry, in the map's frame
+    held: FlightTrack | None  # `estimate`, and the newest sample before the episode began
+    truth: FlightTrack | None  # the true track, which only the judge uses; None: not measured
     setpoints: Array | None  # (n, 9): t s, position m in the map's frame, velocity m/s, yaw, yaw rate; NaN: unset
 
 
@@ -209,7 +209,7 @@ def _vec3(place: Array) -> Vec3:
 
 
 def onboard_log_path(folder: Path, drone: int = 0) -> Path | None:
-    """Return the path of the onboard log of a drone's autopilot; None: it was not kept, or pyulog is missing."""
+    """Return the path of the onboard log of a drone's autopilot; None: the log was not kept, or pyulog is missing."""
     path = folder / layout.onboard_log_name(drone)
     return path if path.is_file() and is_installed("pyulog") else None
 

@@ -1,8 +1,8 @@
 """Reads all episodes of some runs, one row per episode. Reports, comparisons and studies use these rows.
 
 Flights can be left out by the value of a metric, for example flights with more than two estimator resets. This is never
-the default, and every report states it: the reason may be more frequent at one level of a study than at another, which
-biases the comparison.
+the default, and every report states it, because it biases a comparison if one level of a study loses more flights than
+another.
 """
 
 import math
@@ -40,14 +40,14 @@ class Usage:
     commander_questions: int = 0
     commander_in: int | None = None
     commander_out: int | None = None
-    cached: int | None = None  # of tokens_in, from the vendor's cache
-    reasoning: int | None = None  # of tokens_out
+    cached: int | None = None  # part of tokens_in that came from the vendor's cache
+    reasoning: int | None = None  # part of tokens_out that was used for reasoning
     endpoints: tuple[str, ...] = ()  # endpoints that a router chose, in the order of their first answers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoredEpisode:
-    """One flight of one episode, with every metric of the episode as a whole."""
+    """One flight of one episode, with its metrics."""
 
     run: RecordedRun
     folder: Path
@@ -63,7 +63,7 @@ class ScoredEpisode:
     mode: str | None = None  # success, or the failure mode; None: it is not scored
     step_outlooks: tuple[
         StepOutlook, ...
-    ] = ()  # its steps, to compare the effect of a think with that of other actions
+    ] = ()  # input of the comparison of `think` with other actions, an entry per step
     host_stalls: int | None = None  # steps that the host delayed; None: not logged, as in lockstep
     left_out: str | None = None  # why it is left out of a report; None: it is not
     usage: Usage = Usage()
@@ -163,7 +163,7 @@ def _usage(decisions: Iterable[Decision], folder: Path) -> Usage:
     steps = {decision.step: decision for decision in decisions if decision.confirmed_by is UNSET}.values()
     try:
         answered = [exchange for exchange in exchanges(folder) if exchange.reply is not None]
-    except UsageError:  # commander.jsonl affects no score
+    except UsageError:  # a damaged commander.jsonl affects no score
         answered = []
     return Usage(
         questions=len(steps),
@@ -251,7 +251,7 @@ def _excluded(scored: ScoredEpisode, exclusions: Sequence[Exclusion]) -> ScoredE
 def exclusion_sentences(flights: Sequence[ScoredEpisode], exclusions: Sequence[Exclusion]) -> Iterator[str]:
     """Yield the report's sentences about the flights that are left out."""
     left_out = Counter(flight.left_out for flight in flights if flight.left_out)
-    for exclusion in exclusions:  # including those without a flight
+    for exclusion in exclusions:  # also list exclusions that left out no flight
         left_out.setdefault(str(exclusion), 0)
     for reason, count in left_out.items():
         yield f"Left out: {count} of {len(flights)} flights: {reason}."
@@ -267,7 +267,7 @@ class Unflown:
 
     folder: Path  # of bench.json
     flights: int  # number of flights of the benchmark
-    missing: int  # of these, the flights without a folder
+    missing: int  # number of them without a folder
 
 
 def unflown(runs: Iterable[RecordedRun]) -> list[Unflown]:

@@ -21,7 +21,7 @@ from foundation.errors import UsageError
 from foundation.files import whole_file
 from foundation.wording import did_you_mean, nearest, suggestion
 
-# With these a query cannot read or write files, load code, see variables of this process, or change a setting
+# With these settings a query cannot read or write files, load code, see variables of this process, or change a setting
 LOCKED = (
     "temp_directory = ''",
     "python_enable_replacements = false",
@@ -31,7 +31,7 @@ LOCKED = (
     "enable_external_access = false",
     "lock_configuration = true",
 )
-HEAD = re.compile(r"^(?:[\w ]+ Error: )?")  # the kind of error before a message of DuckDB
+HEAD = re.compile(r"^(?:[\w ]+ Error: )?")  # the kind of error at the beginning of a DuckDB message
 LEAST, GREATEST = -(2**63), 2**63 - 1
 DTYPES: dict[str, Any] = {"BOOLEAN": np.bool_, "BIGINT": np.int64, "DOUBLE": np.float64}
 TableFormat = Literal["csv", "parquet"]
@@ -45,7 +45,7 @@ class Selected:
 
     columns: tuple[str, ...]  # unique names
     rows: list[tuple[Any, ...]]
-    damage: tuple[str, ...]  # a sentence for each damaged episode of the tables read
+    damage: tuple[str, ...]  # a sentence for each damaged episode in the tables that the query names
 
 
 @dataclass(slots=True)
@@ -183,7 +183,10 @@ def _write(
 
 
 def array(values: Sequence[Any], sql_type: str) -> NDArray[Any]:
-    """Return values of one SQL type as an array. None is masked, or kept in texts. Integers over 64 bits are None."""
+    """Return values of one SQL type as an array. None is masked; in texts it stays None.
+
+    Integers that do not fit into 64 bits are replaced by None.
+    """
     if sql_type not in DTYPES:
         texts = np.empty(len(values), dtype=object)
         texts[:] = [None if value is None else _text(value) for value in values]

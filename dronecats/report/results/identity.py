@@ -1,7 +1,8 @@
 """Decides which runs may be counted together: the identity of a run, and the differences between two runs.
 
-The identity has the settings and versions in run.json, except the fields that may differ between flights of one kind
-(such as the seed) and measured values. If an older run lacks a value, it equals only another missing value.
+Two runs are of one kind if their identities do not differ. The identity has the settings and versions in run.json. It
+has no measured values and no fields that may differ between flights of one kind, such as the seed. A value that an
+older run lacks equals only another missing value.
 """
 
 import hashlib
@@ -27,7 +28,7 @@ WORDS = {
     "null": "none",
     "{}": "nothing",
 }  # value of an identity → in a sentence
-KEYS_SHOWN = 4  # keys of a table in a sentence
+KEYS_SHOWN = 4  # most keys of a JSON object that a sentence lists
 NAMES = {  # key of run.json → its name in a sentence
     "code_sha256": "the code",
     "prompt_sha256": "the prompt",
@@ -38,7 +39,8 @@ NAMES = {  # key of run.json → its name in a sentence
     "map_sha256": "the map",
     "firmware": "the firmware",
 }
-# fields of a flight that may differ; prompt and agent are compared by digest and name, a recorded latency by its policy
+# Fields of a flight that are not compared. The prompt is compared by its digest, the agent by its name, recorded
+# latencies by their policy
 IGNORED_FIELDS = ("seed", "episode", "record", "accounts", "prompt", "agent", "latency_trace", "keep_ulog")
 OPTIONAL_PREFIXES = ("the suite ", "the protocol's ")  # compared only if both runs have them
 DIGEST = re.compile(r"\b([0-9a-f]{8})[0-9a-f]{24,}\b")
@@ -58,7 +60,7 @@ class Difference:
 
 
 def _in_words(values: Sequence[str]) -> list[str]:
-    """Return the values of an identity as readable text. Of tables it has only the keys that differ."""
+    """Return the values of an identity as readable text. For JSON objects, the text has only the keys that differ."""
     parsed = [_parsed(value) for value in values]
     if not any(isinstance(value, dict) for value in parsed):
         return [WORDS.get(value, DIGEST.sub(r"\1", value)) for value in values]
@@ -102,7 +104,7 @@ def identity_digest(values: Identity) -> str:
 
 
 def differences(a: Identity, b: Identity) -> list[Difference]:
-    """Return the differences between two identities; none if the runs are of one kind."""
+    """Return the differences between two identities; empty: the runs are of one kind."""
     differing = []
     for name in dict.fromkeys([*a, *b]):
         if name.startswith(OPTIONAL_PREFIXES) and not (name in a and name in b):

@@ -37,7 +37,10 @@ Flights = dict[str, tuple[str, tuple[bool, ...]]]  # episode → (its cell, the 
 
 
 def comparison(data: ReportData) -> ReportTable | None:
-    """Return the comparison of every pair of models and every pair of built-in pilots; None without a row."""
+    """Return the comparison of every pair of models and every pair of built-in pilots.
+
+    None if no pair has common episodes.
+    """
     blocks = []
     for title, is_model in ((MODELS, True), (BUILT_IN, False)):
         among = [entrant for entrant in data.entrants if entrant.is_model is is_model]

@@ -1,4 +1,4 @@
-"""Tables of outcomes: by cell and map, approaching in detail, failure modes, fleets drone by drone."""
+"""Tables of outcomes: by cell and map, of the approaching cell, by failure mode, of fleets, and of their drones."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -41,7 +41,7 @@ def of_cell(flights: Iterable[ScoredEpisode], cell: str, map_: str | None = None
 
 
 def rate(metric: str, title: str, cell: str | None) -> TableColumn:
-    """Return the column of a rate of one cell, or of all cells."""
+    """Return the column of a rate in one cell; `cell` None: in all cells."""
     where = cell.replace("-", "_") if cell else "all"
     return TableColumn(name=f"{where}_{metric}_percent", title=title, group=titled(cell) if cell else "All",
                        unit="%", better=None if metric == "declared" else "more", cell=cell)  # fmt: skip
@@ -78,7 +78,7 @@ def main(data: ReportData) -> ReportTable | None:
 
 
 def _floor(data: ReportData, cells: Sequence[str]) -> tuple[TableBlock, str] | None:
-    """Return the row of the best blind pilots, and a note that names them; None: not known."""
+    """Return a block with the row of the best blind pilots, and a note that names them; None: no results are known."""
     flights = [flight for flight in data.episodes if flight.cell in ONE_DRONE]
     groups = [[e.episode for e in of_cell(flights, cell)] for cell in cells] + [[e.episode for e in flights]]
     best = [best_blind(data.blind, group) for group in groups]

@@ -40,7 +40,7 @@ def setup(data: ReportData) -> ReportTable | None:
         kinds = [identity(run) for run in entrant.runs]
         for column, (_, name) in IDENTITY_COLUMNS.items():
             values = {value for kind in kinds for value in kind.get(name, ())}
-            if column == "served":  # only where it differs from the requested name
+            if column == "served":  # show it only if it differs from the requested name
                 values -= {NOT_RECORDED, str((entrant.runs[0].flight.get("model") or {}).get("name"))}
             names = {run.configuration.get("prompt_name") for run in entrant.runs} if column == "prompt" else set()
             texts.append(DIGEST.sub(r"\1", ", ".join([*sorted(str(name) for name in names if name), *sorted(values)])))

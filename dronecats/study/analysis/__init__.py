@@ -1,1 +1,1 @@
-"""Computes a study's results from its flights. Only `joined` reads files."""
+"""Computes a study's results from its flights. Only `loading` reads files."""

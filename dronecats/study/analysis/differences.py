@@ -45,7 +45,8 @@ class PairedDifference:
 def between_levels(results: StudyResults, factor: int) -> list[PairedDifference]:
     """Return each level of a factor minus its reference level, for the same entrant, seed and other factors.
 
-    If levels are grouped, the reference is still one level, and no pair contains the other levels of its group.
+    `level_steps` groups the levels of a factor with many levels. The reference is a single level even then, and the
+    other levels of its group are in no pair.
     """
     steps, reference = level_steps(results.factors[factor]), _reference_step(results.factors[factor])
     differences = []
@@ -63,7 +64,7 @@ def between_levels(results: StudyResults, factor: int) -> list[PairedDifference]
 
 
 def between_entrants(results: StudyResults, factor: int) -> list[PairedDifference]:
-    """Return the difference of each two entrants at each level of a factor, with the same seeds and other levels.
+    """Return the difference of each pair of entrants at each level of a factor, for the same seed and other factors.
 
     In a design of one factor at a time, the other factors are at their base, as in `level_results`.
     """
@@ -106,7 +107,7 @@ def difference(
     second: tuple[str, LevelStep],
     pairs: Sequence[Pair],
 ) -> list[PairedDifference]:
-    """Return a list of one difference; empty if no pair has both values."""
+    """Return a list with one difference; empty if no pair has the metric in both flights."""
     partner = {id(a): b for a, b in pairs}
     if metric == SUCCESS:
         means = [
@@ -137,14 +138,14 @@ def _with_holm(rows: Sequence[PairedDifference]) -> list[PairedDifference]:
 
 NE = "ne_m"
 POINTS_MAX = 100  # a study with more points, such as a Latin hypercube, gets no table of points
-UNDISTURBED = "the usual levels"  # title of the point with the usual level of every factor
+UNDISTURBED = "the usual levels"  # title of the point with the usual (most frequent) level of every factor
 
 StudyPoint = tuple[StudiedLevel, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class PointDifference:
-    """The difference of two entrants at one point of the design. A point has a level of every factor."""
+    """The difference of two entrants at one point of the design. A point is one level of every factor."""
 
     first: str
     second: str
@@ -152,11 +153,11 @@ class PointDifference:
     title: str  # the levels that differ from the usual ones, for example: Wind 10 m/s
     shares: tuple[KnownShare, KnownShare]  # share of successes of the first and of the second entrant
     success: PairedDifference  # first minus second; Holm's correction is over all points of both entrants and the cell
-    ne: PairedDifference | None  # the same for NE; None: no pair has both values
+    ne: PairedDifference | None  # the same for NE; None: no pair has NE in both flights
 
 
 def point_differences(results: StudyResults) -> list[PointDifference]:
-    """Return the difference of each two entrants at each point that both flew.
+    """Return the difference of each pair of entrants at each point that both entrants flew.
 
     The list is empty for a study of one factor, or with more than POINTS_MAX points.
     """
@@ -173,7 +174,7 @@ def point_differences(results: StudyResults) -> list[PointDifference]:
 
 
 def pooled_differences(results: StudyResults, points: Iterable[PointDifference]) -> list[PairedDifference]:
-    """Return the difference in success of each two entrants, pooled over these points, in every cell.
+    """Return the difference in success of each pair of entrants, pooled over these points, in every cell.
 
     The statistical unit is the episode, with its mean over all points.
     """
@@ -231,7 +232,7 @@ def _levels_from_reference(factor: StudiedFactor) -> list[StudiedLevel]:
 
 
 def _usual_levels(factors: Sequence[StudiedFactor], points: Iterable[StudyPoint]) -> StudyPoint:
-    """Return the most frequent level of each factor; on a tie, its reference if that is among them."""
+    """Return the most frequent level of each factor. If several are equally frequent, the reference has priority."""
     usual = []
     for factor, column in zip(factors, zip(*points, strict=True), strict=True):
         counts = Counter(column)

@@ -30,7 +30,9 @@ SHARED = ("the code", "the camera", "the clock", "the protocol", "the suite", "t
 
 
 def load_results(folder: Path, metrics: Sequence[Metric] = (), exclusions: Sequence[Exclusion] = ()) -> StudyResults:
-    """Return the results of the study in a folder, with `metrics` in addition and without the excluded flights.
+    """Return the results of the study in a folder. Flights that `exclusions` exclude are marked as left out.
+
+    `metrics` are computed in addition to the built-in metrics.
 
     Raises UsageError if the folder holds no study, if a run contradicts study.json, if runs of one entrant differ in
     more than their levels, if paired flights have different seeds, and if a flight was flown twice.
@@ -109,9 +111,10 @@ def _traces(runs: Sequence[RecordedRun]) -> dict[str, tuple[float, ...]]:
 def _with_levels(
     flight: FlightSpec, levels: Mapping[str, Level], traces: Mapping[str, tuple[float, ...]]
 ) -> FlightSpec:
-    """Return a flight at these levels. Recorded latencies come from `traces`, by the name in the levels.
+    """Return a flight at these levels. `traces` maps the name of a trace in the levels to its recorded latencies (s).
 
-    A model in the levels is the recorded one, since the settings and prices of its row may have changed.
+    If the levels name the flight's model, its recorded settings and prices are kept, since those in models.toml may
+    have changed.
     """
     named = str(levels.get("model", ""))
     if flight.model is not None and ("/" not in named or named == flight.model.title):
@@ -124,7 +127,7 @@ def _with_levels(
 def _entrants(
     runs: Sequence[RecordedRun], study: Study, study_runs: Mapping[str, StudyRun]
 ) -> tuple[dict[Path, str], dict[Path, Identity]]:
-    """Return two mappings from run folders: the entrant's label, and the identity at the levels of the first run."""
+    """Return two mappings from run folders: the entrant's label, and the identity with the first run's levels."""
     first = study_runs[runs[0].folder.name].levels
     same_levels = {factor.name: first[factor.name] for factor in study.factors if factor.name not in ENTRANT_FACTORS}
     traces = _traces(runs)
@@ -204,7 +207,7 @@ def _check_duplicates(
 def _notes(
     runs: Sequence[RecordedRun], labels: Mapping[Path, str], identities: Mapping[Path, Identity]
 ) -> Iterator[str]:
-    """Yield one sentence per difference between entrants, in SHARED parts of the identity and in seeds."""
+    """Yield sentences about entrants that differ in SHARED parts of the identity or in their seeds."""
     first: dict[str, RecordedRun] = {}
     for run in runs:
         first.setdefault(labels[run.folder], run)

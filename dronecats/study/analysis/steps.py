@@ -64,7 +64,7 @@ def _width_m(step: FlightStep) -> float | None:
     return VIEW_WIDTH_PER_DEPTH * truth.target_frd[0]
 
 
-NO_PAPER_SECTION = ""  # no section of the paper
+NO_PAPER_SECTION = ""  # the paper has no such metrics
 METRICS = (
     Metric(
         name="target_moved_m", title="Target moved", unit="m", level="step", better="less",
@@ -116,7 +116,7 @@ class TargetMotionResult:
     episodes: int  # number of episodes with a moving target
     period_s: StepQuantiles
     moved_m: StepQuantiles
-    width_m: StepQuantiles  # width of the view at the target
+    width_m: StepQuantiles  # width of the view at the target's depth
     share: StepQuantiles  # moved_m / width_m of each step
 
 

@@ -15,7 +15,7 @@ from dronecats.report.results.collection import ScoredEpisode
 
 StudiedLevel = float | str  # value of a factor: a number in the factor's unit, or a word
 ALL = "all cells"
-MANY = 12  # most levels reported singly; a factor with more, as in a Latin hypercube, is reported in groups
+MANY = 12  # a factor with more levels than this, as in a Latin hypercube, is reported in groups of levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class StudyResults:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The groups with figures of their own: all cells together if there are several, and each cell."""
+        """The groups of flights to report: each cell, preceded by ALL if there are several cells."""
         return (ALL, *self.cells) if len(self.cells) > 1 else self.cells
 
     def of(self, entrant: str, cell: str = ALL) -> tuple[StudiedFlight, ...]:
@@ -106,8 +106,8 @@ def comparable(flights: Sequence[StudiedFlight], factor: int) -> list[StudiedFli
     """Return the flights that can be compared over the levels of the factor with this index.
 
     A flight is kept if its levels of the other factors were flown at several levels of this factor. If none is kept,
-    all are returned. With one factor at a time, these are the flights with all other factors at the base. In a full
-    design these are all flights, and also in a fraction or a Latin hypercube: design or chance balances the other
+    all flights are returned. In a design of one factor at a time, the kept flights have all other factors at the base.
+    In a full, fractional or Latin hypercube design, all flights are returned: the design or chance balances the other
     factors.
     """
     levels_at: dict[tuple[StudiedLevel, ...], set[StudiedLevel]] = {}
@@ -152,10 +152,10 @@ MEASURES = (
 
 @dataclass(frozen=True, slots=True)
 class LevelStep:
-    """Levels that are reported together: one, or neighbours of a factor with many levels."""
+    """A level, or a group of neighbouring levels, that has one row in tables."""
 
     title: str  # 0.5 s, or 0.2–0.4 s
-    at: float | None  # its place on an axis, the mean of its levels; None: the levels are words
+    at: float | None  # place on an axis: the mean of the levels; None: the levels are words
     members: frozenset[StudiedLevel]
 
 
@@ -172,7 +172,7 @@ class LevelResult:
 
 
 def level_steps(factor: StudiedFactor) -> tuple[LevelStep, ...]:
-    """Return the steps of a factor, numbers in rising order."""
+    """Return the levels of a factor as steps, numbers in rising order; more than MANY levels are grouped."""
     if not factor.numeric:
         return tuple(LevelStep(factor.label(level), None, frozenset({level})) for level in factor.levels)
     levels = sorted(float(level) for level in factor.levels)

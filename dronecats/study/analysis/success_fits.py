@@ -23,12 +23,12 @@ from dronecats.study.analysis.study_results import (
     successes,
 )
 
-CHOICES_MAX = 12  # choices of the other factors' levels; with more choices there are no separate fits
+CHOICES_MAX = 12  # combinations of the other factors' levels; with more of them nothing is fitted
 
 
 @dataclass(frozen=True, slots=True)
 class HalfSuccessFit:
-    """The fit of success along a factor, at one choice of the other factors' levels."""
+    """The fit of success along a factor, at one combination (choice) of the other factors' levels."""
 
     factor: int  # index in StudyResults.factors
     entrant: str
@@ -83,7 +83,7 @@ class MainEffect:
     log_odds: float | None  # change of the log odds of success from begin to end; None: the likelihood has no peak
     low: float | None  # lower end of the profile-likelihood interval of log_odds; None: no bound
     high: float | None  # upper end; None: no bound
-    share_begin: float  # fitted share of successes with the other factors at their middle, 0 … 1
+    share_begin: float  # fitted share of successes with the other factors at their mean, 0 … 1
     share_end: float
     p: float  # likelihood ratio test of no effect
     p_holm: float  # Holm's correction over all factors of the entrant and cell
@@ -108,7 +108,7 @@ def main_effects(results: StudyResults) -> list[MainEffect]:
     """Return the effect of each factor for every entrant and cell.
 
     The list is empty for a study of one factor, and for a design of one factor at a time. In that design, the paired
-    differences compare each level with the base, and a joint fit would tie all factors to that one point.
+    differences already compare each level with the base.
     """
     pairs = itertools.combinations(range(len(results.factors)), 2)
     if not any(_crossed(results, a, b) for a, b in pairs):
@@ -125,8 +125,8 @@ def main_effects(results: StudyResults) -> list[MainEffect]:
 def heat_maps(results: StudyResults) -> list[HeatMap]:
     """Return the shares over each two factors, for every entrant and cell.
 
-    A pair is left out if one of its factors is always at the base, as in a design of one factor at a time: such flights
-    show no interaction.
+    A pair is left out if no flight has both of its factors away from their base levels, as in a design of one factor at
+    a time. Such flights show no interaction.
     """
     steps = [level_steps(factor) for factor in results.factors]
     maps = []
@@ -154,7 +154,7 @@ def _crossed(results: StudyResults, k: int, m: int) -> bool:
     points = list(dict.fromkeys((flight.levels[k], flight.levels[m]) for flight in results.scored))
     if not points:
         return False
-    base_k, base_m = points[0]  # in a design of one factor at a time, at least one is a base level
+    base_k, base_m = points[0]  # in a design of one factor at a time, one of these is a base level
     along_k, along_m = {y for x, y in points if x != base_k}, {x for x, y in points if y != base_m}
     return len(along_k) > 1 and len(along_m) > 1
 

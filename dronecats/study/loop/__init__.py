@@ -1,1 +1,1 @@
-"""Delay margins: of each control loop for its measurements, and of the cascade for the agent's setpoints."""
+"""Measures how much delay each control loop tolerates in its feedback, and the cascade in the agent's setpoints."""

@@ -16,7 +16,7 @@ from vehicles.solids import SolidTriangles
 
 RATE, ATTITUDE, VELOCITY = 0, 1, 2  # the loop with the delayed feedback
 DELAY_LINE_ROWS = 4096  # samples in a delay line, one per millisecond
-CHANNELS = 4  # of a delay line; a quaternion needs all four
+CHANNELS = 4  # values in a sample of a delay line; a quaternion needs all four
 COLUMNS = 10  # of the recorded truth: rates FRD (rad/s), attitude (w, x, y, z), velocity NED (m/s)
 
 
@@ -34,7 +34,7 @@ def delayed(line: Grid, newest: int, channel: int, delay: float) -> float:
 
 @njit(cache=True)
 def acceleration(estimate: Record) -> Vec3:
-    """Return the measured specific force, rotated to NED (m/s²)."""
+    """Return the measured specific force in NED (m/s²)."""
     q, s = estimate.attitude, estimate.accel_frd
     turned: Vec3 = rotate((q[0], q[1], q[2], q[3]), (s[0], s[1], s[2]))
     return turned
@@ -59,8 +59,8 @@ def delay_feedback(
 ) -> None:
     """Copy the estimate into `seen`, with one loop's feedback about one axis delayed by `delay` samples.
 
-    In an attitude, only the rotation about that body axis is delayed. With a velocity, its derivative is delayed, too,
-    if the loop has a derivative term.
+    In an attitude, only the rotation about that body axis is delayed. If a velocity loop has a derivative term,
+    the acceleration on this axis is delayed, too.
     """
     seen.time_us = estimate.time_us
     seen.velocity_valid = estimate.velocity_valid
@@ -128,8 +128,9 @@ def simulate_with_delay(
 ) -> None:
     """Advance by one millisecond per row of `out` (n, COLUMNS) and write the truth into that row.
 
-    loop, axis: the delayed feedback. delay: samples, may have a fraction, at most LINE - 2. line (LINE, CHANNELS) and
-    seen (an ESTIMATE) are scratch. `Multirotor.kernel_args` and `FlightCore.kernel_args` provide the other arguments.
+    loop, axis: the delayed feedback. delay: samples, may have a fraction, at most DELAY_LINE_ROWS - 2. `line`
+    (DELAY_LINE_ROWS, CHANNELS) and `seen` (an ESTIMATE record) are scratch buffers. `Multirotor.kernel_args` and
+    `FlightCore.kernel_args` provide the other arguments.
     """
     for row in range(line.shape[0]):
         record_feedback(loop, axis, estimate, line, row)

@@ -1,4 +1,4 @@
-"""The loops of the control cascade, and the hover of an airframe, from which every trial starts."""
+"""Defines the loops of the control cascade, and simulates the hover of an airframe, from which every trial starts."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -48,7 +48,7 @@ GROUPS = ("rate", "attitude", "velocity")
 
 
 def select_loops(names: list[str] | None) -> tuple[CascadeLoop, ...]:
-    """Return the loops of these groups or names, or all if there are none. Raises UsageError for an unknown name."""
+    """Return the loops of these groups or names, or all loops without names. Raises UsageError for an unknown name."""
     for name in names or ():
         if name not in GROUPS and name not in [loop.name for loop in LOOPS]:
             raise UsageError(
@@ -60,11 +60,11 @@ def select_loops(names: list[str] | None) -> tuple[CascadeLoop, ...]:
 Array = NDArray[np.float64]
 
 SAMPLE_S = 0.001
-ORIGIN = (47.397742, 8.545594, 488.0)
+ORIGIN = (47.397742, 8.545594, 488.0)  # latitude °, longitude °, altitude m
 HEIGHT_M = 30.0
 CLIMB = 2.0  # m/s
 BOOT_S, SETTLE_S = 10.0, 12.0
-STEADY_S = {"rate": 0.1, "attitude": 1.0, "velocity": 8.0}  # s before a step, with a setpoint of zero
+STEADY_S = {"rate": 0.1, "attitude": 1.0, "velocity": 8.0}  # s with a setpoint of zero before a step, by group
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ class Hover:
         return StepResponse(np.arange(1, len(value) + 1, dtype=np.float64) * SAMPLE_S, value, size)
 
     def _enter(self, stack: "Stack", loop: CascadeLoop, size: float) -> None:
-        """Set the setpoint of a loop to `size` on its axis; the outer loops have no effect."""
+        """Set the setpoint of a loop to `size` on its axis. The loops outside of it are not active."""
         setpoint = tuple(size if axis == loop.axis else 0.0 for axis in range(3))
         thrust = float(stack.core.state["hover_thrust"])
         if loop.level == RATE:

@@ -114,7 +114,7 @@ def midpoint(z: Complex) -> Complex:
 
 
 def linear_loops(airframe: Airframe, gains: Gains, point: HoverPoint) -> dict[str, Response]:
-    """Return L(s), s = jω, of every loop by its name in `LOOPS`."""
+    """Return the open-loop response L(s), s = jω, of every loop by its name in `LOOPS`."""
 
     def rate(axis: int, s: Complex) -> tuple[Complex, Complex]:
         """Return (L, closed loop from rate setpoint to rate)."""

@@ -68,7 +68,7 @@ def injected_margin(oscillates: Callable[[float], Oscillation | None], expected_
 
     `oscillates` returns the oscillation after a small step, for a delay (s). Bisection finds two delays within WITHIN
     of each other, one with a decaying and one with a growing oscillation. The damping ratio is interpolated linearly
-    between them. Raises UsageError if the oscillation grows at no delay.
+    between them. Raises UsageError if no delay up to LATEST × `expected_s` makes the oscillation grow.
     """
     stable_s, unstable_s = 0.0, expected_s
     fading, growing = oscillates(stable_s), oscillates(unstable_s)
@@ -104,7 +104,7 @@ class StepFigures:
     rise_s: float  # s, from 10 to 90 %
     overshoot_percent: float  # % of the step
     delay_s: float  # s until the response reaches half of the step
-    settled_s: float  # s until the response stays within BAND of the step; nan: not before it ends
+    settled_s: float  # s until the response stays within BAND of the step; nan: it does not settle before its end
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +147,7 @@ def step_oscillation(hover: Hover, loop: CascadeLoop, expected: DelayMargin) -> 
         value = hover.step_response(loop, delay_s, seconds).value
         left = oscillation(value[round(SETTLING * len(value)) :], SAMPLE_S, expected.frequency)
         if left is not None and left.size > loop.step:
-            # beyond the margin, limits of tilt and integrals keep a growing oscillation at a constant amplitude
+            # this counts as growing: limits of tilt and integrals keep its amplitude constant beyond the margin
             return replace(left, growth=abs(left.growth))
         return left
 
@@ -155,7 +155,7 @@ def step_oscillation(hover: Hover, loop: CascadeLoop, expected: DelayMargin) -> 
 
 
 def study_loops(hover: Hover, loops: tuple[CascadeLoop, ...] = LOOPS) -> list[LoopStudy]:
-    """Return the study of each loop of a hovering airframe. Raises UsageError if a loop oscillates at no delay."""
+    """Return the study of each loop of a hovering airframe. Raises UsageError if no delay makes a loop oscillate."""
     airframe, gains = hover.airframe, hover.gains
     linear = linear_loops(airframe, gains, hover_point(airframe, hover.plant))
     studies = []

@@ -17,11 +17,11 @@ from foundation.frames import Vec3
 from foundation.mavlink import Packer, dialect
 from hil.impairment import Channel, Impairment
 
-ORIGIN = (47.397742, 8.545594, 488.0)
+ORIGIN = (47.397742, 8.545594, 488.0)  # latitude °, longitude °, altitude m
 HEIGHT_M = 10.0
-LEVEL_MASK = 0b0000_0101_1110_0011  # not controlled: x, y, vz, all accelerations, yaw
+LEVEL_MASK = 0b0000_0101_1110_0011  # ignored fields: x, y, vz, all accelerations, yaw
 STREAM_TICKS = 5  # 20 Hz, as for the agent
-SPEED, ROUND_S = 1.2, 10.0  # m/s, as in the paper; s per circle, where a delayed setpoint has a wrong direction
+SPEED, ROUND_S = 1.2, 10.0  # m/s, as in the paper; s per circle. On a circle, a late setpoint has a wrong direction
 TRIAL_S, CATCH_UP_S, REST_S = 30.0, 5.0, 5.0
 SEEDS = (1, 2, 3)
 JITTERS_S = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.25, 1.5)
@@ -62,7 +62,7 @@ class Tolerance:
 
     @property
     def doubled_at(self) -> float | None:
-        """The level (interpolated) at which the error is WORSE × that of a perfect wire; None if there is none."""
+        """The level (interpolated) at which the error is WORSE × `perfect_error`; None: the error stays below that."""
         bound, levels, errors = WORSE * self.perfect_error, self.levels, self.errors
         for k in range(1, len(levels)):
             if errors[k] >= bound:
@@ -151,8 +151,8 @@ def tolerances(
 ) -> tuple[Tolerance, Tolerance]:
     """Return the tolerance of an airframe to jitter and to loss.
 
-    The levels rise from 0, a perfect wire, and end with the first at which the vehicle leaves offboard mode. Raises
-    InfrastructureError if the vehicle does not fly.
+    Levels are flown in rising order, from 0 (a perfect wire) to the first at which the vehicle leaves offboard mode.
+    Raises InfrastructureError if the vehicle does not fly.
     """
     vehicle = StreamedVehicle(airframe)
     tolerances = []

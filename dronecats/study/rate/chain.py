@@ -28,13 +28,13 @@ class QuestionTimes:
     age_s: float  # s of vehicle time, age of the picture on arrival
     wait_s: float  # from the request of the picture to its arrival
     encode_s: float  # JPEG, prompt, request body and parsing of the response: all work of the client
-    failed_s: float  # failed attempts, the pauses after them, and the wait for a turn
+    failed_s: float  # waits for the rate limit, failed attempts, and the pauses after them
     model_s: float  # from sending the request that was answered to its answer
     parse_s: float  # from the reply to the controller's setpoint
     tick_s: float  # waits for the agent's next tick, after the picture, the reply and the setpoint
     step_s: float  # from the request of the picture to the ready setpoint: the sum of all times above except age_s
     latency_s: float  # encode_s + model_s + parse_s, the latency for a simulation, which has its own ticks
-    rate_hz: float | None  # decisions per s of vehicle time since the last decision, with its action; None: the first
+    rate_hz: float | None  # 1 / vehicle time since the last decision, flight of its action included; None: the first
 
 
 @dataclass(slots=True)
@@ -63,7 +63,7 @@ class ChainClock:
         """`wall_s` reads the host's clock (s); `on_times` is called with the times of each finished question."""
         self._wall_s, self._on_times = wall_s, on_times
         self._current: _Question | None = None
-        self._decided: _Question | None = None  # waits for its setpoint
+        self._decided: _Question | None = None  # the question whose setpoint is not ready yet
         self._ticked_s = 0.0
 
     def picture_requested(self) -> None:
@@ -177,7 +177,7 @@ class ChainSummary:
     camera_stamps: bool  # whether the camera stamps the time of capture
     links: dict[str, LinkQuantiles]  # s, by field of QuestionTimes
     chain_hz: LinkQuantiles  # 1 / step_s
-    served_hz: LinkQuantiles | None  # rate in vehicle time, with the flight of each action; None: only one question
+    served_hz: LinkQuantiles | None  # `rate_hz` of all questions; None: only one question
 
     @property
     def frame_delay_s(self) -> float:

@@ -1,1 +1,1 @@
-"""The report of a study: tables, figures, one page that opens without a network, and the data beside them."""
+"""The report of a study: tables, figures, an HTML page that opens without a network, and data files."""

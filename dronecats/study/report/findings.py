@@ -55,8 +55,8 @@ class Findings:
     factors: tuple[FactorFindings, ...]
     effects: tuple[MainEffect, ...]
     maps: tuple[HeatMap, ...]
-    points: tuple[PointDifference, ...]  # of each two entrants at each point of the design
-    pooled: tuple[PairedDifference, ...]  # of each two entrants, pooled over all points
+    points: tuple[PointDifference, ...]  # of each pair of entrants at each point of the design
+    pooled: tuple[PairedDifference, ...]  # of each pair of entrants, pooled over all points
 
     def maps_by_pair(self) -> Iterator[tuple[tuple[StudiedFactor, StudiedFactor], list[HeatMap]]]:
         """Yield the heat maps of each pair of factors, with the factors of their rows and columns."""
@@ -135,7 +135,7 @@ def half_interval(factor: StudiedFactor, half: HalfSuccess) -> str:
 
 
 def scatter_value(half: HalfSuccess) -> str | float | None:
-    """Return the scatter of the episodes (log odds); "≥ WIDEST" as text if it is at that limit."""
+    """Return the scatter of the episodes (log odds), or "≥ WIDEST" as text if it is at that limit."""
     return f"≥ {WIDEST:g}" if half.scatter == WIDEST else half.scatter
 
 

@@ -12,7 +12,7 @@ from dronecats.study.analysis.success_fits import HeatMap, MainEffect
 from dronecats.study.report import panels
 from dronecats.study.report.findings import PERCENT, FactorFindings, Findings, cell_title, equals_p, in_cell
 
-DifferenceRows = Sequence[tuple[PairedDifference, str]]  # each with its label: one entrant, or two
+DifferenceRows = Sequence[tuple[PairedDifference, str]]  # (difference, label); the label names one entrant, or two
 
 
 def between_levels(findings: Findings, along: FactorFindings) -> Any | None:
@@ -132,7 +132,7 @@ def _draw_mark(axis: Any, x: float, y: float, number: int, is_significant: bool,
 
 
 HEAT_COLOURS = "cividis"  # perceptually uniform, readable with colour blindness
-DARK = 55.0  # %, below which a field is dark and has white text
+DARK = 55.0  # %; a field with a lower success rate is dark and has white text
 
 
 def heat_maps(findings: Findings, maps: Sequence[HeatMap]) -> Any:

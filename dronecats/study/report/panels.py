@@ -10,8 +10,8 @@ from dronecats.study.analysis.study_results import LevelStep, StudiedFactor
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 MARKERS = "osD^vP"
 COLUMNS_MAX = 3  # most panels in a row
-LETTERS = 118  # characters in a line of the command
-TICK_GAP = 0.045  # share of an axis, half of the least distance between labels
+LETTERS = 118  # most characters in a line of the command below a figure
+TICK_GAP = 0.045  # share of an axis; labels are at least twice this distance apart
 
 
 def panels(count: int, height_in: float, across: int = COLUMNS_MAX, *, share_y: bool = True) -> tuple[Any, list[Any]]:
@@ -89,5 +89,5 @@ def finish(figure: Any, axes: Sequence[Any], command: str) -> Any:
     lines = textwrap.wrap(command, LETTERS, break_long_words=False, break_on_hyphens=False)
     figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=5.5, color=style.GREY, family="monospace")
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # the three files share one layout
+    figure.set_layout_engine("none")  # the SVG, PDF and PNG files share one layout
     return figure

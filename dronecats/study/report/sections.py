@@ -21,8 +21,8 @@ from dronecats.study.report.findings import (
     probability,
 )
 
-FACTORS_FEW = 4  # factors; with more the summary names only significant results
-PLACED = ("within", "between")  # half-success results with a place among the levels
+FACTORS_FEW = 4  # with more factors, the summary names only significant results
+PLACED = ("within", "between")  # values of HalfSuccess.where for a half-success level within the flown levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +129,7 @@ def summary(findings: Findings) -> list[str]:
 
 
 def _pooled_sentences(findings: Findings, cells: Sequence[str]) -> Iterator[str]:
-    """Yield the difference of each two entrants, pooled over all points."""
+    """Yield a sentence on the difference of each pair of entrants, pooled over all points."""
     count = len({point.title for point in findings.points})
     for difference in findings.pooled:
         if difference.cell in cells:
@@ -139,7 +139,7 @@ def _pooled_sentences(findings: Findings, cells: Sequence[str]) -> Iterator[str]
 
 
 def _insignificant_factors(findings: Findings) -> Iterator[str]:
-    """Yield for each entrant the factors without a significant effect."""
+    """Yield a sentence per entrant that lists the factors without a significant effect."""
     cell = findings.results.groups[0]
     for entrant in findings.results.entrants:
         names = []

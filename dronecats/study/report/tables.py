@@ -84,7 +84,7 @@ def measures(findings: Findings, along: FactorFindings) -> ReportTable:
 
 
 def half_success(findings: Findings, along: FactorFindings) -> ReportTable | None:
-    """Return a table with a row per fit: half-success level, slope, scatter of the episodes, and tests of the line.
+    """Return a table with a row per fit: half-success level, slope, scatter of the episodes, and tests of the fit.
 
     None without fits.
     """
@@ -245,7 +245,7 @@ def between_levels(findings: Findings, along: FactorFindings) -> ReportTable | N
 
 
 def between_entrants(findings: Findings, along: FactorFindings) -> ReportTable | None:
-    """Return a table of the difference of each two entrants at each level; None with a single entrant."""
+    """Return a table of the difference of each pair of entrants at each level; None with a single entrant."""
     differences = ((in_cell(f"{d.first} minus {d.second}", d.cell), d) for d in along.between_entrants)
     title = f"Entrants against each other, at each level of {along.factor.words}"
     caption = f"The first minus the second, at the same level. {TESTS}"
@@ -253,7 +253,7 @@ def between_entrants(findings: Findings, along: FactorFindings) -> ReportTable |
 
 
 def point_differences(findings: Findings) -> ReportTable | None:
-    """Return a table of the difference of each two entrants, a row per point of the design; None without points."""
+    """Return a table of the difference of each pair of entrants, a row per point of the design; None without points."""
     if not findings.points:
         return None
     rows = [
@@ -350,7 +350,7 @@ def effects(findings: Findings) -> ReportTable | None:
 
 
 def interactions(findings: Findings) -> Sequence[ReportTable]:
-    """Return a table for each two factors: success at each combination of levels, and the p of no interaction."""
+    """Return a table for each pair of factors: success at each combination of levels, and the p of no interaction."""
     tables = []
     for (row_factor, column_factor), maps in findings.maps_by_pair():
         columns = [words(row_factor.title, "level")]

@@ -1,1 +1,1 @@
-"""The episode editor: `draft` holds what is edited, `assessment` checks it, the other modules show both."""
+"""The episode editor. `draft` has the drafts, `assessment` checks them, and the other modules are the interface."""

@@ -36,7 +36,7 @@ class Previews:
     def __init__(self, threads: int = 2) -> None:
         """`threads`: number of threads that draw."""
         self._threads = threads
-        self._look: object = None  # the fields of the record that the renderer was built for
+        self._look: object = None  # fields of the record that `_renderer` was built for
         self._renderer: Renderer | None = None
         self._ids: tuple[int, ...] = ()
         self._fleet: Fleet | None = None
@@ -80,7 +80,7 @@ class Previews:
 
 
 def _movable(world: World) -> tuple[Scene, tuple[Instance, ...]]:
-    """Return the scene, in which only the objects of the record are movable, and these objects, target first."""
+    """Return the scene and the record's objects in it, target first. Objects of the map are not movable in it."""
     placed = len(world.record.candidates) + (world.record.target.native is None)
     plan = world.scene.instances[: len(world.scene.instances) - placed]
     free = tuple(replace(instance, movable=True) for instance in world.scene.instances[len(plan) :])

@@ -1,4 +1,4 @@
-"""Drafts of an episode, and the operations on them. They know neither the browser nor threads.
+"""Drafts of an episode, and the operations on them. This module uses no browser and no threads.
 
 Callers give positions as north and east (m); heights follow from the map's ground. A draft is immutable and every
 operation returns a new one, so undo goes back to an older draft.
@@ -31,10 +31,10 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S
 
-HEIGHT_M = 1.6  # of a new drone above the ground
-SPEED_MPS = 0.3  # of a target on a map without a rule for its speed
-TURNED_AWAY_DEG = 90.0
-APART_M = 7.0  # between the target and the first suggested look-alikes, in a row
+HEIGHT_M = 1.6  # m, height of a new drone above the ground
+SPEED_MPS = 0.3  # m/s, speed of a new moving target on a map without a rule for it
+TURNED_AWAY_DEG = 90.0  # from the direction of a hidden target to the yaw of a drone
+APART_M = 7.0  # m between neighbours in the suggested row of target and look-alikes
 SHORTEST_LEG_M = 0.05
 
 

@@ -18,7 +18,7 @@ GREEN, RED, GREY = (LIGHT[name] for name in ("good", "bad", "mute"))
 
 
 def checks_html(findings: Sequence[RuleFinding], fresh: bool) -> str:
-    """Return the list of checks as HTML, failed checks first. It is dimmed unless `fresh` (of the current draft)."""
+    """Return the checks as HTML, failed ones first. If they are not of the current draft (`fresh`), they are dimmed."""
     failed = [f for f in findings if not f.passed]
     title = f"{len(findings) - len(failed)} of {len(findings)} checks passed" if findings else "Checking …"
     color = GREY if not findings else RED if failed else GREEN
@@ -122,7 +122,7 @@ class Panels:
 
     @property
     def drone(self) -> int:
-        """The drone whose fields are shown."""
+        """The index of the drone whose fields are shown."""
         return self._drone
 
     def show(self, draft: Draft) -> None:

@@ -66,7 +66,7 @@ class SceneView:
         display.add_glb(server, "/map", display.map_glb(drafting.scene))
 
     def frame(self, draft: Draft) -> None:
-        """Set the initial view of browsers, with the first drone and the target in it."""
+        """Set the initial view of browsers. The first drone and the target are in this view."""
         here, goal = np.array(draft.record.starts[0].position_ned), np.array(self._drafting.centre(draft.record))
         away, span = here - goal, max(float(np.linalg.norm((here - goal)[:2])), 6.0)
         back = away[:2] / max(float(np.linalg.norm(away[:2])), 1e-6)
@@ -203,7 +203,7 @@ class SceneView:
         return display.add_lines(self._server, node, points(), color, width_px)
 
     def _redraw(self, name: str, key: object, add: Callable[[], Any] | None) -> None:
-        """Replace a line or label if its key has changed. `add` None removes it."""
+        """Replace a line or label if its key has changed, or remove it if `add` is None."""
         old_key, handle = self._lines.get(name, (None, None))
         if old_key == key:
             return

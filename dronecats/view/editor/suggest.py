@@ -11,15 +11,15 @@ from episodes.records.record import HIDDEN, MOVING, EpisodeRecord
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
-OFF_M = 0.005  # greatest height of a path above or below the ground between two waypoints
-STEP_M = 0.25  # distance between samples of the ground
+OFF_M = 0.005  # m, largest height of a path above or below the ground between two waypoints
+STEP_M = 0.25  # m between samples of the ground
 
 Knot = tuple[float, float]  # m north, m east
 Knots = tuple[Knot, ...]  # the clicked points of a path
 
 
 def draped(knots: Sequence[Knot], on_ground: Callable[[float, float], Vec3]) -> tuple[Vec3, ...]:
-    """Return waypoints (m, NED) on the ground: the knots, and more where the ground between two is not straight."""
+    """Return waypoints (m, NED) on the ground: the knots, and points between them where the ground is not straight."""
     points = [on_ground(*knots[0])]
     for a, b in itertools.pairwise(knots):
         count = max(1, math.ceil(math.dist(a, b) / STEP_M))
@@ -50,7 +50,7 @@ def corners(points: Sequence[Knot], off_m: float = 0.002) -> Knots:
 
 
 def _needed(count: int, off: Callable[[int, int, int], float], most: float) -> list[int]:
-    """Return the indices of the points to keep: `off(a, b, k)` ≤ `most` for each point k between two kept, a and b."""
+    """Return the indices of the kept points: off(a, b, k) ≤ `most` for each dropped k between kept neighbours a, b."""
     kept = {0, count - 1}
     waiting = [(0, count - 1)]
     while waiting:
@@ -62,7 +62,7 @@ def _needed(count: int, off: Callable[[int, int, int], float], most: float) -> l
     return sorted(kept)
 
 
-LANE_OFF_M = 0.25  # greatest distance of a suggested path from its lane; the path has few points to drag
+LANE_OFF_M = 0.25  # m, largest distance of a suggested path from its lane, so that the path has few points
 
 
 def way(scene: Scene, record: EpisodeRecord, here: Knot, yaw: float, length_m: float) -> Knots:

@@ -3,7 +3,7 @@
 The path is planned over the complete flight, so that the camera moves away from a wall in time. For every quarter of a
 second, many places around the drone are candidates. The cost of a place grows with the distance from the place behind
 the drone, and is much higher if an obstacle blocks the view. Dynamic programming finds the cheapest path. The path is
-then smoothed, and the boom is shortened where the smoothed path would enter an obstacle.
+then smoothed. Where the smoothed path would enter an obstacle, the boom (the line from drone to camera) is shortened.
 """
 
 import itertools
@@ -26,12 +26,12 @@ from foundation.frames import Vec3, quat_from_euler
 
 Array = NDArray[np.float64]
 
-BOOM_M = 3.4  # from the drone to the camera
-SHORTEST_M = 0.9  # shortest boom: an x500 fills the picture but is not clipped
-STEP_S = 0.25  # between planned places
-PLACE_S, HEADING_S, SWING_S, BOOM_S = 0.35, 1.0, 0.6, 0.3  # σ of the smoothing
-AHEAD_M = 4.0  # distance ahead of the drone of the point at which the camera looks
-ROOM_M = 0.35  # free space on each side of the camera
+BOOM_M = 3.4  # m from the drone to the camera
+SHORTEST_M = 0.9  # m, shortest boom: an x500 fills the picture but is not clipped
+STEP_S = 0.25  # s between planned places
+PLACE_S, HEADING_S, SWING_S, BOOM_S = 0.35, 1.0, 0.6, 0.3  # s, σ of the smoothing
+AHEAD_M = 4.0  # m from the drone ahead to the point at which the camera looks
+ROOM_M = 0.35  # m, free space on each side of the camera
 # candidate places of the camera: azimuth (0 is behind the drone), elevation, share of the boom length
 AZIMUTHS_DEG = (15.0, -15.0, 38.0, -38.0, 68.0, -68.0, 100.0, -100.0)  # not 0, where the drone would hide its goal
 ELEVATIONS_DEG = (20.0, 34.0, 52.0, 70.0)
@@ -90,7 +90,7 @@ def _outwards(azimuth: Array, elevation: Array) -> Array:
 
 
 def _blocked(place: Array, heading: float, candidates: Array, obstacles: Solids) -> NDArray[np.bool_]:
-    """Return whether an obstacle hides the drone from each candidate place or its margin ROOM_M, (N,)."""
+    """Return (N,): whether an obstacle hides the drone from a candidate place or from a point ROOM_M beside it."""
     azimuth, elevation = heading + np.radians(candidates[:, 0]), np.radians(candidates[:, 1])
     out = _outwards(azimuth, elevation)
     eye = place + (candidates[:, 2:] * BOOM_M + ROOM_M) * out

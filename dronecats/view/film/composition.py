@@ -205,7 +205,7 @@ def verdict_words(flight: RecordedFlight) -> tuple[str, Ink]:
 def pilot_view(flight: RecordedFlight, drone: int, t: float, width: int, height: int, unit: float) -> Picture:
     """Return the newest frame of a drone at a time, (height, width, 3) RGB; `unit`: the scale of text.
 
-    A ring marks the chosen point from the time of the reply. A note replaces a frame that is missing from the folder.
+    After the reply, a ring marks the chosen point. A note replaces a frame that is missing from the folder.
     """
     small = max(9, round(14 * unit))
     decision = flight.latest_decision(drone, t, "t_frame")
@@ -252,17 +252,17 @@ def ring(picture: Picture, point: tuple[float, float]) -> None:
 @lru_cache(8)
 def _read(path: Path, width: int, height: int) -> Picture | None:
     read = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if read is None:  # the file was cut short
+    if read is None:  # the file is incomplete
         return None
     fitted = cv2.resize(read, (width, height), interpolation=cv2.INTER_AREA)
     return np.ascontiguousarray(fitted[..., ::-1], np.uint8)
 
 
 LENS_DEG = 14.0  # narrow field of view from high above, so that roofs are not displaced from their houses
-MARGIN_M = 9.0
-LEAST_M = 13.0  # least half side of the map
-SAMPLES_S = 0.2  # between two points of a trail
-VIEW_M = 9.0  # length of the drawn field of view
+MARGIN_M = 9.0  # m, least distance between a trail or target and the edge of the map
+LEAST_M = 13.0  # m, least half width and half height of the map
+SAMPLES_S = 0.2  # s between two points of a trail
+VIEW_M = 9.0  # m, length of the drawn field of view
 SHIFT = 4  # fractional bits of pixel coordinates in OpenCV's drawing functions
 JUDGE_NOTE = "target with 5 m radius (judge)"
 
@@ -270,7 +270,7 @@ Array = NDArray[np.float64]
 
 
 class MapPane:
-    """Draws the map of a flight from above, with trails, fields of view, and the target, unknown to the pilot."""
+    """Draws the map of a flight from above, with trails, fields of view and the target. Pilots do not see this map."""
 
     def __init__(self, flight: RecordedFlight, width: int, height: int, unit: float) -> None:
         """`unit`: the scale of text."""

@@ -32,12 +32,12 @@ from foundation.threads import once
 
 MANIFEST, LOCK, MAKING = "manifest.json", ".lock", ".making"
 CRF, PRESET = 23, "veryfast"
-JPEG_QUALITY = 95  # of a part that is encoded again; the loss is not visible
-GIF_COLORS = 128  # including MARKS, the colours of marks and text, which the sampled pictures would under-represent
+JPEG_QUALITY = 95  # of a part that `join` encodes again; the loss is not visible
+GIF_COLORS = 128  # including MARKS, the colours of marks and text, which are rare in the sampled pictures
 GIF_SAMPLED = 24  # number of pictures from which the palette is computed
 GIF_STILL = 10  # of 255: a pixel that changes by less in each channel keeps its value, for a smaller file
 BRIGHT = (YELLOW, MAGENTA, GREEN, RED)
-# DIM: the same colours at the edge of a letter; the last of MARKS: a field of view on a road
+# DIM: BRIGHT at the edge of a letter, mixed with the background. The last of MARKS is a field of view on a road
 DIM = tuple(tuple((a + b) // 2 for a, b in zip(mark, BACKGROUND, strict=True)) for mark in BRIGHT)
 MARKS = (*BRIGHT, *DIM, WHITE, *DRONES, (112, 86, 34))
 

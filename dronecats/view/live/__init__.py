@@ -1,1 +1,1 @@
-"""The page of a flight in the browser while it is flown, of which `dronecats replay` uses the same parts."""
+"""The browser page that shows a flight while it is flown. `dronecats replay` uses parts of it."""

@@ -22,6 +22,6 @@ class ViewerConfig:
 
     port: int  # local port of the page; if it is taken, the next free one
     hosts: tuple[str, ...] = ()  # host names that may open the page, in addition to the loopback names
-    root: str = ""  # folder of a run or a benchmark; it may not exist yet
+    root: str = ""  # folder of a run or a benchmark, which need not exist yet
     wires: WatchedWires | None = None  # a simulator, instead of `root`
-    title: str = ""  # of the page
+    title: str = ""  # title of the page

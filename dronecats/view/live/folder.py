@@ -74,7 +74,7 @@ def _episode_folders(folder: Path, depth: int) -> Iterator[Path]:
 
 def load_world(folder: Path) -> World | None:
     """Return the world of an episode folder; None for a flight in the real world, or if the map is not installed."""
-    drawn = folder / layout.WORLD  # exists for a flight on a map that is not judged
+    drawn = folder / layout.WORLD  # the rendered record of a flight that is not judged
     try:
         record = records.load(drawn if drawn.is_file() else folder / layout.EPISODE)
         return World(record, conditions=_run(folder).conditions)
@@ -93,7 +93,7 @@ def load_camera(folder: Path) -> CameraModel:
 
 
 def _run(folder: Path) -> RecordedRun:
-    """Return the run of an episode folder with its settings and without episodes. The run may not be over."""
+    """Return the run of an episode folder with its settings and without episodes. The run may still be in progress."""
     configuration = json_object(folder.parent / layout.RUN) or {}
     return RecordedRun(folder=folder.parent, configuration=configuration, episodes=())
 
@@ -156,7 +156,7 @@ class PictureTail:
     """Reads the pictures of an episode, and caches the last ones of each drone."""
 
     def __init__(self, folder: Path) -> None:
-        """`folder` contains the pictures; it may not exist yet."""
+        """`folder` is the folder of the pictures. It need not exist yet."""
         self._folder = folder
         self._seen_ns = -1  # modification time of the folder at the last look; -1: look again
         self._newest: dict[int, int] = {}

@@ -133,7 +133,7 @@ class FlightFollower:
                 self._add_limited(drone, time_us, f"envelope: limited by {', '.join(begun)}")
 
     def _add_limited(self, drone: int, time_us: int, text: str) -> None:
-        """Add a message on a limit. Equal messages become one with a count, since a limit may act at every step."""
+        """Add a message on a limit. Equal messages are merged and counted, since a limit can act at every step."""
         times = self._limited[drone, text]
         before = f"{text} ({times} times)" if times > 1 else text
         self._messages[drone] = [(t_us, old) for t_us, old in self._messages[drone] if old != before]
@@ -143,7 +143,7 @@ class FlightFollower:
     def _take_prompt(self, value: dict[str, Any]) -> None:
         row = parse_row(value, LoggedPrompt)[0]
         if row is not None:
-            with contextlib.suppress(UsageError):  # the line with the prompt's template was lost
+            with contextlib.suppress(UsageError):  # the line of prompts.jsonl that defines the template is missing
                 prompt = self._reader.read(row)
                 if row.role == "pilot":
                     self._texts[row.drone].append(prompt.text)

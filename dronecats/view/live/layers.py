@@ -20,7 +20,7 @@ JUDGE = palette.rgb(palette.MARKS["goal"])
 
 
 class Trail:
-    """The trail of a drone: a growing line, of which only the last piece is sent again."""
+    """The trail of a drone: a line in pieces that grows. Only its last piece is sent again."""
 
     def __init__(self, server: viser.ViserServer, node: str, color: tuple[int, int, int]) -> None:
         self._server, self._node, self._color = server, node, color

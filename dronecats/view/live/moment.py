@@ -28,16 +28,16 @@ class DroneMoment:
     attitude: Quat = (1.0, 0.0, 0.0, 0.0)  # w, x, y, z, FRD → NED
     velocity_ned: Vec3 | None = None  # m/s
     height_m: float | None = None  # m above the ground; above the map's origin when no ground is known
-    true: bool = False  # the pose is the simulator's true one; else the autopilot's estimate
+    true: bool = False  # True: the pose is the simulator's; False: the autopilot's estimate
     setpoint_ned: Vec3 | None = None  # m/s, commanded velocity, map frame
     mode: str = ""  # PX4's name; "": not known
     armed: bool | None = None
     battery: float | None = None  # 0 … 1
     messages: tuple[str, ...] = ()  # newest last: the autopilot's warnings, active limits of the envelope, orders
-    prompt: str = ""  # of the newest decision; "": not known
-    picture: ShownPicture | None = None  # the newest that the pilot got
-    decision: Decision | None = None  # the newest
-    decided_on: ShownPicture | None = None  # the picture of that decision
+    prompt: str = ""  # the prompt of `decision`; "": not known
+    picture: ShownPicture | None = None  # the newest picture that the pilot got
+    decision: Decision | None = None  # the newest decision
+    decided_on: ShownPicture | None = None  # the picture of `decision`
     chosen_ned: Vec3 | None = None  # m, map frame, the point that the action `go` chose; None for other actions
     lens_ned: Vec3 | None = None  # m, map frame, the camera's optical centre when `decided_on` was taken
 
@@ -46,8 +46,8 @@ class DroneMoment:
 class JudgeMoment:
     """Data that only the judge has; a page hides them by default."""
 
-    target_ned: Vec3 | None = None  # m, map frame, of its centre
-    distance_m: tuple[float | None, ...] = ()  # m, of each drone to the target's centre
+    target_ned: Vec3 | None = None  # m, map frame, centre of the target
+    distance_m: tuple[float | None, ...] = ()  # m, from each drone to the target's centre; None: not known
     messages: tuple[str, ...] = ()  # newest last: declarations with their distances, the verdict
 
 
@@ -58,7 +58,7 @@ class Moment:
     t_s: float  # s of vehicle time since the episode began; at most 0 before it begins
     drones: tuple[DroneMoment, ...]
     judge: JudgeMoment = JudgeMoment()
-    moved: Moved = field(default_factory=dict)  # poses of moving objects, drones excepted
+    moved: Moved = field(default_factory=dict)  # poses of moving objects other than drones
     state: str = ""  # for example "in the air" or "over: cap"
     rate_hz: float | None = None  # newest value of decisions per s of vehicle time
     instruction: str = ""  # "": not known

@@ -1,4 +1,4 @@
-"""Standing and walking people. The paint is the colour of the jacket; passers-by have muted colours."""
+"""Builds meshes of standing and walking people. The paint colours the jacket; passers-by have muted colours."""
 
 import itertools
 from collections.abc import Sequence
@@ -113,7 +113,7 @@ WALKING = Posture(
 
 
 def outfit_of(paint: str) -> Outfit:
-    """Return the outfit of a person whose jacket has a paint. Each paint has its own outfit."""
+    """Return the outfit that goes with a jacket of this paint. Each paint has its own outfit."""
     k = list(materials.PAINTS).index(paint) if paint in materials.PAINTS else 0
     top = ("jacket", "hooded", "jumper")[k % 3]
     return replace(_outfit(7 * k + 3), top=top, stature=1.0, below="trousers", legs=LEGS[k % len(LEGS)])
@@ -143,7 +143,7 @@ def _outfit(k: int) -> Outfit:
 def limb(
     joints: Sequence[Vec3], radii: Sequence[float], looks: Sequence[Material], segments: int = 10
 ) -> list[MeshPart]:
-    """Return a limb: tapered rods between the joints, each with its own material and a round start."""
+    """Return a limb: tapered rods between the joints. Each rod has its own material and a ball at its start."""
     solids: list[MeshPart] = []
     for a, b, ra, rb, look in zip(joints, joints[1:], radii, radii[1:], looks, strict=False):
         solids += [g.rod(a, b, (ra, rb), look, segments), g.ball(a, (ra, ra, ra), look, 1)]
@@ -165,12 +165,12 @@ class _Trunk:
     """The origin, axes and girth of a trunk."""
 
     low: Array  # (3,) m, the pelvis
-    spine: Array  # (3,) m, to the shoulders
-    ahead: Array  # (3,) unit, perpendicular to the spine
+    spine: Array  # (3,) m, from the pelvis to the shoulders
+    ahead: Array  # (3,) unit vector forwards, perpendicular to the spine
     girth: float
 
     def rings(self, outline: Sequence[tuple[float, float, float]], material: Material) -> MeshPart:
-        """Return the surface through ellipses along the spine."""
+        """Return the surface through ellipses along the spine; `outline` has rows like those of TRUNK."""
         turn = np.linspace(0.0, 2.0 * np.pi, 15)
         rings = []
         for share, wide, deep in outline:

@@ -1,7 +1,8 @@
-"""Trees, shrubs and hedges: trunks, dark solid cores, and cut-out sprigs of leaves around the cores.
+"""Builds meshes of trees, shrubs and hedges.
 
-A crown is made of lobes (ellipsoids). A sprig is lit like the lobe on which it grows. Vehicles pass through sprigs, but
-collide with trunks, branches and cores. Lengths in `Species` are shares of the tree's height.
+A plant has a trunk, dark solid cores, and cut-out sprigs of leaves around the cores. Its crown is made of lobes
+(ellipsoids). A sprig is lit like the lobe on which it grows. Vehicles pass through sprigs, but collide with trunks,
+branches and cores. Lengths in `Species` are shares of the tree's height.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +17,7 @@ from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Material, Mesh
 
 BARK_TILE_M = 0.8
-HIDDEN_WITHIN = 0.80  # share of a lobe's radii; sprigs of other lobes inside it are hidden and left out
+HIDDEN_WITHIN = 0.80  # share of a lobe's radii; sprigs of other lobes inside this share are hidden and left out
 LOWEST_M = 0.1  # least height of the middle of a sprig
 
 
@@ -24,8 +25,8 @@ LOWEST_M = 0.1  # least height of the middle of a sprig
 class Lobe:
     """An ellipsoid of a crown."""
 
-    centre: Array  # (3,) FLU
-    radii: Array  # (3,)
+    centre: Array  # (3,) FLU; m, or shares of the tree's height in `Species.lobes`
+    radii: Array  # (3,) in the same unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +120,7 @@ BROADLEAVES = ("oak", "maple", "birch", "linden", "poplar")
 
 @lru_cache(maxsize=256)
 def tree(species: str = "oak", height: float = 8.0, seed: int = 1) -> Mesh:
-    """Return a tree of SPECIES. The seed varies its shape, and its height by a tenth."""
+    """Return a tree of SPECIES. The seed varies its shape, and scales its height by 0.92 … 1.02."""
     rng = np.random.default_rng((seed, *species.encode()))
     kind = SPECIES[species]
     height *= float(rng.uniform(0.92, 1.02))
@@ -377,7 +378,7 @@ def _quads(at: Array, out: Array, up: Array, sizes: Array, tilt: float, rng: np.
 
 
 def _cell(rng: np.random.Generator) -> Array:
-    """Return the texture coordinates (4, 2) of a random sprig of the four, at random mirrored."""
+    """Return the texture coordinates (4, 2) of one of the texture's four sprigs. Sprig and mirroring are random."""
     left, top = int(rng.integers(2)) / 2, int(rng.integers(2)) / 2
     a, b = (left, left + 0.5) if rng.random() < 0.5 else (left + 0.5, left)
     return np.array([(a, top + 0.5), (b, top + 0.5), (b, top), (a, top)])

@@ -1,4 +1,4 @@
-"""Meshes of a cyclist and a motorcyclist with their vehicles. The paint is the colour of vehicle and helmet."""
+"""Builds meshes of a cyclist and a motorcyclist with their vehicles. A paint sets the colour of vehicle and helmet."""
 
 import itertools
 from dataclasses import replace
@@ -53,7 +53,7 @@ def _spoked(x: float, radius: float, spokes: int) -> list[MeshPart]:
 
 @cache
 def cyclist(paint: str) -> Mesh:
-    """Return a bicycle and its rider. `paint`: of frame, helmet and jacket. Raises UsageError for an unknown paint."""
+    """Return a bicycle and its rider; `paint` colours frame, helmet and jacket. Raises UsageError for other paints."""
     frame, radius = materials.paint(paint), 0.345
     rear, front = -0.52, 0.53
     crank, seat, head = (-0.07, 0.0, 0.29), (-0.24, 0.0, 0.84), (0.40, 0.0, 0.86)
@@ -99,7 +99,7 @@ def _motor_wheel(x: float, radius: float, thick: float) -> list[MeshPart]:
 
 @cache
 def motorcycle(paint: str, plate: str) -> Mesh:
-    """Return a touring motorcycle with panniers and its rider. `paint`: of tank, fairing, cases and helmet.
+    """Return a touring motorcycle with panniers and its rider. `paint` colours tank, fairing, cases and helmet.
 
     Raises UsageError for an unknown paint.
     """
@@ -162,5 +162,5 @@ def motorcycle(paint: str, plate: str) -> Mesh:
     large = [
         replace(p, corners=p.corners * MOTORCYCLE_SIZE) for p in [*solids, *body(BIKER, "black", BIKER_OUTFIT, shell)]
     ]
-    rear_plate = plates(plate, (-1.195 * MOTORCYCLE_SIZE, 0.62), (0.0, 0.0))[0]  # not scaled: fixed letter size
+    rear_plate = plates(plate, (-1.195 * MOTORCYCLE_SIZE, 0.62), (0.0, 0.0))[0]  # not scaled: letters have a fixed size
     return g.assemble([*large, rear_plate])

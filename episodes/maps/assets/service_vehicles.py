@@ -1,4 +1,4 @@
-"""A city bus, ten metres long, and the two slow vehicles of the campus: a delivery robot and a service cart."""
+"""Builds meshes of a city bus (10 m long), and of the slow vehicles of the campus: a delivery robot, a service cart."""
 
 import itertools
 from functools import cache
@@ -130,8 +130,8 @@ def _wheel(x: float, y: float, radius: float, width: float) -> list[MeshPart]:
 def delivery_robot(paint: str) -> Mesh:
     """Return a delivery pod, 2.4 m long, with four wheels and side hatches. Raises UsageError for an unknown paint.
 
-    It has the size of pods that drive on roads. Seen from the start places of the campus, a pavement robot of 0.7 m
-    would cover less than 0.1 % of the picture. The least allowed share is 0.25 %.
+    The pod has the size of pods that drive on roads. A pavement robot of 0.7 m would fill less than 0.1 % of the
+    picture, seen from the start places of the campus. A target must fill at least 0.25 %.
     """
     shell = materials.paint(paint)
     side = [(-1.15, 0.42), (-1.20, 0.75), (-1.16, 1.35), (-1.02, 1.58), (-0.75, 1.66), (0.55, 1.66), (0.85, 1.56)]

@@ -1,4 +1,4 @@
-"""Things along a street and in a garden: lamps, mailboxes, fences, name posts, a guard rail, bins, a hydrant."""
+"""Builds meshes for streets and gardens: lamps, mailboxes, fences, name posts, a guard rail, bins, a hydrant."""
 
 from functools import lru_cache
 
@@ -109,7 +109,7 @@ def name_post(along: str, across: str) -> Mesh:
 
 
 def barrier(length: float = 7.4) -> Mesh:
-    """Return a timber guard rail along the forward axis, as at the end of a dead-end road."""
+    """Return a timber guard rail along the forward axis, for the end of a dead-end road."""
     wood, half = surface("boards"), length / 2
     solids = [g.box((-half, -0.05, z), (half, 0.03, z + 0.22), wood, 1.2) for z in (0.30, 0.66)]
     solids += [
@@ -134,7 +134,7 @@ def bin(number: int = 0) -> Mesh:
 
 
 def hydrant() -> Mesh:
-    """Return a fire hydrant, in weathered bronze, so that no instruction can name it by a colour."""
+    """Return a fire hydrant of weathered bronze, a colour that no instruction can name."""
     iron = materials.plain("hydrant", (132, 116, 92), 0.2)
     outline = [
         (0.0, 0.0),

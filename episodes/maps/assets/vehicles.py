@@ -1,4 +1,4 @@
-"""Cars: a lofted body with wheel arches, a glazed cabin, wheels, lamps, mirrors and licence plates."""
+"""Builds meshes of cars: a lofted body with wheel arches, a glazed cabin, wheels, lamps, mirrors and number plates."""
 
 import itertools
 import math
@@ -26,7 +26,7 @@ class CarShape:
     deck: tuple[tuple[float, float], ...]  # (x, height) of the body's upper line from tail to nose, cabin left out
     cabin_low: tuple[float, float]  # x of the rear and front glass at the belt
     cabin_high: tuple[float, float]  # x of the rear and front edge of the roof
-    belt: float
+    belt: float  # height of the lower edge of the windows
     roof: float
     pillars: tuple[float, ...]  # x of the upright pillars between the side windows
     side_glass: tuple[float, float]  # x range of the side windows at the belt; the rear sides of a van have none
@@ -102,7 +102,7 @@ SHAPES: dict[str, CarShape] = {
 
 
 def plan_at(shape: CarShape, x: Array) -> Array:
-    """Return the half width (m) of the body at x. It narrows towards nose and tail."""
+    """Return the half width (m) of the body at x. The body narrows towards nose and tail."""
     reach = np.clip(np.abs(x) / (shape.length / 2), 0.0, 1.0)
     return shape.width / 2 * (1.0 - 0.10 * reach**5 - 0.06 * np.clip((reach - 0.93) / 0.07, 0, 1) ** 2)
 
@@ -148,7 +148,7 @@ def body(shape: CarShape, material: Material, rise_m: float = 0.20) -> list[Mesh
 
 
 def _cabin_side(shape: CarShape, x: float, z: float) -> float:
-    """Return the half width (m) of the cabin. It narrows towards the roof, and along with the body towards its ends."""
+    """Return the half width (m) of the cabin at x and height z. It narrows towards the roof and towards both ends."""
     up = (z - shape.belt) / (shape.roof - shape.belt)
     ends = plan_at(shape, np.array(shape.cabin_low)) / (shape.width / 2)
     taper = float(np.interp(x, shape.cabin_low, ends))
@@ -328,7 +328,7 @@ def _lamps(shape: CarShape, trim: Trim, end: float, nose: float, tail: float, lo
 
 
 def _flank(shape: CarShape, material: Material, has_strip: bool) -> list[MeshPart]:
-    """Return the left side's door gaps, handles, mirror and cladding."""
+    """Return the door gaps, handles, mirror and cladding of the left side."""
     side, axle, arch = shape.width / 2, shape.wheelbase / 2, shape.wheel_radius * 1.22
     sill, belt = shape.clearance + 0.16, shape.belt - 0.05
     solids = []

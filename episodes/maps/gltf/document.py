@@ -1,7 +1,7 @@
-"""The format of glTF files: GLB container, JSON, arrays and axes. Every number is checked before it is used.
+"""Reads and writes the parts of glTF files: GLB container, JSON, arrays and axes. Every number that is read is checked.
 
-Source: glTF 2.0, sections 3.6.2 and 4.4. glTF has +X right, +Y up and −Z ahead. Our axes are north or forward, east or
-right, and down. Both are in metres.
+Source: glTF 2.0, sections 3.6.2 and 4.4. glTF has +X right, +Y up and −Z ahead. Maps have NED axes, and their assets
+have FRD axes. All lengths are in metres.
 """
 
 import base64
@@ -20,7 +20,7 @@ from foundation.errors import UsageError
 
 _F = TypeVar("_F", np.float32, np.float64)
 
-# our axes = AXES @ glTF axes; a rotation, so the winding of triangles does not change
+# NED or FRD = AXES @ glTF. AXES is a rotation, so the winding of triangles does not change.
 AXES = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 MAX_BYTES = 256 * 2**20  # of a whole file
@@ -72,7 +72,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 def from_gltf(xyz: NDArray[_F]) -> NDArray[_F]:
-    """Return vectors (…, 3) in our axes. Only signs and order change, so the numbers stay exact."""
+    """Convert vectors (…, 3) from glTF axes to NED or FRD. Only signs and order change, so the numbers stay exact."""
     turned: NDArray[_F] = np.stack([-xyz[..., 2], xyz[..., 0], -xyz[..., 1]], axis=-1) + xyz.dtype.type(
         0
     )  # + 0: no negative zeros
@@ -80,18 +80,18 @@ def from_gltf(xyz: NDArray[_F]) -> NDArray[_F]:
 
 
 def to_gltf(frd: NDArray[_F]) -> NDArray[_F]:
-    """Return vectors (…, 3) in glTF's axes, exactly."""
+    """Convert vectors (…, 3) from NED or FRD to glTF axes, exactly."""
     turned: NDArray[_F] = np.stack([frd[..., 1], -frd[..., 2], -frd[..., 0]], axis=-1) + frd.dtype.type(0)
     return turned
 
 
 def linear_from_gltf(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a linear map (3, 3) of glTF axes, converted to our axes."""
+    """Convert a linear map (3, 3) from glTF axes to NED or FRD."""
     return np.asarray(AXES @ matrix @ AXES.T)
 
 
 def quaternion_of(yaw: float) -> list[float]:
-    """Return the glTF quaternion (x, y, z, w) of a turn by `yaw` (rad, clockwise seen from above): by −yaw about +Y."""
+    """Return the glTF quaternion (x, y, z, w) of a turn by `yaw` (rad, clockwise seen from above): −yaw about +Y."""
     return [0.0, -math.sin(yaw / 2) + 0.0, 0.0, math.cos(yaw / 2)]
 
 
@@ -267,7 +267,7 @@ class Document:
         return data
 
     def data(self, uri: Any, where: str) -> bytes:
-        """Return the bytes of a data: URI, decoded once. No other file is ever opened."""
+        """Return the bytes of a data: URI; they are decoded once. Raises UsageError for a URI of another file."""
         if where not in self._decoded:
             head, comma, body = uri.partition(",") if isinstance(uri, str) else ("", "", "")
             if not (head.startswith("data:") and comma and head.endswith(";base64")):

@@ -1,4 +1,7 @@
-"""The `extras` of a glTF file: facts of a map without a glTF field. Other programs show them as custom properties."""
+"""Reads and writes the `extras` of a glTF file: facts about a map for which glTF has no field.
+
+Other programs show them as custom properties.
+"""
 
 import zlib
 from collections.abc import Mapping
@@ -12,7 +15,7 @@ from episodes.maps.scene import Instance, Scene, Sun
 from foundation.frames import Vec3
 from foundation.terrain import HeightField
 
-GROUND = "ground"  # kind of ground instances; vehicles touch the ground by the height field, not by collisions
+GROUND = "ground"  # kind of ground instances; ground contact uses the height field, not their triangles
 MAX_ID = 2**31 - 1
 _SCENE = "dronecats"
 _ID, _KIND, _SOLID, _MOVABLE, _YAW = (f"dronecats_{name}" for name in ("id", "kind", "solid", "movable", "yaw"))
@@ -20,7 +23,7 @@ _ID, _KIND, _SOLID, _MOVABLE, _YAW = (f"dronecats_{name}" for name in ("id", "ki
 
 @dataclass(frozen=True, slots=True)
 class NodeFacts:
-    """The facts of a node about the instance that it places."""
+    """The facts about one instance, from the extras of its node."""
 
     id: int | None = None
     kind: str | None = None
@@ -31,7 +34,7 @@ class NodeFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneFacts:
-    """The facts of a file about its map. None: not in the file."""
+    """The facts about a map, from the extras of its file. None: not in the file."""
 
     name: str = ""
     sun: Sun | None = None

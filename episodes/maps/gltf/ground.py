@@ -2,7 +2,7 @@
 
 In each column of a grid, one ray goes down through all surfaces. Two surfaces that face up in neighbouring columns are
 connected if a vehicle can step or drive from one to the other. The ground is everything connected to the surface under
-the spawn. So a roof, a bridge or a tree above the street is not ground, whichever mesh it is part of.
+the spawn. So a roof, a bridge or a tree above the street is not ground, even if it shares a mesh with the street.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from foundation.terrain import HeightField
 
 FINEST_M = 0.25  # m, cell size of a small map
 MOST_CELLS = 512  # cells per side; a map of a kilometre has a cell size of two metres
-REACH_M = 500.0  # from the spawn in each direction; farther out, the height at the edge holds
+REACH_M = 500.0  # from the spawn in each direction; farther out, the height at the edge applies
 STEP_M = 0.25  # greatest step between connected surfaces, in addition to a slope of 45°
 LAYERS = 24  # greatest number of surfaces that a ray passes
 FACES_UP = 0.5  # least upward component of the unit normal of a ground surface: at most 60° from level
@@ -65,7 +65,7 @@ class _Columns:
         self._scene, self._top, self._length = scene, top - 1.0, bottom - top + 2.0
 
     def cut(self, places: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Return the NED z (LAYERS, N) of the surfaces at each place, top first, then nan; and their triangles."""
+        """Return (NED z, triangle) of the surfaces at each place, both (LAYERS, N), top first, then nan and -1."""
         depth = np.full((LAYERS, len(places)), np.nan)
         which = np.full((LAYERS, len(places)), -1, np.int64)
         level = np.full(len(places), self._top)
@@ -86,7 +86,7 @@ class _Columns:
 
 
 def _floor(depth: Array, which: NDArray[np.int64], facing: Array, down: float | None) -> float | None:
-    """Return the NED z of the ground among the surfaces of one column, top first; None if none faces up."""
+    """Return the NED z of the ground in one column of surfaces, sorted from the top; None if no surface faces up."""
     there = np.flatnonzero(which >= 0)
     room = np.diff(depth[there], prepend=-np.inf)
     floors = [k for k in there if facing[which[k]] > FACES_UP]
@@ -120,15 +120,15 @@ def _grow(
         flat = HeightField(float(first[0]), float(first[1]), cell, np.full(shape, spawn_down))
         return Ground(flat, np.zeros(len(triangles), np.bool_), spawn_down)
     depth, which = depth[:layers], which[:layers]
-    # A surface with less room than ROOM_M above it lies under a slab and is not ground. If the underside of the slab
-    # touches it, the ray hits one of the two, depending on the processor.
+    # A surface with less room than ROOM_M above it is under a slab and is not ground. If the slab touches the surface,
+    # the processor determines which of them the ray hits.
     room = np.diff(depth, axis=0, prepend=-np.inf)
     depth = np.where((which >= 0) & (facing[which] > FACES_UP) & (room >= ROOM_M), depth, np.nan)
     label = _joined(depth.reshape(layers, *shape), STEP_M + cell).reshape(layers, -1)
     row, column = (min(max(round((spawn[k] - first[k]) / cell), 0), shape[k] - 1) for k in (0, 1))
     here = row * shape[1] + column
     gap = np.abs(depth[:, here] - spawn_down)
-    if np.isnan(gap).all():  # the spawn's column has no surface left: take the one nearest in height in all columns
+    if np.isnan(gap).all():  # the spawn's column has no surface left: take the surface nearest in height
         gap = np.abs(depth - spawn_down).ravel()
         chosen = label.ravel()[np.nanargmin(gap)]
     else:
@@ -170,7 +170,7 @@ def _joined(depth: NDArray[np.float64], step: float) -> NDArray[np.int64]:
 
 
 def _lying_on(triangles: Array, facing: Array, field: HeightField) -> NDArray[np.bool_]:
-    """Return which triangles face up and lie on the height field. These include small ones that no ray hit."""
+    """Return which triangles face up and lie on the height field. These include small triangles that no ray hit."""
     points = np.concatenate([triangles, triangles.mean(axis=1, keepdims=True)], axis=1)
     i = (points[..., 0] - field.origin_north) / field.cell_m
     j = (points[..., 1] - field.origin_east) / field.cell_m

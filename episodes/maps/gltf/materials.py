@@ -16,12 +16,12 @@ from foundation.frames import Vec3
 
 MAX_SIDE = 8192
 MAX_TEXELS = 48 * 2**20  # of all pictures of a map together, after they are reduced
-SIDES = (2048, 1024, 512, 256, 128, 64, 32, 16)  # limit of a side: the first at which MAX_TEXELS holds
+SIDES = (2048, 1024, 512, 256, 128, 64, 32, 16)  # px, limits of a side; the first that keeps MAX_TEXELS applies
 CUTOFF = 0.5  # default of alphaCutoff: texels with a lower alpha are holes
 
 Picture = NDArray[np.uint8]
 
-EXTRA = "dronecats_look"  # [red, green, blue, emission, specular, drift, foliage] of a `Material`
+EXTRA = "dronecats_look"  # field of the extras: [red, green, blue, emission, specular, drift, foliage]
 
 
 def encode(picture: Picture, cutout: NDArray[np.bool_] | None = None) -> bytes:

@@ -17,7 +17,7 @@ MAX_VERTICES = 3_000_000  # of one mesh in the file; also of all meshes together
 MAX_READ = 20_000_000  # vertices read in all: some programs give every primitive a copy of all vertices of its mesh
 MAX_TRIANGLES = 1_000_000  # placed in the scene, each instance counted
 MAX_COORDINATE_M = 1e6
-TINTS = 31.0  # levels per channel to which vertex colours are rounded; each becomes a material
+TINTS = 31.0  # levels per channel to which vertex colours are rounded; each rounded colour becomes a material
 
 _POINTS_AND_LINES = (0, 1, 2, 3)
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -31,7 +31,7 @@ _EXACT = 1e-6
 class _Block:
     """Vertices that primitives share."""
 
-    first: int
+    first: int  # index of its first vertex in the new mesh
     position: NDArray[np.float32]  # (V, 3) m, FRD
     normal: NDArray[np.float32] | None
     uv: NDArray[np.float32]
@@ -194,7 +194,7 @@ class Shapes:
     def _dressed(
         self, material: Material, corners: NDArray[np.int32], block: _Block, worn: dict[int, tuple[int, Material]]
     ) -> NDArray[np.int32]:
-        """Return the row (T,) of `worn` for each triangle. Vertex colours become a rounded tint of the material."""
+        """Return each triangle's row (T,) in `worn`; add missing rows to it. Vertex colours become rounded tints."""
 
         def row(look: Material) -> int:
             return worn.setdefault(id(look), (len(worn), look))[0]
@@ -232,14 +232,14 @@ def compact(mesh: Mesh) -> Mesh:
 
 
 def _unit(normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return normals of length one. Normals that already have it are not changed."""
+    """Return normals of length one. Normals that already have this length are not changed."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     mended = np.where(length > 1e-6, normals / np.maximum(length, np.float32(1e-6)), np.array([0.0, 1.0, 0.0]))
     return np.where(np.abs(length - 1.0) < 1e-3, normals, mended).astype(np.float32)
 
 
 def _flat(block: _Block, corners: NDArray[np.int32]) -> tuple[_Block, NDArray[np.int32]]:
-    """Return separate vertices for each triangle, with its plane's normal. glTF requires it if normals are missing."""
+    """Return separate vertices for each triangle, with its plane's normal, as glTF requires if normals are missing."""
     tri = block.position[corners].astype(np.float64)
     area = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
     length = np.linalg.norm(area, axis=1, keepdims=True)
@@ -261,7 +261,7 @@ class Placed:
 
     name: str
     mesh: int  # index in the file
-    matrix: NDArray[np.float64]  # (4, 4) from the node's axes to the scene's, glTF's axes, m
+    matrix: NDArray[np.float64]  # (4, 4) from node to scene, both in glTF axes, m
     extras: Mapping[str, Any]
 
 
@@ -346,8 +346,8 @@ def _matrix(document: Document, node: Mapping[str, Any], where: str) -> NDArray[
 def pose(matrix: NDArray[np.float64], hint_yaw: Any) -> tuple[Vec3, float, NDArray[np.float64] | None]:
     """Return (position_ned in m, yaw in rad, linear map (3, 3) to apply to the mesh in FRD axes, or None).
 
-    An instance has a yaw only. If the node has any other rotation or a scale, the linear map contains all of it and the
-    yaw is 0. `hint_yaw` is the exact yaw from the extras; it is used if it agrees with the matrix.
+    An instance has a yaw only. If the node has any other rotation or a scale, the linear map contains the whole
+    rotation and scale, and the yaw is 0. `hint_yaw` is the exact yaw from the extras; it is used if it fits the matrix.
     """
     n, e, d = (float(v) for v in from_gltf(matrix[:3, 3]))
     linear = linear_from_gltf(matrix[:3, :3])

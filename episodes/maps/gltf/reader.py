@@ -25,12 +25,12 @@ _NOWHERE = HeightField(0.0, 0.0, 1.0, np.zeros((1, 1)))
 
 
 def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = None) -> Scene:
-    """Return the map in a binary glTF file, called `name`. A map from `save` is read back unchanged.
+    """Return the map in a binary glTF file; `name` becomes the map's name. A map from `save` is read back unchanged.
 
     `spawn` is a free place on the ground, (north, east) or (north, east, down) in metres NED. Files from `save` contain
-    it. Without a height, the spawn is on the lowest floor with two metres of headroom. Defaults for missing facts: the
-    sun of a late morning, PX4's usual home, all instances solid, none movable. Raises UsageError for a file that is
-    damaged, beyond the limits, compressed, not self-contained, or without ground under the spawn.
+    the spawn. Without a height, the spawn is on the lowest floor with two metres of headroom. Defaults for missing
+    facts: the sun of a late morning, PX4's usual home, all instances solid, none movable. Raises UsageError for a file
+    that is damaged, beyond the limits, compressed, not self-contained, or without ground under the spawn.
     """
     document = Document(path)
     placed = meshes.placed(document)
@@ -128,7 +128,7 @@ def _grounded(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] | N
 
 
 def _split(instances: Sequence[Instance], flags: Mapping[int, Any]) -> list[Instance]:
-    """Return the instances with the triangles flagged as ground in instances of their own."""
+    """Return the instances, with the triangles flagged as ground moved to separate instances."""
     result, number = [], max(instance.id for instance in instances)
     for instance in instances:
         flag = flags.get(instance.id)
