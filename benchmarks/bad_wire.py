@@ -35,7 +35,7 @@ from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.truth_listener import Listener
 from dronecats.flight.stages.stage import SIMULATOR
 from foundation.errors import DronecatsError, InfrastructureError
-from foundation.frames import quat_yaw, wrap_pi
+from foundation.frames import PX4_HOME, quat_yaw, wrap_pi
 from foundation.mavlink import Parser, dialect
 from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 from foundation.truth import TruthSample, truth_sample
@@ -45,7 +45,6 @@ from hil.link.parameters import Parameters
 from hil.link.transport import UdpTransport, connect
 
 EPISODE = "campus-approaching-01"
-ORIGIN = (47.397742, 8.545594, 488.0)  # only differences matter
 SILENCE_S = 30.0  # s of wall time, longer than a cut; `fly --connect` gives up after 6 s
 PROPOSED = {"COM_OBL_RC_ACT": 5.0, "COM_OF_LOSS_T": 0.5}  # for rows with a cut: Hold, after half a second
 CUT_AT_S, CUT_S = 20.0, 10.0  # s: start of the cut in the minute, duration of the cut
@@ -120,7 +119,7 @@ class Truth:
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
                 self._stamped = message.time_usec > 0
                 message.time_usec = message.time_usec or _wall_us()
-                self.samples.append(truth_sample(message, ORIGIN))
+                self.samples.append(truth_sample(message, PX4_HOME))
 
     def now_us(self, vehicle_us: int) -> int:
         """Return the present moment on the clock of the samples."""

@@ -32,11 +32,11 @@ from benchmarks.machine import Machine, benchmark_parser, print_figures
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.pace import RateKeeper
 from dronecats.flight.sitl.simulation import TICK_US, BootPose, SimulatedVehicle, Simulation
+from foundation.frames import PX4_HOME
 from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 from hil.link.link import Link
 from vehicles import airframe
 
-ORIGIN = (47.397742, 8.545594, 488.0)  # latitude °, longitude °, altitude m
 HEIGHT_M = 5.0
 STEP_S = 2.0  # s, duration of each part of the task
 STEPS_NED = ((0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (0.0, 1.0), (0.0, 0.0), (-1.0, 0.0), (0.0, 0.0), (0.0, -1.0))  # m/s
@@ -65,7 +65,7 @@ def simulation(count: int, seed: int) -> Simulation[SimulatedVehicle]:
     frame = airframe.load("x500")
     return Simulation(
         [
-            SimulatedVehicle(i, frame, BootPose((0.0, 3.0 * i, 0.0), 0.0), seed=seed + i, origin=ORIGIN)
+            SimulatedVehicle(i, frame, BootPose((0.0, 3.0 * i, 0.0), 0.0), seed=seed + i, origin=PX4_HOME)
             for i in range(count)
         ]
     )

@@ -21,12 +21,11 @@ from numpy.typing import NDArray
 from autopilot.records import FREE, NAN, CascadeSetpoint
 from benchmarks.machine import benchmark_parser
 from dronecats.flight.sitl.simulation import TICK_US, BootPose, SimulatedVehicle
-from foundation.frames import quat_yaw, wrap_pi
+from foundation.frames import PX4_HOME, quat_yaw, wrap_pi
 from vehicles import airframe
 
 Array = NDArray[np.float64]
 
-ORIGIN = (47.397742, 8.545594, 488.0)
 HEIGHT_M = 10.0
 TICK_S = TICK_US / 1e6
 STREAM_TICKS = 5  # a setpoint every 50 ms, as an agent sends them
@@ -61,7 +60,7 @@ class Flight:
     def __init__(self, name: str, seed: int) -> None:
         """Boot, take off and settle. Raises RuntimeError when it does not fly."""
         self.vehicle = SimulatedVehicle(
-            0, airframe.load(name), BootPose((0.0, 0.0, 0.0), 0.0), seed=seed, origin=ORIGIN
+            0, airframe.load(name), BootPose((0.0, 0.0, 0.0), 0.0), seed=seed, origin=PX4_HOME
         )
         commander = self.vehicle.autopilot.commander
         while commander.arming_failures() and self.vehicle.time_us < 60_000_000:

@@ -11,12 +11,20 @@ kernels of `vehicles` and `autopilot` use the same source.
 """
 
 import math
+from collections.abc import Iterable
 
 EARTH_RADIUS_M = 6371000.0  # PX4's CONSTANTS_RADIUS_OF_EARTH, so that local frames agree with PX4's
 GRAVITY = 9.80665  # m/s²
+PX4_HOME = (47.397742, 8.545594, 488.0)  # latitude °, longitude °, altitude m: the usual home of PX4's simulations
 
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
+
+
+def vec3(values: Iterable[float]) -> Vec3:
+    """Return three numbers, for example a row of an array, as plain floats."""
+    x, y, z = values
+    return float(x), float(y), float(z)
 
 
 def wrap_pi(angle: float) -> float:

@@ -53,8 +53,6 @@ def strapdown(state: Record, ax: float, ay: float, az: float, gx: float, gy: flo
     rp[0] += dpx
     rp[1] += dpy
     rp[2] += dpz
-    f = state.specific_force_ned
-    f[0], f[1], f[2] = fx, fy, fz
     i = state.impulse
     i[0] += fx * dt
     i[1] += fy * dt

@@ -56,7 +56,6 @@ ESTIMATOR_STATE = np.dtype(
         ("gyro_bias", "f8", (3,)),
         ("accel_bias", "f8", (3,)),
         ("mag_bias", "f8", (2,)),  # gauss, forward and right
-        ("specific_force_ned", "f8", (3,)),  # m/s², of the newest sample
         ("impulse", "f8", (3,)),  # m/s, ∫ specific force (NED) since the covariance was last propagated
         ("impulse_dt", "f8"),  # s, length of that integral
         ("shocked", "i8"),  # 1: `impulse` contains an impact beyond the accelerometer's limit

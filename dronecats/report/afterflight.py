@@ -28,7 +28,7 @@ from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.telemetry import DroneTelemetry
 from dronecats.report.recorded.tracks import onboard_log_path, ulog_topics
 from foundation.errors import UsageError
-from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic
+from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic, vec3
 from foundation.protocol import POSE_PERIOD_S
 from foundation.run_folder import layout
 from foundation.run_folder.reading import Logs, estimate, read
@@ -279,7 +279,7 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
         index = int(np.searchsorted(path.time_us, at_us))
         if index >= len(path.time_us) or path.time_us[index] != at_us:
             return None
-        position, std = _vector(path.position_ned[index]), _vector(path.std_m[index])
+        position, std = vec3(path.position_ned[index]), vec3(path.std_m[index])
         distance: tuple[float | None, float | None] = (None, None)
         if target is not None and target_ned is not None:
             distance = target.distance(target_ned, position, std)
@@ -422,10 +422,6 @@ class _TruePath:
 def _surveyed_target(flight: RecordedFlight) -> SurveyedTarget | None:
     declared = flight.record.get("surveyed_target")
     return None if declared is None else target_of(declared)
-
-
-def _vector(row: NDArray[np.float64]) -> Vec3:
-    return (float(row[0]), float(row[1]), float(row[2]))
 
 
 def _rounded_number(value: float | None) -> float | None:

@@ -5,7 +5,7 @@ Materials are recognised by their names.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from episodes.maps.assets.leaves import SHADE
 from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun
 from foundation.conditions import AS_BUILT, SceneConditions
-from foundation.frames import Vec3
+from foundation.frames import Vec3, vec3
 from foundation.threads import once
 
 REDDENING = (0.02, 0.10, 0.24)  # optical depth of clear air at the zenith, RGB (Rayleigh scattering, ∝ 1/λ⁴)
@@ -98,7 +98,7 @@ def moved(sun: Sun, azimuth_deg: float, elevation_deg: float) -> Sun:
     new, old = through(-toward[2]), through(max(-sun.toward_ned[2], 0.05))
     color = [c * n / o for c, n, o in zip(sun.color, new, old, strict=True)]
     dim = min(1.0, 0.35 + 0.65 * math.sqrt(max(-toward[2], 0.0) / max(-sun.toward_ned[2], 0.05)))
-    return replace(sun, toward_ned=toward, color=_vec3(color), sky=_vec3(c * dim for c in sun.sky))
+    return replace(sun, toward_ned=toward, color=vec3(color), sky=vec3(c * dim for c in sun.sky))
 
 
 def overcast(sun: Sun) -> Sun:
@@ -114,11 +114,6 @@ def overcast(sun: Sun) -> Sun:
 def dusk(sun: Sun) -> Sun:
     """Return the light after sunset: no direct sunlight, a blue sky, and a glow above the place of sunset."""
     return replace(sun, toward_ned=direction(*DUSK_DEG), strength=0.0, sky=DUSK_SKY, glow=DUSK_GLOW)
-
-
-def _vec3(values: Iterable[float]) -> Vec3:
-    r, g, b = values
-    return (r, g, b)
 
 
 def with_lights(instances: Sequence[Instance]) -> tuple[Instance, ...]:

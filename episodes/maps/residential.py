@@ -29,13 +29,12 @@ from episodes.maps.residential_plan import (
     Street,
 )
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
+from foundation.frames import PX4_HOME
 from foundation.terrain import HeightField
 
 KERBSIDE_OUT = 2.8  # m from the centre line to the middle of a vehicle that is parked along the kerb
 DRIVE_OUT = 10.5  # m from the centre line to the middle of a vehicle that is parked on a drive
 BAY = 6.2  # m, length of kerb for one vehicle
-
-ORIGIN = (47.397742, 8.545594, 488.0)  # PX4's usual SITL home
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -316,9 +315,9 @@ def build(seed: int = 1) -> Scene:
         instances=tuple(instances),
         terrain=terrain,
         sun=Sun((float(sun[0]), float(sun[1]), float(sun[2]))),
-        latitude_deg=ORIGIN[0],
-        longitude_deg=ORIGIN[1],
-        altitude_m=ORIGIN[2],
+        latitude_deg=PX4_HOME[0],
+        longitude_deg=PX4_HOME[1],
+        altitude_m=PX4_HOME[2],
         spawn_ned=(0.0, 0.0, terrain.at(0.0, 0.0)),
         notes=("Main Street and Orchard Street run north, Hill Road and Mill Road east.",),
     )

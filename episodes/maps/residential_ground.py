@@ -121,7 +121,7 @@ def _tint(north: Array, east: Array, homes: tuple[Plot, ...]) -> NDArray[np.int_
         along, out = (north, east) if plot.street.north else (east, north)
         out = plot.side * (out - plot.street.middle)
         on_plot = (np.abs(along - plot.along) < 10.0) & (out > 0.0) & (out < DEPTH)
-        tint[on_plot] = (plot.number // 2 * 2 + 3 * (plot.side > 0)) % 3
+        tint[on_plot] = plot.number // 2 * 2 % 3
     return tint
 
 

@@ -12,9 +12,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from episodes.authoring.check import candidates, rules
-from episodes.authoring.check.finding import LEVEL_M, OF_OTHER_MAPS, REACH_M, RULES, RuleFinding
+from episodes.authoring.check.finding import LEVEL_M, OF_OTHER_MAPS, RULES, RuleFinding
 from episodes.authoring.check.placement import StaticObstacles, climb, formation, unevenness_m
 from episodes.records.record import MAX_STARTS, EpisodeRecord, StartPose
+from episodes.world.obstacles import REACH_M
 from episodes.world.world import World
 from foundation.errors import UsageError
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps.scene import Instance, Scene
-from foundation.frames import Vec3
+from foundation.frames import vec3
 from foundation.terrain import OPEN, MovingBox, Obstacles
 from foundation.threads import once
 
@@ -53,7 +53,7 @@ def _static_triangles(instances: Sequence[Instance]) -> tuple[Array, NDArray[np.
 def bounding_box(instance: Instance) -> MovingBox:
     """Return the box around an instance, in its own axes."""
     low, high = instance.mesh.vertices.min(axis=0), instance.mesh.vertices.max(axis=0)
-    return MovingBox(instance.name, _vector((high - low) / 2), _vector((high + low) / 2))
+    return MovingBox(instance.name, vec3((high - low) / 2), vec3((high + low) / 2))
 
 
 def sorted_into_cells(
@@ -77,7 +77,7 @@ def sorted_into_cells(
         bounds=_bounds(triangles),
         owner=owner,
         names=names,
-        origin_ned=_vector(origin),
+        origin_ned=vec3(origin),
         cell_m=cell_m,
         cells=(int(cells[0]), int(cells[1]), int(cells[2])),
         start=start,
@@ -160,7 +160,3 @@ def _cells_of(
     near = np.abs(away) <= reach_m + math.sqrt(0.75) * cell_m
     flat = (cell[:, 0] * cells[1] + cell[:, 1]) * cells[2] + cell[:, 2]
     return flat[near].astype(np.int32), (which[near] + number).astype(np.int32)
-
-
-def _vector(values: Array) -> Vec3:
-    return (float(values[0]), float(values[1]), float(values[2]))

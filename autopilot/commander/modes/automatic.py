@@ -35,12 +35,10 @@ class HoldMode(Mode):
         self._target: Vec3 | None = None
         self._yaw = 0.0
         self._entered_us = 0
-        self._z = 0.0
 
     def enter(self, flight: FlightContext) -> None:
         state = flight.state
         self._target, self._yaw, self._entered_us = None, state.yaw, state.time_us
-        self._z = state.position_ned[2]
 
     def go_to(self, position_ned: Vec3, yaw: float) -> None:
         """Fly to a local position (m, NED); a nan yaw (rad) keeps the present heading."""

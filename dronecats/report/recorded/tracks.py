@@ -19,7 +19,7 @@ from dronecats.report.recorded.telemetry import DroneTelemetry, rising
 from episodes.world.fleet import DronePose
 from foundation.errors import UsageError
 from foundation.extras import is_installed
-from foundation.frames import Vec3, geodetic_to_ned, quat_from_euler
+from foundation.frames import Vec3, geodetic_to_ned, quat_from_euler, vec3
 from foundation.run_folder import layout
 from foundation.run_folder.rows import EstimatedPose, FrameTruth, Pose
 from foundation.truth import Origin, TruthSample
@@ -63,13 +63,13 @@ class FlightTrack:
         t_s = min(max(t_s, float(self.t_s[0])), float(self.t_s[-1]))
         if len(self.t_s) == 1:
             x, y, z, w = _rotation(self.attitude)[0].as_quat()
-            return DronePose(_vec3(self.position_ned[0]), (float(w), float(x), float(y), float(z)))
+            return DronePose(vec3(self.position_ned[0]), (float(w), float(x), float(y), float(z)))
         after = min(max(int(np.searchsorted(self.t_s, t_s)), 1), len(self.t_s) - 1)
         pair = slice(after - 1, after + 1)
         x, y, z, w = Slerp(self.t_s[pair], _rotation(self.attitude[pair]))(t_s).as_quat()
         share = (t_s - self.t_s[after - 1]) / (self.t_s[after] - self.t_s[after - 1])
         place = (1.0 - share) * self.position_ned[after - 1] + share * self.position_ned[after]
-        return DronePose(_vec3(place), (float(w), float(x), float(y), float(z)))
+        return DronePose(vec3(place), (float(w), float(x), float(y), float(z)))
 
     def positions(self, times: Array) -> Array:
         """Return the positions (len(times), 3), m NED, interpolated linearly."""
@@ -202,10 +202,6 @@ def _level(yaw: Array) -> Array:
 
 def _rotation(attitude: Array) -> Rotation:
     return Rotation.from_quat(attitude[:, [1, 2, 3, 0]])
-
-
-def _vec3(place: Array) -> Vec3:
-    return float(place[0]), float(place[1]), float(place[2])
 
 
 def onboard_log_path(folder: Path, drone: int = 0) -> Path | None:

@@ -95,6 +95,13 @@ class StepQuantiles:
     steps: int
     at: tuple[float, ...]  # in the order of QUANTILES; empty: no step has a value
 
+    def span(self, scale: float = 1.0) -> tuple[float, float, float]:
+        """Return the 5 % quantile, the median and the 95 % quantile, each times `scale`.
+
+        Raises IndexError if no step has a value.
+        """
+        return scale * self.at[0], scale * self.at[len(QUANTILES) // 2], scale * self.at[-1]
+
 
 @dataclass(frozen=True, slots=True)
 class ServedRate:

@@ -19,7 +19,7 @@ from dronecats.study.loop.feedback import (
 )
 from foundation.airframe import Airframe
 from foundation.errors import UsageError
-from foundation.frames import quat_from_euler
+from foundation.frames import PX4_HOME, quat_from_euler
 from foundation.wording import suggestion
 from vehicles.multirotor import Multirotor, PlantArguments
 from vehicles.sensors import PERFECT, Suite
@@ -60,7 +60,6 @@ def select_loops(names: list[str] | None) -> tuple[CascadeLoop, ...]:
 Array = NDArray[np.float64]
 
 SAMPLE_S = 0.001
-ORIGIN = (47.397742, 8.545594, 488.0)  # latitude °, longitude °, altitude m
 HEIGHT_M = 30.0
 CLIMB = 2.0  # m/s
 BOOT_S, SETTLE_S = 10.0, 12.0
@@ -102,7 +101,7 @@ class Hover:
         Raises UsageError for an airframe that cannot be controlled.
         """
         self.airframe = airframe = airframe.balanced()
-        vehicle = Multirotor(airframe, seed=seed, origin=ORIGIN, suite=suite)
+        vehicle = Multirotor(airframe, seed=seed, origin=PX4_HOME, suite=suite)
         core = FlightCore(airframe)
         self.gains = core.gains
         self._stack = Stack(vehicle.kernel_args, core.kernel_args(vehicle.sensors, vehicle.actuators))

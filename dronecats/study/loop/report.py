@@ -16,6 +16,7 @@ from dronecats.report.writers import as_markdown
 from dronecats.study.loop.margins import LoopStudy, StepFigures
 from dronecats.study.loop.stream import WORSE, Tolerance
 from dronecats.study.loop.trace import AXES, TraceResponse
+from dronecats.study.report import panels
 from foundation.errors import InfrastructureError
 
 LoopRow = dict[str, Any]
@@ -208,8 +209,6 @@ def _tolerance_cells(tolerance: Tolerance) -> tuple[CellValue, ...]:
     )
 
 
-COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
-MARKERS = ("o", "s", "^", "D", "v", "P")
 GROUP_COLOURS = {"rate": style.BLUE, "attitude": style.ORANGE, "velocity": style.GREEN}
 AGREED = 0.2  # largest prediction error that counts as agreement, as a share of the injected margin
 POINTS = 300  # points that are drawn of an oscillating curve
@@ -259,13 +258,13 @@ def draw_margins(studies: Sequence[LoopStudy]) -> Any:
     for study in studies:
         axis.plot(
             1e3 * study.predicted.delay_s, 1e3 * study.injected.delay_s, linestyle="none", markersize=5.0,
-            marker=MARKERS[names.index(study.airframe) % len(MARKERS)], color=GROUP_COLOURS[study.loop.group],
+            marker=panels.marker(names.index(study.airframe)), color=GROUP_COLOURS[study.loop.group],
             markerfacecolor="none",
         )  # fmt: skip
     for group in dict.fromkeys(study.loop.group for study in studies):
         axis.plot([], [], linestyle="none", marker="o", color=GROUP_COLOURS[group], label=f"{group} loops")
     for k, name in enumerate(names):
-        axis.plot([], [], linestyle="none", marker=MARKERS[k % len(MARKERS)], color=style.INK, label=name,
+        axis.plot([], [], linestyle="none", marker=panels.marker(k), color=style.INK, label=name,
                   markerfacecolor="none")  # fmt: skip
     axis.fill_between([], [], [], color=style.LIGHT, label=f"within {AGREED:.0%}")
     axis.set(
@@ -290,7 +289,7 @@ def draw_steps(studies: Sequence[LoopStudy]) -> Any:
         for study in studies:
             if study.loop.name == name:
                 response, k = study.responses[0.0], names.index(study.airframe)
-                axis.plot(response.time, response.value / response.step, color=COLOURS[k % len(COLOURS)], linewidth=0.9,
+                axis.plot(response.time, response.value / response.step, color=panels.colour(k), linewidth=0.9,
                           label=study.airframe)  # fmt: skip
         axis.axhline(1.0, color=style.GREY, linewidth=0.6)
         axis.set(title=name, xlabel="s")
@@ -331,8 +330,8 @@ def draw_stream(tolerances: Sequence[Tolerance]) -> Any:
             k = names.index(tolerance.airframe)
             ratio = np.array(tolerance.errors) / tolerance.perfect_error
             stays = [all(trial.left_s is None for trial in trials) for trials in tolerance.trials]
-            colour = COLOURS[k % len(COLOURS)]
-            axis.plot(np.array(tolerance.levels)[stays], ratio[stays], marker=MARKERS[k % len(MARKERS)], markersize=3.0,
+            colour = panels.colour(k)
+            axis.plot(np.array(tolerance.levels)[stays], ratio[stays], marker=panels.marker(k), markersize=3.0,
                       linewidth=0.9, color=colour, label=tolerance.airframe)  # fmt: skip
             if tolerance.left_offboard_at is not None:
                 axis.axvline(
@@ -350,7 +349,7 @@ def draw_trace(traces: Sequence[TraceResponse], airframe: str) -> Any:
     figure, axes = _panels(len(AXES), 1, 4.0, sharex=True)
     for k, (axis, name) in enumerate(zip(axes[:, 0], AXES, strict=True)):
         axis.plot(traces[0].time, traces[0].setpoints[:, k], color=style.GREY, linewidth=0.8, label="setpoint")
-        for response, colour in zip(traces, COLOURS, strict=False):
+        for response, colour in zip(traces, panels.COLOURS, strict=False):
             label = {"ours": "our autopilot", "px4": "PX4"}[response.autopilot]
             axis.plot(response.time, response.measured[:, k], color=colour, linewidth=0.9, label=label)
         axis.set_ylabel(f"{name} ({'rad/s' if name == 'yaw rate' else 'm/s'})")

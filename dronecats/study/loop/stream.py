@@ -13,11 +13,10 @@ import numpy as np
 from dronecats.flight.sitl.simulation import TICK_US, BootPose, SimulatedVehicle
 from foundation.airframe import Airframe
 from foundation.errors import InfrastructureError
-from foundation.frames import Vec3
+from foundation.frames import PX4_HOME, Vec3
 from foundation.mavlink import Packer, dialect
 from hil.impairment import Channel, Impairment
 
-ORIGIN = (47.397742, 8.545594, 488.0)  # latitude °, longitude °, altitude m
 HEIGHT_M = 10.0
 LEVEL_MASK = 0b0000_0101_1110_0011  # ignored fields: x, y, vz, all accelerations, yaw
 STREAM_TICKS = 5  # 20 Hz, as for the agent
@@ -87,7 +86,7 @@ class StreamedVehicle:
 
     def __init__(self, airframe: Airframe, seed: int = 1) -> None:
         """Boot, take off and settle. Raises InfrastructureError if the vehicle is then not in offboard mode."""
-        self.vehicle = SimulatedVehicle(0, airframe, BootPose((0.0, 0.0, 0.0), 0.0), seed=seed, origin=ORIGIN)
+        self.vehicle = SimulatedVehicle(0, airframe, BootPose((0.0, 0.0, 0.0), 0.0), seed=seed, origin=PX4_HOME)
         self._port = self.vehicle.open_port("minimal")
         self._agent = Packer(255, dialect.MAV_COMP_ID_MISSIONPLANNER)
         commander = self.vehicle.autopilot.commander

@@ -4,7 +4,6 @@ import math
 from typing import Any
 
 from dronecats.report import figures as style
-from dronecats.study.analysis.steps import QUANTILES, StepQuantiles
 from dronecats.study.analysis.study_results import ALL, MEASURES, LevelResult, level_steps, levels_besides, successes
 from dronecats.study.analysis.success_fits import HalfSuccessFit
 from dronecats.study.report import panels
@@ -114,9 +113,6 @@ def _draw_fit(axis: Any, along: FactorFindings, fit: HalfSuccessFit, number: int
         axis.plot([half.value], [50.0], "|", color=panels.colour(number), markersize=9, markeredgewidth=1.6, zorder=4)
 
 
-LEAST, MIDDLE, MOST = QUANTILES.index(0.05), QUANTILES.index(0.5), QUANTILES.index(0.95)
-
-
 def served_figure(findings: Findings, along: FactorFindings) -> Any | None:
     """Return a box plot of the control rate per level and entrant (5, 25, 50, 75 and 95 %); None without data."""
     if not along.served:
@@ -134,7 +130,7 @@ def served_figure(findings: Findings, along: FactorFindings) -> Any | None:
         axis.plot([middle, middle], [y - tall / 2, y + tall / 2], color=panels.colour(number), linewidth=2.4, zorder=4)
     axis.set_yticks(range(len(steps)), [panels.without_unit(step, along.factor) for step in steps])
     axis.set_ylim(len(steps) - 0.5, -0.5)
-    axis.set_xlim(0.0, 1.04 * max(rate.rate_hz.at[MOST] for rate in along.served))
+    axis.set_xlim(0.0, 1.04 * max(rate.rate_hz.at[-1] for rate in along.served))
     axis.set_ylabel(along.factor.title)
     axis.set_xlabel("decisions per second of vehicle time: 5, 25, 50, 75 and 95 % of the steps")
     return panels.finish(figure, [axis], findings.command)
@@ -155,11 +151,11 @@ def target_motion_figure(findings: Findings, along: FactorFindings) -> Any | Non
         rows = [at for at in motions if at.entrant == entrant]
         places = panels.shifted(panels.places_of([at.step for at in rows]), number, len(entrants))
         suffix = f", {entrant}" if len(entrants) > 1 else ""
-        widths, moved = [_span(at.width_m) for at in rows], [_span(at.moved_m) for at in rows]
+        widths, moved = [at.width_m.span() for at in rows], [at.moved_m.span() for at in rows]
         panels.draw_spans(metres, places, widths, number, label="width of the view at the target", linestyle="--",
                           color=style.GREY)  # fmt: skip
         panels.draw_spans(metres, places, moved, number, label=f"target moved{suffix}")
-        ratios = [(x, _span(at.share, PERCENT)) for x, at in zip(places, rows, strict=True) if at.share.at]
+        ratios = [(x, at.share.span(PERCENT)) for x, at in zip(places, rows, strict=True) if at.share.at]
         panels.draw_spans(share, [x for x, _ in ratios], [span for _, span in ratios], number)
     for axis in (metres, share):
         panels.name_levels(axis, along.factor, list(dict.fromkeys(at.step for at in motions)))
@@ -178,8 +174,3 @@ def _scale_log(axis: Any) -> None:
     axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.yaxis.set_minor_formatter(NullFormatter())
-
-
-def _span(quantiles: StepQuantiles, scale: float = 1.0) -> tuple[float, float, float]:
-    """Return the 5 % quantile, the median and the 95 % quantile."""
-    return scale * quantiles.at[LEAST], scale * quantiles.at[MIDDLE], scale * quantiles.at[MOST]

@@ -157,9 +157,6 @@ def _p_column(title: str, name: str, group: str = "") -> TableColumn:
     return TableColumn(name=name, title=title, group=group, decimals=3, floor=0.001)
 
 
-LEAST, MIDDLE, MOST = (QUANTILES.index(share) for share in (0.05, 0.5, 0.95))
-
-
 def served_rates(findings: Findings, along: FactorFindings) -> ReportTable | None:
     """Return a table of quantiles of the served rate and latency, a row per entrant and level; None without data."""
     if not along.served:
@@ -218,9 +215,8 @@ def _spread(quantiles: StepQuantiles, scale: float = 1.0) -> TableCell:
     """Return a median with its 5 and 95 % quantiles."""
     if not quantiles.at:
         return TableCell(value=None)
-    return TableCell(
-        value=scale * quantiles.at[MIDDLE], low=scale * quantiles.at[LEAST], high=scale * quantiles.at[MOST]
-    )
+    low, middle, high = quantiles.span(scale)
+    return TableCell(value=middle, low=low, high=high)
 
 
 TITLES = {SUCCESS: ("Success", "points"), **{m.metric: (m.title, m.unit) for m in MEASURES}}

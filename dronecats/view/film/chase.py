@@ -22,7 +22,7 @@ from episodes.maps.assets.multirotor import multirotor
 from episodes.maps.scene import Instance, Moved
 from episodes.world.visibility import Solids, SolidsUnion
 from foundation.camera import CameraModel, CameraPose
-from foundation.frames import Vec3, quat_from_euler
+from foundation.frames import quat_from_euler, vec3
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ def chase(track: FlightTrack, end_s: float, obstacles: Solids) -> ChasePath:
     azimuth = heading + np.radians(_smooth(chosen[:, 0], SWING_S))
     elevation = np.radians(_smooth(chosen[:, 1], SWING_S))
     out = _outwards(azimuth, elevation)
-    free = np.array([obstacles.range_m(_vec3(p), _vec3(o)) for p, o in zip(places, out, strict=True)])
+    free = np.array([obstacles.range_m(vec3(p), vec3(o)) for p, o in zip(places, out, strict=True)])
     boom = np.clip(np.minimum(_smooth(chosen[:, 2], SWING_S) * BOOM_M, free - ROOM_M), SHORTEST_M, BOOM_M)
     boom = _smooth(minimum_filter1d(boom, 2 * math.ceil(2.0 * BOOM_S / STEP_S) + 1), BOOM_S)
     eye = places + boom[:, None] * out
@@ -97,7 +97,7 @@ def _blocked(place: Array, heading: float, candidates: Array, obstacles: Solids)
     side = ROOM_M * np.column_stack([-np.sin(azimuth), np.cos(azimuth), np.zeros(len(azimuth))])
     up = ROOM_M * np.array([0.0, 0.0, -1.0])
     around = np.stack([eye, eye + side, eye - side, eye + up, eye - up])
-    hidden = obstacles.hidden(_vec3(place), around.reshape(-1, 3)).reshape(len(around), -1)
+    hidden = obstacles.hidden(vec3(place), around.reshape(-1, 3)).reshape(len(around), -1)
     return np.asarray(hidden.any(axis=0))
 
 
@@ -123,10 +123,6 @@ def _cheapest(blocked: NDArray[np.bool_], candidates: Array) -> NDArray[np.intp]
     for before in reversed(previous):
         way.append(int(before[way[-1]]))
     return np.array(way[::-1])
-
-
-def _vec3(place: Array) -> Vec3:
-    return float(place[0]), float(place[1]), float(place[2])
 
 
 def chase_lens(width: int, height: int) -> CameraModel:

@@ -13,7 +13,6 @@ OCCUPANCY_PERCENT: Bounds = (0.40, 12.0)  # share of the picture that the target
 CAMPUS_OCCUPANCY_PERCENT: Bounds = (0.25, 12.0)
 ALTITUDE_M: Bounds = (1.2, 2.2)  # above the ground under the start, on the shipped maps
 DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # largest differences between the record and the measurement
-REACH_M = 0.7  # from a drone's origin to its farthest part, the camera at the front
 LEVEL_M = 0.10  # largest unevenness of the ground under a start: on a kerb, a drone tips over before take-off
 BODY_M = 0.45  # half the diagonal of a drone with its propellers
 OFF_GROUND_M = 0.02  # largest distance of a standing target, a look-alike or a path from the ground

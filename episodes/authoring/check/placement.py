@@ -21,7 +21,6 @@ from episodes.authoring.check.finding import (
     LEVEL_M,
     OF_OTHER_MAPS,
     OFF_GROUND_M,
-    REACH_M,
     RULES,
     START_TO_PATH_M,
     WHEEL_OFF_M,
@@ -32,6 +31,7 @@ from episodes.authoring.check.finding import (
 )
 from episodes.maps.scene import Instance, turn
 from episodes.records.record import StartPose
+from episodes.world.obstacles import REACH_M
 from episodes.world.target import TargetMotion, contact_patch, has_wheels, motion
 from episodes.world.visibility import distance_to_mesh
 from episodes.world.world import World

@@ -13,13 +13,14 @@ import numpy as np
 
 from episodes import maps
 from episodes.authoring.check import referring
-from episodes.authoring.check.finding import ALTITUDE_M, BODY_M, REACH_M
+from episodes.authoring.check.finding import ALTITUDE_M, BODY_M
 from episodes.authoring.check.placement import StaticObstacles
 from episodes.authoring.check.sight import CAMERA, Framing, box_corners, framing, level
 from episodes.maps import assets
 from episodes.maps.scene import Instance, Mesh, Places
 from episodes.records.record import StartPose, TargetRecord
 from episodes.world import world
+from episodes.world.obstacles import REACH_M
 from episodes.world.target import motion
 from episodes.world.visibility import SolidsExcept, TargetView
 from foundation.camera import CameraPose

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from episodes.maps.scene import Sun
 from foundation.compiled import njit
-from foundation.frames import Vec3
+from foundation.frames import Vec3, vec3
 from foundation.threads import once
 
 EXPOSURE = 0.72
@@ -65,16 +65,12 @@ def daylight(sun: Sun) -> Daylight:
     veil = min(grey / USUAL_GREY, 1.0)
     horizon = tuple(1.2 * c + w * veil for c, w in zip(sky, (0.80, 0.95, 1.06), strict=True))
     disc = min(max((0.95 - float(sun.clouds)) / 0.2, 0.0), 1.0)
-    return Daylight(toward, _vec3(light), _vec3(ambient), _vec3(bounce), _vec3(zenith), _vec3(horizon), disc)
-
-
-def _vec3(v: tuple[float, ...]) -> Vec3:
-    return (v[0], v[1], v[2])
+    return Daylight(toward, vec3(light), vec3(ambient), vec3(bounce), vec3(zenith), vec3(horizon), disc)
 
 
 def sky_of(sun: Sun) -> NDArray[np.float32]:
     """Return the (SKY_CELLS, SKY_CELLS, 3) linear RGB of the sky of `sun`, without the sun's disc."""
-    glow = _vec3(tuple(float(c) for c in sun.glow))
+    glow = vec3(sun.glow)
     return _sky(daylight(sun), float(sun.clouds), glow)
 
 

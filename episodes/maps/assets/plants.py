@@ -171,7 +171,7 @@ def spruce(height: float = 9.0, seed: int = 1) -> Mesh:
     whorls = 15
     for k in range(whorls):
         share = 0.09 + 0.83 * (k / (whorls - 1)) ** 0.92
-        long, count = reach(share) * 1.0, max(5, round(11 * (1.0 - share) + 2))
+        long, count = reach(share), max(5, round(11 * (1.0 - share) + 2))
         for turn in (2.0 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count + 1.3 * k).tolist():
             away = np.array((np.cos(turn), np.sin(turn), 0.0))
             along = long * rng.uniform(0.85, 1.12)

@@ -10,15 +10,13 @@ import numpy as np
 
 from episodes.maps.gltf import extras, ground, meshes
 from episodes.maps.gltf import materials as looks
-from episodes.maps.gltf import meshes as shapes
 from episodes.maps.gltf.document import Document
 from episodes.maps.gltf.materials import Images
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
 from foundation.errors import UsageError
-from foundation.frames import Vec3
+from foundation.frames import PX4_HOME, Vec3
 from foundation.terrain import HeightField
 
-ORIGIN = (47.397742, 8.545594, 488.0)  # default: PX4's usual SITL home
 SUN = Sun((-0.5065, 0.3957, -0.7660))  # default: late morning, northern summer
 
 _NOWHERE = HeightField(0.0, 0.0, 1.0, np.zeros((1, 1)))
@@ -34,26 +32,26 @@ def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = No
     """
     document = Document(path)
     placed = meshes.placed(document)
-    total = sum(shapes.triangle_count(document, node.mesh) for node in placed)
-    if total > shapes.MAX_TRIANGLES:
-        document.fail("the scene", f"has {total} triangles; {shapes.MAX_TRIANGLES} are allowed: simplify it")
-    worn = set().union(*(shapes.materials_of(document, node.mesh) for node in placed)) if placed else set()
+    total = sum(meshes.triangle_count(document, node.mesh) for node in placed)
+    if total > meshes.MAX_TRIANGLES:
+        document.fail("the scene", f"has {total} triangles; {meshes.MAX_TRIANGLES} are allowed: simplify it")
+    worn = set().union(*(meshes.materials_of(document, node.mesh) for node in placed)) if placed else set()
     images = Images(document, looks.used_images(document, worn))
-    reader = shapes.Shapes(document, {k: looks.read(document, k, images) for k in sorted(worn)})
+    reader = meshes.Shapes(document, {k: looks.read(document, k, images) for k in sorted(worn)})
     instances, notes = _instances(document, placed, reader)
     if not instances:
         document.fail("the scene", "has no triangles")
     facts = extras.scene_facts(document)
     name = name or facts.name or _slug(path.stem) or "map"
     notes = (*facts.notes, *notes)
-    described = Scene(name, tuple(instances), _NOWHERE, facts.sun or SUN, *(facts.origin or ORIGIN), notes=notes)
+    described = Scene(name, tuple(instances), _NOWHERE, facts.sun or SUN, *(facts.origin or PX4_HOME), notes=notes)
     if facts.terrain is not None and facts.spawn_ned is not None:
         return _as_written(replace(described, terrain=facts.terrain), facts, spawn, document)
     return _grounded(described, facts, spawn, document)
 
 
 def _instances(
-    document: Document, placed: list[meshes.Placed], reader: shapes.Shapes
+    document: Document, placed: list[meshes.Placed], reader: meshes.Shapes
 ) -> tuple[list[Instance], tuple[str, ...]]:
     """Return the instances of the file with their ids, and notes about everything that is left out."""
     facts = [extras.node_facts(node.extras) for node in placed]
@@ -149,7 +147,7 @@ def _split(instances: Sequence[Instance], flags: Mapping[int, Any]) -> list[Inst
 def _part(mesh: Mesh, keep: Any) -> Mesh:
     """Return some triangles of a mesh with the vertices and materials that they use."""
     used, material = np.unique(mesh.material[keep], return_inverse=True)
-    return shapes.compact(
+    return meshes.compact(
         replace(
             mesh,
             triangles=mesh.triangles[keep],
