@@ -3,8 +3,8 @@
     python -m benchmarks.stand_in SECONDS REPLY
 
 The endpoint is OpenAI-compatible and on the loopback. It prints its address as the first line, and ends when its
-standard input ends. `GET /times` returns the times of the newest question and of its reply, in s of the system's
-monotonic clock, which all processes of a machine share.
+standard input ends. `GET /times` returns the times of the newest question and of its reply, in s of the monotonic clock
+that all processes of the machine share.
 """
 
 import json
@@ -15,7 +15,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 
 class StandIn(ThreadingHTTPServer):
-    """Answers after `seconds` with `reply`."""
+    """An HTTP server that answers every question with `reply` after `seconds`."""
 
     daemon_threads = True
     request_queue_size = 128

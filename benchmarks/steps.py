@@ -1,12 +1,12 @@
-"""Measures the step responses and the hover drift of every airframe, with sensors, estimator, commander and cascade.
+"""Measures the step responses and the hover drift of every airframe, with simulated sensors and the whole autopilot.
 
     python -m benchmarks.steps [--json] [--plots DIR] [--table FILE] [--airframe NAME …] [--short]
 
-All figures are of the true state. A response is the mean of five flights with different sensor errors, to average these
-out. Rise: time from 10 to 90 % of the step. Overshoot: in % of the step. Steady error: error of the mean over the last
-three seconds, in % of the step. Drift: largest distance from the start during a minute of hover in still air, caused by
-the drift of GPS receiver and barometer; the median and the largest of the five flights. `--short` flies one airframe
-once and only checks that everything runs.
+All figures are computed from the true state. A response is the mean of five flights with different sensor errors, to
+average these out. Rise: time from 10 to 90 % of the step. Overshoot: in % of the step. Steady error: difference between
+the step and the mean response of the last three seconds, in % of the step. Drift: largest distance from the start
+during a minute of hover in still air, caused by GPS receiver and barometer. The table shows the median of the five
+flights, and the largest in brackets. `--short` flies one airframe once and only checks that everything runs.
 """
 
 import json
@@ -30,18 +30,18 @@ HEIGHT_M = 10.0
 TICK_S = TICK_US / 1e6
 STREAM_TICKS = 5  # a setpoint every 50 ms, as an agent sends them
 SEEDS = (1, 2, 3, 4, 5)
-OVERSHOOT_MOST, STEADY_MOST, DRIFT_MOST = 10.0, 2.0, 0.3  # %, %, m: goals, at most
+OVERSHOOT_MOST, STEADY_MOST, DRIFT_MOST = 10.0, 2.0, 0.3  # goals: largest overshoot (%), steady error (%), drift (m)
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step of one setpoint, and the unit of the response."""
+    """A step of one component of the setpoint."""
 
     name: str
-    size: float  # m/s, rad or m
+    size: float  # in `unit`
     seconds: float
-    unit: str
-    velocity_north: float | None = None  # m/s; None holds the place
+    unit: str  # of the response: m/s, rad or m
+    velocity_north: float | None = None  # m/s; None: the vehicle holds its position
     yaw: float = 0.0  # rad
     climb: float = 0.0  # m
 
@@ -55,7 +55,7 @@ STEPS = (
 
 
 class Flight:
-    """One vehicle over flat ground in still air, in offboard at a height."""
+    """One simulated vehicle in offboard mode at HEIGHT_M, over flat ground in still air."""
 
     def __init__(self, name: str, seed: int) -> None:
         """Boot, take off and settle. Raises RuntimeError when it does not fly."""
@@ -92,7 +92,7 @@ class Flight:
         offboard.setpoint, offboard.time_us = self.setpoint, self.vehicle.autopilot.state.time_us
 
     def fly(self, seconds: float) -> Array:
-        """Fly; return the truth of every tick: rows of north, east, down (m), velocity north (m/s), yaw (rad)."""
+        """Fly; return the true state at every tick: rows of north, east, down (m), velocity north (m/s), yaw (rad)."""
         rows = np.empty((round(seconds / TICK_S), 5))
         truth = self.vehicle.plant.truth
         for tick in range(len(rows)):
@@ -104,7 +104,7 @@ class Flight:
         return rows
 
     def step(self, step: Step) -> Array:
-        """Fly a step; return (n,) the response at every tick, relative to the start, in the step's unit."""
+        """Fly a step; return the response at every tick, (n,), relative to the start, in the step's unit."""
         before, hold = self.fly(2.0), self.setpoint
         if step.velocity_north is not None:
             self.setpoint = hold._replace(

@@ -4,15 +4,15 @@
 
 Three benchmarks are timed from the start of the command to its end:
 
-    undrawn   `dronecats bench --pilot noisy --flights 2`, the eighty episodes of one drone, with one job and with two
-    fleets    the same for the twenty episodes of four drones, with two jobs
-    drawn     the twelve episodes of `quick` with the pilot vision, which looks at every frame, with two jobs
+    undrawn   `dronecats bench --pilot noisy --flights 2`: the eighty episodes of one drone, with one job and with two
+    fleets    the same command for the twenty episodes of four drones, with two jobs
+    drawn     the twelve episodes of `quick` with the pilot vision, which needs every frame, with two jobs
 
-`episodes_per_core_hour` counts processor time of all processes with their start; it is meaningful on a busy machine
-too. `episodes_per_hour`, `minutes_for_2000` (of one drone), `minutes_for_2000_of_all` (one in five of four drones) and
-`two_jobs_over_one` count wall time and need an idle machine. `parts` and `phases` are shares of the processor time of
-undrawn episodes that one process flies one after another, without its start. `parts` are by the innermost function of
-the project that runs, `phases` by the phase of the flight; both are sampled every 2 ms of processor time.
+`episodes_per_core_hour` counts the processor time of all processes, including their start. It is also meaningful on a
+busy machine. `episodes_per_hour`, `minutes_for_2000` (2000 episodes of one drone), `minutes_for_2000_of_all` (one in
+five has four drones) and `two_jobs_over_one` count wall time and need an idle machine. For `parts` and `phases`, one
+process flies undrawn episodes one after another. A sample every 2 ms of processor time, after the start of the process,
+notes the innermost running function of the project (`parts`) and the phase of the flight (`phases`).
 """
 
 import signal
@@ -72,7 +72,7 @@ class Sampler:
         self.phases: Counter[str] = Counter()
 
     def look(self, number: int, frame: FrameType | None) -> None:
-        """Count the work of the innermost function of the project, and the phase."""
+        """Count one sample: the work of the innermost function of the project, and the phase."""
         part = phase = None
         while frame is not None:
             place = _place(frame.f_code.co_filename)
@@ -103,7 +103,7 @@ def part_of(place: str) -> str:
 
 
 def _place(file: str) -> str:
-    """Return a file's path in the repository; empty for any other file."""
+    """Return a file's path in the repository; empty for a file outside the project."""
     path = Path(file)
     return path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) and "site-packages" not in file else ""
 

@@ -1,11 +1,11 @@
 """Measures the delay, the update rate and the cost of the live page: `python -m benchmarks.view --json`.
 
 `dronecats fly --view` flies an episode in real time. A client connects to the page as a browser does, and notes when
-each attitude of the truth bus arrives. The offset between the simulator's clock and the wall clock is the smallest time
-from any sample to its appearance in flight.tlog. So the delay includes the waits in logger, file, viewer and socket,
-but not the smallest wait in the first two. It does not include drawing in the browser: one frame, 17 ms, with a
-graphics card. `flush_ratio` is the processor time of lockstep flights whose logger flushes every delivery, divided by
-that of flights whose logger does not. Both kinds alternate, and the medians are compared.
+each true attitude arrives. The offset between the simulator's clock and the wall clock is the smallest time from any
+sample to its appearance in flight.tlog. The delay therefore includes the waits in logger, file, viewer and socket, but
+the smallest wait in logger and file is subtracted. Drawing in the browser is not included; it takes one frame (17 ms)
+with a graphics card. `flush_ratio` is the median processor time of lockstep flights whose logger flushes every
+delivery, divided by the median of flights whose logger does not flush. The two kinds of flights alternate.
 """
 
 import math
@@ -60,7 +60,7 @@ class Arrivals(threading.Thread):
 
 
 class Written(threading.Thread):
-    """Notes when each true pose appears in flight.tlog: (quaternion in the browser's axes, vehicle s, wall s)."""
+    """Notes when each true pose appears in flight.tlog: rows of quaternion (browser's axes), vehicle s, wall s."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(daemon=True)
@@ -87,7 +87,7 @@ class Written(threading.Thread):
 
 
 def _keep_back(log: TelemetryLog) -> None:
-    """Do nothing."""
+    """Do nothing, in place of `TelemetryLog.flush`."""
 
 
 def _key(quaternion: Any) -> tuple[float, ...]:
@@ -95,7 +95,7 @@ def _key(quaternion: Any) -> tuple[float, ...]:
 
 
 def viewer_of(pid: int) -> int:
-    """Return the id of the process that serves the page of a command. Raises StopIteration without one."""
+    """Return the id of the process that serves the page of a command. Raises StopIteration if there is none."""
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     for child in children:
         if b"viewer_process" in Path(f"/proc/{child}/cmdline").read_bytes():
@@ -111,7 +111,7 @@ def free_port() -> int:
 
 
 def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
-    """Return the processor time of a lockstep flight whose logger flushes every delivery, over that without flush."""
+    """Return the processor time of lockstep flights with a flush after every delivery, divided by that without."""
     spec = FlightSpec(
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True
     )

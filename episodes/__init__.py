@@ -1,1 +1,1 @@
-"""The world: maps, assets, camera, targets, visibility and the episode records. It never flies."""
+"""The world: maps, assets, camera, targets, visibility and the episode records. It has no flight code."""

@@ -1,9 +1,9 @@
 """Interface between a vehicle and its autopilot: sensor samples, actuator commands, and the vehicle's true state.
 
 The fields are those of PX4's simulator interface. A vehicle owns one record of each dtype. They are numpy records
-rather than dataclasses because compiled kernels read and write them a thousand times per simulated second. `hil`
-converts them to HIL_SENSOR and HIL_GPS, and from HIL_ACTUATOR_CONTROLS, for a real PX4. A sample is new if its
-`*_time_us` has changed; 0 means no sample yet.
+rather than dataclasses because compiled kernels read and write them a thousand times per simulated second. For a real
+PX4, `hil.simulator` converts sensor samples to HIL_SENSOR and HIL_GPS, and HIL_ACTUATOR_CONTROLS to actuator commands.
+A sample is new if its `*_time_us` has changed. A time of 0 means that there is no sample yet.
 """
 
 import numpy as np

@@ -7,37 +7,40 @@ from foundation.frames import Vec3
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """The estimated pose of a vehicle when a picture was taken. A decision on the picture is relative to it."""
+    """The estimated pose of a vehicle when a picture was taken. A decision about the picture refers to this pose."""
 
     position_ned: Vec3  # m, local frame of the autopilot
     heading: float  # rad, 0 = north, clockwise
     roll: float = 0.0  # rad, right side down
     pitch: float = 0.0  # rad, nose up
-    gimbal_pitch: float | None = None  # rad, of the camera, up from the horizon; None: fixed to the body
-    carried_on: bool = False  # extrapolated beyond the newest telemetry
+    gimbal_pitch: float | None = None  # rad, pitch of the camera up from the horizon; None: no gimbal
+    carried_on: bool = False  # whether the pose is extrapolated beyond the newest telemetry
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """Hold the place, height and heading at which the vehicle first got this setpoint."""
+    """Stop, and hold place, height and heading."""
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Yaw at a rate and hold place and height."""
+    """Yaw at a rate, and hold place and height."""
 
     yaw_rate: float  # rad/s, + right
-    angle: float | None = None  # rad from the sight's heading, with the sign of the rate; None: no end
-    onto_line: bool = False  # a move follows: hold a place on its line, which passes through the sight's place
+    angle: float | None = None  # rad from the sight's heading, with the sign of the rate; None: turn without end
+    onto_line: bool = False  # whether a move follows: the held place is then on the line of that move
 
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """Fly along a straight line at a velocity, with the nose along the line."""
+    """Fly at a velocity along a straight line, with the nose along the line.
+
+    With a bearing, the line passes through the position of the sight.
+    """
 
     forward: float  # m/s, horizontal, along the line
     up: float | None  # m/s; None holds the height
-    bearing: float | None = None  # rad from the sight's heading, + right, line through its place; None: held heading
+    bearing: float | None = None  # rad from the sight's heading, + right; None: along the held heading
 
 
 Setpoint = Hold | Turn | Velocity

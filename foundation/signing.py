@@ -1,8 +1,8 @@
 """MAVLink 2 message signing at one end of a link. Once a key is set, only signed messages are accepted.
 
 Source: mavlink.io, guide/message_signing. A signature consists of the link id, a timestamp and the first 48
-bits of SHA-256(key, message, link id, timestamp). pymavlink's own check is not used: it stores the timestamp of a
-message before it verifies the signature, so one forged message locks out the true sender.
+bits of SHA-256(key, message, link id, timestamp). This module replaces pymavlink's own check, in which one forged
+message locks out the true sender: pymavlink stores the timestamp of a message before it verifies the signature.
 """
 
 import hashlib
@@ -72,7 +72,7 @@ class Signing:
         self._link = link & 0xFF
         self._key = b""
         self._time = 0  # newest timestamp, sent or accepted
-        self._set_us = 0  # vehicle time of `_time`
+        self._set_us = 0  # µs, `now_us` of the caller when `_time` was set
         self._newest_times: dict[tuple[int, int, int], int] = {}  # system, component, link → newest timestamp
 
     @property
@@ -81,7 +81,7 @@ class Signing:
         return bool(self._key)
 
     def set_up(self, key: bytes, timestamp: int, now_us: int) -> None:
-        """Set a key of 32 bytes and the time (10 µs since 2015); a key of zeros ends the signing."""
+        """Set a key of 32 bytes and the time (10 µs since 2015-01-01). A key of zeros ends the signing."""
         self._key = key if any(key) else b""
         self._time, self._set_us = min(timestamp, LATEST), now_us
         self._newest_times.clear()
@@ -104,7 +104,7 @@ class Signing:
         timestamp = int.from_bytes(frame[-12:-6], "little")
         speaker = (frame[5], frame[6], frame[-13])
         now = self._now(now_us)
-        # the first message of a sender may be a minute old; later timestamps must increase, against replays
+        # against replays: the first message of a sender may be a minute old, and later timestamps must increase
         if timestamp <= self._newest_times.get(speaker, now - UNITS_PER_MINUTE):
             return False
         self._newest_times[speaker] = timestamp
@@ -113,7 +113,7 @@ class Signing:
         return True
 
     def sign(self, frame: bytes, crc_extra: int, now_us: int) -> bytes:
-        """Return a MAVLink 2 frame with its signature; unchanged without a key."""
+        """Return a MAVLink 2 frame with its signature. Without a key, return the frame unchanged."""
         if not self._key:
             return frame
         self._time, self._set_us = min(max(self._now(now_us), self._time + 1), LATEST), now_us

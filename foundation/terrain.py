@@ -50,9 +50,9 @@ class MovingBox:
 class Obstacles:
     """Solid triangles without the ground, sorted into the cells of a regular grid.
 
-    Cell (i, j, k) has the number (i · columns + j) · layers + k and begins at `origin_ned` + `cell_m` · (i, j, k). Its
-    triangles are `index[start[n] : start[n + 1]]`: all within `reach_m` of any point of the cell. A vehicle no larger
-    than `reach_m` therefore needs only the cell that contains its origin.
+    Cell (i, j, k) has the number n = (i · columns + j) · layers + k and begins at `origin_ned` + `cell_m` · (i, j, k).
+    `index[start[n] : start[n + 1]]` are the numbers of all triangles within `reach_m` of any point of the cell. A
+    vehicle no larger than `reach_m` therefore needs only the cell that contains its origin.
     """
 
     corners: NDArray[np.float32]  # (T, 9) m, NED, three points, counter-clockwise seen from outside

@@ -1,8 +1,8 @@
-"""Tools for threads: turns to compute, values computed once, work on the newest request only, and executors.
+"""Tools for threads: a fair lock for computing, a cache, a worker for the newest request, and executors.
 
-Eight threads of one interpreter that all compute are no faster than one. They switch the interpreter lock about a
-thousand times a second, which on two cores costs as much as the computation (`python -m benchmarks.agent`). So threads
-compute in turns and wait in parallel.
+Eight threads that compute in one interpreter are no faster than one thread. They also switch the interpreter lock about
+a thousand times a second. On two cores these switches cost as much as the computation (`python -m benchmarks.agent`).
+So threads compute in turns and wait in parallel.
 """
 
 import sys
@@ -23,7 +23,7 @@ class ComputingTurn:
     def __init__(self) -> None:
         self._guard = threading.Lock()
         self._taken = False
-        self._queue: deque[threading.Lock] = deque()  # each is locked, and released when its owner gets the turn
+        self._queue: deque[threading.Lock] = deque()  # a locked lock per waiting thread; its release gives the turn
         self._own = threading.local()
 
     @contextmanager
@@ -88,7 +88,7 @@ T = TypeVar("T")
 
 
 def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Return a decorator that caches the last `maxsize` used values. Thread-safe: each value is computed once."""
+    """Return a decorator that caches the `maxsize` last used values. Thread-safe: each value is computed once."""
 
     def keeping(make: Callable[P, T]) -> Callable[P, T]:
         kept: OrderedDict[object, T] = OrderedDict()
@@ -111,7 +111,7 @@ def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
 
 
 class Latest(Generic[T]):
-    """A thread that calls `work` with the newest item, one at a time."""
+    """A thread that calls `work` for one item at a time. A newer item replaces an item that still waits."""
 
     def __init__(self, work: Callable[[T], None], name: str) -> None:
         """Start the thread. Exceptions of `work` go to `threading.excepthook`, and the thread continues."""
@@ -124,13 +124,13 @@ class Latest(Generic[T]):
         self._thread.start()
 
     def put(self, item: T) -> None:
-        """Request work on an item. The item replaces an item that still waits."""
+        """Request work on an item."""
         with self._news:
             self._waiting = [item]
             self._news.notify_all()
 
     def idle(self, timeout_s: float) -> bool:
-        """Wait until all work is done; return whether that happened within the time."""
+        """Wait until all work is done; return whether it was done within `timeout_s`."""
         with self._news:
             return self._news.wait_for(lambda: not self._waiting and not self._busy, timeout_s)
 
@@ -169,7 +169,7 @@ class InlineExecutor(Executor):
 
 
 class DaemonExecutor(Executor):
-    """Runs each call on a daemon thread, so that a silent endpoint does not keep the process alive."""
+    """Runs each call on a daemon thread, so that a model that does not reply cannot keep the process alive."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         future: Future[T] = Future()

@@ -1,7 +1,8 @@
 """Messages of the truth bus, and a reader that keeps the newest samples.
 
-The simulator sends HIL_STATE_QUATERNION, GIMBAL_DEVICE_ATTITUDE_STATUS and, about contacts, STATUSTEXT. The camera
-sends CAMERA_IMAGE_CAPTURED. The agent and the autopilot must not import this module.
+The truth bus carries the true states of the simulated vehicles as MAVLink messages. The simulator sends
+HIL_STATE_QUATERNION, GIMBAL_DEVICE_ATTITUDE_STATUS and, about contacts, STATUSTEXT. The camera sends
+CAMERA_IMAGE_CAPTURED. The agent and the autopilot must not import this module.
 """
 
 import re
@@ -18,7 +19,7 @@ from foundation.mavlink import Parser, dialect
 TRUTH_COMPONENT = 51  # MAV_COMP_ID_USER27: MAVLink has no id for a simulator, and 1 is the autopilot's
 Origin = tuple[float, float, float]  # lat °, lon °, alt m of the map's NED frame
 KEPT = 25  # samples kept of each drone: half a second at 50 Hz
-UNREAD = 1000  # maximum of unread deliveries of the bus: 20 s at 50 Hz
+UNREAD = 1000  # number of stored packets above which `feed` decodes them: 20 s at 50 Hz
 SILENT_US = 100_000  # µs; `together` does not wait for a drone that is silent for longer
 
 
@@ -31,7 +32,7 @@ class TruthSample:
     position_ned: Vec3  # m, map frame
     velocity_ned: Vec3  # m/s
     attitude: Quat  # FRD → NED
-    gimbal_pitch: float | None = None  # rad, up from the horizon, of the camera's gimbal; None: no gimbal
+    gimbal_pitch: float | None = None  # rad, pitch of the camera's gimbal up from the horizon; None: no gimbal
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +119,8 @@ def nearest(samples: Sequence[T] | deque[T], time_us: int) -> T:
 class NewestTruth:
     """Follows the truth bus and keeps the newest samples of each drone.
 
-    Bytes arrive fifty times a second and queries are rare. So only queries decode bytes, and only the newest ones.
+    Bytes arrive fifty times a second and queries are rare. So bytes are stored until a query, which decodes only the
+    newest samples of each drone.
     """
 
     def __init__(self, origin: Origin, kept: int = KEPT) -> None:
@@ -163,10 +165,10 @@ class NewestTruth:
             return samples[-1] if samples else None
 
     def together(self, drone: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
-        """Return a drone's newest sample at a time that all drones have reached, and the others' by number.
+        """Return a drone's newest sample at a time that all drones have reached, and the others' by drone number.
 
-        A drone that is silent for longer than SILENT_US does not count: its last sample is used. None without a sample
-        of `drone`.
+        The others' samples are those nearest to this time. A drone that has been silent for longer than SILENT_US does
+        not limit the time; its last sample is used. Returns None without a sample of `drone`.
         """
         with self._lock:
             self._read()
@@ -178,10 +180,10 @@ class NewestTruth:
             return self._with_others(sample if own[-1].time_us - sample.time_us <= SILENT_US else own[-1])
 
     def at(self, drone: int, time_us: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
-        """Return a drone's first sample at or after a time, and the others' samples of that time by number.
+        """Return a drone's first sample at or after a time (µs), and the others' of that time by drone number.
 
-        The newest sample if the time is still to come; the oldest kept one if it is too long ago. None without a sample
-        of `drone`.
+        For a time in the future, it is the newest sample. For a time too long ago, it is the oldest kept sample.
+        Returns None without a sample of `drone`.
         """
         with self._lock:
             self._read()
@@ -243,7 +245,7 @@ CLEAR = re.compile(r"Collision: clear after ([\d.]+) s")
 
 
 def hit_text(hit: HitReport) -> str:
-    """Return the text of a hit, at most 50 bytes of UTF-8, the limit of MAVLink."""
+    """Return the text of a hit, at most 50 bytes of UTF-8, the limit of a STATUSTEXT."""
     speed = "" if hit.closing_speed is None else f" at {hit.closing_speed:.1f} m/s"
     begin = f"{'Crash' if hit.crash else 'Collision'}: hit "
     name = hit.what.encode()[: 50 - len(begin) - len(speed)].decode(errors="ignore")

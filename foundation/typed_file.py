@@ -1,9 +1,9 @@
-"""Reads a table of a TOML file, or an object of a JSON file, into a dataclass whose annotations are the rules.
+"""Reads a table of a TOML file, or an object of a JSON file, into a dataclass, and checks it by the annotations.
 
 A dataclass declares each key once: its type, its bounds and its description (`msgspec.Meta`). msgspec checks the
 values. This module also rejects values that msgspec accepts (unknown keys, nulls, numbers that are not finite), and
 turns an error into one sentence with the file, the key, the value and the rule. `Meta(extra={"wrong": "is not …"})`
-sets the message of a field.
+sets the error message of a field.
 """
 
 import json
@@ -22,9 +22,9 @@ import msgspec
 from foundation.errors import UsageError
 from foundation.wording import suggestion
 
-BYTES_MAX = 1_000_000  # of a file that people write
+BYTES_MAX = 1_000_000  # size limit of a file that people write
 DEPTH_MAX = 12  # levels of brackets in a JSON file
-SHOWN = 60  # characters of a value in a message
+SHOWN = 60  # most characters of a value in a message
 STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")  # a step of the path at the end of a msgspec message
 REFUSALS = ("Expected", "Invalid", "Object", "Number")  # beginnings of msgspec's messages
 MISSING = re.compile(r"missing required field `(\w+)`")
@@ -34,11 +34,11 @@ WRONG = {
 }  # fmt: skip
 
 T = TypeVar("T")
-PlacedFault = tuple[str, str]  # place of a value, its fault
+PlacedFault = tuple[str, str]  # place of a value in the file, and what is wrong with it
 
 
 def file_bytes(path: Path, where: str, bytes_max: int = BYTES_MAX) -> bytes:
-    """Return the content of a file of at most `bytes_max`. Raises UsageError; `where` names the file in it."""
+    """Return the content of a file of at most `bytes_max`. `where` names the file in errors. Raises UsageError."""
     try:
         with path.open("rb") as file:
             data = file.read(bytes_max + 1)
@@ -153,7 +153,7 @@ def no_choice(value: Any, choices: Iterable[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FieldRule:
-    """The parts of an annotation."""
+    """The rule that an annotation sets for a value."""
 
     kind: Any  # the type without Annotated and None; may be a union
     meta: tuple[msgspec.Meta, ...]  # outermost first
@@ -229,7 +229,7 @@ def _type_hints(kind: Hashable) -> dict[str, Any]:
 
 
 def rule_of(annotation: Any) -> FieldRule:
-    """Return the parts of an annotation."""
+    """Return the rule that an annotation sets."""
     meta: list[msgspec.Meta] = []
     optional = False
     while True:

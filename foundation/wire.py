@@ -22,7 +22,7 @@ _SANE_US = 1 << 56  # two thousand years; a larger value is not a time
 _SHORTEST_LOGGED = _LOG_TIME.size + HEADER_BYTES_V1 + CHECKSUM_BYTES
 _LENGTH_KNOWN = 3  # number of first bytes that determine a frame's length
 _MARKERS = re.compile(rb"[\xfd\xfe]")
-Fields = tuple[Any, ...]  # of a message, in the dialect's order; omitted fields at the end are zero
+Fields = tuple[Any, ...]  # field values of a message, in the dialect's order; omitted values at the end are zero
 _HEADER = struct.Struct("<BBBBBBHB")  # length, both flags, sequence, system, component, message id low and high
 checksum = dialect.mcrf4xx or (lambda data: dialect.x25crc(data).crc)  # CRC-16/MCRF4XX
 
@@ -58,7 +58,7 @@ def _decoded_class(base: Any) -> Any:
         "_instance_offset": base.instance_offset,
         "_header": _OnDemand("_header", _header),
         "_msgbuf": _OnDemand("_msgbuf", bytearray),
-        # as in pymavlink: from byte 6, not from the end of the header
+        # from byte 6, not from the end of the header, as in pymavlink
         "_payload": _OnDemand("_payload", lambda frame: bytearray(frame[6:-CHECKSUM_BYTES])),
         "_crc": _OnDemand("_crc", lambda frame: frame[-2] | frame[-1] << 8),
         "get_msgId": lambda message, number=base.id: number,
@@ -92,13 +92,13 @@ class MessageLayout:
         self._id = (base.id & 0xFFFF, base.id >> 16)
 
     def payload(self, message: Any) -> bytes:
-        """Return the payload without its trailing zeros. Raises struct.error for a value its field cannot hold."""
+        """Return the payload without its trailing zeros. Raises struct.error for a value that does not fit."""
         return self._packed(self._read(message))
 
     def payload_of(self, fields: Fields) -> bytes:
         """Return the payload of a message with these fields, without trailing zeros; texts are bytes.
 
-        Three times as fast as a message object and `payload`. Raises struct.error.
+        This is three times as fast as to make a message object and call `payload`. Raises struct.error.
         """
         return self._packed(self._in_wire_order(fields + self._zeros[len(fields) :]))
 
@@ -143,7 +143,7 @@ class MessageLayout:
 
 
 class OwnPacking(MessageLayout):
-    """Layout of a message class that overrides `pack`, such as a parameter that carries an integer's bytes."""
+    """Layout of a message class that overrides `pack`, such as PARAM_VALUE with an integer's bytes."""
 
     def frame(self, message: Any, sequence: int, system: int, component: int) -> bytes:
         mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -204,7 +204,7 @@ def scan(data: bytes) -> tuple[list[bytes], int, int]:
 
 
 def frame_bytes(data: bytes, start: int) -> int:
-    """Return the length of the frame whose first three bytes are at `start`; 0 for other bytes."""
+    """Return the length of the frame whose first three bytes are at `start`; 0 if no frame begins there."""
     if data[start] == MARKER_V1:
         return HEADER_BYTES_V1 + data[start + 1] + CHECKSUM_BYTES
     if data[start] != MARKER:

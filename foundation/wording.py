@@ -39,7 +39,7 @@ def did_you_mean(names: Iterable[str]) -> str:
 
 
 def suggestion(word: str, names: Iterable[str], *, count: int = 3, cutoff: float = 0.4) -> str:
-    """Return a question with the names that are similar to a word, or the list of all names if none is."""
+    """Return a question with the names that are similar to a word, or the list of all names if none is similar."""
     choices = list(names)
     near = nearest(word, choices, count, cutoff)
     return did_you_mean(near) if near else f"choose one of {', '.join(choices)}."
@@ -52,7 +52,7 @@ _SPACE = "Zs"  # category of Unicode: spaces of all widths, which Python calls u
 def printable(text: str) -> str:
     r"""Return `text` with every character that is neither printable nor a newline escaped as in JSON, such as \u001b.
 
-    It is idempotent, and a JSON text keeps its value.
+    A second call changes nothing more. An escaped JSON text keeps its value.
     """
     if text.isascii() and text.replace(LINE, "").isprintable():
         return text

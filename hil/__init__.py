@@ -1,1 +1,1 @@
-"""Wires to things we did not write: links to any MAVLink autopilot, real cameras, the safety envelope."""
+"""Interfaces to autopilots and real cameras: MAVLink links, the safety envelope, camera sources, preflight checks."""

@@ -1,9 +1,9 @@
-"""Faults of a link, seeded: loss, delay, reordering and damage of MAVLink frames.
+"""Seeded faults of a link: loss, delay, reordering and damage of MAVLink frames.
 
 `Channel` is a pure model of one direction: the same seed and the same times give the same result. Four random numbers
-are drawn for every frame that enters, independently of the faults. So only the seed and n decide if the n-th frame is
-lost, delayed, doubled or reordered, and a larger loss loses the same frames and some more. Damaged bytes are
-drawn from a second stream of random numbers, only for frames that are not dropped.
+are drawn for every frame that enters, independently of the faults. So frame n always has the same random numbers: with
+a larger loss, the same frames are lost and some more. Damaged bytes are drawn from a second stream of random numbers,
+only for frames that are not dropped.
 """
 
 import heapq
@@ -30,7 +30,7 @@ def _cut_words(cuts: tuple[tuple[float, float], ...]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """The faults of one direction of a link. The defaults are no faults."""
+    """The faults of one direction of a link. By default there are none."""
 
     loss: float = number(0.0, "loss", "share of MAVLink frames that never arrive", high=1.0, words=LOST)
     delay_s: float = number(
@@ -81,7 +81,7 @@ class Impairment:
         unit="bytes",
         whole=True,
     )
-    # (from, to) in s since the start of the link: the cable is pulled
+    # (from, to) in s since the start of the link, between which the cable is unplugged
     cuts: tuple[tuple[float, float], ...] = declared((), Declaration(words=_cut_words))
 
     def __post_init__(self) -> None:
@@ -113,7 +113,7 @@ class Counts:
 
 
 class Channel:
-    """One direction: units enter and arrive at given times. Times are rising seconds since the start of the link."""
+    """One direction of a link, which units enter and leave. Times are rising seconds since the start of the link."""
 
     def __init__(self, impairment: Impairment, seed: int, direction: str = "") -> None:
         self.impairment = impairment
@@ -126,7 +126,7 @@ class Channel:
         self._newest_s = 0.0  # arrival of the newest unit in order
 
     def put(self, t_s: float, unit: bytes) -> None:
-        """Let a unit enter."""
+        """Put a unit in at `t_s`."""
         wire, counts = self.impairment, self.counts
         loss, jitter, twice, late = (self._fate.random() for _ in range(4))
         counts.taken += 1
@@ -187,11 +187,11 @@ class Channel:
 
 
 PERFECT = Impairment()
-ROUNDED_S = 1e-6  # s; without it, rounding could delay a unit by a tick
+ROUNDED_S = 1e-6  # s of tolerance for arrivals; without it, rounding could delay a unit by a tick
 
 
 class OneWay:
-    """One direction of a link, with faults from the beginning or for a while. Times are seconds of any rising clock."""
+    """One direction of a link, whose faults can change while it runs. Times are seconds of any rising clock."""
 
     def __init__(self, impairment: Impairment, seed: int, direction: str) -> None:
         self.channel = Channel(impairment, seed, direction)
@@ -203,7 +203,7 @@ class OneWay:
     def impair(self, impairment: Impairment, seconds: float) -> None:
         """Apply these faults for `seconds` from the next `carry` on, and no faults afterwards.
 
-        Units under way at the start or the end are lost. The random numbers begin anew with the first frame.
+        Units under way at the start or the end are lost. The random numbers start again from the seed.
         """
         self._coming = (impairment, seconds)
 
@@ -223,7 +223,7 @@ class OneWay:
         self._zero_s, self._over_s = now_s, over_s
 
 
-LOOK_S = 0.001  # s of waiting at one end before the other's turn, so a unit is forwarded within twice this time
+LOOK_S = 0.001  # s to wait for data of one end before the other is read; a unit is forwarded within twice this time
 
 
 class ImpairedWire:
@@ -236,7 +236,7 @@ class ImpairedWire:
         up: Impairment,
         down: Impairment,
         seed: int = 0,
-        clock: Callable[[], float] = time.monotonic,  # s; wall time like a real link, or faster
+        clock: Callable[[], float] = time.monotonic,  # s; wall time, as of a real link, or a faster clock
     ) -> None:
         self._agent, self._autopilot = agent, autopilot
         self._clock, self._zero_s = clock, clock()
@@ -311,7 +311,7 @@ class ImpairedWire:
 class SteppedWire(Transport):
     """The agent's end of a wire in lockstep, without faults until `impair`. A read of an empty wire calls `pump`.
 
-    It forwards at ticks, so a delay becomes a whole number of ticks.
+    Units are forwarded at ticks, so a delay becomes a whole number of ticks.
     """
 
     def __init__(
@@ -324,9 +324,9 @@ class SteppedWire(Transport):
         seed: int,
         close: Callable[[], None] = lambda: None,
     ) -> None:
-        """`take` returns the vehicle's bytes, `give` sends it bytes; `now_s` reads its clock, which `pump` advances.
+        """`take` returns bytes of the vehicle, and `give` sends bytes to the vehicle.
 
-        `pump` calls `step` once per tick.
+        `now_s` reads the vehicle's clock (s). `pump` advances this clock, and calls `step` once per tick.
         """
         self.url = url
         self._take, self._give, self._pump, self._now_s = take, give, pump, now_s
@@ -351,7 +351,7 @@ class SteppedWire(Transport):
         self._down.impair(down, seconds)
 
     def step(self, data: bytes = b"") -> None:
-        """Forward the new units, once per tick; `data`: bytes of the vehicle that were already taken."""
+        """Forward the new units, once per tick; `data`: bytes that the caller has already taken from the vehicle."""
         self.send(b"")
         self._receive_frames(data)
 

@@ -1,4 +1,4 @@
-"""PX4's simulator interface: HIL messages from our sensors, rotor commands from PX4's answers, and two kinds of link.
+"""PX4's simulator interface: HIL messages from our sensors, rotor commands from PX4's replies, and two kinds of link.
 
 PX4 uses a group of HIL_SENSOR's fields only if all of its bits are set. Specific forces are in m/s², rates in rad/s,
 magnetic fields in gauss, pressures in hPa, vectors in FRD. HIL_GPS has 1e-7 degrees, altitude in mm, speeds
@@ -6,8 +6,8 @@ in cm/s and course in 0.01°. Source: PX4 SimulatorMavlink.cpp.
 
 A PX4 in software connects over TCP (`SimulatorServer`). A board in hardware-in-the-loop mode uses one link for HIL and
 other MAVLink messages (`BoardLine`). There is no lockstep with a board, because it stamps messages with its own clock.
-It decodes HIL messages only in HIL mode (SYS_HITL), which its heartbeat shows. It would use HIL_STATE_QUATERNION as its
-estimate, so that message is never sent. Source: PX4 mavlink_receiver.cpp.
+A board decodes HIL messages only in HIL mode (SYS_HITL), which its heartbeat shows. It would use HIL_STATE_QUATERNION
+as its estimate, so that message is never sent. Source: PX4 mavlink_receiver.cpp.
 """
 
 import contextlib
@@ -106,7 +106,7 @@ def sent_now(sensors: Any) -> Sent:
 def rotor_commands(controls: Sequence[float], rotors: int, idle: float) -> list[float]:
     """Return fractions of full rotor speed (MAX_ROTORS of them) for PX4's motor outputs 0 … 1.
 
-    0 is the idle speed, 1 the full speed, linear in between, like PX4's own Gazebo bridge for this aircraft
+    0 is the idle speed, 1 the full speed, linear in between, as in PX4's own Gazebo bridge for this aircraft
     (SIM_GZ_EC_MIN, SIM_GZ_EC_MAX). Thrust grows with the square of the rotor speed, as with a real motor controller.
     PX4 does not correct for that, since THR_MDL_FAC stays 0. `idle`: the idle speed as a fraction of the full speed.
     For NaN the rotor idles.
@@ -129,7 +129,7 @@ def _uint16(value: float) -> int:
     return max(0, min(65534, round(value)))
 
 
-PORT = 4560  # of instance 0; plus the number of the instance
+PORT = 4560  # TCP port for PX4's instance 0; instance n uses PORT + n
 SEND_S = 5.0  # wall seconds after which a PX4 that no longer reads is dropped
 
 

@@ -1,1 +1,1 @@
-"""The physics: airframes, rotors, rigid body, battery, wind, sensors. Knows neither the autopilot nor the world."""
+"""The physics: airframes, rotors, rigid body, battery, wind, sensors. Independent of autopilot and maps."""

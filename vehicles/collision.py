@@ -29,11 +29,11 @@ from vehicles.solids import BALLS, BUMPERS, CANDIDATES, NEAR, SOLIDS, Grid32, So
 # 11 mm deep and reaches 96 m/s²
 RESONANCE = 60.0
 REBOUND_SPEED = 0.4  # m/s; the vehicle rebounds from 1.2 m/s with 0.31 of its speed, and from 0.2 m/s with 0.75
-HIT_LEAST = 0.15  # m/s; a contact that begins more slowly is not a hit unless it lasts
+HIT_LEAST = 0.15  # m/s; a contact that begins more slowly is reported as a hit only if it lasts
 FRICTION = 0.45  # of plastic and carbon on dry walls and car bodies
 ROUNDS = 8  # iterations of the impulses: enough for four feet on a roof
 AHEAD = 0.15  # m of motion for which candidate triangles are gathered in advance
-TURN = 2.25  # upper bound, above 2.22: angle between two attitudes over the distance of their quaternions
+TURN = 2.25  # angle (rad) between two attitudes / distance of their quaternions is at most 2.22, so below this
 BREAKING = 2.0  # m/s, closing speed above which a propeller breaks
 CAMERA_RADIUS = 0.085  # m; up to 3 m/s no surface gets nearer to the lens than the renderer's near plane
 BUMPER_SHARES = (1 / 3, 2 / 3)  # places of a bumper's balls, as shares of the way from a rotor to the camera
@@ -63,7 +63,7 @@ def collide(params: Record, state: Record, solids: Record, near: Record, triangl
         count = _find_contacts(state, solids, near, triangles, count)
     if count > 0:
         _solve_contacts(params, state, solids, near, count)
-        near.free = 0.0  # the contacts changed its motion
+        near.free = 0.0  # the contacts changed the vehicle's motion
 
 
 @njit(cache=True)
@@ -165,7 +165,7 @@ def _gather_candidates(state: Record, solids: Record, near: Record, triangles: S
         return
     i, j, k = int(u), int(v), int(w)
     u, v, w = u - i, v - j, w - k
-    # the cell lists all triangles within the grid's reach; the vehicle's reach includes 1 mm of margin beyond the cell
+    # the cell lists all triangles within the grid's reach; plus the margin of 1 mm in `solids.reach`
     holds = cell * min(min(min(u, 1.0 - u), min(v, 1.0 - v)), min(w, 1.0 - w)) + 1e-3
     number = (i * columns + j) * layers + k
     corners, bounds, start = triangles.corners, triangles.bounds, triangles.start
@@ -332,7 +332,7 @@ def _apply_friction(params: Record, state: Record, near: Record, n: int, q: Quat
 
 @njit(cache=True)
 def record_hit(state: Record, solids: Record, ball: int, owner: int, closing: float) -> None:
-    """Note a hit with its obstacle and speed. A hard hit latches a crash; a harder one breaks the ball's propeller."""
+    """Note a hit. Above `ball_sound` it latches a crash. Above BREAKING it also breaks the propeller of the ball."""
     state.hits += 1
     state.hit_speed = closing
     state.hit_owner = owner

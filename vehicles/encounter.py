@@ -1,8 +1,8 @@
 """Collisions between two vehicles, with equal and opposite forces.
 
-Each vehicle is one ball around its rotors. The fleet checks every pair between two ticks. If the balls will touch
-within the next tick, both vehicles get the contact's impulse as a force over that tick, so that their accelerometers
-measure it.
+Each vehicle is modelled as one ball around its rotors. The fleet checks every pair between two ticks. If the balls will
+touch within the next tick, both vehicles get the contact's impulse as a force over that tick, so that their
+accelerometers measure it.
 """
 
 import math
@@ -17,10 +17,10 @@ from vehicles.ground import CRASH_BODY
 from vehicles.multirotor import Multirotor
 from vehicles.records import rotate, rotate_inverse
 
-DRONE = -2  # owner number of another vehicle, like `collision.BOX`
+DRONE = -2  # owner number of a hit on another vehicle; `collision.BOX` is that of the moving box
 TOUCH_MARGIN_M = 1e-3  # m, safety margin of `Ball.may_touch`
 RESTITUTION = 0.3  # coefficient for plastic and carbon: a bump loses most of its energy
-SEPARATION_RATE = 3.0  # 1/s, speed of separation per depth of overlap
+SEPARATION_RATE = 3.0  # 1/s, speed (m/s) of separation per m of overlap
 
 
 @njit(cache=True)
@@ -69,7 +69,7 @@ def _push(state: Record, arm: Vec3, force: Vec3, sign: float) -> None:
 
 @njit(cache=True)
 def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
-    """Note a hit. A hard one latches a crash; a harder one also breaks the nearest propeller."""
+    """Note a hit. Above CRASH_BODY it latches a crash. Above BREAKING it also breaks the nearest propeller."""
     state.hits += 1
     state.hit_speed = closing
     state.hit_owner = DRONE
@@ -109,7 +109,7 @@ def _push_apart(
     other_size: float,
     tick_s: float,
 ) -> bool:
-    """Add the contact to the external forces and torques of both; return whether they touch within the tick."""
+    """Add the contact to both vehicles' external forces and torques; return whether they touch within the tick."""
     p, q, v, u = state.position, other.position, state.velocity, other.velocity
     gap = (p[0] - q[0], p[1] - q[1], p[2] - q[2])
     speed = (v[0] - u[0], v[1] - u[1], v[2] - u[2])
@@ -170,14 +170,14 @@ def push_apart(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Ball:
-    """A vehicle's ball at the beginning of a tick. Plain numbers are fast, as a fleet checks every pair."""
+    """A vehicle's ball at the beginning of a tick. Plain numbers keep the check of all pairs of a fleet fast."""
 
     position: Sequence[float]  # (3,) m, NED
     velocity: Sequence[float]  # (3,) m/s
     radius_m: float
 
     def may_touch(self, other: "Ball", tick_s: float) -> bool:
-        """Return whether two balls can touch within a tick; never False for two that do."""
+        """Return whether two balls can touch within a tick. It is never False for balls that do touch."""
         room = math.dist(self.position, other.position) - self.radius_m - other.radius_m - TOUCH_MARGIN_M
         return room <= math.dist(self.velocity, other.velocity) * tick_s
 

@@ -27,15 +27,15 @@ FaultValue = Annotated[Number | Triple | None, Meta(extra={"wrong": "is not a fi
 class FaultScript:
     """Content of a fault script file."""
 
-    fault: tuple[Any, ...] = ()  # a `FaultEntry` each
+    fault: tuple[Any, ...] = ()  # tables, which `parse` reads as `FaultEntry`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultEntry:
     """One [[fault]] table."""
 
-    part: str  # as in `vehicles.faults`
-    kind: str
+    part: str  # a key of `vehicles.faults.PARTS`
+    kind: str  # a key of `vehicles.faults.KINDS`
     from_s: BootSeconds = 0.0
     until_s: BootSeconds | None = None  # None: no end
     value: FaultValue = None  # required by the kinds in WITH_VALUE, not allowed for others
@@ -49,7 +49,7 @@ class FaultEntry:
 
 
 def load(path: Path, rotors: int) -> list[Fault]:
-    """Return the faults of a file, in its order, for a vehicle with `rotors` rotors.
+    """Return the faults of a file, in the order of the file, for a vehicle with `rotors` rotors.
 
     Raises UsageError that names the file, the entry and the reason.
     """

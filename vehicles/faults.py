@@ -1,4 +1,4 @@
-"""Scheduled faults of sensors and rotors. The kernel looks them up by the vehicle's time.
+"""Scheduled faults of sensors and rotors. The compiled kernel looks them up by the vehicle's time.
 
 Effects of the kinds of faults:
     fail     the sensor sends no samples; the rotor stops

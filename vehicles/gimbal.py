@@ -32,7 +32,7 @@ class Gimbal:
         self._wanted, self._rate = None, min(max(rate, -self.rate_max), self.rate_max)
 
     def advance(self, seconds: float) -> None:
-        """Advance the motion by this time."""
+        """Advance the motion by `seconds`."""
         reach = self.rate_max * seconds
         wanted = self.pitch + self._rate * seconds if self._wanted is None else self._wanted
         step = min(max(wanted - self.pitch, -reach), reach)

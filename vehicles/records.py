@@ -20,7 +20,7 @@ STEP_US = 1000  # µs, the plant's step
 STEP_S = 1e-3
 
 MAX_FAULTS = 16
-GPS_QUEUE = 16  # largest number of fixes under way: limits latency · rate
+GPS_QUEUE = 16  # largest number of fixes that wait for delivery; limits latency · rate
 
 PARAMS = np.dtype(
     [

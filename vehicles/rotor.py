@@ -55,11 +55,11 @@ def drain_battery(params: Record, state: Record) -> None:
 # Advance ratio V / (n·D) at which a fixed-pitch propeller has no thrust. UIUC Propeller Data Site: 10x4.7 and 5x3
 # propellers reach C_T = 0 between 0.6 and 0.7, and C_T falls almost linearly towards it.
 ADVANCE_ZERO_THRUST = 0.65
-# Same source: at that ratio C_P is still about half of its static value.
+# Share of the static torque at ADVANCE_ZERO_THRUST. Same source: C_P is still about half of its static value there.
 TORQUE_LEFT = 0.5
 # Highest thrust gain in descent; beyond it the rotor meets its own wake and the linear law does not hold.
 THRUST_GAIN_MAX = 1.5
-# rotor radii; the formula of Cheeseman and Bennett (1955) holds for z / R > 0.5, and is constant below.
+# rotor radii; the formula of Cheeseman and Bennett (1955) holds for z / R > 0.5. Below, the gain is constant.
 GROUND_EFFECT_NEAREST = 0.5
 GROUND_EFFECT_FARTHEST = 4.0  # rotor radii; the gain there is 0.4 %
 # m/s, speed of a rotor's centre of mass around its axis at hover: balance grade G 16 of ISO 21940-11, its coarse grade
@@ -123,7 +123,7 @@ def advance_rotors(
         error = commanded_speed(armed, actuators.command[i], idle, ceiling) * state.rotor_health[i] - before
         change = error * (params.gain_up if error > 0.0 else params.gain_down)
         if error < 0.0 and before < STANDSTILL:
-            change = error  # stiction stops the rotor; the exponential alone never would
+            change = error  # stiction stops the rotor; an exponential never reaches 0
         speed = before + change
         state.rotor_speed[i] = speed
 

@@ -1,6 +1,7 @@
-"""Sensor models: the true state with latency and noise, at each sensor's rate. They write `foundation.sensors.SENSORS`.
+"""Models of the sensors. Each samples the true state at its own rate, with latency and noise, into a SENSORS record.
 
-The default suite is that of a current small autopilot board. Every number can be set; zero switches an error off.
+The record type SENSORS is in `foundation.sensors`. The default suite is that of a current small autopilot board. Every
+number can be set; zero switches an error off.
 """
 
 import math
@@ -44,7 +45,7 @@ class Suite:
     accel_noise_density: float = 1.72e-3  # m/s²/√Hz: BMI088 data sheet, 175 µg/√Hz
     accel_random_walk: float = 1.0e-3  # m/s²/√s: estimate, about 1 mg of drift in a minute
     accel_bias: float = 0.03  # m/s² at boot: remains after a field calibration
-    accel_scale: float = 0.002  # relative: the same
+    accel_scale: float = 0.002  # relative: remains after a field calibration
     accel_range: float = 156.9  # m/s²: ±16 g, as PX4 sets the ICM-42688-P and the BMI055; also the limit of HIL_SENSOR
     gyro_noise_density: float = 2.44e-4  # rad/s/√Hz: BMI088 data sheet, 0.014 °/s/√Hz
     gyro_random_walk: float = 3.9e-5  # rad/s/√s: 8 °/h/√s-class MEMS, as in RotorS' ADIS16448
@@ -69,12 +70,12 @@ class Suite:
     # s: correlation time of the atmosphere's delay, 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of
     # their troposphere model)
     gps_error_time_s: float = 1800.0
-    # m per horizontal axis: estimated effect of reflections in the open. They change within a minute, where the
-    # autocorrelation of recorded positions has a bend (D. L. Wilson, GPS accuracy page); PX4's Gazebo has 60 s
+    # m per horizontal axis: estimated effect of reflections in the open. They change within about a minute: there the
+    # autocorrelation of recorded positions has a bend (D. L. Wilson, GPS accuracy page), and PX4's Gazebo has 60 s
     gps_multipath_h: float = 0.25
     gps_multipath_v: float = 0.5  # m
     gps_multipath_time_s: float = 60.0
-    gps_smoothing_s: float = 10.0  # s, of the receiver's filter, which uses the carrier's Doppler: estimate
+    gps_smoothing_s: float = 10.0  # s, time constant of the receiver's filter with carrier Doppler: estimate
     gps_noise: float = 0.02  # m, additional white noise
     gps_velocity_noise_h: float = 0.042  # m/s per axis: u-blox M8 data sheet, half of all fixes within 0.05 m/s
     gps_velocity_noise_v: float = 0.1  # m/s
@@ -197,12 +198,12 @@ def fresh_memory(suite: Suite, stream: int) -> np.void:
     multipath = (suite.gps_multipath_h, suite.gps_multipath_h, suite.gps_multipath_v)
     memory["gps_reflected"] = memory["gps_multipath"] = np.array(multipath) * draw.standard_normal(3)
     for i, name in enumerate(("imu", "mag", "baro", "gps", "range", "battery", "bias")):
-        memory[f"{name}_next_us"] = STEP_US * (i + 1)  # apart, so that no step computes all of them
+        memory[f"{name}_next_us"] = STEP_US * (i + 1)  # at different steps, so that no step computes all of them
     return memory
 
 
 def scale_slow_errors(memory: np.void, before: np.void, after: np.void) -> None:
-    """Scale slowly varying errors by the ratio of their 1σ in two SUITE records. Errors with a 1σ of 0 before stay."""
+    """Scale slowly varying errors by the ratio of their 1σ in two SUITE records. An error whose 1σ was 0 is kept."""
     for kind, wanders in (("gps_error", ("gps_error",)), ("gps_multipath", ("gps_reflected", "gps_multipath"))):
         for i, axis in enumerate("hhv"):
             for each in wanders:

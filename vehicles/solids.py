@@ -21,13 +21,13 @@ CONTACTS = 2 * BALLS  # every ball may touch the box and one triangle
 
 SOLIDS = np.dtype(
     [
-        ("here", "i8"),  # bool: there is anything to meet
+        ("here", "i8"),  # bool: there are obstacles
         ("balls", "i8"),
         ("ball", "f8", (BALLS, 4)),  # m, FRD centre and radius
         ("ball_rotor", "i8", (BALLS,)),  # number of the rotor whose disc it is, -1 for none
-        ("ball_sound", "f8", (BALLS,)),  # m/s, fastest bump after which it is still sound (undamaged)
+        ("ball_sound", "f8", (BALLS,)),  # m/s, closing speed above which a hit of the ball is a crash
         ("reach", "f8"),  # m, from the body origin to the farthest point of any ball
-        ("origin", "f8", (3,)),  # m, NED; this and the next two as in `foundation.terrain.Obstacles`
+        ("origin", "f8", (3,)),  # m, NED; this and the next two fields are those of `foundation.terrain.Obstacles`
         ("cell", "f8"),
         ("cells", "i8", (3,)),
         ("box", "i8"),  # bool: there is a moving box
@@ -46,9 +46,9 @@ NEAR = np.dtype(
     [
         ("looked_at", "f8", (3,)),  # m, NED, the vehicle's position when every ball was last checked
         ("looked_from", "f8", (4,)),  # the vehicle's attitude then
-        ("free", "f8"),  # m, distance the vehicle may move from there before a ball can touch anything
+        ("free", "f8"),  # m, distance from `looked_at` that the vehicle may move before a ball can touch anything
         ("gathered_at", "f8", (3,)),  # m, NED, position for which the candidates were gathered
-        ("holds", "f8"),  # m, distance from there within which the candidates are complete
+        ("holds", "f8"),  # m, distance from `gathered_at` within which the candidates are complete
         ("candidates", "i8"),
         ("candidate", "i4", (CANDIDATES,)),  # triangle numbers
         ("box_count", "i8"),  # contacts with the box; they come first in the arrays below
@@ -57,15 +57,15 @@ NEAR = np.dtype(
         ("depth", "f8", (CONTACTS,)),  # m, overlap
         ("normal", "f8", (CONTACTS, 3)),  # unit, NED, out of the obstacle
         ("point", "f8", (CONTACTS, 3)),  # m, NED
-        ("drift", "f8", (CONTACTS, 3)),  # m/s, NED, of the obstacle there
+        ("drift", "f8", (CONTACTS, 3)),  # m/s, NED, velocity of the obstacle at `point`
         ("touched_us", "i8", (2 * BALLS,)),  # µs, last touch of each ball: with triangles, then with the box
-        ("newest_us", "i8"),  # µs, when any of them last touched
+        ("newest_us", "i8"),  # µs, last touch of any ball
         ("leant_us", "i8"),  # µs, last touch of a ball other than a foot, with the vehicle off the ground
-        ("leant_on", "i8"),  # number of the thing that it touched, from `SolidTriangles.owner`
-        ("leant_speed", "f8"),  # m/s, with which that touch began
+        ("leant_on", "i8"),  # owner number of the obstacle of that touch
+        ("leant_speed", "f8"),  # m/s, closing speed at the beginning of that touch
         ("stiffness", "f8", (CONTACTS,)),  # N/m
-        ("pressed", "f8", (CONTACTS,)),  # N·s, impulse since the touch began
-        ("rubbed", "f8", (CONTACTS, 3)),  # N·s, NED, impulse of the friction since then
+        ("pressed", "f8", (CONTACTS,)),  # N·s, normal impulse of the present step
+        ("rubbed", "f8", (CONTACTS, 3)),  # N·s, NED, friction impulse of the present step
     ],
     align=True,
 )
@@ -78,7 +78,7 @@ class SolidTriangles(NamedTuple):
     bounds: Grid32  # (T, 4) m, NED, middle and radius
     start: Index  # (cells + 1,) index in `numbers` at which each cell begins
     numbers: Index  # of the triangles, cell by cell
-    owner: Index  # (T,) number of the thing to which a triangle belongs
+    owner: Index  # (T,) index in `Obstacles.names` of the obstacle to which a triangle belongs
 
 
 @njit(cache=True)
@@ -125,7 +125,7 @@ def in_triangle(corners: Grid32, t: int, x: float, y: float, z: float) -> tuple[
 def in_box(half: Vec3, point: Vec3) -> tuple[float, Vec3, Vec3]:
     """Return (distance, nearest point of the surface, unit vector out of it) for a point in the box's own axes.
 
-    Inside, the distance is negative and the way out is the shortest.
+    For a point inside, the distance is negative, and the vector points out of the nearest face.
     """
     x = min(max(point[0], -half[0]), half[0])
     y = min(max(point[1], -half[1]), half[1])

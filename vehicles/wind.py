@@ -95,7 +95,7 @@ AIRSPEED_MIN = 1.0  # m/s
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """A wind to fly in."""
+    """A steady wind and the strength of its gusts."""
 
     mean_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s, the direction the air moves to
     w20: float = 0.0  # m/s, wind at 20 ft that sets the gusts; MIL-F-8785C: 7.7 light, 15.4 moderate, 23 severe

@@ -1,4 +1,4 @@
-"""Writes the reference of the public modules: a page for each, from its docstrings. `MODULES` is the list."""
+"""Writes the reference of the public modules (MODULES): one page for each module, from its docstrings."""
 
 from collections.abc import Iterator
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Writes the reference of the commands: a page for each verb, from its parsers."""
+"""Writes the reference of the commands: one page for each verb, from its argument parsers."""
 
 import argparse
 import re
@@ -32,7 +32,7 @@ def verb_page(verb: str) -> Iterator[str]:
 
 
 def subparsers(parser: argparse.ArgumentParser) -> dict[str, VerbParser]:
-    """Return the parsers below a parser by their names."""
+    """Return the subparsers of a parser, by name."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             return dict(action.choices)
@@ -40,7 +40,7 @@ def subparsers(parser: argparse.ArgumentParser) -> dict[str, VerbParser]:
 
 
 def _section(parser: VerbParser, level: int) -> Iterator[str]:
-    """Yield the lines about one parser: usage, options, examples. `level`: of its heading."""
+    """Yield the lines about one parser: usage, options, examples. `level`: the level of its heading."""
     marks = "#" * level
     yield from (f"{marks} {parser.prog}", "", markdown(parser.description or ""), "")
     usage = re.sub(r"\n +", "\n    ", parser.format_usage().removeprefix("usage: "))

@@ -11,7 +11,7 @@ version = release = __version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary"]
 root_doc = "index"
 
-myst_heading_anchors = 4  # an anchor for each heading, as GitHub makes it
+myst_heading_anchors = 4  # headings down to level 4 get the same anchors as on GitHub
 suppress_warnings = ["myst.header"]  # pages of GitHub may start with a heading of any level
 
 smartquotes = False  # smart quotes turn the -- of an option into one dash
@@ -22,7 +22,7 @@ autoclass_content = "both"
 autodoc_inherit_docstrings = False
 autodoc_preserve_defaults = True
 autosummary_generate = False  # the members of a module are on its page, without pages of their own
-toc_object_entries = False  # they double the build time, and each page has a table of its members
+toc_object_entries = False  # entries for members double the build time, and each page has a table of members
 autodoc_typehints_format = "short"
 add_module_names = False
 python_maximum_signature_line_length = 80

@@ -9,14 +9,15 @@ from sphinx.pycode import ModuleAnalyzer
 
 from docs.website.api import MODULES
 
-# `name: type = value  # the meaning`, without a # that may belong to the value
+# Matches `name: type = value  # the meaning`, unless the value contains a #
 COMMENTED = re.compile(r"^(\s*\w+(?::| =)[^#\n]*)  # (?!type:|noqa)", re.MULTILINE)
 INDENT = "    "
-MARKUP = re.compile(r"(`+[^`]*`+)|([*|]|(?<=\w)_(?!\w))")  # code; a character that is not markup in docstrings
+# code; or a character to escape, because only reStructuredText reads it as markup
+MARKUP = re.compile(r"(`+[^`]*`+)|([*|]|(?<=\w)_(?!\w))")
 
 
 def document_comments() -> None:
-    """Make the comments beside fields and constants documentation: Sphinx reads `#:` comments only."""
+    """Turn the comments beside fields and constants into `#:` comments, which Sphinx reads as documentation."""
     for name in MODULES:
         source = COMMENTED.sub(r"\1  #: ", inspect.getsource(import_module(name)))
         ModuleAnalyzer.cache["module", name] = ModuleAnalyzer.for_string(source, name)

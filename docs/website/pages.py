@@ -53,7 +53,7 @@ def write(folder: Path, generated: Sequence[str]) -> None:
 
 
 def _committed() -> list[PurePosixPath]:
-    """Return the files of the repository: those that git tracks or would track, and not the ignored ones."""
+    """Return the files of the repository: those that git tracks, and new files that git does not ignore."""
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "--deduplicate"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     return sorted(PurePosixPath(line) for line in listed.splitlines() if (ROOT / line).is_file())
@@ -82,7 +82,7 @@ def outside_fences(text: str, change: Callable[[str], str]) -> str:
 
 
 def _target(page: PurePosixPath, link: str) -> PurePosixPath:
-    """Return the path that a link of a page means, from the repository's root."""
+    """Return the target of a link of a page, as a path from the repository's root."""
     return PurePosixPath(os.path.normpath(page.parent / link))
 
 
@@ -118,7 +118,7 @@ def _file_text(name: PurePosixPath) -> str:
 
 
 def _titled(name: PurePosixPath, text: str) -> str:
-    """Return a page that is not in the navigation."""
+    """Return a page with a title. The navigation does not list the page."""
     return f"---\norphan: true\n---\n# {name}\n\n{text}\n"
 
 
@@ -126,7 +126,7 @@ Link = tuple[str, PurePosixPath]  # text and page
 
 
 def _rows() -> Iterator[tuple[str, list[Link]]]:
-    """Yield each line of docs/README.md that has links to pages, with the heading above it."""
+    """Yield (heading, links to pages) from docs/README.md. The links of a table row stay together."""
     heading = "Start"
     for line in (ROOT / INDEX).read_text(encoding="utf-8").splitlines():
         if line.startswith("## "):

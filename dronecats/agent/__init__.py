@@ -1,1 +1,1 @@
-"""The pilot: prompt, model, action, geometric controller. Sees a frame, an instruction, its history, and MAVLink."""
+"""The pilot: prompt, model, actions, geometric controller. Its inputs: frame, instruction, history, MAVLink."""

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from foundation import protocol
 from foundation.protocol import FINISHED, GO, POINT_SPAN, ROTATE, THINK
 
-AxisOrder = Literal["xy", "yx"]  # the order of `point` that a model was trained with
+AxisOrder = Literal["xy", "yx"]  # order of the coordinates of `point` in the replies of a model
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Go:
 class Rotate:
     """Yaw in place."""
 
-    angle_deg: float  # + right; the prompt asks for ±90, which is not enforced
+    angle_deg: float  # + right; the prompt asks for −90 … 90, the parser accepts ±MAX_ROTATION_DEG
 
     def as_json(self) -> dict[str, Any]:
         return {"action": ROTATE, "angle_deg": self.angle_deg}
@@ -70,7 +70,7 @@ class Finished:
 
 
 Action = Go | Rotate | Think | Finished
-SCHEMAS: dict[str, dict[str, Any]] = {  # JSON Schemas of the fields of each action, without its name
+SCHEMAS: dict[str, dict[str, Any]] = {  # JSON Schemas of the fields of each action, except the field "action"
     GO: {
         "point": {
             "type": "array",
@@ -87,7 +87,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {  # JSON Schemas of the fields of each act
 
 
 class ActionError(ValueError):
-    """A reply has no valid action; the message is the reason. The pilot has failed, never the infrastructure."""
+    """A reply without a valid action; the text is the reason. A failure of the pilot, never of the infrastructure."""
 
 
 MAX_ROTATION_DEG = 3600.0  # ten turns

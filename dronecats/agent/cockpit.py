@@ -24,22 +24,22 @@ T = TypeVar("T")
 class HostPace:
     """The wall clock that paces the vehicle's clock. Its watches measure how far the vehicle's clock lags behind it.
 
-    Paper, "Throughput sensitivity": a step that the host delays is not the model's. It exists in real time only; in
-    lockstep everything waits for everything.
+    A delay of the host computer must not count as a delay of the model (paper, "Throughput sensitivity"). Only flights
+    in real time have a pace; in lockstep the vehicle's clock waits.
     """
 
     def __init__(self, wall_s: Callable[[], float], speed: float) -> None:
-        """`wall_s` reads the wall's clock, `speed` is the factor on it by which vehicle time shall pass."""
+        """`wall_s` returns the wall time (s). `speed` is the intended ratio of vehicle time to wall time."""
         self._wall_s, self._speed = wall_s, speed
         self._watches: list[HostWatch] = []
 
     @property
     def now_s(self) -> float:
-        """s of wall time × speed, from any zero; vehicle time differs by a constant if the host is never late."""
+        """Wall time × speed (s), from any zero. If the host is never late, vehicle time differs by a constant."""
         return self._wall_s() * self._speed
 
     def watch(self) -> "HostWatch":
-        """Return a watch for one decider. It runs from now on."""
+        """Return a new watch for one `Decider`. It starts now."""
         self._watches.append(HostWatch(self))
         return self._watches[-1]
 
@@ -51,7 +51,7 @@ class HostPace:
 
 
 class HostWatch:
-    """The delays of the host since the last `take`."""
+    """Measures the delays of the host since the last `take`."""
 
     def __init__(self, pace: HostPace) -> None:
         self._pace = pace
@@ -61,20 +61,20 @@ class HostWatch:
 
     @property
     def now_s(self) -> float:
-        """s of wall time × speed, from any zero."""
+        """Wall time × speed (s), from an arbitrary zero."""
         return self._pace.now_s
 
     def late(self, late_s: float) -> None:
-        """Report how late the vehicle's clock is, s plus an unknown constant. The lag is the growth of this value."""
+        """Report how late the vehicle's clock is (s, plus an unknown constant). The lag is the growth of this value."""
         self._least_s, self._newest_s = min(self._least_s, late_s), late_s
         self._lag_s = max(self._lag_s, late_s - self._least_s)
 
     def waited(self, seconds: float) -> None:
-        """Add the time (s of wall time × speed) that one picture took to come."""
+        """Add the time (wall time × speed, s) that the agent waited for one picture."""
         self._waited_s += seconds
 
     def take(self) -> tuple[float, float]:
-        """Return (s by which the vehicle's clock fell behind, s that pictures were waited for) since the last time."""
+        """Return (s by which the vehicle's clock fell behind, s of waiting for pictures) since the last call."""
         taken = self._lag_s, self._waited_s
         # start again from the newest lateness, so that a stall that begins now counts for the next step
         self._least_s, self._lag_s, self._waited_s = self._newest_s, 0.0, 0.0
@@ -97,12 +97,12 @@ class Cockpit:
     executor: Executor  # runs calls that may take long
     t0_us: int  # µs, the vehicles' clock when the episode began
     prompts: PromptLog | None = None  # logs the text of every question; None: prompts are not logged
-    commander_log: Path | None = None  # where a hierarchy keeps its exchanges; None: nowhere
-    seed: tuple[int, ...] = (0,)  # of all random draws of an agent
+    commander_log: Path | None = None  # log of the questions to a commander and its replies; None: not logged
+    seed: tuple[int, ...] = (0,)  # seeds all random draws of the agent
     on_step: Callable[[Decision], None] = _nothing  # called with every decision
     on_tick: Callable[[], None] = _nothing  # called at every tick; an exception in it ends the flight
-    pictures: PicturePath | None = None  # declared disturbances of pictures; None: there are none
-    host: HostPace | None = None  # paces the vehicle's clock in real time; None: lockstep, no host can be late
+    pictures: PicturePath | None = None  # applies the declared disturbances of pictures; None: no disturbances
+    host: HostPace | None = None  # paces the vehicle's clock in real time; None: lockstep
 
     def newest_frames(
         self,
@@ -112,9 +112,10 @@ class Cockpit:
         cap_s: float,
         patience_s: float | None,
     ) -> Generator[None, None, list[Frame] | None]:
-        """Return the newest frame of each drone for a question; yield while they come.
+        """Return the newest frame of each drone for a question; yield until they arrive.
 
-        None if the episode ends at `cap_s`, before the pictures (held back on purpose) arrive. Raises CameraError.
+        Returns None if a declared disturbance holds the pictures back until the episode ends at `cap_s`. Raises
+        CameraError if a picture takes longer than `patience_s`.
         """
 
         def fetched(call: Callable[[], T]) -> Generator[None, None, T]:
@@ -141,7 +142,7 @@ class Cockpit:
             yield
 
     def keep_pictures(self, frames: Sequence[Frame]) -> tuple[bytes, ...]:
-        """Return frames as the JPEGs that a model gets, each kept in the run folder, with its depth if it has one."""
+        """Return frames as JPEGs for a model, and write each into the run folder, with its depth if it has one."""
         pictures = tuple(encode(frame.image_rgb) for frame in frames)
         for frame, jpeg in zip(frames, pictures, strict=True):
             (self.frames_dir / frame_name(frame.frame_id, frame.drone)).write_bytes(jpeg)
@@ -157,7 +158,7 @@ class Cockpit:
 
 
 class Agent(Protocol):
-    """An agent that flies one episode. `dronecats.agent.loop.PaperAgent` is the paper's."""
+    """An agent that flies one episode. `dronecats.agent.loop.PaperAgent` is the agent of the paper."""
 
     @property
     def now_s(self) -> float:

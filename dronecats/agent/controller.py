@@ -1,4 +1,4 @@
-"""The fixed geometric controller, and a drone that flies its segments. Paper, appendix "Execution".
+"""The fixed geometric controller, and `Drone`, which flies its segments. Paper, appendix "Execution".
 
 One action becomes at most a turn and a move. The geometry is solved once per step, without feedback; the autopilot
 tracks the result. Angles count from the heading that the vehicle had when the picture was taken, so a go flies to its
@@ -26,7 +26,7 @@ from foundation.protocol import (
 from foundation.setpoints import Hold, Setpoint, Sight, Turn, Velocity
 
 YAW_RATE = math.radians(YAW_RATE_DEG)  # rad/s
-SETTLE_S = 3.0  # s that a turn may take longer than its angle / YAW_RATE: a vehicle lags, and a gust may shake it
+SETTLE_S = 3.0  # s that a turn may take longer than its angle / YAW_RATE, for a lagging vehicle or a gust
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +35,13 @@ class Segment:
 
     setpoint: Setpoint
     duration_s: float
-    settle_s: float = 0.0  # s, longest extra time after that until the vehicle has reached the heading
+    settle_s: float = 0.0  # s, longest extra time until the vehicle has reached the heading
 
 
 def displacement(go: Go, camera: CameraModel) -> tuple[float, float, float]:
     """Return (right, forward, up) in metres of the point, back-projected with the pilot's depth.
 
-    Forward is the body's: the depth counts along the axis of the camera, which its mount may pitch.
+    Forward and up are axes of the vehicle. The depth is along the optical axis of the camera, which may be pitched.
     """
     f = camera.focal_px
     px, py = go.x * camera.width / POINT_SPAN, go.y * camera.height / POINT_SPAN
@@ -103,13 +103,13 @@ class Aircraft(Protocol):
         ...
 
     def sight(self, time_us: int) -> Sight:
-        """Return where the vehicle was at a time of its clock (µs), by its own estimate. Raises LinkError."""
+        """Return the estimated pose of the vehicle at a time of its clock (µs). Raises LinkError."""
         ...
 
     def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
         """Stream this setpoint from the next tick on, and a hold after `seconds` of vehicle time.
 
-        The setpoint's angles count from `seen`.
+        The setpoint's angles count from the heading of `seen`.
         """
         ...
 
@@ -123,27 +123,27 @@ class Aircraft(Protocol):
 
 
 class Drone:
-    """Flies one action after the other. A decider chooses them."""
+    """One drone, which flies one action after another. `loop.Decider` chooses them."""
 
     def __init__(self, index: int, aircraft: Aircraft, camera_model: CameraModel) -> None:
         self.index, self.aircraft = index, aircraft
         self.history = History(camera_model)
         self.thinks_next = False  # the newest reply was a think: the next call reasons at length
-        self._segments: list[Segment] = []  # of the current action, still to be flown
+        self._segments: list[Segment] = []  # segments of the current action that are still to be flown
         self._segment_ends_s = 0.0
-        self._seen: Sight | None = None  # where it was when the picture of its action was taken
-        self._counts_from: Sight | None = None  # origin of the angles, where it is not `_seen`
-        self._seen_us = 0  # µs, its clock, of `_seen`
+        self._seen: Sight | None = None  # pose when the picture of the current action was taken
+        self._counts_from: Sight | None = None  # pose from which the angles count, if not `_seen`
+        self._seen_us = 0  # µs on the vehicle's clock, time of `_seen`
 
     @property
     def busy(self) -> bool:
-        """True while its action is being flown."""
+        """True while the drone flies an action."""
         return bool(self._segments)
 
     def see(self, time_us: int) -> None:
-        """Remember where it was when its picture was taken. The angles of the next action count from there."""
-        self.aircraft.listen()  # the frame took a while to come
-        if self._seen is None or time_us != self._seen_us:  # the track may no longer reach back to the same picture
+        """Remember the pose at the time of a picture (µs, vehicle's clock). The next action is relative to it."""
+        self.aircraft.listen()  # telemetry has arrived while the frame was under way
+        if self._seen is None or time_us != self._seen_us:  # a second look-up may be too late for the track
             self._seen, self._seen_us = self.aircraft.sight(time_us), time_us
 
     def _settle(self) -> None:
@@ -161,13 +161,13 @@ class Drone:
         self._next_segment(now_s, now_s)
 
     def advance(self, now_s: float) -> None:
-        """Start the next segment when one has been flown."""
+        """Start the next segment if the current one has been flown."""
         if self._segments and self._is_over(now_s):
             settled = self._segments.pop(0).settle_s > 0.0
             self._next_segment(now_s if settled else self._segment_ends_s, now_s)
 
     def _is_over(self, now_s: float) -> bool:
-        """Return whether the segment has been flown. A turn is over when the vehicle has reached it and is steady."""
+        """Return whether the segment has been flown. A turn may last `settle_s` longer, until the vehicle is steady."""
         late_s = now_s - self._segment_ends_s
         return late_s >= -1e-9 and (self.aircraft.steady or late_s >= self._segments[0].settle_s)
 

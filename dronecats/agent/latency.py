@@ -1,8 +1,8 @@
-"""Model latency in vehicle time: real, measured, fixed, drawn, recorded, or by the token.
+"""Policies for model latency in vehicle time: real, measured, fixed, drawn, recorded, or by the token.
 
-The drone holds while the model decodes, and the world keeps moving. In real time latency passes by itself; in lockstep
-it is charged: after the call, during which the vehicle's clock stands still, or during the call if known beforehand.
-All policies: docs/latency.md.
+The drone holds while the model decodes, and the world keeps moving. In real time, vehicle time passes during the call.
+In lockstep, the policy charges the latency. The vehicle's clock stands still during the call and advances after it; if
+the policy knows the latency beforehand, the clock advances during the call. All policies: docs/latency.md.
 
 A policy is a value (`LatencyPolicy`). run.json and spec files hold its text as it was written.
 """
@@ -20,22 +20,22 @@ from foundation.declaration import ABOVE_0, DeclaredNumber
 from foundation.errors import UsageError
 from foundation.wording import did_you_mean, nearest
 
-LONGEST_S = 300.0  # an episode
-FASTEST_HZ = 20.0  # rate of the ticks on which a reply is noticed
+LONGEST_S = 300.0  # longest latency: the length of an episode
+FASTEST_HZ = 20.0  # rate of the ticks at which the agent checks for a reply
 SLOWEST_HZ = 1.0 / LONGEST_S
-TRACE_MAX = 10_000  # latencies of a trace, all of which are in run.json
-CHARACTERS_A_TOKEN = 4  # of a reply without a token count, such as a built-in pilot's
+TRACE_MAX = 10_000  # largest number of latencies in a trace; run.json holds all of them
+CHARACTERS_A_TOKEN = 4  # assumed for a reply without a token count, such as a built-in pilot's
 COMMANDER = 255  # drone number of a commander's questions; no vehicle has it
-STEADY_CV = 1e-3  # below it a gamma equals its mean
+STEADY_CV = 1e-3  # below this coefficient of variation, a gamma draw is the mean
 NOTHING_ADDED = "--latency real is the measured time of a reply and cannot be combined with another policy"
 REAL, TRACE, FIXED, RATE, JITTER, STALL, CAP = "real", "trace", "fixed", "rate", "jitter", "stall", "cap"
 
-Seed = tuple[int, ...]  # of the episode and of this flight
+Seed = tuple[int, ...]  # seeds of the episode and of this flight
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """The identity of a question. Random draws depend on nothing else."""
+    """The identity of a question. Random draws depend on it alone."""
 
     seed: Seed
     step: int  # number of the question, from 0, for these drones
@@ -46,20 +46,20 @@ class Question:
 class Circumstance:
     """Other values on which a charge (the latency that is counted for a reply) may depend."""
 
-    reply: Reply | None = None  # None where the charge is foreseen
-    since_s: float | None = None  # vehicle s from the last reply for these drones to this question; None: the first
+    reply: Reply | None = None  # None if the charge is known before the reply
+    since_s: float | None = None  # vehicle s from the last reply for these drones to this question; None: no reply yet
 
 
 @dataclass(frozen=True, slots=True)
 class LatencyPart:
-    """One term of a policy; + joins them."""
+    """One term of a policy. The text of a policy joins its terms with +."""
 
     text: str  # "jitter:2,0.5"; for a trace "trace:DIGEST"
     kind: str  # a key of KINDS
     numbers: tuple[float, ...]  # of a trace: the recorded latencies, s
 
     def charge_s(self, question: Question, of: Circumstance) -> float:
-        """Return its share of a reply's latency, vehicle seconds."""
+        """Return this part's share of a reply's latency, vehicle seconds."""
         return KINDS[self.kind].charge(question, of, *self.numbers)
 
 
@@ -73,7 +73,8 @@ class LatencyPolicy:
     def parse(cls, text: str, trace: Sequence[float] | None = None) -> "LatencyPolicy":
         """Return the policy of a text: `real`, or one or more of KINDS joined by +.
 
-        `trace`: the latencies (s) of a `trace:`, whose text names them as `trace_name` does. Raises UsageError.
+        `trace`: the recorded latencies (s) of a part `trace:DIGEST`, where DIGEST is their `trace_name`. Raises
+        UsageError.
         """
         words = split_policy(text)
         if words == [REAL]:
@@ -112,18 +113,19 @@ class LatencyPolicy:
         return part.numbers if part else None
 
     def part(self, kind: str) -> LatencyPart | None:
-        """Return its part of a kind."""
+        """Return the part of a kind; None if there is none."""
         return next((part for part in self.parts if part.kind == kind), None)
 
     def numbers(self, kind: str) -> tuple[float, ...]:
-        """Return the numbers of its part of a kind; none where it has no such part."""
+        """Return the numbers of the part of a kind; empty if there is none."""
         part = self.part(kind)
         return part.numbers if part else ()
 
     def with_part(self, text: str, instead_of: Sequence[str] = ()) -> "LatencyPolicy":
-        """Return the policy with a new part: in place of its first part of a kind in `instead_of`, else at the end.
+        """Return the policy with a new part.
 
-        The new part replaces one of its own kind. Raises UsageError.
+        The new part replaces the first part whose kind is in `instead_of`. Otherwise it is added at the end, and
+        replaces a part of its own kind. Raises UsageError.
         """
         if self.real:
             raise UsageError(f"{NOTHING_ADDED}, got '{text}'")
@@ -172,9 +174,10 @@ def _recorded(text: str, name: str, trace: Sequence[float] | None) -> tuple[floa
     return tuple(trace)
 
 
-# Random streams. Each kind has its own, so that joined kinds are independent. A draw is a quantile, so that two levels
-# of a policy make the same questions slow. No stream is 0, which seed sequences ignore; 6 is taken (`pictures.py`); a
-# lognormal without a stream would share the draws of the noisy pilot (`pilots/oracle/noisy.py`).
+# Random streams. Each kind has its own stream, so that joined kinds are independent. A draw is a quantile, so that the
+# same questions are slow at all parameters of a policy. Stream 0 is not used: NumPy's seed sequences ignore a 0 at the
+# end. `pictures.py` uses stream 6. Without a stream, a draw would equal those of the noisy pilot
+# (`pilots/oracle/noisy.py`).
 GAMMA_STREAM, BIMODAL_STREAM, STALL_STREAM, JITTER_STREAM, TRACE_STREAM = range(1, 6)
 LOGNORMAL_STREAM = 7
 
@@ -186,7 +189,10 @@ def _lognormal_s(question: Question, _of: Circumstance, median_s: float, sigma: 
 
 
 def _gamma_s(question: Question, _of: Circumstance, mean_s: float, cv: float) -> float:
-    """Return a draw of a mean and a coefficient of variation (standard deviation / mean); 1 is the exponential."""
+    """Return a gamma draw with this mean and coefficient of variation (standard deviation / mean).
+
+    A coefficient of 1 gives the exponential distribution.
+    """
     if cv < STEADY_CV:
         return mean_s
     from scipy.special import gammaincinv  # a base dependency, but slow to import, and most flights draw no gamma
@@ -196,7 +202,7 @@ def _gamma_s(question: Question, _of: Circumstance, mean_s: float, cv: float) ->
 
 
 def _bimodal_s(question: Question, _of: Circumstance, fast_s: float, slow_s: float, share: float) -> float:
-    """Return `fast_s` for this share of all questions, else `slow_s`: cache hits and misses."""
+    """Return `fast_s` for this share of all questions, else `slow_s`, as with cache hits and misses."""
     return fast_s if _share(question, BIMODAL_STREAM) < share else slow_s
 
 
@@ -208,8 +214,8 @@ def _stall_s(question: Question, _of: Circumstance, probability: float, seconds:
 def _jitter_s(question: Question, _of: Circumstance, rate_hz: float, cv: float, rho: float = 0.0) -> float:
     """Return a draw with the mean 1 / `rate_hz` and this coefficient of variation.
 
-    The logarithm is normal and a first-order autoregression over the questions; `rho` is the correlation of two in a
-    row. The sequence up to this question is drawn every time, so that no state is kept.
+    The logarithm is normal. It follows a first-order autoregression over the questions, with the correlation `rho` of
+    two successive ones. Each call draws the sequence up to this question again, so that no state is kept.
     """
     variance = math.log1p(cv * cv)
     shocks = np.random.default_rng((*question.seed, 0, question.drone, JITTER_STREAM)).standard_normal(
@@ -222,9 +228,9 @@ def _jitter_s(question: Question, _of: Circumstance, rate_hz: float, cv: float, 
 
 
 def _traced_s(question: Question, _of: Circumstance, *trace: float) -> float:
-    """Return the next recorded latency, in order and cyclically; the first is drawn once per drone and flight.
+    """Return the next recorded latency, in order and cyclically. The first one is random per drone and flight.
 
-    That keeps the correlation of successive replies.
+    The order keeps the correlation of successive replies.
     """
     begin = int(np.random.default_rng((*question.seed, 0, question.drone, TRACE_STREAM)).integers(len(trace)))
     return trace[(begin + question.step) % len(trace)]
@@ -235,20 +241,20 @@ def _share(question: Question, stream: int) -> float:
 
 
 def _by_token_s(_question: Question, of: Circumstance, first_s: float, rate_hz: float) -> float:
-    """Return the time to the first token plus that of all tokens."""
-    assert of.reply is not None  # it is not foreseen
+    """Return the time to the first token plus the time of all tokens at a rate."""
+    assert of.reply is not None  # the charge is computed after the reply
     counted = of.reply.tokens_out
     tokens = math.ceil(len(of.reply.text) / CHARACTERS_A_TOKEN) if counted is None else counted
     return min(first_s + tokens / rate_hz, LONGEST_S)
 
 
 def _measured_s(_question: Question, of: Circumstance) -> float:
-    assert of.reply is not None  # it is not foreseen
+    assert of.reply is not None  # the charge is computed after the reply
     return of.reply.latency_s
 
 
 def _held_s(_question: Question, of: Circumstance, rate_hz: float) -> float:
-    """Return the time by which a reply is held back, so that replies come no faster than a rate."""
+    """Return the delay (s) of a reply that keeps the rate of replies at or below `rate_hz`."""
     return 0.0 if of.since_s is None else max(0.0, 1.0 / rate_hz - of.since_s)
 
 
@@ -260,17 +266,17 @@ class LatencyKind:
     quantities: tuple[DeclaredNumber, ...] = ()
     optional: int = 0  # number of optional quantities, the last ones
     foreseen: bool = True
-    file: str = ""  # placeholder of a file in the place of numbers
+    file: str = ""  # placeholder of a file name, for a kind that has a file instead of numbers
 
     def form(self, name: str) -> str:
-        """Return its syntax: "jitter:RATE,CV[,RHO]"."""
+        """Return the syntax of the kind, such as "jitter:RATE,CV[,RHO]"."""
         needed = len(self.quantities) - self.optional
         numbers = ",".join(quantity.name for quantity in self.quantities[:needed])
         more = "".join(f"[,{quantity.name}]" for quantity in self.quantities[needed:])
         return f"{name}:{numbers or self.file}{more}" if numbers or self.file else name
 
     def read(self, text: str, values: Sequence[str]) -> tuple[float, ...]:
-        """Return its numbers. Raises UsageError for too few, too many, or one out of bounds."""
+        """Return the numbers of a part. Raises UsageError if they are too few, too many or out of bounds."""
         try:
             if not len(self.quantities) - self.optional <= len(values) <= len(self.quantities):
                 raise ValueError

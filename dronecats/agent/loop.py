@@ -1,7 +1,7 @@
 """The loop of the paper: see, decide, act, log. It gets a frame, an instruction and its history, and uses MAVLink.
 
-A decider decides for a group of drones: their pictures in one question, an action for each from one reply. It is a
-generator that yields whenever vehicle time has to pass, so several of them fly side by side.
+A `Decider` decides for a group of drones. It sends their pictures in one question, and one reply has an action for each
+drone. Its `fly` is a generator that yields while vehicle time passes, so several deciders run side by side.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -34,16 +34,16 @@ class Questions:
     latency: LatencyPolicy
     axis_order: actions.AxisOrder = "xy"
     parser: ReplyParser = "strict"
-    patience_s: float | None = None  # s of vehicle time without a frame or a reply that end the flight; None: no limit
+    patience_s: float | None = None  # vehicle s, longest wait for a frame or a reply before an error; None: no limit
     beside: bool = False  # the reply depends on the question alone, so a lockstep clock may run during the call
-    last_reply: bool = True  # a reply under way at the cap is awaited, to tell a slow model from a dead endpoint
+    last_reply: bool = True  # wait for a reply under way at the cap, to tell a slow model from a dead endpoint
 
 
-SLACK_S = 0.15  # three ticks of the 20 Hz clock on which a reply is noticed
+SLACK_S = 0.15  # three ticks of the 20 Hz clock at which the agent checks for a reply
 
 
 class Asking:
-    """One question under way. Its latency is charged once: when the reply has come, or before if it is foreseen."""
+    """One question under way. Its latency is charged once: after the reply, or before if the policy foresees it."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class Asking:
     ) -> None:
         """Send the question at `now_s`; `last_s` is the time of the last reply for these drones (vehicle seconds).
 
-        `beside`: the lockstep clock runs during the call, up to the due time of a foreseen reply, and waits there.
+        `beside`: if the policy foresees the latency, the lockstep clock runs during the call, up to the due time.
         """
         self._beside = beside and policy.foreseen
         self._future: Future[Reply] = (DaemonExecutor() if self._beside else executor).submit(model.ask, request)
@@ -67,8 +67,8 @@ class Asking:
         self._charged_s: float | None = None
 
     def due(self, now_s: float) -> bool:
-        """Return whether the reply is there and its latency has passed on the vehicle's clock."""
-        if self._beside:  # only the due time counts, not the real arrival: else flights would not be reproducible
+        """Return whether the reply has arrived and its latency has passed on the vehicle's clock."""
+        if self._beside:  # only the due time counts: with the real arrival, flights would not be reproducible
             foreseen_s = self._charge() or 0.0
             if now_s < self._start_s + foreseen_s - 1e-9:
                 return False
@@ -98,10 +98,10 @@ class Asking:
         return self._future.result()
 
     def latency_s(self, now_s: float) -> float:
-        """Return the vehicle seconds that the reply took; `now_s` is the time at which it was acted on.
+        """Return the vehicle seconds that the reply took; `now_s` is the time of the decision.
 
-        It is the charge if the reply came by then (within SLACK_S); if it came later, or without a charge, it is the
-        elapsed time.
+        This is the charge if at most SLACK_S more than the charge has elapsed. Otherwise, or without a charge, it is
+        the elapsed time.
         """
         elapsed_s = (now_s - self._start_s) * self.reply().share  # without failed attempts
         charged_s = self._charge()
@@ -132,9 +132,9 @@ def await_reply(
 ) -> Generator[None, None, bool]:
     """Yield until the reply is due or the episode is over; return whether it is due.
 
-    Times are vehicle seconds since the episode began. `last_reply`: a reply under way at `cap_s` is awaited. It comes
-    too late to be an action. A slow model counts as a failure, a dead endpoint does not; only waiting tells them
-    apart. Raises ModelError beyond `patience_s` (None: no limit but the client's), and the client's errors.
+    Times are vehicle seconds since the episode began. `last_reply`: wait for a reply under way at `cap_s`, although it
+    is too late to be an action. The wait tells a slow model (a failure) from a dead endpoint (no failure). Raises
+    ModelError beyond `patience_s` (None: only the client has a limit), and the client's errors.
     """
     while not asking.due(now_s()):
         yield
@@ -154,7 +154,7 @@ def await_reply(
 
 
 class Tally:
-    """Numbers the steps of an episode as they are decided, over all its deciders, without gaps."""
+    """Numbers the steps of an episode in the order of the decisions of all deciders, without gaps."""
 
     def __init__(self) -> None:
         self.taken = 0
@@ -166,7 +166,7 @@ class Tally:
 
 
 class Decider:
-    """Decides for its drones, step by step. With one drone it is the paper's pilot, with four its joint command."""
+    """Decides for its drones, step by step. With one drone it is the paper's pilot, with four the joint command."""
 
     def __init__(
         self, questions: Questions, drones: Sequence[Drone], cockpit: Cockpit, now_s: Callable[[], float], tally: Tally
@@ -194,7 +194,7 @@ class Decider:
         return False
 
     def _see(self, cap_s: float) -> Generator[None, None, list[Frame] | None]:
-        """Return the newest frame of each drone; None if the episode ended first. Later angles count from it."""
+        """Return the newest frame of each drone; None if the episode ended first. Stores the drones' poses."""
         indices = [drone.index for drone in self._drones]
         start_s = self._host.now_s if self._host else 0.0
         question = Question(self._cockpit.seed, self._questions_sent, indices[0])
@@ -215,9 +215,9 @@ class Decider:
     def _step(self, frames: Sequence[Frame], cap_s: float) -> Generator[None, None, list[Decision]]:
         """Ask, await the reply, and fly its actions; return the decisions when all drones have flown them."""
         COMPUTING.step()
-        # a frame may be newer than its drone's newest telemetry; no reply is older than its picture
+        # a frame may be newer than the newest telemetry, but a question is never older than its frames
         start_s = max(self._now_s(), *(self._since_begin_s(frame) for frame in frames))
-        thinking = any(drone.thinks_next for drone in self._drones)  # one call for all of them
+        thinking = any(drone.thinks_next for drone in self._drones)  # one call decides for all drones
         asking = self._send(frames, thinking, self._questions_sent, start_s)
         self._questions_sent += 1
         questions = self._questions
@@ -227,7 +227,7 @@ class Decider:
             if not self._tally.taken:
                 if not asking.answered:
                     raise ModelError("the model sent no reply before the end of the episode")
-                # the log of a flight without an action in time shows that the model was slow, and not broken
+                # the late reply is logged, to show that the model was slow and not broken
                 self._decide(frames, asking, thinking, asking.after_s(cap_s))
             return []  # the episode was over before the reply: too late to be an action
         decisions = self._decide(frames, asking, thinking, self._now_s())
@@ -261,7 +261,7 @@ class Decider:
         return self._questions.instruction
 
     def _report(self, action: actions.Action | None) -> bool | UnsetType:
-        """Return whether an action is a report to a commander; unset where there is no commander."""
+        """Return whether an action is a report to a commander; UNSET if there is no commander."""
         return UNSET
 
     def _histories(self) -> str:
@@ -334,7 +334,7 @@ class SideBySideAgent:
 
     @property
     def now_s(self) -> float:
-        """Vehicle seconds since the episode began, by the drone with the newest telemetry: all boot at once."""
+        """Vehicle seconds since the episode began, by the newest telemetry of any drone; all drones boot at once."""
         return (max(drone.aircraft.time_us for drone in self._drones) - self._cockpit.t0_us) / 1e6
 
     @property
@@ -367,12 +367,12 @@ class SideBySideAgent:
 
 
 class PaperAgent(SideBySideAgent):
-    """The paper's agent: each drone flies one action to its end before the next picture; a fleet is joint command."""
+    """The paper's agent: each drone completes one action before the next picture. A fleet has joint command."""
 
     decider_type: type[Decider] = Decider
 
     def __init__(self, questions: Questions, cockpit: Cockpit, groups: Sequence[Sequence[int]] | None = None) -> None:
-        """`groups` of drones that share a decider, each on its own clock; None: one group."""
+        """`groups`: drones that share a decider. Each group has its own pace. None: one group."""
         super().__init__(cockpit)
         self._deciders = [
             self.decider_type(questions, [self._drones[i] for i in group], cockpit, lambda: self.now_s, self._tally)

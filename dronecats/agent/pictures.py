@@ -1,6 +1,6 @@
 """Declared disturbances of pictures between camera and decider: delay, loss, staleness, low rate.
 
-Their times are vehicle time. They are drawn from the seed once for each question and drone, so the draws are the same
+All times are vehicle time. The seed, the question and the drone determine each random draw, so the draws are the same
 in lockstep and in real time. A picture keeps the time at which it was taken, and an action counts from the drone's pose
 at that time.
 """
@@ -16,7 +16,7 @@ from dronecats.agent.latency import Question
 from foundation.camera import Camera, Frame
 
 AGAIN_S = 0.1  # vehicle s, the shortest time before a lost picture is requested again
-PICTURES = 6  # number of this random stream; `latency` has the others
+PICTURES = 6  # random stream of these draws; `latency.py` has the others
 CLOSE_S = 1e-9  # s, tolerance of comparisons
 
 Fetch = Callable[[Callable[[], Frame]], Generator[None, None, Frame]]  # runs a slow call, and yields until it returns
@@ -42,7 +42,7 @@ class PicturePath:
         rate_hz: float | None = None,
         recall: Callable[[int, int], Frame] | None = None,
     ) -> None:
-        """Set the disturbances of `FrameFaults`.
+        """Set the disturbances (`dronecats.flight.spec.disturbances.FrameFaults`).
 
         `recall` returns the frame of a drone at a past time (µs, vehicle clock); `rate_hz` needs it.
         """
@@ -74,9 +74,9 @@ class PicturePath:
         t0_us: int,
         fetch: Fetch,
     ) -> Generator[None, None, list[Frame]]:
-        """Return the frame of each drone for a question; yield until all are there. Raises CameraError.
+        """Return the frame of each drone for a question; yield until all have arrived. Raises CameraError.
 
-        `now_s` returns the vehicle seconds since the episode began, which was at `t0_us` of the vehicle's clock.
+        `now_s` returns the vehicle seconds since the episode began; it began at `t0_us` of the vehicle's clock.
         """
         self.held_s[question.drone] = 0.0
         coming = {drone: self._frame(camera, question, drone, now_s, t0_us, fetch) for drone in drones}

@@ -32,7 +32,7 @@ FLEET = {
     f" judged in its\nown drone's picture. Every object holds one of these {COUNT} actions:",
     "closing": "One JSON array of {n} objects, no other text.",
 }
-LABEL = "Drone {n}:"  # before each picture of a fleet, as before each history
+LABEL = "Drone {n}:"  # before each picture and each history of a fleet
 # text before and after a template for one drone, so that a fleet can use it
 FRAMED = (
     "{situation} What follows is written for\none drone and holds for each of yours, in its own picture.\n\n",
@@ -63,7 +63,7 @@ class Prompt:
 
     @classmethod
     def of(cls, template: str, where: str) -> "Prompt":
-        """Return the prompt of a user's template; `where` names it in errors. Raises UsageError for an unusable one."""
+        """Return the prompt of a user's template; `where` names it in errors. Raises UsageError if it is unusable."""
         for name in _LIKE_A_FIELD.findall(template):
             if name not in FIELDS:
                 hint = suggestion(name, [f"{{{field}}}" for field in FIELDS], cutoff=0.6)
@@ -75,7 +75,7 @@ class Prompt:
 
     @property
     def digest(self) -> str:
-        """Return the SHA-256 of the template and of the fixed texts that fill it; run.json holds it."""
+        """The SHA-256 of the template and of all fixed text that fills it. run.json holds this value."""
         words = (self.template, *SINGLE.values(), *FLEET.values(), *FRAMED, LABEL)
         return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
@@ -94,7 +94,7 @@ class Prompt:
     def render(
         self, instruction: str, history: str, history_len: int, axis_order: AxisOrder = "xy", drones: int = 1
     ) -> str:
-        """Return the text of one step, for one drone or for a fleet."""
+        """Return the text of the question of one step, for one drone or for a fleet."""
         words = SINGLE if drones == 1 else {key: text.replace("{n}", str(drones)) for key, text in FLEET.items()}
         template = self.template
         if drones > 1 and not self.supports_fleets:
@@ -117,7 +117,7 @@ def template_sha256(template: str) -> str:
 
 
 def labels(drones: int) -> tuple[str, ...]:
-    """Return the labels of a fleet's pictures and histories; one drone has none."""
+    """Return the labels of a fleet's pictures and histories; empty for one drone."""
     return tuple(LABEL.replace("{n}", str(place)) for place in range(1, drones + 1)) if drones > 1 else ()
 
 
@@ -150,7 +150,7 @@ def prompt_listing(source: str, where: str) -> str:
 
 
 def _listings(source: str) -> Iterator[str]:
-    """Yield the text of each listing, its options left out."""
+    """Yield the text of each listing without its options."""
     for match in _LISTING.finditer(source):
         rest = match["rest"]
         head, _, text = rest[_options_end(rest) :].partition("\n")
@@ -159,7 +159,7 @@ def _listings(source: str) -> Iterator[str]:
 
 
 def _options_end(text: str) -> int:
-    """Return where `[…]` at the beginning of a text ends; brackets within braces are part of an option's value."""
+    """Return the end of `[…]` at the beginning of a text; 0 if there is none. Brackets within braces do not count."""
     if not text.lstrip(" \t").startswith("["):
         return 0
     depth = 0
@@ -198,11 +198,11 @@ class History:
 
     @property
     def actions(self) -> tuple[Action, ...]:
-        """Oldest first."""
+        """The actions, oldest first."""
         return tuple(self._actions)
 
     def render(self) -> str:
-        """Return the numbered lines, oldest first, the newest tagged; or the sentence for the first step."""
+        """Return the actions as numbered lines, oldest first, with a mark at the newest; NONE_YET at the first step."""
         if not self._actions:
             return NONE_YET
         lines = [f"{i}. {compact(action, self.camera)}" for i, action in enumerate(self._actions, 1)]

@@ -1,1 +1,1 @@
-"""Suites of episodes: which flights a benchmark needs, the engines that fly them, and bridges to other harnesses."""
+"""Benchmarks: the flights of a suite of episodes, the engines that fly them, and bridges to other harnesses."""

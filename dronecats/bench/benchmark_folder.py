@@ -23,7 +23,7 @@ from foundation.run_folder.writing import as_json
 
 
 class Bench:
-    """An open benchmark folder. An existing folder is resumed, and keeps its other runs."""
+    """An open benchmark folder. An existing folder is resumed; runs that are not in `entries` stay in it."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class Bench:
         first: Callable[[], None] = lambda: None,
         report: Callable[[str], None] = lambda line: None,
     ) -> None:
-        """`limit` and `shard` select the episodes that this process flies. `retry`: fly again what did not move.
+        """`limit` and `shard` select the episodes that this process flies. `retry`: repeat flights that did not move.
 
         First, existing run folders are opened and checked. Second, each model with flights left gets one small test
         question; `report` gets the lines about it. Third, `first` is called and bench.json is written. New run folders

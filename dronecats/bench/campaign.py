@@ -82,7 +82,7 @@ class Batch:
         return [episode for episode in episodes if self.done(episode) is None or (retry and self.stuck(episode))]
 
     def stuck(self, episode: str) -> bool:
-        """Return whether an episode failed without moving and was not retried yet."""
+        """Return whether an episode failed, its drones did not move, and it was not retried yet."""
         folder, verdict = self.folder(episode), self.done(episode)
         if verdict is None or verdict["outcome"] == "success" or self.retried(episode):
             return False
@@ -156,12 +156,12 @@ class EndedFlight:
 
     run: OpenRun
     result: Result
-    again: bool  # it did not move and is retried: this is not its final result
+    again: bool  # the flight did not move and is retried, so this is not the final result
     dropped: int = 0  # flights of the same model that are cancelled, because its endpoint rejects every question
 
 
 class Campaign:
-    """The flights that remain of some runs. All state is in their folders."""
+    """The remaining flights of some runs. All state is in the run folders."""
 
     def __init__(self, runs: Sequence[OpenRun], *, jobs: int, retry: bool = True) -> None:
         """`jobs`: flights in the air at a time. `retry`: retry flights that did not move."""
@@ -170,11 +170,11 @@ class Campaign:
 
     @property
     def left(self) -> frozenset[tuple[str, str]]:
-        """The flights that remain, retries included: (run, episode) by name."""
+        """The remaining flights with retries, as (name of the run, episode)."""
         return frozenset((run.entry.name, episode) for run, episode in self._todo)
 
     def fly(self, engine: Engine, on_end: Callable[[EndedFlight], None] = lambda flight: None) -> Ending:
-        """Fly these flights, and return whether all were flown or the cost limit was reached. Closes the engine.
+        """Fly the remaining flights. Return "flown", or "budget" if the cost limit was reached. Closes the engine.
 
         `on_end` is called in the caller's thread after each flight. An error of one flight is in its result. Raises
         DronecatsError when no flight is possible any more, and lets KeyboardInterrupt through.
@@ -218,7 +218,7 @@ class Campaign:
 
 
 def _in_order(runs: Sequence[OpenRun], retry: bool) -> Iterator[tuple[OpenRun, str]]:
-    """Yield the flights that remain: run after run, but episode after episode for runs that are interleaved."""
+    """Yield the remaining flights: run after run, but episode after episode for interleaved runs (`beside`)."""
     groups: dict[str, list[OpenRun]] = {}
     for run in runs:
         groups.setdefault(f"beside {run.entry.beside}" if run.entry.beside else f"run {run.entry.name}", []).append(run)

@@ -1,7 +1,7 @@
 """The engine for a Ray cluster: one actor per core.
 
-Flights and the files of episode folders are sent as values, so the nodes share no disk. Each node needs dronecats and,
-for a model, the model's key in the environment. Needs the extra `cluster`.
+Flights and the files of episode folders are sent as values, so the nodes need no shared disk. Each node needs dronecats
+and, for a model, the model's key in the environment. Needs the extra `cluster`.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ from dronecats.flight.spec.flight_spec import ON_CLUSTER
 from dronecats.flight.spec.spec_file import as_json
 from foundation.errors import InfrastructureError, UsageError
 
-FLIGHTS_MAX = 64  # at a time per actor; each is a thread, which mostly waits for a model
+FLIGHTS_MAX = 64  # flights at a time per actor; each has a thread, which mostly waits for a model
 GONE_S = 30.0  # wall s to wait until a killed actor is gone
 LOOK_S = 30.0  # wall s between two checks of the workers while nothing lands
 CONNECT_S = 10.0  # wall s for the head of a cluster to accept a connection
@@ -35,10 +35,10 @@ GONE = (ray.exceptions.RayActorError, ray.exceptions.ObjectLostError, ray.except
 
 
 class ClusterWorker:
-    """The actor: flies in a temporary folder of its node, and returns the files of that folder."""
+    """The Ray actor. It flies in a temporary folder of its node and returns the files of this folder."""
 
     def __init__(self) -> None:
-        self._folders: dict[str, Path] = {}  # of the flights in the air
+        self._folders: dict[str, Path] = {}  # folders of the flights in the air, by the temporary folder
 
     def ready(self) -> str:
         """Compile the kernels, and return the digest of the code that will fly."""
@@ -88,7 +88,7 @@ class ClusterEngine:
     """Flies on a Ray cluster. The failure of a flight raises nothing: its result has the error."""
 
     def __init__(self, jobs: int, ledger: Path | None, address: str | None = None) -> None:
-        """`jobs`: flights at a time. `ledger`: file on this machine for the cost of models, None for free pilots.
+        """`jobs`: flights at a time. `ledger`: file on this machine for the cost of models, None: pilots are free.
 
         `address`: HOST:PORT of the cluster; None: a cluster of this machine only. Raises UsageError,
         InfrastructureError.
@@ -111,7 +111,7 @@ class ClusterEngine:
         self._most = max(1, min(jobs, int(ray.cluster_resources().get("CPU", 1))))
 
     def begin(self, sortie: Sortie) -> None:
-        """Hand the flight to the least busy worker, or to a new one while the cluster has cores for more."""
+        """Hand the flight to the least busy worker, or to a new worker if the cluster has a core for it."""
         worker = min(self._workers, key=lambda w: w.load, default=None)
         if worker is None or (worker.load and len(self._workers) < self._most):
             worker = self._hire() or worker

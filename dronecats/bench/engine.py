@@ -47,8 +47,8 @@ class Engine(Protocol):
     def landed(self) -> Landed:
         """Wait until a flight ends, and return it. Flights are returned in the order in which they end.
 
-        If a worker dies or hangs, only its flights in the air are lost. Raises DronecatsError as `begin` does, and lets
-        KeyboardInterrupt through.
+        If a worker dies or hangs, only its flights in the air are lost. Raises DronecatsError when no flight is
+        possible any more, and lets KeyboardInterrupt through.
         """
         ...
 
@@ -65,7 +65,7 @@ class WorkerSlots:
     """
 
     def __init__(self, jobs: int, workers: int) -> None:
-        """`jobs`: most flights in the air, not more than there are; `workers`: most workers, at least 1."""
+        """`jobs`: most flights in the air, at most the number of all flights. `workers`: most workers, at least 1."""
         self._most = max(1, min(jobs, workers))
         self._room = math.ceil(jobs / self._most)  # flights per worker when all are equally busy
         self._flights: list[set[Path]] = []
@@ -99,12 +99,12 @@ class WorkerSlots:
 
 WORKER = ChildKind("worker", "dronecats.bench.worker", WorkerConfig, needs_keys=True)
 ANSWER_S = 120.0  # wall s that a worker has to answer a command; it usually takes less than 1 s
-# wall s without a new byte in any file of a flight, after which the flight counts as hanging. The longest pause of a
-# flight that does not hang is a question that is given up after 300 s, with all retries
+# wall s without a new byte in any file of a flight, after which the flight counts as hanging. The longest regular pause
+# is 300 s, after which a question with all its retries is given up.
 HANG_S = 900.0
 LOGS = (layout.DECISIONS, layout.TRUTH, layout.TLOG, layout.COMMANDER)
-# files that show the progress of a flight; its record is written first, so a flight has begun even if its map never
-# finishes loading
+# files that show the progress of a flight; the record is written first, so a flight has begun even if its map does not
+# finish loading
 WRITTEN = (layout.EPISODE, *LOGS)
 
 
@@ -117,7 +117,7 @@ class _InFlight:
     since_s: float = field(default_factory=time.monotonic)
 
     def silent_s(self) -> float:
-        """Return the wall seconds since a call of this method last found a file of the flight changed."""
+        """Return the wall seconds since a call of this method last found a changed file of the flight."""
         sizes, now_s = _sizes(self.sortie.folder, WRITTEN), time.monotonic()
         if sizes != self.sizes:
             self.sizes, self.since_s = sizes, now_s

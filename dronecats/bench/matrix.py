@@ -24,7 +24,7 @@ FLIGHTS_MAX = 1000
 class BenchEntry:
     """One run: a flight of each of its episodes, all with the same settings."""
 
-    name: str  # of its folder
+    name: str  # name of its folder
     flight: FlightSpec  # without the episode
     episodes: tuple[str, ...]  # ids or files
     beside: str | None = None  # runs with the same value are interleaved, episode after episode
@@ -34,13 +34,13 @@ class BenchEntry:
 class ChosenSuite:
     """The episodes of a benchmark, and the suite that they form."""
 
-    name: str | None  # None: episodes by name
+    name: str | None  # None: the episodes were chosen by id or file
     records: Mapping[str, EpisodeRecord]  # by id or file, in their order; all ids differ
     identity: FlownSuite
 
 
 def choose_suite(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
-    """Return these episodes, or those of the suites `names`. Raises UsageError for none, or an invalid one."""
+    """Return `episodes`, or those of the suites `names`. Raises UsageError if there is none, or an invalid one."""
     if episodes and names:
         raise UsageError("choose episodes by name or with --suite, not both")
     chosen = list(dict.fromkeys(episodes))
@@ -85,7 +85,7 @@ def entries(
 
     `pilots`: (name, flight without episode, command and latency). Commands apply to fleets: episodes of one drone are
     flown once, under `flat`. The k-th flight differs from the first only in its seed. Raises UsageError for an unknown
-    command, for two runs with one name, and for no run.
+    command, for two runs with the same name, and if there is no run.
     """
     if unknown := next((command for command in commands if command not in COMMANDS), None):
         raise UsageError(f"--command must be one of {', '.join(COMMANDS)}, got '{unknown}'")

@@ -1,7 +1,7 @@
 """Progress and cost of a campaign.
 
 `Progress` reads no clock: the caller passes all times. `CostEstimate` predicts the cost, and corrects it with the
-flights that have ended. It counts each remaining flight as a failed one, which flies to its cap and costs most.
+flights that have ended. It counts each remaining flight as failed, because a failed flight costs most.
 """
 
 import statistics
@@ -52,7 +52,7 @@ class Progress:
 
     @property
     def done(self) -> int:
-        """Episodes that have a result, errors included."""
+        """Flights that have a result, including errors."""
         return self.solved + self.failed + self.errors
 
     def stored(self, result: Result) -> None:
@@ -61,7 +61,7 @@ class Progress:
         self._count(result)
 
     def add(self, result: Result, *, again: bool) -> None:
-        """Add the result of a flight; `again`: it did not move and is retried."""
+        """Add the result of a flight; `again`: the flight did not move and is retried."""
         self.ended += 1
         if again:
             self.retries += 1
@@ -109,8 +109,8 @@ def _clock(seconds: float) -> str:
 
 
 REPLY_TOKENS = 40  # of an action as JSON, without reasoning
-LATENCY_S = 0.5  # of a reply, if the latency policy cannot predict it
-STEPS = 20  # over which predicted latencies are averaged
+LATENCY_S = 0.5  # vehicle s of a reply, if the latency policy cannot predict it
+STEPS = 20  # number of questions over which predicted latencies are averaged
 
 
 class CostEstimate:
@@ -181,7 +181,7 @@ def foreseen_usd(flight: FlightSpec, record: Mapping[str, Any]) -> float:
 
 
 def _question_usd(model: ModelSpec, text: str, pictures: int) -> float:
-    """Return the cost ($) of a question with this number of pictures, and a reply with an action or order for each."""
+    """Return the cost ($) of a question with `pictures`, and of a reply with one action or order per picture."""
     tokens_in = tokens_of(Request(text, (b"",) * pictures, thinking=False))
     return cost(model, tokens_in, REPLY_TOKENS * pictures)
 
@@ -213,7 +213,7 @@ def _measured_usd(run: OpenRun, episode: str) -> float | None:
 
 
 def _commander(flight: FlightSpec) -> ModelSpec | None:
-    """Return the model that commands the fleet; None without a commander or with a built-in one."""
+    """Return the model that commands the fleet; None if there is no commander, or a built-in one."""
     if flight.command != "hierarchical" or flight.scripted_commander:
         return None
     return flight.commander or flight.model

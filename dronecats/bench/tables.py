@@ -31,13 +31,13 @@ class ScoreRow:
     """One row of an audit, with the fields that `episodes audit --json` prints. None: nothing was measured."""
 
     name: str  # a suite, or a map and cell
-    solved: int  # of `flown`: SR, the paper's criterion
+    solved: int  # number of `flown` that succeeded by the paper's criterion: SR
     flown: int  # scored flights, without infrastructure errors
     errors: int
-    solved_at_first: int | None  # by the first declaration: SR₁
-    solved_within_three: int | None  # by one of the first three declarations: SR₃
+    solved_at_first: int | None  # flights solved by the first declaration: SR₁
+    solved_within_three: int | None  # flights solved by one of the first three declarations: SR₃
     precision: float | None  # 0 … 1, share of declarations that are true, mean over the flights that declared
-    false_declarations: float | None  # per flight, the mean
+    false_declarations: float | None  # mean number per flight
     censored: int  # flights that ended with their first success, so that later declarations are unknown
     median_steps: float | None  # over the solved flights
 
@@ -64,7 +64,7 @@ def score_row(name: str, results: Iterable[Result]) -> ScoreRow:
 
 
 def _count(measured: Iterable[bool | None]) -> int | None:
-    """Return for how many flights a measure holds; None when it is missing for one of them."""
+    """Return the number of flights with a true measure; None if the measure is missing for any flight."""
     values = list(measured)
     return None if None in values else sum(map(bool, values))
 
@@ -84,7 +84,7 @@ def groups(results: Iterable[Result]) -> dict[str, list[Result]]:
 
 
 def cell_of(episode: str) -> str:
-    """Return an id without its number: `residential-tracking-03` is one of `residential-tracking`."""
+    """Return an id without its number: `residential-tracking` for `residential-tracking-03`."""
     stem, _, number = episode.rpartition("-")
     return stem if number.isdigit() else episode
 
@@ -92,7 +92,7 @@ def cell_of(episode: str) -> str:
 def cell_order(group: str) -> tuple[int, str]:
     """Return the sort key of maps and cells: the paper's order of the cells, then all other groups."""
     cells = [k for k, cell in enumerate(CELLS) if group.endswith(f"-{cell}")]
-    # matches the whole cell: 'search-and-track' is not 'tracking'; files of the user have no cell
+    # `-search-and-track` does not end with `-tracking`; a user's own episodes may have no cell
     return (cells[-1] if cells else len(CELLS), group)
 
 
@@ -197,8 +197,8 @@ class EpisodeScore:
     setting: str  # the run's name without the number of its flight
     episode: str  # id
     outcome: str
-    retried: bool  # it replaces a flight that did not move
-    stalled: bool  # the host delayed it
+    retried: bool  # the flight replaces one that did not move
+    stalled: bool  # the host delayed the flight
     rates_hz: tuple[float, ...]  # decisions per s of vehicle time, of each step but the first
     broken_pins: int  # replies that came later than the pinned rate allows
     unreadable: int = 0  # decisions without an action
@@ -253,7 +253,7 @@ def broken_pins(latency: LatencyPolicy, decisions: Iterable[Decision]) -> int:
         return 0
     pinned_s = 1.0 / latency.parts[0].numbers[0]
     late = {d.step for d in decisions if d.latency_s is not None and d.latency_s > pinned_s + CLOSE_S}
-    return len(late)  # a joint reply is in the log of each of its drones
+    return len(late)  # each step counts once, although the log has a joint reply once per drone
 
 
 def bench_rows(scores: Sequence[EpisodeScore], *, drop_stalled: bool = False) -> list[BenchRow]:

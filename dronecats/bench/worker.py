@@ -102,9 +102,10 @@ def fly_flight(flight: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def is_compute_bound(spec: FlightSpec) -> bool:
-    """Return whether a flight's thread computes except while it waits for its model: in lockstep, in one process.
+    """Return whether a flight's thread computes all the time, except while it waits for its model.
 
-    In real time the thread mostly waits for the clock, with a PX4 for the PX4 process.
+    This is the case in lockstep with the built-in autopilot. In real time the thread mostly waits for the clock, and
+    with PX4 it mostly waits for the PX4 process.
     """
     simulated = spec.simulated
     return simulated is not None and simulated.speed is None and simulated.autopilot == "ours"

@@ -35,7 +35,7 @@ def add_bench_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    """Fly; status 0 when everything was flown, 3 when a flight broke or the budget is spent."""
+    """Fly. Return 0 if everything was flown, 3 if a flight ended in an error or the budget is spent."""
     from dronecats.bench.benchmark_folder import Bench
     from dronecats.bench.tables import bench_rows
 
@@ -62,7 +62,8 @@ def _run(args: argparse.Namespace) -> int:
 def _export(args: argparse.Namespace) -> int:
     """Write runs as Parquet files, one per table, and print their numbers of rows.
 
-    Names damaged episodes on standard error."""
+    Damaged episodes are named on standard error.
+    """
     from dronecats.report.recorded.run import recorded_runs
     from dronecats.report.results.database import write_tables
 

@@ -48,14 +48,14 @@ FILE_OPTIONS = {
     option.name: option
     for option in (EPISODES, *SELECTION, *PILOTS, *MATRIX, NO_RETRY, *DISTURBANCES, *PLACE, DROP_STALLED)
 }
-# valid keys of a model that is a table; `reasoning` is a short name of reasoning_effort
+# valid keys of a model that is a table in a file; `reasoning` is a short name of reasoning_effort
 ROW = ("name", "called", "reasoning", *(option.name for option in MODEL))
 DEFAULTS: dict[str, Any] = {"flights": 1, "seed": 0, "parser": "strict", "speed": "max"}
 MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}
 
 
 def with_file(args: argparse.Namespace) -> argparse.Namespace:
-    """Return the arguments. An absent option has the value of the .toml file among the episodes, or its default.
+    """Return the arguments. An absent option gets its value from the .toml file among the episodes, or its default.
 
     Raises UsageError for a file that cannot be read or has an unknown key.
     """
@@ -71,7 +71,7 @@ def with_file(args: argparse.Namespace) -> argparse.Namespace:
 
 
 def filled(args: argparse.Namespace, values: dict[str, Any]) -> argparse.Namespace:
-    """Return the arguments. An absent option has its value in `values`. Raises UsageError for an invalid count."""
+    """Return the arguments. An absent option gets its value from `values`. Raises UsageError for an invalid count."""
     for name, value in values.items():
         if not is_set(getattr(args, name)):
             is_path = name in FILE_OPTIONS and FILE_OPTIONS[name].kind is Path

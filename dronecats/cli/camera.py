@@ -156,7 +156,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 
 def _views_in_folder(args: argparse.Namespace, board: Any, report: Callable[[str], None]) -> tuple[list[Any], int, int]:
-    """Return the corners in each picture of a folder that shows the board, and the pictures' width and height, px."""
+    """Return the board's corners in the pictures of a folder that show it, and the pictures' width and height, px."""
     from hil.cameras.lens import corners
     from hil.cameras.stream import decoded, pictures
 

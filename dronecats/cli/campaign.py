@@ -68,9 +68,7 @@ def allow_locks(runs: int) -> None:
 def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitStack) -> CampaignResult:
     """Fly the missing flights of a folder, print progress on standard error, and close the folder.
 
-    Raises DronecatsError.
-
-    The page of --view stays open until `pages` is closed.
+    The page of --view stays open until `pages` is closed. Raises DronecatsError.
     """
     from dronecats.bench.campaign import Campaign, EndedFlight
     from dronecats.bench.engine import cores
@@ -181,7 +179,7 @@ def status(result: CampaignResult, verb: str) -> int:
     """Return the exit status. If it is not 0, print the reason on standard error."""
     if result.ending == "budget":
         spent = (flight.error for flight in result.broken.values() if flight.reason == "budget")
-        reason = next(spent, "the budget is spent")  # no flight broke off if the last one had already succeeded
+        reason = next(spent, "the budget is spent")  # default: the flight that spent it may have succeeded
         print_note(f"dronecats {verb}: {reason}. The same command resumes")
         return 3
     if result.broken:

@@ -151,7 +151,7 @@ def _check(args: argparse.Namespace) -> int:
     names = args.episodes or catalogue.suite_ids(args.suite or "all")
     for name in names:
         catalogue.must_exist(name)
-    # suite v1 breaks the rules for a suite, which are newer and led to version 2
+    # suite v1 is older than the rules for suites, and breaks them
     of_suite = not args.episodes and args.suite != "v1"
     reports = []
     for report in check_all(names, args.jobs or None, laid_out=of_suite):
@@ -163,7 +163,8 @@ def _check(args: argparse.Namespace) -> int:
     order = {name: k for k, name in enumerate(names)}
     reports.sort(key=lambda r: order[r.source])
     count = Counter(r.name for r in reports)
-    reports = [r if count[r.name] == 1 else dataclasses.replace(r, name=r.source) for r in reports]  # copies of one id
+    # several files may have the same id
+    reports = [r if count[r.name] == 1 else dataclasses.replace(r, name=r.source) for r in reports]
     rejected = {r.name: r.reason for r in reports if r.reason}
     about_suite = list(check_suite([r.layout for r in reports if r.layout is not None])) if of_suite else []
     uneven = [f.sentence for f in about_suite if not f.passed]

@@ -123,7 +123,7 @@ def _flight(args: argparse.Namespace) -> "FlightSpec":
         simulated=Simulated(speed=None, rendered=args.rendered or roster.needs_pictures(args.pilot)),
         seed=args.seed,
         latency=LatencyPolicy.parse(args.latency),
-        # declarations are counted until the cap, except for the oracle: its first one determines par
+        # flights to the cap count all declarations; the par is the oracle's steps to its first declaration
         full=args.pilot != "oracle",
     )
 
@@ -135,7 +135,7 @@ def _reason(result: "Result") -> str:
 
 
 def _keep(steps: dict[str, int]) -> None:
-    """Write the steps of shipped episodes to the table of pars. Episodes that were not flown keep their par."""
+    """Write the oracle's steps in shipped episodes to the table of pars. Other episodes keep their par."""
     from episodes.records import catalogue
     from episodes.records.catalogue import PAR, load_par
     from foundation.run_folder.folder import write_json

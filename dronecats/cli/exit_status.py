@@ -1,4 +1,4 @@
-"""Computes a program's exit status, and makes signals end it like Ctrl-C."""
+"""Computes the exit status of a program, and makes signals end the program like Ctrl-C."""
 
 import signal
 import sys
@@ -12,7 +12,7 @@ INTERRUPTED = 130
 
 
 def exit_status(program: str, work: Callable[[], int]) -> int:
-    """Call `work` and return its status; after an error 2 (usage or missing package), 3 (failure), 130 (interrupted).
+    """Call `work` and return its status. Errors give 2 (usage or missing package), 3 (failure) or 130 (interrupted).
 
     An error is printed as one sentence on standard error.
     """

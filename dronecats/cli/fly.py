@@ -35,7 +35,7 @@ def add_fly_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _add(group: "argparse._ActionsContainer", options: Iterable[Option]) -> None:
-    """Declare options. The help of an option for one vehicle only names --sitl or --connect."""
+    """Declare options. If an option is only for one kind of vehicle, its help names --sitl or --connect."""
     for option in options:
         if option.vehicle:
             condition = " and " if option.help.startswith("with ") else ": "
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     finally:
         if args.out is None:
             with contextlib.suppress(OSError):
-                out.rmdir()  # nothing was flown into it
+                out.rmdir()  # fails if a flight has written into the folder
 
 
 def _fly(args: argparse.Namespace, spec: "FlightSpec", out: Path | None) -> int:

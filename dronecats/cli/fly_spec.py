@@ -242,7 +242,7 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
 
 
 def replay_line(args: argparse.Namespace, flight: str) -> str:
-    """Return a sentence that names the values taken from the recorded flight, and the changed ones."""
+    """Return a sentence that names the values taken from the recorded flight, and the changed options."""
     changed = [o.flag for o in OPTIONS if o.replay == "may change" and is_set(getattr(args, o.name))]
     exceptions = f", but with another {', '.join(changed)}" if changed else ""
     return f"Replay of {flight}, with its replies, episode, vehicle, clock, latency and seed{exceptions}"

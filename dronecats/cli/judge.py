@@ -88,7 +88,7 @@ def _as_json(episode: "JudgedEpisode") -> dict[str, Any]:
 
 
 def _table(judged: "Sequence[tuple[RecordedRun, Sequence[JudgedEpisode]]]") -> "ReportTable":
-    """Return a table with a row per episode and a block per run. Remarks about episodes are its notes."""
+    """Return a table with a row per episode and a block per run. Remarks about episodes are notes of the table."""
     from dronecats.report.table import ReportTable, in_blocks, numbers, row, words
 
     columns = (words("episode"), words("outcome"), numbers("NE", unit="m", decimals=2), numbers("steps"),

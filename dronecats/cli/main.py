@@ -42,7 +42,7 @@ VERBS = {
     "camera": "check a camera, or calibrate it with a chessboard",
     "doctor": "check what works on this machine, what is missing and how to get it",
 }
-MODULES = {  # verb → module, if that has another name
+MODULES = {  # verb → module, for verbs whose module has another name
     "audit": "judge", "film": "replay", "export": "query", "verify": "submit", "leaderboard": "submit",
     "edit": "episode_authoring", "prompt": "models",
 }  # fmt: skip
@@ -56,7 +56,7 @@ MEMORY_GB = {
     **dict.fromkeys(("models", "doctor", "impair", "prompt"), 0.0),
 }  # fmt: skip
 DEFAULT_GB = 1.2  # for a report with figures
-READER_LOST = {  # printed by verbs that continue for minutes after the reader of the output has gone
+READER_LOST = {  # messages, for verbs that continue for minutes after the reader of the output has gone
     "fly": "dronecats fly: the reader of the output has gone; the flight continues, and its results are"
     " in the run folder",
 }

@@ -88,7 +88,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def listed(endpoint: str) -> list[str]:
-    """Return the models that a server lists. Raises UsageError for an invalid address, ModelError without a list.
+    """Return the models that a server lists. Raises UsageError for an invalid address, ModelError if it sends no list.
 
     `endpoint` is an address or a provider's name. Only a provider's own address gets that provider's key.
     """

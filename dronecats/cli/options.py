@@ -1,8 +1,8 @@
 """Declares the options that several verbs share, and the options of browser pages.
 
-A declaration defines the command-line option with its help, the key of the same name in benchmark and study files with
-its type, and the vehicle that the option applies to. `dronecats/flight/spec/disturbances.py` declares the disturbances.
-An option that is not given has no value, so that a file or a recorded flight can set it.
+An `Option` defines the command-line option, the key of the same name in benchmark and study files, and the vehicle that
+it applies to. `dronecats/flight/spec/disturbances.py` declares the disturbances. An option that is not given has no
+value, so that a file or a recorded flight can set it.
 """
 
 import argparse
@@ -56,7 +56,7 @@ class Option:
         return f"--{self.name.replace('_', '-')}"
 
     def read(self, value: Any) -> Any:
-        """Return the option's value for a value from a file. Raises ValueError whose text is the wanted type."""
+        """Return the option's value for a value from a file. Raises ValueError; its text names the wanted type."""
         wanted = self.file or OF_KIND.get(self.kind, "a word")
         types = FILE_TYPES[wanted]
         if self.many or self.repeated:
@@ -255,7 +255,7 @@ def level_list(text: str) -> list[str]:
 
 
 def model_of(word: str, args: argparse.Namespace) -> "ModelSpec":
-    """Return the model with this row name or PROVIDER/NAME, with the options applied. Raises UsageError."""
+    """Return the model of a row of models.toml or of PROVIDER/NAME, with the options applied. Raises UsageError."""
     from dronecats.agent.models.rows import model_of
 
     return with_options(model_of(word), args)
@@ -289,7 +289,7 @@ def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
 
 
 def accounts_of(args: argparse.Namespace, ledger: Path | None) -> "Accounts":
-    """Return the limits, the ledger and the cache of paid models. Raises UsageError."""
+    """Return the cost limits of paid models, and the files of their ledger and reply cache. Raises UsageError."""
     from dronecats.agent.models.ledger import cost_limit, token_limit
     from dronecats.flight.spec.flight_spec import Accounts
 
@@ -310,7 +310,7 @@ def describe_model(spec: "ModelSpec") -> str:
 
 
 def _number(name: str, text: str) -> float:
-    """Return the number in an option's text. Raises UsageError for a number that is invalid for a model."""
+    """Return the number in an option's text. Raises UsageError if the model does not allow this number."""
     from dronecats.agent.models.spec import ModelSpec
     from foundation.typed_file import fields_of, typed
 
@@ -322,7 +322,7 @@ def _number(name: str, text: str) -> float:
 
 
 def add_page(group: "argparse._ActionsContainer", prefix: str = "") -> None:
-    """Declare the options of a browser page. `prefix` begins their names in verbs with an optional page."""
+    """Declare the options of a browser page. `prefix` is the start of their names, for example of --view-port."""
     text = f"with --{prefix.rstrip('-')}: port of the page" if prefix else "port of the page on this machine"
     group.add_argument(f"--{prefix}port", type=int, metavar="N", help=f"{text} (default {PAGE_PORT})")
     group.add_argument(

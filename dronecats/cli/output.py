@@ -1,9 +1,9 @@
-"""Prints tables, lines and progress, on standard output and standard error that may lose their reader.
+"""Prints tables, lines and progress. A closed pipe or a full disk does not stop the verb.
 
 `dronecats fly … | head -1` closes the output during the flight. The flight continues to its end, its results are in the
 run folder, and the exit status is that of the flight.
 
-`printable` filters all text that a verb prints, since a model, a server or a file may be its source.
+`printable` escapes control characters in all printed text, because the text may come from a model, a server or a file.
 """
 
 import contextlib
@@ -27,9 +27,9 @@ BAR = "{bar:10} {desc}"  # tqdm truncates it to the terminal's width
 
 
 def show(*tables: "ReportTable", file: TextIO | None = None) -> None:
-    """Print tables, separated by empty lines, at the terminal's width; in a file or pipe they are not wrapped.
+    """Print tables, separated by empty lines, wrapped at the terminal's width.
 
-    So each row in a pipe is one line, for tools such as grep.
+    In a file or pipe each row is one line, for tools such as grep.
     """
     from dronecats.report.writers import as_terminal
 
@@ -59,8 +59,8 @@ def print_note(line: str) -> None:
 class Lossy(io.FileIO):
     """A file descriptor that becomes the null device when a write fails.
 
-    `on_loss` is called once, with the error. `fault` is that error. `fault` is None if the reader closed the pipe, as
-    `head` does, which is not an error.
+    `on_loss` is called once, with the error. `fault` is that error, but None if the reader (for example `head`) closed
+    the pipe.
     """
 
     def __init__(self, descriptor: int, on_loss: Callable[[OSError], None] = lambda error: None) -> None:
@@ -69,7 +69,7 @@ class Lossy(io.FileIO):
         self.fault: OSError | None = None
 
     def write(self, data: Any, /) -> int:
-        """Write data and return the number of bytes written; after a failed write, the number of all bytes."""
+        """Write data and return the number of bytes written; after a failed write, return the length of `data`."""
         try:
             return super().write(data)
         except OSError as error:
@@ -91,12 +91,12 @@ class Printing(io.TextIOWrapper):
         return len(text)
 
     def draw(self, text: str) -> None:
-        """Write text of this program unchanged."""
+        """Write text unchanged. Only for text of this program."""
         super().write(text)
 
 
 class Drawing:
-    """Standard error with control characters, which a progress bar needs. Only for text of this program."""
+    """Writes control characters, which a progress bar needs, to standard error. Only for text of this program."""
 
     def write(self, text: str) -> int:
         """Write a text unchanged. Return the number of characters."""
@@ -135,7 +135,7 @@ class Output:
                 stream.flush()
 
     def fault(self) -> str | None:
-        """Return why the output could not be written, such as a full disk; None if it was, or if the reader left."""
+        """Return why writing the output failed, such as a full disk; None for no failure and for a closed pipe."""
         self._flush()
         error = self._raw.fault if self._raw else None
         return (error.strerror or str(error)) if error else None

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
 
 FORMATS = {"mcap": "message", "rerun": "message", "lerobot": "frame", "ulog": "message", "kml": "place",
-           "geojson": "place", "csv": "row", "parquet": "row"}  # format → unit of its counts  # fmt: skip
+           "geojson": "place", "csv": "row", "parquet": "row"}  # format → unit of the printed counts  # fmt: skip
 
 
 def add_query_options(parser: argparse.ArgumentParser) -> None:

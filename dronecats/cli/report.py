@@ -1,4 +1,4 @@
-"""Verb `report`: the paper's tables and figures from runs, and a page to browse them."""
+"""Verb `report`: makes the paper's tables and figures from runs, and a page to browse the runs."""
 
 import argparse
 import json

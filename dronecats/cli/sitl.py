@@ -17,7 +17,7 @@ from foundation.errors import UsageError
 
 AIR = ("wind", "gusts")  # disturbances that act from boot on
 SEEN = ("sun", "sky", "season")  # conditions that change only the camera's pictures
-LEAST_CHARGE = 0.5  # SIM_BAT_MIN_PCT: the battery keeps at least this charge, so a session may last any time
+LEAST_CHARGE = 0.5  # SIM_BAT_MIN_PCT: the battery keeps at least this charge, so a session has no time limit
 PX4_INSTANCES = 10  # PX4 instances with separate offboard ports; all further instances send to port 14549
 
 

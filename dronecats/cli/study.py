@@ -109,8 +109,8 @@ def _fly_file(args: argparse.Namespace) -> int:
 def _fly(request: study_spec.StudyRequest) -> int:
     """Fly the missing flights of a study. Return 0 if all were flown, 3 after a failure or if the budget is spent.
 
-    A flight in which the drone did not move is not retried. With the same seed, a second flight would be equal to the
-    first, or it would not match its pair.
+    A flight in which the drone did not move is not retried. In lockstep a retry with the same seed would be identical.
+    With another seed it would not match the flights that it is compared with.
     """
     from dronecats.bench.benchmark_folder import Bench
     from dronecats.bench.tables import bench_rows
@@ -144,7 +144,8 @@ def _repeat_command(run: "OpenRun") -> str:
     """Return the command that repeats the first flight of a run."""
     folder = run.batch.run
     name = run.batch.folder(run.part[0]).name
-    episode = name if run.part[0] == name else str(Path(folder) / name)  # a record that is not shipped is in the folder
+    # an episode that is not shipped is named by its folder in the run
+    episode = name if run.part[0] == name else str(Path(folder) / name)
     words = ["--spec", str(folder / "run.json"), "--episode", episode, "--out", str(REPEATED / run.entry.name)]
     return shlex.join(["dronecats", "fly", *words])
 

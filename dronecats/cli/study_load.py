@@ -8,8 +8,8 @@ from dronecats.cli.options import level_list
 from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
 
-BUSY = "0,2,4,8"  # default numbers of processes
-MOST = 256  # largest number of processes
+BUSY = "0,2,4,8"  # default numbers of busy processes
+MOST = 256  # largest number of busy processes
 
 
 def add_load_options(parser: argparse.ArgumentParser) -> None:

@@ -54,7 +54,7 @@ def add_rate_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure the chain. Return 0 if all requested questions were measured, 2 if too few, 3 after a failure."""
+    """Measure the times. Return 0 if all requested questions were answered, 2 if too few were, 3 after a failure."""
     wanted = _wanted(args)
     spec = rehearsal(args)
     interrupt_on_signals()
@@ -138,7 +138,7 @@ def _report(
 
 
 def made_by(chain: "ReplayedChain") -> dict[str, str | Path | list[str]]:
-    """Return the values for NEXT["study rate"]: the latency and frame delay of a measured chain, and its files."""
+    """Return the values for NEXT["study rate"]: latency and frame delay of the chain, folder and study file."""
     from dronecats.study.rate.chain import STUDY
 
     folder = chain.trace.parent

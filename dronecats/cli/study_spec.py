@@ -77,7 +77,8 @@ def of_file(args: argparse.Namespace) -> StudyRequest:
         )
     values = bench_spec.checked(path, of_bench, BENCH_KEYS, tuple(OWN_KEYS))
     values |= {key: own.pop(key) for key in ("cells", "maps", "seconds") if key in own}
-    if args.episodes:  # --episodes overrides suite, cells and maps of the file; these options override its episodes
+    # on the command line, --episodes overrides the file's suite, cells and maps, and these override its episodes
+    if args.episodes:
         values = {key: value for key, value in values.items() if key not in CHOSEN}
     if any(getattr(args, key) for key in CHOSEN):
         values.pop("episodes", None)
@@ -117,7 +118,7 @@ def _request(
 
 
 def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
-    """Return a table of a study file. Paths of recorded latencies in it are relative to the file's folder."""
+    """Return a table of a study file. Resolves paths of recorded latencies against the file's folder."""
     from dronecats.flight.spec.flight_spec import from_folder
     from dronecats.study.factors import POLICY
 
@@ -231,9 +232,9 @@ def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
 def _pilots(
     args: argparse.Namespace, out: Path, levels: "Mapping[str, tuple[Level, ...]]"
 ) -> "list[tuple[str, FlightSpec]]":
-    """Return (name, flight) of each pilot. `levels` are the levels of all factors, varied or held.
+    """Return the name and the flight specification of each pilot. `levels` are those of all factors, varied or held.
 
-    If the pilot is a factor, there is one pilot, without a name.
+    If the pilot is a factor, return one entry with an empty name.
     """
     from dronecats.agent.latency import LatencyPolicy
     from dronecats.flight.spec.flight_spec import LATENCY

@@ -1,1 +1,1 @@
-"""One flight, from its spec to a judged folder."""
+"""Flies one flight, from its specification to a judged run folder."""

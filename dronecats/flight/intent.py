@@ -1,4 +1,4 @@
-"""Draws each decision into its frame, with the setpoints that fly it."""
+"""Draws each decision into the camera frame that it was made from, with the resulting setpoints."""
 
 import math
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Draws one picture of a flight: the map from above with all paths, and below it the pilot's images and decisions.
 
-It reads only the files of an episode folder. Missing data is left out without an error, because broken flights need the
-picture most.
+It reads only the files of an episode folder. It leaves out missing data without an error, because the picture is most
+useful for flights that failed.
 """
 
 import math
@@ -256,14 +256,14 @@ def _select_decisions(logs: Logs) -> list[Decision]:
     places = [round(i * (len(order) - 1) / (wanted - 1)) for i in range(wanted)]
     decisive = next((i for i, step in enumerate(order) if any(qualifies(d, logs) for d in steps[step])), None)
     if decisive is not None and decisive not in places:
-        # the decisive step replaces the nearest place that is not the first or last; if there are only two, the last
+        # the decisive step replaces the nearest selected one between first and last; if there are only two, the last
         nearest = min(range(1, max(2, wanted - 1)), key=lambda k: abs(places[k] - decisive))
         places[nearest] = decisive
     return [d for place in sorted(set(places)) for d in steps[order[place]]]
 
 
 def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
-    """Return an aerial picture (H, W, 3) RGB, north up, of all positions in truth.jsonl, and its extent."""
+    """Return an aerial picture (H, W, 3) RGB, north up, that covers all positions in truth.jsonl, and its extent."""
     points = _logged_positions(folder)
     points += [start.position_ned for start in world.record.starts] + [world.target_centre(0.0)]
     norths, easts = [p[0] for p in points], [p[1] for p in points]

@@ -1,1 +1,1 @@
-"""Verdicts, from the files of a run alone."""
+"""Derives verdicts from the files of a run alone."""

@@ -1,7 +1,8 @@
 """Diagnostics of a fleet's commands: identical points, spread of the places, and the candidates that drones approach.
 
-Paper, "Commanding Several Drones". They do not enter the verdict. A place is a point of a frame at its declared depth,
-seen by the declared camera from a level drone at its true place at the frame.
+Paper, "Commanding Several Drones". The diagnostics do not affect the verdict. A place is the position of a go's point
+at its declared depth. It assumes the declared camera on a level drone, at the drone's true position and heading at the
+time of the frame.
 """
 
 import itertools
@@ -101,7 +102,7 @@ def spread(places: Sequence[Vec3]) -> float:
 def nears(here: Vec3, there: Vec3, candidates: Sequence[Vec3]) -> int | None:
     """Return the index of the candidate that a stride from `here` towards `there` approaches most, horizontally.
 
-    A stride ends at `there`, but after 3 m at most. The result is None if it approaches no candidate.
+    A stride ends at `there`, but after 3 m at most. Return None if the stride approaches no candidate.
     """
     way_m = math.dist(here[:2], there[:2])
     if way_m == 0.0:

@@ -1,7 +1,8 @@
-"""The diagnostics of an episode beside its verdict: of the trace, contacts, resets, delays, and estimated distances.
+"""Computes the diagnostics of an episode: trace, contacts, estimator resets, delays, and estimated distances.
 
-None of them enters the verdict. Paper, "Metrics"; table in docs/run-folder.md. Poses and frames of a drone are samples
-of the same truth. Each holds until the next one, or for no time if that is more than GAP_S later.
+No diagnostic affects the verdict. Paper, "Metrics"; table in docs/run-folder.md. Poses and frames of a drone are
+samples of the same truth. A sample holds until the next sample, but for no time if the next one is more than GAP_S
+later.
 """
 
 import math
@@ -18,7 +19,7 @@ from foundation.run_folder.reading import Estimate, Logs
 from foundation.run_folder.results import Contacts, DecidedNear, Diagnostics, Distances, Nearness
 from foundation.run_folder.rows import Clear, Decision, EstimatedFrame, EstimatedPose, FrameTruth, Hit, Pose, Reset
 
-GAP_S = 1.5 * POSE_PERIOD_S  # s between samples; beyond it a sample is missing
+GAP_S = 1.5 * POSE_PERIOD_S  # s; samples that are farther apart have a gap between them
 TURN_MAX_DEG = 90.0  # largest rotation to either side that the prompt allows
 
 Sample = Pose | FrameTruth
@@ -54,16 +55,16 @@ def _samples(logs: Logs, cap_s: float) -> tuple[list[Sample], list[Pose], float]
     acted = {(d.drone, d.frame_id) for d in logs.decisions if d.t_decided <= cap_s}
     frames = [row for key, row in logs.frames.items() if row.t <= cap_s or key in acted]
     poses = [pose for pose in logs.poses if pose.t <= cap_s]
-    samples: list[Sample] = [*poses, *frames]  # in this order, which is kept for samples of one instant
+    samples: list[Sample] = [*poses, *frames]  # poses first, so that at equal times the frame is last
     measured = [row for row in samples if row.distance_m is not None or row.visible is not None]
     last_s = max((row.t for row in measured), default=0.0)
     return measured, poses, min(cap_s, max(last_s, logs.end.t if logs.end else 0.0))
 
 
 def fleet_diagnostics(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
-    """Return the diagnostics of an episode: each value of the best drone, and the sum of the paths.
+    """Return the diagnostics of an episode; None if nothing was measured.
 
-    As in the success criterion, it is enough if one drone arrives. None if nothing was measured.
+    Each value is that of the best drone, because one drone is enough for success. The paths are summed.
     """
     if not drones:
         return None
@@ -83,7 +84,7 @@ def fleet_diagnostics(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
 
 
 def wide_rotations(decisions: Iterable[Decision], cap_s: float = CAP_S) -> int:
-    """Return the number of rotations within the cap beyond the ±90° of the prompt. They are flown."""
+    """Return the number of rotations within the cap that exceed the ±90° of the prompt. The drones fly them."""
     return sum(is_wide_rotation(d) is True for d in decisions if d.t_decided <= cap_s)
 
 
@@ -121,7 +122,7 @@ def _longest(stretches: Iterable[Stretch]) -> float:
 
 
 def path(poses: Sequence[Pose]) -> float:
-    """Return the metres along poses in the order of their times, gaps left out."""
+    """Return the length (m) of the path along poses in the order of their times, without gaps."""
     return sum(math.dist(a.position_ned, b.position_ned) for a, b in pairwise(poses) if b.t - a.t <= GAP_S)
 
 
@@ -171,8 +172,8 @@ def _values(values: Iterable[Any]) -> list[Any]:
     return [value for value in values if value is not None]
 
 
-# s of wall time × speed; a step with more is delayed. It is a tenth of a move (2.5 s), five ticks of the setpoints at
-# 20 Hz; a target at walking pace moves 0.35 m meanwhile
+# s of wall time × speed; a step with a longer delay counts as delayed by the host. The value is a tenth of a move
+# (2.5 s), or five setpoints at 20 Hz. In this time a target at walking pace moves 0.35 m.
 STALL_S = 0.25
 
 
@@ -219,7 +220,7 @@ def estimator_resets(logs: Logs, cap_s: float) -> int | None:
 
 
 def _contact_s(logs: Logs, hits: list[Hit], cap_s: float) -> float:
-    """Return the seconds in contact, of all drones; a contact at the end of the episode lasts until then."""
+    """Return the seconds in contact, summed over all drones. A contact without an end lasts until the episode ends."""
     total, open_since = 0.0, dict[int, float]()
     rows: list[Hit | Clear] = [*hits, *logs.clears]
     for row in sorted(rows, key=lambda row: row.t):
@@ -235,9 +236,9 @@ SURE = 2.0  # standard deviations
 
 
 def distances(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Distances | None:
-    """Return the estimated distances to a surveyed target, of a flight without truth; None without an estimate.
+    """Return the estimated distances of a flight without truth to a surveyed target; None without an estimate.
 
-    They never show a success, since that needs the target in view. `within` is known only if SURE
+    They never show a success, because a success needs the target in view. `within` is known only if SURE
     standard deviations lie between the distance and the radius; otherwise `within` is None (open).
     """
     estimate = logs.estimate
@@ -258,7 +259,7 @@ def distances(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Di
 
 
 def _estimated_dwell(trace: Sequence[tuple[float, float]], delta_m: float) -> float:
-    """Return the seconds within the radius, in view or not, of (t, distance) in the order of time."""
+    """Return the seconds within the radius, in view or not. `trace`: (t in s, distance in m) in the order of time."""
     near = [after - t for (t, distance_m), (after, _) in pairwise(trace) if distance_m <= delta_m]
     return sum(seconds for seconds in near if seconds <= GAP_S)
 
@@ -278,7 +279,7 @@ def _decided_near(decision: Decision, estimate: Estimate, delta_m: float) -> Dec
 
 
 def _nearness(row: EstimatedPose | EstimatedFrame, delta_m: float) -> Nearness:
-    """Return distance, standard deviation, and whether it is within the radius; None: open."""
+    """Return distance, standard deviation, and whether the distance is within the radius (None: open)."""
     distance_m, std_m = row.distance_m, row.distance_std_m
     within = None
     if distance_m is not None and std_m is not None:

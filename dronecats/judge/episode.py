@@ -1,4 +1,4 @@
-"""Judges episode folders: the verdict, its comparison with verdict.json, and contradictions in the folder's files."""
+"""Judges episode folders: derives the verdict, compares it with verdict.json, and finds contradictory files."""
 
 import json
 import math
@@ -35,7 +35,7 @@ CORE = (
     "declarations",
     "deciding",
 )  # fields that every version stored
-# (reply, drones, whether it was mended) -> possible readings, each with an action per drone
+# (reply, number of drones, whether the reply was mended) -> possible readings, each with an action per drone
 Rereading = Callable[[str, int, bool], Iterable[Sequence[Any]]]
 
 
@@ -45,7 +45,7 @@ class Comparison:
 
     differing: tuple[str, ...]  # the names of the fields that differ, for example "diagnostics.dwell_s"
     older: bool  # stored by an older version with fewer fields: only CORE is compared
-    damaged: bool = False  # it is incomplete, or not a verdict
+    damaged: bool = False  # verdict.json is incomplete, or not a verdict
 
     @property
     def agrees(self) -> bool:
@@ -93,7 +93,7 @@ class Judged:
     """The verdict of an episode folder, compared with its other files."""
 
     verdict: Verdict
-    stored: Comparison | None  # with verdict.json; None: there is none, or it has another radius
+    stored: Comparison | None  # with verdict.json; None: there is no such file, or it has another radius or cap
     contradictions: tuple[str, ...]  # sentences about contradictions in the logs
 
     @property
@@ -232,7 +232,7 @@ def log_contradictions(logs: Logs) -> list[str]:
 def reply_contradictions(logs: Logs, reread: Rereading) -> list[str]:
     """Return the decisions whose action differs from their reply, in one sentence.
 
-    A reply is for all drones of its steps, in the order of their numbers.
+    A reply has one action for each drone of its group (`reply_groups`), in the order of their numbers.
     """
     group = reply_groups(logs)
     replies = [(d, d.reply, group[d.drone]) for d in logs.decisions if d.reply is not UNSET]
@@ -249,11 +249,11 @@ def reply_contradictions(logs: Logs, reread: Rereading) -> list[str]:
 
 
 def reply_groups(logs: Logs) -> dict[int, list[int]]:
-    """Return for each drone the drones of its replies, itself included, in the order of their numbers."""
+    """Return for each drone the drones that share its replies, itself included, in the order of their numbers."""
     together: dict[int, set[int]] = {}  # by step
     for decision in logs.decisions:
         together.setdefault(decision.step, set()).add(decision.drone)
-    group: dict[int, set[int]] = {}  # by drone: a kill may cost a step some of its rows, but not every step
+    group: dict[int, set[int]] = {}  # by drone, over all steps, because a killed flight may lack rows of a step
     for drones in together.values():
         for drone in drones:
             group.setdefault(drone, set()).update(drones)

@@ -1,6 +1,7 @@
-"""A flight read from its folder, with the files that the judge may use, and the verdict over its logs.
+"""Reads a flight from its folder, with the files that the judge may use, and derives the verdict from its logs.
 
-It is the input of every metric. `dronecats.report.recorded.flight` adds the data of MAVLink and of the world.
+`JudgedFlight` is the input of every metric. `dronecats.report.recorded.flight` adds the data of MAVLink and of the
+world.
 """
 
 from collections import Counter
@@ -49,10 +50,10 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
     """Return the verdict of an episode's logs. Table of its keys: docs/run-folder.md.
 
     A qualifying declaration is a success, however the flight ended. Without one, three cases are errors of the
-    infrastructure and never a failure: the logger saw no end at the cap and no end as decided, the logs contradict
-    their end, or a declaration was not measured. A flight that ended before `cap_s`, decided at another radius,
-    is censored. Without truth `success` is None: the outcome is unknown, or "distance only" with `distances`, if the
-    autopilot's estimate and a surveyed target give the distance, but not whether the target was in view.
+    infrastructure and never a failure: the logger recorded neither an end at the cap nor a decided end, the logs
+    contradict their end, or a declaration was not measured. A flight is censored if it ended before `cap_s`, because it
+    was decided at another radius. Without truth `success` is None. The outcome is then "distance only" if the
+    autopilot's estimate and a surveyed target give `distances`, else "unknown".
     """
     declared = declarations(logs, cap_s) if logs.true else []
     last = last_action(logs, cap_s) if logs.true else None
@@ -60,7 +61,8 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
     estimated = distances(logs, delta_m, cap_s)
     error = None if verdict.success else _fault(logs, verdict)
     end = logs.end
-    asked_cap_s = max((logs.begin and logs.begin.cap_s) or CAP_S, CAP_S)  # a shorter flight was whole at its own cap
+    # a flight that ended at its own cap below CAP_S counts as if it had lasted for CAP_S
+    asked_cap_s = max((logs.begin and logs.begin.cap_s) or CAP_S, CAP_S)
     seen = end is not None and (end.t >= cap_s or (end.reason == "cap" and cap_s <= asked_cap_s))
     named = "error" if error else _outcome_name(logs, verdict, seen, estimated is not None)
     scored = verdict if named in ("success", "failure") else Judgement(False, None, None)
@@ -94,7 +96,7 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
 
 
 def succeeded(logs: Logs) -> bool | None:
-    """Return whether a declaration already qualifies; None while one is not measured."""
+    """Return whether a declaration already qualifies; None while a declaration is not measured yet."""
     return judge(declarations(logs), None).success if logs.true else False
 
 
@@ -135,8 +137,8 @@ def _of_drone(drone: int, diagnostics: Diagnostics, declared: list[Measured], de
     return DroneDiagnostics(drone=drone, declarations=len(own), qualifying=qualifying, **as_json(diagnostics))
 
 
-# s by which the logged end at a cap may be early: the logger's clock is the newest truth it received, which is late by
-# no more than the stall of a process on a busy machine
+# s by which the logged end may precede the cap: the logger's clock is the time of the newest truth that it received,
+# and a process may stall for this time on a busy machine
 LATE_S = 5.0
 
 
@@ -169,7 +171,7 @@ def ending(logs: Logs) -> str | None:
 
 
 def gaps(logs: Logs) -> str | None:
-    """Return the fault in the step numbers: a step is missing, or a drone has one twice; None: no fault."""
+    """Return the fault in the step numbers: a step is missing, or a drone has a step twice; None: no fault."""
     taken = Counter((d.step, d.drone) for d in logs.decisions)
     twice = next((key for key, count in sorted(taken.items()) if count > 1), None)
     if twice:
@@ -184,8 +186,8 @@ class FlightStep:
     """One decision of one drone with the truth of its picture."""
 
     decision: Decision
-    truth: FrameTruth | None  # of its picture; None: the logger has none, or one of another time
-    is_question: bool  # the first decision of its reply, which carries the cost of the reply for the fleet
+    truth: FrameTruth | None  # at the time of its picture; None: the logger has no such row
+    is_question: bool  # it is the first decision of its reply, which has the cost of the reply
     counts: bool  # it was made within the cap
     go: PointedGo | None  # None: another action, or none
 
@@ -232,7 +234,7 @@ class JudgedFlight:
 
     @property
     def scored(self) -> bool:
-        """Whether it is a success or a failure."""
+        """Whether the outcome is success or failure."""
         return self.verdict.outcome in SCORED
 
     @cached_property
@@ -256,7 +258,7 @@ class JudgedFlight:
 
     @cached_property
     def all_declarations(self) -> tuple[Measured, ...]:
-        """All declarations, also after the cap, in the order of the log."""
+        """All declarations, including those after the cap, in the order of the log."""
         return tuple(measured(decision, self.logs) for decision in finished(self.logs))
 
     def picture_path(self, decision: Decision) -> Path | None:

@@ -1,7 +1,7 @@
-"""The success criterion: declarations with the truth at their own frames, and the verdict over them (pure functions).
+"""Applies the success criterion: measures each declaration at its own frame and gives the verdict (pure functions).
 
-Paper, Algorithm 1: one rule for every cell of the grid. The truth is known if the logger measured it and its records
-agree. `measures` counts the declarations, which the paper's criterion does not.
+The same rule (paper, Algorithm 1) applies to every cell of the grid. The truth at a frame is known if the logger
+measured it and its records agree. `measures` adds counts of declarations, which are not part of the paper's criterion.
 """
 
 import math
@@ -12,8 +12,8 @@ from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder.reading import Logs
 from foundation.run_folder.rows import Decision, FrameTruth, Pose, drone_label
 
-SAME_S = 1e-3  # s: pictures are announced in whole milliseconds
-SAME_M = 1e-3  # m: places and distances are logged to a tenth of a millimetre each
+SAME_S = 1e-3  # s, tolerance of frame times, which are whole milliseconds
+SAME_M = 1e-3  # m, tolerance of distances; the log has positions and distances to 0.1 mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,7 @@ class Measured:
 
     step: int
     drone: int
-    t: float  # s, when the decision was made
+    t: float  # s, time of the decision
     distance_m: float | None  # m, body to target centre in three dimensions; None: not measured
     visible: bool | None  # None: not measured
     unknown: str | None = None  # reason why it was not measured, a sentence
@@ -37,10 +37,10 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Whether the episode succeeded, and the navigation error: the distance at the decisive measurement."""
+    """The verdict of an episode: its success, and its navigation error (the distance at the decisive measurement)."""
 
     success: bool | None  # None: no declaration is known to qualify, and one that was not measured may qualify
-    ne_m: float | None  # None: no action was taken, the last one was not measured, or success is None
+    ne_m: float | None  # None: no action, the last action was not measured, or success is None
     deciding: Measured | None  # the first declaration known to qualify
     unknown: tuple[Measured, ...] = ()  # unmeasured declarations before `deciding`, or all if it is None
 
@@ -58,8 +58,8 @@ def judge(
 ) -> Judgement:
     """Return the verdict over the pooled declarations of all drones.
 
-    A declaration logged after the cap does not count; the first one within `delta_m` whose target is visible decides.
-    An unmeasured one cannot undo a success; without a success it leaves the verdict open.
+    A declaration logged after the cap does not count. The episode succeeds with the first declaration within `delta_m`
+    of a visible target. An unmeasured declaration cannot undo a success. Without a success it leaves the verdict open.
     """
     unknown: list[Measured] = []
     for declaration in in_order(declarations, cap_s):
@@ -84,9 +84,10 @@ def declarations(logs: Logs, cap_s: float = CAP_S) -> list[Measured]:
 
 
 def last_action(logs: Logs, cap_s: float = CAP_S) -> Measured | None:
-    """Return the last action within the cap, None without any; of a fleet, the closest of the drones' last actions.
+    """Return the last action within the cap; None without actions.
 
-    If one of them was not measured, the closest is unknown: its distance is None.
+    For a fleet it is the drones' last action with the smallest distance. If one of the last actions was not measured,
+    the smallest distance is unknown, and the distance of the result is None.
     """
     newest = {d.drone: d for d in sorted(logs.decisions, key=lambda d: d.step) if d.t_decided <= cap_s}
     last = [measured(newest[drone], logs) for drone in sorted(newest)]
@@ -94,7 +95,7 @@ def last_action(logs: Logs, cap_s: float = CAP_S) -> Measured | None:
 
 
 def measured(decision: Decision, logs: Logs) -> Measured:
-    """Return a decision with the truth at its own frame, or with the reason why that is unknown."""
+    """Return the truth at the frame of a decision, or the reason why it is unknown."""
     step, drone, t = decision.step, decision.drone, decision.t_decided
     frame = logs.frames.get((drone, decision.frame_id))
     subject = f"step {step} of {drone_label(drone)} was decided on frame {decision.frame_id}"
@@ -111,9 +112,9 @@ def measured(decision: Decision, logs: Logs) -> Measured:
 
 
 def qualifies(decision: Decision, logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> bool | None:
-    """Return whether a declaration is a success. Verdict, pictures, pages and films use it.
+    """Return whether a declaration is a success.
 
-    The result is None for other decisions, and if missing measurements leave it open.
+    None for decisions that are not declarations, for logs without truth, and if missing measurements leave it open.
     """
     if not decision.declares or not logs.true:
         return None
@@ -121,7 +122,7 @@ def qualifies(decision: Decision, logs: Logs, delta_m: float = RADIUS_M, cap_s: 
 
 
 def consistent(row: Pose | FrameTruth) -> bool:
-    """Return whether the distance of a pose or frame is that between its positions; True if one of them is missing."""
+    """Return whether the distance of a pose or frame matches its positions; True if a value is missing."""
     here, target, distance_m = row.position_ned, row.target_ned, row.distance_m
     if here is None or target is None or distance_m is None:
         return True
@@ -129,26 +130,26 @@ def consistent(row: Pose | FrameTruth) -> bool:
 
 
 def reasons(unknown: Iterable[Measured]) -> str:
-    """Return the reasons why these are unknown, in one sentence."""
+    """Return the reason of the first unknown measurement and the number of further ones, as text."""
     all_unknown = list(unknown)
     more = f", and {len(all_unknown) - 1} more" if len(all_unknown) > 1 else ""
     return f"{all_unknown[0].unknown}{more}" if all_unknown else ""
 
 
-FEW = 3  # first declarations that count for SR₃: with more, a success may come from declaring everywhere
+FEW = 3  # number of first declarations that count for SR₃; more would reward declaring everywhere
 
 
 @dataclass(frozen=True, slots=True)
 class Measures:
     """Measures of an episode's declarations within the cap, pooled over the fleet in the order (t, step, drone)."""
 
-    success_at_first: bool | None  # SR₁: the first one qualifies; None: unknown
-    success_within_three: bool | None  # SR₃: one of the first three does; None: unknown
-    declaration_precision: float | None  # share that qualifies, 0 … 1; None: none was made, or one was not measured
-    false_declarations: int | None  # how many do not qualify; None: one was not measured
+    success_at_first: bool | None  # SR₁: the first declaration qualifies; None: unknown
+    success_within_three: bool | None  # SR₃: one of the first three declarations qualifies; None: unknown
+    declaration_precision: float | None  # share that qualifies, 0 … 1; None: no declaration, or one is unmeasured
+    false_declarations: int | None  # number that does not qualify; None: one is unmeasured
 
 
-NOTHING_KNOWN = Measures(**dict.fromkeys(field.name for field in fields(Measures)))  # of a flight without truth
+NOTHING_KNOWN = Measures(**dict.fromkeys(field.name for field in fields(Measures)))  # flight without truth
 
 
 def measures(

@@ -1,1 +1,1 @@
-"""Pilots that are no models: vision, oracle, noisy, blind, recorded, failing; each behind the interface a model has."""
+"""Pilots without a multimodal model: vision, oracle, noisy, blind, recorded, failing. They have a model's interface."""

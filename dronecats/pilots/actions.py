@@ -13,8 +13,8 @@ from foundation.protocol import ACTIONS, FINISHED, GO, NEAR_SCALE, POINT_SPAN, R
 
 Pilot = Callable[[str, list[bytes]], str]  # (prompt, JPEGs in picture order) → reply
 
-LEVEL_PX = 360.0  # px, row of the horizon; the history has the pixels of a 1280 × 720 picture
-SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01  # depth of the shortest `go`; 1 cm more, because depths are rounded
+LEVEL_PX = 360.0  # px, row of the horizon; the history uses pixels of a 1280 × 720 picture
+SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01  # depth of the shortest `go`, plus 1 cm for rounding
 
 _COMMAND = re.compile(r"^[ \t]*Command:[ \t]*(.+?)[ \t]*$", re.MULTILINE)
 _NUMBER = r"(-?\d+(?:\.\d+)?(?:e-?\d+)?)"
@@ -81,7 +81,7 @@ def _parse_action(match: re.Match[str]) -> PastAction:
 
 
 def go(u: float, v: float, depth_m: float) -> str:
-    """Return a `go` to the point (u, v), clipped to 0–1000 from the top left, with its depth in metres."""
+    """Return a `go` to the point (u, v), 0–1000 from the top left (clipped), at a depth in metres."""
     point = [round(min(max(u, 0.0), POINT_SPAN)), round(min(max(v, 0.0), POINT_SPAN))]
     return json.dumps({"action": GO, "point": point, "depth_m": round(depth_m, 2)})
 

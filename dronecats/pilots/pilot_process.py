@@ -12,12 +12,12 @@ from dronecats.pilots.server import PilotServer
 class PilotConfig:
     """The configuration that the parent sends to the child process."""
 
-    pilot: str  # its name in the roster
+    pilot: str  # name of the pilot (`dronecats.pilots.roster`)
     port: int = 0  # TCP port; 0: the system chooses one
 
 
 class PilotPart:
-    """The endpoint as the `Part` of a child process (`dronecats.flight.processes.child`)."""
+    """The endpoint of a pilot, with the interface `Part` of child processes (`dronecats.flight.processes.child`)."""
 
     def __init__(self, config: PilotConfig) -> None:
         name = config.pilot
@@ -30,12 +30,12 @@ class PilotPart:
         return None
 
     def turn(self) -> None:
-        time.sleep(0.05)  # the server has its own thread; this one only waits for the parent
+        time.sleep(0.05)  # the server has its own thread; this thread waits for the parent
 
     def close(self) -> None:
         self._server.close()
 
 
 def create(config: PilotConfig) -> PilotPart:
-    """Return the endpoint of a pilot. Raises UsageError."""
+    """Return the endpoint of a pilot. Raises UsageError for a file without replies."""
     return PilotPart(config)

@@ -1,4 +1,4 @@
-"""The built-in pilots by name."""
+"""Creates the built-in pilots by name, and tells what each pilot needs."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,7 +18,10 @@ COMMANDERS = {"scripted:divide": "dronecats (a script that divides, not a model)
 
 
 def check(name: str) -> str:
-    """Return `name` if it names a pilot. Raises UsageError with similar names, or for a file without replies."""
+    """Return `name` if it names a pilot.
+
+    Raises UsageError (with similar names) for an unknown name, or for a recording without replies.
+    """
     if name in NAMES or (name.removeprefix(BLIND) in PATTERNS and name.startswith(BLIND)):
         return name
     if name.startswith(FAILING):
@@ -47,19 +50,19 @@ def check_installed(name: str, instructions: Iterable[str]) -> None:
 
 
 def check_commander(name: str) -> str:
-    """Return `name` if there is such a built-in commander. Raises UsageError."""
+    """Return `name` if it names a built-in commander. Raises UsageError for another name."""
     if name in COMMANDERS:
         return name
     raise UsageError(f"commander '{name}' is not known: choose PROVIDER/NAME or {', '.join(COMMANDERS)}")
 
 
 def can_serve_several_drones(name: str) -> bool:
-    """Return whether the same pilot can fly several drones that are asked separately."""
+    """Return whether one instance of the pilot can fly several drones with a separate request for each drone."""
     return name in NAMES
 
 
 def needs_pictures(name: str) -> bool:
-    """Return whether a pilot uses the pictures, so that they must be rendered."""
+    """Return whether a pilot needs rendered pictures."""
     return not needs_truth(name) and name != "blind" and not name.startswith(BLIND)
 
 
@@ -69,7 +72,7 @@ def needs_truth(name: str | None) -> bool:
 
 
 def answer(name: str) -> Pilot:
-    """Return a served pilot for one flight. Raises UsageError for a file without replies."""
+    """Return a served pilot for one flight. Raises UsageError for a recording without replies."""
     if name.startswith(RECORDED):
         from dronecats.pilots.scripted import player
 

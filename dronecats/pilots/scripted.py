@@ -28,13 +28,13 @@ _TURN_DEG = 60.0  # turn of the pilot `blind`
 class DroneContext:
     """The drone that a pattern flies."""
 
-    drone: int  # its index in picture order
+    drone: int  # index of the drone, in picture order
     drones: int  # the number of drones
-    prompt: str  # prompt of the first step; it seeds the random pattern
+    prompt: str  # prompt of the first step, part of the seed of the random patterns
 
     @property
     def aside_deg(self) -> float:
-        """The turn to the right that spreads the drones of a fleet over the field of view."""
+        """The drone's first turn (deg, + right), which spreads a fleet over the field of view."""
         return 0.0 if self.drones == 1 else VIEW_DEG * ((self.drone + 0.5) / self.drones - 0.5)
 
 
@@ -44,7 +44,7 @@ class Pattern:
 
     description: str  # one sentence
     fly: Callable[[DroneContext], Iterator[str]]
-    sweeps: bool = False  # it covers an area; other patterns follow one line
+    sweeps: bool = False  # True: covers an area; False: follows one line
 
 
 def long_strides(metres: float) -> Iterator[str]:
@@ -70,7 +70,7 @@ def creeping() -> Iterator[str]:
 
 
 def straight(after_deg: float = 0.0, from_m: float = 0.0) -> Callable[[DroneContext], Iterator[str]]:
-    """Return the pattern: turn, fly `from_m` metres without a declaration, then alternate strides and declarations."""
+    """Return a pattern: turn, fly `from_m` metres without a declaration, then alternate strides and declarations."""
 
     def fly(seat: DroneContext) -> Iterator[str]:
         yield from turn(after_deg + seat.aside_deg)
@@ -89,7 +89,7 @@ def declaring(seat: DroneContext) -> Iterator[str]:
 
 
 def fan(seat: DroneContext) -> Iterator[str]:
-    """Fly out and back along rays, first along those in view, and declare on the way out."""
+    """Fly out and back along rays, starting with the rays in view, and declare on the way out."""
     yield from turn(seat.aside_deg)
     spread = 30.0 if seat.drones == 1 else VIEW_DEG / seat.drones / 2.0
     for far in (18.0, 36.0):
@@ -119,7 +119,7 @@ def spiral(seat: DroneContext) -> Iterator[str]:
 
 
 def ring(seat: DroneContext) -> Iterator[str]:
-    """Fly out 15 m, then in a circle round the start, near targets 16 m away; declare at every other stride."""
+    """Fly out 15 m, then in a circle round the start (targets are 16 m away); declare at every other stride."""
     yield from turn(seat.aside_deg - 45.0)
     yield from long_strides(15.0)
     yield actions.finished()
@@ -147,7 +147,7 @@ def arc(seat: DroneContext) -> Iterator[str]:
 
 
 def wandering(draw: int = 1) -> Callable[[DroneContext], Iterator[str]]:
-    """Return the pattern: stride, turn or declare at random. The seed is the prompt's text and the draw's number."""
+    """Return a pattern: stride, turn or declare at random. The seed is the drone, the first prompt and `draw`."""
 
     def fly(seat: DroneContext) -> Iterator[str]:
         seed = f"{seat.drone} {seat.prompt}" + (f" {draw}" if draw > 1 else "")
@@ -166,7 +166,7 @@ def wandering(draw: int = 1) -> Callable[[DroneContext], Iterator[str]]:
     return fly
 
 
-RANDOM = "random"  # the name of the random patterns begins with it
+RANDOM = "random"  # prefix of the names of the random patterns
 PATTERNS = {
     "declare": Pattern("declares again and again at its start place", declaring),
     "straight": Pattern("flies straight on in strides of 1.2 m and declares after each", straight()),
@@ -189,7 +189,7 @@ PATTERNS = {
 
 
 def answer(prompt: str, images: list[bytes]) -> str:
-    """Return the next action of `blind`: think, go, rotate, go, rotate … It depends only on the last action."""
+    """Return the next action of the pilot `blind`: think, go, rotate, go, rotate … Only the last action counts."""
     briefing = actions.read_prompt(prompt)
     return actions.join([_next_action(briefing.past(k)) for k in range(max(1, len(images)))])
 
@@ -217,13 +217,13 @@ def pattern_pilot(name: str) -> Pilot:
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
 _PLACE = re.compile(rf"look at the ({'|'.join(ORDINALS)}) one from the left\b", re.IGNORECASE)
-CANDIDATES = 4  # number of things that look alike in every commanding episode
+CANDIDATES = 4  # number of look-alike things (one is the target) in every commanding episode
 _DRONE = re.compile(r"^Drone (\d+)$")
 _STALLED = re.compile(r"^Drone (\d+) has not moved\b", re.MULTILINE)
 
 
 def goal_text(command: str, place: int) -> str:
-    """Return the goal of a drone: the command, and a candidate by its place from the left (counted from 1)."""
+    """Return the goal of a drone: the command and a candidate, named by its place from the left (counted from 1)."""
     return f"{command}: look at the {ORDINALS[place - 1]} one from the left"
 
 
@@ -234,9 +234,10 @@ def place_in_goal(command: str) -> int | None:
 
 
 def scripted_orders(prompt: str, images: list[bytes]) -> str:
-    """Return the orders: a candidate for every drone without one, and the next free one for every stalled drone.
+    """Return the commander's orders.
 
-    All waiting reports of arrival are confirmed.
+    Every drone without a candidate gets a candidate. Every stalled drone gets the next free candidate. All waiting
+    reports of arrival are confirmed.
     """
     command = actions.read_prompt(prompt).command
     goals, waiting = read_roster(prompt)
@@ -258,7 +259,7 @@ def scripted_orders(prompt: str, images: list[bytes]) -> str:
 
 
 def read_roster(prompt: str) -> tuple[dict[int, str], list[int]]:
-    """Return each drone's goal by its number, and the numbers of the drones whose report of arrival waits."""
+    """Return the goals by drone number, and the numbers of the drones whose report of arrival needs an answer."""
     goals: dict[int, str] = {}
     waiting: list[int] = []
     drone = 0
@@ -274,14 +275,14 @@ def read_roster(prompt: str) -> tuple[dict[int, str], list[int]]:
 
 @dataclass(frozen=True, slots=True)
 class ScriptedReply:
-    """The only required fields of a row in a replies file, so that a file can be written by hand."""
+    """The required fields of a row in a replies file (decisions.jsonl). Such a file can be written by hand."""
 
     step: Whole
-    reply: str  # as received; one text for all drones of a fleet
+    reply: str  # text of the reply; one text for all drones of a fleet
 
 
 def replies(path: Path) -> list[str]:
-    """Return the replies of a decisions.jsonl, one per step. Raises UsageError."""
+    """Return the replies of a decisions.jsonl, one per step. Raises UsageError for a file without decisions."""
     by_step: dict[int, str] = {}
     for row in rows(path, ScriptedReply):
         by_step.setdefault(row.step, row.reply)

@@ -1,7 +1,7 @@
 """Serves a pilot as a model: an OpenAI-compatible chat endpoint on the loopback interface.
 
-The agent connects to it by a base URL, as to any model, and cannot tell them apart. Replies are deterministic: the same
-request gets the same bytes, without a timestamp.
+The agent connects to a base URL in the same way as for a model, and cannot distinguish a pilot from a model. Responses
+are deterministic: the same request gets the same bytes, without a timestamp.
 """
 
 import base64
@@ -23,7 +23,7 @@ MAX_BODY_BYTES = 16 * 1024 * 1024
 _MAX_IMAGES = 64
 _IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule: 85 + 170 per 512 px tile, two tiles
 _CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
-_IDLE_S = 60.0  # a silent connection is closed after this time
+_IDLE_S = 60.0  # a connection without data is closed after this time
 
 
 class PilotServer:
@@ -32,7 +32,7 @@ class PilotServer:
     def __init__(
         self, pilot: Pilot, name: str, *, owned_by: str = "dronecats", host: str = "127.0.0.1", port: int = 0
     ) -> None:
-        """Bind the address at once; port 0: the system chooses one. Raises UsageError if it cannot be bound."""
+        """Bind the address. Port 0: the system chooses a port. Raises UsageError if the address cannot be bound."""
         try:
             self._http = _Http((host, port), _Handler)
         except (OSError, OverflowError) as error:
@@ -166,7 +166,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def setup(self) -> None:
         super().setup()
-        # header and body are sent in one segment, without waiting for an acknowledgement
+        # send header and body in one segment, without waiting for an acknowledgement
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def do_GET(self) -> None:
@@ -194,7 +194,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.OK, completion(self.server.name, body, prompt, images, text))
 
     def _body(self) -> bytes | None:
-        """Return the request body; None if it is invalid. The connection is then closed, if possible with an error."""
+        """Return the request body; None if the request is invalid. In that case the connection closes, with an error if
+        possible.
+        """
         declared = self.headers.get("Content-Length", "")
         if not (declared.isascii() and declared.isdigit()) or len(declared) > 18:
             self.close_connection = True

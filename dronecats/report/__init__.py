@@ -1,1 +1,1 @@
-"""Reads runs back: tables, figures, pages, SQL, archives and other file formats."""
+"""Reads finished runs and presents them as tables, figures, pages, SQL, archives and other file formats."""

@@ -1,14 +1,14 @@
-"""Derives estimate.jsonl, the smoothed pose trace of a flight without truth, after landing (docs/run-folder.md).
+"""Derives estimate.jsonl after landing: the smoothed pose trace of a flight without truth (docs/run-folder.md).
 
-The logs are not changed: decisions.jsonl has the time of every frame, truth.jsonl the begin and end of the episode, and
-flight.tlog or the autopilot's ULog the estimates. The position of the target may be known from a GNSS survey.
+The inputs are the logs, which stay unchanged: decisions.jsonl (time of every frame), truth.jsonl (begin and end of the
+episode), and flight.tlog or the autopilot's ULog (estimates). The target's position may come from a GNSS survey.
 
-An RTS smoother runs on each axis. The autopilot's reports are filtered already, and their error does not change from
-report to report, but drifts with the satellites. So a reported position is modelled as the true position plus a slowly
-drifting error: a Gauss-Markov process with the reported accuracy and the time constant CORRELATION_S. The reports of
-one flight do not average this error out. The smoother removes short errors: noise, and jumps of the estimate that
-contradict its velocity. State per axis: position, velocity (constant except for white noise in the acceleration), error
-of the reported position.
+A Rauch-Tung-Striebel (RTS) smoother runs on each axis. The autopilot has already filtered the reported positions. Their
+error is nearly the same in successive reports and drifts with the satellites. The model of a reported position is
+therefore the true position plus a slowly drifting error: a Gauss-Markov process with the reported accuracy and the time
+constant CORRELATION_S. The average over a flight does not remove this error. The smoother removes short errors: noise,
+and jumps of the estimate that contradict its velocity. State per axis: position, velocity (constant except for white
+noise in the acceleration), error of the reported position.
 """
 
 import math
@@ -44,7 +44,7 @@ class SurveyedTarget:
 
     latitude_deg: float
     longitude_deg: float
-    altitude_m: float | None  # m above mean sea level; None: not surveyed, and distances are horizontal
+    altitude_m: float | None  # m above mean sea level; None: not surveyed, so distances are horizontal
     std_m: float = HANDHELD_STD_M  # m, per axis
 
     def __post_init__(self) -> None:
@@ -64,7 +64,7 @@ class SurveyedTarget:
         return asdict(self)
 
     def ned(self, origin: Vec3) -> Vec3:
-        """Return the NED position (m) relative to `origin` (lat °, lon °, alt m). Unknown altitude: the origin's."""
+        """Return the NED position (m) from `origin` (lat °, lon °, alt m). Default altitude: that of `origin`."""
         altitude = origin[2] if self.altitude_m is None else self.altitude_m
         return geodetic_to_ned(*origin, self.latitude_deg, self.longitude_deg, altitude)
 
@@ -80,7 +80,7 @@ class SurveyedTarget:
 
 
 def target_from(text: str, std_m: float | None = None) -> SurveyedTarget:
-    """Parse a target from the text `LAT,LON` or `LAT,LON,ALT`. Raises UsageError."""
+    """Parse a target from the text `LAT,LON` or `LAT,LON,ALT` (°, °, m). Raises UsageError for other text."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
@@ -93,7 +93,7 @@ def target_from(text: str, std_m: float | None = None) -> SurveyedTarget:
 
 
 def target_of(value: Any) -> SurveyedTarget:
-    """Return the target that `as_json` wrote. Raises UsageError for anything else."""
+    """Return the target from the JSON of `as_json`. Raises UsageError for other values."""
     try:
         return msgspec.convert(value, SurveyedTarget)
     except msgspec.ValidationError:
@@ -102,11 +102,11 @@ def target_of(value: Any) -> SurveyedTarget:
 
 
 Array = NDArray[np.float64]
-CORRELATION_S = 300.0  # s, length of a flight; a receiver's error under open sky is correlated for a shorter time
+CORRELATION_S = 300.0  # s, about a flight; the error of a receiver under open sky is correlated for less time
 POSITION_NOISE_M = 0.05  # m, white noise of one report, from the small corrections of the estimator
 ACCELERATION_PSD = 1.0  # (m/s²)²/Hz, of a multirotor at the speeds of these flights
 UNREPORTED_M = 1.0  # m, assumed for positions without a reported accuracy; the smoothed accuracy is NaN
-THINNED_US = 90_000  # µs, smallest interval of the reports that are used; more reports add no information
+THINNED_US = 90_000  # µs, least interval of the used reports; more reports add no information
 _H = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 
 
@@ -118,7 +118,7 @@ class Estimates:
     position_ned: Array  # (n, 3) m
     velocity_ned: Array  # (n, 3) m/s
     position_std_m: Array  # (n, 3) m, as reported; NaN: not reported
-    velocity_std_mps: Array  # (n, 3) m/s
+    velocity_std_mps: Array  # (n, 3) m/s, standard deviations
 
     def between(self, from_us: float, to_us: float) -> "Estimates":
         """Return the estimates from `from_us` (included) to `to_us` (excluded)."""
@@ -138,7 +138,7 @@ class SmoothedPath:
 
     time_us: Array  # (k,) µs
     position_ned: Array  # (k, 3) m
-    std_m: Array  # (k, 3) m; NaN: no accuracy was reported for this axis
+    std_m: Array  # (k, 3) m, standard deviations; NaN: no reported accuracy for this axis
 
 
 def smooth(estimates: Estimates, at_us: Array) -> SmoothedPath:
@@ -176,7 +176,7 @@ def _thinned(time_us: Array) -> NDArray[np.int64]:
 
 
 def _filled(std: Array) -> Array:
-    """Fill gaps with the previous accuracy, or with the first one at the beginning; without any, with UNREPORTED_M."""
+    """Fill gaps with the previous accuracy. Before the first accuracy, use the first; without any, UNREPORTED_M."""
     reported = np.flatnonzero(np.isfinite(std))
     if not len(reported):
         return np.full_like(std, UNREPORTED_M)
@@ -219,7 +219,7 @@ def _process_noise(dt: float, wandered: float) -> Array:
     return noise + np.eye(3) * 1e-12  # the smoother inverts the predicted covariance, also for dt = 0
 
 
-VELOCITY_STD = 0.1  # m/s, about the value in PX4's ULogs outdoors; MAVLink does not report this accuracy
+VELOCITY_STD = 0.1  # m/s, assumed for telemetry, because MAVLink does not report it; typical of PX4's outdoor ULogs
 MARGIN_US = 5e6  # µs of estimates before and after the episode, for smoothing at its ends
 
 
@@ -234,7 +234,7 @@ class EstimatorLog:
     source: str  # name of the file
 
     def yaw_deg(self, at_us: float) -> float | None:
-        """Return the heading at a time, −180 to 180°; None: unknown."""
+        """Return the heading (−180 to 180°) at a vehicle time (µs); None: unknown."""
         if not len(self.heading):
             return None
         return (math.degrees(float(np.interp(at_us, self.heading_us, self.heading))) + 180.0) % 360.0 - 180.0
@@ -246,7 +246,8 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
     `target`: default is the surveyed target in episode.json, if any. `ulog`: default is the autopilot's onboard log in
     the folder, else flight.tlog.
 
-    Raises UsageError when the logs are not sufficient, or when there is a target and the frame's origin is unknown.
+    Raises UsageError if the logs are not sufficient, or if a target is given and the origin of the local frame is
+    unknown.
     """
     flight = RecordedFlight.read(folder)
     begin = flight.logs.begin
@@ -311,7 +312,7 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
 def _estimator_log(flight: RecordedFlight) -> EstimatorLog:
     kept = onboard_log_path(flight.folder)
     if kept is not None:
-        with suppress(UsageError):  # a log without estimates: flight.tlog is used
+        with suppress(UsageError):  # use flight.tlog if the ULog has no estimates
             return from_ulog(kept)
     path = flight.folder / layout.TLOG
     if not path.is_file():
@@ -359,7 +360,10 @@ def from_ulog(path: Path) -> EstimatorLog:
 
 
 def rejudge(result: dict[str, Any], target: SurveyedTarget | None, report: Callable[[str], None]) -> dict[str, Any]:
-    """Derive estimate.jsonl, judge again, and return the result of `fly --json`; unchanged if there is no estimate."""
+    """Derive estimate.jsonl, judge the episode again, and return the updated result of `fly --json`.
+
+    Without an estimate, return `result` unchanged. `report` receives messages for the user.
+    """
     folder = Path(result["run_dir"])
     try:
         derive(folder, target)
@@ -377,7 +381,7 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
     """Return the errors of estimate.jsonl against the logged truth, whose origin is `map_origin` (lat °, lon °, alt m).
 
     `rms_m` and `max_m` are distances. `within_2_std` is the share of coordinates with an error of at most two standard
-    deviations. Raises UsageError when the logs have no time in common, or the estimate has no origin.
+    deviations. Raises UsageError if the logs have no common time, or the estimate has no origin.
     """
     logs, estimated_log = read(folder), estimate(folder)
     if estimated_log is None:
@@ -400,14 +404,14 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
 
 
 class _TruePath:
-    """The first drone's true path. Its poses are up to 20 ms later than the estimated poses, one every 0.5 s."""
+    """The first drone's true path: a pose every 0.5 s, up to 20 ms later than the estimated pose."""
 
     def __init__(self, logs: Logs) -> None:
         poses = sorted((p.t, *p.position_ned) for p in logs.poses if p.drone == 0)
         self._path = np.array(poses, float).reshape(-1, 4)
 
     def covers(self, t: float) -> bool:
-        """Return whether a time (s) is at a pose, or between two poses without a gap."""
+        """Return whether a time (s) is at a pose, or between two successive poses (no gap in the log)."""
         times = self._path[:, 0]
         after = int(np.searchsorted(times, t))
         if after == len(times) or (after == 0 and times[0] > t):

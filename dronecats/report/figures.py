@@ -1,6 +1,6 @@
-"""Draws the figures of the report: three bar figures, the served rate, and the grid of episodes.
+"""Draws the figures of the report: three bar figures, the rates of decisions, and the grid of episodes.
 
-The figures fit the width of a page. Their colours differ in greyscale and for colour-blind readers.
+The figures fit the width of a page. Their colours are distinguishable in greyscale and for colour-blind readers.
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,17 +38,17 @@ SETTINGS: dict[str, Any] = {
     "legend.frameon": False,
     "pdf.fonttype": 42,  # TrueType fonts, which publishers require
     "svg.fonttype": "path",
-    "svg.hashsalt": "dronecats",  # equal reports give equal files
+    "svg.hashsalt": "dronecats",  # fixed, so that equal reports give equal files
     "savefig.dpi": 200,
 }
 
 
 @dataclass(frozen=True, slots=True)
 class FigureLine:
-    """A line of a figure: a row of the table, and its height in the figure."""
+    """A line of a figure: a row of the table and its vertical position."""
 
     row: TableRow
-    y: float  # downwards, in lines
+    y: float  # in lines, downwards
 
 
 @contextmanager
@@ -61,7 +61,7 @@ def styled() -> Iterator[None]:
 
 
 def lines(table: ReportTable) -> tuple[list[FigureLine], list[tuple[str, float]]]:
-    """Return the rows and the blocks' titles with their heights; a title is above its block."""
+    """Return the rows and the titles of the blocks with their vertical positions; a title is above its block."""
     rows, heads, y = [], [], 0.0
     for block in table.blocks:
         if block.title:
@@ -85,13 +85,13 @@ def canvas(height_in: float, width_in: float = WIDTH_IN) -> Any:
 
 
 def figure(height_lines: float, line_in: float = 0.26, below_in: float = 0.75) -> tuple[Any, Any]:
-    """Return a figure for this number of lines, and its axis."""
+    """Return a figure for a number of lines, and its axes."""
     drawing = canvas(height_lines * line_in + below_in)
     return drawing, drawing.add_subplot()
 
 
 def label_rows(axis: Any, rows: Sequence[FigureLine], heads: Sequence[tuple[str, float]]) -> None:
-    """Write the lines' names and the blocks' titles on the left."""
+    """Write the names of the rows and the titles of the blocks on the left."""
     axis.set_yticks([line.y for line in rows], [str(line.row.cells[0].value) for line in rows])
     axis.tick_params(axis="y", length=0, pad=6)
     for title, y in heads:
@@ -102,7 +102,7 @@ def label_rows(axis: Any, rows: Sequence[FigureLine], heads: Sequence[tuple[str,
 
 
 def save(drawing: Any, out: Path, name: str) -> Path:
-    """Write the figure as SVG, PDF and PNG, and return the PNG's path. Raises InfrastructureError."""
+    """Write the figure as SVG, PDF and PNG, and return the PNG's path. Raises InfrastructureError if this fails."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         for kind in FORMATS:
@@ -120,7 +120,7 @@ NESTED = (  # column of the table, title, colour
 )
 MODE_COLOURS = (BLUE, VERMILION, ORANGE, PURPLE, GREEN, SKY, LIGHT, "#FFFFFF")
 DRONE_COLOURS = (BLUE, VERMILION, ORANGE, LIGHT)
-LABELLED = 7.0  # %, the narrowest segment that shows its number
+LABELLED = 7.0  # %, least width of a segment that shows its number
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +165,7 @@ def draw_drone_outcomes(table: ReportTable) -> Any:
     drawing, axis = _stacked(table, [BarSegment(o.column, o.title, colour) for o, colour in colours])
     rows, _ = lines(table)
     won = [number(cell(table, line.row, "commanding_success_percent")) for line in rows]
-    below = [line.y + 0.36 for line in rows]  # on the edge of the bar, so that its number stays readable
+    below = [line.y + 0.36 for line in rows]  # on the edge of the bar, so that the bar's number stays readable
     axis.plot(won, below, "D", color="white", markeredgecolor=INK, markersize=4.5, label="Episodes won",
               linestyle="", clip_on=False, zorder=5)  # fmt: skip
     _percent(axis, "% of the drones; diamonds: % of the episodes")
@@ -209,7 +209,7 @@ def _percent(axis: Any, label: str) -> None:
 
 
 def rates(table: ReportTable) -> Any:
-    """Return the figure of the table `served`: whiskers from 5 to 95 %, the box from 25 to 75, a line at the median."""
+    """Return the figure of the table `served`: whiskers from 5 to 95 %, boxes from 25 to 75 %, lines at the medians."""
     rows, heads = lines(table)
     drawing, axis = figure(rows[-1].y + 1.0, below_in=0.6)
     for line in rows:
@@ -264,12 +264,12 @@ def episode_grid(data: ReportData) -> Any:
 
 
 def _grid_square(axis: Any, x: int, y: float, scored: Any, tried: bool) -> None:
-    """Draw one entrant's flights of one episode."""
+    """Draw the square of an entrant's flights of one episode."""
     from matplotlib.patches import Rectangle
 
     if scored:
         share = sum(flight.success for flight in scored) / len(scored)
-        filled = SIDE * share  # from below
+        filled = SIDE * share  # from the bottom edge
         for top, height, colour in ((-SIDE / 2, SIDE - filled, LIGHT), (SIDE / 2 - filled, filled, BLUE)):
             if height > 0:
                 axis.add_patch(Rectangle((x - SIDE / 2, y + top), SIDE, height, facecolor=colour, linewidth=0))
@@ -304,8 +304,8 @@ def _grid_keys() -> list[Any]:
     ]
 
 
-GRID = "episode_by_episode"  # the figure that belongs to no table
-OF_TABLES = {  # table → its figure's name and function
+GRID = "episode_by_episode"  # name of the grid figure, which has no table
+OF_TABLES = {  # table → name and function of its figure
     "approaching": ("reach_declare_succeed", draw_reach_declare_succeed),
     "failures": ("failure_modes", draw_failure_modes),
     "drones": ("commanding_by_drone", draw_drone_outcomes),
@@ -314,9 +314,9 @@ OF_TABLES = {  # table → its figure's name and function
 
 
 def draw(data: ReportData, tables: Sequence[ReportTable], out: Path) -> dict[str, Path]:
-    """Draw the figures as SVG, PDF and PNG; return the paths of the PNGs by table name, or by GRID.
+    """Draw the figures as SVG, PDF and PNG; return the paths of the PNGs by table name or GRID.
 
-    Raises InfrastructureError.
+    Raises InfrastructureError if a figure cannot be written.
     """
     drawn = {}
     with styled():

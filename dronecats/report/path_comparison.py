@@ -1,9 +1,9 @@
 """Compares the paths of two flights from their pose traces, each relative to its own start, and plots them.
 
 The two flights usually have the same decisions, and differ in the autopilot or the place. Positions are relative to the
-first pose. Unless `keep_north` is set, they are rotated so that both paths begin with the nose ahead. With `by_step`,
-the paths are compared at the same second of the same step, because the times of replies and frames do not depend on the
-autopilot; otherwise at the same second of the episode.
+first pose, in axes along the first heading (ahead, right, down), or NED with `keep_north`. The paths are compared at
+the same second of the episode. With `by_step`, they are compared at the same second of the same step. This removes
+differences in the times of replies and frames, which do not depend on the autopilot.
 """
 
 import math
@@ -28,17 +28,17 @@ MINUTE_S = 60.0
 class Trace:
     """The path of a drone relative to its first pose."""
 
-    t: Array  # (n,) s, the episode's clock
-    position: Array  # (n, 3) m from the first pose: ahead, right, down, or north, east, down
+    t: Array  # (n,) s since the episode began
+    position: Array  # (n, 3) m from the first pose; ahead, right, down, or NED with `keep_north`
 
     def at(self, t: Array) -> Array:
-        """Return the positions (m, 3) at times within the trace, interpolated linearly."""
+        """Return the positions (m, 3) at times (m,) within the trace, interpolated linearly."""
         return np.column_stack([np.interp(t, self.t, self.position[:, axis]) for axis in range(3)])
 
 
 @dataclass(frozen=True, slots=True)
 class IntervalDistances:
-    """The distances in an interval of the flight."""
+    """The distances between two paths in an interval of the compared time."""
 
     from_s: float
     to_s: float
@@ -54,24 +54,24 @@ class PathComparison:
     drone: int
     a: Trace
     b: Trace
-    t: Array  # (n,) s, time compared so far
+    t: Array  # (n,) s, compared time
     here: Array  # (n, 3) m, positions on path a
     there: Array  # (n, 3) m, positions on path b
-    distance_m: Array  # (n,) m, between the two
-    spans: tuple[IntervalDistances, ...]  # minute by minute
-    first: IntervalDistances  # over the requested seconds, or the shorter common time
-    beside_m: float  # m, the largest distance from a point of one path in `first` to the other path, at any time
+    distance_m: Array  # (n,) m, between `here` and `there`
+    spans: tuple[IntervalDistances, ...]  # one for each minute
+    first: IntervalDistances  # the requested first seconds, or the common time if it is shorter
+    beside_m: float  # m, largest distance of a path's points in `first` to the nearest point of the other path
 
     @property
     def final_m(self) -> float:
-        """The distance at the end of the shorter path."""
+        """The distance (m) at the end of the compared time."""
         return float(self.distance_m[-1])
 
 
 def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool = False) -> tuple[PathComparison, ...]:
     """Return the comparison of every drone that both flights have, over the first `seconds`.
 
-    Raises UsageError when they have no drone or no time in common.
+    Raises UsageError if the flights have no common drone or no common time.
     """
     drones = sorted({p.drone for p in a.poses} & {p.drone for p in b.poses})
     if not drones:
@@ -85,12 +85,12 @@ def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool
 
 
 def _steps(logs: Logs, drone: int) -> list[float]:
-    """Return the decision time of each step of a drone, s."""
+    """Return the decision time (s) of each step of a drone."""
     return [d.t_decided for d in sorted(logs.decisions, key=lambda d: d.step) if d.drone == drone]
 
 
 def trace(logs: Logs, drone: int, keep_north: bool) -> Trace:
-    """Return the path of a drone. Raises UsageError without two poses, or without a first heading."""
+    """Return the path of a drone. Raises UsageError for less than two poses, or a first pose without heading."""
     poses = sorted((p for p in logs.poses if p.drone == drone), key=lambda p: p.t)
     if len(poses) < 2:
         raise UsageError(f"{drone_label(drone)} has only {len(poses)} poses in one of the flights, too few for a path")
@@ -134,10 +134,10 @@ def _compare(
 
 
 def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) -> tuple[Array, Array]:
-    """Return the corresponding times of the two flights, s, GRID_S apart.
+    """Return the corresponding times (s) of the two flights, with the spacing GRID_S.
 
-    Each step is compared over the shorter of its two durations. Without steps, the times are those that both flights
-    have.
+    Each step is compared over the shorter of its two durations. Without steps, both results are the common times of the
+    flights.
     """
     start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     if not steps_a or not steps_b:
@@ -158,7 +158,7 @@ def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) ->
 
 
 def _after(steps: list[float], count: int, path: Trace) -> float:
-    """Return the end of the last of `count` steps, s."""
+    """Return the time (s) at which the step after `count` decisions ends."""
     return steps[count] if len(steps) > count else float(path.t[-1])
 
 
@@ -170,7 +170,7 @@ def _span(t: Array, distance_m: Array, from_s: float, to_s: float) -> IntervalDi
 
 
 def _farthest(points: Array, path: Array) -> float:
-    """Return the largest distance from one of `points` to its nearest point of a path."""
+    """Return the largest distance from a point of `points` to the nearest point of `path`."""
     from scipy.spatial import cKDTree
 
     return float(cKDTree(path).query(points)[0].max())
@@ -184,7 +184,7 @@ def same_replies(a: Logs, b: Logs, seconds: float) -> tuple[int, int]:
 
 
 def logs_of(path: Path) -> Logs:
-    """Return the logs of a flight by its run or episode folder. Raises UsageError."""
+    """Return the logs of a flight from its run or episode folder. Raises UsageError for another folder."""
     return read(episode_folder(path))
 
 
@@ -222,7 +222,10 @@ def _length(path: Trace) -> float:
 def draw(
     comparisons: tuple[PathComparison, ...], names: tuple[str, str], within_m: float, file: Path, axes: str
 ) -> None:
-    """Write the picture; `axes` are the names of the plane's axes. Raises UsageError when it cannot be written."""
+    """Draw the comparison to `file`. `axes`: names of the plan's axes, such as "ahead,right".
+
+    Raises UsageError if the file cannot be written.
+    """
     figure = canvas(6.5, 12.0)
     grid = figure.add_gridspec(2, 2)
     plan, height, apart = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])

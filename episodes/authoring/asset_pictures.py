@@ -35,7 +35,7 @@ GROUND_M = 160.0  # half the ground's width
 
 # Contact sheets
 DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from the camera to the asset's box, on the line to the asset's origin
-WIDTHS_PX = (448, 320, 192, 128)  # of the tile for each distance, cut from the middle of the picture
+WIDTHS_PX = (448, 320, 192, 128)  # of the tiles, one per distance; each tile is cut from the middle of the picture
 HEIGHT_PX, LABEL_PX, GAP_PX = 248, 26, 6
 EYE_M = 1.6  # height of the camera above the ground
 QUARTER_DEG = 35.0  # direction of the camera from the asset, to the right of the asset's nose
@@ -43,15 +43,15 @@ SEEN_PX = (640, 360)  # size of the reduced frame
 SHADE = Sun((0.22, 0.62, -0.753))  # behind the camera
 PAINTS = ("cyan", "red", "yellow", "green", "orange", "blue", "purple", "pink")  # one per row, in turn
 INSCRIPTIONS = {"sign": "GATE 7"}
-DRONE, HOVER_M = "drone", 1.3  # the drone is not an asset of records; its height above the ground
+DRONE, HOVER_M = "drone", 1.3  # name of the drone, which records cannot use, and its height above the ground
 QUALITY = 75
 INK, PAGE = (36, 38, 42), (246, 246, 244)
 
 # The reading probe
 PROBE_DISTANCES_M = (4, 6, 8, 10, 12, 14, 16)  # from the camera to the inscription's plane
-LEAST_EYE_M = 1.2  # height of the camera above the ground: that of the lowest start of an episode
+LEAST_EYE_M = 1.2  # least height of the camera above the ground: the least allowed start height of an episode
 SUN = Sun((-0.60, 0.35, -0.7194))  # behind the camera, which looks north at the rear of the asset
-CROP_PX, CELL_PX, CELL_LABEL_PX = (160, 90), (320, 180), 22  # its contact sheet: crop, enlarged crop, label
+CROP_PX, CELL_PX, CELL_LABEL_PX = (160, 90), (320, 180), 22  # the probe's contact sheet: crop, enlarged crop, label
 LETTERS, DIGITS = "ABCDEFGHJKLMNPRSTUVWXYZ", "0123456789"  # letters without I, O and Q, as on most plates
 
 
@@ -156,9 +156,9 @@ class Probe:
 class Face:
     """The position (m) of the middle of an inscription on its asset."""
 
-    ahead: float  # of the asset's origin; negative: behind it
-    right: float  # of the asset's origin
-    height: float  # above the ground
+    ahead: float  # distance ahead of the asset's origin; negative: behind it
+    right: float  # distance to the right of the asset's origin
+    height: float  # height above the ground
 
 
 def write_probe(folder: Path, seed: int = 0) -> list[Probe]:

@@ -1,4 +1,4 @@
-"""Distributes work on many items among processes. They end when their parent ends."""
+"""Distributes work on many items among processes. The processes end when their parent ends."""
 
 import multiprocessing
 import os
@@ -18,8 +18,8 @@ Result = TypeVar("Result")
 def process_map(work: Callable[[Item], Result], items: Sequence[Item], jobs: int | None = None) -> Iterator[Result]:
     """Yield the result of each item in the order in which `jobs` processes (default: one per core) finish them.
 
-    Call it in the main thread. A terminal sends Ctrl-C to all processes: the parent handles it, and the others ignore
-    it. They end even if the parent is killed. Raises the exceptions of `work`, and InfrastructureError if a process
+    Call it in the main thread. A terminal sends Ctrl-C to all processes. Only the parent handles it. The others end
+    with the parent, even if the parent is killed. Raises the exceptions of `work`, and InfrastructureError if a process
     dies.
     """
     jobs = min(jobs or os.cpu_count() or 1, len(items))
@@ -28,7 +28,7 @@ def process_map(work: Callable[[Item], Result], items: Sequence[Item], jobs: int
         return
     before_us, complete = set(multiprocessing.active_children()), False
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _end_with_the_parent) as pool:
-        interrupts = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # a signal waits until SIG_SETMASK
+        interrupts = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # Ctrl-C waits until SIG_SETMASK
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # `submit` starts the processes, which inherit this
         try:
             futures = [pool.submit(work, item) for item in items]

@@ -41,7 +41,7 @@ CENTRED = CameraModel(1280, 720, 90.0, (0.0, 0.0, 0.0))  # at the pose itself, w
 LARGEST_BYTES = 250_000
 QUALITIES = range(90, 40, -5)  # of a JPEG; the first that keeps LARGEST_BYTES is used
 
-SUFFIXES = (".png", ".jpg", ".jpeg")  # of the file of a first frame
+SUFFIXES = (".png", ".jpg", ".jpeg")  # allowed suffixes of the file of a first frame
 
 # The sheet of the options of camera, light and season
 SHOWN: dict[str, Optics] = {
@@ -69,7 +69,7 @@ TILE_PX, COLUMNS, LABEL_PX, SHEET_QUALITY = (480, 270), 2, 24, 82
 
 
 def write_map_plan(name: str, out: Path) -> None:
-    """Write a plan of a map as JPEG, north up, with the names that records use for native targets.
+    """Write a plan of a map as JPEG, north up, with the names of native targets (targets that belong to the map).
 
     Raises UsageError for an unknown map, or a file that cannot be written.
     """
@@ -135,7 +135,7 @@ def write_map_view(name: str, out: Path) -> None:
 
 
 def first_frame(record: EpisodeRecord, camera: CameraModel) -> Picture:
-    """Return the camera's picture (H, W, 3) at t = 0. For a fleet, it shows all pictures in two columns."""
+    """Return the camera's picture (H, W, 3) at t = 0. For a fleet, return the pictures of all drones in two columns."""
     world = World(record)
     renderer = Renderer(world.filmed, camera)
     views = []

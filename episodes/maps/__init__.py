@@ -40,10 +40,9 @@ def names() -> list[str]:
 
 
 def build(name: str, seed: int = 1) -> Scene:
-    """Return the map `name`; the same seed gives the same scene. Raises UsageError for an unknown name and
-    for a negative seed.
+    """Return the map `name`. Raises UsageError for an unknown name or a negative seed.
 
-    The seed has no effect on a user's map.
+    The same seed gives the same scene. The seed has no effect on a user's map.
     """
     if name not in _MAPS and name in user.names():
         return user.build(name)

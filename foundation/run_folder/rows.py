@@ -1,9 +1,9 @@
 """The rows of the logs, one dataclass each, with the names, units and frames of all fields.
 
-Unless a field says otherwise, times are vehicle seconds since the episode began, and places are metres in the map's NED
-frame. A line may lack a field with a default, for example because an older version wrote it. The default is mostly
-None, or UNSET where null has a meaning of its own. Fields may be added but not renamed, and a reader ignores unknown
-ones.
+Unless a field says otherwise, times are vehicle seconds since the episode began, and positions are in metres in the
+map's NED frame. A line may lack a field that has a default, for example if an older version wrote the line. The default
+is usually None. It is UNSET for fields in which null has a meaning of its own. Fields may be added but not renamed.
+Readers ignore unknown fields.
 
 mypy, the strict reader (`reading.py`) and the published schemas (`schemas/`) all use the annotations.
 """
@@ -18,7 +18,7 @@ from foundation.protocol import FINISHED, GO
 
 DRONES = 255  # number of MAVLink system ids
 
-# `wrong`: the reader's message about any other value
+# `wrong`: the strict reader's message about an invalid value
 Whole = Annotated[int, Meta(ge=0, lt=int(LARGE), extra={"wrong": "is not a whole number"})]
 DroneNumber = Annotated[int, Meta(ge=0, lt=DRONES, description="0 is drone 1",
                                   extra={"wrong": f"is not a whole number below {DRONES}"})]  # fmt: skip
@@ -38,7 +38,7 @@ Surveyed = Annotated[dict[str, Number | None], Meta(extra={"wrong": "is not a su
 
 
 def drone_label(drone: int) -> str:
-    """Return a drone's name in texts for people, which count from 1; files and columns count from 0."""
+    """Return a drone's name in texts for people. These texts count drones from 1; files and columns count from 0."""
     return f"drone {drone + 1}"
 
 
@@ -70,10 +70,10 @@ class EpisodeIdentity:
 
 @dataclass(frozen=True, slots=True)
 class PointedGo:
-    """The point and the depth of a `go`."""
+    """The point and the depth of a `go` action."""
 
-    x: float  # 0 … 1000, left to right
-    y: float  # 0 … 1000, top to bottom
+    x: float  # 0 … 1000, left to right in the picture
+    y: float  # 0 … 1000, top to bottom in the picture
     depth_m: float  # m along the optical axis
 
 
@@ -133,7 +133,7 @@ class Decision:
 
     @property
     def declares(self) -> bool:
-        """True if it declares arrival. A report to a commander is not a declaration."""
+        """True if the decision declares arrival. A report to a commander is not a declaration."""
         return self.kind == FINISHED and self.report is not True
 
     @property

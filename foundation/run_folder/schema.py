@@ -1,4 +1,4 @@
-"""The published JSON Schemas of the run folder's files, made from the rows. `make schemas` writes them."""
+"""Generates the published JSON Schemas of the run folder's files from the row classes. `make schemas` calls `write`."""
 
 import json
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from foundation.run_folder.writing import field_names
 FOLDER = Path(__file__).with_name("schemas")
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 EMPTY = {"type": "object", "maxProperties": 0}
-FILES: Mapping[str, tuple[str, tuple[type, ...]]] = {  # name → (title, kinds of rows)
+FILES: Mapping[str, tuple[str, tuple[type, ...]]] = {  # name → (title, row classes)
     "run": (layout.RUN, (Run,)),
     "bench": (layout.BENCH, (Benchmark,)),
     "study": (layout.STUDY, (Study,)),
@@ -41,7 +41,7 @@ def text(schema: Mapping[str, Any]) -> str:
 
 
 def write() -> None:
-    """Write the files. Raises OSError."""
+    """Write all schema files to FOLDER. Raises OSError."""
     FOLDER.mkdir(exist_ok=True)
     for name, schema in published().items():
         (FOLDER / name).write_text(text(schema), encoding="utf-8")
@@ -58,6 +58,6 @@ def _schema(title: str, rows: tuple[type, ...]) -> dict[str, Any]:
             definition["properties"] = {"kind": {"const": kind["default"]}, **definition["properties"]}
             definition["required"] = ["kind", *definition["required"]]
     if verdict := definitions.get("Verdict"):
-        verdict["properties"]["diagnostics"]["anyOf"].append(EMPTY)  # None in the row is {} in the file
+        verdict["properties"]["diagnostics"]["anyOf"].append(EMPTY)  # the file has {} for None
     root = dict(next(iter(tops))) if len(rows) == 1 else {"anyOf": list(tops)}
     return {"$schema": DRAFT, "title": title, **root, "$defs": definitions}

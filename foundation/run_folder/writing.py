@@ -1,4 +1,4 @@
-"""Writes the logs: append-only, flushed line by line, readable after a kill at any byte."""
+"""Writes the append-only logs of a run folder. They are flushed line by line, and stay readable after any kill."""
 
 import json
 import struct
@@ -19,7 +19,7 @@ PLAIN = frozenset((float, int, str, bool, type(None)))
 
 
 def as_json(value: Any) -> Any:
-    """Return a row as JSON values. Own fields come before inherited ones; UNSET fields are omitted.
+    """Return a row as JSON values. A class's own fields come before inherited ones; UNSET fields are omitted.
 
     A value that is neither a row nor a list of rows is returned unchanged.
     """
@@ -43,7 +43,7 @@ class LineLog:
     """Appends rows to a file of JSON lines."""
 
     def __init__(self, path: Path) -> None:
-        # half a surrogate pair, valid in JSON and not in UTF-8, is escaped
+        # escapes half a surrogate pair, which JSON allows and UTF-8 does not
         self._file: TextIO = path.open("a", encoding="utf-8", errors="backslashreplace")
 
     def write(self, row: Any) -> None:
@@ -56,7 +56,7 @@ class LineLog:
 
 
 class TelemetryLog:
-    """Writes a tlog: MAVLink frames as received, each after eight bytes with its time."""
+    """Writes a tlog: each MAVLink frame as received, after its time (µs) as a big-endian 64-bit integer."""
 
     def __init__(self, path: Path) -> None:
         self._file: BinaryIO = path.open("ab")
@@ -125,7 +125,7 @@ def write_lines(path: Path, rows: Iterable[Any]) -> None:
 
 
 def _common(a: Sequence[str], b: Sequence[str]) -> int:
-    """Return the number of equal first lines."""
+    """Return how many lines at the beginning of both are equal."""
     return next((k for k, (line, other) in enumerate(zip(a, b, strict=False)) if line != other), min(len(a), len(b)))
 
 

@@ -1,4 +1,4 @@
-"""The address of a camera: its parts, and its text for messages without the password."""
+"""Parses the address of a camera, and shows it in messages without the password."""
 
 import re
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ class Address:
 
     kind: str  # http, rtsp, v4l2, video, folder
     place: str  # what to open: the whole URL, a device, a path
-    options: Mapping[str, str]  # after the ?, except for http and rtsp, whose URL stays complete
+    options: Mapping[str, str]  # query after the ?; empty for http and rtsp, because `place` has their whole URL
 
 
 def parse(url: str) -> Address:

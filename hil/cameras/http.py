@@ -22,7 +22,7 @@ ERROR_NUMBER = re.compile(r"^\[Errno -?\d+\] ")
 
 
 class Caller:
-    """One camera's HTTP address, with a connection that stays open."""
+    """An HTTP client for the address of one camera. Its connection stays open."""
 
     def __init__(self, url: str) -> None:
         """Raises UsageError for an invalid address."""
@@ -36,12 +36,12 @@ class Caller:
                 f"camera {self.name!r} is not an http address. Write special characters of a password as %XX, for"
                 " example %40 for @"
             )
-        self._auth: httpx.Auth | None = None  # None: user and password of the address, by the basic scheme
-        # a camera is in the same network, so a proxy for the internet is not used
+        self._auth: httpx.Auth | None = None  # None: basic authentication with the address's user and password
+        # uses no internet proxy, because a camera is in the local network
         self._http = httpx.Client(trust_env=False)
 
     def get(self, read_s: float, params: dict[str, int] | None = None) -> httpx.Response:
-        """Return the answer, with an unread body; the caller closes it. Raises CameraError.
+        """Return the response with an unread body; the caller must close it. Raises CameraError.
 
         `read_s` is the longest silence of the camera.
         """
@@ -62,7 +62,7 @@ class Caller:
         return response
 
     def _send(self, read_s: float, params: dict[str, int] | None) -> httpx.Response:
-        url = self._url.copy_merge_params(params) if params else self._url  # `params=` would drop the address's own
+        url = self._url.copy_merge_params(params) if params else self._url  # `params=` would drop the address's query
         request = self._http.build_request("GET", url, timeout=httpx.Timeout(read_s, connect=CONNECT_S))
         try:
             return self._http.send(request, stream=True, auth=self._auth or httpx.USE_CLIENT_DEFAULT)
@@ -118,7 +118,7 @@ class HttpCamera:
     ) -> None:
         """A frame older than `max_age_s` on the vehicle's clock is an error. Raises UsageError for an invalid address.
 
-        `depth_url`: where a simulated camera serves the depth pictures of its frames; None: frames have none.
+        `depth_url`: where a simulated camera serves the depth pictures of its frames; None: frames have no depth.
         """
         self._caller = Caller(url)
         self._depths = Caller(depth_url) if depth_url else None
@@ -127,12 +127,12 @@ class HttpCamera:
         self._max_age_s, self._timeout_s = max_age_s, timeout_s
         self._frames = 0
         self._none = f"the camera at {self._caller.name} gives no frame"
-        self.stamps = False  # whether it stamped its newest picture itself
+        self.stamps = False  # whether the camera stamped its newest picture itself
         self.reopened = 0  # always 0, because there is no stream to reopen; a broken connection is an error
 
     @property
     def model(self) -> CameraModel:
-        """The pinhole model of the frames. Fetches a frame if it is not known yet. Raises CameraError."""
+        """The pinhole model of the frames. Fetches a frame if the model is not known yet. Raises CameraError."""
         if self._lens.model is None:
             self.newest()
         assert self._lens.model is not None  # a picture has arrived, so its size is known
@@ -263,7 +263,7 @@ class Multipart:
         return True
 
     def _body(self) -> bytes | None:
-        """Return the body if it is complete, else None. It ends at its length, or before the next boundary."""
+        """Return the body if it is complete, else None. A body without a length ends before the next boundary."""
         if self._length is not None:
             if len(self._buffer) < self._length:
                 return None

@@ -1,4 +1,4 @@
-"""A camera's lens: its calibration from pictures of a chessboard, and the correction of pictures to a pinhole's."""
+"""Calibrates a camera's lens from pictures of a chessboard, and corrects its pictures to those of a pinhole camera."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from foundation.errors import UsageError
 
 BYTES_MAX = 1_000_000
 SIDE_PX = (16, 16384)  # px, smallest and largest width or height of a picture
-COEFFICIENTS = (4, 5, 8, 12, 14)  # possible numbers in OpenCV's standard model
+COEFFICIENTS = (4, 5, 8, 12, 14)  # possible numbers of coefficients in OpenCV's standard distortion model
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def _checked(values: dict[str, Any], path: Path) -> Calibration:
 
 
 def save(calibration: Calibration, path: Path) -> None:
-    """Write the file; its ending (.yml, .yaml, .xml or .json) is the format. Raises UsageError."""
+    """Write a calibration to a file, whose ending (.yml, .yaml, .xml or .json) sets the format. Raises UsageError."""
     if path.suffix not in (".yml", ".yaml", ".xml", ".json"):
         raise UsageError(f"calibration file '{path}' must end in .yml, .yaml, .xml or .json")
     try:
@@ -101,12 +101,12 @@ def save(calibration: Calibration, path: Path) -> None:
     storage.release()
 
 
-HFOV_DEG = 90.0  # of an uncalibrated camera, as in the prompt and the paper
+HFOV_DEG = 90.0  # °, assumed for an uncalibrated camera, as in the pilot's prompt and the paper
 HFOV_MIN_DEG, HFOV_MAX_DEG = 5.0, 150.0  # °, possible fields of view of a pinhole's picture
 
 
 class Lens:
-    """Corrects a camera's pictures to those of a pinhole with square pixels and its principal point at the centre.
+    """Corrects pictures to those of a pinhole camera with square pixels and the principal point at the centre.
 
     Without a calibration pictures stay unchanged, and their field of view is assumed.
     """
@@ -114,7 +114,7 @@ class Lens:
     def __init__(self, calibration: Calibration | None = None, hfov_deg: float = HFOV_DEG) -> None:
         """Raises UsageError for a lens that cannot be corrected."""
         self.calibration = calibration
-        self.model: CameraModel | None = None  # without a calibration unknown until the first picture
+        self.model: CameraModel | None = None  # None until the first picture if there is no calibration
         self._hfov_deg = hfov_deg
         self._maps: tuple[Any, Any] | None = None
         if calibration:
@@ -145,7 +145,7 @@ class Lens:
 def straightening(calibration: Calibration) -> tuple[tuple[Any, Any], float]:
     """Return cv2.remap's two maps and the focal length (px) of the widest pinhole without an empty corner.
 
-    Raises UsageError if there is none.
+    Raises UsageError if there is no such pinhole.
     """
     size = (calibration.width, calibration.height)
     matrix, distortion = np.array(calibration.matrix), np.array(calibration.distortion)
@@ -173,11 +173,11 @@ def _focal_px(matrix: Any, distortion: Any, size: tuple[int, int], fisheye: bool
     """Return the focal length (px) at which the corrected picture is completely inside the camera's picture."""
     if fisheye:
         best = cv2.fisheye.estimateNewCameraMatrixForUndistortRectify(matrix, distortion, size, np.eye(3), balance=0.0)
-        # the principal point is off the centre, so the focal length is longer for the nearer side
+        # the principal point is off the centre, so the nearer edge needs a longer focal length
         reach = [min(best[k, 2], size[k] - 1 - best[k, 2]) / ((size[k] - 1) / 2) for k in (0, 1)]
         return float(max(best[k, k] / reach[k] if reach[k] > 0 else math.nan for k in (0, 1)))
     best, _ = cv2.getOptimalNewCameraMatrix(matrix, distortion, size, 0.0, size, centerPrincipalPoint=True)
-    return float(max(best[0, 0], best[1, 1]))  # square pixels: the narrower of the two fields
+    return float(max(best[0, 0], best[1, 1]))  # square pixels: the longer focal length fits both axes
 
 
 def _within(places: NDArray[np.float32], length: int) -> bool:
@@ -193,12 +193,12 @@ def _unfolded(x: NDArray[np.float32], y: NDArray[np.float32]) -> bool:
 
 VIEWS_MIN = 10
 ERROR_MAX_PX = 1.0  # root mean square
-FOCAL_SIGMA_MAX = 0.01  # share of the focal length
-# If all boards face the camera, any focal length fits, and the solver may report a small sigma for a wrong one. So the
-# boards must be tilted: least standard deviation of their normals' components across and down the picture.
+FOCAL_SIGMA_MAX = 0.01  # standard deviation of the focal length, as a share of it
+# Least standard deviation of the boards' normals, for their components across and down the picture. If all boards face
+# the camera, any focal length fits, and the solver may report a small sigma for a wrong one. So boards must be tilted.
 TILT_MIN = 0.1
 COVERAGE_MIN = 0.5  # share of the picture's area with corners; the fit is unreliable outside it
-MOVED_MIN = 0.04  # share of the picture's width: mean shift of the corners for a new view
+MOVED_MIN = 0.04  # mean shift of the corners in a new view, as a share of the picture's width
 
 Corners = NDArray[np.float32]  # (N, 1, 2) px, row by row
 
@@ -221,18 +221,18 @@ class Board:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A calibration, and its quality."""
+    """A calibration and its quality."""
 
     calibration: Calibration
     views: int
-    worst_px: float
-    tilt: float  # standard deviation of the boards' normals, across or down, the smaller one
+    worst_px: float  # reprojection error of the worst view
+    tilt: float  # standard deviation of the boards' normals; the smaller of across and down
     focal_sigma: float  # standard deviation of the focal length, relative
     coverage: float  # 0 … 1 of the picture's area
 
 
 def corners(picture: NDArray[np.uint8], board: Board) -> Corners | None:
-    """Return the board's inner corners in a picture (BGR); None if it is not completely in the picture."""
+    """Return the board's inner corners in a picture (BGR); None if part of the board is not in the picture."""
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
     size = (board.columns, board.rows)
     if not cv2.findChessboardCorners(grey, size, flags=cv2.CALIB_CB_FAST_CHECK | cv2.CALIB_CB_ADAPTIVE_THRESH)[0]:
@@ -299,7 +299,7 @@ def fit(views: Sequence[Corners], board: Board, width: int, height: int) -> Fit:
 
 
 def tilt(turns: Sequence[Any]) -> float:
-    """Return the standard deviation of the boards' normals, across or down, the smaller. `turns`: Rodrigues vectors."""
+    """Return the standard deviation of the boards' normals: the smaller of two axes. `turns`: Rodrigues vectors."""
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
     facing = normals * np.sign(normals[:, 2:])
     return float(facing[:, :2].std(axis=0).min())

@@ -21,11 +21,11 @@ class Delivery:
 
     model: CameraModel  # of the frames
     calibrated: bool  # whether the field of view is measured, not assumed
-    asked: bool  # whether each frame needs a request, which then limits the rate
+    asked: bool  # whether each frame needs a request; the requests then limit the rate
     frames: int
-    seconds: float  # host's clock, from the first frame to the last
-    rate_hz: float | None  # of all arriving pictures; None: fewer than two frames
-    interval_ms: float | None  # median
+    seconds: float  # s, host's clock, from the first frame to the last
+    rate_hz: float | None  # Hz, of all arriving pictures; None: fewer than two frames
+    interval_ms: float | None  # median; None, like the next two: no two consecutive frames
     jitter_ms: float | None  # standard deviation of the interval
     longest_ms: float | None
     age_ms: float | None  # median; None: the camera stamps by its own clock
@@ -65,7 +65,7 @@ def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
     usual = statistics.median(spans) if spans else None
     took_s = time.monotonic() - began_s
     came, span_s = numbers[-1] - numbers[0], (stamps_us[-1] - stamps_us[0]) / 1e6
-    if polled:  # the frame numbers of such a camera have no meaning
+    if polled:  # the frame numbers of a camera that needs requests have no meaning
         came, span_s = len(numbers) - 1, took_s
     return Delivery(
         model=model,

@@ -1,4 +1,4 @@
-"""Opens any camera by its address, and waits during gaps in flight."""
+"""Opens any camera by its address. In flight, `PatientCamera` waits while no frame arrives."""
 
 import time
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from hil.cameras.stream import (
 )
 
 RealCamera = HttpCamera | StreamCamera
-ANSWER_S = 10.0  # s until a camera must have sent its first picture
+ANSWER_S = 10.0  # s in which a camera must answer the first request
 
 
 def open_camera(
@@ -71,7 +71,7 @@ def _source(address: Address, lens: Lens) -> Source | None:
 
 
 def _http_source(url: str) -> MjpegSource | None:
-    """Send one request; the type of the answer shows the kind of source."""
+    """Return the source of an MJPEG stream; None: the address sends one picture per request. Sends one request."""
     caller = Caller(url)
     response = caller.get(ANSWER_S)
     response.close()
@@ -86,7 +86,7 @@ AGAIN_S = 0.1  # wall seconds between two attempts
 
 
 class PatientCamera:
-    """A camera that retries for up to `patience_s` wall seconds before it raises a fault."""
+    """A camera that retries for up to `patience_s` wall seconds before it raises CameraError."""
 
     def __init__(self, camera: RealCamera, patience_s: float, on_stale: Callable[[str], None]) -> None:
         """`on_stale` is called once for every gap, with the reason for the missing frame, on the caller's thread."""

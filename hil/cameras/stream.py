@@ -1,4 +1,4 @@
-"""Sources that deliver pictures without requests (RTSP, V4L2, video files, folders), and a camera that reads one."""
+"""Sources that deliver pictures without requests (RTSP, V4L2, video files, folders), and a camera for one of them."""
 
 import threading
 import time
@@ -52,7 +52,7 @@ class Shot:
 
 
 class StreamCamera:
-    """Frames of one source, for one drone. A picture older than `max_age_s` is an error, never a frame."""
+    """A camera that reads one source, for one drone. It raises CameraError for a picture older than `max_age_s`."""
 
     stamps = False  # these sources do not send the time of a picture
 
@@ -72,7 +72,7 @@ class StreamCamera:
         self._none = f"the camera at {name} gives no frame"
         self._shot: Shot | None = None
         self._fault: str | None = None
-        self._over = self._ended = False  # the thread has stopped; it has stopped because the recording ended
+        self._over = self._ended = False  # whether the thread has stopped; whether it stopped because a recording ended
         self._news = threading.Condition()
         self._stop = threading.Event()
         self.reopened = 0  # number of times that the stream was reopened
@@ -195,20 +195,20 @@ def decoded(data: bytes | Picture) -> Picture | None:
 
 
 OPEN_MS, READ_MS = 5000, 5000  # ms of silence after which a stream counts as absent, or as broken
-LIVE_GRABS = 3  # after so many consecutive grabs that had to wait, the buffer counts as empty
-WAITED = 0.7  # share of the time between two pictures; a longer grab had to wait
+LIVE_GRABS = 3  # consecutive grabs that had to wait, after which the buffer counts as empty
+WAITED = 0.7  # a grab had to wait if it took longer than this share of the time between two pictures
 DRAIN_S = 5.0
 
 
 class RtspSource:
-    """A camera in the network. FFmpeg reads it over TCP, because over UDP a lost packet smears a picture."""
+    """A camera in the network. FFmpeg reads it over TCP, because a lost UDP packet would damage a picture."""
 
     def __init__(self, url: str) -> None:
         self._url = url
         self._capture: Any = None
 
     def open(self) -> None:
-        # one decoding thread, because FFmpeg holds back a picture for each thread
+        # one decoding thread, because each thread of FFmpeg delays the video by one picture
         wanted = [
             cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_MS, cv2.CAP_PROP_N_THREADS, 1,
         ]  # fmt: skip
@@ -229,7 +229,7 @@ class V4l2Source:
     """A camera on this computer, by USB or ribbon cable."""
 
     def __init__(self, device: str, size: tuple[int, int] | None) -> None:
-        """`size` (width, height in px) is requested; the camera gives the nearest that it has."""
+        """`size` (width, height in px) is requested; the camera uses the nearest size that it has."""
         self._device, self._size = device, size
         self._capture: Any = None
 
@@ -240,7 +240,7 @@ class V4l2Source:
                 "the device cannot be opened: it does not exist, is in use, or this user is not in the group video"
             )
         if self._size:
-            # over USB, large pictures have their full rate only as JPEG; other cameras stay as they are
+            # over USB, large pictures reach their full rate only as JPEG; a camera without JPEG keeps its format
             self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
             self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
             self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
@@ -269,10 +269,10 @@ def shoot(capture: Any) -> tuple[float, Picture]:
 
 
 def drain(capture: Any) -> None:
-    """Drop the buffered pictures: FFmpeg reads a second of a stream to find its format, and servers buffer one too.
+    """Drop the buffered pictures, because otherwise all pictures would stay a second late.
 
-    Without this, all pictures would stay a second late. A picture comes from the buffer if its grab takes clearly less
-    than the time between the stamps of this and the previous picture.
+    FFmpeg reads a second of a stream to find its format, and servers buffer about a second too. A picture comes from
+    the buffer if its grab takes clearly less than the time between the stamps of this and the previous picture.
     """
     live, at_ms, end_s = 0, capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic() + DRAIN_S
     while live < LIVE_GRABS and time.monotonic() < end_s:
@@ -298,7 +298,7 @@ FOLDER_HZ = 10.0  # pictures per second of a folder without ?fps=
 
 
 class VideoSource:
-    """A video file, played in real time: a late reader gets the picture of the present time."""
+    """A video file, played in real time. Pictures whose time has passed are skipped."""
 
     def __init__(self, path: str) -> None:
         self._path = path

@@ -1,9 +1,10 @@
 """The autopilot at the other end of a link: its version, its family, its modes and setpoint messages.
 
-For PX4, the modes are from px4_custom_mode.h. The rest was measured with PX4 1.15. Only the frames LOCAL_NED
-and BODY_NED count as setpoints. PX4 reports a mask without vz (0x5E7) or without any value (0xDFF) as invalid, and
-Offboard times out. PX4 treats a stream below 2 Hz as lost, and accepts it again without a mode command. It divides
-the rates of messages until the radio can carry them. It sends STATUSTEXT only on a link with a ground station.
+For PX4, the modes are from px4_custom_mode.h. The following was measured with PX4 1.15. PX4 accepts setpoints only in
+the frames LOCAL_NED and BODY_NED. It reports a mask without vz (0x5E7) or without any value (0xDFF) as invalid, and
+Offboard times out. It treats a stream of setpoints below 2 Hz as lost, and accepts it again without a mode command. It
+divides the rates of its messages until the radio can carry them. It sends STATUSTEXT only on a link with a ground
+station.
 """
 
 from dataclasses import dataclass
@@ -59,9 +60,9 @@ ENDINGS = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}
 
 
 class Px4:
-    """The family of PX4 autopilots, which includes our own autopilot. Another family is a subclass.
+    """The family of PX4 autopilots, which includes this project's own autopilot. Other families are subclasses.
 
-    Modes have PX4's names everywhere; a subclass translates its own names.
+    All code uses PX4's names of the modes. A subclass translates the names of its family.
     """
 
     name = "PX4"

@@ -1,4 +1,4 @@
-"""A conversation with an autopilot: state from bytes, the vehicle's clock, acknowledged commands, checked streams."""
+"""Handles the messages of a link to one autopilot: telemetry, its clock, acknowledged commands, requested streams."""
 
 import contextlib
 import math
@@ -15,17 +15,16 @@ from hil.link.streams import TICK_US, Streams
 from hil.link.telemetry import STATE_MESSAGES, StatusTexts, VehicleClock, VehicleState, update
 from hil.link.transport import Transport
 
-REPLACED_S = 3.0  # s of the transport's clock without a message; then another address may become the vehicle's
+REPLACED_S = 3.0  # s of the transport's clock without a message, after which the vehicle's address may change
 NOTICE_S = 10.0  # s between two notices of ignored messages
 
 
 class VehicleAddress:
     """Parses the bytes of the vehicle and of other senders separately, and finds the vehicle's messages.
 
-    A UDP port receives from every sender, and one address is the vehicle's.
-
-    The address of the vehicle's first heartbeat is held. Another address with the vehicle's ids is ignored until the
-    held address has been silent for REPLACED_S, because a restarted bridge has another port.
+    A UDP port receives from every sender. This class holds the address of the vehicle's first heartbeat as the
+    vehicle's. It ignores other addresses that send with the vehicle's ids. Once the held address has been silent for
+    REPLACED_S, another address may replace it, because a restarted bridge has another port.
     """
 
     def __init__(self, transport: Transport, notice: Callable[[str], None]) -> None:
@@ -77,7 +76,7 @@ CHECK = ". Check that the vehicle or simulator runs, and that the URL is right"
 PATIENCE_S = 0.5  # longest wait of one read, in s of the transport's clock
 GAP_US = 500_000  # µs of vehicle time without telemetry after which the last mode is not trusted
 AWAY_S = 0.5  # s of the transport's clock between two sends; after a longer pause, received bytes are read first
-ASK_AGAIN_S = 1.5  # s of the transport's clock; an estimator sends no position in the first second after boot
+ASK_AGAIN_S = 1.5  # s of the transport's clock between requests; an estimator has no position in the first second
 COMMAND_RETRY_US = 500_000
 COMMAND_TRIES = 6
 KEY_TRIES = 5
@@ -88,13 +87,13 @@ FAMILIES: dict[int, Px4] = {PX4.autopilot: PX4}  # families that we can fly, by 
 HEARTBEAT, COMMAND_ACK = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK
 STATUSTEXT, VERSION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 GIMBAL = dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
-# each of these keeps the clock going
+# each of these messages advances the vehicle's clock
 STAMPED = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE, GIMBAL}
-HANDLED = STATE_MESSAGES | {COMMAND_ACK, VERSION, GIMBAL}  # most of what an autopilot streams is for others
+HANDLED = STATE_MESSAGES | {COMMAND_ACK, VERSION, GIMBAL}  # other messages are only for listeners
 RESULTS = {
     1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled",
 }  # fmt: skip
-# unused parameters of these are 0 by the standard; those of other commands may be NaN ("use the default")
+# by the standard, unused parameters of these commands are 0; those of other commands may be NaN ("use the default")
 ZERO_FILLED = {dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MESSAGE}
 
 
@@ -116,7 +115,7 @@ class Conversation:
         """
         self.transport = transport
         self.behind_us = 0  # µs, known delay of telemetry, for example from a time synchronisation
-        self.tick_us = TICK_US  # µs of vehicle time between two messages of ours
+        self.tick_us = TICK_US  # µs of vehicle time between two ticks
         self.state = VehicleState()
         self.clock = VehicleClock()
         self.track = PoseHistory()
@@ -131,7 +130,7 @@ class Conversation:
         self.on_silence: Callable[[float], None] = lambda seconds: None  # receives the length of a silence, s
         self.on_notice: Callable[[str], None] = lambda line: None  # receives lines for the user
         self._silence_s, self._time_s = silence_s, transport.time_s
-        self._lost = False  # whether it was silent for SILENCE_S, and has sent nothing since
+        self._lost = False  # whether the vehicle was silent for `silence_s`, and has sent nothing since
         self._address = VehicleAddress(transport, lambda line: self.on_notice(line))
         self._packer = Packer(SYSTEM, COMPONENT)
         self._unix_s = unix_s
@@ -139,7 +138,7 @@ class Conversation:
         self._vehicle_signs = False  # whether the autopilot's last message had a signature
         self._heartbeat_due_us = 0
         self._tick_due_us = 0
-        self._gap_us = 0  # when telemetry came back after its last gap
+        self._gap_us = 0  # µs, vehicle clock when telemetry came back after its last gap
         self._boots = 0
         self._spoke_s = self._time_s()
         self._ack: dialect.MAVLink_message | None = None
@@ -193,7 +192,7 @@ class Conversation:
         )
 
     def close(self) -> None:
-        """Close the link, after setting every stream that we changed back to the autopilot's own rate."""
+        """Set every stream that we changed back to the autopilot's own rate, and close the link."""
         with contextlib.suppress(LinkError):  # a broken link cannot send
             for interval in self.streams.all() if self.system else ():
                 self._request(interval.message_id, 0)
@@ -207,7 +206,7 @@ class Conversation:
         return bool(data)
 
     def _is_credible(self, message: dialect.MAVLink_message) -> bool:
-        """Return whether a message that was just received may come from the sender with its ids."""
+        """Return whether the system and component ids of a message that was just received may be genuine."""
         if self._signing.active and not self._signing.accepts(message, self._wire_us):
             return False
         is_vehicle = message.get_srcSystem() == self.system and message.get_srcComponent() == AUTOPILOT
@@ -253,7 +252,7 @@ class Conversation:
         self.state = update(before, message, self.family.mode_name, stamp_us, self.time_us)
         if kind in STAMPED:
             brought = self.state
-            if brought is before:  # older than the newest one, but still a pose of the history
+            if brought is before:  # the message is older than the newest one, but the history needs its pose
                 brought = update(VehicleState(), message, self.family.mode_name, stamp_us)
             self._track(kind, brought)
         elif kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and self.state.range_m is not None:
@@ -282,7 +281,7 @@ class Conversation:
         self._address.hold()
 
     def _noticed(self) -> None:
-        """Called after every change of the state."""
+        """Called after every change of the state, for subclasses."""
 
     def _request_streams(self) -> None:
         for interval in self.streams.all():
@@ -320,7 +319,7 @@ class Conversation:
             self._signing.set_up(key, timestamp(self._unix_s()), self._wire_us)
 
     def _why_unheard(self) -> str:
-        """Return a reason for the silence that comes from signing, as the end of a sentence; empty: no such reason."""
+        """Return why signing causes the silence, as the end of a sentence; empty: signing does not cause it."""
         signing = self._signing
         if not signing.active:
             wanted = "; the vehicle signs its messages and ignores unsigned ones. Give its key with --sign KEYFILE"
@@ -346,7 +345,7 @@ class Conversation:
         message = dialect.MAVLink_setup_signing_message(
             self.system, self.component, list(key), timestamp(self._unix_s())
         )
-        setup = self._packer.pack(message)  # unsigned, since it has no key yet
+        setup = self._packer.pack(message)  # unsigned, because the autopilot has no key yet
         self._sign_with(key)
         for _ in range(KEY_TRIES):
             self.transport.send(setup)
@@ -383,7 +382,7 @@ class Conversation:
         self._speak()
 
     def keep_up(self) -> None:
-        """Process what has arrived and send what is due, without waiting. It is for links of other drones."""
+        """Process what has arrived and send what is due, without waiting, while another drone's link waits."""
         self.listen()
         if self._due():
             self._tick_due_us = self.time_us + self.tick_us
@@ -471,7 +470,7 @@ class Conversation:
     def order(self, name: str, command: int, *parameters: float, insist_s: float = 0.0) -> None:
         """Send a command until it is accepted, for up to `insist_s` (vehicle time) while it is temporarily rejected.
 
-        Raises LinkError with the autopilot's own words if it is still refused then.
+        Raises LinkError with the autopilot's own words if the autopilot still refuses the command.
         """
         since_us = self.time_us
         while (result := self.command(command, *parameters)) != dialect.MAV_RESULT_ACCEPTED:

@@ -1,4 +1,4 @@
-"""The recorded poses of a vehicle, and its arrival at a place."""
+"""Records the poses of a vehicle, and detects its arrival at a place."""
 
 import math
 from array import array
@@ -11,21 +11,21 @@ from hil.link.telemetry import VehicleState
 NEAR_M = 0.06
 HEADING = math.radians(0.7)
 STILL_MPS = 0.12
-RESTING_US = 1_000_000  # µs that it must stay at the place
-COARSE_US = 15_000_000  # µs; after this time …
-COARSER = 3.0  # … the limits are multiplied by this, because a drifting GPS lets no vehicle stay so still
+RESTING_US = 1_000_000  # µs that the vehicle must stay at the place
+COARSE_US = 15_000_000  # µs after `due_us` until the limits are widened
+COARSER = 3.0  # factor on the limits then, because with a drifting GPS no vehicle stays that still
 
 
 class Arrival:
     """Watches one vehicle on its way to a place and heading."""
 
     def __init__(self, position_ned: Vec3, yaw: float, due_us: int) -> None:
-        """A place (m, local frame) and heading (rad). The vehicle cannot reach them before `due_us` (vehicle clock)."""
+        """Watch for a place (m, local frame) and heading (rad), not reached before `due_us` (µs, vehicle clock)."""
         self._position_ned, self._yaw, self._due_us = position_ned, yaw, due_us
         self._resting_us: int | None = None  # when the vehicle came to rest at the place; None: not yet
 
     def settled(self, state: VehicleState, time_us: int) -> bool:
-        """Return whether the vehicle has been there without motion for a whole second. Call it at every tick."""
+        """Return whether the vehicle has stayed at the place and heading for RESTING_US. Call this at every tick."""
         there = time_us >= self._due_us and self._is_there(state, COARSER if self._is_late(time_us) else 1.0)
         self._resting_us = (self._resting_us or time_us) if there else None
         return self._resting_us is not None and time_us >= self._resting_us + RESTING_US
@@ -82,8 +82,8 @@ class PoseHistory:
     def at(self, time_us: int) -> Sight | None:
         """Return the vehicle's pose at a time (µs); None if there is no report yet.
 
-        It is interpolated between two reports, and extrapolated for a moment after the newest. At older times it is the
-        oldest.
+        The pose is interpolated between two reports, and extrapolated by at most AHEAD_US after the newest report.
+        Before the oldest report, it is the oldest pose.
         """
         if not self._places or not self._headings:
             return None
@@ -130,10 +130,10 @@ class PoseHistory:
 
 
 class _Reports:
-    """Reports of some numbers each, sorted by time (µs).
+    """Reports with `width` numbers each, sorted by time (µs).
 
-    They are in flat memory. Separate objects that live for minutes, among others that live for milliseconds, would
-    fragment the heap, which would then grow for hours.
+    The numbers are in flat arrays. One object per report would fragment the heap, and the heap would grow for hours:
+    reports are kept for minutes, and other objects only for milliseconds.
     """
 
     def __init__(self, width: int) -> None:
@@ -143,7 +143,7 @@ class _Reports:
         self._first = 0  # first report that is not too old
 
     def __bool__(self) -> bool:
-        return len(self._times) > 0  # the newest is never too old
+        return len(self._times) > 0  # the newest report is never too old
 
     @property
     def newest_us(self) -> int:
@@ -161,7 +161,7 @@ class _Reports:
         elif k == len(times):
             times.append(time_us)
             self._values.extend(report)
-        else:  # it arrived after newer reports
+        else:  # the report arrived after newer ones
             times.insert(k, time_us)
             self._values[k * self._width : k * self._width] = array("d", report)
         self._drop()
@@ -178,7 +178,7 @@ class _Reports:
         return [self._report(k) for k in range(bisect_left(self._times, time_us, self._first), len(self._times))]
 
     def around(self, time_us: int) -> tuple[tuple[float, ...], tuple[float, ...], float, float]:
-        """Return the reports around a time, its position between them (0 … 1), and its seconds after the newest."""
+        """Return (report before, report after, share of the time between them 0 … 1, s after the newest report)."""
         times = self._times
         k = bisect_right(times, time_us, self._first)
         if k == self._first:

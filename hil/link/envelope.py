@@ -54,7 +54,7 @@ class Limits:
     frame_s: Positive = 1.0  # s, highest age of a frame for a decision; the vehicle holds until a newer one comes
     heartbeat_s: Positive = 3.0  # s of vehicle time without a heartbeat until the vehicle must hold
     exclusions: tuple[Polygon, ...] = ()  # areas that the vehicle may not enter at any height
-    exclusions_geodetic: tuple[GeodeticPolygon, ...] = ()  # the same in degrees; see `placed`
+    exclusions_geodetic: tuple[GeodeticPolygon, ...] = ()  # the same, with corners in degrees; `placed` converts them
 
 
 SIMULATED = Limits(  # wider than any episode, so no flight of the benchmark reaches a limit
@@ -100,7 +100,7 @@ def broken_off(state: VehicleState, limits: Limits, elapsed_s: float) -> str | N
 
 
 def unwatched(state: VehicleState, limits: Limits) -> str | None:
-    """Return a text on the limit that cannot be checked and the reason, None if all can be checked."""
+    """Return a text about the limit that cannot be checked, with the reason; None: all limits can be checked."""
     if limits.battery_min is not None and state.battery_remaining is None:
         return f"battery_min = {limits.battery_min:g} cannot be checked, because the autopilot sends no battery level"
     return None
@@ -206,7 +206,7 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
 
 
 def _is_barred(at: Corner, to: Corner, polygon: Sequence[Corner], margin_m: float) -> bool:
-    """Return whether `to` or the line to it is in an exclusion, or in its margin and not on the way out of it."""
+    """Return whether the line from `at` to `to` enters an exclusion, or gets nearer to it within its margin."""
     if contains(polygon, to) or crosses(at, to, polygon):
         return True
     edges = list(zip(polygon, (*polygon[1:], polygon[0]), strict=True))
@@ -216,7 +216,7 @@ def _is_barred(at: Corner, to: Corner, polygon: Sequence[Corner], margin_m: floa
 
 
 def _towards(room_m: float, margin_m: float) -> float:
-    """Return the highest speed (m/s) towards a limit `room_m` away; negative (away from the limit) in the margin."""
+    """Return the highest speed (m/s) towards a limit at distance `room_m`; in the margin, negative (away from it)."""
     return max(-BACK_MAX, GAIN * (room_m - margin_m))
 
 

@@ -1,4 +1,4 @@
-"""The flight logs on an autopilot: MAVSDK lists and downloads them over MAVLink."""
+"""Lists and downloads the flight logs of an autopilot, with MAVSDK over MAVLink."""
 
 import queue
 from collections.abc import Callable, Iterator
@@ -10,7 +10,7 @@ from typing import Any
 from foundation.errors import LinkError, UsageError
 from foundation.redaction import redacted
 
-SCHEMES = {  # ours -> MAVSDK's
+SCHEMES = {  # scheme of our URLs -> MAVSDK's scheme
     "udpin": "udpin", "udp": "udpin", "udpout": "udpout", "tcp": "tcpout", "tcpout": "tcpout", "serial": "serial",
 }  # fmt: skip
 ULOG_MAGIC = bytes([0x55, 0x4C, 0x6F, 0x67, 0x01, 0x12, 0x35])
@@ -22,7 +22,7 @@ class FlightLog:
     """One log in the autopilot's list."""
 
     number: int  # its id on board
-    date: str  # time of writing, UTC, by the autopilot's clock; 1970 if it had no time
+    date: str  # UTC time of writing by the autopilot's clock; in 1970 if the clock was not set
     size_bytes: int
 
 

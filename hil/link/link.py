@@ -18,12 +18,12 @@ from hil.link.transport import Transport
 
 BRAKE_S = 0.5  # s of vehicle time that we hold at the end of a flight, before the autopilot's own hold
 ROUND_RATE = math.radians(60.0)  # rad/s of a turn for the compass
-GIVEN_S = 1.5  # s that a hand-over must last; only a heartbeat, once a second, shows a failsafe
+GIVEN_S = 1.5  # s that a hand-over must last, because only the heartbeat, once a second, shows a failsafe
 OVERTAKEN_US = 300_000  # µs in which a message with the previous mode may still arrive on a link that reorders
 ARMED_S = 10.0  # s of attempts to arm, because a pre-arm check may flicker
 OFFERED_S = 2.0  # s of attempts to enter Offboard while it is temporarily refused
 DISARMED_US = 1_500_000  # µs for which a vehicle in the air must report that it is disarmed: more than one heartbeat
-CAUSE_US = 2_000_000  # µs before a change of mode; the text of its failsafe may arrive in this time
+CAUSE_US = 2_000_000  # µs; the text of a failsafe may arrive this long before its change of mode
 FOREIGN_S = 600.0  # s for a person to arm, take off and hand over
 
 
@@ -38,7 +38,8 @@ class EnvelopeError(LinkError):
 class Link(Conversation):
     """A conversation with modes, arming, and a stream of setpoints in Offboard.
 
-    Only `tick` sends setpoints, and the decider calls it. So a decider that hangs, crashes or is killed sends none.
+    Only `tick` and `keep_up` send setpoints, and the agent calls them. So an agent that hangs, crashes or is killed
+    sends none.
     """
 
     def __init__(
@@ -68,9 +69,9 @@ class Link(Conversation):
         self._stream = OffboardStream()
         self._rate = SetpointRate()
         self._offboard = False  # whether we are in Offboard
-        self._expected: tuple[str, ...] = ()  # modes that follow from our last order; (): a person has the vehicle
-        self._leaving: tuple[str, ...] = ()  # the modes before that order, until it has been obeyed for a moment
-        self._obeyed_us = 0  # µs, first sign that it was obeyed
+        self._expected: tuple[str, ...] = ()  # modes that our last order leads to; (): no check for a takeover
+        self._leaving: tuple[str, ...] = ()  # earlier modes, accepted until OVERTAKEN_US after it is obeyed
+        self._obeyed_us = 0  # µs, vehicle clock when telemetry first showed an expected mode; 0: not yet
         self._taken_by: str | None = None
         self.simulated = simulated
         self.failsafe = ""  # effect of missing setpoints in Offboard, in words; empty: unknown
@@ -79,10 +80,10 @@ class Link(Conversation):
         self._offboard_us = 0  # start of Offboard
         self._ended = False  # whether the envelope has ended the flight
         self._limited: tuple[str, ...] = ()
-        self._home_ned: Vec3 | None = None  # origin of the envelope's distances, after it is settled
-        self._first_ned: Vec3 | None = None  # its substitute while the autopilot has sent no home
+        self._home_ned: Vec3 | None = None  # m, local frame; home as fixed by `settle_envelope`
+        self._first_ned: Vec3 | None = None  # m, local frame; replaces home while the autopilot has sent none
         self._tried_to_arm = False
-        self._flew_armed = False  # whether it has been armed in the present Offboard
+        self._flew_armed = False  # whether the vehicle has been armed in the present Offboard
         self._disarmed_us: int | None = None  # µs, first heartbeat that reports the vehicle as disarmed
 
     # -- modes ---------------------------------------------------------------------------------------------------
@@ -99,7 +100,7 @@ class Link(Conversation):
         self.order(
             f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, *self.family.mode_parameters(name), insist_s=insist_s
         )
-        if name in self.family.homeward:  # there are no orders after it
+        if name in self.family.homeward:  # we send no orders after it
             self._expected = ()
 
     def arm(self) -> None:
@@ -112,10 +113,10 @@ class Link(Conversation):
         self.wait_for(lambda state: state.armed, 5.0, "arming")
 
     def may_fly(self) -> bool:
-        """Return whether we may have armed or flown the vehicle, so that it must be landed.
+        """Return whether we may have armed or flown the vehicle, so that it must be landed. May order it to disarm.
 
-        A vehicle that a person armed and did not hand over is not ours. Heartbeats lag by up to a second. So after our
-        order to arm, an order to disarm shows the state: the vehicle obeys on the ground and refuses in the air. A
+        A vehicle that a person armed and did not hand over does not count. Heartbeats lag by up to a second. So after
+        our order to arm, an order to disarm tests the state: the vehicle obeys on the ground and refuses in the air. A
         vehicle that we fly and that has sent no heartbeat since a reboot may still be in the air.
         """
         if not self._tried_to_arm or self.state.armed:
@@ -149,7 +150,7 @@ class Link(Conversation):
         calm = state.armed and state.system_status == dialect.MAV_STATE_ACTIVE
         return calm and state.landed is False and state.mode in ("HOLD", "OFFBOARD")
 
-    # -- who flies -----------------------------------------------------------------------------------------------
+    # -- takeovers -----------------------------------------------------------------------------------------------
 
     @property
     def is_left_to_failsafe(self) -> bool:
@@ -162,7 +163,7 @@ class Link(Conversation):
         return self._taken_by
 
     def _expect(self, *modes: str) -> None:
-        """From now on, every mode except these is a takeover; the present mode only after one of these was seen."""
+        """Treat other modes as takeovers from now on; the present mode only after one of `modes` was seen."""
         if self._taken_by is None:
             # telemetry may show the mode of an acknowledged order only after our next order
             unshown = () if self._obeyed_us else self._expected
@@ -171,13 +172,13 @@ class Link(Conversation):
     def _noticed(self) -> None:
         mode, armed = self.state.mode, self.state.armed
         if not mode or self._taken_by is not None or not (self._offboard or self._tried_to_arm or armed):
-            return  # no mode yet, lost already, or a dry run
+            return  # no mode yet, already taken over, or nothing to take over
         disarmed = self._reports_disarmed()
         believed = disarmed and (self.simulated or self._is_disarmed())
         if mode in self._expected:
             self._obeyed_us = self._obeyed_us or self.time_us
         if self._obeyed_us and self.time_us > self._obeyed_us + OVERTAKEN_US:
-            # a late message with the Offboard that we left is never a takeover
+            # a late message that still shows the Offboard that we left is never a takeover
             self._leaving = tuple(left for left in self._leaving if left == "OFFBOARD")
         if believed or (self._expected and mode not in (*self._expected, *self._leaving)):
             if self.simulated and self._is_failsafe(disarmed):
@@ -197,15 +198,15 @@ class Link(Conversation):
         return self._disarmed_us is not None
 
     def _is_disarmed(self) -> bool:
-        """Return whether this report counts: on the ground immediately, in the air if no heartbeat contradicts it."""
+        """Return whether this report counts: on the ground at once, in the air if it lasts for DISARMED_US."""
         assert self._disarmed_us is not None
         return self.state.landed is not False or self.state.heartbeat_us >= self._disarmed_us + DISARMED_US
 
     def _is_failsafe(self, disarmed: bool) -> bool:
-        """Return whether a failsafe has changed the mode, or may have: no heartbeat has come since the change."""
+        """Return whether a failsafe has changed the mode. Before the next heartbeat, assume that it has."""
         self._strayed_us = self._strayed_us or self.time_us
         self._failed |= disarmed or self.state.system_status >= dialect.MAV_STATE_CRITICAL
-        return self._failed or self.state.heartbeat_us <= self._strayed_us  # it may be late on a bad link
+        return self._failed or self.state.heartbeat_us <= self._strayed_us  # the heartbeat may be late on a bad link
 
     def tick(self) -> None:
         """Wait for the next tick of vehicle time (20 Hz), then send the setpoint.
@@ -237,9 +238,9 @@ class Link(Conversation):
     # -- offboard ------------------------------------------------------------------------------------------------
 
     def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
-        """Send this setpoint from the next tick on, and after `seconds` of vehicle time a hold instead.
+        """Send this setpoint from the next tick on. After `seconds` of vehicle time, send a hold instead.
 
-        `seen` has the heading from which its angles count; None: the held heading.
+        `seen` is the pose from which the setpoint's angles count; None: the held heading.
         """
         ends_us = None if seconds is None else self.time_us + round(seconds * 1e6)
         self._stream.fly(setpoint, ends_us, self.time_us, seen)
@@ -295,7 +296,7 @@ class Link(Conversation):
         self.tick()
         if self.dry:
             return
-        self._offboard, self._offboard_us = True, self.time_us  # from the order on, so that every error ends it
+        self._offboard, self._offboard_us = True, self.time_us  # before the order, so that any error ends Offboard
         if self.state.mode == "OFFBOARD":
             self._expect("OFFBOARD")
             return
@@ -341,10 +342,10 @@ class Link(Conversation):
             self.set_mode(self.family.ending(then))
         elif refusal:
             raise refusal
-        self._expected = ()  # the autopilot and the safety pilot have it now
+        self._expected = ()  # the autopilot and the safety pilot control the vehicle now
 
     def fly_to(self, position_ned: Vec3, yaw: float, *, round_first: bool = False) -> Arrival:
-        """Fly to a place of the local frame from the next tick on, and stay there; return the check of the arrival.
+        """Fly to a place (m, local frame) from the next tick on, and stay there; return the check of the arrival.
 
         `round_first`: make one full turn on the way, which ends at the heading `yaw`.
         """

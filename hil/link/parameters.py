@@ -1,7 +1,7 @@
 """Reads and sets parameters of the autopilot at the other end of a link.
 
 PX4 puts the bytes of an INT32 into the float field (capability PARAM_ENCODE_BYTEWISE). For an unknown name, our
-autopilot and newer versions of PX4 answer PARAM_ERROR, and older versions do not answer. Both give None here.
+autopilot and newer versions of PX4 answer PARAM_ERROR, and older versions do not answer. `read` then returns None.
 """
 
 import struct
@@ -15,7 +15,7 @@ Value = int | float
 
 INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
 NAME_MOST = 16  # characters
-TRIES = 6  # over a wire that loses one message in ten, each way, a try fails once in five
+TRIES = 6  # if a link loses one message in ten in each direction, one try in five fails
 RETRY_US = 500_000  # µs of vehicle time
 AT_ONCE = 4  # requests per tick of the link, 80 a second: 3 kB/s, which a telemetry radio carries
 ERRORS = {

@@ -1,4 +1,4 @@
-"""The message intervals of a flight: requests, counts of arrivals, and adaptation to slow links.
+"""Requests the telemetry messages of a flight, counts their arrivals, and adapts the requests to slow links.
 
 A request may be lost on a bad link, forgotten after a restart, or refused: PX4 divides the rates on a telemetry radio
 until they fit MAV_x_RATE. So arriving messages are counted.
@@ -29,7 +29,7 @@ ONCE = (  # requested as single messages until they arrive
 CHECK_US = 3_000_000  # µs of vehicle time over which arrivals are counted
 SHORT = 0.6  # share of the requested rate; below it, link or autopilot are too slow
 DOUBLINGS = 2  # doublings of the fast messages' interval, down to 5 Hz: PX4's Offboard needs setpoints above 2 Hz
-SMALL = 0.05  # share of the bytes; smaller foreign streams are not stopped
+SMALL = 0.05  # share of all bytes; smaller streams that we do not read are not stopped
 KEEP = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_STATUSTEXT})
 
 
@@ -68,7 +68,7 @@ class Streams:
         return wanted + [Interval(i, -1) for i in sorted(self.silenced)]
 
     def once(self) -> list[int]:
-        """Return the single messages that have not come yet."""
+        """Return the ids of the single messages (ONCE) that have not arrived yet."""
         return [message_id for message_id in ONCE if message_id in self._missing]
 
     def quicken(self, interval_us: int) -> list[Interval]:
@@ -84,8 +84,8 @@ class Streams:
         """Return the requests to repeat, at most every three seconds of vehicle time.
 
         Missing messages are requested again. If they are still missing or too slow, the link is full. Then streams that
-        we do not read are stopped, and after that the fast messages are slowed down. They are not slowed down for a
-        message that has never come: the autopilot may not have it, as PX4 1.14 has no CURRENT_MODE.
+        we do not read are stopped, and after that the fast messages are slowed down. A message that has never come does
+        not slow them down, because the autopilot may not have it: PX4 1.14 has no CURRENT_MODE.
         """
         if self._since_us is None or time_us < self._since_us:
             self._since_us = time_us

@@ -41,7 +41,7 @@ class StatusTexts:
         self._open: _Open | None = None
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Take a STATUSTEXT. After a full piece, another piece may follow; a new text or `since` ends the text."""
+        """Take a STATUSTEXT. A text whose last piece is full stays open until another text or a call of `since`."""
         text = _plain(message.text)
         if self._open is not None and (message.id != self._open.text_id or message.chunk_seq == 0):
             self._complete()
@@ -73,10 +73,10 @@ def _plain(text: str | bytes) -> str:
 
 
 WRAP_MS = 1 << 32  # time_boot_ms is a uint32
-FAR_MS = 60_000  # a stamp further ahead, or one after a reboot, counts only after others confirm it
+FAR_MS = 60_000  # a stamp further ahead, or from after a reboot, counts only after others confirm it
 LATE_MS = 5_000  # a stamp older than this is not from a late packet
-CONFIRMED = 5  # number of agreeing stamps in a row, with none in between that fits the last trusted stamp, …
-CONFIRMED_S = 0.3  # … and, for live messages, s between the first and the last of them
+CONFIRMED = 5  # stamps in a row that must agree with each other, to confirm such a stamp
+CONFIRMED_S = 0.3  # s that must pass from the first to the last of them, for live messages
 
 
 class _Doubt(NamedTuple):
@@ -126,7 +126,7 @@ class VehicleClock:
         return lasts and self._doubt.seen >= CONFIRMED
 
     def of(self, time_boot_ms: int) -> int:
-        """Return the time (µs) of a message that was just seen; it may be before the newest time."""
+        """Return the time (µs, vehicle clock) of a stamp that was just seen. It may be before `time_us`."""
         late_ms = 0 if self._last_ms is None else _between(time_boot_ms, self._last_ms)
         return self.time_us - late_ms * 1000 if 0 <= late_ms <= LATE_MS else self.time_us
 
@@ -198,8 +198,8 @@ def update(
     """Return the state after a message of the autopilot component with the time `time_us` of the vehicle's clock.
 
     `received_us`: its arrival by the vehicle's clock, on a link with known delay; None: no delay. Poses get `time_us`,
-    mode and heartbeat get `received_us`. A pose that is older than the newest is ignored, and so is one that is not a
-    number. The last valid pose then becomes stale. If a NaN replaced it, that NaN would pass every comparison.
+    mode and heartbeat get `received_us`. A pose is ignored if it is older than the newest pose or contains a NaN, which
+    would pass every limit. The last valid pose then becomes stale.
     """
     received_us = time_us if received_us is None else received_us
     match message.get_msgId():

@@ -48,7 +48,7 @@ class Transport(Protocol):
 class UdpTransport(Transport):
     """A UDP socket that listens (`udpin`) or sends first (`udpout`).
 
-    Until it follows one address, it sends to all addresses that have sent within PEER_S, and to the last one. If two
+    Until it follows one address, it sends to the last sender and to all addresses that have sent within PEER_S. If two
     vehicles send to one port, both get every message, and MAVLink's target names the receiver. One thread may receive
     while others send.
     """
@@ -59,7 +59,7 @@ class UdpTransport(Transport):
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self._peers: dict[Any, float] = {}  # address -> wall clock when it last sent, the newest last
-        self._followed: Any = None  # the only receiver; None: none is followed
+        self._followed: Any = None  # the only receiver; None: no address is followed
         self._waiting: tuple[bytes, Any] | None = None  # a datagram from another address, for the next `receive`
         self._lock = threading.Lock()  # of the peers: a camera's server threads send while its main thread receives
         try:
@@ -75,7 +75,7 @@ class UdpTransport(Transport):
 
     @property
     def port(self) -> int:
-        """The local port, useful when 0 was asked for."""
+        """The local port, useful if port 0 was requested."""
         return int(self._socket.getsockname()[1])
 
     def receive(self, timeout_s: float) -> bytes:
@@ -167,7 +167,7 @@ class TcpListener(Transport):
 
     @property
     def port(self) -> int:
-        """The local port, useful when 0 was asked for."""
+        """The local port, useful if port 0 was requested."""
         return int(self._listening.getsockname()[1])
 
     def receive(self, timeout_s: float) -> bytes:
@@ -283,7 +283,7 @@ def _shown(address: Any) -> str:
 
 
 def connect(url: str) -> Transport:
-    """Return an open transport. Raises UsageError for a malformed URL or a port in use, LinkError if none answers.
+    """Return an open transport. Raises UsageError for a malformed URL or a port in use, LinkError if nothing answers.
 
     MAVSDK's forms work too: udp:// listens, tcpout:// connects, serial:// without a rate takes 57,600 baud.
     """
@@ -314,7 +314,7 @@ def connect(url: str) -> Transport:
 
 
 def bind_error(error: OSError, protocol: str, host: str, port: int, instead: str = "choose another port") -> UsageError:
-    """Return the error for a port that cannot be bound. It names the program that holds the port if that is known.
+    """Return the error for a port that cannot be bound. Its text names the program that holds the port, if known.
 
     `instead` is the advice to a user who needs that program.
     """
@@ -329,13 +329,13 @@ RETRY_S = 0.5  # wall seconds between two attempts
 
 
 class Reopening(Transport):
-    """A transport that reopens another transport. While that is broken, it receives nothing and loses what is sent.
+    """Wraps a transport, and reopens it when it breaks. Meanwhile it receives nothing, and discards sent bytes.
 
-    It has no time limit: `Conversation` raises if the vehicle is silent for too long.
+    It retries without a time limit: `Conversation` raises if the vehicle is silent for too long.
     """
 
     def __init__(self, open_transport: Callable[[], Transport]) -> None:
-        """Open it for the first time. Raises UsageError and LinkError like `open_transport`."""
+        """Open the transport for the first time. Raises UsageError and LinkError like `open_transport`."""
         self._open = open_transport
         self._transport: Transport | None = open_transport()
         self.url = self._transport.url
@@ -376,7 +376,7 @@ class Reopening(Transport):
         self._transport, self._retry_s = None, time.monotonic()
 
     def _reopen(self, timeout_s: float) -> bool:
-        """Try again if it is time; wait for that at most `timeout_s`."""
+        """Wait at most `timeout_s` for the next attempt; return whether the transport is open again."""
         left_s = self._retry_s + RETRY_S - time.monotonic()
         if left_s > timeout_s:
             time.sleep(timeout_s)

@@ -19,7 +19,7 @@ from hil.link.parameters import Parameters, Value
 from hil.preflight import failsafes, ground_side, vehicle
 from hil.preflight.observation import Change, Finding, Observation, Row, Watch
 
-# PX4's defaults that are unsafe for a real vehicle (its parameter reference); our simulator has them too
+# PX4's defaults (parameter reference) that are unsafe for a real vehicle; our simulator has them too
 PX4_DEFAULTS = {"COM_OBL_RC_ACT": 0, "COM_LOW_BAT_ACT": 0, "GF_MAX_HOR_DIST": 0, "GF_MAX_VER_DIST": 0}
 NAMES = (*failsafes.FAILSAFE_PARAMETERS, *failsafes.FENCE_PARAMETERS, *vehicle.BATTERY_PARAMETERS)
 
@@ -53,7 +53,7 @@ class Check:
         return [finding.change for finding in self._findings() if finding.change is not None]
 
     def _shown(self, finding: Finding) -> Row:
-        """Return a finding's row. A failed one mentions a PX4 default that our simulator also has."""
+        """Return a finding's row. A failed row mentions a PX4 default that our simulator also has."""
         row, change = finding.row, finding.change
         if row.passed is not False or change is None or PX4_DEFAULTS.get(change.name) != change.old:
             return row
@@ -90,7 +90,7 @@ def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = 
 def vehicle_clock(observed: Observation, link: Link) -> Callable[[], int]:
     """Return the vehicle's clock in µs: this machine's clock plus the offset of the fastest TIMESYNC.
 
-    Without TIMESYNC it is the clock of the newest telemetry.
+    If no TIMESYNC was answered, it is the clock at the newest telemetry.
     """
     if not observed.round_trips:
         return lambda: link.time_us
@@ -101,8 +101,8 @@ def vehicle_clock(observed: Observation, link: Link) -> Callable[[], int]:
 def mend(link: Link, before: Check, changes: Sequence[Change]) -> Check:
     """Set the parameters, read each back, and return the check with the new values. Changes nothing else.
 
-    Raises LinkError with the first parameter that could not be set; the ones before it are set. Raises UsageError for
-    an armed vehicle.
+    Raises LinkError with the first parameter that could not be set; the earlier parameters are set. Raises UsageError
+    for an armed vehicle.
     """
     if link.state.armed:
         raise UsageError("the vehicle is armed; parameters are only changed on one that is not: disarm it first")

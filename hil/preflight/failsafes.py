@@ -1,10 +1,10 @@
-"""The rules for the parameters that decide what the vehicle does by itself: one rule for each parameter.
+"""The rules for the autopilot's failsafe parameters, which set what the vehicle does by itself: one rule for each.
 
 A wrong proposal is dangerous, so a rule proposes only a value that is right for every vehicle. A value that is the
 owner's choice is shown, and no change is proposed. Sources: PX4's parameter reference; failsafe.cpp, if a rule names
 it; our own measurements, if the reference is silent.
 
-The parameters of the autopilot's own geofence have rules too. It is the last limit if the envelope of our link fails.
+The parameters of the autopilot's own geofence have rules too. The geofence is the last limit if our envelope fails.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,7 +32,7 @@ LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5  # s; below 0.5 s a short gap o
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """The facts that the rules judge by."""
+    """The facts that the rules use."""
 
     values: Mapping[str, Value | None]  # None: the autopilot did not send it
     sticks: bool = False  # a transmitter's sticks reach the autopilot
@@ -44,9 +44,10 @@ FailsafeRule = Callable[[Situation, Value], Finding]
 
 
 def _offboard_loss(s: Situation, value: Value) -> Finding:
-    """Judge COM_OBL_RC_ACT. As measured without sticks: with 0 the mode is POSCTL, and the vehicle sinks at 0.7 m/s.
+    """Judge COM_OBL_RC_ACT, the action when setpoints stop.
 
-    With 5 it stops and holds its position.
+    Measured without sticks: with 0 the mode is POSCTL, and the vehicle sinks at 0.7 m/s. With 5 it stops and holds its
+    position.
     """
     shown = OFFBOARD_LOSS.get(int(value), "an unknown action")
     lost = f"when our setpoints stop: {shown}"
@@ -65,7 +66,7 @@ def _offboard_loss(s: Situation, value: Value) -> Finding:
 
 
 def _offboard_timeout(s: Situation, value: Value) -> Finding:
-    """Judge COM_OF_LOSS_T: for this time the vehicle still flies the last velocity after the last setpoint."""
+    """Judge COM_OF_LOSS_T, the time (s) for which the vehicle still flies the last velocity when setpoints stop."""
     effect = f"the last setpoint goes on for {value:g} s, {value * SPEED_MAX:.1f} m at {SPEED_MAX:g} m/s"
     reason = f"the failsafe then acts {LOSS_GOOD:g} s after the last setpoint; the agent sends 20 setpoints a second"
     if not LOSS_LEAST <= value <= LOSS_MOST:
@@ -76,7 +77,7 @@ def _offboard_timeout(s: Situation, value: Value) -> Finding:
 
 
 def _stick_exception(s: Situation, value: Value) -> Finding:
-    """Judge COM_RCL_EXCEPT. From 1.14 on, sticks absent at arming are optional: failsafe.cpp, updateArmingState."""
+    """Judge COM_RCL_EXCEPT. From PX4 1.14 on, sticks absent at arming are optional: failsafe.cpp, updateArmingState."""
     exempt = int(value) & EXCEPT_OFFBOARD
     if s.sticks and exempt:
         return _mend("COM_RCL_EXCEPT", value, int(value) & ~EXCEPT_OFFBOARD, "in offboard, lost sticks are ignored",
@@ -93,7 +94,7 @@ def _stick_exception(s: Situation, value: Value) -> Finding:
 
 
 def _stick_loss(s: Situation, value: Value) -> Finding:
-    """Judge NAV_RCL_ACT."""
+    """Judge NAV_RCL_ACT, the action when the sticks are lost."""
     action = LINK_LOSS.get(int(value), "an unknown action")
     if value in KILLING:
         return _bad(
@@ -105,7 +106,7 @@ def _stick_loss(s: Situation, value: Value) -> Finding:
 
 
 def _station_loss(s: Situation, value: Value) -> Finding:
-    """Judge NAV_DLL_ACT. Above 0, PX4 arms only while a ground station is connected: rcAndDataLinkCheck.cpp.
+    """Judge NAV_DLL_ACT. If it is above 0, PX4 arms only with a ground station: rcAndDataLinkCheck.cpp.
 
     The agent does not count as a ground station.
     """
@@ -127,7 +128,7 @@ def _station_loss(s: Situation, value: Value) -> Finding:
 
 
 def _low_battery(s: Situation, value: Value) -> Finding:
-    """Judge COM_LOW_BAT_ACT."""
+    """Judge COM_LOW_BAT_ACT, the action at a critical battery level."""
     action = LOW_BATTERY.get(int(value), "an unknown action")
     if value in (1, 2, 3):
         return _good("COM_LOW_BAT_ACT", value, f"battery critical: {action}")
@@ -136,7 +137,7 @@ def _low_battery(s: Situation, value: Value) -> Finding:
 
 
 def _stick_override(s: Situation, value: Value) -> Finding:
-    """Judge COM_RC_OVERRIDE."""
+    """Judge COM_RC_OVERRIDE, the modes in which moving the sticks takes over."""
     if not s.sticks:
         return _good("COM_RC_OVERRIDE", value, "no sticks, so no takeover by sticks")
     if int(value) & OVERRIDE == OVERRIDE:
@@ -146,7 +147,7 @@ def _stick_override(s: Situation, value: Value) -> Finding:
 
 
 def _position_lost(s: Situation, value: Value) -> Finding:
-    """Judge COM_POS_FS_EPH."""
+    """Judge COM_POS_FS_EPH, the position error (m) above which the position counts as lost."""
     if 0.0 < value <= 10.0:
         return _good("COM_POS_FS_EPH", value, f"a position with an error above {value:g} m counts as lost")
     return _bad("COM_POS_FS_EPH", value, "a lost position is not noticed", "5 m is PX4's default")
@@ -174,7 +175,7 @@ def _vertical_speed(name: str, verb: str) -> FailsafeRule:
 
 
 def _hitl(s: Situation, value: Value) -> Finding:
-    """Judge SYS_HITL."""
+    """Judge SYS_HITL, whether the board flies a simulated vehicle."""
     if value > 0:
         return _judge("SYS_HITL", value, "this board flies a simulated vehicle",
                       "for a real flight set it to 0 and reboot; for a simulation remove the propellers")  # fmt: skip
@@ -196,7 +197,7 @@ RULES: dict[str, FailsafeRule] = {
     "SYS_HITL": _hitl,
 }
 FAILSAFE_PARAMETERS = (*RULES, "COM_RC_IN_MODE", "RC_MAP_FLTMODE", "RC_MAP_KILL_SW", *SLOTS)
-VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # for the loss of the agent; a missing value is a failure
+VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # for the loss of the agent's setpoints; a missing value is a failed row
 
 
 def read_failsafe(link: Link) -> str:
@@ -305,7 +306,7 @@ def count_fence_points(link: Link) -> int | None:
             end_us = link.time_us + REPLY_TIMEOUT_US
             while not counts and link.time_us < end_us:
                 link.tick()
-            if counts:  # the request has opened a transfer of the points, which are not needed
+            if counts:  # cancel the transfer of the points, which the request has started
                 cancelled = dialect.MAV_MISSION_OPERATION_CANCELLED
                 link.send(dialect.MAVLink_mission_ack_message(*vehicle, cancelled, fence))
                 return counts[0]

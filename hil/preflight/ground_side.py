@@ -1,4 +1,4 @@
-"""Rows about the other parts of a flight: link, camera and disk.
+"""Rows of the preflight check about the link, the camera and the disk.
 
 Link: rates of telemetry, round trip, both clocks. Camera: rate and age of its frames.
 """
@@ -21,8 +21,8 @@ RATE_LEAST = 8.0  # Hz; below it the link's loops for height and position lag to
 SHARE_LEAST = 0.8  # share of the requested rate; a lower one is reported
 ROUND_TRIP_MOST = 0.5  # s; with more, a setpoint arrives after more than half of COM_OF_LOSS_T
 LOST_MOST = 0.35  # share of the requests; about one lost message in five in each direction
-DRIFT_MOST = 2e-3  # a quartz drifts 1e-4; with more, the vehicle is simulated or overloaded
-CALENDAR_MOST = 2.0  # s
+DRIFT_MOST = 2e-3  # relative; a quartz drifts 1e-4, so with more the vehicle is simulated or overloaded
+CALENDAR_MOST = 2.0  # s between the vehicle's date and this machine's
 SIMULATED_MOST_US = 7 * 86_400_000_000  # a simulator seldom runs longer than a week
 
 
@@ -88,13 +88,13 @@ def _clock(observed: Observation) -> Row:
 
 
 def is_simulated(observed: Observation) -> bool:
-    """Return whether the date is from our simulated receiver, which begins on the same day in each flight."""
+    """Return whether the date is from our simulated GPS receiver, whose date at boot is always the same."""
     calendar = observed.message("SYSTEM_TIME")
     return calendar is not None and 0 <= calendar.time_unix_usec - CALENDAR_START_US < SIMULATED_MOST_US
 
 
 def _best(observed: Observation, *, early: bool) -> tuple[int, int, int]:
-    """Return (time, offset, half its uncertainty), all in ns, of the fastest round trip in one half of the watch."""
+    """Return (time, offset, half its uncertainty), all in ns, of the fastest round trip in the first or second half."""
     half = len(observed.round_trips) // 2
     trips = observed.round_trips[:half] if early else observed.round_trips[half:]
     trip = min(trips, key=lambda t: t.length_s)

@@ -60,7 +60,7 @@ STREAM_HZ: dict[int, float] = {  # the streams for the checks, and the two that 
 }
 ONCE = (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, dialect.MAVLINK_MSG_ID_HOME_POSITION)
 SYNC_US = 200_000  # µs of vehicle time between two TIMESYNC requests
-ANSWER_US = 1_000_000  # µs before the end without new requests, so that replies arrive in time
+ANSWER_US = 1_000_000  # µs before the end in which no requests are sent, so that all replies arrive in time
 TRIES = 3  # attempts for a message that does not arrive by itself
 
 
@@ -87,7 +87,7 @@ class Observation:
     """The last messages of a vehicle. Keys are message ids; only messages of its autopilot are kept."""
 
     newest: Mapping[int, Message] = field(default_factory=dict)
-    seconds: float = 0.0  # of vehicle time
+    seconds: float = 0.0  # duration, in s of vehicle time
     counts: Mapping[int, int] = field(default_factory=dict)  # message id → number in `seconds`
     worst_ratio: Mapping[str, float] = field(default_factory=dict)  # field of ESTIMATOR_STATUS → largest value
     texts: tuple[str, ...] = ()  # STATUSTEXT of severity warning or worse

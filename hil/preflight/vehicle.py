@@ -1,4 +1,4 @@
-"""Rows about the vehicle itself: autopilot, position, home and battery.
+"""Rows of the preflight check about the vehicle itself: autopilot, position, home and battery.
 
 Autopilot: firmware, its own checks, quality of its estimate. Battery: charge, measurement, number of cells.
 """
@@ -22,8 +22,8 @@ SENSORS = {  # bits of SYS_STATUS
     dialect.MAV_SYS_STATUS_SENSOR_BATTERY: "battery",
     dialect.MAV_SYS_STATUS_LOGGING: "flight log",
 }
-NEEDED = ("gyro", "accelerometer", "compass", "barometer", "GPS")  # we cannot fly a vehicle without one of these
-PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 does not report that it is present, only its bad health
+NEEDED = ("gyro", "accelerometer", "compass", "barometer", "GPS")  # a vehicle that lacks one of these cannot be flown
+PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 reports its bad health, but never its presence
 PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 ESTIMATES = {  # bits of ESTIMATOR_STATUS that flying needs
     dialect.ESTIMATOR_ATTITUDE: "attitude",

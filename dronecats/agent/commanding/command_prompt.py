@@ -25,7 +25,7 @@ CAUSES = {
     "stall": "Drone {n} has not moved from its place for {steps} steps.",
     "time": "Nothing was heard of you for {seconds} s.",
 }
-STALL_STEPS = 8  # decisions in a row without a go: more than a full circle of turns of 60°
+STALL_STEPS = 8  # decisions in a row without a go; a full circle in turns of 60° takes only six
 INTERVAL_S = 45.0  # s of vehicle time between two questions, unless there is another cause
 
 
@@ -42,7 +42,7 @@ class CommandPrompt:
 
     @property
     def digest(self) -> str:
-        """Return the SHA-256 of the template and of all text that fills it; run.json holds it."""
+        """The SHA-256 of the template and of all fixed text that fills it. run.json holds this value."""
         words = (self.template, FLEET, ALONE, *CAUSES.values())
         return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
@@ -74,7 +74,7 @@ class Post:
         self.drone, self.goal = drone, goal
         self.begun = False  # the commander has replied once; until then the drone hovers
         self.since_s = 0.0  # time at which the goal was set
-        self.steps = 0  # decisions since then
+        self.steps = 0  # decisions since the goal was set
         # decisions in a row without a go; reset when the commander is asked about a stall
         self.steps_without_go = 0
         self.reported_s: float | None = None  # time of the drone's report of arrival, until the commander replies to it
@@ -92,7 +92,7 @@ class Post:
         self.steps_without_go, self.reported_s, self.confirmed = 0, None, False
 
     def note(self, went: bool, reported: bool, now_s: float) -> None:
-        """Count a decision under the present goal."""
+        """Count a decision under the present goal. `went`: it is a go; `reported`: it reports arrival."""
         self.steps += 1
         self.steps_without_go = 0 if went else self.steps_without_go + 1
         if reported:
@@ -135,7 +135,7 @@ def _heading(post: Post) -> str:
 
 
 MAX_REPLY_CHARS = 50_000  # a reply with eight orders of the greatest length is far shorter
-MAX_GOAL_CHARS = 500  # the limit of an episode's instruction too
+MAX_GOAL_CHARS = 500  # also the limit of an episode's instruction
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,7 @@ def _goal(order: Any, drones: int) -> tuple[int, str]:
     goal = order.get("goal")
     if not isinstance(goal, str):
         raise OrdersError('an order has no "goal" in words')
-    line = " ".join(goal.split())  # it becomes a line of a prompt
+    line = " ".join(goal.split())  # a goal is one line of a prompt
     if not line or len(line) > MAX_GOAL_CHARS or not line.isprintable():
         raise OrdersError(f"a goal must be 1 … {MAX_GOAL_CHARS} printable characters")
     return _drone(order.get("drone"), drones), line

@@ -34,7 +34,7 @@ class CommandQuestions:
 
     model: Model
     prompt: CommandPrompt
-    instruction: str  # the episode's
+    instruction: str  # of the episode
     latency: LatencyPolicy
     patience_s: float | None = None  # this and `last_reply`: see `Questions`
     last_reply: bool = True
@@ -53,10 +53,11 @@ class _Shown:
 
 
 class FleetCommander:
-    """The commander of a fleet: one context for all drones, asked when something has happened, not every step.
+    """The commander of a fleet: one model for all drones. It is asked after events and at intervals, not every step.
 
-    It sees the picture of every camera, and the roster. It gives goals, and only it declares arrival: a pilot's report
-    becomes a declaration when the commander confirms it. It refers to the drone's picture that the commander saw.
+    The commander sees the picture of every camera, and the roster. It gives goals. Only the commander declares arrival:
+    a pilot's report becomes a declaration when the commander confirms it. The declaration refers to the drone's picture
+    that the commander saw.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class FleetCommander:
     def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
         """Ask whenever there is a cause, and carry out the orders, until `cap_s` or until `stop` returns True.
 
-        As `Decider.fly`. Raises ModelError, CameraError.
+        Yields and returns like `Decider.fly`. Raises ModelError, CameraError.
         """
         while self._now_s() < cap_s:
             causes = self._causes()
@@ -93,7 +94,7 @@ class FleetCommander:
         return False
 
     def _causes(self) -> tuple[Cause, ...]:
-        """Return the new causes to ask. A report is a cause only once."""
+        """Return the new causes for a question. Each report is a cause only once."""
         if not self._questions_sent:
             return (Cause(why="start"),)
         causes: list[Cause] = []
@@ -167,7 +168,7 @@ class FleetCommander:
         return Asking(command.model, request, executor, command.latency, question, shown.sent_s, last_s=last_s)
 
     def _granted(self, orders: FleetOrders, shown: _Shown) -> tuple[FleetOrders, list[str]]:
-        """Return the orders that can be carried out, and the reasons against the rest."""
+        """Return the orders that can be carried out, and the reason for each refused order."""
         refusals: list[str] = []
         goals, confirmed = [], []
         for drone in orders.confirmed:
@@ -183,7 +184,7 @@ class FleetCommander:
         return FleetOrders(tuple(goals), tuple(confirmed)), refusals
 
     def _declare(self, drone: int, shown: _Shown, asking: Asking) -> Decision:
-        """Declare arrival for a confirmed report, on the frame that was shown. The drone has hovered there since."""
+        """Declare arrival for a confirmed report, on the shown frame. The drone has hovered since its report."""
         post, frame, now_s = self._posts[drone], shown.frames[drone], self._now_s()
         post.reported_s, post.confirmed = None, True
         decision = Decision(
@@ -202,7 +203,7 @@ class FleetCommander:
         return decision
 
     def _row(self, shown: _Shown, asking: Asking | None, orders: FleetOrders, error: str | None) -> Exchange:
-        """Return the log row of an exchange; `asking` is None where the reply came too late."""
+        """Return the log row of an exchange; `asking` is None if the reply came too late."""
         reply, now_s = asking.reply() if asking else None, self._now_s()
         served: str | UnsetType = UNSET
         if reply and reply.served != self._served:
@@ -227,7 +228,7 @@ class FleetCommander:
 
 
 class Subordinate(Decider):
-    """A pilot under a commander: same prompt and actions, its own history and pace. A new goal clears its history."""
+    """A pilot under a commander. It has its own history and pace. A new goal clears its history."""
 
     def __init__(
         self, questions: Questions, post: Post, cockpit: Cockpit, now_s: Callable[[], float], tally: Tally
@@ -235,10 +236,10 @@ class Subordinate(Decider):
         """`post` holds the commander's goals and the pilot's reports."""
         super().__init__(questions, [post.drone], cockpit, now_s, tally)
         self._post = post
-        self._goal = post.goal  # of the current question
+        self._goal = post.goal  # goal of the current question
 
     def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
-        """Fly the goals; hover while there is none. As `Decider.fly`."""
+        """Fly to the goals; hover while the drone waits for an order. Yields and returns like `Decider.fly`."""
         while self._now_s() < cap_s:
             if self._post.waits:
                 yield
@@ -247,14 +248,14 @@ class Subordinate(Decider):
             frames = yield from self._see(cap_s)
             if frames is None:
                 break
-            self._take_up()  # a goal that came together with the picture
+            self._take_up()  # the goal may have changed while the picture came
             decisions = yield from self._step(frames, cap_s)
             if any(stop(decision) for decision in decisions):
                 return True
         return False
 
     def _take_up(self) -> None:
-        """Adopt the present goal. The history of another goal does not count."""
+        """Adopt the present goal. A new goal clears the history."""
         drone = self._post.drone
         if self._post.goal != self._goal:
             self._goal = self._post.goal
@@ -268,17 +269,17 @@ class Subordinate(Decider):
 
     def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool, now_s: float) -> list[Decision]:
         decisions = super()._decide(frames, asking, thinking, now_s)
-        if self._goal == self._post.goal:  # else the commander has given another goal meanwhile
+        if self._goal == self._post.goal:  # else the commander has changed the goal meanwhile
             for decision in decisions:
                 self._post.note(decision.kind == GO, decision.report is True, self._now_s())
         return decisions
 
 
 class Hierarchy(SideBySideAgent):
-    """Flies one episode: the pilots side by side, each on its own clock of actions, and the commander beside them."""
+    """Flies one episode with a commander and its pilots. All run concurrently, and each pilot has its own pace."""
 
     def __init__(self, questions: Questions, command: CommandQuestions, cockpit: Cockpit) -> None:
-        """`questions` are the pilots'. Their instruction is the goal of a drone until the commander gives one."""
+        """`questions`: for the pilots. Its instruction is the goal of each drone until the commander gives another."""
         super().__init__(cockpit)
         self._log: LineLog | None = None
         posts = [Post(drone, questions.instruction) for drone in self._drones]

@@ -1,1 +1,1 @@
-"""Models behind one interface, a file per wire format."""
+"""Models behind one interface: HTTP endpoints and replays, with budget, rate limits and probe."""

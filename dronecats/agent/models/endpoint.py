@@ -44,17 +44,17 @@ _DELAY = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)s")  # google.rpc.RetryInfo
 
 @dataclass(frozen=True, slots=True)
 class BodyFault:
-    """The error in a body."""
+    """An error in the body of an answer with status 200."""
 
     status: int  # HTTP status: given by the vendor, or derived from the vendor's words
     cut: bool = False  # the body ends in the middle of its JSON
 
 
 def fault_in(body: bytes) -> BodyFault | None:
-    """Return the error in the body of a 200; None without one.
+    """Return the error in the body of an answer with status 200; None if there is none.
 
-    It may be at the top (Gemini, Anthropic, OpenRouter), or in the first choice, where OpenRouter puts an error in the
-    middle of a reply.
+    The error may be at the top level (Gemini, Anthropic, OpenRouter) or in the first choice (OpenRouter, for an error
+    in the middle of a reply).
     """
     try:
         data = json.loads(body)
@@ -68,7 +68,7 @@ def fault_in(body: bytes) -> BodyFault | None:
 
 
 def delay_in(body: bytes) -> float | None:
-    """Return the retry delay (s) in the details of a Gemini error; None without one."""
+    """Return the retry delay (s) in the details of a Gemini error; None if it has none."""
     try:
         details = json.loads(body)["error"]["details"]
         delays = [_DELAY.fullmatch(detail["retryDelay"]) for detail in details if "retryDelay" in detail]
@@ -114,7 +114,7 @@ def _status(error: Any) -> int:
 
 GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses, as long as an episode
 CONNECT_S = 10.0  # wall s for each connection, included in GIVE_UP_S
-MAX_BODY_BYTES = 4 * 2**20  # of an answer, decompressed; one of 8192 tokens has some 40 kB
+MAX_BODY_BYTES = 4 * 2**20  # of an answer, decompressed; an answer of 8192 tokens has about 40 kB
 MAX_SHOWN_CHARS = 100_000  # of an answer that `brief` reads
 MAX_PAUSE_S = 60.0  # upper limit on Retry-After
 AGAIN = (408, 425, 429)  # and 5xx: statuses that are worth a retry
@@ -255,7 +255,7 @@ class Endpoint:
             raise UsageError(f"the model endpoint {self.shown} cannot be reached: {self._reason(error)}") from None
 
     def get(self, path: str) -> bytes:
-        """Return the body of an answer of status 200. Raises ModelError for any other."""
+        """Return the body of an answer of status 200. Raises ModelError for any other status."""
 
         def fetch(until: float) -> bytes:
             with self._http.stream("GET", self.url(path), timeout=CONNECT_S, follow_redirects=False) as response:
@@ -273,8 +273,8 @@ class Endpoint:
     def post(self, path: str, content: bytes, tokens: int, failed: list[bytes]) -> Answer:
         """Return the first answer of status 200 without an error, after as many attempts as `patience` allows.
 
-        `tokens`: an estimate for the limiter. `failed` receives the bodies of all other answers. Raises ModelError; its
-        subclass ModelRejectedError at once, if every other question would get the same answer.
+        `tokens`: an estimate for the limiter. `failed` receives the bodies of all other answers. Raises ModelError. If
+        every other question would get the same answer, raises its subclass ModelRejectedError without more attempts.
         """
         return self._within(self.patience.give_up_s, lambda until: self._attempts(path, content, tokens, failed, until))
 
@@ -354,7 +354,7 @@ class Endpoint:
         return Exchanged(fault.status, body, wish_s, outcome)
 
     def _body(self, response: httpx.Response, until: float) -> bytes:
-        """Return the body, decompressed. Raises ModelError for one that is too slow or too long."""
+        """Return the body, decompressed. Raises ModelError if it is too slow or too long."""
         encoding = response.headers.get("content-encoding", "identity").lower()
         if encoding not in ("identity", "gzip", "deflate"):
             raise ModelError(

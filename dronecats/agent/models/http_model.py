@@ -113,7 +113,7 @@ class HttpModel(ABC):
     def ask(self, request: Request) -> Reply:
         """Return the reply of one HTTP exchange, with the API keys removed. Raises ModelError, ModelRejectedError.
 
-        `lost` of the reply or the error has the tokens of failed answers, since a vendor may charge for them.
+        `lost` of the reply or the error counts the tokens of failed answers, because a vendor may charge for them.
         """
         failed: list[bytes] = []  # bodies of the failed answers
         try:

@@ -44,7 +44,7 @@ class Spent:
 
 
 class Books(Protocol):
-    """A ledger: the file itself, or a client of it on another machine."""
+    """The interface of a ledger: the open file, or a client on another machine."""
 
     def spend(self, model: str, spent: Spent) -> None: ...
 
@@ -59,7 +59,7 @@ class Ledger:
     """The open ledger file. Every call is a transaction: a killed process loses only its own question."""
 
     def __init__(self, path: Path, now_s: Callable[[], float] = time.time) -> None:
-        """`now_s` reads a clock that all processes share, wall s of the epoch. Raises UsageError."""
+        """`now_s` returns the time of a clock that all processes share, s since the epoch. Raises UsageError."""
         self._file, self._now_s = SqliteFile(path, KIND), now_s
 
     def close(self) -> None:
@@ -107,7 +107,7 @@ class SharedLimiter:
             self._write(db, turns)
 
     def hold(self, seconds: float) -> None:
-        """Block all requests to the address for so long. Raises InfrastructureError."""
+        """Block all requests to the address for `seconds`. Raises InfrastructureError."""
         with self._file.transaction() as db:
             self._write(db, self._read(db).held(seconds, self._now_s()))
 
@@ -125,7 +125,7 @@ MILLION = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """The limits of a run's spending. What is already in the ledger counts too. None: no limit."""
+    """The limits of a run's spending. All costs in the ledger count, earlier ones too. None: no limit."""
 
     cost_usd: float | None = None
     tokens: int | None = None
@@ -141,14 +141,14 @@ class Budget:
             )
 
     def check_prices(self, spec: ModelSpec) -> None:
-        """Raise UsageError for a limit in $ on a model with unknown prices."""
+        """Raise UsageError if there is a limit in $ and the model's prices are unknown."""
         if self.cost_usd is not None and (spec.input_usd is None or spec.output_usd is None):
             problem = f"--cost-limit cannot limit {spec.title}, whose prices are unknown"
             raise UsageError(f"{problem}. Set input_usd and output_usd in its row of models.toml, or use --token-limit")
 
 
 def cost_limit(limit: str | float) -> float:
-    """Return the $ of a limit. Raises UsageError for an invalid one."""
+    """Return a cost limit in $. Raises UsageError if it is invalid."""
     try:
         usd = float(limit)
     except ValueError:
@@ -159,7 +159,7 @@ def cost_limit(limit: str | float) -> float:
 
 
 def token_limit(limit: str | int) -> int:
-    """Return the tokens of a limit. Raises UsageError for an invalid one."""
+    """Return a limit in tokens. Raises UsageError if it is invalid."""
     try:
         tokens = int(limit)
     except ValueError:
@@ -196,7 +196,7 @@ def spent_on(spec: ModelSpec, request: Request, reply: Reply) -> Spent:
 
 
 class BudgetedModel(WrappedModel):
-    """Asks a model while the budget lasts. Concurrent questions may overshoot by one each."""
+    """Asks a model while the budget lasts. n concurrent questions may exceed the budget by n questions."""
 
     def __init__(self, model: Model, spec: ModelSpec, budget: Budget, ledger: Books) -> None:
         super().__init__(model)
@@ -225,7 +225,7 @@ class BudgetedModel(WrappedModel):
                 self._ledger.spend(self._spec.title, spent)
 
     def book_open(self) -> None:
-        """Book the questions whose reply has not come. A vendor charges for these replies, too.
+        """Book the questions without a reply yet. A vendor charges for these replies, too.
 
         Each reply is assumed to have the mean length of the run's replies. Raises InfrastructureError.
         """

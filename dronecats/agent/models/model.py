@@ -24,11 +24,11 @@ class Request:
     images_jpeg: tuple[bytes, ...]  # one per drone, in a fixed order
     thinking: bool  # extended reasoning for this call only
     labels: tuple[str, ...] = ()  # the line of text before each image; empty: no labels
-    # the rest is never sent; a replay finds the recorded reply by step, drone and role
+    # The fields below are not sent. A replay finds the recorded reply by step, drone and role.
     step: int = 0  # number of the question to these drones or to the commander, from 0
     drone: int = 0  # first drone of the question
     role: Literal["pilot", "commander"] = "pilot"
-    taken_us: tuple[int, ...] = ()  # µs, vehicle clock, of each picture, for pilots that know the truth; empty: now
+    taken_us: tuple[int, ...] = ()  # µs, vehicle clock, of each picture, for pilots that use the true state; empty: now
 
     @property
     def pictures(self) -> list[tuple[str | None, bytes]]:
@@ -48,7 +48,7 @@ def tokens_of(request: Request) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer of one step. None stands for a value that the endpoint did not report."""
+    """The answer to one question. None stands for a value that the endpoint did not report."""
 
     text: str
     latency_s: float  # wall seconds of the successful request
@@ -64,7 +64,7 @@ class Reply:
 
     @property
     def share(self) -> float:
-        """The share (0 … 1) of the time until the answer that the successful request took."""
+        """The successful request's share (0 … 1) of the time from the question to the answer."""
         return self.latency_s / (self.latency_s + self.waited_s) if self.waited_s > 0.0 else 1.0
 
 
@@ -78,7 +78,7 @@ class Model(Protocol):
         ...
 
     def check(self) -> None:
-        """Raise UsageError when nothing answers where the model should be."""
+        """Raise UsageError if the model cannot be reached."""
         ...
 
     def close(self) -> None: ...
@@ -91,7 +91,7 @@ class WrappedModel:
         self.name, self._model = model.name, model
 
     def check(self) -> None:
-        """Raise UsageError when nothing answers where the model should be."""
+        """Raise UsageError if the model cannot be reached."""
         self._model.check()
 
     def close(self) -> None:

@@ -15,8 +15,8 @@ from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.reply.reading import ReplyParser, reading
 from foundation.errors import ModelError
 
-WIDTH, HEIGHT = 640, 360  # px, as the agent sends a 16:9 frame
-MARK = (800.0, 250.0)  # x, y of the mark, 0 … 1000; as [x, y] and as [y, x] it is 778 apart
+WIDTH, HEIGHT = 640, 360  # px, as in the agent's requests
+MARK = (800.0, 250.0)  # x, y of the mark, 0 … 1000; (x, y) and (y, x) are 778 apart
 NEAR = 100.0  # tolerance of an answer in x and in y
 FORBIDDEN_OBJECT = {"dance": 3}  # no schema of actions allows it
 # the axis order of the answers' points, compared with the declared order
@@ -30,7 +30,7 @@ class ProbeAnswer:
 
     question: str
     reply: Reply
-    order: AxisOrder | None = None  # the axis order of its point at the mark; None: the point misses the mark
+    order: AxisOrder | None = None  # the axis order in which its point hits the mark; None: it misses the mark
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ def marked_picture() -> bytes:
 
 
 def pointing_question(order: AxisOrder, lifted: bool = False) -> Request:
-    """Return the question for the mark's point, which declares an axis order and the form of a `go`."""
+    """Return the question for the point of the mark. It declares an axis order and the JSON form of a go."""
     axes = "x counts from the left edge, 0, to the right, 1000; y from the top edge, 0, to the bottom, 1000"
     text = (
         "The picture shows one red disc on a grey ground. Point at its centre. Answer with one JSON object and nothing"
@@ -109,7 +109,7 @@ def probe(model: Model, spec: ModelSpec, parser: ReplyParser = "strict") -> Prob
 
 
 def order_of(reply: str, parser: ReplyParser = "strict") -> AxisOrder | None:
-    """Return the axis order in which a reply points at the mark; None if it does not."""
+    """Return the axis order in which a reply points at the mark; None if it misses the mark."""
     action = reading(reply, 1, parser=parser)[0].action
     if not isinstance(action, Go):
         return None
@@ -119,7 +119,7 @@ def order_of(reply: str, parser: ReplyParser = "strict") -> AxisOrder | None:
 
 
 def pointing_of(declared_xy: AxisOrder | None, declared_yx: AxisOrder | None) -> Pointing:
-    """Return the evaluation of two answers' axis orders: with [x, y] declared, and with [y, x] declared."""
+    """Evaluate the axis orders of two answers: with [x, y] declared, and with [y, x] declared."""
     if declared_xy is None or declared_yx is None:
         return "not at all"
     if declared_xy == declared_yx:
@@ -128,7 +128,7 @@ def pointing_of(declared_xy: AxisOrder | None, declared_yx: AxisOrder | None) ->
 
 
 def conforms_to_schema(reply: str, root: Literal["object", "array"]) -> bool:
-    """Return whether a reply keeps to the schema: JSON with this root that holds only actions."""
+    """Return whether a reply conforms to the schema: JSON with this root that holds only actions."""
     try:
         value = json.loads(reply)
         actions = value if root == "array" else [value]

@@ -50,8 +50,8 @@ class FlightRecording:
     flight: str  # name of the episode folder
     steps: tuple[LoggedReply, ...]
     to_the_cap: bool  # the flight lasted to the end of the episode, so a missing reply came too late
-    decided_by: tuple[Role, int] | None = None  # role and first drone of the declaration that ended it
-    ended: str | None = None  # the reason in the End row of its log; None: there is no such row
+    decided_by: tuple[Role, int] | None = None  # role and first drone of the declaration that ended the flight
+    ended: str | None = None  # the reason in the End row of the flight's log; None: no such row
     commander: str | None = None  # name of the commander; None: there was none
 
 
@@ -65,7 +65,10 @@ class ReplayModel:
         self._late: set[int] = set()  # drones with a question that had no reply in time
 
     def ask(self, request: Request) -> Reply:
-        """Return the recorded reply. Raises ModelError for a question that the flight did not have."""
+        """Return the recorded reply. Raises ModelError for a question that the flight did not have.
+
+        A question that may have been open at the end of the recorded flight gets an empty reply after LONGEST_S.
+        """
         logged = self._steps.get((request.step, request.drone))
         if logged is not None:
             return Reply(
@@ -124,7 +127,7 @@ class ReplyCache:
         return _reply(str(row[0])) if row else None
 
     def keep(self, question: str, model: str, reply: Reply) -> Reply:
-        """Store a reply and return the stored one; of two at once, the first is kept. Raises InfrastructureError."""
+        """Store a reply unless the question has one, and return the stored reply. Raises InfrastructureError."""
         stored = asdict(replace(reply, waited_s=0.0, lost=(0, 0)))
         text = json.dumps(stored)  # non-ASCII is escaped, because half a surrogate pair cannot be encoded as UTF-8
         with self._file.transaction() as db:
@@ -134,7 +137,7 @@ class ReplyCache:
 
     @property
     def is_empty(self) -> bool:
-        """True when it holds no reply. Raises InfrastructureError."""
+        """True when the file holds no reply. Raises InfrastructureError."""
         return self._file.row("SELECT 1 FROM replies LIMIT 1") is None
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""JSON Schemas of replies, for servers that enforce one: a pilot's actions, a commander's orders."""
+"""JSON Schemas of a pilot's and a commander's replies, for servers that enforce a schema."""
 
 from collections.abc import Collection
 from typing import Any, Literal, cast
@@ -16,7 +16,7 @@ def action_schema() -> dict[str, Any]:
 def flat_action_schema() -> dict[str, Any]:
     """Return the schema of one action without a choice: it has the fields of all actions, null if not used.
 
-    It is wider than the choice: it allows a `go` without a point, which the parser rejects.
+    It allows more than `action_schema`, such as a go without a point, which the parser rejects.
     """
     fields = {
         name: {**own, "type": [own["type"], "null"]} for all_own in SCHEMAS.values() for name, own in all_own.items()
@@ -25,7 +25,7 @@ def flat_action_schema() -> dict[str, Any]:
 
 
 def reply_schema(root: Literal["object", "array"], choice: bool = True) -> dict[str, Any]:
-    """Return the schema of a pilot's reply: a single action, or an array of one per drone.
+    """Return the schema of a pilot's reply: a single action, or an array with one action per drone.
 
     `choice`: whether the server accepts a choice of schemas at the root.
     """

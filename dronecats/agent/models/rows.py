@@ -27,7 +27,7 @@ class ModelRow:
     name: str
     spec: ModelSpec
     file: str  # the last file with a row of this name
-    source: str | None = None  # of its prices
+    source: str | None = None  # source of the prices
     note: str | None = None  # advice for users
 
 
@@ -92,7 +92,7 @@ def row_of(word: str, known: Mapping[str, ModelRow]) -> ModelRow | None:
 
 
 def model_of(word: str, base_url: str | None = None) -> ModelSpec:
-    """Return the model of a row's name or of PROVIDER/NAME. Raises UsageError."""
+    """Return the model for the name of a row or for PROVIDER/NAME. Raises UsageError."""
     row = row_of(word, rows())
     spec = row.spec if row else spec_of(word)
     return replace(spec, base_url=base_url) if base_url else spec

@@ -1,4 +1,4 @@
-"""Rate limits of an address: parses vendors' headers and schedules requests. Pure: the caller passes the time."""
+"""Rate limits of an address: parses vendors' headers and schedules requests. The caller passes the time."""
 
 import math
 import re
@@ -27,8 +27,8 @@ class Allowance:
     kind: Kind
     limit: float  # the full amount
     left: float  # the amount that is left now
-    reset_s: float  # from now until it is full again
-    steady: bool  # True: it refills continuously; False: at once, at the reset
+    reset_s: float  # s from now until the limit is full again
+    steady: bool  # True: the limit refills continuously; False: only at the reset
 
 
 def allowances(headers: Mapping[str, str], now: datetime | None = None) -> tuple[Allowance, ...]:
@@ -96,16 +96,16 @@ def _date(text: str | None) -> datetime | None:
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
-LONGEST_WAIT_S = 60.0  # longest block of requests; a later time comes from a clock that was set back
-SLOW_S = 60.0  # time after a rate-limit rejection in which requests are sent one by one …
-APART_S = 0.5  # … at this interval, for vendors without rate-limit headers
-MINUTE_S = 60.0  # assumed period of a limit
-LATE_S = 0.001  # margin on the computed time of a refill
+LONGEST_WAIT_S = 60.0  # s, longest block of requests; a later time in the file means that the clock was set back
+SLOW_S = 60.0  # s after a block in which requests are sent one by one
+APART_S = 0.5  # s between these requests, for vendors without rate-limit headers
+MINUTE_S = 60.0  # s, assumed period of a limit
+LATE_S = 0.001  # s, margin on the computed time of a refill
 
 
 @dataclass(frozen=True, slots=True)
 class Bucket:
-    """The level of an allowance over time."""
+    """The remaining amount of a rate limit as a function of time (s)."""
 
     at: float  # time of `level`
     level: float
@@ -136,11 +136,11 @@ class Bucket:
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """The rate limits of an address. A vendor counts by model, but a rejection holds for all models."""
+    """The rate limits of an address. Each model has its own limits, but a rejection blocks all models."""
 
     held_until: float = 0.0  # no requests before this time
     slow_until: float = 0.0  # requests are sent one by one until this time
-    next_at: float = 0.0  # earliest time of the next of these requests
+    next_at: float = 0.0  # earliest time of the next request, until `slow_until`
     buckets: Mapping[str, Bucket] = field(default_factory=dict)  # by 'KIND MODEL'
 
     def claim(self, model: str, tokens: int, now: float) -> "tuple[float, Turns]":
@@ -161,7 +161,7 @@ class Turns:
         return 0.0, replace(self, next_at=now + APART_S, buckets={**self.buckets, **taken})
 
     def updated(self, model: str, new: Allowance, now: float) -> "Turns":
-        """Return the turns with a new allowance, which may not count other requests that are under way."""
+        """Return the turns with a new allowance. The lower level counts: the answer may not count later requests."""
         name = f"{new.kind} {model}"
         before = self.buckets.get(name)
         level = new.left if before is None or before.full != new.limit else min(new.left, before.left(now))
@@ -179,10 +179,10 @@ class Turns:
 
 
 class Limiter(Protocol):
-    """The turns of one address, kept in a file, a service or a cluster's actor."""
+    """The interface of a limiter of one address. Its turns are in a file, a service or a cluster's actor."""
 
     def claim(self, tokens: int) -> float:
-        """Count a request of about `tokens` tokens as sent and return 0, or return the seconds until a new claim."""
+        """Count a request of about `tokens` tokens as sent and return 0, or return the seconds to wait first."""
         ...
 
     def update(self, allowances: tuple[Allowance, ...]) -> None:

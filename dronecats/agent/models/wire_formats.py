@@ -32,7 +32,7 @@ class ChatModel(HttpModel):
             )
 
     def body(self, request: Request) -> dict[str, Any]:
-        """Return the request as the endpoint gets it."""
+        """Return the request body."""
         images: list[dict[str, Any]] = []
         for label, jpeg in request.pictures:
             images += [{"type": "text", "text": label}] if label else []
@@ -59,7 +59,7 @@ class ChatModel(HttpModel):
         usage = data.get("usage") or {}
         finish = finish_of(choice.get("finish_reason"), _CHAT_FINISH)
         text = message.get("content")
-        if text is None:  # only reasoning, or a refusal: a valid answer of the endpoint; some servers omit the key then
+        if text is None:  # a valid answer with only reasoning or a refusal; some servers omit the key
             text = message.get("refusal") or ""
             finish = finish or ("refusal" if text else None)
         return ReadAnswer(
@@ -82,7 +82,7 @@ class GeminiModel(HttpModel):
 
     answer = "Gemini content"
     key_header = KeyHeader("x-goog-api-key")
-    unknown = ("exclusiveMinimum",)  # in responseJsonSchema, by the vendor's list of keywords
+    unknown = ("exclusiveMinimum",)  # not in the vendor's list of keywords for responseJsonSchema
 
     @property
     def path(self) -> str:
@@ -128,7 +128,7 @@ class GeminiModel(HttpModel):
 
 
 def _gemini_text(data: dict[str, Any]) -> tuple[str, str | None]:
-    """Return the text and the finish reason. Text that was withheld, or cut off before the first word, is empty."""
+    """Return the text and the finish reason. The text is empty if it was withheld, or cut off before a word."""
     if not data.get("candidates"):
         text_of(data["promptFeedback"]["blockReason"])
         return "", "filtered"
@@ -142,7 +142,7 @@ def _gemini_text(data: dict[str, Any]) -> tuple[str, str | None]:
     return "".join(text_of(part["text"]) for part in blocks if "text" in part and not part.get("thought")), finish
 
 
-ANTHROPIC_VERSION = "2026-10-21"  # of the API; it rejects all sampling parameters
+ANTHROPIC_VERSION = "2026-10-21"  # newest version of the API, which rejects all sampling parameters
 ANTHROPIC_SAMPLING_VERSION = "2023-06-01"  # the last version that accepts sampling parameters
 _REASONS = ("enabled", "adaptive")  # types of `thinking` with which the vendor rejects sampling parameters
 _TABLES = ("thinking", "output_config")  # reasoning fields that must be tables
@@ -160,7 +160,7 @@ class AnthropicModel(HttpModel):
     answer = "Anthropic message"
     path = "messages"
     key_header = KeyHeader("x-api-key")
-    # in output_config, by the vendor's SDK
+    # not supported in output_config, according to the vendor's SDK
     unknown = ("minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems")
 
     def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
@@ -199,7 +199,7 @@ class AnthropicModel(HttpModel):
         return self.sampling("temperature", "top_p", "top_k")
 
     def body(self, request: Request) -> dict[str, Any]:
-        """Return the request as the endpoint gets it."""
+        """Return the request body."""
         images: list[dict[str, Any]] = []
         for label, jpeg in request.pictures:
             images += [{"type": "text", "text": label}] if label else []

@@ -1,6 +1,6 @@
 """Lenient parser of a fleet's reply. It divides the objects of the reply among the drones.
 
-Replies count drones from 1, as the prompt does. Objects that name no drone are in the order of the pictures.
+Replies count drones from 1, as the prompt does. Objects that name no drone count in the order of the pictures.
 """
 
 import re
@@ -24,7 +24,7 @@ DroneResult = tuple[Action | ActionError, set[Mend]]
 
 @dataclass(slots=True)
 class Division:
-    """The objects of a reply by drone."""
+    """The assignment of the objects of a reply to the drones."""
 
     items: dict[int, Any]  # by drone, from 0
     mends: set[Mend] = field(default_factory=set)  # of the reply as a whole
@@ -32,7 +32,7 @@ class Division:
 
 
 def read(reply: str, drones: int, axis_order: AxisOrder) -> list[DroneResult]:
-    """Return for each drone its action or its error, and the mends."""
+    """Return (action or error, mends) of a reply for each drone."""
     try:
         answer = answer_of(reply)
         division = _divided(answer, drones)
@@ -113,7 +113,7 @@ def _of_values(drone_values: list[ReadValue], drones: int) -> Division:
 
 
 def _of_arrays(arrays: list[ReadValue], drones: int) -> Division:
-    """Return the division of the only array, or of the only one with an object per drone."""
+    """Return the division of the only array, or of the only array with an object per drone."""
     fitting = [array for array in arrays if len(_items(array.value) or []) == drones]
     if len(arrays) > 1 and len(fitting) != 1:
         raise ActionError(f"{len(arrays)} arrays of objects in the reply: nothing says which is meant")
@@ -192,13 +192,13 @@ def _place(division: Division, placed_items: list[tuple[int | None, Any]], drone
 
 
 def _places(names: list[int], drones: int) -> tuple[list[int], bool]:
-    """Return the drones' indices for their numbers, and whether the numbers count from 0, shown by a 0 among them."""
+    """Return the drones' indices for their numbers, and whether the numbers count from 0 (a 0 is among them)."""
     zero_based = 0 in names and drones not in names
     return [name if zero_based else name - 1 for name in names], zero_based
 
 
 def _name(item: Any) -> int | None:
-    """Return the number by which an object names its drone; None without one."""
+    """Return the number by which an object names its drone; None if there is none."""
     if not isinstance(item, Mapping):
         return None
     for key in NAMED:
@@ -207,6 +207,6 @@ def _name(item: Any) -> int | None:
             return int(match.group(1))
         if isinstance(name, int) and not isinstance(name, bool):
             return name
-    name = item.get("id")  # a bare number in it may not be the drone's
+    name = item.get("id")  # a bare number as `id` may not be the number of a drone
     match = _NAME.fullmatch(name.strip()) if isinstance(name, str) else None
     return int(match.group(1)) if match and not match.group().isdigit() else None

@@ -13,7 +13,7 @@ Mend = Literal[
     "nested_array", "one_fits", "by_name", "zero_based", "keyed", "lines", "short", "extra",
 ]  # fmt: skip
 
-# Outside the answer. The strict parser tolerates these too.
+# Deviations outside the answer. The strict parser tolerates these too.
 TOLERATED: dict[Mend, str] = {
     "prose": "other text before or after",
     "fence": "a code fence",
@@ -21,7 +21,7 @@ TOLERATED: dict[Mend, str] = {
     "several": "several objects: the last with an action counts; in a fleet, several arrays: the first counts",
     "reasoning": "reasoning between marks, which is skipped",
 }
-# In the syntax.
+# Deviations in the JSON syntax.
 WRITTEN: dict[Mend, str] = {
     "trailing_comma": "a comma after the last member",
     "missing_comma": "no comma between two members",
@@ -37,7 +37,7 @@ WRITTEN: dict[Mend, str] = {
     "escaped": "JSON within a JSON string, or with its quotes escaped",
     "truncated": "the reply breaks off, but the action is complete",
 }
-# In the expression of the action.
+# Deviations in the form of the action.
 EXPRESSED: dict[Mend, str] = {
     "number_text": "a number as a string",
     "unit": "a number with its unit",
@@ -51,7 +51,7 @@ EXPRESSED: dict[Mend, str] = {
     "point_form": "the point is not a pair: x and y by name, text, a tag, or a list in a list",
     "box": "a box instead of a point; its centre is the point",
 }
-# In the division among the drones of a fleet.
+# Deviations in the assignment of objects to the drones of a fleet.
 DIVIDED: dict[Mend, str] = {
     "nested_array": "an extra array around the array, or around each object",
     "one_fits": "several arrays, of which only one has an object per drone",

@@ -27,8 +27,8 @@ def reading(reply: str, drones: int, axis_order: AxisOrder = "xy", parser: Reply
     """Return the reading of `reply` for each of `drones`, in the order of their pictures.
 
     strict: accepts the form that the prompt asks for, without mends. lenient: accepts any text with only one possible
-    meaning, and lists its mends. A reply that the strict parser accepts has the same result with both, except if a
-    fleet's objects name their drones and are in another order. Never raises.
+    meaning, and lists its mends. Both parsers give the same result for a reply that the strict one accepts, except if
+    a fleet's objects name their drones and are in another order. Never raises.
     """
     if parser == "strict":
         return [_reading(result) for result in strict.parse_fleet(reply, drones, axis_order)]
@@ -51,7 +51,7 @@ def _single_action(reply: str, axis_order: AxisOrder, mends: set[Mend]) -> Actio
     """Return the action of one drone's reply, read leniently. Raises ActionError.
 
     A reply that the strict parser accepts is parsed strictly. Otherwise the last object that is meant as an action
-    counts. If it is cut off or malformed, no earlier draft is flown instead.
+    counts. If that object is cut off or malformed, earlier objects do not count instead.
     """
     answer = answer_of(reply)
     mends |= {"reasoning"} if answer != reply else set()

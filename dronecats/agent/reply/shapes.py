@@ -16,7 +16,7 @@ from foundation.protocol import ACTIONS, FINISHED, GO, POINT_SPAN, ROTATE, THINK
 METRES = frozenset({"m", "meter", "meters", "metre", "metres"})
 DEGREES = frozenset({"°", "º", "deg", "degs", "degree", "degrees"})
 PLAIN: frozenset[str] = frozenset()  # a point's numbers have no unit
-UNITS = {"m": METRES, "deg": DEGREES}  # by the ending of a field's name
+UNITS = {"m": METRES, "deg": DEGREES}  # units by the last word of a field's name
 BOXES = ("bbox_2d", "box_2d", "bbox", "box")
 _NUMBER = re.compile(r"([+\-\u2212\uff0b\uff0d]?(?:\d+[.\uff0e]?\d*|[.\uff0e]\d+))\s*([^\W\d_]+|°|º)?")
 _TEXT_MAX = 80  # characters of a number or a point as text
@@ -26,7 +26,7 @@ _BRACKETS = {"[": "]", "(": ")"}
 
 
 def number(value: Any, name: str, units: frozenset[str], mends: set[Mend]) -> float:
-    """Return the number that `value` holds, also as text or with one of `units`; add the mends to `mends`."""
+    """Return the number in `value`, which may be text or have one of `units`; add the mends to `mends`."""
     if isinstance(value, Cut):
         raise ActionError(f"the reply breaks off in {name}")
     if isinstance(value, Quantity):
@@ -113,7 +113,7 @@ SYNONYMS = {
 SIDES = {f"{verb}_{side}": sign for verb in ("rotate", "turn", "yaw") for side, sign in (("right", 1), ("left", -1))}
 DIRECTIONS = {"right": 1, "clockwise": 1, "cw": 1, "left": -1, "counterclockwise": -1, "ccw": -1}
 NAMES = ("action", "action_type", "action_name", "type", "command", "name", "function", "tool")  # keys of the name
-CALLED = ("name", "function", "tool")  # … those that a tool call has
+CALLED = ("name", "function", "tool")  # keys of NAMES that occur in tool calls
 PARAMETERS = ("arguments", "parameters", "params", "args", "input", "action_input", "tool_input")
 CALLS = ("function", "function_call", "tool_call", "tool_calls")
 POINTS = ("point", "point_2d", "point2d", "points", "coordinate", "coordinates")
@@ -122,7 +122,7 @@ ANGLES = ("angle_deg", "angle", "angle_degrees", "degrees", "deg")
 Unfolded = tuple[str, int, dict[str, Any]]  # action, sign of the side in its name (0: no side), fields
 _BETWEEN_WORDS = re.compile(r"[\s\-_]+")
 _DEPTH = 6  # objects within objects
-_HELD_MAX = 40  # members of an object that is not an action itself
+_HELD_MAX = 40  # most members of an object that may wrap an action
 _NAME_MAX = 40  # characters
 
 
@@ -199,7 +199,7 @@ def _named(name: Any) -> tuple[str, int] | None:
 
 
 def _fields(value: dict[str, Any], key: str, mends: set[Mend]) -> dict[str, Any] | None:
-    """Return an action's fields: the members beside its name and those of its parameters; None if ambiguous."""
+    """Return an action's fields: the members of its object and of its parameters; None if ambiguous."""
     inner = [name for name in PARAMETERS if name in value]
     if len(inner) != 1:
         return value if not inner else None
@@ -252,10 +252,11 @@ def _keyed(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
 
 
 def _implied(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
-    """Return the action that has these fields, for an object without a name; None unless exactly one has them."""
+    """Return the action of an object that has fields but no name; None unless exactly one action fits."""
     if any(_plain(key) == "action" for key in value):
         return None
-    aims = DEPTHS[0] in value and any(key in value for key in POINTS)  # a detection may have a depth by another name
+    # only `depth_m` counts, because results of object detection may have a "depth"
+    aims = DEPTHS[0] in value and any(key in value for key in POINTS)
     turns = ANGLES[0] in value
     if aims == turns:
         return None

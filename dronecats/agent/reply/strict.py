@@ -30,7 +30,7 @@ class JsonSpan:
 
 
 def answer_of(reply: str) -> str:
-    """Return a reply without its reasoning. Raises ActionError if there is nothing else."""
+    """Return a reply without its reasoning. Raises ActionError if the reply is only reasoning."""
     if _is_json(reply):  # a reasoning mark inside a JSON string does not count
         return reply
     answer = without_reasoning(reply)
@@ -44,7 +44,7 @@ def without_reasoning(text: str) -> str:
 
     Marks are tags such as <think> and [THINK], the channels of gpt-oss other than `final`, and fences with such a name.
     Reasoning without a closing mark extends to the end. All text before a closing mark without an opening mark is
-    reasoning, since the chat template of some models has the opening mark.
+    reasoning, because some models have the opening mark in their chat template and not in the reply.
     """
     kept: list[str] = []
     at, within, fenced = 0, False, False

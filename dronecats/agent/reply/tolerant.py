@@ -1,4 +1,4 @@
-"""Tolerant JSON reader: accepts the deviations of `mends.WRITTEN` except `escaped`, and records those that it meets.
+"""Tolerant JSON reader: accepts the deviations of `mends.WRITTEN` except `escaped`, and records them.
 
 It guesses nothing: text with any other deviation is not a value. The work is bounded: each attempt reads from left to
 right once, and the search ends after too many characters without a value.
@@ -13,7 +13,7 @@ from unicodedata import normalize
 from dronecats.agent.reply.mends import Mend
 from dronecats.agent.reply.strict import MAX_REPLY_CHARS, MAX_TRIES
 
-MAX_VAIN_CHARS = MAX_REPLY_CHARS  # a fifth of the strict parser's limit, because a character takes longer here
+MAX_VAIN_CHARS = MAX_REPLY_CHARS  # a fifth of the strict parser's limit, because this reader is slower
 MAX_DEPTH = 40  # of nested brackets; the actions of a fleet have three levels
 MAX_DIGITS = 60
 _WORD = re.compile(r"[A-Za-z_][\w-]*")
@@ -52,16 +52,16 @@ class Quantity:
 class ReadValue:
     """A value in a text."""
 
-    # as `json` returns it, plus Quantity, and CUT where the text ends: an object's unread rest is CUT under the key ""
+    # as `json` returns it, plus Quantity, and CUT for a cut-off value; a cut-off object has CUT under the key ""
     value: Any
     begin: int
     end: int
     mends: frozenset[Mend]
-    inner: bool  # it begins inside a value that is broken or cut off
+    inner: bool  # the value begins inside another value that is broken or cut off
 
     @property
     def cut(self) -> bool:
-        """True when the text ends within it."""
+        """True when the text ends within this value."""
         return "truncated" in self.mends
 
 
@@ -70,7 +70,7 @@ class _BrokenError(Exception):
 
 
 def read_values(text: str, openings: str) -> list[ReadValue]:
-    """Return the outermost values that begin with one of `openings`, in order, with those that are cut off.
+    """Return the outermost values that begin with one of `openings`, in order, including cut-off values.
 
     After a broken or cut-off value, the search continues inside it.
     """

@@ -1,1 +1,1 @@
-"""An agent that bears a slow model: places instead of directions, and the next question while it flies."""
+"""An agent for slow models. It flies to places instead of in directions, and asks the next question in flight."""

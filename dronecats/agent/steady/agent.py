@@ -18,7 +18,7 @@ from foundation.run_folder.rows import Decision
 from foundation.setpoints import Hold
 
 TURNS_FIRST = math.radians(30.0)  # angle from the nose beyond which the drone turns on the spot before it flies
-SHORT_M = 0.3  # m that may be missing from a stride when the next picture is taken
+SHORT_M = 0.3  # m; a stride with at most this much left counts as flown
 STREAMED_S = 0.5  # s for which a setpoint of a leg is valid if no new one follows
 
 
@@ -32,11 +32,11 @@ class SteadyDrone(Drone):
         self._seen_s = 0.0  # s of the aircraft's clock at which the picture was taken
         self._place: SeenPlace | None = None  # destination of a go
         self._leg: Leg | None = None
-        self._course: float | None = None  # rad, on the leg
-        self._resting = False  # the goal was reached or the leg ended, without a new decision
+        self._course: float | None = None  # rad, last course on the leg
+        self._resting = False  # the drone has reached the goal or the leg has ended, and there is no new decision
 
     def see(self, time_us: int) -> None:
-        """Remember where and when the picture was taken."""
+        """Remember the pose at the time of a picture (µs, vehicle's clock), and this time."""
         super().see(time_us)
         self._seen_s = time_us / 1e6
 
@@ -83,9 +83,10 @@ class SteadyDrone(Drone):
     def wants_picture(self, now_s: float, age_s: float) -> bool:
         """Return whether it is time for the next picture; its reply is expected `age_s` later.
 
-        No picture is taken in a turn: the model wants the view after it. A hold allows a picture `age_s` before
-        its end. A leg allows one when its decision is due, and at most `age_s` earlier if a stride has been flown
-        since the last picture, because the history says so. A short stride is flown to its end.
+        No picture is taken in a turn, because the model needs the view after it. In a hold, a picture may be taken
+        `age_s` before its end. On a leg, it may be taken when the decision is due, or at most `age_s` earlier if the
+        drone has flown a full stride since the last picture, as the prompt's history says. A short stride is flown to
+        its end first.
         """
         if self._segments:
             last = self._segments[-1]
@@ -113,7 +114,7 @@ class SteadyDrone(Drone):
         velocity = believed.velocity_ned if believed else (0.0, 0.0, 0.0)
         if believed and seen.depth_m >= NEAR_M:
             return believed.place_ned, velocity
-        old_s = now_s - self._seen_s  # the depth of a short stride is the distance to fly, not to the object
+        old_s = now_s - self._seen_s  # a depth below NEAR_M is the distance to fly, not to the object
         north, east, down = seen.place_ned
         return (north + velocity[0] * old_s, east + velocity[1] * old_s, down), velocity
 
@@ -134,7 +135,7 @@ class SteadyDrone(Drone):
     def _goal(self, seen: SeenPlace) -> tuple[Vec3, Vec3]:
         """Return the goal of the leg and its velocity (m, m/s, local frame).
 
-        The goal lies at the share `reach` of the way to the place, and moves with the target. The goal of a short
+        The goal is at the share `reach` of the way to the place, and moves with the target. The goal of a short
         stride does not move and is at most as far as the place in the picture. Otherwise a drone would fly faster and
         faster if its pilot named the same small depth again and again.
         """
@@ -165,11 +166,11 @@ class SteadyDrone(Drone):
         self.aircraft.fly(steered.setpoint, min(STREAMED_S, steered.valid_s), steered.seen)
 
 
-AGES_KEPT = 5  # last replies from which the age of the next picture is estimated
+AGES_KEPT = 5  # number of last replies from which the age of the next picture is estimated
 
 
 class SteadyDecider(Decider):
-    """Asks one question at a time, like the paper's decider, but asks it while the last action is being flown."""
+    """Asks one question at a time, like the paper's decider, but while the drones fly the last action."""
 
     def __init__(
         self,
@@ -181,7 +182,7 @@ class SteadyDecider(Decider):
     ) -> None:
         super().__init__(questions, drones, cockpit, now_s, tally)
         self._steady = drones
-        self._ages: deque[float] = deque(maxlen=AGES_KEPT)  # s, of pictures when their replies were acted on
+        self._ages: deque[float] = deque(maxlen=AGES_KEPT)  # s, ages of the pictures at their decisions
 
     @property
     def age_s(self) -> float:

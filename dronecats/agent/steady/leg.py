@@ -1,4 +1,4 @@
-"""A leg: the way to a place that may move, flown without a stop and valid for a limited time. Pure functions."""
+"""Legs: a leg is the flight to a place that may move, without a stop and for a limited time. Pure functions."""
 
 import math
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ from foundation.setpoints import Sight, Velocity
 class SeenPlace:
     """The place that a go points at, and the share of the way to it that may be flown before the next picture."""
 
-    from_ned: Vec3  # m, local frame, where the body was at capture
-    lens_ned: Vec3  # m, local frame, where the optical centre was
+    from_ned: Vec3  # m, local frame, position of the vehicle at capture
+    lens_ned: Vec3  # m, local frame, position of the optical centre at capture
     place_ned: Vec3  # m, local frame, the place itself
-    reach: float  # share of the way from the lens to the place; 0: not at all
+    reach: float  # share of the way from the lens to the place; 0: hold
     level: bool  # the climb is within the paper's deadband: the height is held
     depth_m: float  # m along the optical axis, the pilot's estimate
 
@@ -30,7 +30,7 @@ def seen_place(go: Go, sight: Sight, camera: CameraModel) -> SeenPlace:
     north, east, down = rotate(attitude, (forward, right, -up))
     lens = _lens(sight, camera)
     ahead = math.hypot(north, east)
-    # level in the picture or in space: a pilot that wants no climb keeps its point at the middle of the picture
+    # level in the picture or in space: a pilot that wants no climb points at the middle row of the picture
     level = abs(up) < CLIMB_DEADBAND * math.hypot(right, forward) or abs(down) < CLIMB_DEADBAND * ahead
     place = (lens[0] + north, lens[1] + east, lens[2] + down)
     return SeenPlace(
@@ -41,7 +41,7 @@ def seen_place(go: Go, sight: Sight, camera: CameraModel) -> SeenPlace:
 def point_of(place_ned: Vec3, sight: Sight, camera: CameraModel) -> Go:
     """Return the go that names a place (m, local frame) in a picture taken at `sight`: the inverse of `seen_place`.
 
-    Raises ValueError for a place that is not before the lens.
+    Raises ValueError for a place that is not in front of the lens.
     """
     lens = _lens(sight, camera)
     attitude = quat_from_euler(sight.roll, sight.pitch, sight.heading)
@@ -55,7 +55,7 @@ def point_of(place_ned: Vec3, sight: Sight, camera: CameraModel) -> Go:
 
 
 def _attitude(sight: Sight, camera: CameraModel) -> Quat:
-    """Return the attitude of the axes of `displacement`: the body's, or a level one if the camera has a gimbal."""
+    """Return the attitude of the axes of `displacement`: that of the vehicle, or level if the camera has a gimbal."""
     level = camera.gimballed
     return quat_from_euler(0.0 if level else sight.roll, 0.0 if level else sight.pitch, sight.heading)
 
@@ -69,8 +69,8 @@ def _lens(sight: Sight, camera: CameraModel) -> Vec3:
 def _reach(distance_m: float, depth_m: float) -> float:
     """Return the share of the way that a go may be flown before the next picture.
 
-    Below 5 m it is the paper's stride. From 5 m on the share is constant: at 5 m it gives the paper's 3 m,
-    and at larger distances more. The next reply decides how much of the way is flown.
+    Below a depth of 5 m it gives the paper's stride. From 5 m on the share is constant, so that the way grows with the
+    depth: 3 m at 5 m, as in the paper. The next reply decides how much of the way is flown.
     """
     if depth_m < BRAKE_M:
         return 0.0
@@ -79,16 +79,16 @@ def _reach(distance_m: float, depth_m: float) -> float:
     return NEAR_SCALE
 
 
-REACHED_M = 0.3  # m, level, from the goal
-LEFT_M = 1.0  # m: after the goal was reached, the drone follows it again when it is farther away than this
-SLOWS_S = 0.8  # s of the way before the goal in which the speed is reduced
+REACHED_M = 0.3  # m, horizontal distance at which the goal is reached
+LEFT_M = 1.0  # m, horizontal distance beyond which the drone leaves its hold and follows the goal again
+SLOWS_S = 0.8  # s; the speed is at most the distance to the goal divided by this
 KEEPS_M = 1.5  # m from the goal within which the course is kept, so that the drone does not turn when passing it
-CAREFUL_S = 1.5  # s, the shortest time of a short stride
+CAREFUL_S = 1.5  # s, shortest duration of a short stride
 
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One go: to a goal that may move, at full pace until `due_s`, fading to zero at `ends_s`."""
+    """The flight of one go to a goal that may move. The pace is full until `due_s` and falls to zero at `ends_s`."""
 
     goal_ned: Vec3  # m, local frame, when the leg begins
     velocity_ned: Vec3  # m/s of the goal
@@ -117,7 +117,7 @@ class Steered:
 
     setpoint: Velocity
     seen: Sight  # origin of the setpoint's line
-    valid_s: float  # s for which it may be flown
+    valid_s: float  # s for which the setpoint is valid
 
 
 def leg_to(
@@ -132,8 +132,8 @@ def leg_to(
 ) -> Leg:
     """Return the leg to a goal from a position, if a decision comes about every `period_s`.
 
-    Its pace is the paper's 1.2 m/s, or slower where it would otherwise end before a step (2.5 s) is over; a careful
-    leg, a short stride, is a little faster. Without a next decision the leg goes on for one more period.
+    The pace is the paper's 1.2 m/s, or slower if the way would take less than a step (2.5 s). For a short stride
+    (`careful`) the limit is CAREFUL_S. Without a next decision the leg continues for one more period.
     """
     lasts_s = STEP_S if careful else max(STEP_S, period_s)
     pace = min(SPEED_MAX, math.dist(goal_ned, position_ned) / (CAREFUL_S if careful else STEP_S))
@@ -145,8 +145,8 @@ def steer(
 ) -> Steered | None:
     """Return the setpoint of a leg at a position; None for a hold: the goal is reached, or the leg has ended.
 
-    course: last course (rad), kept when close to the goal; None: no course yet. resting: the goal was reached, and is
-    followed again only when it is more than LEFT_M away.
+    course: last course (rad), kept when close to the goal; None: no course yet. resting: the drone has reached the
+    goal, and follows it again only when it is more than LEFT_M away.
     """
     goal = leg_to.goal(now_s)
     north, east, down = (g - p for g, p in zip(goal, position_ned, strict=True))
@@ -155,7 +155,7 @@ def steer(
         return None
     bearing = math.atan2(east, north)
     if course is not None and not resting and ahead < KEEPS_M:
-        if math.cos(bearing - course) <= 0.0:  # it has been passed
+        if math.cos(bearing - course) <= 0.0:  # the goal has been passed
             return None
         bearing = course
     speed = min(leg_to.pace, ahead / SLOWS_S) * leg_to.fade(now_s)

@@ -1,8 +1,8 @@
 """Tracks the target by the places that replies name, with a constant-velocity Kalman filter.
 
 State: place and velocity in the local frame. Between sightings x' = F x, with random acceleration. A sighting measures
-the place: well across the line of sight, because the pilot points at a pixel, and badly along it, because the pilot
-estimates the depth.
+the place. It is accurate across the line of sight, because the pilot points at a pixel, and inaccurate along it,
+because the pilot estimates the depth.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ ACCELERATION = 0.02  # m/s², 1 σ: people and vehicles keep their velocity for 
 GATE = 16.27  # χ² of three degrees of freedom, 99.9 %: a sighting beyond it begins a new track
 FORGET_S = 60.0  # s without a sighting after which the track ends
 LEAST = 3  # sightings needed for a velocity
-SPEED_MAX = 1.5  # m/s: estimates are reduced to it, because faster ones come from errors of the depths
+SPEED_MAX = 1.5  # m/s, limit of estimates: faster ones come from errors of the depths
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Pursuit:
     def __init__(self) -> None:
         self._filter: KalmanFilter | None = None
         self._time_s = 0.0
-        self._before: _Belief | None = None  # before the last sighting; None: there was no track
+        self._before: _Belief | None = None  # state before the last sighting; None: there was no track
         self.sightings = 0  # number in this track
 
     def see(self, time_s: float, lens_ned: Vec3, place_ned: Vec3) -> bool:
@@ -98,11 +98,11 @@ class Pursuit:
         assert self._filter is not None
         velocity = self._filter.x[3:5, 0]
         speed = float(np.hypot(*velocity))
-        if speed**2 == 0.0 or self.sightings < LEAST:  # a tiny speed has a square of 0
+        if speed**2 == 0.0 or self.sightings < LEAST:  # the square of a tiny speed may be 0
             return (0.0, 0.0, 0.0)
         along = velocity / speed
         doubt = float(along @ self._filter.P[3:5, 3:5] @ along) / speed**2
-        held = max(0.0, 1.0 - doubt) * min(1.0, SPEED_MAX / speed)  # 0 for a target that stands still
+        held = max(0.0, 1.0 - doubt) * min(1.0, SPEED_MAX / speed)  # 0 if the uncertainty exceeds the velocity
         return (float(velocity[0]) * held, float(velocity[1]) * held, 0.0)
 
     def _predicted(self, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -113,20 +113,20 @@ class Pursuit:
 
 
 def transition(seconds: float) -> NDArray[np.float64]:
-    """Return F over some seconds, (6, 6), for place and velocity."""
+    """Return the transition matrix F over `seconds`, (6, 6)."""
     step = np.eye(6)
     step[:3, 3:] = seconds * np.eye(3)
     return step
 
 
 def process_noise(seconds: float) -> NDArray[np.float64]:
-    """Return Q over some seconds, (6, 6): a random acceleration that is constant between two sightings."""
+    """Return the process noise Q over `seconds`, (6, 6), of a random acceleration that is constant in this time."""
     made = Q_discrete_white_noise(2, seconds, ACCELERATION**2, block_size=3, order_by_dim=False)
     return np.asarray(made, float)
 
 
 def sighting_noise(lens_ned: Vec3, place_ned: Vec3) -> NDArray[np.float64]:
-    """Return R of a sighting, (3, 3) m²: σ∥² u uᵀ + σ⊥² (1 − u uᵀ), u: unit vector of the line of sight."""
+    """Return the noise R of a sighting, (3, 3) m²: σ∥² u uᵀ + σ⊥² (1 − u uᵀ), u: unit vector of the line of sight."""
     offset = np.array(place_ned) - np.array(lens_ned)
     distance = float(np.linalg.norm(offset))
     line = offset / distance if distance else np.array([1.0, 0.0, 0.0])

@@ -1,1 +1,1 @@
-"""The benchmark under other people's harnesses: Inspect, Gymnasium and their like."""
+"""Adapters of the benchmark to other harnesses: Inspect, Inspect Robots and Gymnasium."""

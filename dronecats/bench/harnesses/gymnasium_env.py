@@ -29,7 +29,7 @@ from foundation.protocol import CAP_S, POINT_SPAN
 ENV_ID = "DroneCATS-v0"
 DEPTH_MAX_M = 300.0
 ANGLE_MAX_DEG = 90.0
-CHARACTERS = frozenset(map(chr, range(32, 0x2100)))  # of instructions
+CHARACTERS = frozenset(map(chr, range(32, 0x2100)))  # allowed in instructions
 
 EnvObservation = dict[str, Any]  # {"frame": (360, 640, 3) uint8 RGB, "instruction": str}; a fleet has "frames"
 EnvAction = dict[str, Any] | tuple[dict[str, Any], ...]  # a tuple: one action per drone of a fleet
@@ -57,9 +57,9 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
     ) -> None:
         """`episodes`: ids or files, which `reset` takes one after another; empty: the one-drone suite.
 
-        `reward`: with "none" always 0; with "verdict" 1 for the last step of a success, else 0. `out`: the folder for
-        one folder per flight; None: flights are not kept. `policy`: the pilot's name in run.json. Raises UsageError for
-        episodes with different numbers of drones, because their spaces differ.
+        `reward`: with "none" always 0; with "verdict" 1 for the last step of a success, else 0. `out`: the folder that
+        gets one folder per flight; None: flights are not kept. `policy`: the pilot's name in run.json. Raises
+        UsageError for episodes with different numbers of drones, because their spaces differ.
         """
         self._records = {name: catalogue.load(name) for name in episodes or catalogue.suite_ids("one-drone")}
         self._names = list(self._records)
@@ -112,7 +112,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         return self._seen(question), {"episode": self._records[name].id}
 
     def step(self, action: EnvAction) -> tuple[EnvObservation, float, bool, bool, dict[str, Any]]:
-        """Fly an action to its end, return the next observation. Raises InfrastructureError when the flight fails."""
+        """Fly an action to its end; return the next observation. Raises InfrastructureError when the flight fails."""
         if self._flight is None:
             raise gymnasium.error.ResetNeeded("no flight is in progress. Call reset first")
         self._flight.answer(OutsideReply(joint_reply(action, self._drones)))
@@ -128,7 +128,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         return last, float(won and self._reward == "verdict"), won, not won, {"verdict": result.as_json()}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return the newest picture, (360, 640, 3) RGB; of n drones one above the other, (n · 360, 640, 3)."""
+        """Return the newest picture, (360, 640, 3) RGB; for n drones stacked, (n · 360, 640, 3)."""
         return self._frames.reshape(-1, *self._frames.shape[-2:]).copy() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
@@ -149,7 +149,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
 
 
 class Instruction(Text):
-    """A text space whose `repr` has the number of characters in place of all of them."""
+    """A text space whose `repr` shows the size of the character set, not all characters."""
 
     def __repr__(self) -> str:
         return f"Instruction({self.min_length}, {self.max_length}, charset of {len(self.character_set):,} characters)"
@@ -179,7 +179,7 @@ def _action() -> Dict:
 
 
 def joint_reply(action: EnvAction, drones: int) -> str:
-    """Return the reply of an action. Raises ValueError when the number of actions is not that of the drones."""
+    """Return an action as the text of a reply. Raises ValueError unless there is one action per drone."""
     if isinstance(action, dict):
         action = (action,)
     if len(action) != drones:

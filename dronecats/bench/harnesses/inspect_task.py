@@ -1,4 +1,4 @@
-"""The benchmark as a task of Inspect: the suite is the dataset, the flight the solver, the judge the scorer.
+"""Runs the benchmark as an Inspect task, with the suite as dataset, the flight as solver and the judge as scorer.
 
     inspect eval dronecats/dronecats --model PROVIDER/NAME -T suite=quick
     inspect view
@@ -58,14 +58,14 @@ def dronecats(
     agent: str = PAPER,
     lifted: Effort | None = None,
 ) -> Task:
-    """Return the suite as a task: one-drone, commanding, quick, all, or comma-separated ids and files.
+    """Return the task of a suite.
 
-    Inspect itself splits a text with commas into a list.
+    `suite`: one-drone, commanding, quick, all, or comma-separated ids and files. Inspect splits the text at the commas.
 
     `latency`: the vehicle time that a reply costs (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
     `axis_order`: xy or yx, the order of the model's points. `out`: the folder for one run per epoch; None: a new one.
-    `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of calls after a `think`, and only of these; None:
-    that of the evaluation, because some models have no such setting.
+    `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of calls after a `think`. None: the
+    evaluation's effort for all calls, because some models have no such setting.
 
     Raises UsageError for an effort that Inspect does not know.
     """
@@ -157,7 +157,7 @@ def flight(
 
 @scorer(metrics=[accuracy(), stderr(), grouped(accuracy(), "cell", all=False), grouped(accuracy(), "map", all=False)])
 def verdict() -> Scorer:
-    """Judge the sample's folder by Algorithm 1 of the paper, only from its logs."""
+    """Judge the flight by Algorithm 1 of the paper, only from the logs in its folder."""
 
     async def score(state: TaskState, target: Target) -> Score:
         folder = Path(str(state.store.get(FOLDER)))

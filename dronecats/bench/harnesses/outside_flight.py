@@ -33,7 +33,7 @@ from foundation.run_folder.results import Result
 KINDS = ACTIONS  # an action's number is its index here
 _CAMERA = CameraModel()
 PICTURE_SHAPE = (_CAMERA.height * WIDTH_MAX // _CAMERA.width, WIDTH_MAX, 3)  # as models get it: height, width, RGB
-_CREATING = threading.Lock()  # flights of one run that begin together create or read its run.json one by one
+_CREATING = threading.Lock()  # flights of a run may begin together, but create or read run.json one at a time
 
 
 def picture(jpeg: bytes) -> NDArray[np.uint8]:
@@ -71,7 +71,7 @@ class OutsideReply:
 
 
 class _OutsideModel:
-    """The model of such a flight: passes each question to the harness, and waits for the answer."""
+    """The model of an outside flight. It passes each question to the harness and waits for the answer."""
 
     def __init__(self, name: str, put_question: Callable[[Request], None]) -> None:
         self.name = name
@@ -140,7 +140,7 @@ class OutsideFlight:
         self._hand_back(answer)
 
     def result(self) -> Result:
-        """Return the result of a flight that is over. Raises the error that ended it; before its end, RuntimeError."""
+        """Return the result. Raises the error that ended the flight, and RuntimeError if it is not over."""
         if self._ended is None:
             raise RuntimeError("the flight is not over")
         if isinstance(self._ended, BaseException):

@@ -1,8 +1,8 @@
 """Detects resets of an autopilot's estimator in its ODOMETRY messages.
 
-PX4 counts all resets of its EKF2 in ODOMETRY.reset_counter (EKF2.cpp, PublishOdometry), and so does our autopilot. The
-counter does not say which quantity was reset. The jump of the estimate shows it: the difference from a prediction with
-the previous estimate and the mean velocity and yaw rate of both messages.
+PX4 and the project's autopilot count all resets of the estimator in ODOMETRY.reset_counter (PX4: EKF2.cpp,
+PublishOdometry). The counter does not say which quantity was reset. The jump of the estimate shows this. The jump is
+the new estimate minus a prediction from the previous estimate and the mean velocity and yaw rate of both messages.
 """
 
 import math
@@ -14,18 +14,18 @@ from foundation.run_folder.rows import Reset, ResetQuantity
 from foundation.wire import message_id
 
 COUNTS = 256  # reset_counter is a uint8
-# A quantity was reset if its jump exceeds LEAST_… plus the effect of a motion with ACCELERATION and TURNING_DEG, the
-# largest in our flights within 0.2 s. A reset with smaller jumps names no quantity.
+# A quantity was reset if its jump exceeds LEAST_… plus the effect of ACCELERATION and TURNING_DEG, the largest values
+# within 0.2 s in measured flights. For a reset with smaller jumps, `quantities` is empty.
 LEAST_M, LEAST_MPS, LEAST_DEG = 0.2, 0.3, 3.0
 ACCELERATION, TURNING_DEG = 5.0, 30.0  # m/s²; °/s, change of the turn rate
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorReset:
-    """One or more resets between two messages, with the jumps of the estimate that no motion explains."""
+    """One or more resets between two messages, with the jumps of the estimate."""
 
     count: int
-    quantities: tuple[ResetQuantity, ...]  # quantities whose jump is too large for a motion
+    quantities: tuple[ResetQuantity, ...]  # quantities whose jump is too large to be motion
     yaw_deg: float  # °, + right
     position_m: float  # m, horizontally
     height_m: float  # m, + up

@@ -1,4 +1,4 @@
-"""Writes truth.jsonl and flight.tlog, from the truth bus and a telemetry port. Contract: docs/run-folder.md."""
+"""Writes truth.jsonl and flight.tlog from the truth bus and each drone's telemetry. Formats: docs/run-folder.md."""
 
 import math
 from collections import deque
@@ -70,7 +70,7 @@ class Recorder:
         self._truth_parser = Parser()
         self._telemetry: dict[int, tuple[Parser, ResetWatch]] = {}  # by drone
         self._samples: dict[int, deque[LazySample]] = {}
-        self._pitches: dict[int, float] = {}  # rad, gimbal pitch by system id; its message comes before the pose
+        self._pitches: dict[int, float] = {}  # rad, gimbal pitch by system id; sent before the pose
         self._next_pose: dict[int, int] = {}
         self._due: deque[LazySample] = deque()  # poses that wait for the positions of the other drones
         self._t0_us: int | None = None
@@ -82,7 +82,7 @@ class Recorder:
         return len(self._samples)
 
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
-        """Start the episode: its clock is zero at this vehicle time, and it lasts `cap_s` seconds at most."""
+        """Start the episode at vehicle time `t0_us` (µs), which is its time zero. It lasts `cap_s` seconds at most."""
         self._t0_us = t0_us
         sending = {drone for drone, (_, watch) in self._telemetry.items() if watch.sends_counter}
         resets = True if sending and sending >= set(self._samples) else UNSET

@@ -1,1 +1,1 @@
-"""Child processes: start, watch, and end them. None outlives its parent."""
+"""Starts, watches and ends child processes. No child outlives its parent."""

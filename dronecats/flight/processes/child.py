@@ -2,9 +2,9 @@
 
     python -m dronecats.flight.processes.child MODULE
 
-The first line is the configuration; its answer is `{"ready": …}`. Between two turns, the child answers `{"alive":
-true}` with the same line, so the parent notices a child that hangs. When the parent ends, even by a kill -9, standard
-input ends, and then the child ends too.
+The first line is the configuration; its answer is `{"ready": …}`. Then the child calls `Part.turn` in a loop. Between
+two calls it answers `{"alive": true}` with the same line, so the parent notices a child that hangs. When the parent
+ends, even by a kill -9, standard input closes, and then the child ends too.
 """
 
 import importlib

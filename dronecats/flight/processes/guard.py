@@ -3,7 +3,8 @@
     python -m dronecats.flight.processes.guard COMMAND [ARGUMENT …]
 
 Standard input is a pipe from the parent. It closes when the parent ends, even by a kill -9. The program's own standard
-input stays open and empty, because PX4's shell reads a closed one in a busy loop. The exit status is the program's.
+input stays open and empty, because PX4's shell would read a closed input in a busy loop. The exit status is that of the
+program.
 """
 
 import contextlib

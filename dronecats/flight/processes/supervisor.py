@@ -21,7 +21,7 @@ from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from foundation.redaction import keyless_environment
 
 HEARTBEAT_PERIOD_S = 1.0  # wall s from the answer to one heartbeat request until the next request
-CHECK_MAX_S = 0.5  # wall s; largest wait that one check counts, so that a pause of the parent does not count as silence
+CHECK_MAX_S = 0.5  # wall s; largest wait that one check counts, so that a pause of the parent counts little
 
 
 class Heartbeat:
@@ -36,7 +36,7 @@ class Heartbeat:
         self._waited_s = 0.0
 
     def is_due(self, now_s: float) -> bool:
-        """Return whether the next request is due. None is due while an answer is pending, so none pile up."""
+        """Return whether the next request is due. No request is due while an answer is pending."""
         return not self._is_pending and (self._answered_s is None or now_s >= self._answered_s + HEARTBEAT_PERIOD_S)
 
     def sent(self, now_s: float) -> None:
@@ -46,10 +46,10 @@ class Heartbeat:
         self._is_pending, self._answered_s = False, now_s
 
     def pending_s(self, now_s: float) -> float:
-        """Update and return how long (s) the answer has been pending; 0: none is pending.
+        """Update and return how long (s) the answer has been pending; 0 if no answer is pending.
 
-        Each call counts GLANCE_S at most. So a suspended machine or a Ctrl-Z, during which the process cannot answer
-        either, does not count.
+        Each call adds CHECK_MAX_S at most. So the time during which the machine was suspended, or Ctrl-Z stopped the
+        processes, hardly counts.
         """
         if not self._is_pending or self._looked_s is None:
             return 0.0
@@ -69,11 +69,11 @@ class Heartbeat:
 
 READY_S = 600.0  # wall seconds; includes the compilation of a first run on a slow and busy machine
 ANSWER_S = 30.0  # wall seconds; longest wait for the answer to a command
-# Longest wait for a heartbeat. A part answers between two turns, which take milliseconds, on a busy machine seconds.
-# After such a silence a flight cannot be judged, because the sockets of a listener that does not read have overflowed.
-# The agent waits longer for its camera, because the error of this check names the process.
+# Longest wait for a heartbeat, wall seconds. A part answers between two turns. A turn takes milliseconds, on a busy
+# machine seconds. A flight with a longer silence cannot be judged, because the socket of the silent process overflows.
+# The agent waits longer for its camera, so that this check, whose error names the process, comes first.
 HANG_S = 15.0
-CAUSE_S = 10.0  # the same after another error, because a process that hangs is its likely cause
+CAUSE_S = 10.0  # longest wait for a heartbeat after another error, which a hanging process may have caused
 CLOSE_S = 5.0
 C = TypeVar("C")
 
@@ -83,7 +83,7 @@ class ChildKind(Generic[C]):
     """A kind of child process."""
 
     name: str  # in messages, and in the name of its log
-    module: str  # its name, because only the child imports it; it has `create(config) -> Part`
+    module: str  # name of a module with `create(config) -> Part`; only the child imports it
     config: type[C]  # a frozen dataclass of JSON values
     needs_keys: bool = False  # True for models, which need the keys in the environment
 
@@ -106,7 +106,7 @@ class ChildProcess:
         self._buffer = b""
         self._answers: deque[dict[str, Any]] = deque()
         self._heartbeat: Heartbeat | None = None  # None until the process is ready, because it may compile for minutes
-        self._silent_s = 0.0  # length of its silence; if above 0, no call waits for it again
+        self._silent_s = 0.0  # wall s of silence; above 0: no call waits for the process again
         self._send(msgspec.to_builtins(config))
 
     @property

@@ -1,7 +1,7 @@
-"""The costs of a flight's models: test question, ledger, limiter, budget and cache.
+"""Limits and records the costs of a flight's models: test question, ledger, rate limiter, budget and cache.
 
-In a cluster, one actor keeps the ledger (extra `cluster`) for all models. `Accounts.ledger` is ON_CLUSTER and the name
-of the actor.
+On a Ray cluster (extra `cluster`), one actor keeps the ledger for all workers. `Accounts.ledger` is then ON_CLUSTER
+followed by the actor's name.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -24,7 +24,7 @@ from foundation.run_folder.layout import LEDGER
 
 
 class LedgerKeeper:
-    """The actor. It serves one call at a time, so that a claim is one transaction for the whole cluster."""
+    """The actor that keeps the ledger. It serves one call at a time, so that each claim is one transaction."""
 
     def __init__(self, path: str) -> None:
         self._ledger = Ledger(Path(path))
@@ -88,13 +88,13 @@ class RemoteLedger:
 
 
 class RemoteLimiter:
-    """The limiter for all users of a cluster's ledger (`dronecats.agent.models.turns.Limiter`)."""
+    """The rate limiter of an address for a whole cluster, a `dronecats.agent.models.turns.Limiter`."""
 
     def __init__(self, call: Callable[..., Any], address: str, model: str) -> None:
         self._call, self._address, self._model = call, address, model
 
     def claim(self, tokens: int) -> float:
-        """Count a request as sent and return 0, or return the s to wait. Raises InfrastructureError."""
+        """Count a request as sent and return 0, or return the seconds to wait. Raises InfrastructureError."""
         return float(self._call("claim", self._address, self._model, tokens))
 
     def update(self, allowances: tuple[Allowance, ...]) -> None:
@@ -108,7 +108,7 @@ class RemoteLimiter:
 
 @contextmanager
 def accounted(spec: ModelSpec, accounts: Accounts, run: Path) -> Iterator[tuple[Model, Callable[[], str]]]:
-    """Open a model for a flight of the run in a folder; yield it with a function that returns the run's cost in words.
+    """Open a model for a flight in the run folder `run`; yield it and a function that returns the run's cost in words.
 
     Raises UsageError, BudgetError, InfrastructureError.
     """
@@ -128,7 +128,7 @@ def accounted(spec: ModelSpec, accounts: Accounts, run: Path) -> Iterator[tuple[
 
 
 def check_budget(accounts: Accounts, run: Path) -> None:
-    """Raise BudgetError if the budget of a run is spent, before anything is started."""
+    """Raise BudgetError if the budget of a run is spent. Call it before anything is started."""
     if accounts.cost_limit_usd is None and accounts.token_limit is None:
         return
     with closing(_books(accounts, run)) as ledger:
@@ -148,7 +148,7 @@ def is_spent(accounts: Accounts, run: Path | None) -> bool:
 
 
 def book(model: str, spent: Spent, accounts: Accounts, run: Path) -> None:
-    """Add the cost of a model (PROVIDER/NAME) to the ledger of the run in a folder. Raises InfrastructureError."""
+    """Add the cost of a model (PROVIDER/NAME) to the ledger of the run folder `run`. Raises InfrastructureError."""
     with closing(_books(accounts, run)) as ledger:
         ledger.spend(model, spent)
 
@@ -164,14 +164,14 @@ def _budget(accounts: Accounts) -> Budget:
 
 
 class Spending:
-    """The cost of all runs of a benchmark, from their ledger; `spent` is None if no model is paid."""
+    """The cost of all runs of a benchmark, read from their common ledger."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / LEDGER
         self._ledger: Ledger | None = None
 
     def spent(self) -> Spent | None:
-        """Return the cost; None before there is a ledger. Raises InfrastructureError."""
+        """Return the cost; None if there is no ledger, because no model was paid yet. Raises InfrastructureError."""
         if self._ledger is None and self._path.exists():
             self._ledger = Ledger(self._path)
         return self._ledger.spent() if self._ledger else None
@@ -188,9 +188,9 @@ TEXT = 'The picture does not matter. Answer with this JSON object and nothing el
 
 
 class FirstQuestions:
-    """Test questions: one small question to each model before take-off, which finds a wrong key or address.
+    """Asks each model one small test question before take-off, to find a wrong key or address.
 
-    The questions are not decisions. Their cost is booked.
+    The answers are not decisions, but their cost is booked.
     """
 
     def __init__(self, flights: Iterable[FlightSpec], run: Path | None, notify: Notify) -> None:
@@ -201,7 +201,7 @@ class FirstQuestions:
     def ask(self) -> None:
         """Ask each model once. Raises UsageError if a model rejects every question, ModelError if it does not answer.
 
-        There is no question for a replay, for a run whose limit is spent, or if a cache has replies already.
+        Skips replays, runs whose limit is spent, and flights whose cache has replies.
         """
         models: list[ModelSpec] = []
         for flight in self._flights:
@@ -211,7 +211,7 @@ class FirstQuestions:
                     self._costs.append(self._question(model, flight))
 
     def book(self, run: Path) -> None:
-        """Book the cost of the questions with the run in a folder. Raises InfrastructureError."""
+        """Add the cost of the questions to the ledger of the run folder `run`. Raises InfrastructureError."""
         for costs in self._costs:
             book(*costs, run)
 
@@ -235,9 +235,9 @@ class FirstQuestions:
 def flight_folder(
     spec: FlightSpec, out: Path | None, episode: str, configuration: dict[str, Any], notify: Notify
 ) -> Iterator[Path]:
-    """Return the folder of a flight. It is made after the models have answered their test questions.
+    """Create the folder of a flight after the models have answered their test questions, and yield it.
 
-    The arguments and errors are those of `folders.create`; it also raises ModelError.
+    The other arguments and the errors are those of `folders.create`. Also raises ModelError.
     """
     questions = FirstQuestions([spec], out, notify)
     with folders.create(out, spec.pilot_name, episode, configuration, questions.ask) as folder:
@@ -246,7 +246,7 @@ def flight_folder(
 
 
 def _is_cached(accounts: Accounts) -> bool:
-    """Return whether a cache has replies. It may answer the whole flight without an endpoint."""
+    """Return whether a cache has replies, which may answer the whole flight without an endpoint."""
     if accounts.cache is None:
         return False
     with closing(ReplyCache(Path(accounts.cache))) as cache:

@@ -16,9 +16,9 @@ from hil.link.telemetry import VehicleState
 from hil.preflight.failsafes import read_failsafe
 
 READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
-AVERAGE_S = 3.0  # s over which place and range are averaged on the ground
+AVERAGE_S = 3.0  # s over which position and rangefinder distance are averaged on the ground
 ARRIVAL_S = 60.0  # s to settle at the start pose
-RANGED_S = 1.0  # s over which place and range are averaged at the start pose
+RANGED_S = 1.0  # s over which position and rangefinder distance are averaged at the start pose
 LEVEL_M, LEVEL_MAX_M = 0.04, 0.5  # m; height errors between these two are corrected
 LEVELLINGS = 4  # largest number of height corrections
 
@@ -34,7 +34,7 @@ class StartOffset:
 def start_of(record_start: Any, ground_down: float, clearance_m: float = 0.0) -> StartOffset:
     """Return the start offset of one drone of a record.
 
-    `ground_down`: ground at the start (m, NED); `clearance_m`: height of the body's origin of a drone on the ground.
+    `ground_down`: ground at the start (m, NED down). `clearance_m`: height of the body's origin when the drone stands.
     """
     height_m = ground_down - clearance_m - record_start.position_ned[2]
     return StartOffset((0.0, 0.0, -height_m), math.radians(record_start.yaw_deg))
@@ -126,7 +126,7 @@ def _send(link: Link, ground: _Ground, start: StartOffset) -> _Sent:
 
 
 def _levelled(link: Link, sent: _Sent, ground: _Ground, start: StartOffset) -> _Sent:
-    """Correct the height of a drone by its rangefinder, if it has one, because a barometer drifts; return its goal."""
+    """Correct a drone's height with its rangefinder, if it has one, because the barometer drifts; return its goal."""
     range_m = link.track.mean_range(RANGED_S)
     place = link.track.mean_place(RANGED_S)
     if range_m is None or ground.range_m is None or place is None or start.yaw is None:
@@ -149,7 +149,7 @@ def _settled(link: Link, arrival: Arrival, state: VehicleState) -> bool:
 
 
 def _on_the_ground(link: Link) -> None:
-    """Raise LinkError if the vehicle is armed or in the air (another pilot has it), or if its battery is too low."""
+    """Raise LinkError if the vehicle is armed or in the air (another pilot flies it), or if its battery is too low."""
     if link.state.armed or link.state.landed is False:
         condition = "is already armed" if link.state.armed else "is in the air"
         raise LinkError(

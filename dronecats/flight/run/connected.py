@@ -1,4 +1,4 @@
-"""A flight of a connected vehicle, with the episode code of every flight. Without truth there is no verdict."""
+"""Flies a connected vehicle with the same episode code as a simulated one. Without truth there is no verdict."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -51,7 +51,8 @@ def fetch_onboard_log(url: str, link: Link, folder: Path, notify: Callable[[str]
 
 EPISODE = "connected"
 HEIGHT_M = 2.5  # start of the episode, above the place of take-off: PX4's MIS_TAKEOFF_ALT
-# wall seconds of silence, for example if a cable is unplugged. The vehicle's failsafe ends Offboard long before
+# wall seconds without telemetry (for example, an unplugged cable) after which the vehicle counts as lost. Its failsafe
+# ends Offboard long before
 SILENCE_S = 6.0
 
 
@@ -74,7 +75,7 @@ class VehicleFlight(FlightSetup):
             notify(f"{draw_intent(folder, self.camera_model)} decisions are drawn in {folder / layout.INTENT}")
 
     def draw(self, folder: Path, ending: EpisodeEnd) -> None:
-        """Draw flight.png if the truth is known."""
+        """Draw flight.png. Does nothing here, because the picture needs the truth."""
 
     @property
     def camera_model(self) -> CameraModel:
@@ -83,7 +84,7 @@ class VehicleFlight(FlightSetup):
 
 
 class ConnectedFlight(VehicleFlight):
-    """A flight in the real world, or in another world without truth."""
+    """A flight in the real world, or in a simulation that does not send its truth."""
 
     def __init__(self, flight: Flight, vehicle: Connected, instruments: Instruments) -> None:
         """Open the vehicle's link and its camera. Raises UsageError, LinkError."""
@@ -123,7 +124,7 @@ class ConnectedFlight(VehicleFlight):
 
 
 def open_link(vehicle: Connected, limits: Limits | None) -> Link:
-    """Return the link to a connected vehicle, whose cable may be unplugged. Raises UsageError, LinkError."""
+    """Return the link to a connected vehicle. It reopens if the cable was unplugged. Raises UsageError, LinkError."""
     key = load_key(Path(vehicle.sign)) if vehicle.sign else b""
     wire = Reopening(lambda: connect(vehicle.url))
     return Link(wire, silence_s=SILENCE_S, key=key, limits=limits, dry=vehicle.authority.dry)

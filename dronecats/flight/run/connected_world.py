@@ -1,4 +1,4 @@
-"""A flight of a vehicle that simulates itself, in one of our episodes (with a verdict) or on one of our maps."""
+"""Flies a vehicle that simulates itself, in an episode of the project (with a verdict) or on one of its maps."""
 
 import math
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from hil.link.envelope import Limits
 
 
 class ConnectedWorldFlight(VehicleFlight):
-    """A flight in our world: camera, logger and oracle use the true poses from the vehicle's simulator."""
+    """A flight in an episode's world: camera, logger and oracle use the true poses from the vehicle's simulator."""
 
     def __init__(self, flight: Flight, vehicle: Connected, truth: str) -> None:
         """Open the vehicle's link; `truth` is the URL of its true poses. Raises UsageError, LinkError."""
@@ -44,7 +44,7 @@ class ConnectedWorldFlight(VehicleFlight):
                 f"{record.id} is for {len(record.starts)} drones, but --truth gives the pose of one drone only."
                 " Choose an episode for one drone"
             )
-        source = TruthSource(truth)  # read once before the folder is made; later the flight's own process listens
+        source = TruthSource(truth)  # read once before the folder is made; in flight a child process reads it
         try:
             source.first()
         finally:
@@ -82,5 +82,5 @@ class ConnectedWorldFlight(VehicleFlight):
             draw(folder)
 
     def _drawn(self, folder: Path) -> Path:
-        """Return the file of the record of the drawn world."""
+        """Return the path of the record whose world is drawn."""
         return folder / (layout.EPISODE if self._judged else layout.WORLD)

@@ -1,4 +1,4 @@
-"""One episode from take-off to landing, the same for every autopilot."""
+"""Flies one episode from take-off to landing, in the same way for every autopilot."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -126,7 +126,7 @@ def fly(
 
 
 def _warn_of_silence(notify: Callable[[str], None], label: str, seconds: float) -> None:
-    """Print the lost time. The log has it as `host_lag_s` of the pending decision."""
+    """Print the time without telemetry. The log has this time as `host_lag_s` of the pending decision."""
     notify_safely(notify, f"      {label}no telemetry for {seconds:.1f} s; the agent waited")
 
 
@@ -153,17 +153,17 @@ def _begin(
     pictures: PicturePath | None,
 ) -> Agent:
     for link in stage.links:
-        if not link.streaming:  # a vehicle that we brought to its start pose is already held there
+        if not link.streaming:  # after `ascend`, the vehicle already holds its start pose
             link.fly(Hold())
         link.start_offboard()
     t0_us = max(link.time_us for link in stage.links)
     stage.begin(t0_us, cap_s)
-    for link in stage.links:  # so that the first frame is younger than the episode
+    for link in stage.links:  # so that the first frame is taken after the start of the episode
         link.wait(0.1)
     for link in stage.links:  # from now on the agent ticks all links in turn
         link.on_wait = stage.check
 
-    host = HostPace(time.monotonic, stage.speed) if stage.speed else None  # measures wall time: delays by the host
+    host = HostPace(time.monotonic, stage.speed) if stage.speed else None  # measures delays by the host, in wall time
 
     def on_tick() -> None:
         stage.check()
@@ -194,8 +194,8 @@ def _begin(
 class VerdictWatch:
     """Checks after each declaration whether the verdict is decided. The first declaration that qualifies decides it.
 
-    In real time the logger may measure a declaration late, so each decision repeats the check until it is known. The
-    watch reads the logger's files with the verifier's own function. The agent learns only that the time is over.
+    In real time the logger may measure a declaration late, so each decision repeats the check until there is a result.
+    The watch reads the logger's files with the judge's own function. The agent learns only that the time is over.
     """
 
     def __init__(self, folder: Path, full: bool) -> None:

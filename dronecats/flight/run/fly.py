@@ -1,4 +1,4 @@
-"""Flies any flight by its spec, and writes its run.json."""
+"""Flies a flight of any kind from its specification, and writes run.json."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from foundation.run_folder.folder import write_run
 
 
 def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the contents of run.json without versions and facts that follow from the flight. No API key is in it.
+    """Return the contents of run.json that are known before the flight, without versions. They contain no API key.
 
     Raises UsageError for an unknown agent.
     """
@@ -65,7 +65,7 @@ def fly(spec: FlightSpec, out: Path | None, notify: Notify, instruments: Instrum
 
 
 def setup_of(spec: FlightSpec, instruments: Instruments = UNWATCHED) -> FlightSetup:
-    """Return a flight, looked up and checked. A vehicle is either simulated or connected. Raises UsageError.
+    """Return the setup of a flight, looked up and checked, for a simulated or a connected vehicle. Raises UsageError.
 
     Only the code for this kind of vehicle is imported, because a companion computer has no simulator.
     """

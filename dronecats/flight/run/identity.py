@@ -4,7 +4,7 @@ Digests are SHA-256 in hexadecimal. A report does not pool flights whose digests
 
 The digest of the source code covers statements, not their places and comments. From a Python file it covers the
 top-level statements, without imports, docstrings, comments and `__version__`. So moving a function to another file does
-not change the digest. A string with the path of one of our modules is replaced by `a module`. From a TOML file the
+not change the digest. A string with the path of a project module is replaced by `a module`. From a TOML file the
 digest covers the values, from other files the bytes. File names and the order of statements have no effect.
 """
 
@@ -39,8 +39,8 @@ FITTING = "dronecats/pilots/fitting"  # makes data files of the built-in pilots;
 JUDGE = "dronecats/judge"  # without its subfolders: metrics and statistics do not affect a verdict
 OUR_MODULE = re.compile(r"(foundation|vehicles|autopilot|episodes|hil|dronecats)(\.[a-z_0-9]+)+(:\w+)?")
 MODULUS = 1 << 256
-CACHE_ENTRIES_MAX = 5000  # files in the cache; above it, files of other versions are dropped
-PARENTS = "parents"  # `Path.parents[n]` counts without n, which changes when a module moves
+CACHE_ENTRIES_MAX = 5000  # files in the cache; above this number, other versions of the files are dropped
+PARENTS = "parents"  # `Path.parents[n]` is digested without n, which changes when a module moves
 
 
 @cache
@@ -58,7 +58,7 @@ def code_digest() -> str:
 def source_digest(paths: Sequence[Path]) -> str:
     """Return the SHA-256, in hexadecimal, of the statements of these files.
 
-    Parsing hundreds of files takes seconds, so a cache keeps the sum of each file by a digest of its bytes.
+    Parsing hundreds of files takes seconds, so a cache maps the digest of each file's bytes to its `statements`.
     """
     kept, read = _load_cache(), dict[str, int]()
     for path in paths:
@@ -93,7 +93,7 @@ def _tokens(value: Any) -> Iterator[str]:
     elif isinstance(value, ast.AST):
         yield type(value).__name__
         for name, part in ast.iter_fields(value):
-            if part is not None and part != []:  # fields of newer Python versions are empty here
+            if part is not None and part != []:  # fields that only newer Python versions have are empty
                 yield name
                 yield from _tokens(part)
     elif isinstance(value, list):

@@ -1,4 +1,4 @@
-"""The end of every flight. First of all, the vehicles get the order to land."""
+"""Ends every flight: orders the landing, then tells the logger, then waits until the vehicles have landed."""
 
 import contextlib
 import signal
@@ -54,7 +54,7 @@ def notify_safely(notify: Callable[[str], None], line: str) -> None:
 
 @contextlib.contextmanager
 def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
-    """Yield a list that notes a Ctrl-C while landing is ordered (some seconds). A second Ctrl-C ends the program."""
+    """Yield a list that notes the first Ctrl-C while landing is ordered. A second one raises KeyboardInterrupt."""
     hurried: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -82,10 +82,9 @@ def signals_handled(handler: Callable[[int, FrameType | None], None] | signal.Ha
 
 
 def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None] = lambda line: None) -> list[Link]:
-    """End the flight of every armed drone: stand still, hold, and then land or return.
+    """End the flight of every armed drone: stop, hold, and then land or return. Return the drones that will land.
 
-    Returns the drones that will land. A drone that does not answer delays no other, and a drone that another pilot has
-    taken over is left alone.
+    A drone that does not answer does not delay the others. A drone that another pilot has taken over gets no order.
     """
     landing = []
     for label, link in zip(_labels(stage.links), stage.links, strict=True):
@@ -104,7 +103,7 @@ def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None
                 link.give_up(then)
                 if then != "hold":
                     landing.append(link)
-        except Exception as fault:  # a fault after the episode changes no verdict; the next vehicle gets its order too
+        except Exception as fault:  # continue: the verdict stays the same, and the next vehicle needs its order
             link.stop_stream()
             notify(f"{label}the command to {then} failed: {fault}. {AFTERWARDS}")
             say_failsafe(link, notify)
@@ -154,7 +153,7 @@ def _labels(links: Sequence[Link]) -> list[str]:
 
 
 def unexpected(bug: Exception, folder: Path) -> DronecatsError:
-    """Return a bug of ours as an infrastructure error; the traceback is written to the run folder."""
+    """Return an unexpected exception as an infrastructure error, and write its traceback to `folder`."""
     if isinstance(bug, OSError):  # a full disk or closed terminal: not a bug, and a traceback cannot be written
         return InfrastructureError(f"the flight's files or its output cannot be written: {bug.strerror or bug}")
     log = folder / "traceback.log"

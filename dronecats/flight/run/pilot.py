@@ -1,4 +1,4 @@
-"""The pilot of a flight: opens the model or built-in pilot that decides, and makes the agent that asks it."""
+"""Opens the pilot of a flight, a model or a built-in pilot, and makes the agent that asks it for decisions."""
 
 import importlib
 from collections.abc import Callable, Iterator
@@ -43,18 +43,18 @@ def questions_of(flight: Flight, model: Model) -> Questions:
         axis_order=asker.axis_order if (asker := spec.model or spec.outside) else "xy",
         parser=spec.parser,
         patience_s=spec.patience_s,
-        beside=served and waits and spec.command == "flat",  # several questions at a time would have no fixed order
+        beside=served and waits and spec.command == "flat",  # with several questions at a time, the order would vary
         last_reply=flight.scored,  # unscored flights do not wait for a late reply
     )
 
 
 def papers_agent(flight: Flight, model: Model) -> AgentFactory:
-    """Return the maker of the paper's agent: one decider for all drones, or one for each drone."""
+    """Return the factory of the paper's agent. It asks one question for each group of drones (`groups_of`)."""
     return partial(PaperAgent, questions_of(flight, model), groups=groups_of(flight))
 
 
 def steady_agent(flight: Flight, model: Model) -> AgentFactory:
-    """Return the maker of the agent that tolerates a slow model: docs/steady.md."""
+    """Return the factory of the agent that tolerates a slow model: docs/steady.md."""
     from dronecats.agent.steady.agent import SteadyAgent  # here, because scipy.stats takes seconds to load
 
     return partial(SteadyAgent, questions_of(flight, model), groups=groups_of(flight))
@@ -68,7 +68,7 @@ def groups_of(flight: Flight) -> list[list[int]] | None:
 
 
 def commanded_agent(flight: Flight, model: Model, commander: Model) -> AgentFactory:
-    """Return the maker of a hierarchy: a pilot for each drone, and a commander of the pilots."""
+    """Return the factory of a hierarchy: a pilot for each drone, and a commander of the pilots."""
     questions = questions_of(flight, model)
     return partial(
         Hierarchy,
@@ -115,7 +115,7 @@ class OpenPilot:
     commander: Model | None = None
 
     def agent(self, flight: Flight) -> AgentFactory:
-        """Return the maker of the flight's agent; with a commander, the paper's agent is a hierarchy."""
+        """Return the factory of the flight's agent. With a commander, a hierarchy replaces the paper's agent."""
         maker = agent_maker(flight.spec.agent)
         if self.commander is not None and maker is papers_agent:
             make = commanded_agent(flight, self.model, self.commander)
@@ -178,7 +178,7 @@ def commanded(flight: Flight, stage: Stage, folder: Path, pilot: OpenPilot) -> I
 
 @contextmanager
 def _commander(flight: Flight, folder: Path) -> Iterator[OpenPilot]:
-    """Open the commander's model on the same ledger as the pilot's, so the spent cost is that of both."""
+    """Open the commander's model with the pilot's ledger, so that the cost is that of both models."""
     assert flight.spec.commander is not None
     with accounted(flight.spec.commander, flight.spec.accounts, folder.parent) as (model, spent):
         yield OpenPilot(model, spent=spent)

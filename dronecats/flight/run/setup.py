@@ -1,4 +1,4 @@
-"""The sequence of every flight, from its record to its judged folder: `FlightSetup`, a subclass per kind of vehicle."""
+"""Runs a flight, from its record to its judged folder. `FlightSetup` has a subclass for each kind of vehicle."""
 
 import signal
 import statistics
@@ -46,8 +46,8 @@ def fly_and_judge(
 ) -> dict[str, Any]:
     """Fly, leave a judged folder in every case, and return the JSON object of `fly --json`.
 
-    `afterwards` writes the other files of the flight; a Ctrl-C disturbs neither it nor the verdict. `pace` is
-    called after the flight and returns how well the flight kept real time.
+    `afterwards` writes the other files of the flight. Ctrl-C is ignored while these files and the verdict are written.
+    `pace` is called after the flight and returns how well the flight kept real time.
     """
     try:
         ending = flight()
@@ -114,7 +114,7 @@ def served_rate_hz(folder: Path) -> float | None:
 
 
 class Instruments:
-    """Watches link, camera, model and agent of a connected vehicle. This one does nothing; subclasses measure."""
+    """Watches link, camera, model and agent of a connected vehicle. The base class does nothing; subclasses measure."""
 
     def watch(self, link: Link, camera: PatientCamera, run: Path) -> None:
         """Start to watch link and camera, before the first message is sent. `run` is the run folder."""
@@ -133,7 +133,7 @@ UNWATCHED = Instruments()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ready:
-    """Everything that an episode needs, started."""
+    """The started parts that an episode needs."""
 
     stage: Stage
     starts: list[StartOffset]  # of each drone

@@ -1,4 +1,4 @@
-"""A flight in our own simulation."""
+"""Flies an episode in the project's simulation."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -22,7 +22,7 @@ from vehicles import airframe as airframes
 
 
 class SimulatedFlight(FlightSetup):
-    """An episode with our vehicles, camera and logger, in lockstep or in real time."""
+    """A flight of simulated vehicles, in lockstep or in real time."""
 
     def __init__(self, flight: Flight) -> None:
         """Raises UsageError for a flight without an episode."""
@@ -67,7 +67,7 @@ class SimulatedFlight(FlightSetup):
         try:
             clearance_m = airframes.load(simulated.airframe).standing_m
             starts = [start_of(s, world.ground_down(*s.position_ned[:2]), clearance_m) for s in record.starts]
-            # only PX4 is checked, because our own autopilot is calibrated to its start
+            # only PX4 is checked, because the project's autopilot is calibrated to its start
             checked = TrueStart(stage, world) if simulated.autopilot == "px4" else nullcontext()
             pictures = _pictures(spec.disturbances.frame, recall)
             with checked as true_start, opened_in(world, flight, stage, folder) as pilot:
@@ -104,7 +104,7 @@ def _pictures(faults: FrameFaults, recall: Callable[[int, int], Frame]) -> Pictu
 
 
 def draw(folder: Path, conditions: SceneConditions = AS_BUILT) -> None:
-    """Draw flight.png of an episode folder in its light; a picture that fails must not cost the flight."""
+    """Draw flight.png of an episode folder in these conditions. Errors go to flight.png.error and are not raised."""
     from dronecats.flight.picture import aerial
     from dronecats.flight.picture import draw as draw_flight
     from dronecats.flight.sitl.simulation import load_world

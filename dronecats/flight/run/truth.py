@@ -1,8 +1,8 @@
-"""The uses of the truth in a flight besides the logger: pilots that know it, and the check of the start.
+"""Uses the truth in a flight: opens pilots that know the truth, and checks the start.
 
 Before an episode begins, the autopilot's estimate and the start pose are compared with the truth. If the start pose
 differs from the record, or the autopilot's heading is wrong, the flight is an error of the infrastructure, because its
-verdict would not be about the pilot.
+verdict would not measure the pilot.
 """
 
 import math
@@ -30,12 +30,12 @@ from foundation.truth import KEPT, NewestTruth, TruthSample
 from hil.link.link import Link
 from hil.link.telemetry import VehicleState
 
-LATE_S = 90.0  # s; an older picture counts as one of this age
+LATE_S = 90.0  # s; a picture older than this is treated as this old
 
 
 @contextmanager
 def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) -> Iterator[OpenPilot]:
-    """Open any pilot of a flight in our world. Raises UsageError, InfrastructureError."""
+    """Open the pilot of a flight in a world with truth. Raises UsageError, InfrastructureError."""
     name = flight.spec.pilot
     if name is None or not roster.needs_truth(name) or flight.spec.replay:
         with opened(flight, stage, folder) as pilot:
@@ -62,7 +62,7 @@ def _knowing(name: str, flight: Flight) -> TruthPilot:
 
 
 def _kept(flight: Flight) -> int:
-    """Return the number of truth samples to keep: KEPT, and those of LATE_S more if pictures may be late."""
+    """Return the number of truth samples to keep: KEPT, plus the samples of LATE_S if pictures may be late."""
     return KEPT if flight.spec.disturbances.frame == FrameFaults() else KEPT + round(LATE_S * TRUTH_HZ)
 
 

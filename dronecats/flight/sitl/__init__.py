@@ -1,1 +1,1 @@
-"""Our simulator as a whole: vehicle, autopilot and camera on one clock, in real time or in lockstep."""
+"""The simulator: vehicle, autopilot and camera on one clock, in real time or in lockstep."""

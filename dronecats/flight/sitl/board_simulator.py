@@ -42,7 +42,7 @@ class BoardVehicle(HilVehicle):
         period_us: int,
         **physics: Unpack[Physics],
     ) -> None:
-        """`period_us`: period of the sensor messages. A `Suite` with this period replaces that of `physics`."""
+        """`period_us`: period of the sensor messages. Any sensor suite in `physics` is replaced."""
         physics["suite"] = Suite(imu_period_us=period_us)
         super().__init__(index, airframe, pose, period_us=period_us, **physics)
         self.line = line
@@ -70,7 +70,7 @@ class BoardVehicle(HilVehicle):
 
 
 class BoardSimulator:
-    """The simulator with a board; one turn is one tick. It forwards messages between the board and two UDP ports."""
+    """The simulator for one board. One turn is one tick. It forwards messages between the board and two UDP ports."""
 
     def __init__(self, config: SimulatorConfig, notify: Callable[[str], None]) -> None:
         """Raises UsageError, LinkError."""

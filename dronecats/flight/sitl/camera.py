@@ -1,6 +1,6 @@
 """The simulated camera, and the process that serves its frames over HTTP.
 
-It renders frames from the poses on the truth bus, and announces each frame there for the logger.
+It renders frames from the poses on the truth bus, and announces each frame on the bus for the logger.
 """
 
 import contextlib
@@ -48,7 +48,7 @@ from hil.link.transport import bind_error
 from vehicles import airframe as airframes
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
-GRAIN = 4  # samples per pixel and direction of a reduced picture; a full one has 2, and pixels of half the width
+GRAIN = 4  # samples per pixel and axis of a reduced picture; a full picture has 2, and its pixels are half as wide
 DEPTHS_KEPT = 32  # depth pictures of the newest frames
 STALE_S = 0.5  # body rates are not computed from samples farther apart
 _warm: set[type] = set()  # renderer classes that this process has warmed up
@@ -92,7 +92,7 @@ class WorldCamera:
         self._truth = NewestTruth(self._origin, kept)
         self._t0_us: int | None = None
         self._frames = 0
-        self._lock = threading.Lock()  # server threads request frames; one is rendered at a time
+        self._lock = threading.Lock()  # several server threads request frames; only one frame is rendered at a time
 
     def feed(self, data: bytes) -> None:
         """Process bytes of the truth bus."""
@@ -221,7 +221,7 @@ def _after(drones: Mapping[int, TruthSample], seconds: float) -> dict[int, Drone
 
 
 def rates_between(before: TruthSample, after: TruthSample) -> Vec3:
-    """Return the mean body rates (rad/s, FRD) from one sample to the next; zero for equal times or STALE_S apart."""
+    """Return the mean body rates (rad/s, FRD) between two samples; zero for equal times and for STALE_S or more."""
     seconds = (after.time_us - before.time_us) / 1e6
     if not 0.0 < seconds < STALE_S:
         return (0.0, 0.0, 0.0)
@@ -241,7 +241,7 @@ HOST = "127.0.0.1"
 NEXT_PORTS = 100  # number of ports to try, from the requested one upwards
 CONNECTIONS = 64  # open at the same time, at most
 REQUEST_S = 10.0  # wall s to wait for the first request of a connection
-IDLE_S = 600.0  # wall s to wait for its next request; a model may think for minutes
+IDLE_S = 600.0  # wall s to wait for the next request of a connection; a model may think for minutes
 
 
 class CameraPart:
@@ -281,7 +281,7 @@ class CameraPart:
 
 
 class FrameServer(ThreadingHTTPServer):
-    """A server with a limited number of connections. Beyond it, the oldest one without a request is closed."""
+    """An HTTP server with CONNECTIONS connections at most. If full, it closes the oldest one without a request."""
 
     daemon_threads = True
     request_queue_size = 2 * CONNECTIONS

@@ -1,4 +1,4 @@
-"""Collisions of drones with the moving target and with each other, and reports of all hits."""
+"""Simulates collisions of drones with the moving target and with each other, and reports all hits."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from vehicles.encounter import DRONE, balls, push_apart
 from vehicles.multirotor import Multirotor
 
 APART_US = 500_000  # µs without a touch after which a contact ends
-LASTING_US = 500_000  # µs after which a contact that began too slowly for a hit is reported
+LASTING_US = 500_000  # µs after which a contact is reported that began too slowly to count as a hit
 UPDATE_US = 50_000  # µs, period of updates of the target's pose
 AHEAD_S = 0.05  # s, time step for the finite difference of the target's velocity
 
@@ -27,7 +27,7 @@ class Traffic:
         self._next_us = 0
 
     def begin(self, t0_us: int) -> None:
-        """Start the motion of the target at this vehicle time. Before, the physics has no target."""
+        """Start the motion of the target at this vehicle time. Until then, the physics has no target."""
         self._t0_us = t0_us
 
     def place(self, vehicles: Sequence[Multirotor], time_us: int) -> None:

@@ -1,8 +1,8 @@
 """Compiles the kernels of a flight in parallel processes, on the first run of an installation.
 
 numba compiles one function at a time in a process. Plant (vehicle physics), inner loop and camera take about the same
-time. So the calling process compiles the inner loop, and two other processes compile plant and camera. All write to the
-cache of `foundation.compiled`, from which `dronecats.flight.sitl.fused` and the camera load their kernels.
+time. So the calling process compiles the inner loop, and two other processes compile plant and camera. All three
+write to the cache of `foundation.compiled`, from which `dronecats.flight.sitl.fused` and the camera load their kernels.
 """
 
 import os

@@ -32,7 +32,7 @@ class SimulatorConfig:
     log_dir: str | None = None  # folder for PX4's output
     keep_ulogs: str | None = None  # folder for a copy of each PX4's own log; None: no copy
     restart: bool = False  # whether to restart a PX4 that ends
-    sign: str | None = None  # file of the key for our autopilot's signed messages; None: unsigned messages
+    sign: str | None = None  # key file for signed messages of the project's autopilot; None: unsigned messages
     hitl: str | None = None  # URL of the autopilot board that flies the vehicle
 
 
@@ -42,7 +42,7 @@ class CameraConfig:
 
     episode: str
     truth: str  # URL of the truth bus
-    airframe: str | None = None  # of the drones that the pictures show; gives the camera mount
+    airframe: str | None = None  # sets the camera mount and the drones in the pictures; None: AIRFRAME
     count: int | None = None
     port: int = 0  # TCP; 0: the system chooses one
     or_next_free: bool = False  # if the port is in use, take the next free one
@@ -54,10 +54,10 @@ class CameraConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthBridgeConfig:
-    """Configuration of the bridge for a vehicle with its own simulation, moved to an episode's start."""
+    """Configuration of the bridge that moves a vehicle with its own simulation to an episode's start."""
 
     episode: str
-    truth: str  # URL of its true poses
+    truth: str  # URL of the vehicle's true poses
 
 
 def noise_seed(episode: int, flight: int, vehicle: int) -> int:

@@ -86,7 +86,7 @@ class Failures:
     def _write(self) -> None:
         suite = self._plant.suite
         record = fault_record(
-            (*self._faults.values(), *self._scripted),  # the first fault of a part has effect
+            (*self._faults.values(), *self._scripted),  # of several faults of a part, the first has effect
             len(self._plant.airframe.rotors),
             int(suite["gps_period_us"]),
             int(suite["gps_latency_us"] + suite["gps_late_us"]),

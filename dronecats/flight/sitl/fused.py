@@ -1,8 +1,8 @@
-"""One compiled loop over plant and inner loop of a vehicle, which accesses records and arrays by address.
+"""Runs plant and inner loop of a vehicle in one compiled loop, which accesses records and arrays by address.
 
 numba needs about 2 µs for each numpy record among the arguments, because numpy describes its layout anew at each call,
-and 0.1 µs for each array. The records of one vehicle would take 40 µs, five times as long as 10 ms of flight. So
-`Fused` looks up all memory addresses once, and each call passes the address of their list.
+and 0.1 µs for each array. The records of one vehicle would take 40 µs, five times as long as the computation of 10 ms
+of flight. So `Fused` looks up all memory addresses once, and each call passes the address of their list.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """Lockstep: vehicle time advances only while a client waits for data.
 
-With our autopilot a flight is deterministic, and messages are exchanged as MAVLink bytes without sockets.
+With the project's autopilot a flight is deterministic, and MAVLink bytes are exchanged without sockets.
 """
 
 import time
@@ -59,7 +59,7 @@ class TurnOrder(ABC, Generic[V]):
 
 
 class Lockstep(TurnOrder[SimulatedVehicle]):
-    """The turn order of vehicles with our autopilot."""
+    """The turn order of vehicles with the project's autopilot."""
 
     def transport(self, vehicle: int, profile: str = "minimal") -> Transport:
         """Return the agent's end of a vehicle's MAVLink port; profile `minimal` streams only requested messages."""
@@ -80,7 +80,7 @@ class Px4Lockstep(TurnOrder[Px4Vehicle]):
     """The turn order of vehicles with PX4, whose MAVLink still uses sockets."""
 
     def __init__(self, simulator: Px4Simulator) -> None:
-        """Wait until every vehicle has a PX4 that answers. Raises InfrastructureError if a PX4 that we started ends."""
+        """Wait until every vehicle has a PX4 that answers. Raises InfrastructureError if a started PX4 ends."""
         super().__init__(simulator.simulation)
         self._simulator = simulator
         while not simulator.do("in step", {}):
@@ -144,9 +144,10 @@ def one_vehicle(
     px4: str | None = None,
     log_dir: Path | None = None,
 ) -> Iterator[Lockstep | Px4Lockstep]:
-    """Yield the record's first drone in its world, with our autopilot or a PX4 that the command `px4` starts.
+    """Yield the lockstep simulation of the record's first drone in its world.
 
-    `log_dir`: existing folder for PX4's output; None: it is not kept.
+    `px4`: the command that starts a PX4; None: the drone has the project's autopilot. `log_dir`: existing folder for
+    PX4's output; None: it is not kept.
     Raises UsageError for an airframe or command that cannot fly, InfrastructureError if PX4 ends.
     """
     if px4 is None:

@@ -1,8 +1,8 @@
-"""Simulated vehicles that a real PX4 flies: the exchange of sensors and motor outputs, PX4's process and ports.
+"""Simulates vehicles that a real PX4 flies: exchanges sensors and motor outputs, and manages PX4 processes and ports.
 
 Every EXCHANGE_US of vehicle time PX4 gets one HIL_SENSOR, which sets its clock, and the vehicle waits for PX4's answer.
-A PX4 that has just connected does not answer yet. Until its first answer the vehicle does not wait: it sends sensors,
-and the rotors stand still. The same holds if PX4 stops answering.
+A PX4 that has just connected does not answer yet. Until its first answer, and after PX4 stops answering, the vehicle
+does not wait: it sends sensors, and its rotors stand still.
 
 In lockstep, vehicle and PX4 are synchronised, but PX4's MAVLink threads are not: after each tick the agent waits a
 short wall time for telemetry. So a flight is as fast as the machine allows, but its bytes differ at each repetition.
@@ -49,11 +49,11 @@ from vehicles.sensors import Suite
 
 EXCHANGE_US = 4_000  # PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
 TRUTH_US = 8_000  # period of the truth in PX4's own log; PX4 asks for 5 ms
-# Wall seconds to wait for an answer; then time goes on without PX4. After a flight termination PX4 never answers
-# again. The agent's link detects a PX4 that hangs.
+# Wall seconds to wait for an answer. After that, vehicle time advances without PX4, because PX4 never answers again
+# after a flight termination. The agent's link detects a PX4 that hangs.
 ANSWER_S = 3.0
 PATIENCE_S = 0.2  # wall seconds between two checks during this wait
-# PX4's start script sets EKF2_GPS_DELAY to 10 ms for this interface. One (mean) IMU sample per exchange.
+# PX4's start script sets EKF2_GPS_DELAY to 10 ms for this interface. Each exchange has one (mean) IMU sample.
 SUITE = Suite(imu_period_us=EXCHANGE_US, gps_latency_us=10_000)
 ACTUATORS = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
 # µs; until then PX4 gets no sensors. At boot the legs drop onto the ground, so the specific force is wrong by up to
@@ -90,11 +90,11 @@ class HilVehicle(Vehicle):
         raise NotImplementedError
 
     def _has_fix(self) -> bool:
-        """Return whether there is a fix that has not been sent."""
+        """Return whether there is a GPS fix that has not been sent."""
         return int(self.plant.sensors["gps_time_us"]) > self._sent.gps_us
 
     def _sensor_message(self) -> dialect.MAVLink_message:
-        """Return HIL_SENSOR with the new samples, and mark all samples as sent, also the fix."""
+        """Return HIL_SENSOR with the new samples, and mark all samples and the GPS fix as sent."""
         message = sensor_message(self.plant.sensors, self.time_us, self._sent)
         self._sent = sent_now(self.plant.sensors)
         return message
@@ -113,7 +113,7 @@ class Px4Vehicle(HilVehicle):
     def __init__(
         self, index: int, airframe: Airframe, pose: BootPose, *, server: SimulatorServer, **physics: Unpack[Physics]
     ) -> None:
-        """`server`: PX4 connects to it; `close` closes it."""
+        """`server`: the TCP server to which PX4 connects. `close` closes it."""
         physics.setdefault("suite", SUITE)
         super().__init__(index, airframe, pose, period_us=EXCHANGE_US, **physics)
         self.server = server
@@ -168,7 +168,7 @@ class Px4Vehicle(HilVehicle):
         self.plant.actuators["armed"] = 0
 
 
-MODEL = "none_iris"  # a PX4 airframe whose rotors have the order of our quadrotors
+MODEL = "none_iris"  # a PX4 airframe with the rotor order of the project's quadrotors
 CLOSE_S = 5.0
 INSTANCE = "{instance}"  # placeholder for the instance's number in a command
 
@@ -177,7 +177,7 @@ class Px4Process:
     """One PX4 process. Its parameters and logs stay in its folder; its output is appended to `log`."""
 
     def __init__(self, command: str, instance: int, folder: Path, log: Path, speed: float) -> None:
-        """Start it. Raises UsageError for a command that cannot be run."""
+        """Start PX4. Raises UsageError for a command that cannot be run."""
         self.folder, self.log = folder, log
         self._arguments = arguments(command, instance)
         self._environment = environment(instance, speed)
@@ -230,12 +230,12 @@ def arguments(command: str, instance: int) -> list[str]:
 
 
 def environment(instance: int, speed: float) -> dict[str, str]:
-    """Return the environment of a PX4: ours without API keys, and the variables of PX4's start script."""
+    """Return this process's environment without API keys, with the variables of PX4's start script."""
     ours = keyless_environment(os.environ)
     if "PX4_SYS_AUTOSTART" not in ours:
         ours.setdefault("PX4_SIM_MODEL", MODEL)
     ours["PX4_INSTANCE"] = str(instance)
-    if speed > 1.0:  # PX4 multiplies its timeouts by it, so that they last as long in wall time
+    if speed > 1.0:  # PX4 multiplies its timeouts by this factor, so that their wall time stays the same
         ours["PX4_SIM_SPEED_FACTOR"] = f"{speed:g}"
     ours["PYTHONPATH"] = os.pathsep.join(filter(None, (str(ROOT), ours.get("PYTHONPATH"))))
     return ours
@@ -311,8 +311,8 @@ class Px4Simulator:
     ) -> None:
         """`notify` receives progress lines; `world`: the episode's world, if already loaded. Raises UsageError.
 
-        `instance` None: a free instance if the command has a placeholder for it, otherwise 0. Without a `state_dir`,
-        PX4 runs in a temporary folder.
+        `config.instance` None: a free instance if the command has the placeholder INSTANCE, else 0. Without a
+        `state_dir`, PX4 runs in a temporary folder.
         """
         world = world or load_world(config.episode)
         script, command = config.faults, config.px4
@@ -366,7 +366,7 @@ class Px4Simulator:
         return Px4Process(command, self.instance + index, folder, log, self.speed or 1.0)
 
     def _keep_ulogs(self, kept: Path, states: Path) -> None:
-        """Copy the newest log of every PX4, after all have ended."""
+        """Copy the newest log of every PX4. Call it after all PX4 processes have ended."""
         for vehicle in self.vehicles:
             logs = sorted((states / _state_name(vehicle.index)).glob(ULOGS), key=lambda log: log.stat().st_mtime)
             if not logs:
@@ -380,7 +380,7 @@ class Px4Simulator:
         self._began_s, self._began_us = time.monotonic(), self.simulation.time_us
 
     def summary(self) -> str:
-        """Return the vehicle time since PX4 connected, and its speed, in words."""
+        """Return in words the vehicle time since PX4 connected, and its ratio to wall time."""
         seconds, wall_s = (self.simulation.time_us - self._began_us) / 1e6, time.monotonic() - self._began_s
         return f"{seconds:.1f} s of vehicle time at {seconds / max(wall_s, 1e-3):.1f} × real time"
 

@@ -1,7 +1,7 @@
-"""Simulated vehicles on one clock, each with our autopilot, and the fleet of an episode record.
+"""Simulates the fleet of an episode record on one clock, each vehicle with the project's autopilot.
 
-A plant and its inner loop run in one compiled loop (`fused.py`), the commander outside of it at 100 Hz. The truth of
-all vehicles is published on a bus within this process.
+A plant and its inner loop run in one compiled loop (`fused.py`). The autopilot's commander runs outside of this loop,
+at 100 Hz. The truth of all vehicles is published on a bus within this process.
 """
 
 import math
@@ -118,7 +118,7 @@ class Vehicle:
     def __init__(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> None:
         """Boot vehicle `index` of a fleet, counted from 0. Raises UsageError as `Multirotor` does."""
         self.index = index
-        self.airframe = airframe  # without the payload, as the autopilot knows it
+        self.airframe = airframe  # without the payload, which the autopilot does not know
         self.origin = physics["origin"]
         self._suite = physics.get("suite", Suite())
         self.plant = Multirotor(
@@ -172,7 +172,7 @@ class Vehicle:
         )  # fmt: skip
 
     def collisions(self) -> bytes:
-        """Return a STATUSTEXT about a new hit, or about the end of a contact, as bytes; empty without news."""
+        """Return a STATUSTEXT about a new hit, or about the end of a contact, as bytes; empty if there is none."""
         message = self._collisions.message()
         return self._packer.pack(message) if message else b""
 
@@ -200,13 +200,13 @@ class VehiclePort:
         self._port.note_malformed()
 
     def move(self, autopilot: Autopilot) -> None:
-        """Forward to an autopilot that has just booted. Unsent bytes of the former one are kept."""
+        """Forward to an autopilot that has just booted. Unsent bytes of the former autopilot are kept."""
         self._last_words, signing = self.take(), self._port.signing
         self._port = autopilot.open_port(self._profile)
         self._port.signing = signing  # PX4 keeps the key on its memory card
 
     def sign(self, key: bytes, timestamp: int, now_us: int) -> None:
-        """Sign messages and check signatures with a key. `timestamp` is the time `now_us`, in 10 µs since 2015."""
+        """Sign messages and check signatures with a key. `timestamp`: 10 µs since 2015, at vehicle time `now_us`."""
         self._port.signing.set_up(key, timestamp, now_us)
 
 
@@ -214,7 +214,7 @@ V = TypeVar("V", bound=Vehicle)
 
 
 class SimulatedVehicle(Vehicle):
-    """One vehicle under our autopilot: physics, inner loop, commander."""
+    """One vehicle with the project's autopilot: physics, inner loop, commander."""
 
     def __init__(
         self,
@@ -225,7 +225,7 @@ class SimulatedVehicle(Vehicle):
         state_dir: Path | None = None,
         **physics: Unpack[Physics],
     ) -> None:
-        """`state_dir` keeps parameters, plans, flight logs and clients' files. Without it they end with the process."""
+        """`state_dir` keeps parameters, plans, flight logs and clients' files. Without it, they are lost at the end."""
         super().__init__(index, airframe, pose, **physics)
         self._state_dir = state_dir
         self._failures = Failures(self.plant, physics.get("faults", ()))
@@ -247,7 +247,7 @@ class SimulatedVehicle(Vehicle):
     def _stream_through(self, interval_us: int) -> None:
         """Advance by one tick in steps no longer than a stream's interval.
 
-        Queue the telemetry that is due after each step but the last, which `Autopilot.update` follows.
+        After each step except the last, queue the telemetry that is due. `Autopilot.update` follows the last step.
         """
         step_us = next((step for step in FINER_US if step <= interval_us), STEP_US)
         for _ in range(TICK_US // step_us - 1):
@@ -274,7 +274,7 @@ class SimulatedVehicle(Vehicle):
         self._fused = Fused(self.plant.kernel_args, self.core.kernel_args(self.plant.sensors, self.plant.actuators))
 
     def _reboot(self) -> None:
-        """Put the vehicle back on its boot pose and boot its autopilot. The clock runs on: a fleet shares it."""
+        """Put the vehicle back on its boot pose and boot its autopilot. The clock, which the fleet shares, runs on."""
         former = self.autopilot
         former.close()
         self.plant.restore()
@@ -373,7 +373,7 @@ def build(
     from_boot: bool = False,
     faults: Sequence[Fault] = (),
 ) -> Simulation[SimulatedVehicle]:
-    """Return the simulation of a record's drones under our autopilot; the arguments are those of `build_with`."""
+    """Return the simulation of a record's drones with the project's autopilot; arguments as in `build_with`."""
 
     def make(index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> SimulatedVehicle:
         folder = state_dir / f"vehicle-{index + 1}" if state_dir else None
@@ -405,14 +405,14 @@ def build_with(
     """Return the simulation of a record's drones, or of `count` drones. `make` builds each from `Vehicle`'s arguments.
 
     Random values follow from the record's seed and from `seed`, which differs between flights of one episode. All
-    drones have the same faults and disturbances. A payload is there from boot on; other disturbances begin with the
+    drones have the same faults and disturbances. A payload acts from boot; other disturbances begin with the
     episode, or at boot with `from_boot`. Raises UsageError for an unknown airframe, a payload that it cannot carry or
     an impossible fault.
     """
     solid = obstacles(world.scene)
     frame = airframes.load(airframe)
     poses = boot_poses(world)
-    while count is not None and len(poses) < count:  # more than the record has: each 2 m east of the last
+    while count is not None and len(poses) < count:  # each additional drone boots 2 m east of the previous one
         last = poses[-1].position_ned
         north, east = last[0], last[1] + 2.0
         poses.append(BootPose((north, east, world.ground_down(north, east)), poses[-1].yaw))

@@ -17,7 +17,7 @@ WORK_SHARE = 0.1  # largest share of a tick for the messages of clients, once be
 
 
 class Simulator:
-    """The simulator with our autopilot: one turn is one tick of the simulation."""
+    """The simulator with the project's autopilot. One turn is one tick of the simulation."""
 
     def __init__(self, config: SimulatorConfig) -> None:
         world = load_world(config.episode)
@@ -39,7 +39,7 @@ class Simulator:
         self.simulation.advance()  # on the first run of an installation, this compiles the physics
         self.ports = Ports(self.simulation, config.instance)
         if config.sign is not None:
-            # signatures need the current time; a PX4 gets it with its key
+            # signatures need the wall time, which a real PX4 receives together with the key
             key, now = load_key(Path(config.sign)), timestamp(time.time())
             for vehicle in self.simulation.vehicles:
                 vehicle.sign(key, now)
@@ -81,7 +81,7 @@ class Simulator:
 
 
 def create(config: SimulatorConfig) -> Part:
-    """Return the simulator of an episode's vehicles, each flown by our autopilot or by a PX4. Raises UsageError."""
+    """Return the simulator of an episode's vehicles, with the project's autopilot or PX4. Raises UsageError."""
     if config.autopilot == "px4":
         from dronecats.flight.sitl.px4 import Px4Simulator
 

@@ -29,7 +29,7 @@ class Sender:
     """One address that sends to a port: the queue of its bytes, and their parser."""
 
     def __init__(self) -> None:
-        self.is_peer = False  # whether it has sent a frame, so that it gets data
+        self.is_peer = False  # whether it has sent a frame and therefore gets data
         self._parser = Parser()
         self._inbox = bytearray()
 
@@ -83,8 +83,8 @@ class UdpPort:
             raise bind_error(error, "UDP", *local, instead="choose another --instance") from None
         self._socket.setblocking(False)
         self._remote = remote
-        self._senders: dict[SocketAddress, Sender] = {}  # longest wait for a turn first
-        self._peers: dict[SocketAddress, None] = {}  # senders of frames, oldest last frame first
+        self._senders: dict[SocketAddress, Sender] = {}  # by the time of their last turn, oldest first
+        self._peers: dict[SocketAddress, None] = {}  # senders of frames, by the time of their last frame, oldest first
         self._is_malformed = self._peers_turn = False
         self._take, self._give = take, give
 
@@ -193,7 +193,7 @@ def truth_port(simulation: Simulation[V], instance: int | None) -> UdpPort:
 
 
 class Ports:
-    """All UDP ports of a simulation. `instance` None: ephemeral ports; they send first only to GCS_PORT."""
+    """All UDP ports of a simulation. `instance` None: ephemeral ports, of which only the GCS ports send first."""
 
     def __init__(self, simulation: Simulation[SimulatedVehicle], instance: int | None) -> None:
         self.agent, self.gcs, self.log = [], [], []

@@ -1,6 +1,6 @@
-"""The process that copies the truth of a vehicle with its own simulation to our truth bus, moved onto our map.
+"""The process that moves the truth of a vehicle with its own simulation onto an episode's map and publishes it.
 
-Camera, logger and oracle read this bus like the bus of our simulator.
+Camera, logger and oracle read this truth bus in the same way as the bus of the project's simulator.
 """
 
 import math
@@ -24,7 +24,7 @@ class Placement:
 
     home: Origin  # lat °, lon °, alt m of the vehicle's first pose
     place_ned: Vec3  # m, map frame, position of that pose on the map
-    turn: float  # rad, from its own heading to that on the map, positive towards east
+    turn: float  # rad, from the heading in the vehicle's own world to that on the map, positive towards east
 
     def sample(self, message: dialect.MAVLink_message, time_us: int, drone: int = 0) -> TruthSample:
         """Return the sample on the map for a HIL_STATE_QUATERNION."""
@@ -66,8 +66,8 @@ def speed(message: dialect.MAVLink_message) -> float:
 class TruthClock:
     """Finds the vehicle time of each truth sample, in whole milliseconds, the resolution of a frame's announcement.
 
-    PX4's own simulation leaves the time of HIL_STATE_QUATERNION at zero. So the time is that of HIL_ACTUATOR_CONTROLS,
-    which arrives on the same link at 100 Hz or more.
+    PX4's own simulation leaves the time of HIL_STATE_QUATERNION at zero. In this case the time is that of the last
+    HIL_ACTUATOR_CONTROLS, which arrives on the same link at 100 Hz or more.
     """
 
     def __init__(self) -> None:
@@ -135,7 +135,7 @@ class TruthSource:
 
 
 class TruthBridge:
-    """The truth bridge as a child process of a flight of an external vehicle in our world."""
+    """The truth bridge as a child process, for a vehicle with its own simulation in an episode's world."""
 
     def __init__(self, config: TruthBridgeConfig) -> None:
         world = load_world(config.episode)

@@ -12,7 +12,7 @@ SYSTEM, COMPONENT = 246, 191
 
 
 class Listener:
-    """Reads one URL."""
+    """Receives bytes of the truth bus at a URL and passes them to `feed`."""
 
     def __init__(self, url: str, feed: Callable[[bytes], None]) -> None:
         self._transport = connect(url)
@@ -22,7 +22,7 @@ class Listener:
         self._transport.send(self._packer.pack(HELLO))
 
     def read(self, timeout_s: float) -> bool:
-        """Hand on what has come within `timeout_s`; return whether anything has."""
+        """Pass on the bytes that arrive within `timeout_s`; return whether any arrived."""
         data = self._transport.receive(timeout_s)
         if data:
             self._has_data = True
@@ -32,7 +32,7 @@ class Listener:
         return bool(data)
 
     def drain(self) -> None:
-        """Hand on all that has come."""
+        """Pass on all bytes that have arrived."""
         while self.read(0.0):
             pass
 

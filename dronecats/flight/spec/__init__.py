@@ -1,1 +1,1 @@
-"""A flight as a value: its settings, as in run.json, and the flight that they describe."""
+"""The settings of a flight, as in run.json, and the checked flight that they describe."""

@@ -40,7 +40,7 @@ class DisturbanceOption:
     help: str
     choices: tuple[str, ...] = ()  # allowed words; (): it takes numbers
     more: str = ""  # added to its row in the docs
-    read: Callable[[str], FieldValues] | None = None  # text → fields; None: it takes the field's number
+    read: Callable[[str], FieldValues] | None = None  # text → fields; None: the option sets the field to a number
 
     @property
     def kind(self) -> type[float] | type[str]:
@@ -54,7 +54,7 @@ class DisturbanceLevel(DeclaredNumber):
 
     put: Callable[[FieldValues, float], None] | None = None  # sets it in the section's values; None: sets the field
     get: Callable[[Any], float] | None = None  # reads it from its section; None: reads the field
-    refines: str = ""  # name of another number; if that is unset or 0, this one has no effect
+    refines: str = ""  # name of another number; if it is unset or 0, this number has no effect
     beside: bool = False  # True: a study must set that other number too
     real_time: bool = False  # True: no effect in lockstep
 
@@ -276,7 +276,7 @@ STALLS = "a share of seconds and how long each lasts, for example 0.1,0.5"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleFaults:
-    """Disturbances of the vehicle, with our autopilot or a PX4."""
+    """Disturbances of the vehicle, with the project's autopilot or a PX4."""
 
     wind_ned: Vec3 = declared(  # noqa: RUF009  # m/s, steady, the direction that the air moves to
         (0.0, 0.0, 0.0),

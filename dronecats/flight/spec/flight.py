@@ -1,4 +1,4 @@
-"""Looks up and checks all names in a spec, before anything is started."""
+"""Resolves and checks all names in the specification of a flight, before anything is started."""
 
 import json
 import math
@@ -25,7 +25,7 @@ from foundation.errors import UsageError
 from vehicles import airframe as airframes
 from vehicles.airframe import with_payload
 
-FREE_HEIGHT_M = 2.5  # m above the map's spawn, where a flight on a map starts: PX4's MIS_TAKEOFF_ALT
+FREE_HEIGHT_M = 2.5  # start of a flight on a map, m above the map's spawn: PX4's MIS_TAKEOFF_ALT
 _CAMERA = CameraModel()
 DEPTH = "16-bit PNG, mm along the optical axis, 0 beyond 65.535 m"
 CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
@@ -36,7 +36,7 @@ class Flight:
     """A flight whose spec has been looked up and checked."""
 
     spec: FlightSpec
-    record: EpisodeRecord | None  # None: a connected vehicle without our world
+    record: EpisodeRecord | None  # None: a connected vehicle without a world
     prompt: Prompt
     optics: Optics | None
     outside: Model | None = None  # gives the replies of another harness, if `spec.outside` names one

@@ -1,10 +1,11 @@
 """All settings of a flight as one value, which can be pickled and written as JSON.
 
-Command line, files and studies create a FlightSpec. It has all rules between options, and raises UsageError for
+Command line, files and studies create a FlightSpec. It checks all rules between options, and raises UsageError for
 contradictions.
 
-A worker on any machine needs only the spec. It has the contents of files instead of their names, for example the
-latencies of a `trace:FILE`. Exceptions are the script of `recorded:`, a user's own map and the files of `Accounts`.
+A worker on any machine needs only the spec. The spec has the contents of files instead of their names, for example the
+latencies of a `trace:FILE`. It has only the names of the script of `recorded:`, of a user's own map and of the files of
+`Accounts`.
 """
 
 import csv
@@ -42,7 +43,7 @@ SPEED = DeclaredNumber(name="--speed", low=0.01, high=100.0, unit="× real time,
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulated:
-    """A vehicle of our own simulation, with its camera."""
+    """A simulated vehicle with its camera."""
 
     airframe: str = "x500"
     autopilot: Literal["ours", "px4"] = "ours"
@@ -63,7 +64,7 @@ class Simulated:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Authority:
-    """The agent's permissions on a vehicle, besides flying it. Our simulated vehicles grant all."""
+    """The agent's permissions on a vehicle, besides flying it. Simulated vehicles grant all."""
 
     arm: bool = True  # False: a person arms, takes off and hands over
     then: Literal["land", "return", "hold"] = "land"  # action after the hold at the end
@@ -75,7 +76,7 @@ class Connected:
     """A connected vehicle: a real one, or one that simulates itself and sends its true poses."""
 
     url: str  # of its MAVLink connection
-    camera: str | None = None  # address of its camera; None: our world, drawn from the poses of `truth`
+    camera: str | None = None  # address of its camera; None: pictures are drawn from the poses of `truth`
     calibration: Calibration | None = None
     truth: str | None = None  # URL of its true poses
     sign: str | None = None  # file of the key for signed messages; None: unsigned messages
@@ -117,19 +118,19 @@ class FlightSpec:
     record: dict[str, Any] | None = None  # or the content of the user's own record file
     map: str | None = None  # or only a map, with an `instruction`
     instruction: str | None = None  # for a flight without an episode
-    simulated: Simulated | None = None  # or `connected`
+    simulated: Simulated | None = None  # either this or `connected` is set
     connected: Connected | None = None
-    drones: int | None = None  # of a simulated episode; None: one for each start of the record
-    pilot: str | None = None  # a built-in pilot; or `model`
+    drones: int | None = None  # number of simulated drones; None: one for each start of the record
+    pilot: str | None = None  # a built-in pilot; exactly one of `pilot`, `model` and `outside` is set
     model: ModelSpec | None = None
     outside: ExternalHarness | None = None
     replay: FlightRecording | None = None  # recorded replies, instead of pilot and model
     accounts: Accounts = Accounts()
     command: Literal["flat", "hierarchical", "solo"] = (
-        "flat"  # one question for all drones; a commander; or a question for each drone
+        "flat"  # flat: one question for all drones; hierarchical: a commander; solo: a question for each drone
     )
-    commander: ModelSpec | None = None  # of a hierarchy; None: the same model, or …
-    scripted: str | None = None  # … a built-in commander; None with a built-in pilot: SCRIPTED
+    commander: ModelSpec | None = None  # the commander's model; only with `command` hierarchical
+    scripted: str | None = None  # a built-in commander; if both are None: the pilot's `model`, or SCRIPTED without one
     prompt: str | None = None  # a template; None: the shipped one
     agent: str = PAPER  # a shipped agent (`dronecats.flight.run.pilot`), or MODULE:NAME of the user's own
     latency: LatencyPolicy = DEFAULT_LATENCY
@@ -223,7 +224,7 @@ class FlightSpec:
 
     @property
     def scripted_commander(self) -> str | None:
-        """The built-in commander of a hierarchy; None without a commander or with a model."""
+        """The built-in commander of a hierarchy; None if there is no commander, or if it is a model."""
         if self.command != "hierarchical" or self.commander or (self.model and not self.scripted):
             return None
         return self.scripted or SCRIPTED
@@ -319,7 +320,7 @@ def _of_run(folder: Path) -> list[float]:
 
 
 def _of_steps(log: Path) -> Iterator[float]:
-    """Yield the latency of each step, counted once for several drones, without the confirmations of a commander."""
+    """Yield the latency of each step, once for all its drones. Skips the confirmations of a commander."""
     counted: set[int] = set()
     for decision in rows(log, Decision):
         if decision.latency_s is not None and decision.confirmed_by is UNSET and decision.step not in counted:

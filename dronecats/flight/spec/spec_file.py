@@ -25,7 +25,7 @@ DEPTH_MAX = 40  # levels of brackets
 
 
 def as_json(spec: FlightSpec) -> dict[str, Any]:
-    """Return the complete spec as JSON values. Never store them: an address may contain a key (see `as_kept`)."""
+    """Return the complete spec as JSON values. Never store it: an address may contain a key (see `as_kept`)."""
     latency = {"latency": str(spec.latency), "latency_trace": spec.latency.trace}
     fields: dict[str, Any] = {}
     for name, value in msgspec.to_builtins(spec).items():
@@ -120,7 +120,7 @@ def recorded(path: Path) -> FlightSpec:
 def _recording(folder: Path) -> FlightRecording:
     steps: dict[int, LoggedReply] = {}
     questions: Counter[int] = Counter()  # number of questions so far, by their first drone
-    served: dict[int, str] = {}  # by the same drone; a decision has it only if it has changed
+    served: dict[int, str] = {}  # name of the served model, by the same drone; a decision has it only when it changes
     last_declared: tuple[Role, int] | None = None
     for decision in rows(folder / layout.DECISIONS, Decision):
         if decision.confirmed_by is not UNSET:  # a decision of the commander, whose exchange has the reply
@@ -132,7 +132,7 @@ def _recording(folder: Path) -> FlightRecording:
             )
         if decision.served is not UNSET:
             served[decision.drone] = str(decision.served)
-        if decision.step not in steps:  # a question has the reply in each drone's decision: take the first
+        if decision.step not in steps:  # all drones of a question have its reply in their decision: take the first
             steps[decision.step] = LoggedReply(
                 step=questions[decision.drone],
                 drone=decision.drone,
@@ -165,7 +165,7 @@ def _recording(folder: Path) -> FlightRecording:
 
 def _of_commander(commanded: Sequence[Exchange]) -> Iterator[LoggedReply]:
     """Yield the replies of the commander. Some exchanges have none."""
-    served: str | None = None  # an exchange has it only if it has changed
+    served: str | None = None  # name of the served model; an exchange has it only when it changes
     for exchange in commanded:
         served = served if exchange.served is UNSET else str(exchange.served)
         if exchange.reply is not None:

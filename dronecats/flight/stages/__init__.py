@@ -1,1 +1,1 @@
-"""Stages, on which episodes are flown: vehicles, a camera, a clock and a logger; in one process, or in several."""
+"""Stages. A stage has the vehicles, camera, clock and logger of an episode, in one process or in several."""

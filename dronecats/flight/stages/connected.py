@@ -22,7 +22,7 @@ class VehicleStage:
     _logger: ChildProcess
 
     def mend(self) -> None:
-        """Do nothing: we put no disturbances on a connected vehicle, so there are none to end."""
+        """Do nothing, because a connected vehicle has no disturbances."""
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)

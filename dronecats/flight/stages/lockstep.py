@@ -1,4 +1,4 @@
-"""The lockstep stage: all parts are in one process, with one clock that waits for the slowest part."""
+"""The lockstep stage: all parts except PX4 are in one process, with one clock that waits for the slowest part."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -35,7 +35,7 @@ class LockstepStage:
         self.camera_model = camera
         self._px4: Px4Simulator | None = None
         clock: Lockstep | Px4Lockstep
-        ours: tuple[SimulatedVehicle, ...] = ()  # the vehicles with our autopilot
+        ours: tuple[SimulatedVehicle, ...] = ()  # the vehicles with the project's autopilot
         if simulated.autopilot == "px4":
             self._px4 = Px4Simulator(simulator_config(flight.spec, simulated, folder), world=world)
             clock = Px4Lockstep(self._px4)
@@ -73,7 +73,7 @@ class LockstepStage:
         else:
             self.links = [Link(clock.transport(index), limits=spec.envelope, simulated=True) for index in drones]
             disturbed.take(self.links, ())
-        if camera.gimballed and not self._px4:  # a PX4 does not drive our gimbal
+        if camera.gimballed and not self._px4:  # PX4 does not drive the simulated gimbal
             for link in self.links:
                 link.watch_gimbal()
         if self._px4:

@@ -1,4 +1,4 @@
-"""Stages with child processes: our simulation in real time, and a vehicle with its own simulation in our world."""
+"""Stages with child processes: the simulator in real time, or a vehicle with its own simulation."""
 
 import time
 from collections.abc import Callable
@@ -70,7 +70,7 @@ class RealtimeStage:
             for drone, port in enumerate(ports["agent"])
         ]
         self._disturbed.take(self.links, self._wires)
-        if self.camera_model.gimballed and not px4:  # a PX4 does not drive our gimbal
+        if self.camera_model.gimballed and not px4:  # PX4 does not drive the simulated gimbal
             for link in self.links:
                 link.watch_gimbal()
         camera = self._camera_process = self._supervisor.start(
@@ -110,12 +110,12 @@ class RealtimeStage:
             copy.begin()
 
     def _transport(self, url: str, drone: int, *, speaks_first: bool) -> Transport:
-        """Return the agent's end of a vehicle's MAVLink connection, with a wire in between if it has disturbances."""
+        """Return the agent's end of a vehicle's MAVLink connection, with an impaired wire if it has disturbances."""
         if not self._disturbed.wired:
             return connect(url)
         ends = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
         far = connect(f"udpout://127.0.0.1:{ends.port}")
-        # the same side sends first as without the wire
+        # the side that sends first is the same as without the wire
         agent, near = (ends, far) if speaks_first else (far, ends)
         speed = self.speed or 1.0
         seed = self._disturbed.seed(drone)
@@ -130,7 +130,7 @@ class RealtimeStage:
     def _await_px4(self, ports: list[int], notify: Callable[[str], None]) -> None:
         """Wait until each vehicle has a PX4 that answers and has opened its MAVLink ports.
 
-        Raises InfrastructureError if a PX4 that we started ends.
+        Raises InfrastructureError if a started PX4 ends.
         """
         notify(f"waiting for PX4 on TCP port {', '.join(map(str, ports))} …")
         while not self._simulator.do("in step"):
@@ -188,7 +188,7 @@ class Copy:
         return self._socket.port
 
     def begin(self) -> None:
-        """Start to copy to the logger, which has sent its first datagram."""
+        """Receive the logger's first datagram, then start to copy to the logger."""
         self._socket.receive(1.0)
         self._link.listeners.append(lambda message: self._socket.send(bytes(message.get_msgbuf())))
 
@@ -211,7 +211,10 @@ class Patience:
 
 
 class WorldStage(VehicleStage):
-    """A stage in our world. A bridge copies the vehicle's true poses to our truth bus for camera, logger and oracle."""
+    """A stage for a vehicle with its own simulation in an episode's world.
+
+    A bridge copies the vehicle's true poses to a truth bus for camera, logger and oracle.
+    """
 
     def __init__(
         self,

@@ -1,8 +1,8 @@
-"""The interface of a stage, the environment that flies an episode, and the common parts of simulated stages.
+"""Defines the interface of a stage (the environment of an episode) and the common parts of simulated stages.
 
 Disturbances of links and setpoint rate begin with the episode, so the start is the same at every level of a study.
-Those of the links end before the landing. The simulator disturbs air and sensors from the start of the episode. A
-payload acts from boot.
+The disturbances of links end before the landing. The simulator disturbs air and sensors from the start of the episode.
+A payload acts from boot.
 """
 
 import math
@@ -62,7 +62,7 @@ class Stage(Protocol):
         ...
 
     def begin(self, t0_us: int, cap_s: float) -> None:
-        """Start the episode: its clock is zero at this vehicle time, for camera, logger and targets.
+        """Start the episode at vehicle time `t0_us` (µs), which is time zero for camera, logger and targets.
 
         `cap_s`: the length of the flight in seconds, for the log.
         """
@@ -154,7 +154,7 @@ class DisturbedLinks:
 
     @property
     def silence_s(self) -> float:
-        """s of vehicle time without a message after which a vehicle is gone; with wires, longer than the flight."""
+        """Vehicle time (s) without a message after which a vehicle is lost; with wires, longer than the flight."""
         return SILENCE_S + (2.0 * self._seconds if self.wired else 0.0)
 
     def seed(self, drone: int) -> int:

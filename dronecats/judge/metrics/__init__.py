@@ -1,1 +1,1 @@
-"""Metrics of a flight beside its verdict: those of the paper, failure modes, audits."""
+"""Computes metrics of a flight besides its verdict: the paper's metrics, failure modes and audits."""

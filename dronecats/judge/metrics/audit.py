@@ -1,10 +1,10 @@
 """Audits of a run: alternative success rules, strict parsing of replies, and the effect of `think`.
 
-Paper, appendix "Verifier Audit" and "Test-Time Deliberation". Strict parsing reads a mended reply again, exactly by the
-format of the prompt. If that gives no action or another one, the step changes, and the verdict is derived again; the
-real flight would have continued differently. The comparisons of `think` are observations, not an experiment: a pilot
-thinks when it is in trouble. The paper does not define the compared steps. This module uses the three steps before a
-step and the three steps after it.
+Paper, appendix "Verifier Audit" and "Test-Time Deliberation". A mended reply is one that the lenient parser repaired.
+Strict parsing reads it again, exactly by the format of the prompt. If the result is no action or another action, the
+step changes, and the verdict is derived again; a real flight would have continued differently. The comparisons of
+`think` are observations, not an experiment: a pilot thinks when it is in trouble. The paper does not define the
+compared steps. This module uses the three steps before a step and the three steps after it.
 """
 
 import math
@@ -27,9 +27,10 @@ from foundation.protocol import CAP_S, RADIUS_M, THINK
 from foundation.run_folder.results import SCORED
 from foundation.run_folder.rows import Decision
 
-AFTER = 3  # steps
+AFTER = 3  # steps before and after a step that are compared
 MATCHED_M = 0.25  # m per step, width of an interval of closing rates; steps in the same interval are matched
-STALL_M, BROKEN_M = 0.5, 1.0  # m closed in three steps: less before a step is a stall, as much after it breaks one
+# m closed in three steps. Less than STALL_M before a step is a stall. BROKEN_M or more after the step ends the stall.
+STALL_M, BROKEN_M = 0.5, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,7 @@ class StepOutlook:
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """How often an event followed `think` steps (`think` of `of_thinks`) and ordinary ones (`other` of `of_others`)."""
+    """Counts of an event after `think` steps (`think` of `of_thinks`) and ordinary steps (`other` of `of_others`)."""
 
     think: int
     of_thinks: int
@@ -61,9 +62,9 @@ class Deliberation:
 
     thinks: int  # steps that think
     matched: int  # of these, those that have ordinary steps of the same closing rate
-    gain_m_per_step: float | None  # mean closing rate after them less that after their matches; None: no matches
-    stalls: Followed  # of the stalled steps: broken within three steps
-    losses: Followed  # of the steps without the target in view: seen again within three steps
+    gain_m_per_step: float | None  # mean closing rate after thinks minus that after their matches; None: no matches
+    stalls: Followed  # stalled steps: the stall was broken within three steps
+    losses: Followed  # steps without the target in view: it was seen again within three steps
 
 
 def step_outlooks(flight: JudgedFlight) -> list[StepOutlook]:
@@ -150,7 +151,7 @@ Rule = Callable[[JudgedFlight], bool | None]  # success under the rule; None: un
 
 
 def last_declaration(flight: JudgedFlight) -> bool | None:
-    """Return whether the last declaration qualifies; None if the flight was cut off before."""
+    """Return whether the last declaration qualifies; None if the flight is censored."""
     if flight.verdict.censored:
         return None
     return flight.declarations[-1].qualifies(flight.delta_m) if flight.declarations else False
@@ -159,7 +160,7 @@ def last_declaration(flight: JudgedFlight) -> bool | None:
 def ten_seconds(flight: JudgedFlight) -> bool | None:
     """Return whether a drone was within the radius with the target in view for ten unbroken seconds, declared or not.
 
-    None for cells with a static target, without measurements, and if the flight was cut off before.
+    None for cells with a static target, without measurements, and if the flight is censored before that.
     """
     held_s = hold_s(flight.logs, flight.delta_m, flight.cap_s) if flight.cell in MOVING else None
     if held_s is None:
@@ -187,7 +188,7 @@ class Strictness:
 
     steps: int  # decisions
     mended: int  # of these, those whose reply was mended
-    changed: int  # of these, those without or with another action under strict parsing
+    changed: int  # of these, those whose action strict parsing removes or changes
     declarations: int  # of these, declarations
     success: bool | None  # under strict parsing; None: not scored
 
@@ -318,7 +319,7 @@ def strictness(flight: JudgedFlight) -> Strictness:
 
 
 def strictly(decision: Decision, drones: list[int]) -> dict[str, Any] | None:
-    """Return the action of a decision under strict parsing of its reply: its own action if one axis order gives it.
+    """Return the action of a decision under strict parsing of its reply: the logged action if one axis order gives it.
 
     `drones`: the drones of the reply.
     """

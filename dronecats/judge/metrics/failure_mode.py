@@ -1,16 +1,16 @@
 """Failure modes: the paper's modes and thresholds. Each scored episode has exactly one mode.
 
 Paper, "Failure Taxonomy" and appendix "Additional Results". The paper does not say which mode counts if several hold.
-Here the first of MODES counts, in the order of the appendix, after success. "did not move" is a fault of the
-simulation, so it requires commands to move. It precedes the other modes without declaration or arrival, because they
-assume a drone that moves. The appendix counts it as "timed out", and so does `band`.
+Here the first mode of MODES that holds counts. After success, MODES has the order of the appendix. "did not move" is a
+fault of the simulation, so it requires commands to move. It precedes the other modes without declaration or arrival,
+because they assume a drone that moves. The appendix and `band` count it as "timed out".
 
 For a fleet, declarations, arrival, closing and the share of steps with the target ahead are those of the best drone, as
-in the success criterion. A fleet oscillated, or did not move, if every drone did.
+in the success criterion. A fleet oscillated, or did not move, if every drone oscillated, or did not move.
 
-A campaign retries a flight that did not move once. The paper's "pose track under 5 m" assumes a vehicle that hovers
-without motion. Our vehicle follows its drifting estimate: a hover of 300 s makes a path of about 10 m. So movements
-below half a metre are not part of the track.
+A campaign retries a "did not move" flight one time. The paper's "pose track under 5 m" assumes a vehicle that hovers
+without motion. The simulated vehicle follows its drifting estimate: a hover of 300 s makes a path of about 10 m. So
+movements below half a metre are not part of the track.
 """
 
 import math
@@ -79,7 +79,7 @@ def band(mode: FailureMode) -> FailureMode:
 def share_ahead(flight: JudgedFlight) -> float | None:
     """Return the share of steps with the target within 45° of the nose, even if hidden; for a fleet, the best drone's.
 
-    Steps without a logged bearing are omitted. None if there are no others.
+    Steps without a logged bearing are omitted. None if no step has one.
     """
     ahead: dict[int, list[bool]] = {}
     for step in flight.steps:
@@ -97,7 +97,7 @@ def stride(depth_m: float) -> float:
 
 
 def wandering(poses: Sequence[Pose]) -> Wandering:
-    """Return the wandering of one drone's poses, given in the order of time."""
+    """Return lengths and turns of one drone's trace. `poses` are in the order of time."""
     yaws = [pose.yaw_deg for pose in poses if pose.yaw_deg is not None]
     return Wandering(
         path_m=sum(math.dist(a.position_ned, b.position_ned) for a, b in pairwise(poses)),
@@ -107,7 +107,7 @@ def wandering(poses: Sequence[Pose]) -> Wandering:
 
 
 def wanderings(flight: JudgedFlight) -> list[Wandering]:
-    """Return the wandering of every drone with a trace within the cap."""
+    """Return lengths and turns of the trace of every drone with poses within the cap."""
     traces: dict[int, list[Pose]] = {}
     for pose in sorted(flight.logs.poses, key=lambda pose: pose.t):
         if pose.t <= flight.cap_s:

@@ -1,7 +1,7 @@
 """Metrics of commanding episodes: the outcome of each drone, and the commands of the fleet.
 
-Paper, "Commanding Several Drones". Reached, declared and SR of a fleet are `oracle_success`, `declared` and `success`,
-which pool its drones.
+Paper, "Commanding Several Drones". Its Reached, Declared and SR of a fleet are the metrics `oracle_success`, `declared`
+and `success`, which pool the drones.
 """
 
 import math
@@ -19,10 +19,11 @@ DroneOutcome = Literal["found", "look-alike", "elsewhere", "never declared"]
 
 
 def drone_outcomes(flight: JudgedFlight) -> dict[int, DroneOutcome] | None:
-    """Return the best outcome of each drone's declarations; None for other episodes, and if an outcome is unknown.
+    """Return the best outcome of each drone's declarations; None for other cells, and if an outcome is unknown.
 
     found: a declaration qualifies. look-alike: a declaration is within the radius of a look-alike's centre, in view or
-    not (its centre is as high above its foot as the target's, which it copies). elsewhere: any other declaration.
+    not. elsewhere: any other declaration. A look-alike copies the target, so both have their centre at the same height
+    above their foot.
     """
     record = flight.logs.record
     if record is None or record.cell != COMMANDING or not flight.verdict.drones:
@@ -73,7 +74,7 @@ def _outcome_count(outcome: DroneOutcome) -> MetricFunction:
 
 
 def _commanding_value(name: str) -> MetricFunction:
-    """Return a function that reads a commanding diagnostic; None for other episodes."""
+    """Return a function that reads a commanding diagnostic; its value is None for other episodes."""
     return lambda flight: getattr(flight.verdict.commanding or None, name, None)
 
 

@@ -1,8 +1,8 @@
-"""The registry of all metrics, the loading of a user's own metrics, and the judging of many episodes.
+"""Registers all metrics, loads a user's own metrics, and judges many episodes.
 
 The table in the docs, reports, `--json` and SQL are made from METRICS. A user's metrics are in a Python file with
-`METRICS`, as in the other modules of this package; the file is executed, so it must be trusted. Episodes are judged in
-parallel on all cores; results are in the order of the episodes.
+`METRICS`, as in the other modules of this package. The file is executed, so it must be trusted. Episodes are judged in
+parallel on all cores. Results are in the order of the episodes.
 """
 
 import gc
@@ -90,9 +90,9 @@ def _is_value(value: object) -> bool:
     return value is None or isinstance(value, bool | int) or (isinstance(value, float) and math.isfinite(value))
 
 
-EPISODES_A_PROCESS = 50  # episodes for each process; fewer are not worth its start
+EPISODES_A_PROCESS = 50  # least number of episodes that is worth the start of a process
 AT_ONCE = 8  # episodes that a process gets at a time
-FORKS = "fork" in multiprocessing.get_all_start_methods()  # a user's own metric cannot be pickled
+FORKS = "fork" in multiprocessing.get_all_start_methods()  # required: a user's metric cannot be pickled
 Item = TypeVar("Item")
 ItemResult = TypeVar("ItemResult")
 
@@ -137,7 +137,7 @@ def judged_episodes(folders: Sequence[Path], options: Judging, processes: int | 
 def parallel_map(
     function: Callable[[Item], ItemResult], items: Sequence[Item], processes: int | None = None
 ) -> Iterator[ItemResult]:
-    """Yield the result of a function for each item, such as an episode folder, in their order.
+    """Yield the result of a function for each item, such as an episode folder, in the order of the items.
 
     `processes` None: chosen by the number of items. The function is inherited by forks, so it need not be picklable.
     """

@@ -25,14 +25,14 @@ class Metric:
     unit: str  # "m", "s", "share" (0 … 1), "count", …
     level: MetricLevel
     definition: str  # one sentence
-    paper: str  # its section; empty: not in the paper
+    paper: str  # section of the paper; empty: not in the paper
     better: Better | None  # the good direction; None: neither
     value_type: type[bool] | type[int] | type[float] = float  # of one value; sets the type of the SQL column
     of: MetricFunction  # of level "episode": a value; of "step": a value per decision, in the order of the log
 
     @property
     def is_share(self) -> bool:
-        """Whether a mean over episodes is a share of them, such as a success rate."""
+        """Whether the mean over episodes is a share of the episodes, such as a success rate."""
         return self.unit == "share"
 
 

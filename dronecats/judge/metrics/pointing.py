@@ -30,7 +30,7 @@ def pointing_error(flight: JudgedFlight) -> list[MetricValue]:
 
 
 def depth_error(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision the depth (m) of a go on the target minus that of its surface; positive: too far."""
+    """Return per decision the depth (m) of a go on the target minus that of the target's surface; positive: too far."""
     return of_counted(flight.steps, _depth_error_m)
 
 
@@ -40,10 +40,10 @@ def absolute_depth_error(flight: JudgedFlight) -> list[MetricValue]:
 
 
 def rescaled(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision whether a go repeats the pixels of the previous go in its history.
+    """Return per decision whether the point of a go equals the pixels that the history shows for the previous go.
 
-    The previous go is the drone's newest one among its last five actions, which the history shows. None without a
-    previous go, and if its pixels and its point are the same numbers.
+    The previous go is the drone's newest go among its last five actions, which the history shows. None without a
+    previous go, and if the pixels of the previous go equal its point.
     """
     before: dict[int, list[PointedGo | None]] = {}  # actions so far, by drone
     values: list[MetricValue] = []

@@ -1,1 +1,1 @@
-"""Intervals and tests for scores of few episodes. Pure; knows nothing of drones."""
+"""Computes intervals and tests for scores of few episodes. Pure functions, which do not depend on drones."""

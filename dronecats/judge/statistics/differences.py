@@ -1,4 +1,4 @@
-"""Means and differences over episodes with intervals and tests; several flights of an episode count as one value."""
+"""Computes means and differences over episodes, with intervals and tests. Flights of one episode are one value."""
 
 import functools
 import math
@@ -33,7 +33,7 @@ class KnownMean:
 class MeanDifference(KnownMean):
     """A mean difference over episodes with its interval and the p of a test.
 
-    They agree: 0 is outside of the interval if and only if p is at most 1 − confidence.
+    Interval and test agree: 0 is outside of the interval if and only if p is at most 1 − confidence.
     """
 
     p: float  # two-sided; 1: no episode
@@ -50,7 +50,8 @@ def known_mean(values: Sequence[float], confidence: float = CONFIDENCE) -> Known
         return KnownMean(0, math.nan, None, None)
     count, mean = len(values), math.fsum(values) / len(values)
     means = np.sort(_subset_sums(values) / _subsets(count).sum(axis=1))
-    outside = math.floor((1 - confidence) * (len(means) + 1) / 2 + TIE)  # subsets beyond an end, the empty one included
+    # number of subsets beyond each end of the interval, including the empty subset
+    outside = math.floor((1 - confidence) * (len(means) + 1) / 2 + TIE)
     if not outside:
         return KnownMean(count, mean, None, None)
     return KnownMean(count, mean, min(mean, float(means[outside - 1])), max(mean, float(means[-outside])))
@@ -60,13 +61,13 @@ def mean_difference(differences: Sequence[float], confidence: float = CONFIDENCE
     """Return the mean of a difference per episode, its interval, and the p of the randomisation test of the mean.
 
     The test counts the choices of signs whose sum is at least as far from 0 as the observed sum (Fisher, "The Design of
-    Experiments", 1935, 21). For more than 13 episodes it uses random choices. The interval of `known_mean` is the one
-    that agrees with this test.
+    Experiments", 1935, 21). For more than 13 episodes it uses random choices. The interval is that of `known_mean`,
+    which agrees with this test.
     """
     estimate = known_mean(differences, confidence)
     if not estimate.episodes:
         return MeanDifference(0, math.nan, None, None, 1.0)
-    # A choice of signs flips a subset: the total falls if the sum of the subset is positive.
+    # A choice of signs flips the signs of a subset. The total falls if the sum of the subset is positive.
     sums = _subset_sums(differences)
     lesser = min(int((sums <= 0).sum()), int((sums >= 0).sum())) + 1  # + 1 for the empty subset
     return MeanDifference(
@@ -82,9 +83,9 @@ def share_difference(
     For one flight per episode, the interval is Agresti and Min's (Stat. Med. 24, 2005): half a pair is added to each of
     the four outcomes of a pair, so its width is never 0. With several `flights` per episode on average, the added pairs
     have the weight 1 / `flights` of an episode, and the variance uses the squared differences of the episodes. If all
-    differences are equal, which does not show their scatter, the weight is 1. p is that of the exact randomisation test
-    of the mean (McNemar's for one flight each), or that of the interval if it is larger. If the exact test is not
-    significant, the interval includes 0. Raises ValueError for an invalid difference.
+    differences are equal, they do not show their scatter, and the weight is 1. p is the larger of two values: that of
+    the exact randomisation test of the mean (McNemar's test for one flight each), and that of the interval. If the
+    exact test is not significant, the interval includes 0. Raises ValueError for an invalid difference.
     """
     count = len(differences)
     if any(not -1 <= difference <= 1 for difference in differences) or flights < 1:
@@ -109,7 +110,7 @@ def share_difference(
 def _subset_sums(values: Sequence[float]) -> Array:
     """Return the sum of each of `_subsets`; a sum within rounding errors of 0 is 0."""
     side = -1.0 if math.fsum(values) < 0 else 1.0
-    ordered = np.sort(side * np.asarray(values, dtype=float))  # their order and sign have no effect
+    ordered = np.sort(side * np.asarray(values, dtype=float))  # so that rounding is the same for any order and sign
     sums: Array = _subsets(len(ordered)) @ ordered
     sums[np.abs(sums) <= TIE * np.abs(ordered).max()] = 0.0
     return side * sums
@@ -130,7 +131,7 @@ def _randomised_shares(differences: Sequence[float]) -> float:
     sizes = _integers(np.sort(np.asarray(differences, dtype=float)))
     positive, total = int(sizes[sizes > 0].sum()), int(np.abs(sizes).sum())
     lesser = min(positive, total - positive)
-    chances = np.zeros(lesser + 1)  # probability of each sum of the positive ones up to `lesser`, over all signs
+    chances = np.zeros(lesser + 1)  # probability of each sum of the positive values up to `lesser`, over all signs
     chances[0] = 1.0
     for size in np.abs(sizes[sizes != 0]):
         chances *= 0.5

@@ -1,9 +1,9 @@
-"""The place (value of a factor) at which half of the trials succeed, by a logistic fit with random group intercepts.
+"""Estimates the place (value of a factor) at which half of the trials succeed.
 
-The groups' intercepts are symmetric, so the median group and all groups together succeed half of the time at the same
-place. The interval is a profile likelihood interval: all places at which the fit is not significantly worse, so it may
-be open (Fieller's case). Its limit is a quantile of F with (1, groups - 1) degrees of freedom, because twenty groups
-are too few for chi-square.
+The model is a logistic fit with random group intercepts. The intercepts are distributed symmetrically, so the median
+group and all groups together reach one half at the same place. The interval is a profile likelihood interval: all
+places at which the fit is not significantly worse than the best fit. It may be unbounded (Fieller's case). The limit
+of significance is a quantile of F with (1, groups - 1) degrees of freedom: twenty groups are too few for chi-square.
 """
 
 import math
@@ -29,8 +29,8 @@ from dronecats.judge.statistics.shares import CONFIDENCE
 
 Where = Literal["within", "between", "above all", "below all", "no slope"]
 PLACES = 17  # places of the profile, from the lowest to the highest level
-UNLIKE = 1.0  # loss of twice the log likelihood; places that lose more are somewhat worse than the best
-FLAT = 0.25  # ratio of the widths at losses EQUAL_LOSS and UNLIKE; above it no place is the best. Parabola: 0.1
+UNLIKE = 1.0  # loss of twice the log likelihood; a place that loses more is noticeably worse than the best place
+FLAT = 0.25  # ratio of widths at losses EQUAL_LOSS and UNLIKE; above it no place is best. A parabola has 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,8 +39,8 @@ class HalfSuccess:
 
     where: Where  # "between": within the levels, but the turn is too sharp for a best place
     value: float | None  # the place, in the factor's unit; None: outside of the levels, or unknown
-    low: float  # of its interval; -inf: below the lowest level, +inf: above the highest
-    high: float  # likewise
+    low: float  # lower end of the interval; -inf: below the lowest level, +inf: above the highest
+    high: float  # upper end, with the same infinities
     slope: float | None  # of the log odds per unit of the factor; None: the likelihood has no peak
     scatter: float | None  # standard deviation of the groups' intercepts, log odds; WIDEST: that or more
     p_slope: float  # likelihood ratio test of no slope
@@ -53,16 +53,17 @@ class HalfSuccess:
 class SuccessCurve:
     """The fitted share of successes along a factor, over all groups."""
 
-    at: Array  # (places,), the factor
+    at: Array  # (places,), values of the factor
     share: Array  # (places,), 0 … 1
-    low: Array  # (places,), of its 95 % interval at each place; nan: the likelihood has no peak
-    high: Array
+    low: Array  # (places,), lower end of the 95 % interval of `share`; nan: the likelihood has no peak
+    high: Array  # (places,), upper end
 
 
 def half_success(levels: Sequence[float] | Array, trials: Trials, confidence: float = CONFIDENCE) -> HalfSuccess | None:
-    """Return the place at which half of the trials succeed; `levels` are those of the columns of the trials.
+    """Return the place at which half of the trials succeed.
 
-    None with fewer than two tried levels. Raises ValueError for duplicate levels or levels that are not numbers.
+    `levels` has the factor's value for each column of `trials`. None with fewer than two tried levels. Raises
+    ValueError for duplicate levels or levels that are not numbers.
     """
     at, counted = _tried(levels, trials)
     if len(at) < 2:
@@ -132,7 +133,7 @@ class _Line:
 
     @property
     def half(self) -> float:
-        """The place at which the best line crosses one half; nan: it does not."""
+        """The place at which the best line crosses one half; nan: the line is flat."""
         intercept, slope = self.best.coefficients
         return float(-intercept / slope) if abs(slope) > 1e-12 else math.nan
 
@@ -143,7 +144,10 @@ class _Line:
         return max(0.0, 2.0 * (self.best.log_likelihood - held.log_likelihood))
 
     def interval(self, value: float, limit: float) -> tuple[float, float]:
-        """Return the interval of places around `value` that lose at most `limit`; infinite beyond the levels."""
+        """Return the interval of places around `value` that lose at most `limit`.
+
+        An end is infinite if the interval reaches the lowest or highest level.
+        """
         least, most = float(self._at.min()), float(self._at.max())
         places = np.unique(np.append(np.linspace(least, most, PLACES), np.clip(value, least, most)))
         places = places[np.isfinite(places)]
@@ -165,8 +169,8 @@ class _Line:
     def flat(self, value: float) -> bool:
         """Return whether the places around `value` are equally good, so that none of them is the best.
 
-        This uses the profile of the place, not slope and scatter: if these grow together without limit, as for
-        episodes that each turn once, the place may still be well determined.
+        The test uses the profile of the place, not slope and scatter. If each group turns once from failure to
+        success, slope and scatter grow without limit, but the place may still be well determined.
         """
         equal, unequal = (self._width(value, limit) for limit in (EQUAL_LOSS, UNLIKE))
         return equal > FLAT * unequal
@@ -215,7 +219,7 @@ def _where(value: float, at: Array, fitted: MixedLogit) -> Where:
 
 
 def _straight(at: Array, trials: Trials, fitted: MixedLogit) -> float | None:
-    """Return the p of a straight line against a separate share for each level."""
+    """Return the p-value of the test of straight log odds against a separate share for each level."""
     if len(at) < 3:
         return None
     saturated = fit(np.eye(len(at)), trials)
@@ -223,12 +227,12 @@ def _straight(at: Array, trials: Trials, fitted: MixedLogit) -> float | None:
 
 
 def _ratio(gain: float, freedom: int) -> float:
-    """Return the p of a likelihood ratio."""
+    """Return the p-value of a likelihood ratio test; `gain` is the gain in log likelihood."""
     return float(special.chdtrc(freedom, max(0.0, 2.0 * gain)))
 
 
 def _moved(x: Array, fitted: MixedLogit, k: int) -> Array:
-    """Return the derivative of the curve's log odds by the k-th of (intercept, slope, scatter)."""
+    """Return the derivative of the curve's log odds with respect to the k-th of (intercept, slope, scatter)."""
 
     def odds(sign: float) -> Array:
         at = np.append(fitted.coefficients, fitted.scatter)

@@ -1,9 +1,9 @@
-"""A logistic regression with a random intercept per group, by the exact marginal likelihood.
+"""Fits a logistic regression with a random intercept per group, by the exact marginal likelihood.
 
-The probability of a success of group g under condition j is 1 / (1 + exp(-(X_j b + o_j + s z_g))), z_g standard normal.
-The trapezoid rule over ±7 integrates over z; it is practically exact for such smooth integrands. The likelihood is
-maximised with its gradient (McCulloch and Searle, "Generalized, Linear, and Mixed Models", 2001, 8). Coefficients are
-bounded, so the fit also ends for perfectly separated outcomes, which have no best coefficient.
+Group g succeeds under condition j with probability 1 / (1 + exp(-(X_j b + o_j + s z_g))), where z_g is standard normal.
+The trapezoid rule over ±7 integrates over z; it is practically exact for such smooth integrands. The fit maximises the
+likelihood with its gradient (McCulloch and Searle, "Generalized, Linear, and Mixed Models", 2001, 8). Coefficients are
+bounded, so the fit also ends for perfectly separated outcomes, whose best coefficient is infinite.
 """
 
 import functools
@@ -20,12 +20,12 @@ REACH = 7.0  # range of z, to either side
 STEEPEST = 400.0  # bound of a coefficient whose column is scaled to at most 1
 WIDEST = 12.0  # bound of s; beyond it only the group determines the outcome
 EQUAL_LOSS = 0.01  # loss of twice the log likelihood; a fit that loses less is as good as the best
-LEAST_PEAK = 1e-4  # least curvature of the likelihood at a peak
+LEAST_PEAK = 1e-4  # least curvature (eigenvalue, scaled columns) of the log likelihood at a peak
 
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """Successes of groups under conditions; both are 0 if a group was not tried under a condition."""
+    """The counts of successes and trials of each group under each condition; both are 0 without trials."""
 
     successes: Array  # (groups, conditions)
     trials: Array  # (groups, conditions)
@@ -47,7 +47,7 @@ class Trials:
 class MixedLogit:
     """A fitted model."""
 
-    coefficients: Array  # (columns,), per unit of each column
+    coefficients: Array  # (columns,), log odds per unit of each column
     scatter: float  # s: standard deviation of the groups' intercepts, on the scale of log odds
     log_likelihood: float  # without terms that depend only on the counts
 
@@ -63,7 +63,7 @@ def fit(
 
     `design`: (conditions, columns), with a column of ones for an intercept. `offset`: (conditions,), added to the log
     odds. `begin`: a fit with the same columns to start from. `narrowest`: lower bound of the scatter. Raises ValueError
-    for other shapes.
+    for wrong shapes.
     """
     conditions = trials.trials.shape[1]
     if design.ndim != 2 or design.shape[0] != conditions or (offset is not None and offset.shape != (conditions,)):
@@ -93,10 +93,10 @@ def log_likelihood(design: Array, trials: Trials, coefficients: Array, scatter: 
 
 
 def at_widest(design: Array, trials: Trials, fitted: MixedLogit) -> bool:
-    """Return whether the scatter is at its bound, or a fit with the scatter at its bound is as good.
+    """Return whether a fit with the scatter at its bound is as good as this fit.
 
-    Then coefficients and scatter grow together, and only their ratios are determined; each value depends on the bound.
-    False for a scatter below half of the bound.
+    In this case the trials determine only the ratios of coefficients and scatter; each value depends on the bound.
+    Always false for a scatter below half of the bound.
     """
     if fitted.scatter < WIDEST / 2:
         return False
@@ -147,7 +147,7 @@ def _likelihood(design: Array, moved: Array, trials: Trials, at: Array) -> tuple
     most = terms.max(axis=1, keepdims=True)
     there = np.exp(terms - most)
     totals = there.sum(axis=1, keepdims=True)
-    there /= totals  # distribution of each group's z, given its outcomes
+    there /= totals  # distribution of each group's z, given the group's outcomes
     pull = _times(trials.successes.T, there) - special.expit(odds) * _times(
         trials.trials.T, there
     )  # (conditions, nodes)
@@ -156,7 +156,7 @@ def _likelihood(design: Array, moved: Array, trials: Trials, at: Array) -> tuple
 
 
 def _times(a: Array, b: Array) -> Array:
-    """Return the product of two small matrices in one thread; a library's threads would only wait for each other."""
+    """Return the product of two small matrices in one thread; the threads of BLAS would make it slower."""
     return np.asarray(np.einsum("ij,jk->ik", a, b))
 
 
@@ -169,8 +169,8 @@ def _scale(design: Array) -> Array:
 def _nodes(trials: int) -> tuple[Array, Array]:
     """Return the nodes and weights of the integral over z, fine enough for groups with this number of trials.
 
-    As a function of s z, the likelihood is at least as wide as a normal curve with σ = 2 / √trials, which steps of 2 σ
-    still resolve.
+    As a function of s z, the likelihood is at least as wide as a normal curve with σ = 2 / √trials. Steps of 2 σ
+    resolve such a curve.
     """
     step = min(0.1, 2 * 2 / math.sqrt(max(trials, 1)) / WIDEST)
     nodes = np.linspace(-REACH, REACH, 2 * math.ceil(REACH / step) + 1)

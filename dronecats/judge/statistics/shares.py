@@ -1,4 +1,4 @@
-"""Shares of success: their intervals from few trials, and exact comparisons of two pilots on the same episodes."""
+"""Computes intervals of success shares from few trials, and exact comparisons of two pilots on the same episodes."""
 
 import functools
 import math
@@ -23,9 +23,10 @@ class KnownShare:
 
 
 def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return Wilson's score interval (low, high) of a share; (0, 1) without trials. Raises ValueError.
+    """Return Wilson's score interval (low, high) of a share; (0, 1) without trials.
 
-    Wilson, "Probable inference", J. Am. Stat. Assoc. 22 (1927). The counts may be fractions, such as effective counts.
+    The counts may be fractions, such as effective counts. Raises ValueError for more successes than trials. Source:
+    Wilson, "Probable inference", J. Am. Stat. Assoc. 22 (1927).
     """
     if not 0 <= successes <= trials:
         raise ValueError(f"{successes} of {trials} is not a share")
@@ -45,9 +46,10 @@ def known_share(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENC
     """Return the share of successes over all flights of some episodes; `flights` has the outcomes of each episode.
 
     Flights of one episode are correlated, so ten flights of one episode carry less information than one flight of each
-    of ten episodes. The interval is Wilson's with an effective number of trials: the number that gives the share's
-    variance over the episodes (linearised, Cochran, "Sampling Techniques", 1977, 6.4), between the numbers of episodes
-    and of flights. For one flight each it is Wilson's own. If all flights have one outcome, each episode counts once.
+    of ten episodes. The interval is Wilson's with an effective number of trials. This number gives the share's
+    variance over the episodes (linearised, Cochran, "Sampling Techniques", 1977, 6.4), and is limited to the range from
+    the number of episodes to the number of flights. With one flight per episode it is the number of flights. If all
+    flights have the same outcome, each episode counts once.
     """
     episodes = [outcomes for outcomes in flights if outcomes]
     trials, successes = sum(map(len, episodes)), sum(map(sum, episodes))
@@ -71,20 +73,20 @@ def _effective(episodes: Sequence[Sequence[bool]], share: float, trials: int) ->
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Successes of several flights over the same episodes."""
+    """The spread of the number of successes over several flights of the same episodes."""
 
-    totals: tuple[int, ...]  # successes of each flight
-    episodes: int  # of each flight
-    mean: float  # successes
-    deviation: float | None  # successes, standard deviation over the flights; None: one flight
-    low: float | None  # interval of the deviation for normal totals, within its range
-    high: float | None
-    binomial: float  # successes, expected for equal episodes: the paper's sqrt(n p (1 - p))
-    binomial_by_episode: float | None  # the same if each episode has its own success rate; None: one flight
+    totals: tuple[int, ...]  # number of successes of each flight
+    episodes: int  # number of episodes of each flight
+    mean: float  # mean number of successes
+    deviation: float | None  # standard deviation of the number of successes; None: one flight
+    low: float | None  # lower end of the interval of `deviation`, for normal totals
+    high: float | None  # upper end, at most half of the episodes
+    binomial: float  # expected deviation for equally hard episodes: the paper's sqrt(n p (1 - p))
+    binomial_by_episode: float | None  # expected deviation if each episode has its own success rate; None: one flight
 
 
 def spread(flights: Sequence[Sequence[bool]], confidence: float = 0.95) -> Spread:
-    """Return the spread of flights; each has the successes of the same episodes in the same order.
+    """Return the spread of flights; each flight has the outcomes of the same episodes in the same order.
 
     Raises ValueError without flights, or if their lengths differ.
     """
@@ -109,12 +111,12 @@ def spread(flights: Sequence[Sequence[bool]], confidence: float = 0.95) -> Sprea
 
 
 def binomial_deviation(share: float, trials: int) -> float:
-    """Return the standard deviation of the successes of independent trials of one share."""
+    """Return the standard deviation of the number of successes of independent trials with success rate `share`."""
     return math.sqrt(trials * share * (1.0 - share))
 
 
 def deviation_interval(deviation: float, count: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the interval of a standard deviation that `count` normal values gave (by chi-square)."""
+    """Return the interval (chi-square) of the standard deviation of `count` normal values."""
     from scipy.special import chdtri  # a base dependency, but slow to import
 
     freedom, tail = count - 1, (1 - confidence) / 2
@@ -123,15 +125,19 @@ def deviation_interval(deviation: float, count: int, confidence: float = 0.95) -
 
 
 def _by_episode(flights: Sequence[Sequence[bool]]) -> float:
-    """Return the deviation of totals of independent flights: the sum of the episodes' own variances (unbiased)."""
+    """Return the standard deviation of the totals of independent flights.
+
+    The variance is the sum of the (unbiased) variances of the episodes.
+    """
     episodes = zip(*flights, strict=True)
     return math.sqrt(sum(statistics.variance(map(float, outcomes)) for outcomes in episodes))
 
 
 def holm(ps: Sequence[float]) -> list[float]:
-    """Return the adjusted p of each test, in their order. They limit the probability of any false finding.
+    """Return the adjusted p-value of each test, in the order of `ps`.
 
-    Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Stat. 6 (1979).
+    The adjustment limits the probability of at least one false finding. Source: Holm, "A simple sequentially
+    rejective multiple test procedure", Scand. J. Stat. 6 (1979).
     """
     adjusted, least = [0.0] * len(ps), 0.0
     for rank, k in enumerate(sorted(range(len(ps)), key=ps.__getitem__)):
@@ -146,22 +152,23 @@ POWER = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Paired:
-    """The comparison of two pilots over the episodes that both have flown."""
+    """The comparison of two pilots over the episodes that both pilots have flown."""
 
     episodes: int
-    only_first: int  # episodes that the first solved more often than the second: McNemar's b
-    only_second: int  # the other way round: c
-    difference: float  # share of successes of the first minus that of the second, -1 … 1
+    only_first: int  # episodes that the first pilot solved more often than the second: McNemar's b
+    only_second: int  # episodes that the second pilot solved more often: McNemar's c
+    difference: float  # share of successes of the first pilot minus that of the second, -1 … 1
     p: float  # two-sided, exact
     smallest: float | None  # `smallest_difference` for this discordance; None: too few episodes
 
 
 def paired(first: Sequence[Sequence[bool]], second: Sequence[Sequence[bool]]) -> Paired:
-    """Return the comparison of two pilots, each given by the successes of its flights, by episode in the same order.
+    """Return the comparison of two pilots on the same episodes.
 
-    The episode is the unit: it counts for the pilot with the larger share of successes, and for neither if the shares
-    are equal. For one flight each this is McNemar's exact test. Raises ValueError if the numbers of episodes differ or
-    an episode has no flight.
+    `first` and `second` have the outcomes of each episode's flights, with the episodes in the same order. The episode
+    is the unit: it counts for the pilot with the larger share of successes, and for neither if the shares are equal.
+    With one flight per episode this is McNemar's exact test. Raises ValueError if the numbers of episodes differ or an
+    episode has no flight.
     """
     if len(first) != len(second) or not all(map(len, (*first, *second))):
         raise ValueError("a paired comparison needs flights of the same episodes on both sides")
@@ -179,7 +186,7 @@ def paired(first: Sequence[Sequence[bool]], second: Sequence[Sequence[bool]]) ->
 
 
 def mcnemar(b: int, c: int) -> float:
-    """Return the exact two-sided p of McNemar's test: b and c discordant pairs under even odds. 1 without pairs."""
+    """Return the exact two-sided p-value of McNemar's test for b and c discordant pairs; 1 without pairs."""
     tail = sum(math.comb(b + c, k) for k in range(min(b, c) + 1))
     return min(1.0, 2 * tail / (1 << (b + c)))  # integers until here, so nothing is rounded
 
@@ -189,8 +196,8 @@ def smallest_difference(
 ) -> float | None:
     """Return the smallest true difference in success rate that McNemar's exact test detects with this power.
 
-    The share of episodes with different outcomes is `discordant`, or the difference itself if that is larger: then all
-    of them favour one pilot, the best case. Accurate to 0.0001. None: too few episodes for any difference.
+    The share of episodes with different outcomes is `discordant`, or the difference itself if that is larger.
+    Accurate to 0.0001. None: too few episodes for any difference.
     """
     if mcnemar_power(episodes, 1.0, 1.0, alpha) < power:
         return None
@@ -203,7 +210,7 @@ def smallest_difference(
 
 
 def mcnemar_power(episodes: int, difference: float, discordant: float, alpha: float = ALPHA) -> float:
-    """Return the power of McNemar's exact test, exactly: the chance of p ≤ alpha.
+    """Return the exact power of McNemar's exact test: the probability of p ≤ alpha.
 
     `discordant` is the true share of episodes with different outcomes, at least `difference`.
     """
@@ -220,7 +227,10 @@ def mcnemar_power(episodes: int, difference: float, discordant: float, alpha: fl
 
 @functools.cache
 def _largest_significant_minority(pairs: int, alpha: float) -> int:
-    """Return the largest minority of the discordant pairs for which p ≤ alpha; -1: p is larger even for none."""
+    """Return the largest minority of the discordant pairs for which p ≤ alpha; -1: none.
+
+    -1 means that p > alpha even if all discordant pairs favour one pilot.
+    """
     most = -1
     while 2 * (most + 1) < pairs and mcnemar(most + 1, pairs - most - 1) <= alpha:
         most += 1
@@ -228,7 +238,7 @@ def _largest_significant_minority(pairs: int, alpha: float) -> int:
 
 
 def _binomial(k: int, n: int, share: float) -> float:
-    """Return the chance of k successes in n trials."""
+    """Return the probability of k successes in n trials."""
     if share in (0.0, 1.0):
         return float(k == n * share)
     logs = math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)

@@ -5,9 +5,9 @@
     python -m dronecats.pilots.fitting vision-errors RUN [--out FOLDER]
 
 `shapes` fits the network of `shape_detector`. `colors` fits the network of `color_detector` and makes the outlines of
-`ranging`. Both render pictures of places that are in no episode record. `--check [FOLDER]` only evaluates a network,
+`ranging`. Both fits render pictures of places that no episode record uses. `--check [FOLDER]` only evaluates a network,
 on scenes outside the fit. `--short` tests in seconds that the fit runs, and writes files only with `--out`. All random
-numbers are seeded; the last digits depend on the processor and its linear algebra library.
+numbers are seeded; the last digits of the results depend on the processor and the linear algebra library.
 
 `vision-errors` fits the errors of `oracle/noisy.py` to RUN, the run folder of a benchmark with the pilot vision.
 """

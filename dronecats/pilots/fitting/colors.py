@@ -1,8 +1,8 @@
 """Fits the network of `color_detector`, and makes the outlines of `ranging`.
 
 The pictures show neighbourhoods that are in no episode record. Houses, plants and most parked cars come from seeds
-that no record uses; streets and plots are the same for all seeds of the map. In every picture the target has another
-place, paint and direction of view.
+that no record uses. Streets and plots are the same for all seeds of the map. Each picture has its own target position,
+paint and direction of view.
 """
 
 import math
@@ -49,8 +49,8 @@ HEIGHTS_M = (1.1, 2.9)  # m, range of the drone's height above the ground
 DISTANCES_M = (3.0, 32.0)  # m, range of the distance from the body to the target's centre
 ASIDE_RAD = math.radians(40.0)  # largest angle between the drone's nose and the target
 ABSENT = 0.25  # share of the pictures that do not show the target
-TILT_RAD = 0.02  # standard deviation of pitch and roll, as after braking
-ROOM_M = 0.9  # m, least depth in a picture
+TILT_RAD = 0.02  # standard deviation of pitch and roll; the drone is not quite level after braking
+ROOM_M = 0.9  # m, least depth in a picture; a picture with a nearer obstacle is dropped
 LEAST_PX = 40  # least number of pixels of a visible target
 
 
@@ -84,7 +84,7 @@ def build(seed: int) -> Scene:
 
 
 def photograph(scene: Scene, renderer: Renderer, seed: int, count: int) -> Iterator[tuple[NDArray[np.uint8], Target]]:
-    """Yield pictures (360, 640, 3) RGB of targets from random poses; a share ABSENT does not show the target."""
+    """Yield RGB pictures (360, 640, 3) from random poses and their targets; a share ABSENT shows no target."""
     rng = np.random.default_rng((seed, 12))
     spots = residential_places.places(seed).spots
     targets = [i for i in scene.instances if i.kind == "target"]
@@ -132,29 +132,30 @@ SCENES, PICTURES, ROUNDS = 14, 180, 40
 SHORT_PICTURES = 12
 CHECK_SCENES, CHECK_PICTURES = 4, 160
 
-# Labels of patches. A patch is the target from the intersection over union IS on. It is not the target if at most the
-# share IS_NOT of it is inside the target. Other patches, such as one door of a bus, are not used.
+# Labels of patches. A patch is the target if its intersection over union with the target's box is at least
+# POSITIVE_IOU. It is not the target if at most the share NEGATIVE_SHARE of the patch is inside that box. Other patches,
+# such as one door of a bus, are not used.
 POSITIVE_IOU, NEGATIVE_SHARE = 0.5, 0.2
-ABSENT_TARGETS = 4  # additional instructions per picture, whose targets are not in it
-LIKE_BRICK = ("brown", "red", "orange")  # used more often for absent targets: houses and fences have these colours
+ABSENT_TARGETS = 4  # additional instructions per picture, with targets that the picture does not show
+LIKE_BRICK = ("brown", "red", "orange")  # colours of houses and fences, used more often for absent targets
 
 HIDDEN = 48
 DECAY = 4e-4  # weight decay
 CELL_DROPOUT = 0.15  # share of the cells that are set to zero in each example
 BRIGHTNESS_LOG_STD = 0.2  # standard deviation of the log of the brightness factor
 DISTANCE_WEIGHT = 2.0  # weight of the squared distance error relative to the cross-entropy
-DISTANCE_SCALE = 0.15  # scale of the distance output: standard deviation of the log of the factor
+DISTANCE_SCALE = 0.15  # scale of the distance output: standard deviation of the log factor
 _CELLS = SIDE * SIDE
 _PATCH = _CELLS * CHANNELS
 
 BANDS_M = (3.0, 5.0, 7.0, 10.0, 15.0, 22.0, 32.5)
-ASIDE_PX = 4  # a right detection has its middle at most this far outside the sides of the target's box
+ASIDE_PX = 4  # px, tolerance left and right of the target's box for the middle of a correct detection
 
 # Outlines
 OUTLINE_PAINT = "red"  # the shape is the same for every paint
 LEVELS = 6  # height bands of an outline
 DIRECTIONS = 8  # horizontal directions; each band has its outermost points in each direction
-STEEP = 6.0  # slope of the directions in which the highest and lowest points are taken
+STEEP = 6.0  # slope of the directions for the highest and lowest points
 
 TargetJpeg = tuple[bytes, Target]
 
@@ -164,8 +165,8 @@ class PatchExamples:
     """Labelled patches."""
 
     inputs: NDArray[np.float16]  # (N, LENGTH), the network's input
-    is_target: NDArray[np.float32]  # (N,) 1: the target, 0: anything else
-    factor: NDArray[np.float32]  # (N,) log(true distance / distance estimated by size); 0 for anything else
+    is_target: NDArray[np.float32]  # (N,) 1: the target, 0: not the target
+    factor: NDArray[np.float32]  # (N,) log(true distance / distance estimated by size); 0 if not the target
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +191,7 @@ def draw(first: int, scenes: int, pictures: int) -> Iterator[TargetJpeg]:
 
 
 def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> PatchExamples:
-    """Return the labelled patches of one picture, for its own instruction and for instructions with absent targets."""
+    """Return the labelled patches of a picture, for the instruction of its target and for those of absent targets."""
     wanted = [(target.asset, target.paint)]
     while len(wanted) <= ABSENT_TARGETS:
         paints = LIKE_BRICK if rng.random() < 0.5 else PAINTS
@@ -240,7 +241,7 @@ def fit(examples: PatchExamples, rounds: int, seed: int) -> PatchNetwork:
     weights = training.initial_weights(rng, LENGTH, HIDDEN, 2)
     steps = rounds * (len(examples.is_target) // BATCH)
     training.train(weights, _batches(examples, rounds, mean, deviation, rng), steps, DECAY, rng)
-    # fold mean, deviation and SPREAD into the weights: the network takes raw inputs and outputs the log of a factor
+    # fold mean, deviation and DISTANCE_SCALE into the weights: the network takes raw inputs and outputs the log factor
     hidden = weights[0] / deviation[:, None]
     scale = np.array((1.0, DISTANCE_SCALE), np.float32)
     return PatchNetwork(hidden, weights[1] - mean @ hidden, weights[2] * scale, weights[3] * scale)
@@ -251,7 +252,7 @@ def mirrored(inputs: Floats) -> Floats:
     patch = inputs[:, :_PATCH].reshape(-1, SIDE, SIDE, CHANNELS)[:, :, ::-1]
     rest = inputs[:, _PATCH:].copy()
     rest[:, [0, 1]] = -rest[:, [1, 0]]  # the rectangle's left and right
-    rest[:, [9, 10]] = rest[:, [10, 9]]  # whether each touches the picture's edge
+    rest[:, [9, 10]] = rest[:, [10, 9]]  # whether the left and right side touch the picture's edge
     return np.concatenate((patch.reshape(len(inputs), _PATCH), rest), axis=1)
 
 
@@ -261,7 +262,7 @@ def _batches(
     yes = np.flatnonzero(examples.is_target > 0.5)
     no = np.flatnonzero(examples.is_target < 0.5)
     for _ in range(rounds):
-        # targets are rarer, so they are repeated until they are a third of the examples
+        # targets are rarer, so they are drawn repeatedly, up to a third of the examples
         order = rng.permutation(np.concatenate((no, rng.choice(yes, max(1, len(no) // 2)))))[: len(examples.is_target)]
         for k in range(len(order) // BATCH):
             take = order[k * BATCH : (k + 1) * BATCH]
@@ -279,12 +280,12 @@ def _batches(
 
 
 def cost_gradient(is_target: NDArray[np.floating], factor: NDArray[np.floating]) -> OutputGradient:
-    """Return the function from outputs to the gradient of the mean cost: cross-entropy and targets' distance error."""
+    """Return a function that computes the gradient of the mean cost: cross-entropy plus the targets' distance error."""
 
     def gradient(outputs: NDArray[np.floating]) -> NDArray[np.floating]:
         error = np.empty_like(outputs)
         error[:, 0] = 1.0 / (1.0 + np.exp(-np.clip(outputs[:, 0], -30.0, 30.0))) - is_target
-        # clip the error at three SPREADs, because a partly hidden thing always has the wrong size
+        # clip the error at 3 DISTANCE_SCALE, because the size of a partly hidden object is always wrong
         error[:, 1] = is_target * 0.1 * DISTANCE_WEIGHT * np.clip(outputs[:, 1] - factor / DISTANCE_SCALE, -3.0, 3.0)
         error /= len(is_target)
         return error
@@ -335,7 +336,7 @@ def evaluate(network: PatchNetwork, jpegs: Iterable[TargetJpeg]) -> list[Detecti
 
 
 def check(folder: Path, short: bool) -> None:
-    """Print a network's detections and their distance errors, by distance and by kind, and its false detections."""
+    """Print the rates and distance errors of a network's detections, by distance and kind, and its false detections."""
     jpegs = draw(CHECK_SEED, *((1, SHORT_PICTURES) if short else (CHECK_SCENES, CHECK_PICTURES)))
     _print_table(evaluate(PatchNetwork.load(folder / PatchNetwork.FILE), jpegs))
 

@@ -1,9 +1,10 @@
 """Fits the network of `shape_detector` to pictures of random campuses.
 
-A random campus has the ground of the shipped campus and its halls, which swap places. The catalogue's things stand at
-random places, the plants have random shapes, and the time of the sun is random. A first network is fitted to windows
-of the first pictures: all with a thing, and random ones without. Then windows that it mistakes for a thing join the
-examples, and the shipped network is fitted to all examples.
+A random campus has the ground and the halls of the shipped campus, but the halls swap places. The things of the asset
+catalogue stand at random places, the plants have random shapes, and the sun has a random time. The fit has two stages.
+The first network is fitted to windows of the first pictures: all windows with a thing, and random empty windows. Then
+empty windows that this network mistakes for a thing join the examples, and the shipped network is fitted to all of
+them.
 """
 
 import math
@@ -32,9 +33,9 @@ EXTENT = ((-80.0, 46.0), (-50.0, 52.0))  # m, north and east: the area where thi
 COPIES = {"bench": 12, "bin": 8, "lamp": 12, "person": 26, "tree": 18, "bollard": 8, "conifer": 8, "shrub": 20}
 DISTRACTORS = 11  # copies of every other kind
 APART_M = 2.6  # least distance between the middles of two things
-HEIGHTS_M = (1.0, 2.4)  # of the camera over the ground
+HEIGHTS_M = (1.0, 2.4)  # m, range of the camera's height above the ground
 FARTHEST_M = 50.0  # greatest depth of a thing that counts as visible
-TILT_RAD = 0.025  # standard deviation of pitch and roll in half of the pictures, as after braking
+TILT_RAD = 0.025  # standard deviation of pitch and roll in half of the pictures; the others are level
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +47,12 @@ class VisibleThing:
     right_m: float  # right of the optical axis
     below_m: float  # the thing's foot below the camera
     box: tuple[int, int, int, int]  # px, left, top, right, bottom of its pixels
-    pixels: int  # visible ones
+    pixels: int  # number of visible pixels
     box_pixels: float  # px, area of the box around the complete thing
 
 
 def makers(rng: np.random.Generator) -> dict[str, Mesh]:
-    """Return a mesh per kind; plants have random shapes."""
+    """Return a mesh for each kind of thing; plants have random shapes."""
     made = {kind: maker() for kind, maker in assets.FIXTURES.items()}
     made["tiered-fountain"] = campus_fixtures.fountain(3)
     made["person"] = people.passer_by(0)
@@ -164,31 +165,31 @@ def _visible(ids: NDArray[np.int32], instances: list[Instance], eye: Vec3, yaw: 
 
 FIT_SEED, CHECK_SEED = 200, 900  # first seed of the campuses to fit to, and of those to check with
 SCENES, PICTURES, ROUNDS = 96, 28, 60
-FIRST_SCENES, FIRST_ROUNDS = 8, 14  # of the first network
+FIRST_SCENES, FIRST_ROUNDS = 8, 14  # size of the fit of the first network
 SHORT_PICTURES = 4
 CHECK_SCENES, CHECK_PICTURES = 4, 24
 
 # Limits of the offset from a window to a thing: log of the ratio of distances, m aside, m of height. A window within
-# HOLDS is an example of the thing. Another window within NEAR is no example. Another window within PARTIAL shows a part
-# of the thing and is no mistake, but DISPLACED_WINDOWS of them are examples of nothing.
+# HOLDS is an example of the thing. A window between HOLDS and NEAR is not used. A window between NEAR and PARTIAL shows
+# a part of the thing; DISPLACED_WINDOWS of these are examples of nothing.
 HOLDS = (0.10, 0.36, 0.17)
 NEAR = (0.26, 0.90, 0.40)
 PARTIAL = (0.60, 1.6, 0.80)
-WIDE_M = {"fountain": 1.8, "tiered-fountain": 1.8, "clock-tower": 1.8, "kiosk": 1.3, "bike-rack": 1.3}  # for NEAR[1]
-SEEN = (0.15, 0.40)  # visible share of a thing: below the first it counts as absent, below the second as no example
+WIDE_M = {"fountain": 1.8, "tiered-fountain": 1.8, "clock-tower": 1.8, "kiosk": 1.3, "bike-rack": 1.3}  # least NEAR[1]
+SEEN = (0.15, 0.40)  # visible share of a thing: below the first, it counts as absent; below the second, it is not used
 NO_EXAMPLE = -1
-RANDOM_WINDOWS, MISTAKEN_WINDOWS = 50, 45  # empty windows per picture: random ones, mistaken ones
+RANDOM_WINDOWS, MISTAKEN_WINDOWS = 50, 45  # empty windows per picture, random and mistaken for a thing
 DISPLACED_WINDOWS = 12  # windows per picture that show a part of a thing
-MOST_MISTAKES = 6  # mistaken windows per picture, distance and height
+MOST_MISTAKES = 6  # largest number of mistaken windows for each picture, distance and height
 USUAL_WINDOWS = 5000.0  # usual number of windows per picture
 USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0
 
 HIDDEN = 80  # units of the hidden layer
 DECAY = 2e-4  # weight decay
 COVERED = 0.2  # share of a window's cells that are blanked in a step
-DIM = 0.25  # standard deviation of the log of a random brightness, because halls and trees cast shadows
+DIM = 0.25  # standard deviation of the log of a random brightness factor, for the shadows of halls and trees
 
-CHECKED_M = (3.2, 20.0, 40.0)  # m, limits of near and far
+CHECKED_M = (3.2, 20.0, 40.0)  # m, edges of the distance bands near and far of the check
 PLAINLY = 0.5  # visible share from which a thing must be detected
 ODDS = (-0.9, 0.3, 1.5)  # log odds from which a thing counts as detected
 
@@ -215,13 +216,13 @@ def draw(first: int, scenes: int, pictures: int) -> Iterator[CampusJpeg]:
 
 
 def decoded(jpegs: Iterable[CampusJpeg]) -> Iterator[tuple[Picture, tuple[VisibleThing, ...]]]:
-    """Yield the pictures as a pilot decodes them."""
+    """Yield decoded pictures (BGR) with their visible things."""
     for data, items in jpegs:
         yield np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR), np.uint8), items
 
 
 def usual_fill(jpegs: Iterable[CampusJpeg]) -> dict[str, float]:
-    """Return for each kind the share of its box that an unobstructed thing usually fills."""
+    """Return for each kind the share of its `box_pixels` that an unobstructed thing usually fills."""
     shares: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for _, items in jpegs:
         for item in items:
@@ -240,7 +241,7 @@ def labels(
     fill: dict[str, float],
     near: tuple[float, float, float] = NEAR,
 ) -> NDArray[np.int8]:
-    """Return for each window of a strip the index of its kind, 0 for nothing, or NO_EXAMPLE.
+    """Return for each window of a strip the index of its thing in KINDS, 0 for nothing, or NO_EXAMPLE.
 
     `height`: index of HEIGHTS_M; `fill`: from `usual_fill`.
     """
@@ -251,7 +252,7 @@ def labels(
         if item.kind not in KINDS:
             continue
         share = item.pixels / (item.box_pixels * fill[item.kind])
-        # at another distance, the same direction is at another distance aside
+        # the offset aside is measured at the strip's depth, along the direction to the thing
         depth_off = abs(np.log(item.depth_m / strip.depth_m))
         aside = np.abs(right - item.right_m * strip.depth_m / item.depth_m)
         height_off = abs(item.below_m - shape_detector.HEIGHTS_M[height])
@@ -278,7 +279,8 @@ def examples_of(
 ) -> WindowExamples:
     """Return windows of one picture: all that hold a thing, and at most `empty_windows` that hold nothing.
 
-    The empty windows are random. With a network they are those that it mistakes most, plus DISPLACED_WINDOWS.
+    Without a network, the empty windows are random. With a network, they are the windows that the network most mistakes
+    for a thing, plus up to DISPLACED_WINDOWS that show a part of a thing.
     """
     windows, kinds = list[NDArray[np.float16]](), list[NDArray[np.int8]]()
     empty, rank, displaced = list[NDArray[np.float16]](), list[NDArray[np.float64]](), list[NDArray[np.float16]]()
@@ -346,7 +348,7 @@ def fit(examples: WindowExamples, rounds: int, seed: int) -> ShapeNetwork:
 
 
 def mirrored(windows: Floats) -> Floats:
-    """Return windows (N, rows · columns · CHANNELS) with left and right swapped, and so the two diagonal gradients."""
+    """Return windows (N, rows · columns · CHANNELS) with left and right, and the two diagonal gradients, swapped."""
     cells = windows.reshape(-1, *shape_detector.WINDOW, shape_detector.CHANNELS)[:, :, ::-1]
     return np.ascontiguousarray(cells[..., [0, 1, 2, 3, 4, 7, 6, 5]]).reshape(windows.shape)
 
@@ -369,7 +371,7 @@ def _batches(
 
 
 def cross_entropy_gradient(kinds: NDArray[np.int8]) -> OutputGradient:
-    """Return the gradient of the mean cross-entropy with respect to the network's outputs."""
+    """Return a function that computes the gradient of the mean cross-entropy with respect to the network's outputs."""
 
     def gradient(outputs: NDArray[np.floating]) -> NDArray[np.floating]:
         error: NDArray[np.floating] = np.exp(outputs - outputs.max(axis=1, keepdims=True))
@@ -384,7 +386,7 @@ def cross_entropy_gradient(kinds: NDArray[np.int8]) -> OutputGradient:
 def evaluate(
     network: ShapeNetwork, jpegs: list[CampusJpeg]
 ) -> dict[str, tuple[list[tuple[float, float]], list[float]]]:
-    """Return for each kind (distance, log odds) of every plainly visible thing, and log odds of false detections.
+    """Return for each kind the (depth in m, log odds) of plainly visible things, and log odds of false detections.
 
     A visible thing that is not detected has log odds of -inf.
     """
@@ -410,7 +412,7 @@ def _is(detection: shape_detector.PlacedThing, item: VisibleThing, ratio_log: fl
 
 
 def check(folder: Path, short: bool) -> None:
-    """Print a line per kind: detected and visible things, near and far, and false detections per picture."""
+    """Print a line per kind: detected and visible things (near, far), and false detections per picture."""
     jpegs = list(draw(CHECK_SEED, *((1, SHORT_PICTURES) if short else (CHECK_SCENES, CHECK_PICTURES))))
     _print_table(ShapeNetwork.load(folder / ShapeNetwork.FILE), jpegs)
 

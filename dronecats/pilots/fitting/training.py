@@ -1,7 +1,7 @@
-"""Shared parts of the fits of both vision networks: JPEGs of scenes, and training with Adam in numpy.
+"""Renders training pictures and trains the two vision networks with Adam in numpy.
 
 A network has one hidden layer of rectified linear units. Its weights are a list: hidden (inputs, H), hidden bias (H,),
-out (H, outputs) and out bias (outputs,).
+out (H, outputs), and out bias (outputs,).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,8 +16,8 @@ from episodes.maps.scene import Scene
 from foundation.camera import CameraModel
 
 CAMERA = CameraModel(640, 360)
-JPEG_QUALITY = 88  # of these pictures; those of flights have 85 (`foundation.camera.QUALITY`)
-SHADOW_CELLS = 2048  # per side of the shadow map; flights have twice as many
+JPEG_QUALITY = 88  # of training pictures; pictures of flights have 85 (`foundation.camera.QUALITY`)
+SHADOW_CELLS = 2048  # cells per side of the shadow map; flights have twice as many
 BATCH = 128
 RATE = 1.5e-3  # learning rate at the beginning
 FIRST, SECOND = 0.9, 0.999  # decay rates of Adam's moments
@@ -63,7 +63,7 @@ def train(
     decay: float,
     rng: np.random.Generator,
 ) -> None:
-    """Train weights in place with Adam, a cosine schedule of the rate, dropout and decoupled weight decay."""
+    """Train weights in place with Adam, a cosine schedule of the learning rate, dropout and decoupled weight decay."""
     firsts, seconds = [np.zeros_like(w) for w in weights], [np.zeros_like(w) for w in weights]
     for k, (x, output_gradient) in enumerate(batches):
         rate = np.float32(RATE * 0.5 * (1.0 + np.cos(np.pi * k / steps)) + 1e-5)
@@ -83,7 +83,7 @@ def gradients(
 ) -> list[NDArray[np.floating]]:
     """Return the gradients of the mean cost with respect to the arrays of weights.
 
-    x: (N, inputs). active: (N, H), the factor of dropout on each hidden unit, 0 where the unit is off.
+    x: (N, inputs). active: (N, H), dropout factor of each hidden unit; 0 if the unit is off.
     """
     hidden, hidden_bias, out, out_bias = weights
     before = x @ hidden + hidden_bias

@@ -1,9 +1,13 @@
 """Fits the errors of the noisy pilot to flights of the vision pilot.
 
-Each decision is compared with the truth of its frame, and labelled with the thing that vision took for the target. A
-`go` with the depth of a search stride took nothing. Another `go` within 5° of the target, or within the sides of its
-box, took the target. The rest took something else. A declaration took the target if the target was visible and near.
-In a fleet, only the drone that took the target most often counts.
+Each decision is compared with the truth of its frame, and labelled with the thing that vision took for the target:
+
+- Nothing: a turn, `think`, or a `go` with the depth of a search stride.
+- The target: a `go` within 5° of the visible target or within the sides of its box, or a declaration near the target.
+- Something else: any other `go`.
+- A claim: any other declaration.
+
+In a fleet, only the drone with the most target labels counts.
 """
 
 import math
@@ -25,7 +29,7 @@ from foundation.errors import UsageError
 from foundation.protocol import FINISHED, NEAR_M, POINT_SPAN, RADIUS_M
 from foundation.run_folder import reading
 
-Taken = Literal["target", "else", "claim", "nothing"]  # claim: declared elsewhere; nothing: turn, think or search
+Taken = Literal["target", "else", "claim", "nothing"]  # claim: wrong declaration; nothing: turn, think or search
 ASIDE_DEG = 5.0  # a point within this angle of the target's centre is on the target, even outside its box
 SIDES_PX = 8.0  # a point at most this far outside the sides of the target's box is on the target
 WANDER_BAND_M = 0.3  # tolerance of the depth of a stride to a new vantage point
@@ -39,10 +43,10 @@ class LabelledDecision:
 
     taken: Taken
     seen: bool  # whether the target was visible
-    distance_m: float
-    error_px: tuple[float, float] | None  # + right, + below; only for a `go` at the target with a depth over NEAR_M
-    depth: float | None  # log(depth / true depth of the centre); for the same decisions
-    astray_m: float | None  # depth; only for a `go` at something else
+    distance_m: float  # true distance of the target
+    error_px: tuple[float, float] | None  # + right, + below; only for a `go` at the target, deeper than NEAR_M
+    depth: float | None  # log(depth / true depth of the centre); for the same decisions as `error_px`
+    astray_m: float | None  # depth of a `go`; only for a `go` at something else
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +80,7 @@ def label(step: FlightStep) -> LabelledDecision | None:
     within = box is not None and scale * box[0] - SIDES_PX <= x <= scale * box[2] + SIDES_PX
     if angle > ASIDE_DEG and not within:
         return LabelledDecision("else", seen, away, None, None, go.depth_m)
-    if go.depth_m <= NEAR_M:  # so near, the pilot sets point and depth by a rule
+    if go.depth_m <= NEAR_M:  # near the target, a rule of the pilot sets point and depth
         return LabelledDecision("target", seen, away, None, None, None)
     return LabelledDecision("target", seen, away, (off_x, off_y), math.log(go.depth_m / ahead), None)
 
@@ -92,7 +96,10 @@ def one_drone(flight: JudgedFlight) -> OneDroneFlight:
 
 
 def attention(flights: Iterable[OneDroneFlight]) -> Attention:
-    """Return how often each thing is taken. The share over all distances is the prior of each band's share."""
+    """Return how often vision takes each thing for the target.
+
+    The share over all distances is the prior of the share of each distance band.
+    """
     steps = [(a, b) for f in flights for a, b in zip((None, *f.decisions), f.decisions, strict=False)]
     seen = [(a is not None and a.taken == "target", b) for a, b in steps if b.seen]
     after_else = [b.taken for a, b in steps if a is not None and a.taken == "else" and b.taken != "target"]
@@ -151,7 +158,7 @@ def _spread(values: Sequence[float]) -> float:
 
 
 def fit_run(run: Path) -> VisionErrors:
-    """Return the errors of the flights in a run folder. Raises UsageError if it is damaged or has no scored flight."""
+    """Return the errors of a run's flights. Raises UsageError for a damaged run or a run without scored flights."""
     flights: dict[NamedBy, list[OneDroneFlight]] = defaultdict(list)
     for folder in reading.episodes(run):
         flight = JudgedFlight.read(folder)

@@ -1,8 +1,8 @@
 """Pilots that fail on purpose, each in exactly one way of the paper's taxonomy.
 
-They test the code that classifies failures ("The Failure Is Declaration, Not Navigation", "Failure Taxonomy",
-"Commanding Several Drones"). Like the oracle they know the truth, because a pilot must know the target's place to fail
-in one way only. Equal truth gives equal replies.
+They test the code that classifies failures (paper, sections "The Failure Is Declaration, Not Navigation", "Failure
+Taxonomy", "Commanding Several Drones"). They know the truth, because a pilot must know the target's position to fail in
+one way only. Equal truth gives equal replies.
 """
 
 import itertools
@@ -19,11 +19,11 @@ DECLARED_SHARE = 1.3  # distance / start distance at the declaration; 1.28 for t
 _LONG_DEPTH_M = 6.0  # depth of a `go` that flies the longest stride
 _STILL_DEPTH_M = 0.5 * BRAKE_M  # depth of a `go` that does not move the drone
 _CLOSE_ENOUGH_M = 0.5 * STRIDE_MIN_M  # tolerance of a goal distance, since strides have a least length
-_AHEAD_DEG = 8.0  # largest angle off the nose that is flown without a turn first
+_AHEAD_DEG = 8.0  # largest bearing of a point that the pilot flies to without a turn first
 _STUCK_M = 0.3  # a stride that moves less has met an obstacle
 _ARRIVED_M = RADIUS_M - 0.5  # well inside the radius of success
 _EDGE = 50.0  # 0–1000, distance of a point from the picture's edge
-_KEPT_OFF_M = 2.0 * RADIUS_M  # nearer than this it never strides towards the target, even one outside the picture
+_KEPT_OFF_M = 2.0 * RADIUS_M  # within this distance the pilot never strides towards the target, in the picture or not
 
 ActionGenerator = Generator[
     str, TrueState, None
@@ -35,7 +35,7 @@ class Failing:
     """One way to fail."""
 
     description: str  # one sentence
-    way: Callable[[TrueState], ActionGenerator]  # for one drone
+    way: Callable[[TrueState], ActionGenerator]  # creates the generator of one drone's actions
     together: Callable[[list[str]], str] = actions.join  # joins the drones' actions to one reply
 
 
@@ -54,7 +54,7 @@ def pilot(name: str) -> TruthPilot:
 
 
 def declares_at_once(state: TrueState) -> ActionGenerator:
-    """Declare in the first step, and hover."""
+    """Declare in the first step, then hover."""
     yield actions.finished()
     while True:
         yield actions.think()
@@ -77,7 +77,7 @@ def declares_early(state: TrueState) -> ActionGenerator:
 
 
 def never_declares(state: TrueState) -> ActionGenerator:
-    """Fly to the target as the oracle does, then point at it at every step without moving."""
+    """Fly to the target like the oracle, then point at the target at every step without moving."""
     while True:
         reply = oracle.reply_for(state)
         has_arrived = state.distance_m <= _ARRIVED_M or json.loads(reply)["action"] == FINISHED
@@ -85,12 +85,12 @@ def never_declares(state: TrueState) -> ActionGenerator:
 
 
 def oscillates(state: TrueState) -> ActionGenerator:
-    """Repeat without end: stride ahead, turn round."""
+    """Stride ahead and turn by 180°, without end."""
     yield from _in_turn([actions.go(500, 500, _LONG_DEPTH_M), actions.rotate(90.0), actions.rotate(90.0)])
 
 
 def never_grounds(state: TrueState) -> ActionGenerator:
-    """Stride towards the side of the picture opposite to the target; fly a square while it is not in view."""
+    """Stride towards the picture's side opposite to the target; fly a square while the target is not in view."""
     square = itertools.cycle([actions.go(500, 500, _LONG_DEPTH_M)] * 4 + [actions.rotate(90.0)])
     while True:
         pointing = json.loads(_pointing(state))
@@ -111,12 +111,12 @@ def never_closes(state: TrueState) -> ActionGenerator:
 
 
 def one_point(state: TrueState) -> ActionGenerator:
-    """Fly as `never_declares`; all drones get the first drone's action."""
+    """Fly like `never_declares`. FAILURES gives the first drone's action to all drones."""
     yield from never_declares(state)
 
 
 def leaves_the_protocol(state: TrueState) -> ActionGenerator:
-    """Reply with texts that neither parser accepts."""
+    """Reply with texts that no parser of the agent accepts."""
     yield from _in_turn(NO_ACTIONS)
 
 
@@ -152,7 +152,7 @@ def _in_turn(texts: Sequence[str]) -> ActionGenerator:
 
 
 def _pointing(state: TrueState) -> str:
-    """Return a `go` at the target that does not move the drone, or the turn that brings the target into view."""
+    """Return a `go` at the target that is too short to move the drone, or a turn that brings the target into view."""
     x, y = oracle.pixel(
         oracle.in_camera(state.position_ned, state.attitude, state.camera, state.target_ned), state.camera
     )

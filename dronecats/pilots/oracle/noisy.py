@@ -1,12 +1,12 @@
 """The oracle with the vision pilot's errors: a pilot for studies of thousands of flights without pictures.
 
-It knows the truth and imitates the vision pilot. It flies to the target with an error in pixel and depth, to something
-else, or to nothing, as often as vision does (`vision_errors.json`). It never finds a target that the picture does not
-show. Like vision it declares by its own estimate of the distance. Its random draws depend only on the record's seed,
-the flight's seed, the drone and the step. Flights under different disturbances therefore have the same draws and can be
-compared in pairs. In studies it represents vision, but no model.
+The noisy pilot knows the truth and imitates the vision pilot. It flies to the target (with an error in pixel and
+depth), flies to something else, or searches, each as often as vision (`vision_errors.json`). It never finds a target
+that the picture does not show. Like vision, it declares by its own estimate of the distance. Its random draws depend
+only on the record's seed, the flight's seed, the drone and the step. Flights under different disturbances therefore
+have the same draws and can be compared in pairs. In studies the noisy pilot represents vision, not a model.
 
-The probabilities at a step depend on the step before and, for a visible target, on its distance. One draw per flight
+The probabilities at a step depend on the previous step and, for a visible target, on its distance. One draw per flight
 selects the probabilities of flights that vision lost or of the other flights, because a mistake of vision lasts the
 whole flight. `python -m dronecats.pilots.fitting vision-errors` fits the numbers.
 """
@@ -34,9 +34,9 @@ from foundation.protocol import FINISHED, POINT_SPAN
 NamedBy = Literal["paint", "place", "inscription"]  # how a command names its target
 BANDS_M = (8.0, 16.0)  # m, the edges between the three bands of distance: near, middle, far
 FILE = Path(__file__).with_name("vision_errors.json")
-ARRIVED_M = 4.6  # m, estimated distance at which it declares, as vision does
-_CIRCLE = 5  # turns of a full circle; the first view is the sixth direction
-_WANDERS = 3  # strides to another vantage point
+ARRIVED_M = 4.6  # m, estimated distance at which the pilot declares, equal to that of vision
+_CIRCLE = 5  # turns of a search circle; with the first view, the circle has six directions
+_WANDERS = 3  # after this many strides to other vantage points, a new search circle begins
 _LEAVE_DEG = 75.0  # deg, turn away after a wrong declaration
 _EDGE = 60.0  # 0–1000, least distance of a point from the picture's side
 
@@ -53,11 +53,11 @@ class Attention:
     `strays`, `stays` and `claims` are shares of the steps at which vision does not take the target.
     """
 
-    found: tuple[float, float, float]  # by band: takes the visible target, which it did not take the step before
-    kept: tuple[float, float, float]  # by band: takes the visible target, which it took the step before
+    found: tuple[float, float, float]  # by band: takes the visible target, after a step without it
+    kept: tuple[float, float, float]  # by band: takes the visible target again
     strays: float  # begins to take something else
-    stays: float  # takes something else, as at the step before
-    claims: float  # declares, after it took something else at the step before
+    stays: float  # takes something else, after it took something else at the previous step
+    claims: float  # declares, after it took something else at the previous step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,13 +66,13 @@ class DetectionErrors:
 
     flights: int  # number of flights in the fit
     mistaken: float  # share of lost flights
-    sure: Attention  # of flights that succeeded
-    lost: Attention  # of flights that failed
+    sure: Attention  # in flights that succeeded
+    lost: Attention  # in flights that failed
     aside_px: float  # px of a picture 1280 wide: standard deviation of a point's horizontal error
     above_px: float  # px of a picture 1280 wide: standard deviation of a point's vertical error
-    depth: float  # mean of log(depth of the `go` / true depth of the target's centre)
-    depth_flight: float  # standard deviation of that mean between flights
-    depth_step: float  # standard deviation between the steps of a flight
+    depth: float  # mean log ratio: log(depth of the `go` / true depth of the target's centre)
+    depth_flight: float  # standard deviation between flights of a flight's mean log ratio
+    depth_step: float  # standard deviation of the log ratio between the steps of a flight
     astray_m: float  # m, median depth of something else
     astray: float  # standard deviation of the log of that depth
 
@@ -93,7 +93,7 @@ def shipped_errors() -> VisionErrors:
 
 
 def named_by(command: str) -> NamedBy:
-    """Return how a command names its target. The kinds are tried in the same order as by vision."""
+    """Return how a command names its target. The order of the tests is the same as in vision."""
     if read_inscription(command) is not None:
         return "inscription"
     by_place = read_referent(command).color is None and read_place_expression(command) is not None
@@ -104,11 +104,11 @@ def named_by(command: str) -> NamedBy:
 class _Memory:
     """The memory of one drone's pilot."""
 
-    on_target: bool = False  # it took the target at the step before
-    astray_ned: Vec3 | None = None  # m, the place of something else that it takes for the target
-    declared: bool = False  # it declared at the step before
-    nearer: bool = False  # it has flown one stride nearer after a wrong declaration
-    side: float = 1.0  # 1: it turns to the right, -1: to the left
+    on_target: bool = False  # the pilot took the target at the previous step
+    astray_ned: Vec3 | None = None  # m, the place of something else that the pilot takes for the target
+    declared: bool = False  # the pilot declared at the previous step
+    nearer: bool = False  # the drone has flown one stride nearer after a wrong declaration
+    side: float = 1.0  # direction of search turns: 1 right, -1 left
     turns: int = 0  # turns of the current circle
     strides: int = 0  # strides to another vantage point after the circle
 
@@ -131,12 +131,12 @@ class NoisyPilot:
     """The noisy pilot for one flight: a `TruthPilot`."""
 
     instruction: str
-    seed: tuple[int, ...]  # of the record, and of the flight
+    seed: tuple[int, ...]  # (seed of the record, seed of the flight)
     errors: VisionErrors = field(default_factory=shipped_errors)
     _memories: dict[int, _Memory] = field(default_factory=dict)
 
     def __call__(self, states: Sequence[TrueState]) -> str:
-        """Return the reply for the drones of a request. As with the oracle, the nearest flies and the others hover."""
+        """Return the reply for the drones of a request. The drone nearest to the target flies; the others hover."""
         nearest = min(states, key=lambda state: state.distance_m)
         return actions.join([self._decide(state) if state is nearest else actions.think() for state in states])
 
@@ -160,7 +160,7 @@ class NoisyPilot:
         return self._without_target(state, memory, attention, errors, draw)
 
     def _to_target(self, state: TrueState, memory: _Memory, estimate_ned: Vec3, has_declared: bool) -> str:
-        """Return a `go` to the estimated target, a declaration there, or one stride nearer after a wrong one."""
+        """Return a `go` to the estimated target, a declaration there, or a stride nearer after a wrong declaration."""
         memory.turns, memory.strides = 0, 0
         memory.side = math.copysign(1.0, state.bearing_deg)
         if math.dist(state.position_ned, estimate_ned) > ARRIVED_M:
@@ -177,7 +177,7 @@ class NoisyPilot:
     def _without_target(
         self, state: TrueState, memory: _Memory, attention: Attention, errors: DetectionErrors, draw: _Draw
     ) -> str:
-        """Return the action if it does not take the target: fly to something else, declare there, or search."""
+        """Return the action if the pilot does not take the target: fly to something else, declare there, or search."""
         if memory.astray_ned is None:
             if draw.strays < attention.strays:
                 memory.astray_ned = self._astray_ned(state, errors, draw)
@@ -191,11 +191,11 @@ class NoisyPilot:
             if not _declares(reply):
                 memory.turns, memory.strides = 0, 0
                 return reply
-            memory.astray_ned = None  # on arrival it sees that this is not the target
+            memory.astray_ned = None  # on arrival the pilot sees that this is not the target
         return self._search(memory, draw)
 
     def _search(self, memory: _Memory, draw: _Draw) -> str:
-        """Return the next search action, as vision: turns until the circle is closed, then strides to another place."""
+        """Return the next search action: turns until the circle is closed, then strides to another vantage point."""
         if memory.turns < _CIRCLE:
             memory.turns += 1
             return actions.rotate(math.copysign(search.SWEEP_DEG, memory.side))
@@ -215,7 +215,7 @@ class NoisyPilot:
         return _place(state, x, y, true[0] * factor)
 
     def _astray_ned(self, state: TrueState, errors: DetectionErrors, draw: _Draw) -> Vec3:
-        """Return a random place (m, NED) for something else, on the horizon's row of the picture."""
+        """Return a random place (m, NED) for something else, on the middle row of the picture."""
         u = _EDGE + draw.where * (POINT_SPAN - 2.0 * _EDGE)
         depth = errors.astray_m * math.exp(errors.astray * draw.astray)
         return _place(state, u * state.camera.width / POINT_SPAN, 0.5 * state.camera.height, depth)

@@ -1,8 +1,8 @@
 """The oracle: a pilot that knows the truth.
 
-Its results are the upper bound of the benchmark and prove that an episode can be flown. It has the same four actions as
-a model, so a model can do everything that it does. It is a pure function of the truth. The run calls it; the agent
-never does.
+Its results are the upper bound of the benchmark and prove that an episode can be flown. The oracle has the same four
+actions as a model, so a model can fly the same way. The oracle is a pure function of the truth. The run calls it; the
+agent never does.
 """
 
 import math
@@ -14,13 +14,15 @@ from foundation.camera import CameraModel, camera_pose
 from foundation.frames import Quat, Vec3, quat_from_euler, rotate_inverse, wrap_pi
 from foundation.protocol import NEAR_M, NEAR_SCALE, POINT_SPAN, STEP_S, STRIDE_MAX_M, STRIDE_MIN_M
 
-ARRIVED_M = 4.0  # 3-D distance at which it declares; the verifier's radius is 5 m
-_CLOSE_ENOUGH_M = 4.5  # … and at which it declares if the shortest stride would bring it too close
+ARRIVED_M = 4.0  # 3-D distance at which the oracle declares; the verifier's radius is 5 m
+_CLOSE_ENOUGH_M = 4.5  # 3-D distance at which it declares if even the shortest stride is too long
 _LEVEL = 0.14  # largest slope of a level `go`: the controller ignores slopes under 0.15
-_KEEPS_HEIGHT_M = 7.0  # within this horizontal distance it keeps its height …
-_KEEPS_HEIGHT_BAND_M = 1.2  # … if the target is less than this above or below; else it might leave the picture
+# Within this horizontal distance the drone keeps its height, if the target is less than the band above or below. With a
+# larger height difference, a level flight might move the target out of the picture.
+_KEEPS_HEIGHT_M = 7.0
+_KEEPS_HEIGHT_BAND_M = 1.2
 _TURN_MAX_DEG = 90.0
-_TOO_NEAR_M = 0.3  # a point with less depth has no useful pixel
+_TOO_NEAR_M = 0.3  # a point with a smaller depth has no useful pixel
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +37,11 @@ class TrueState:
     camera: CameraModel
     drone: int = 0  # index of the drone
     step: int = 0  # step of the drone, from 0
-    visible: bool = True  # whether the picture shows the target; True if that was not measured
+    visible: bool = True  # whether the picture shows the target; True if not measured
 
     @property
     def distance_m(self) -> float:
-        """The 3-D distance (m) from the body's origin to the target's centre, as the verifier measures it."""
+        """The 3-D distance (m) from the body's origin to the target's centre: the verifier's distance."""
         return math.dist(self.position_ned, self.target_ned)
 
     @property
@@ -53,7 +55,7 @@ TruthPilot = Callable[[Sequence[TrueState]], str]  # (true state of each drone o
 
 
 def reply_nearest(states: Sequence[TrueState]) -> str:
-    """Return the oracle's reply for some drones. The nearest flies and the others hover, as one arrival is enough."""
+    """Return the oracle's reply for some drones. The nearest drone flies; the others hover: one arrival is enough."""
     nearest = min(states, key=lambda state: state.distance_m)
     return actions.join([reply_for(state) if state is nearest else actions.think() for state in states])
 
@@ -79,10 +81,10 @@ def next_action(
     for a target at rest. attitude: of the body, None for level flight at yaw_rad.
 
     The drone rotates until the target is in the picture. Then it flies to the target's true projection, with the true
-    planar depth; both are predicted by one step for a moving target. Smaller depths make the last strides shorter, so
-    that the drone stops before the target. Far away, the controller climbs or descends along the ray; near the target,
-    the drone keeps its height. If the target is ahead but above or below the picture, the point is on the picture's
-    edge.
+    planar depth. For a moving target, both are predicted for the end of the step. Smaller depths make the last strides
+    shorter, so that the drone stops before the target. Far away, the controller climbs or descends along the ray; near
+    the target, the drone keeps its height. If the target is ahead but above or below the picture, the point is on the
+    picture's edge.
     """
     q = attitude if attitude is not None else quat_from_euler(0.0, 0.0, yaw_rad)
     aim = target_ned if target_velocity_ned is None else _after_step(target_ned, target_velocity_ned)
@@ -125,7 +127,10 @@ def _after_step(point_ned: Vec3, velocity_ned: Vec3) -> Vec3:
 
 
 def depth_for(travel_m: float, depth_m: float) -> float:
-    """Return the depth (m) of the next stride, with `travel_m` left to fly. A full stride has the true depth."""
+    """Return the depth (m) of the next stride, with `travel_m` left to fly. `depth_m`: true depth of the target.
+
+    The result is the true depth for a full stride, and a smaller depth for a shorter stride.
+    """
     if travel_m >= STRIDE_MAX_M + STRIDE_MIN_M:
         return max(depth_m, NEAR_M)
     return actions.short_stride_m(travel_m) / NEAR_SCALE
@@ -139,7 +144,7 @@ def in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3)
 
 
 def pixel(point: Vec3, camera: CameraModel) -> tuple[float, float]:
-    """Return the pixel of a point in camera axes. A point behind the camera has infinite coordinates on its side."""
+    """Return the pixel of a point in camera axes. Behind the camera: x is ±∞, with the sign of its side, and y is ∞."""
     if point[0] < _TOO_NEAR_M:
         return (math.copysign(math.inf, point[1]), math.inf)
     return (

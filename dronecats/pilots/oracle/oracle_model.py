@@ -1,4 +1,4 @@
-"""Gives a pilot that knows the truth the interface of a model. It reads the truth bus. The run creates it."""
+"""Implements the model interface for a pilot that knows the truth. `OracleModel` reads the truth bus."""
 
 import math
 from collections.abc import Callable
@@ -40,7 +40,7 @@ class OracleModel:
         """`listen` is called before each answer. It passes the waiting bytes of the truth bus to `feed`.
 
         kept: truth samples to keep per drone, for late pictures. obeys: in a request for one drone, the drone flies to
-        the candidate that its goal names. looks: the pilot needs the target's visibility, so it is measured.
+        the candidate that its goal names. looks: measure the target's visibility, because the pilot needs it.
         """
         self.name = name
         self._world, self._camera, self._listen, self._pilot = world, camera, listen, pilot
@@ -71,7 +71,7 @@ class OracleModel:
     def _reply_alone(self, drone: int, step: int, command: str) -> str:
         """Return the action of the only drone in a request, which flies to the candidate that its goal names.
 
-        At a candidate that is not the target it replies `think`, like a pilot that has read another inscription.
+        At a candidate that is not the target the drone does not declare; the reply is `think`.
         """
         place, state = commander.place_in_goal(command), self._state(drone, step)
         row = candidates_in_row(self._world, self._world.record.starts[drone])
@@ -97,7 +97,7 @@ class OracleModel:
         )  # fmt: skip
 
     def _visible(self, sample: TruthSample, t_s: float) -> bool:
-        """Return whether the target is visible from a sample, by the logger's measure. Other drones may hide it."""
+        """Return whether the target is visible from the pose, by the logger's measure. Other drones may hide it."""
         fleet = self._truth.at(sample.drone, sample.time_us)
         neighbours = [DronePose(d.position_ned, d.attitude) for d in fleet[1].values()] if fleet else []
         camera = self._camera.at_pitch(sample.gimbal_pitch)

@@ -1,1 +1,1 @@
-"""The vision pilot: it sees the camera image and reads the prompt, and knows nothing else."""
+"""The vision pilot: a classical computer vision pilot. Its only inputs are the camera images and the prompt."""

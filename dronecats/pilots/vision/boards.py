@@ -1,8 +1,9 @@
-"""Finds notice boards of any paint, and chooses the actions of a drone that was sent to one.
+"""Finds notice boards of any paint, and chooses the actions of a drone whose goal is a notice board.
 
-A board is a plain rectangle near the horizon with two thin posts below it. Assumed knowledge: with its frame it is
-about 0.86 m high and up to 1.3 m wide, its lower edge is 0.72 m above the ground, and its posts stand a little inside
-its sides. A board's height looks the same from every side, so it gives the distance. Its width gives the viewing angle.
+A board is a plain rectangle near the horizon with two thin posts below it. The code assumes these dimensions: with its
+frame, a board is about 0.86 m high and up to 1.3 m wide; its lower edge is 0.72 m above the ground; its posts stand a
+little inside its sides. The apparent height does not depend on the viewing angle, so it gives the distance. The width
+gives the viewing angle.
 """
 
 import math
@@ -21,20 +22,20 @@ from dronecats.pilots.vision.ocr import ReadText
 from dronecats.pilots.vision.ranging import CAMERA_AHEAD_M
 from foundation.protocol import NEAR_M, STRIDE_MAX_M, STRIDE_MIN_M
 
-HEIGHT_M, WIDTH_M = 0.86, 1.26  # a board with its frame
+HEIGHT_M, WIDTH_M = 0.86, 1.26  # of a board with its frame
 _LEVEL_STEP = 8  # grey levels between two thresholds
-_TOLERANCES = (6.0, 9.0, 13.0, 18.0, 24.0, 32.0)  # largest color_difference within a board in sun, shade and letters
+_TOLERANCES = (6.0, 9.0, 13.0, 18.0, 24.0, 32.0)  # limits of color_difference within a board (sun, shade, letters)
 _LEAST_PX = (4, 5)  # least width and height of a board
 _FARTHEST_M = 48.0
 _WIDEST = 1.75  # largest width / height: a long word makes a wider board
-_FILLED = 0.5  # least share of paint in its rectangle; the rest is letters
-_TOP_RANGE = (-0.7, 1.25)  # its upper edge below the horizon, in board heights: cameras are 1 … 2.4 m high and pitch
-_BAND_FROM = 0.3  # fraction of the picture's height: boards are below this row
-_SAME_OVERLAP = 0.5  # overlap above which two rectangles are one thing
-_POST = 0.73  # distance of the posts from the middle, in half widths
+_FILLED = 0.5  # least share of the rectangle that is paint and not letters
+_TOP_RANGE = (-0.7, 1.25)  # upper edge below the horizon, in board heights; the camera is 1 … 2.4 m high and pitches
+_BAND_FROM = 0.3  # fraction of the picture's height; the search uses the rows below
+_SAME_OVERLAP = 0.5  # overlap above which two rectangles are the same board
+_POST = 0.73  # distance of the posts from the board's middle, in half widths
 _POST_OFF = 14.0  # least difference of the posts from the ground between them, in grey levels
 _POST_FROM, _POST_TO = 0.15, 0.72  # rows of the posts, in board heights below the lower edge
-_READ_M = 9.0  # within this, letters are large enough to read
+_READ_M = 9.0  # within this distance, letters are large enough to read
 _ARRIVED_M = 4.55  # from the body to the board's middle; the verifier's radius is 5 m
 _STOP_M = 3.3  # from the camera to the board, at the end of the last stride
 _BELOW_M = 1.0  # largest height of the camera above a board's middle
@@ -54,11 +55,11 @@ class NoticeBoard:
     right: int
     bottom: int
     depth_m: float  # along the optical axis
-    color: Color  # median of its face
+    color: Color  # median colour of the board's face
 
     @property
     def middle(self) -> float:
-        """The column (px) of its middle."""
+        """The column (px) of the board's middle."""
         return 0.5 * (self.left + self.right)
 
 
@@ -75,7 +76,7 @@ def find(picture: Picture) -> list[NoticeBoard]:
 
 
 def find_of_color(picture: Picture, color: Color) -> list[NoticeBoard]:
-    """Return the boards of one paint, left to right. For this paint it finds more boards than `find`."""
+    """Return the boards of one paint, left to right. It finds more boards of this paint than `find`."""
     lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
     away = color_difference(_band(lab).astype(np.float32), color)
     return _boards_in(picture, lab, [away < limit for limit in _TOLERANCES])
@@ -113,7 +114,10 @@ def _rectangles(mask: Mask, height: int) -> list[_Box]:
 
 
 def _grouped(boxes: list[_Box]) -> list[list[_Box]]:
-    """Return the boxes in groups: one board at several thresholds. Boxes of a group overlap its largest by half."""
+    """Return the boxes in groups; a group is one board at several thresholds.
+
+    Each box of a group overlaps the largest box of the group by more than _SAME_OVERLAP.
+    """
     groups: list[list[_Box]] = []
     for box in sorted(boxes, key=lambda b: -(b[2] - b[0]) * (b[3] - b[1])):
         for group in groups:
@@ -126,7 +130,7 @@ def _grouped(boxes: list[_Box]) -> list[list[_Box]]:
 
 
 def _overlap(a: _Box, b: _Box) -> float:
-    """Return the common area of two boxes over the area of the smaller one."""
+    """Return the common area of two boxes divided by the area of the smaller box."""
     w = min(a[2], b[2]) - max(a[0], b[0])
     h = min(a[3], b[3]) - max(a[1], b[1])
     least = min((box[2] - box[0]) * (box[3] - box[1]) for box in (a, b))
@@ -142,7 +146,7 @@ def _board(lab: Picture, group: list[_Box]) -> NoticeBoard:
 
 
 def _on_posts(grey: NDArray[np.float32], box: _Box) -> bool:
-    """Return whether two posts stand below a board, both darker or both lighter than the ground between them."""
+    """Return whether a board has two posts below it, both darker or both lighter than the ground between them."""
     left, top, right, bottom = box
     h = bottom - top
     first, last = bottom + math.ceil(_POST_FROM * h), bottom + math.floor(_POST_TO * h)
@@ -172,7 +176,7 @@ def decide(picture: Picture, board: Candidate, wanted: Inscription) -> str:
 
 
 def stride_towards(spot: GroundPoint) -> str:
-    """Return a stride towards a point. The last stride ends _STOP_M before it. A long one's depth is the distance."""
+    """Return a stride towards a point. The last stride ends _STOP_M before it; a full stride has the true depth."""
     u = 500.0 + 500.0 * spot.right_m / spot.ahead_m
     travel = spot.ahead_m - _STOP_M
     if travel >= STRIDE_MAX_M + STRIDE_MIN_M:
@@ -181,7 +185,7 @@ def stride_towards(spot: GroundPoint) -> str:
 
 
 def read_board(picture: Picture, board: Candidate) -> list[ReadText]:
-    """Return the text of a board: the line across its middle or, if no reading of that is sure, all its lines."""
+    """Return the text of a board: the line across its middle, or all lines if no reading of that line is sure."""
     w, h = board.right - board.left, board.bottom - board.top
     stretch = min(max(WIDTH_M / HEIGHT_M * h / w, 1.0), _STRETCH_MAX)
     part = picture[max(0, board.top) : board.bottom, max(0, board.left) : board.right]

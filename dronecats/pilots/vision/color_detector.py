@@ -1,7 +1,8 @@
 """Finds the thing of a named colour and kind in a picture, and estimates its distance.
 
-Patches of the colour are candidates. For the kinds in KINDS, a small network scores each patch with its surroundings,
-and corrects the distance that its rectangle gives. For other kinds, size and share of paint give the score.
+The candidates are patches of the colour. For the kinds in KINDS, a small network scores each patch with its
+surroundings, and corrects the distance that the size of the patch gives. For other kinds, size and share of paint give
+the score.
 `python -m dronecats.pilots.fitting colors` fits the network (`patch_network.npz`).
 """
 
@@ -28,20 +29,20 @@ MARGIN_PX = 3.0  # least margin
 PLAIN = 17  # numbers that describe the rectangle
 LENGTH = SIDE * SIDE * CHANNELS + PLAIN + len(KINDS) + len(COLORS)
 _GRADIENT = 3.0  # factor that brings gradients to the magnitude of colours
-_PICTURE_EDGE = 0.005  # fraction of the picture's width: a rectangle this near to an edge touches it
-_FACTOR_LIMIT_LOG = 0.7  # log of the largest factor on the rectangle's distance
+_PICTURE_EDGE = 0.005  # fraction of the picture's width; a rectangle closer to an edge touches that edge
+_FACTOR_LIMIT_LOG = 0.7  # log of the largest factor that corrects the distance
 
 _SMALLEST_PX = 20  # least number of pixels in a 640 × 360 picture; a vehicle has this size at about 60 m
-_FARTHEST_M = 42.0  # farther away, specks of any colour have the right size
+_FARTHEST_M = 42.0  # m; at larger depths, specks of any colour have the right size
 _MOST_PATCHES = 12
-_SAME_TINT = math.cos(math.radians(14.0))  # one paint in sun and shade is within this angle; grass beside it is not
-_LEAST_SCORE = 0.08  # a detection by size needs this score
-_LIKELY_SCORE = 0.35  # a detection by look needs this score …
-_EXPECTED_SCORE = 0.12  # … and this one at the expected place
-_EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # tolerances of the expected place: of the width, log of the depth
+_SAME_TINT = math.cos(math.radians(14.0))  # a paint's tints in sun and shade differ by less; grass differs more
+_LEAST_SCORE = 0.08  # least score of a detection by size
+_LIKELY_SCORE = 0.35  # least score of a detection by the network
+_EXPECTED_SCORE = 0.12  # least score of a detection by the network at the expected place
+_EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # tolerances: fraction of the picture's width, log of the depth
 _EXPECTED_PREFERENCE = 3.0  # factor on the rank at the expected place
-_AREA_POWER = 0.3  # exponent of a patch's pixels in the rank: larger patches are preferred
-_HORIZON_SLACK = 0.05  # of the width: a thing's lower edge may be this far above the middle, since the drone pitches
+_AREA_POWER = 0.3  # exponent of a patch's number of pixels in the rank; larger patches are preferred
+_HORIZON_SLACK = 0.05  # of the picture's width; lower edges may be this far above the middle: the drone pitches
 
 
 class PatchNetwork(Network):
@@ -67,7 +68,7 @@ def picture_layers(picture: Picture, mask: Mask) -> Floats:
 
 
 def network_input(layers: Floats, box: BoundingBox, estimate: Range, kind: str, color: str) -> Floats:
-    """Return the network's input (LENGTH,) for one rectangle of `layers`, taken for a kind in a colour."""
+    """Return the network's input (LENGTH,) for one rectangle of `layers`, as a candidate for a kind in a colour."""
     height, width = layers.shape[:2]
     aspect = height / width
     wide, high = box.right - box.left, box.bottom - box.top
@@ -103,19 +104,19 @@ def _resample(layers: Floats, box: BoundingBox) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """A thing in a picture that is taken for the target."""
+    """A thing in a picture that may be the target."""
 
     box: BoundingBox
     range: Range
     score: float  # 0 … 1
-    lean: float = 0.0  # fall of its upper edge from the left to the right third, as a fraction of the picture's width
+    lean: float = 0.0  # drop of the upper edge from the left to the right third, fraction of the picture's width
 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedPlace:
     """The expected place of the last action's target."""
 
-    bearing: float  # fraction of the picture WIDTH from its centre, + right
+    bearing: float  # horizontal offset from the picture's centre, fraction of its width, + right
     depth_m: float
 
     def matches(self, box: BoundingBox, estimate: Range) -> bool:
@@ -140,7 +141,7 @@ def find(
     expected: ExpectedPlace | None = None,
     network: PatchNetwork | None = None,
 ) -> Detection | None:
-    """Return the best detection of a referent in a BGR picture about 640 px wide; None if there is none.
+    """Return the best detection of a referent in a BGR picture about 640 px wide; None without a detection.
 
     expected: detections at this place are preferred. network: None for the shipped network.
     """
@@ -163,9 +164,9 @@ class ColorPatch:
     """A patch of the referent's colour."""
 
     box: BoundingBox
-    range: Range  # its distance if it were the referent
+    range: Range  # distance for the size of the referent
     pixels: int
-    lean: float  # as in `Detection`
+    lean: float  # see `Detection.lean`
 
 
 def color_patches(picture: colors.Picture, referent: Referent) -> tuple[list[ColorPatch], Floats]:
@@ -190,7 +191,7 @@ def color_patches(picture: colors.Picture, referent: Referent) -> tuple[list[Col
 def _detect_by_look(
     picture: colors.Picture, referent: Referent, expected: ExpectedPlace | None, network: PatchNetwork
 ) -> Iterator[tuple[Detection, int]]:
-    """Yield the detections by the network of a kind in KINDS, each with its number of pixels."""
+    """Yield the network's detections of a referent whose kind is in KINDS, each with its number of pixels."""
     patches, examples = color_patches(picture, referent)
     if not patches:
         return
@@ -201,7 +202,7 @@ def _detect_by_look(
 
 
 def _lean(core: tuple[int, int, int, int], where: colors.Mask) -> float:
-    """Return the fall (px) of the upper edge from the left third to the right third."""
+    """Return the drop (px) of the upper edge from the left third to the right third."""
     left, top, right, bottom = core
     region = where[top:bottom, left:right]
     third = max(1, (right - left) // 3)
@@ -324,7 +325,7 @@ def _core(blob: _Blob, where: colors.Mask) -> tuple[int, int, int, int]:
 
 
 def _vividness(saturation: NDArray[np.uint8], color: str) -> float:
-    """Return a score 0 … 1, high if the most colourful part is paint, not a tint of grass, shade or brick."""
+    """Return a score 0 … 1; it is high for paint, and low for the weaker colours of grass, shade or brick."""
     vivid = colors.BANDS[color].vivid
     if vivid == 0:
         return 0.8  # colours without hue: size and shape decide
@@ -333,7 +334,7 @@ def _vividness(saturation: NDArray[np.uint8], color: str) -> float:
 
 
 def _solidity(region: colors.Mask, size: Size) -> float:
-    """Return a score 0 … 1, high for a few large pieces (paint), low for many holes (leaves and grass)."""
+    """Return a score 0 … 1; it is high for a few large pieces (paint), low for many holes (leaves and grass)."""
     filled = float(region.mean())
     edges = float((region[:, 1:] != region[:, :-1]).sum() + (region[1:] != region[:-1]).sum())
     # edge length / edge length of a plain rectangle: about 2 with windows, much more for foliage

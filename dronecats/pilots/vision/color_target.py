@@ -1,10 +1,13 @@
 """Chooses the action for a target that the command names by its colour and kind: "the cyan SUV".
 
-The drone aims ahead of moving targets, and flies round the end of long targets. Both need a value of the step before.
-The depth of a stride holds this value, since the history repeats it. The last digit of a long stride's depth encodes
-the lead of its aim; with it, the next picture shows how far the target has moved sideways. The end of a long target,
-such as a bus, is farther from its middle than the radius of success, so the drone must reach the flank. The depths
-_RIGHT_M and _LEFT_M encode the side on which the drone passes the target.
+The drone aims ahead of moving targets, and flies round the end of long targets. Each of these tasks needs a value from
+the previous step. The pilot has no memory, but the prompt's history repeats the depth of each stride. Therefore depths
+encode the values:
+
+- The last digit of a long stride's depth encodes the lead: the offset by which the stride aimed beside the target. From
+  the lead and the next picture, the pilot computes how far the target has moved sideways.
+- The depths _RIGHT_M and _LEFT_M encode the side on which the drone passes a long target. The end of a long target (a
+  bus) is farther from its middle than the radius of success, so the drone must fly to the flank.
 """
 
 import math
@@ -22,19 +25,19 @@ UNSEEN_PX = (MIDDLE_PX, LEVEL_PX)  # the point of a stride to a target that was 
 _LEAD_DEPTH_MIN_M = NEAR_M + 1.0  # smaller depths do not encode a lead
 _LEAD_STEP = 0.03  # lead per unit of the digit, as a fraction of the picture's width
 _NO_LEAD = 5  # the digit for no lead
-_STILL_M = 0.4  # sideways motion during a stride; less is the drone's own drift
+_STILL_M = 0.4  # least sideways motion of a moving target during a stride; less is the drone's own drift
 _MOST_ACROSS_M = 1.2  # largest sideways motion during a stride: 0.3 m/s for 4 s, the time of a turn and a stride
 _MOST_STRIDES = 2.0  # largest number of strides to look ahead
 _SHORT_OF_M = 4.0  # distance from the target at which the last stride ends
 LONG_M = 7.0  # least length of a long thing
 _END_REACH_M = 3.2  # least distance from the middle to the near end at which the drone passes the end
-_LONG_WITHIN_M = 20.0  # farther away the drone flies straight to a long thing
-_CLEAR_M = 1.9  # between the drone's path and the edge of the thing
+_LONG_WITHIN_M = 20.0  # at larger distances the drone flies straight to a long thing
+_CLEAR_M = 1.9  # distance between the drone's path and the edge of the thing
 _RIGHT_M, _LEFT_M = 5.1, 5.2  # depths of a 3 m stride that passes the thing on its right, or on its left
 _FLANK_TURN_DEG = 60.0
-FLANK_DISTANCE_M = 4.0  # from a passing drone to the flank
-_PASSING_OFFSET = 0.08  # of the picture's width: a thing this far off the middle is already being passed
-_CUT_OFF = 0.49  # of the picture's width: farther off the middle, the picture cuts a thing off
+FLANK_DISTANCE_M = 4.0  # distance from a passing drone to the flank
+_PASSING_OFFSET = 0.08  # of the picture's width; the drone already passes a thing this far off the middle
+_CUT_OFF = 0.49  # of the picture's width; the picture cuts off a thing that reaches farther from the middle
 
 
 def encode_lead(depth_m: float, lead: float) -> float:
@@ -44,7 +47,7 @@ def encode_lead(depth_m: float, lead: float) -> float:
 
 
 def decode_lead(past: tuple[PastAction, ...]) -> float | None:
-    """Return the lead of the last action; None if it was no long stride to a detection."""
+    """Return the lead of the last action; None if it was not a long stride to a detection."""
     if not past or past[-1].kind != GO or past[-1].depth_m < _LEAD_DEPTH_MIN_M or search.count_wander_strides(past):
         return None
     if (past[-1].x_px, past[-1].y_px) == UNSEEN_PX:
@@ -62,7 +65,7 @@ def expected_place(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
 
 
 def compute_lead(detection: Detection, past: tuple[PastAction, ...]) -> float:
-    """Return the lead of the aim beside the detection, as a fraction of the picture's width, + right."""
+    """Return the lead: how far to aim beside the detection, as a fraction of the picture's width, + right."""
     before = decode_lead(past)
     if before is None:
         return 0.0
@@ -96,7 +99,7 @@ def passing_side(past: tuple[PastAction, ...]) -> int:
 
 
 def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
-    """Return a stride past the near end, on the flank's side. The flank's upper edge falls away from the near end."""
+    """Return a stride past the near end, on the flank's side. The flank's upper edge drops away from the near end."""
     box = detection.box
     middle = 0.5 * (box.left + box.right)
     flank = 1 if detection.lean > 0.0 else -1
@@ -124,7 +127,7 @@ def stride_along_flank(detection: Detection, past: tuple[PastAction, ...]) -> st
 
 
 def turn_to_flank(past: tuple[PastAction, ...]) -> str | None:
-    """Return a turn to the thing that the last stride passed; None if it passed nothing."""
+    """Return a turn to the thing that the last action, a stride, passed; None for another last action."""
     side = passing_side(past)
     return actions.rotate(-_FLANK_TURN_DEG * side) if side and past[-1].kind == GO else None
 
@@ -140,17 +143,17 @@ def _coded_stride(x: float, side: int) -> str:
     return actions.go(500.0 + 1000.0 * x, 500.0, _RIGHT_M if side > 0 else _LEFT_M)
 
 
-# Arriving. The verifier's radius is 5 m around the target's centre; the margin is for the error of the estimate.
+# Arrival. The verifier's radius is 5 m around the target's centre; the margin is for the error of the estimate.
 ARRIVED_M = 4.6
 _STOP_M = 3.8  # distance at which a stride ends; the drone then drifts on for about half a metre
-_CAREFUL_M = 9.0  # within this, only short strides: the estimate may be off, and the target may come closer
-_FILLS = 0.6  # of the picture's width: a thing this wide fills the picture
-_EDGE = 0.015  # of the picture's width: a thing this near to the edge is cut off there
-_AHEAD_M = 6.0  # if an undetected target is expected farther away, the drone flies one more stride to its place
+_CAREFUL_M = 9.0  # within this distance strides are short: the estimate may be wrong, and the target may approach
+_FILLS = 0.6  # of the picture's width; a wider thing fills the picture
+_EDGE = 0.015  # of the picture's width; the picture's edge cuts off a thing this near to it
+_AHEAD_M = 6.0  # if an undetected target is expected beyond this, the drone flies one more stride
 _LOST_M = 12.0  # a detection farther away than this after a declaration is not the target
 _FIRST_CIRCLE_SCORE_MIN = 0.6  # least score of a detection during the first circle
 
-# Height. The controller ignores slopes under 0.15; near the target, gentle slopes are reduced below that.
+# Height. The controller ignores slopes under 0.15. Near the target, slopes under _LEVEL_BELOW are reduced to _LEVEL.
 _LEVEL, _LEVEL_BELOW = 0.14, 0.30
 _LEVEL_WITHIN_M = 7.0
 
@@ -224,7 +227,7 @@ def _after_declaration(detection: Detection | None, aspect: float, size: Size, p
 
 
 def _fills(box: ranging.BoundingBox, aspect: float) -> bool:
-    """Return whether a thing is wide and cut off by the lower edge. It is then near, but its size gives no distance.
+    """Return whether a thing is wide and cut off by the lower edge. Such a thing is near; its size gives no distance.
 
     A car of 4.7 m, seen from the side, is within 4 m if it is wider than 0.6 of a 90° picture.
     """
@@ -240,7 +243,7 @@ def _was_last_stride(past: tuple[PastAction, ...]) -> bool:
 
 
 def _approach(detection: Detection, aspect: float, past: tuple[PastAction, ...]) -> str:
-    """Return a stride towards the detection, or ahead of it if it moves sideways. Strides end before it."""
+    """Return a stride towards the detection, or ahead of a target that moves sideways; it ends before the target."""
     if detection.range.distance_m < _CAREFUL_M:
         return _toward(detection, aspect, _depth_for(detection.range))
     aside = compute_lead(detection, past)
@@ -257,7 +260,7 @@ def _toward(detection: Detection, aspect: float, depth_m: float, aside: float = 
 
 
 def _depth_for(estimate: ranging.Range) -> float:
-    """Return the estimated depth; near the target, a depth whose stride ends about _STOP_M before it."""
+    """Return the estimated depth; near the target, the depth of a stride that ends about _STOP_M before the target."""
     if estimate.distance_m >= _CAREFUL_M:
         return search.avoid_wander_depth(max(estimate.depth_m, NEAR_M))
     return actions.depth_of_stride(actions.short_stride_m(estimate.distance_m - _STOP_M))

@@ -1,6 +1,7 @@
 """Finds the pixels of a named colour in a picture. A colour is a band of hue, saturation and value.
 
-Hue and saturation are ratios of the channels, so they are the same in sun and shade; the value in shade is a third.
+Hue and saturation are ratios of the channels, so they are the same in sun and shade. The value in shade is a third of
+the value in the sun.
 The bands follow ordinary colour naming on OpenCV's scale (hue 0–179, saturation and value 0–255).
 """
 
@@ -21,7 +22,7 @@ class Band:
     hue: tuple[int, int]
     saturation: tuple[int, int]
     value: tuple[int, int]
-    vivid: int  # saturation that a patch needs in its most colourful part; 0: a colour without hue
+    vivid: int  # saturation of the most colourful part of a painted patch; 0: a colour without hue
 
 
 BANDS: dict[str, Band] = {
@@ -42,12 +43,12 @@ BANDS: dict[str, Band] = {
 """The keys are the values of `command.COLORS`."""
 
 _SKY_STEP = 3  # largest difference between neighbouring pixels of the sky, in grey levels
-_SKY_HUE, _SKY_SATURATION = (85, 125), 170  # car paint of the same hue is more colourful than clear air
-_SKY_VALUE = 110  # a day sky is not darker
+_SKY_HUE, _SKY_SATURATION = (85, 125), 170  # largest saturation of the sky; car paint of the same hue has more
+_SKY_VALUE = 110  # least value of the sky by day
 
 
 def mask(picture: Picture, color: str) -> Mask:
-    """Return the pixels of a picture that may have a colour, without the sky and without single specks."""
+    """Return the pixels of a picture that may have a colour, without the sky and small specks."""
     band = BANDS[color]
     hsv = cv2.cvtColor(cv2.GaussianBlur(picture, (3, 3), 0), cv2.COLOR_BGR2HSV)
     low, high = band.hue
@@ -81,7 +82,7 @@ def tint(picture: Picture, labels: NDArray[np.int32], count: int) -> NDArray[np.
 def sky(picture: Picture) -> Mask:
     """Return the pixels of the sky: bright, blue or grey, and connected with the upper edge of the picture.
 
-    They end a little below the middle of the picture at the latest, because a level camera has the horizon there.
+    The sky never reaches below 0.55 of the picture's height: a level camera has the horizon in the middle.
     """
     height, width = picture.shape[:2]
     smooth = cv2.GaussianBlur(picture, (5, 5), 0)

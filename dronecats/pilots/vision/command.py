@@ -20,18 +20,18 @@ COLORS: dict[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """The usual outer size of a kind of thing, and the heights of its paint."""
+    """The usual outer size of a kind of thing, and the heights of its painted body."""
 
     length_m: float
     width_m: float
     height_m: float
     paint_from_m: float  # m above ground, lower edge of the painted body
-    paint_to_m: float  # m above ground, upper edge
-    outline: str = ""  # its key in outlines.npz; '' if it has none
+    paint_to_m: float  # m above ground, upper edge of the painted body
+    outline: str = ""  # key of the kind in outlines.npz; '' for a kind without an outline
 
     @property
     def paint_height_m(self) -> float:
-        """The height (m) of the painted part. It looks the same from every side."""
+        """The height (m) of the painted body. It is the same from every viewing direction."""
         return self.paint_to_m - self.paint_from_m
 
 
@@ -75,7 +75,7 @@ class Referent:
     """The thing that a command names, by colour and size."""
 
     color: str | None  # a value of COLORS; None: the command has no colour word
-    noun: str  # a key of SIZES; 'thing' if the command has none
+    noun: str  # a key of SIZES; 'thing' if the command has no such noun
     size: Size
 
 
@@ -89,7 +89,7 @@ _SIZED_NOUN = _longest_first(dict(SIZES))
 
 
 def read_referent(command: str) -> Referent:
-    """Return the first noun of SIZES in a command with a colour word before it, and the last such colour word.
+    """Return the first noun of SIZES that follows a colour word, and the colour word nearest before it.
 
     'the red car parked by the white house' → red car. Without such a pair: the first colour word and the first noun.
     """
@@ -139,20 +139,20 @@ _CLAUSE_END = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class NamedLandmark:
-    """A thing beside which a command places its target."""
+    """A landmark that a command names to locate its target."""
 
     words: str  # as in the command, without the article
-    kind: str | None  # of `shape_detector.KINDS`; None: its shape is not known, as for a hall
+    kind: str | None  # of `shape_detector.KINDS`; None: a thing that the detector cannot find, such as a hall
 
 
 @dataclass(frozen=True, slots=True)
 class PlaceExpression:
-    """A target named by its place: "the NOUN RELATION LANDMARK". BETWEEN has two landmarks."""
+    """A target that is named by its place: "the NOUN RELATION LANDMARK". The relation BETWEEN has two landmarks."""
 
     kind: str  # of `shape_detector.KINDS`
-    relation: str
+    relation: str  # NEAREST, LEFT, RIGHT, BEFORE, BEHIND or BETWEEN
     landmarks: tuple[NamedLandmark, ...]
-    needs_search: bool = False  # the target is not in the first picture
+    needs_search: bool = False  # the command has a search verb, so the target is not in the first picture
 
 
 def read_place_expression(command: str) -> PlaceExpression | None:
@@ -193,8 +193,8 @@ _OUTERMOST = re.compile(r"\b(left|right)\s?-?most\b")
 class Inscription:
     """The text on the target."""
 
-    text: str  # as from `plain_text`
-    on_plate: bool  # on a vehicle's plate rather than on a board
+    text: str  # in the form of `plain_text`
+    on_plate: bool  # True: on a vehicle's plate; False: on a board
 
 
 def read_inscription(command: str) -> Inscription | None:
@@ -220,5 +220,5 @@ def read_place_in_row(command: str) -> int | None:
 
 
 def plain_text(text: str) -> str:
-    """Return the ASCII letters, in capitals, and digits of a text."""
+    """Return the ASCII letters (in upper case) and digits of a text."""
     return "".join(letter for letter in text.upper() if letter.isascii() and letter.isalnum())

@@ -1,7 +1,7 @@
 """Assigns to each drone of a fleet one of the things that the drones' pictures show.
 
-The drones are about a stride apart and have the same heading, so a thing's place in their frames differs by a shift of
-a few metres at most.
+The drones are about a stride apart and have the same heading. The frames of two drones therefore differ by a shift of a
+few metres at most.
 """
 
 import math
@@ -42,7 +42,7 @@ class Candidate:
     right: int
     bottom: int
     spot: GroundPoint
-    score: float = 1.0  # 0 … 1: how well it looks like the kind
+    score: float = 1.0  # 0 … 1, similarity to the wanted kind
 
     @property
     def size_px(self) -> float:
@@ -52,7 +52,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class _SharedThing:
-    """A thing and the number of pictures that show it. The frame is that of the drone that sees most things."""
+    """A thing and the number of pictures that show it. `spot` is in the frame of the drone that sees most things."""
 
     spot: GroundPoint
     views: int
@@ -86,7 +86,7 @@ def _back(shift: GroundPoint) -> GroundPoint:
 
 
 def _gap(point: GroundPoint, reference: GroundPoint) -> float:
-    """Return the distance of two points divided by the tolerance. Below 1 they are points of the same thing."""
+    """Return the distance of two points divided by the tolerance. Below 1 the points are of the same thing."""
     allowed = _WRONG_M + _WRONG_SHARE * min(point.distance_m, reference.distance_m)
     return math.hypot(point.right_m - reference.right_m, point.ahead_m - reference.ahead_m) / allowed
 

@@ -1,8 +1,8 @@
 """Chooses the actions for a target that the command names by an inscription. Several things look like the target.
 
-One request has the pictures of all drones. Each drone flies to its own thing and reads it. It declares if the thing has
-the wanted inscription; otherwise it stays there and thinks. The pilot has no memory: it finds a drone's own thing by
-the last action, which turned the nose to the thing and whose depth is the distance.
+One request has the pictures of all drones. Each drone flies to its own thing and reads it. The drone declares if the
+thing has the wanted inscription; otherwise it hovers (`think`). The pilot has no memory. It finds a drone's own thing
+by the drone's last action: a `go` turns the nose to the thing, and its depth is the distance.
 """
 
 import math
@@ -20,7 +20,7 @@ from dronecats.pilots.vision.division import Candidate, GroundPoint, divide
 from foundation.protocol import GO, HISTORY_LENGTH, NEAR_M, ROTATE, STRIDE_MAX_M, THINK
 
 Past = tuple[PastAction, ...]
-OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone, candidates in its picture) → its own
+OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone, its candidates) → its own thing
 
 # Scales of the change of a drone's own thing between two pictures: bearing far, bearing near, log of the distance
 _ASIDE_RAD, _NEAR_ASIDE_RAD, _DISTANCE_LOG = math.radians(4.0), math.radians(8.0), 0.3
@@ -28,17 +28,17 @@ _DETOUR_FACTOR = 3.0  # factor on the bearing's scale if the path leads round a 
 _MISMATCH_MAX = 3.0  # largest change of a drone's own thing, in these scales
 _NEAR_THING_M = 16.0  # within this distance, the path may lead past the thing
 _BACK_DEG = 50.0  # turn to look for a lost thing
-_THINKS_MAX = 2  # thinks after which a drone that has read a plate moves on: some vehicles are hidden at the start
-_OTHER_M = 7.0  # a nearer thing is the one that was read
-_LOST_M = 16.0  # largest distance at which a lost thing is looked for
+_THINKS_MAX = 2  # `think` actions after reading a plate; then the drone looks for vehicles hidden at the start
+_OTHER_M = 7.0  # least distance of another thing; a nearer thing was already read
+_LOST_M = 16.0  # largest distance of a lost thing that is found again
 _SHORT_OF_M = 6.0  # largest distance of a thing after a short stride to it, apart from the error of the estimate
 _WANDER_M = 8.0  # depth of a stride to another place
-_NEXT_THING_TURN_DEG = 60.0  # turn to look for another thing after one was read
-_SAME_LOOKS = 26.0  # largest boards.color_difference of one paint in sun and shade
-DULL = ("brown",)  # bricks and tree trunks have this colour too, so it is tried only if no other paint fits
+_NEXT_THING_TURN_DEG = 60.0  # turn to look for the next thing after reading one
+_SAME_LOOKS = 26.0  # largest boards.color_difference between sun and shade of the same paint
+DULL = ("brown",)  # tried only if no other paint fits: bricks and tree trunks have this colour too
 VIVID = tuple(color for color, band in colors.BANDS.items() if band.vivid and color not in DULL)
-_LOOK_ALIKES = 4  # the usual number of candidates; more in a picture do not count
-_ENOUGH_SCORE = 0.75  # least score per picture of a paint that fits
+_LOOK_ALIKES = 4  # the usual number of candidates; at most this many count in a picture
+_ENOUGH_SCORE = 0.75  # total score per picture of a paint that fits; then DULL paints are not tried
 
 
 def decide(pictures: Sequence[Picture], wanted: Inscription, command: str, past: Sequence[Past]) -> list[str]:
@@ -69,13 +69,13 @@ def first_destination(view: Sequence[Candidate], which: int | None) -> GroundPoi
 
 
 def is_settled(past: Past, rests: int = HISTORY_LENGTH) -> bool:
-    """Return whether the last actions of a drone are all thinks (its thing was read) or all turns (it found none)."""
+    """Return whether a drone's last actions are all `think` (it has read its thing) or all turns (it finds none)."""
     kinds = {action.kind for action in past[-rests:]}
     return len(past) >= rests and kinds in ({THINK}, {ROTATE})
 
 
 def is_moving_on(past: Past) -> bool:
-    """Return whether a drone has read its thing and looks for another."""
+    """Return whether a drone has read its thing and looks for another thing."""
     return bool(past) and past[-1].kind == ROTATE and abs(past[-1].angle_deg - _NEXT_THING_TURN_DEG) < 0.5
 
 
@@ -98,7 +98,7 @@ def _decide_one(picture: Picture, view: Sequence[Candidate], wanted: Inscription
         return actions.go(500.0, 500.0, _WANDER_M) if has_circled else actions.rotate(_NEXT_THING_TURN_DEG)
     if own is None:
         if past and past[-1].kind == GO and past[-1].depth_m >= NEAR_M + STRIDE_MAX_M and past[-1].y_px == LEVEL_PX:
-            return actions.go(500.0, 500.0, past[-1].depth_m - STRIDE_MAX_M)  # the thing is hidden, or too far away
+            return actions.go(500.0, 500.0, past[-1].depth_m - STRIDE_MAX_M)  # the thing is hidden or too far away
         return plates.decide_unseen(past) if wanted.on_plate and past else actions.rotate(_BACK_DEG)
     if wanted.on_plate:
         return plates.decide(picture, own, wanted, past, size)
@@ -106,7 +106,7 @@ def _decide_one(picture: Picture, view: Sequence[Candidate], wanted: Inscription
 
 
 def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
-    """Return the thing that a drone was sent to, found by its last action; None if its picture does not show it."""
+    """Return the thing that a drone flies to, identified by its last action; None if the picture does not show it."""
     if not view:
         return None
     if not past or past[-1].kind != GO:
@@ -117,7 +117,7 @@ def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
         return min(near, key=lambda candidate: candidate.spot.distance_m) if near else None
     near_aside = _NEAR_ASIDE_RAD if past[-1].y_px == LEVEL_PX else _DETOUR_FACTOR * _NEAR_ASIDE_RAD
     left = past[-1].depth_m - STRIDE_MAX_M
-    was_short = left <= NEAR_M  # then the depth set the stride's length and was not the distance
+    was_short = left <= NEAR_M  # such a depth sets the length of the stride and is not the distance
 
     def mismatch(candidate: Candidate) -> float:
         aside = abs(candidate.spot.bearing_rad) / (_ASIDE_RAD if left > _NEAR_THING_M else near_aside)
@@ -133,16 +133,16 @@ def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
 def find_candidates(
     pictures: Sequence[Picture], wanted: Inscription, kind: Referent, own: OwnCandidate | None = None
 ) -> list[list[Candidate]]:
-    """Return for each picture the things that may carry the inscription, left to right. They all look alike.
+    """Return for each picture the things that may carry the inscription, left to right. The candidates look alike.
 
-    kind: the vehicle that the command names; not used for boards. own: finds a drone's own thing. Once the drones are
-    under way, the own things decide the paint of the vehicles.
+    kind: the vehicle that the command names; not used for boards. own: finds a drone's own thing; None before the
+    first action. With `own`, the scores of the drones' own things decide the paint of the vehicles.
     """
     return _find_vehicles(pictures, kind, own) if wanted.on_plate else _find_boards(pictures)
 
 
 def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidate | None) -> list[list[Candidate]]:
-    """Return the vehicles of the paint with the best score of the drones' own vehicles, then of all vehicles."""
+    """Return the vehicles of the best paint: by the score of the drones' own vehicles, then by that of all vehicles."""
     best: list[list[Candidate]] = [[] for _ in pictures]
     most = (0.0, 0.0)
     for color in (*VIVID, *DULL):
@@ -193,7 +193,7 @@ def _find_boards(pictures: Sequence[Picture]) -> list[list[Candidate]]:
 
 
 def _merged(first: list[boards.NoticeBoard], second: list[boards.NoticeBoard]) -> list[boards.NoticeBoard]:
-    """Return the boards of both lists, each once."""
+    """Return the boards of two lists without duplicates, left to right."""
     new = [b for b in second if all(b.right <= a.left or b.left >= a.right for a in first)]
     return sorted(first + new, key=lambda b: (b.middle, b.top))
 

@@ -1,7 +1,8 @@
 """Reads text in a part of a picture, and compares it with the inscription of a command.
 
-It uses RapidOCR (Apache-2.0) on ONNX Runtime, on the CPU and in one thread, so that equal pictures give equal texts.
-RapidOCR's wheel contains its models. `python -m benchmarks.reading` measures the readings over distance and angle.
+The OCR engine is RapidOCR (Apache-2.0) on ONNX Runtime, on the CPU and in one thread, so that equal pictures give equal
+texts. RapidOCR's wheel contains the models. `python -m benchmarks.reading` measures the readings over distance and
+angle.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from dronecats.pilots.vision.colors import Picture
 from dronecats.pilots.vision.command import Inscription, plain_text
 from foundation import extras
 
-SURE_CONFIDENCE = 0.90  # least confidence of a sure reading; wrong near readings in benchmarks/reading.py have less
+SURE_CONFIDENCE = 0.90  # least confidence of a sure reading; wrong readings at short distance have less
 _ENLARGED = 4.0  # enlargement: letters of 8 px get the size that the models expect
 _LARGEST_PX = 960  # longer side of an enlarged part
 _LEAST_PX = 6  # least height and width of a line to read
@@ -30,7 +31,7 @@ class ReadText:
 
 
 def matches(wanted: Inscription, readings: list[ReadText]) -> bool | None:
-    """Return whether the readings are the wanted inscription: True, False, or None if no reading is sure.
+    """Return whether the readings are the wanted inscription; None if no sure reading decides.
 
     An unsure reading never counts as another inscription, because leaving the target is worse than another look.
     """
@@ -46,13 +47,13 @@ def matches(wanted: Inscription, readings: list[ReadText]) -> bool | None:
 
 
 def check_installed() -> None:
-    """Raise UsageError if a package that reads text is not installed."""
+    """Raise UsageError if a package of the OCR engine is not installed."""
     extras.require("rapidocr", "onnxruntime")
 
 
 @cache
 def _engine() -> Any:
-    """Return the OCR engine, one per process. Raises UsageError as `check_installed` does."""
+    """Return the OCR engine, one per process. Raises UsageError if one of its packages is not installed."""
     check_installed()
     from rapidocr import RapidOCR
 
@@ -61,7 +62,7 @@ def _engine() -> Any:
 
 
 def load_engine() -> None:
-    """Load the OCR engine. Raises UsageError as `check_installed` does."""
+    """Load the OCR engine. Raises UsageError if one of its packages is not installed."""
     _engine()
 
 
@@ -74,7 +75,7 @@ def read_line(part: Picture, stretch: float = 1.0) -> list[ReadText]:
 
 
 def read_lines(part: Picture, stretch: float = 1.0) -> list[ReadText]:
-    """Return the lines of text in `part` (H, W, 3) BGR, top to bottom, and then all lines joined to one text."""
+    """Return the lines of text in `part` (H, W, 3) BGR, top to bottom, then all lines joined to one text."""
     if min(part.shape[:2]) < 2 * _LEAST_PX:
         return []
     result = _engine()(_enlarged(part, stretch), use_det=True, use_cls=False, use_rec=True)

@@ -1,9 +1,10 @@
 """The vision pilot: classical vision, not a model.
 
-It uses the picture, the prompt and assumed knowledge: a level pinhole camera, 90° across (paper, appendix "Execution"),
-the usual sizes and colours of things, and how a `go` is flown. It has no truth, no map and no memory: it reads its own
-past actions in the prompt's history, so equal requests get equal answers. The command decides how it looks for the
-target: by an inscription, by colour, or by its place beside a landmark. It cannot read the names on halls.
+The pilot uses the picture, the prompt and assumed knowledge: a level pinhole camera, 90° across (paper, appendix
+"Execution"), the usual sizes and colours of things, and how the agent flies a `go`. The pilot has no truth, no map and
+no memory. It reads its own past actions in the prompt's history, so equal requests get equal answers. Depending on the
+command, it looks for the target by an inscription, by colour, or by place beside a landmark. It cannot read the names
+on halls.
 """
 
 import cv2
@@ -14,11 +15,11 @@ from dronecats.pilots.vision import color_target, colors, inscription_target, pl
 from dronecats.pilots.vision.command import read_inscription, read_place_expression, read_referent
 from foundation.errors import UsageError
 
-_WIDTH = 640  # px, the width that the agent sends; the thresholds in pixels are for this width
+_WIDTH = 640  # px, width of the agent's pictures; thresholds in pixels are for this width
 
 
 def answer(prompt: str, images: list[bytes]) -> str:
-    """Return the next action of every picture's drone. Raises UsageError without a picture, or for a broken one."""
+    """Return the next action of every picture's drone. Raises UsageError without pictures or for a broken picture."""
     if not images:
         raise UsageError("The vision pilot needs a picture.")
     briefing = actions.read_prompt(prompt)
@@ -36,7 +37,7 @@ def answer(prompt: str, images: list[bytes]) -> str:
 
 
 def decode(jpeg: bytes) -> colors.Picture:
-    """Return the picture (H, W, 3) in BGR, at most 640 px wide. Raises UsageError if it cannot be decoded."""
+    """Return the picture (H, W, 3) in BGR, at most 640 px wide. Raises UsageError for a broken or tiny picture."""
     data = np.frombuffer(jpeg, np.uint8)
     picture = None
     if len(data):

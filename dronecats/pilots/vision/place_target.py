@@ -1,8 +1,8 @@
-"""Decides for a target that the command names by its place: "the bench left of the fountain".
+"""Chooses the action for a target that the command names by its place: "the bench left of the fountain".
 
-Each picture is searched anew. The history says what the drone did before: after a `go` the target lies straight ahead,
-nearer by the stride. A landmark without a known shape, as a hall, is not detected. Then every thing of the target's
-kind may be the target: the drone visits one after another and declares at each.
+The pilot searches each picture anew. The history has the drone's last action. After a `go` the target is straight
+ahead, nearer by the length of the stride. The detector cannot find landmarks without a known shape, such as halls. With
+such a landmark, every thing of the target's kind may be the target: the drone visits these things and declares at each.
 """
 
 import itertools
@@ -18,25 +18,25 @@ from dronecats.pilots.vision.command import BEHIND, BETWEEN, LEFT, NEAREST, RIGH
 from dronecats.pilots.vision.shape_detector import PlacedThing
 from foundation.protocol import FINISHED, GO, NEAR_M, NEAR_SCALE, ROTATE, STRIDE_MAX_M
 
-FloorPoint = tuple[float, float]  # m, right of the camera's axis and ahead
+FloorPoint = tuple[float, float]  # m, (right, ahead) in the ground plane, from the camera
 
-BESIDE_M = 12.0  # the largest distance for left of, right of, in front of and behind
-NEAREST_M = 25.0  # … and for nearest to
-_CIRCLE = 5  # turns of a sweep that show everything around
-_ARRIVED_M = 4.6  # from the body, in plan; the verifier's radius is 5 m in space
-_STOP_M = 4.1  # the distance from the target at which the last stride shall end
-_CLOSER_M = 2.2  # to the thing's edge: from farther off, the second declaration is made from nearer
-_CAREFUL_M = 9.0  # within this, only short strides
-_SURE, _LIKELY = 0.3, -0.9  # log odds from which a thing is chosen, and from which a chosen thing is kept
-_FOLLOWS_DEG, _FOLLOWS_M = 8.0, 1.8  # off the nose: where the chosen thing must be
-_FOLLOWS_LOG = 0.45  # log of the ratio of the distances, likewise
-_MARK_BONUS = 0.7  # log odds added to a landmark's: it need not be as sure as the target
-_WEIGHT = 7.0  # log odds that a relation adds where it holds
-_VISITED_M = 6.5  # a thing nearer than this is not chosen anew
-_LEAVE_DEG = 75.0  # of the turn away from a wrong target
-_ASIDE_DEG = 44.0  # off the direct way, to pass an obstacle
-_BLOCKED_AFTER = 3  # strides without progress
-_KINDS_FOR = {"fountain": ("fountain", "tiered-fountain")}  # kinds of a word that has several
+BESIDE_M = 12.0  # largest distance from the landmark for left of, right of, in front of and behind
+NEAREST_M = 25.0  # largest distance from the landmark for nearest to
+_CIRCLE = 5  # turns of a full search circle
+_ARRIVED_M = 4.6  # horizontal distance from the body; the verifier's radius is 5 m in three dimensions
+_STOP_M = 4.1  # intended distance from the target at the end of the last stride
+_CLOSER_M = 2.2  # distance to the thing's edge above which the drone comes closer before it declares again
+_CAREFUL_M = 9.0  # within this distance strides are short
+_SURE, _LIKELY = 0.3, -0.9  # least log odds to choose a thing, and to keep a chosen thing
+_FOLLOWS_DEG, _FOLLOWS_M = 8.0, 1.8  # after a stride, largest offset of the chosen thing from the nose
+_FOLLOWS_LOG = 0.45  # after a stride, largest log ratio of its detected and expected distance
+_MARK_BONUS = 0.7  # added to the log odds of a landmark, which may be less certain than the target
+_WEIGHT = 7.0  # log odds that a fulfilled relation adds
+_VISITED_M = 6.5  # after the first step, a thing nearer than this counts as visited
+_LEAVE_DEG = 75.0  # turn away from a wrong target
+_ASIDE_DEG = 44.0  # angle off the direct way, to pass an obstacle
+_BLOCKED_AFTER = 3  # strides without progress that mean an obstacle
+_KINDS_FOR = {"fountain": ("fountain", "tiered-fountain")}  # words that may mean several kinds
 
 
 def decide(picture: Picture, expression: PlaceExpression, past: tuple[PastAction, ...]) -> str:
@@ -57,14 +57,14 @@ def _kinds_for(kind: str) -> tuple[str, ...]:
 
 
 def _away_m(detection: PlacedThing) -> float:
-    """Return how far (m) a thing is from the body, in plan."""
+    """Return the horizontal distance (m) of a thing from the body."""
     return math.hypot(detection.depth_m + ranging.CAMERA_AHEAD_M, detection.right_m)
 
 
 def _after_declaration(picture: Picture, wanted: list[PlacedThing], past: tuple[PastAction, ...]) -> str:
-    """Come closer once and declare again; after that, turn away.
+    """Return the action after a declaration: come closer once and declare again, then turn away.
 
-    A near thing that fills the picture may not be detected.
+    The drone also comes closer without a detection: the detector may miss a near thing that fills the picture.
     """
     again = len(past) > 1 and past[-2].kind == GO and past[-2].depth_m <= actions.SHORTEST_DEPTH_M + 0.1
     here = [t for t in wanted if _away_m(t) < _VISITED_M and abs(t.right_m) < _FOLLOWS_M]
@@ -78,7 +78,7 @@ def _after_declaration(picture: Picture, wanted: list[PlacedThing], past: tuple[
 
 
 def _picture_number(picture: Picture) -> int:
-    """Return a number that depends on the picture only, so that choices by it do not repeat in a circle."""
+    """Return a pseudo-random number that depends only on the picture, so that choices vary from step to step."""
     return zlib.crc32(picture[::4, ::4].tobytes())
 
 
@@ -89,14 +89,14 @@ def _follow(
     expression: PlaceExpression,
     detections: list[PlacedThing],
 ) -> str:
-    """Go on to the thing of the last stride, if it is detected or must be near."""
+    """Continue to the thing of the last stride, if the picture shows it or it must be near; else choose anew."""
     last = past[-1]
     stride = STRIDE_MAX_M if last.depth_m >= NEAR_M else NEAR_SCALE * last.depth_m
     expected = max(last.depth_m - stride, 3.0) if last.depth_m >= NEAR_M else _ARRIVED_M
     if len(past) > 1 and past[-2].kind == FINISHED and last.depth_m <= actions.SHORTEST_DEPTH_M + 0.1:
         return actions.finished()
     reach = max(math.radians(_FOLLOWS_DEG), math.atan(_FOLLOWS_M / expected))
-    is_there = not expression.needs_search  # it was in the first picture
+    is_there = not expression.needs_search  # the first picture showed the target
     near = [
         t
         for t in wanted
@@ -110,7 +110,7 @@ def _follow(
         return _stride_round(picture) if _blocked(past, away) else _approach(best, away)
     if expected <= _ARRIVED_M:
         return actions.finished()
-    if expected <= _CAREFUL_M or is_there:  # far things are missed in many pictures, and this one is straight ahead
+    if expected <= _CAREFUL_M or is_there:  # many pictures miss far things; go straight on
         return _go(PlacedThing(expression.kind, expected, 0.0, 0.0, 0.0), _depth_for(expected + ranging.CAMERA_AHEAD_M))
     return _choose(picture, wanted, past, expression, detections)
 
@@ -137,13 +137,13 @@ def _choose(
     expression: PlaceExpression,
     detections: list[PlacedThing],
 ) -> str:
-    """Go to the most likely target; without one, search."""
-    # no episode starts so near to its target: the drone came here, and declared or passed
+    """Return a `go` to the most likely target; without a likely target, a search action."""
+    # no episode starts this near to its target, so the drone has already visited these things
     open_to = [t for t in wanted if not (past and _away_m(t) < _VISITED_M)]
     turns = search.count_trailing(past, ROTATE)
     ranked = sorted(((_log_odds(t, expression, detections), t) for t in open_to), key=lambda pair: -pair[0])
-    # a target to search for is not in the first picture; until its landmark is detected, the drone closes the first
-    # circle before it accepts another thing of the kind
+    # The first picture does not show a target to search for. During the first circle the drone accepts only a thing
+    # whose relation to its landmark holds.
     has_known_landmarks = all(mark.kind for mark in expression.landmarks)
     first_circle = expression.needs_search and turns == len(past) and turns < _CIRCLE
     least = _SURE + 0.3 * _WEIGHT if first_circle and has_known_landmarks else _SURE
@@ -176,7 +176,7 @@ def _log_odds(detection: PlacedThing, expression: PlaceExpression, detections: I
         if t.kind in _kinds_for(expression.kind) and t is not detection and t.odds >= _SURE
     ]
     best = 0.0
-    for pair in itertools.product(*landmarks):  # one landmark, or two with BETWEEN
+    for pair in itertools.product(*landmarks):  # one landmark; two for BETWEEN
         sure = min(1.0 / (1.0 + math.exp(-t.odds - _MARK_BONUS)) for t in pair)
         holds = relation_fit(expression.relation, _floor_point(detection), [_floor_point(t) for t in pair], rivals)
         best = max(best, sure * holds)
@@ -188,14 +188,14 @@ def _floor_point(detection: PlacedThing) -> FloorPoint:
 
 
 def _approach(detection: PlacedThing, away_m: float) -> str:
-    """Declare at a thing that is near enough; else go to it with strides that end short of it."""
+    """Return a declaration at a thing that is near enough, else a stride that ends before the thing."""
     if away_m <= _ARRIVED_M:
         return actions.finished()
     return _go(detection, _depth_for(away_m))
 
 
 def _depth_for(away_m: float) -> float:
-    """Return the distance; near the thing, a depth whose stride ends about _STOP_M before it."""
+    """Return the distance; near the thing, the depth of a stride that ends about _STOP_M before the thing."""
     if away_m >= _CAREFUL_M:
         return search.avoid_wander_depth(away_m)
     return actions.depth_of_stride(actions.short_stride_m(away_m - _STOP_M))
@@ -212,7 +212,7 @@ def relation_fit(
 ) -> float:
     """Return how well a relation holds between `spot` and the landmarks, seen from (0, 0): 0 … 1.
 
-    others: the other things of the target's kind. NEAREST compares `spot` with them.
+    rivals: the other things of the target's kind. NEAREST compares `spot` with them.
     """
     if relation == NEAREST:
         return _nearest_fit(spot, landmarks[0], rivals)
@@ -243,7 +243,7 @@ def _between_fit(spot: FloorPoint, a: FloorPoint, b: FloorPoint) -> float:
 
 
 def _offset_from(spot: FloorPoint, landmark: FloorPoint) -> tuple[float, float]:
-    """Return how far (m) a spot is beyond a landmark and to the right of it, seen from (0, 0)."""
+    """Return the distances (m) of a spot beyond a landmark and to the right of it, seen from (0, 0)."""
     way = math.hypot(*landmark) or 1.0
     ahead = (landmark[0] / way, landmark[1] / way)
     off = (spot[0] - landmark[0], spot[1] - landmark[1])

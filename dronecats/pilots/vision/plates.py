@@ -1,12 +1,15 @@
-"""Finds and reads number plates, and chooses the actions of a drone that was sent to a parked vehicle.
+"""Finds and reads number plates, and chooses the actions of a drone whose goal is a parked vehicle.
 
-The drone flies to a vantage point before the vehicle's nearer end, reads the plate, and declares or stays. The
+The drone flies to a vantage point before the vehicle's nearer end, reads the plate, and declares or hovers. The
 vehicle's width in the picture gives its heading: the picture shows its length from the side, and its breadth from an
 end. A plate left or right of the vehicle's middle shows on which side the nearer end is.
 
-The next step needs two values, which the `go` encodes. Its point is a little below the horizon if the vehicle will be
-to the right of the path, and a little above if to the left. Both slopes are too small for a climb or descent. Its depth
-is under _READ_DEPTH_M if the wanted plate was read, because the plate leaves the picture during that stride.
+The next step needs two values, which the `go` encodes:
+
+- Its point is a little below the horizon if the vehicle will be to the right of the path, and a little above if the
+  vehicle will be to the left. These slopes are too small for a climb or descent.
+- Its depth is less than _READ_DEPTH_M if the pilot has read the wanted plate. The plate leaves the picture during that
+  stride.
 """
 
 import math
@@ -28,27 +31,27 @@ from foundation.protocol import BRAKE_M, FINISHED, GO, NEAR_M, NEAR_SCALE, STRID
 HEIGHT_M = 0.16  # height of a plate; its digits are 0.10 m high
 DIGITS = 4
 _LEVELS = range(110, 250, 14)  # thresholds of lightness: a pale plate against paint, lamps and shade
-_DULL = 34.0  # largest distance from grey in Lab: a plate is white, an indicator is not
-_SHAPE = (0.7, 4.6)  # width / height, from a very oblique to a frontal view
-_LEAST_PX = (8, 4)  # least width and height
-_FILLED = 0.5  # least share of pale pixels in its rectangle; the rest is digits
+_DULL = 34.0  # largest distance of a plate's colour from grey, in Lab; an indicator light has more
+_SHAPE = (0.7, 4.6)  # range of width / height, from a very oblique to a frontal view
+_LEAST_PX = (8, 4)  # least width and height of a plate
+_FILLED = 0.5  # least share of the rectangle that is pale and not digits
 _READABLE_PX = 9  # least height of a plate to read: its digits are 5.6 px high
 _MOST_READ = 5  # rectangles to read per vehicle
-_SAME_PX = 3  # largest difference between the edges of one rectangle at two thresholds
-VANTAGE_OFF_M = 2.6  # from a vehicle's end: near enough to read, and one stride from the radius of success
-_END_SHARE = 0.12  # of the vehicle's width: a plate this far off the middle is at one end
-_LOOK_M = 16.0  # within this, the drone flies to an end; farther away, to the vehicle
-_ARRIVED_M = 4.5  # from the body to the vehicle's middle, in plan; the verifier's radius is 5 m
-_TOO_FAR_M = 0.15  # distance left to _ARRIVED_M from which the drone flies one more stride
+_SAME_PX = 3  # largest difference between the edges of the same rectangle at two thresholds
+VANTAGE_OFF_M = 2.6  # from a vehicle's end to the vantage point; near enough to read the plate
+_END_SHARE = 0.12  # of the vehicle's width; a plate this far from the middle shows the side of the nearer end
+_LOOK_M = 16.0  # within this distance, the drone flies to an end of the vehicle; beyond it, to the middle
+_ARRIVED_M = 4.5  # horizontal, from the body to the vehicle's middle; the verifier's radius is 5 m
+_TOO_FAR_M = 0.15  # the drone flies one more stride if it is farther than this from _ARRIVED_M
 _READ_M = 2.4  # least distance to an unread plate
 _READ_DEPTH_M = 3.05  # a `go` with less depth means that the wanted plate was read
 _AT_VANTAGE_M = 1.4  # within this distance of a vantage point, the drone has arrived there
-_FACING_RAD = math.radians(12.0)  # off the axis: within this the drone faces the vehicle
-_WIDEST_RAD = math.radians(40.0)  # off the axis: the widest direction of a stride
+_FACING_RAD = math.radians(12.0)  # largest bearing of a vehicle that the drone faces
+_WIDEST_RAD = math.radians(40.0)  # largest bearing of a stride
 _ROW = 18.0  # 0–1000, offset of a point above or below the horizon: a slope of 0.05 at most
 _TURN_DEG = 50.0  # turn to a lost vehicle
-_BROAD_RAD = math.radians(25.0)  # with a heading less than this, a vehicle shows an end
-_UNREAD_M = 1.9  # shortest stride to an unread plate: its depth stays over _READ_DEPTH_M
+_BROAD_RAD = math.radians(25.0)  # at smaller headings, the drone sees the end of a vehicle
+_UNREAD_M = 1.9  # shortest stride to an unread plate; its depth and longer ones are over _READ_DEPTH_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,21 +62,21 @@ class Plate:
     top: int
     right: int
     bottom: int
-    reading: ReadText | None  # None if nothing could be read
+    reading: ReadText | None  # None if the OCR engine read nothing
 
     @property
     def middle(self) -> float:
-        """The column (px) of its middle."""
+        """The column (px) of the plate's middle."""
         return 0.5 * (self.left + self.right)
 
     @property
     def text(self) -> str:
-        """The letters, in capitals, and digits of its reading."""
+        """The letters (in upper case) and digits of the reading."""
         return plain_text(self.reading.text) if self.reading else ""
 
 
 def find(picture: Picture, box: tuple[int, int, int, int], height_px: float) -> Plate | None:
-    """Return the best plate of the vehicle in `box` (left, top, right, bottom, px), or None.
+    """Return the best plate of the vehicle in `box` (left, top, right, bottom, px); None without one.
 
     An unreadable plate counts only if it is the only candidate. height_px: height of a plate at the vehicle's distance.
     """
@@ -144,7 +147,7 @@ def heading_rad(width_px: float, depth_m: float, size: Size, focal_px: float) ->
 def vantage_point(middle: GroundPoint, heading: float, nearer_end: int, size: Size) -> GroundPoint:
     """Return the point before a vehicle's nearer end.
 
-    heading: as from `heading_rad`; nearer_end: -1 or 1, to the left or right of the vehicle's middle.
+    heading: the result of `heading_rad`. nearer_end: -1 left, 1 right of the vehicle's middle.
     """
     reach = 0.5 * size.length_m + VANTAGE_OFF_M
     bearing = middle.bearing_rad
@@ -181,7 +184,7 @@ def decide(picture: Picture, vehicle: Candidate, wanted: Inscription, past: tupl
 
 
 def decide_unseen(past: tuple[PastAction, ...]) -> str:
-    """Return the next action of a drone that does not see its vehicle: a turn to the side where it must be."""
+    """Return the next action of a drone that does not see its vehicle: usually a turn to the side of the vehicle."""
     if was_plate_read(past):
         return actions.finished()
     if past[-1].kind == FINISHED:
@@ -193,7 +196,7 @@ def decide_unseen(past: tuple[PastAction, ...]) -> str:
 
 
 def was_plate_read(past: tuple[PastAction, ...]) -> bool:
-    """Return whether the last stride went to the wanted plate, which was read before it."""
+    """Return whether the pilot has read the wanted plate before the last stride, which led to the plate."""
     return bool(past) and past[-1].kind == GO and past[-1].depth_m < _READ_DEPTH_M
 
 
@@ -202,7 +205,10 @@ def _is_wanted(plate: Plate | None, wanted: Inscription) -> bool | None:
 
 
 def _declare_again(vehicle: Candidate, past: tuple[PastAction, ...]) -> str:
-    """Declare twice, then twice more from one stride nearer, since the distance may be wrong, then think."""
+    """Return the action after a declaration: declare twice, fly one stride nearer, declare twice again, then think.
+
+    The nearer declarations are for an error of the estimated distance.
+    """
     declared = [action.kind == FINISHED for action in past]
     if not (len(declared) >= 2 and declared[-2]):
         return actions.finished()
@@ -220,7 +226,7 @@ def _arrive(plate: Plate, size: Size, focal: float) -> str:
     bearing = math.atan((plate.middle - focal) / focal)
     if travel <= NEAR_SCALE * STRIDE_MAX_M:
         return _stride_to(bearing, max(travel, STRIDE_MIN_M), 0.0, 0)
-    return _stride_to(bearing, min(max(0.5 * travel, _UNREAD_M), STRIDE_MAX_M), depth, 0)  # then read it again
+    return _stride_to(bearing, min(max(0.5 * travel, _UNREAD_M), STRIDE_MAX_M), depth, 0)  # and read it again
 
 
 def _approach_end(
@@ -234,7 +240,7 @@ def _approach_end(
         travel = focal * HEIGHT_M / (plate.bottom - plate.top) - _READ_M
         if travel > 0.4:
             return _stride_to(bearing, min(max(travel, _UNREAD_M), STRIDE_MAX_M), vehicle.spot.distance_m, 0)
-    if end == 0:  # seen from the side: the end chosen before, else the one nearer to the optical axis
+    if end == 0:  # side view: the end of the last strides, else the end nearer to the axis
         end = _chosen_end(past) or (-1 if vehicle.spot.bearing_rad > 0.0 else 1)
     vantage = vantage_point(vehicle.spot, heading, end, size)
     if vantage.distance_m <= _AT_VANTAGE_M or vantage.ahead_m <= 0.3:
@@ -254,7 +260,10 @@ def _go_round(vehicle: Candidate, end: int) -> str:
 
 
 def _chosen_end(past: tuple[PastAction, ...]) -> int:
-    """Return the end (-1 left, 1 right, 0 unknown) of the last strides. The left end has the vehicle to its right."""
+    """Return the end (-1 left, 1 right, 0 unknown) that the last strides went to.
+
+    On the way to the left end, the vehicle is to the right of the path.
+    """
     for action in reversed(past):
         if action.kind == GO and abs(action.y_px - LEVEL_PX) > 4.0:
             return -1 if action.y_px > LEVEL_PX else 1
@@ -268,7 +277,7 @@ def _clip_bearing(bearing: float) -> float:
 def _stride_to(bearing: float, stride_m: float, distance_m: float, aside: int) -> str:
     """Return a `go` in a direction; the depth of a full stride is the vehicle's distance.
 
-    aside: 1 or -1 if the vehicle will be to the right or left of the way, else 0.
+    aside: 1 or -1 if the vehicle will be to the right or left of the path, else 0.
     """
     bearing = _clip_bearing(bearing)
     u = 500.0 + 500.0 * math.tan(bearing)

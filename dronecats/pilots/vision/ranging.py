@@ -23,16 +23,16 @@ _DEPTHS_M = np.geomspace(1.3, 70.0, 72)
 _HEADINGS_RAD = np.radians(np.arange(0.0, 180.0, 12.0))
 _CAMERA_HEIGHTS_M = np.array((0.7, 1.0, 1.3, 1.6, 1.9, 2.2, 2.7, 3.4, 4.5, 6.0))
 _HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))  # benchmark starts: 1.2–2.2 m
-_EDGE = 0.005  # fraction of the picture width: a rectangle this near to the edge touches it
+_EDGE = 0.005  # fraction of the picture width; a rectangle this near to an edge touches that edge
 _BELOW = 1.1  # points lower than this multiple of half the picture height do not widen the rectangle
 _SPREAD_LOG = 0.10  # relative standard deviation of the sizes of one kind
-_SPREAD_EDGE = 0.006  # fraction of the picture width: blur, JPEG, and body edges without paint
-_SPREAD_HORIZON = 0.02  # fraction of the picture width: the body's pitch in flight, about 2.5°
+_SPREAD_EDGE = 0.006  # standard deviation of lengths, of the picture width: blur, JPEG, body edges without paint
+_SPREAD_HORIZON = 0.02  # standard deviation of the horizon, of the picture width: pitch in flight, about 2.5°
 
 
 @dataclass(frozen=True, slots=True)
 class BoundingBox:
-    """A rectangle in the picture, all in fractions of the picture WIDTH from its centre, x right, y down."""
+    """A rectangle in the picture, in fractions of the picture WIDTH from the picture's centre, x right, y down."""
 
     left: float
     top: float
@@ -84,7 +84,7 @@ def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
 def middle_to_near_end_m(box: BoundingBox, estimate: Range, size: Size) -> float:
     """Return the distance (m) from a thing's middle to its near end.
 
-    This is half its width if it shows its side, and half its length if it shows its front or back.
+    The result is between half the width (the picture shows the side) and half the length (front or back).
     """
     width_m = (box.right - box.left) * estimate.depth_m / FOCAL_PER_WIDTH
     span = size.length_m - size.width_m
@@ -93,7 +93,7 @@ def middle_to_near_end_m(box: BoundingBox, estimate: Range, size: Size) -> float
 
 
 def _shift(box: BoundingBox, grid: "_Grid") -> NDArray[np.float64] | float:
-    """Return the shift of the predictions onto the detected rectangle, by the sides that are not cut off."""
+    """Return the shift of the predictions onto the detected rectangle, using the sides that are not cut off."""
     cut_left, cut_right = box.left < _EDGE - 0.5, box.right > 0.5 - _EDGE
     if cut_left and not cut_right:
         return box.right - grid.right
@@ -103,14 +103,14 @@ def _shift(box: BoundingBox, grid: "_Grid") -> NDArray[np.float64] | float:
 
 
 def _mismatch(length: float, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the difference of two lengths in standard deviations, which combine blur and the sizes of one kind."""
+    """Return the difference of two lengths in standard deviations (of blur and of the sizes of the kind)."""
     return (length - predicted) / np.hypot(_SPREAD_EDGE, _SPREAD_LOG * predicted)
 
 
 def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return points on the outside of the painted body: metres forward, right and above the ground, (P,) each.
 
-    They come from outlines.npz if it has the kind, otherwise from the usual size.
+    The points come from outlines.npz if the kind has an outline, otherwise from the usual size.
     """
     if size.outline:
         with np.load(Path(__file__).with_name("outlines.npz")) as arrays:
@@ -119,7 +119,7 @@ def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArr
     along = np.repeat(np.linspace(-0.5, 0.5, 6), 2) * size.length_m
     across = np.tile((0.5, -0.5), 6) * size.width_m
     waist = size.paint_from_m + 0.5 * size.paint_height_m
-    # The sill and the waist have the full footprint, the roof a smaller one: like a vehicle's outline from any side.
+    # Like a vehicle, the sill and the waist have the full footprint, and the roof has a smaller footprint.
     # The points are spread along the sides: if the picture cuts off the near part, the prediction keeps the far part.
     return (
         np.concatenate((along, along, 0.7 * along)),
@@ -149,7 +149,7 @@ def _grid(size: Size, half: float) -> _Grid:
     depth = np.maximum(_DEPTHS_M[:, None, None] + ahead[None], 0.25)
     u = FOCAL_PER_WIDTH * right[None] / depth
     v = FOCAL_PER_WIDTH * (_CAMERA_HEIGHTS_M[:, None] - z)[None, None] / depth[:, :, None, :]
-    # only points inside the picture decide the width: near the camera the wide lower body is cut off
+    # only points inside the picture decide the width: close to the camera, the picture cuts off the lower body
     inside = (v < _BELOW * half) | (v <= v.min(axis=-1, keepdims=True))
     u = np.broadcast_to(u[:, :, None, :], v.shape)
     left = np.where(inside, u, np.inf).min(axis=-1)

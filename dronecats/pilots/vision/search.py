@@ -1,8 +1,9 @@
 """Searches for a target that is not in the picture, and turns away from a wrong target.
 
 A search is a full circle of turns, strides in the direction with the most open view, and another circle. A declaration
-that did not end the flight was wrong. The drone declares at one thing up to three times, each time from nearer. Then it
-turns away by LEAVE_TURN_DEG and ignores that thing. The prompt's history of five actions gives the state of the search.
+that did not end the flight was wrong. The drone declares at a thing up to three times, each time from a shorter
+distance. Then it turns away by LEAVE_TURN_DEG and ignores that thing. The prompt's history of five actions gives the
+state of the search.
 """
 
 import math
@@ -16,15 +17,15 @@ from dronecats.pilots.vision import colors
 from dronecats.pilots.vision.color_detector import Detection
 from foundation.protocol import FINISHED, GO, ROTATE
 
-SWEEP_DEG = 60.0  # five turns and the first view are the full circle
+SWEEP_DEG = 60.0  # a full circle has six views: the first view and five turns
 _SECOND_SWEEP_DEG = 45.0  # turn after a closed circle, to look for an open direction
 WANDER_M = 20.0  # a `go` of this depth is a stride to a new vantage point; see avoid_wander_depth
 _WANDERS = 3  # strides to a new vantage point, each up to 3 m
 _OPEN = 0.62  # least share of sky above the horizon in an open direction
-LEAVE_TURN_DEG = 88.0  # turn away from a wrong target, which is then outside the picture or at its edge
+LEAVE_TURN_DEG = 88.0  # turn away from a wrong target, to bring it to the edge of the picture or out of it
 CLEARANCE_M = 0.9  # m, kept between the drone and the nearest end of the thing
-CLOSER_STRIDE_M = 2.4  # m, longest stride after a wrong declaration, since a target may move away at 0.3 m/s
-_MOST_DECLARATIONS = 3  # at one thing, each from nearer
+CLOSER_STRIDE_M = 2.4  # m, longest stride after a wrong declaration; a target may move away at 0.3 m/s
+_MOST_DECLARATIONS = 3  # at one thing
 _REJECTED_WITHIN_M = 10.0  # m; after the turn, a thing farther away than this is not the wrong target
 
 
@@ -45,7 +46,7 @@ def next_action(picture: colors.Picture, past: tuple[PastAction, ...]) -> str:
         u, openness = open_direction(picture)
         if openness >= 0.5 * _OPEN:
             return actions.go(u, 500.0, WANDER_M)
-    if wander_strides == 0 and past and past[-1].kind == GO:  # the target was in the last picture: turn to its side
+    if wander_strides == 0 and past and past[-1].kind == GO:  # the last picture showed the target: turn to its side
         return actions.rotate(math.copysign(SWEEP_DEG, past[-1].x_px - 640.0))
     return actions.rotate(SWEEP_DEG)
 
@@ -103,7 +104,7 @@ def has_declared_enough(past: tuple[PastAction, ...]) -> bool:
 
 
 def turn_away(past: tuple[PastAction, ...]) -> str:
-    """Return a turn away from a wrong target, in the opposite direction of the last turn, or right without one."""
+    """Return a turn away from a wrong target, opposite to the last turn; to the right without an earlier turn."""
     before = [p.angle_deg for p in past if p.kind == ROTATE]
     return actions.rotate(-math.copysign(LEAVE_TURN_DEG, before[-1]) if before else LEAVE_TURN_DEG)
 

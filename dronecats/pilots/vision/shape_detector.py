@@ -25,9 +25,9 @@ KINDS = (
 
 CELL_M = 0.25
 WINDOW = (15, 14)  # cells, high and wide
-BELOW = 1  # cells of the window under the foot
+BELOW = 1  # cells of the window below the thing's foot
 DEPTHS_M = tuple(round(float(d), 3) for d in np.geomspace(3.2, 46.0, 22))
-HEIGHTS_M = (1.25, 1.5, 1.75, 2.0)  # of the camera above the foot, in steps of one cell
+HEIGHTS_M = (1.25, 1.5, 1.75, 2.0)  # camera heights above the thing's foot, in steps of one cell
 CHANNELS = 8  # CIE Luv, the gradient's magnitude, and its magnitude in four directions
 
 _ABOVE, _UNDER = 9, 9  # cells of a strip above and below the horizon
@@ -36,8 +36,8 @@ _PER_CELL = 2  # px of the scaled picture
 _GRADIENT = 4.0  # factor that brings gradients to the magnitude of colours
 
 LEAST_ODDS = -1.3  # least log odds of a detection
-_APART_LOG = 0.40  # largest log of the ratio of two distances at which two detections in one direction are one thing
-_SAME_RAD = 0.02  # detections of one kind this near in direction are one thing
+_APART_LOG = 0.40  # detections in one direction are the same thing up to this log ratio of distances
+_SAME_RAD = 0.02  # detections within this angle may be the same thing, however narrow the thing is
 _HALF_WIDTH_M = {
     "fountain": 2.2,
     "tiered-fountain": 2.6,
@@ -49,7 +49,7 @@ _HALF_WIDTH_M = {
     "service-cart": 1.2,
 }
 _USUAL_HALF_WIDTH_M = 0.6
-_LEVEL_TOLERANCE_M = 0.3  # a thing's foot may be this far off the common ground level
+_LEVEL_TOLERANCE_M = 0.3  # largest offset of a thing's foot from the common ground level
 
 
 class ShapeNetwork(Network):
@@ -133,9 +133,9 @@ class PlacedThing:
     """A detected thing and its place relative to the camera."""
 
     kind: str  # of KINDS
-    depth_m: float  # along the optical axis, to its middle
+    depth_m: float  # along the optical axis, to the thing's middle
     right_m: float  # right of the optical axis
-    below_m: float  # its foot below the camera
+    below_m: float  # the thing's foot below the camera
     odds: float  # log odds
 
     @property
@@ -152,7 +152,7 @@ def half_width_m(kind: str) -> float:
 def find(picture: Picture, kinds: Iterable[str], network: ShapeNetwork) -> list[PlacedThing]:
     """Return the things of these kinds in a picture (H, W, 3), BGR and 90° across, highest odds first.
 
-    Neighbouring windows detect the same thing; its place is their average, weighted by their odds.
+    Several windows may detect the same thing. Its place is the mean of these windows, weighted by their odds.
     """
     peaks = _window_peaks(picture, tuple(kinds), network)
     level = _ground_below_m(peaks)
@@ -167,7 +167,7 @@ def find(picture: Picture, kinds: Iterable[str], network: ShapeNetwork) -> list[
 
 
 def _merge(group: list[PlacedThing]) -> PlacedThing:
-    """Return one thing for all detections of it. The first detection has the highest odds."""
+    """Return the mean of the detections of one thing. The first detection must have the highest odds."""
     first = group[0]
     weight = [math.exp(detection.odds - first.odds) for detection in group]
     total = sum(weight)
@@ -178,7 +178,7 @@ def _merge(group: list[PlacedThing]) -> PlacedThing:
 
 
 def _window_peaks(picture: Picture, kinds: tuple[str, ...], network: ShapeNetwork) -> list[PlacedThing]:
-    """Return the detections of the windows that have higher odds than the windows beside them."""
+    """Return the detections of windows that have higher odds than the windows left and right of them."""
     peaks: list[PlacedThing] = []
     indices = [(kind, KINDS.index(kind)) for kind in kinds]
     for strip in strips(picture):
@@ -204,7 +204,7 @@ def _ground_below_m(peaks: list[PlacedThing]) -> float:
 
 
 def _are_same(first: PlacedThing, second: PlacedThing) -> bool:
-    """Return whether two detections are of one thing, or of two kinds in one place."""
+    """Return whether two detections show the same thing, or two kinds at the same place."""
     if abs(math.log(first.depth_m / second.depth_m)) > _APART_LOG:
         return False
     half = half_width_m(second.kind) if first.kind == second.kind else 0.5 * _USUAL_HALF_WIDTH_M

@@ -1,7 +1,7 @@
-"""Converts the project's names, frames and units to those of the export formats. Only this module does so.
+"""Converts the project's names, frames and units to those of the export formats.
 
-The project uses NED metres in the map's frame; attitudes (w, x, y, z) that rotate FRD into NED; seconds of vehicle time
-since the episode began. Foxglove, Rerun and ROS (REP 103) use right-handed axes with z up: ENU metres, bodies FLU
+The project uses NED metres in the map's frame, attitudes (w, x, y, z) that rotate FRD into NED, and seconds of vehicle
+time since the episode began. Foxglove, Rerun and ROS (REP 103) use right-handed axes with z up: ENU metres, bodies FLU
 (forward, left, up), cameras right-down-forward, quaternions in the order x, y, z, w.
 """
 
@@ -22,13 +22,13 @@ from foundation.run_folder.rows import Decision
 
 Array = NDArray[np.float64]
 
-_ENU_OF_NED = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # half a turn about the axis between north and east
-_FRD_OF_FLU = (0.0, 1.0, 0.0, 0.0)  # half a turn about forward
+_ENU_OF_NED = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # rotation of 180° about the axis between north and east
+_FRD_OF_FLU = (0.0, 1.0, 0.0, 0.0)  # rotation of 180° about the forward axis
 JUDGE = "judge"  # prefix of data that agent and autopilot do not have: true positions, targets, verdicts
 
 
 def optical_in_flu(camera: CameraModel) -> Quat:
-    """Return the rotation (x, y, z, w) from the camera's axes (right-down-forward) to the axes of its body (FLU)."""
+    """Return the rotation (x, y, z, w) from the camera's axes (right-down-forward) to the drone's body axes (FLU)."""
     half = math.radians(camera.pitch_deg) / 2.0  # pitch up is a negative rotation about the left axis
     w, x, y, z = quat_multiply((math.cos(half), 0.0, -math.sin(half), 0.0), (0.5, -0.5, 0.5, -0.5))
     return (x, y, z, w)
@@ -62,7 +62,7 @@ def microseconds(t_s: float) -> int:
 
 
 def lon_lat_alt(origin: Vec3, ned: Vec3) -> Vec3:
-    """Return (longitude °, latitude °, m above mean sea level) of a position, in the order of KML and GeoJSON.
+    """Return (longitude °, latitude °, m above mean sea level) of an NED position (m): the order of KML and GeoJSON.
 
     `origin` is the (latitude °, longitude °, altitude m) of the map's frame in WGS84. The projection is PX4's.
     """
@@ -71,12 +71,12 @@ def lon_lat_alt(origin: Vec3, ned: Vec3) -> Vec3:
 
 
 def drone_name(number: int) -> str:
-    """Return the name of a drone."""
+    """Return the name of a drone in the exported files."""
     return f"drone_{number}"
 
 
 def camera_body(drone: DroneTracks) -> str:
-    """Return the name of the body with a drone's camera: the estimated body, or the true one without an estimate."""
+    """Return the name of the body with a drone's camera: the estimated body; without an estimate, the true body."""
     name = drone_name(drone.number)
     return name if drone.estimate is not None else f"{JUDGE}/{name}"
 
@@ -95,7 +95,7 @@ def read_picture(jpeg: Path) -> NDArray[np.uint8]:
 
 
 def about(flight: RecordedFlight) -> dict[str, str]:
-    """Return pilot, episode and settings as texts."""
+    """Return the names and settings of a flight's run and episode, as texts."""
     return {
         "run": flight.run.folder.resolve().name,
         "pilot": flight.run.pilot,

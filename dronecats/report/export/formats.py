@@ -1,6 +1,6 @@
-"""Exports runs in other formats: one file per episode, or one set of files for all.
+"""Exports runs in other formats: one file per episode, or one set of files for all episodes.
 
-docs/query.md describes the tables. Names of columns with data that only the judge has begin with `judge/`. The module
+docs/query.md describes the tables. The name of a column begins with `judge/` if only the judge has its data. The module
 of a format is imported when the format is used, because it needs its own packages.
 """
 
@@ -25,7 +25,7 @@ FILE_OF_EPISODE = {
     "ulog": (".ulg", "ulog", "write"),
     "kml": (".kml", "maps", "write_kml"),
     "geojson": (".geojson", "maps", "write_geojson"),
-}  # format → suffix of its files, module of this package, function that writes one
+}  # format → suffix of its files, module of this package, function that writes a file
 FILES_OF_TABLES = ("csv", "parquet")
 DATASETS = ("lerobot",)
 FORMATS = (*FILE_OF_EPISODE, *DATASETS, *FILES_OF_TABLES)
@@ -35,7 +35,7 @@ OPEN_COSTS = frozenset({"questions", "median_latency_s", "rate_hz_5", "rate_hz_5
 OPEN_STEP = frozenset({"run", "episode", "drone_index", "step", "frame_id", "t_frame_s", "t_decided_s", "action",
                      "point_x", "point_y", "depth_m", "angle_deg", "reply", "error", "mended", "latency_s", "tokens_in",
                      "tokens_out", "thinking", "rate_hz", "finish", "rescaled", "wide_rotation"})  # fmt: skip
-# table → columns with data that the pilot may have; the other columns are the judge's
+# table → columns with data that the pilot may have; only the judge has the data of the other columns
 OPEN: Mapping[str, frozenset[str]] = {
     "runs": frozenset(column.name for column in TABLES["runs"].columns),
     "episodes": OPEN_EPISODE | OPEN_COSTS | {"wide_rotations"},
@@ -49,14 +49,14 @@ Writer = Callable[[RecordedFlight, Path], int]  # writes one flight; returns the
 
 @dataclass(slots=True)
 class Exported:
-    """The files of an export, and the episodes that are not in them."""
+    """The files of an export, and the omitted episodes."""
 
     files: dict[Path, int] = field(default_factory=dict)  # file or folder → number of messages, places, rows or frames
     left_out: list[str] = field(default_factory=list)  # a sentence for each omitted episode
 
 
 def export(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool = False) -> Exported:
-    """Write runs in a format into a folder. Raises UsageError, before anything is written if possible."""
+    """Write runs in a format into a folder. Raises UsageError, if possible before it writes a file."""
     if out.exists() and not out.is_dir():
         raise UsageError(f"--out {out} is a file. Name a folder")
     try:
@@ -113,31 +113,31 @@ def _tables(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool) 
 
 
 def column_name(table: str, column: str) -> str:
-    """Return the name of a table's column in the files."""
+    """Return the name of a table's column in the exported files."""
     return column if column in OPEN[table] else f"{JUDGE}/{column}"
 
 
 def _named(runs: Sequence[RecordedRun]) -> Iterator[tuple[Path, str]]:
-    """Yield (episode folder, its name in the export). With several runs, the name begins with that of the run."""
+    """Yield (episode folder, its name in the export). With several runs, the name begins with the run's name."""
     for run, name in zip(runs, tabulation.names(runs), strict=True):
         for folder in run.episodes:
             yield folder, f"{name}/{folder.resolve().name}" if len(runs) > 1 else folder.resolve().name
 
 
 def finished_flight(folder: Path) -> RecordedFlight:
-    """Return the flight of an episode folder. Raises UsageError when it is damaged, or has no beginning or no end."""
+    """Return the flight of an episode folder. Raises UsageError if the flight is damaged or unfinished."""
     flight = RecordedFlight.read(folder)
     logs = flight.logs
     if logs.begin is None or logs.end is None:
         missing = "has no beginning" if logs.begin is None else "has no end"
         raise UsageError(f"{folder} is unfinished: its {layout.TRUTH} {missing}")
     assert flight.frames is not None
-    assert flight.drone_tracks  # both are read here, so that damage raises before anything is written
+    assert flight.drone_tracks  # read both here, so that damaged files raise before the export writes a file
     return flight
 
 
 def _flight(folder: Path, done: Exported) -> RecordedFlight | None:
-    """Return a flight. If it cannot be exported, add a sentence to `done` and return None."""
+    """Return a flight. If the flight cannot be exported, add a sentence to `done` and return None."""
     try:
         return finished_flight(folder)
     except UsageError as error:

@@ -1,9 +1,9 @@
 """Writes viewer layouts: for Foxglove (`mcap`; Layouts → Import from file) and for PlotJuggler (`ulog`).
 
-Usage: `plotjuggler --datafile FILE.ulg --layout FILE.xml`. PlotJuggler (`DataLoadULog/ulog_parser.cpp`, 3.17) names a
-curve topic/field, an array element field.00, and the topics of several drones topic.00, topic.01, …. So a fleet needs
-its own layout. PlotJuggler warns about curves that are not in a file, so a layout has only the curves of every complete
-flight.
+Usage: `plotjuggler --datafile FILE.ulg --layout FILE.xml`. PlotJuggler (`DataLoadULog/ulog_parser.cpp`, 3.17) names
+curves `topic/field`, array elements `field.00`, and the topics of several drones `topic.00`, `topic.01`, …. Therefore a
+fleet needs its own layout. PlotJuggler warns about missing curves, so a layout has only curves that every complete
+flight has.
 """
 
 import json
@@ -17,8 +17,8 @@ from dronecats.report.export.conventions import JUDGE, drone_name
 
 FOXGLOVE, SINGLE_DRONE, FLEET = "foxglove-layout.json", "plotjuggler-layout.xml", "plotjuggler-layout-fleet.xml"
 FILES: Mapping[str, tuple[str, ...]] = {"mcap": (FOXGLOVE,), "ulog": (SINGLE_DRONE, FLEET)}  # format → its layouts
-COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")  # of the drones: PlotJuggler's first colours
-TRUTH_COLOUR = "#9467bd"  # of the truth of a single drone; a fleet's truth has the drones' colours
+COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")  # one per drone; PlotJuggler's first colours
+TRUTH_COLOUR = "#9467bd"  # for the truth of a single drone; the truth of a fleet has the colours of the drones
 ESTIMATED, TRUE = "vehicle_local_position", "vehicle_local_position_groundtruth"
 
 
@@ -31,7 +31,7 @@ def layout_files(kind: str, drones: set[int]) -> dict[str, int]:
 
 
 def write(path: Path, drones: int) -> int:
-    """Write the layout that `path.name` selects, for a number of drones; return its number of panels or plots."""
+    """Write the layout that `path.name` selects for `drones` drones; return its number of panels or plots."""
     if path.name == FOXGLOVE:
         panels = foxglove_layout(drones)
         path.write_text(json.dumps(panels, indent=2) + "\n", encoding="utf-8")
@@ -43,7 +43,7 @@ def write(path: Path, drones: int) -> int:
 
 
 def foxglove_layout(drones: int) -> dict[str, Any]:
-    """Return Foxglove's layout: scene, pictures, map, heights and log. The judge's topics are initially hidden."""
+    """Return Foxglove's layout: scene, pictures, map, heights and logs. Scene and map hide the judge's topics."""
     names = [drone_name(number) for number in range(max(1, drones))]
     images = {f"Image!{name}": _image(name) for name in names}
     panels = {
@@ -127,7 +127,7 @@ class DrawnCurve:
 
 @dataclass(frozen=True, slots=True)
 class PlotPane:
-    """One pair of axes."""
+    """A plot: one pair of axes with its curves."""
 
     title: str
     curves: tuple[DrawnCurve, ...]
@@ -135,7 +135,7 @@ class PlotPane:
 
 
 def plotjuggler_layout(drones: int) -> Xml.Element:
-    """Return PlotJuggler's layout: a tab each for path, place, speed and decisions, then the judge's tabs."""
+    """Return PlotJuggler's layout: tabs for path, place, speed and decisions, then tabs with the judge's data."""
     root = Xml.Element("root")
     window = Xml.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     for name, plots in _tabs(drones):

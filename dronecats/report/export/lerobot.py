@@ -3,9 +3,9 @@
 A frame is a decision with its picture. `timestamp` counts decisions, 1 per second, because LeRobot requires a constant
 frame rate. `time.frame_s` is the time of the picture. An episode is one drone's part of a flight. `observation.state`
 is the autopilot's estimate; only `judge.success` comes from the judge. `action` has the units of the log.
-`action.body_velocity` replaces the motion of the paper's controller (`dronecats/agent/controller.py`) by one constant
-velocity, in axes along the heading at the picture, and one constant yaw rate. Both motions take the same time and end
-at the same position and heading.
+`action.body_velocity` is one constant velocity, in axes along the heading at the picture, and one constant yaw rate. It
+replaces the motion of the paper's controller (`dronecats/agent/controller.py`), and has the same duration, end position
+and final heading.
 """
 
 import json
@@ -35,9 +35,9 @@ from foundation.setpoints import Turn, Velocity
 STATE = ("north_m", "east_m", "down_m", "forward_m_s", "right_m_s", "down_m_s", "roll_rad", "pitch_rad", "yaw_rad")
 ACTION = ("go", "rotate", "think", "finished", "point_x", "point_y", "depth_m", "angle_deg")
 BODY_VELOCITY = ("forward_m_s", "right_m_s", "down_m_s", "yaw_rate_rad_s", "duration_s")
-EVERY_PX = 4  # px, stride in rows and columns of the pixels in the statistics
+EVERY_PX = 4  # px, spacing in rows and columns of the pixels in the statistics
 FPS = 1
-FILE_BYTES = 100_000_000  # of images in a data file; then the next file begins
+FILE_BYTES = 100_000_000  # size of the images in a data file from which the next episode begins a new file
 IMAGE = "observation.images.front"
 DATA, EPISODES = "data/chunk-000/file-{:03d}.parquet", "meta/episodes/chunk-000/file-000.parquet"
 VECTORS = {"observation.state": STATE, "action": ACTION, "action.body_velocity": BODY_VELOCITY}
@@ -52,8 +52,8 @@ Vector = NDArray[np.float32]
 def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_out: list[str]) -> int:
     """Write a dataset, completely or not at all; return the number of its frames.
 
-    A sentence about each unsuitable flight is added to `left_out`. Raises UsageError when `out` is not empty, unless
-    `overwrite` replaces a dataset in it, and when no flight is suitable.
+    The function adds a sentence about each unsuitable flight to `left_out`. Raises UsageError if no flight is suitable,
+    or if `out` is not empty. With `overwrite`, it replaces a dataset in `out`.
     """
     there = out.exists() and any(out.iterdir())
     if there and not overwrite:
@@ -83,7 +83,7 @@ def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_ou
 
 
 def _unfit(flight: RecordedFlight, dataset: "_Dataset") -> str | None:
-    """Return why a flight is unsuitable for the dataset, as a sentence; None: it is suitable."""
+    """Return the reason why a flight is unsuitable for the dataset, as a sentence; None: suitable."""
     folder = flight.folder
     if not flight.frames:
         return f"{folder} has no pictures"
@@ -104,15 +104,15 @@ def _steps(flight: RecordedFlight, drone: DroneTracks) -> list[Any]:
 
 
 class _Dataset:
-    """A dataset to which episodes are added one at a time."""
+    """Writes a dataset, one episode at a time."""
 
     def __init__(self, folder: Path) -> None:
         self.frames = 0
         self.episodes: list[dict[str, Any]] = []
-        self.shape: tuple[int, ...] | None = None  # of the pictures: height, width, 3
+        self.shape: tuple[int, ...] | None = None  # (height, width, 3) of the pictures; None before the first episode
         self._folder = folder
         self._tasks: dict[str, int] = {}
-        self._moments: list[dict[str, Moments]] = []  # of each episode, by feature
+        self._moments: list[dict[str, Moments]] = []  # statistics of each episode, by feature
         self._writer: pq.ParquetWriter | None = None
         self._file, self._bytes = 0, 0
 
@@ -156,7 +156,7 @@ class _Dataset:
         self.frames += count
 
     def _write(self, columns: dict[str, Any], jpegs: list[bytes]) -> None:
-        """Write the rows of an episode into the data file, or into a new file if it is full."""
+        """Write the rows of an episode into the data file, or into a new file if the data file is full."""
         size = sum(map(len, jpegs))
         if self._writer is not None and self._bytes + size > FILE_BYTES:
             self.close()
@@ -222,7 +222,7 @@ def _schema() -> pa.Schema:
 
 
 def _task_table(tasks: dict[str, int]) -> pa.Table:
-    """Return the tasks as pandas stores a data frame with the tasks as index. LeRobot looks tasks up in the index."""
+    """Return the tasks in the format of a pandas data frame with the tasks as index; LeRobot looks them up there."""
     index = "__index_level_0__"
     pandas_metadata = {
         "index_columns": [index],
@@ -252,7 +252,7 @@ def state(track: FlightTrack, t_s: float, first_s: float) -> Vector:
 
 
 def four_action(decision: Decision) -> Vector:
-    """Return a decision as ACTION (8,): one-hot kind of action (all 0 without an action), then its numbers or 0."""
+    """Return a decision as ACTION (8,): the one-hot kind of action, then its numbers. Missing values are 0."""
     vector = np.zeros(len(ACTION), np.float32)
     match action_of(decision):
         case Go(x, y, depth_m):
@@ -286,13 +286,13 @@ def body_velocity(decision: Decision, camera: CameraModel) -> Vector:
 
 @dataclass(frozen=True, slots=True)
 class Moments:
-    """The statistics of one feature, per component; of pictures (3, 1, 1), per colour channel, 0 … 1."""
+    """The statistics of a feature, per component. For pictures: per colour channel, (3, 1, 1), 0 … 1."""
 
     least: NDArray[np.float64]
     greatest: NDArray[np.float64]
     mean: NDArray[np.float64]
     std: NDArray[np.float64]
-    count: int  # frames
+    count: int  # number of frames
 
     def as_lists(self) -> dict[str, Any]:
         """Return the statistics under LeRobot's names."""
@@ -307,7 +307,7 @@ def moments(values: NDArray[Any]) -> Moments:
 
 
 def image_moments(pictures: Sequence[NDArray[np.uint8]]) -> Moments:
-    """Return the statistics of pictures (h, w, 3), from a grid of their pixels with the stride EVERY_PX."""
+    """Return the statistics of pictures (h, w, 3), from every EVERY_PX-th row and column."""
     pixels = np.concatenate([picture[::EVERY_PX, ::EVERY_PX].reshape(-1, 3) for picture in pictures]) / 255.0
     least, greatest, mean, std = (
         moment.reshape(3, 1, 1) for moment in (pixels.min(0), pixels.max(0), pixels.mean(0), pixels.std(0))

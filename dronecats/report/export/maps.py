@@ -1,8 +1,8 @@
 """Writes the paths and points of one flight as KML 2.2 (OGC 07-147r2) and as GeoJSON (RFC 7946), both in WGS84.
 
-Altitudes are m above mean sea level (`absolute`). `gx:Track` requires dates, which the logs do not have, so in KML an
-episode begins at 1970-01-01T00:00:00Z. In GeoJSON the property `t_s` of a line has the time of each position, in s
-since the episode began.
+Altitudes are m above mean sea level (`absolute`). In KML, every episode begins at 1970-01-01T00:00:00Z, because
+`gx:Track` requires dates and the logs have no dates. In GeoJSON, the property `t_s` of a line has the time of each
+position, in s since the episode began.
 """
 
 import json
@@ -19,16 +19,16 @@ from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
-SPACING_S = 0.2  # s between two points of a path, at least; the period of the autopilot's telemetry
+SPACING_S = 0.2  # s, least time between two points of a path; the period of the autopilot's telemetry
 KML, GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
-COLORS = {True: "ff2b9fff", False: "ffd08a3c"}  # aabbggrr, by whether the data is the judge's
+COLORS = {True: "ff2b9fff", False: "ffd08a3c"}  # whether only the judge has the data → aabbggrr
 
 
 @dataclass(frozen=True, slots=True)
 class MapPath:
     """The path of a drone or a target over time."""
 
-    name: str  # such as `drone_0`, or `judge/drone_0`
+    name: str  # for example `drone_0` or `judge/drone_0`
     judges: bool  # whether only the judge has this data
     t_s: tuple[float, ...]  # s since the episode began
     places: tuple[Vec3, ...]  # longitude °, latitude °, altitude m above mean sea level
@@ -39,14 +39,17 @@ class MapPoint:
     """An event or object at a place."""
 
     name: str
-    judges: bool
-    t_s: float
+    judges: bool  # whether only the judge has this data
+    t_s: float  # s since the episode began
     place: Vec3  # longitude °, latitude °, altitude m above mean sea level
     properties: dict[str, Any]
 
 
 def paths(flight: RecordedFlight) -> Iterator[MapPath]:
-    """Yield the estimated and true paths of the drones, and the path of a moving target. Raises UsageError."""
+    """Yield the estimated and true paths of the drones, and the path of a moving target.
+
+    Raises UsageError if the origin is unknown.
+    """
     origin = _origin(flight)
     for drone in flight.drone_tracks:
         if drone.estimate is not None:
@@ -58,9 +61,9 @@ def paths(flight: RecordedFlight) -> Iterator[MapPath]:
 
 
 def points(flight: RecordedFlight) -> Iterator[MapPoint]:
-    """Yield the target's first position, each decision where its picture was taken, and each declaration.
+    """Yield the target's first position, each decision (at the position of its picture), and each declaration.
 
-    Raises UsageError.
+    Raises UsageError if the origin is unknown.
     """
     origin = _origin(flight)
     if flight.target_track is not None:
@@ -199,7 +202,7 @@ def _under(parent: ET.Element, tag: str, text: str | None = None, **attributes: 
 
 
 def _printable(text: str) -> str:
-    """Return a text with � in place of characters that XML forbids."""
+    """Return a text with � instead of characters that XML forbids."""
     return "".join(c if c in "\t\n\r" or (c >= " " and not "\ud800" <= c <= "\udfff" and c < "\ufffe") else "�"
                    for c in text)  # fmt: skip
 

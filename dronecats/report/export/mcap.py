@@ -1,7 +1,7 @@
 """Writes one flight as MCAP with Foxglove's own schemas. Needs the extra `export`.
 
-Times are ns since the episode began, so viewers show an episode that begins in 1970. The frame `map` is ENU. `drone_0`
-is the body (FLU) at its estimated pose, `judge/drone_0` the body at its true pose, and `drone_0/camera` the camera
+Times are ns since the episode began, so viewers show dates in 1970. The frame `map` is ENU. The frame `drone_0` is the
+body (FLU) at its estimated pose, `judge/drone_0` is the body at its true pose, and `drone_0/camera` is the camera
 (right-down-forward).
 """
 
@@ -68,7 +68,7 @@ class TimedMessage(NamedTuple):
 
 
 def write(flight: RecordedFlight, path: Path) -> int:
-    """Write a flight; return the number of messages. Raises UsageError when a picture cannot be read."""
+    """Write a flight; return the number of messages. Raises UsageError for a damaged picture."""
     ordered = sorted(messages(flight), key=lambda message: message.t_s)
     with path.open("wb") as file:
         writer = Writer(file)
@@ -129,7 +129,7 @@ def _track(name: str, track: FlightTrack, origin: Origin | None) -> Iterator[Tim
 
 
 def _trail_stride(track: FlightTrack) -> int:
-    """Return the stride of the samples in a trail, for about ten samples per second."""
+    """Return n such that every n-th sample of a track gives a trail of about ten samples per second."""
     seconds = float(track.t_s[-1] - track.t_s[0])
     return max(1, int(len(track) / (10.0 * seconds))) if seconds > 0.0 else 1
 
@@ -173,7 +173,7 @@ def _logs(flight: RecordedFlight) -> Iterator[TimedMessage]:
 
 
 def _targets(flight: RecordedFlight) -> Iterator[TimedMessage]:
-    """Yield the positions of the target (only the first if it does not move), and those of declarations."""
+    """Yield the target's positions (only the first if it does not move) and the positions of the declarations."""
     track = flight.target_track
     if track is not None:
         for index in range(len(track) if track.moves() else 1):
@@ -189,7 +189,7 @@ def _targets(flight: RecordedFlight) -> Iterator[TimedMessage]:
 
 
 def _calibration(t_s: float, camera: str, model: CameraModel, width: int, height: int) -> CameraCalibration:
-    """Return a pinhole's calibration for pictures of this size in pixels."""
+    """Return the calibration of a pinhole camera for pictures of `width` × `height` pixels."""
     fx, fy = model.focal_px * width / model.width, model.focal_px * height / model.height
     cx, cy = width / 2.0, height / 2.0
     return CameraCalibration(

@@ -1,7 +1,7 @@
 """Writes one flight as a Rerun recording with its blueprint. Needs the extra `rerun`.
 
-The timeline `episode` counts from the episode's beginning. `world` is ENU, z up. `world/drone_0` is the body (FLU) at
-its estimated pose, `world/judge/drone_0` the body at its true pose; `…/camera` is right-down-forward. `map` has
+The timeline `episode` begins with the episode. The entity `world` is ENU, z up. `world/drone_0` is the body (FLU) at
+its estimated pose, and `world/judge/drone_0` is the body at its true pose. `…/camera` is right-down-forward. `map` has
 geodetic positions.
 """
 
@@ -91,7 +91,7 @@ def _track(
     moved = rr.Transform3D.columns(translation=places, quaternion=turned)
     recording.send_columns(f"world/{name}", [times], moved)
     recording.log(f"world/{name}", rr.TransformAxes3D(0.5), static=True)
-    above = f"world/{name.replace('drone', 'trail')}"  # not below the body, or the trail would move with it
+    above = f"world/{name.replace('drone', 'trail')}"  # not a child of the body, so it does not move with the body
     recording.log(above, rr.LineStrips3D([places], colors=[color]), static=True)
     if flight.origin is not None:
         on_earth = [lon_lat_alt(flight.origin, (float(n), float(e), float(d))) for n, e, d in track.position_ned]
@@ -134,7 +134,7 @@ def _pictures(recording: rr.RecordingStream, flight: RecordedFlight, drone: Dron
 
 
 def _words(recording: rr.RecordingStream, flight: RecordedFlight) -> int:
-    """Log the instruction and every reply, and the declarations in the judge's log; return the number of texts."""
+    """Log the instruction and every reply, and the declarations to the judge's log; return the number of texts."""
     _at(recording, 0.0)
     recording.log("log", rr.TextLog(f"instruction: {flight.instruction}", level="INFO"))
     for step in flight.steps:

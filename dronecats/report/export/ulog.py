@@ -1,8 +1,8 @@
 """Writes one flight as ULog, for PlotJuggler and pyulog. The estimates come from flight.tlog, not from onboard.ulg.
 
 Topics and fields are PX4's (NED and FRD, times in µs since the vehicle's boot), except `agent_decision`, `judge_target`
-and `judge_declaration`. The judge's data is in the last two and in PX4's topics `…_groundtruth`. All positions are in
-the map's frame.
+and `judge_declaration`. The topics `judge_…` and PX4's topics `…_groundtruth` have the judge's data. All positions are
+in the map's frame.
 """
 
 import math
@@ -44,8 +44,8 @@ class Stamped(NamedTuple):
 
     t_s: float
     drone: int
-    topic: str  # empty: a text
-    values: tuple[Any, ...]
+    topic: str  # empty for a text
+    values: tuple[Any, ...]  # fields of the sample, or (syslog severity, text)
 
 
 def write(flight: RecordedFlight, path: Path) -> int:

@@ -1,1 +1,1 @@
-"""The common elements of all pages: palette, style, bar with the theme switch, and the HTML file."""
+"""The common elements of all HTML pages: palette, style, bar with the theme switch, and the HTML file itself."""

@@ -28,7 +28,7 @@ MARKS = {  # on pictures, on maps and in the 3-D scene, in both themes
     "declared-bad": "#ff5a4f",
     "setpoint": "#12b886",
     "goal": "#ff46dc",  # the target, and the radius around it
-    "path": "#f2b53a",  # of a moving target
+    "path": "#f2b53a",  # path of a moving target
 }
 PRINTED = {"paper": "#ffffff", "ink": "#000000", "quiet": "#333333", "mute": "#666666", "line": "#bbbbbb",
            "soft": "#eeeeee", "link": "#000000"}  # fmt: skip
@@ -59,7 +59,7 @@ def linear(color: str) -> tuple[float, float, float]:
     return red, green, blue
 
 
-DRONES = tuple(DARK[f"d{number}"] for number in range(8))  # of drones and runs on a map
+DRONES = tuple(DARK[f"d{number}"] for number in range(8))  # colours of drones and runs on a map
 
 
 def shade(color: Sequence[float]) -> Rgb:

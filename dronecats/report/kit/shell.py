@@ -1,8 +1,8 @@
 """Makes the HTML file of a page: mark-up, style, program and data. The page uses no network.
 
-The program consists of ES modules. A browser does not load modules from a disk, so the page has them as one script, in
-the order of their imports. The content security policy allows inline scripts and styles only by their digest, so text
-from a model cannot run.
+The program consists of ES modules. Browsers do not load modules from a local disk, so the page has all modules in one
+script, in the order of their imports. The content security policy allows inline scripts and styles only by their
+digest, so text from a model cannot run.
 """
 
 import base64
@@ -25,7 +25,7 @@ _EXPORT = re.compile(r"^export ((?:async )?function|const|class) (\w+)", re.MULT
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageContent:
-    """The contents of a page, without the kit's style and bar. `main`, `trail`, `tools` and `more` are HTML."""
+    """The contents of a page. `main`, `trail`, `tools` and `more` are HTML. The kit adds its style and its bar."""
 
     title: str
     folder: str  # package with the page's style (web/page.css) and modules
@@ -34,7 +34,7 @@ class PageContent:
     trail: str = ""  # items of the breadcrumb list in the bar
     tools: str = ""  # buttons beside the theme button
     more: str = ""  # elements after main
-    loads_files: bool = False  # whether the page may load scripts and pictures beside it
+    loads_files: bool = False  # whether the page may load scripts and pictures from its folder
     has_drawings: bool = False  # whether the page has SVG with style attributes
 
 
@@ -63,7 +63,7 @@ def page(content: PageContent, blocks: Mapping[str, str] | None = None) -> Itera
 
 
 def program(entry: str, folder: str) -> str:
-    """Return the modules of a package and of the kit as one script: each as a function, after its imports."""
+    """Return the modules of a package and of the kit as one script: a function per module, in the order of imports."""
     order: list[str] = []
 
     def visit(name: str) -> None:
@@ -89,7 +89,7 @@ def _module(name: str, folder: str) -> str:
 
 
 def _policy(content: PageContent, script: str, style: str) -> str:
-    """Return the content security policy: it permits this script and style, and if needed files beside the page."""
+    """Return the content security policy. It permits this script and style, and optionally the page's folder."""
     beside = " 'self' file:" if content.loads_files else ""
     rules = [
         "default-src 'none'",
@@ -110,7 +110,7 @@ def _read(folder: str, name: str) -> str:
     return files(folder).joinpath("web", name).read_text(encoding="utf-8")
 
 
-OUTCOMES = {  # outcome → its mark and its word
+OUTCOMES = {  # outcome → mark and word
     "success": ("✓", "success"),
     "failure": ("✕", "failure"),
     "error": ("!", "error"),
@@ -135,7 +135,7 @@ def action_words(decision: Decision) -> str:
 
 
 def action_or_reason(decision: Decision) -> str:
-    """Return the action of a decision in a few words, or the reason why it has none."""
+    """Return the action of a decision in a few words, or the reason why the decision has no action."""
     if decision.action is not None:
         return action_words(decision)
     return f"no action: {textwrap.shorten(decision.error or 'the reply holds none', 60, placeholder='…')}"

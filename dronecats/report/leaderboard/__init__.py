@@ -1,1 +1,1 @@
-"""Archives: one file with all that is needed to judge runs again, its verification, and the leaderboard."""
+"""Writes and verifies archives of runs, and makes the leaderboard. An archive has all data to judge its runs again."""

@@ -59,18 +59,18 @@ class Manifest:
     """The contents of manifest.json, the first file of an archive."""
 
     schema: int
-    name: Name  # of the entry
+    name: Name  # name of the entry
     note: Annotated[str, Meta(max_length=NOTE_CHARS)]
     pilot: str  # built-in pilot, or PROVIDER/NAME of the model
     is_model: bool
-    identity: Sha256  # of the identity that its runs share (`dronecats.report.results.identity`)
-    suite: str | None  # suite that each run has completely; None: no such suite
+    identity: Sha256  # digest of the settings that the runs share (`dronecats.report.results.identity`)
+    suite: str | None  # suite of which every run has all episodes; None: no such suite
     partial: str | None  # a sentence about what is missing or broken; None: the suite is complete and scored
     runs: tuple[SubmittedRun, ...]
     files: dict[str, FileDigest]  # the other files in the archive, by name
     left_out: dict[str, FileDigest]  # files that are not in the archive, by name
-    scrubbed: tuple[str, ...]  # files from which a key or a machine's path was removed
-    dronecats: str  # version that wrote the archive
+    scrubbed: tuple[str, ...]  # files in which `submit` replaced an API key or an absolute path
+    dronecats: str  # version of dronecats that wrote the archive
 
     def encoded(self) -> bytes:
         """Return the contents of manifest.json."""
@@ -78,7 +78,7 @@ class Manifest:
 
 
 def decoded(data: bytes) -> Manifest:
-    """Parse the contents of manifest.json. Raises UsageError."""
+    """Parse the contents of manifest.json. Raises UsageError for a damaged or newer manifest."""
     try:
         content = msgspec.json.decode(data)
         version = content.get("schema") if isinstance(content, dict) else None
@@ -154,7 +154,7 @@ class XzReader:
         return data
 
     def at_most(self, count: int) -> bytes:
-        """Return the next `count` bytes, or fewer at the end. Raises UsageError."""
+        """Return the next `count` bytes, or fewer at the end. Raises UsageError for a damaged or too large archive."""
         chunks: list[bytes] = []
         missing = count
         while missing and not self._xz.eof:
@@ -180,9 +180,10 @@ class XzReader:
 
 
 def read(file: BinaryIO) -> Iterator[ArchiveMember]:
-    """Yield the files of an archive in their order, with unique names. Raises UsageError.
+    """Yield the files of an archive in their order, with unique names.
 
-    Only plain files in the ustar format are accepted: no links, devices or extended headers.
+    Accepts only plain files in the ustar format: no links, devices or extended headers. Raises UsageError for other
+    archives.
     """
     source, names = XzReader(file), set[str]()
     while True:
@@ -203,9 +204,9 @@ def read(file: BinaryIO) -> Iterator[ArchiveMember]:
 
 
 def write(path: Path, files: Iterable[tuple[str, Callable[[], bytes]]]) -> None:
-    """Write an archive of files in this order. A file is (name, function that returns its bytes). Raises OSError.
+    """Write an archive of files in this order. A file is (name, function that returns its bytes).
 
-    Equal files give equal archives.
+    Equal files give equal archives. Raises OSError.
     """
     with (
         lzma.open(path, "wb", format=lzma.FORMAT_XZ, preset=6) as packed,
@@ -219,7 +220,7 @@ def write(path: Path, files: Iterable[tuple[str, Callable[[], bytes]]]) -> None:
 
 
 def _packed(header: bytes, source: XzReader) -> ArchiveMember:
-    """Parse the header of a file (POSIX.1-1988, "ustar"). Raises UsageError."""
+    """Parse the header of a file (POSIX.1-1988, "ustar"). Raises UsageError for other headers."""
     sum_of = sum(header[:148]) + 8 * ord(" ") + sum(header[156:])
     if header[257:265] != b"ustar\x0000" or _octal(header[148:156]) != sum_of:
         raise UsageError("the archive is not a tar file of plain files")
@@ -243,15 +244,15 @@ def _octal(field: bytes) -> int | None:
 
 MANIFEST_MAX = 64 << 20  # bytes
 LOG_MAX = 256 << 20
-LOGS_MAX = 4 << 30  # bytes of all logs together
+LOGS_MAX = 4 << 30  # bytes, all logs together
 FRAME_MAX = 32 << 20
 
 
 def unpack(file: BinaryIO, place: Path) -> tuple[Manifest, list[str], int]:
-    """Unpack the logs of an archive into a folder. Only names of a run's files and limited sizes are accepted.
+    """Unpack the logs of an archive into a folder. Frames are only hashed.
 
-    Returns the manifest, a sentence for each file that differs from the manifest, and the number of frames. Frames are
-    not unpacked. Raises UsageError, OSError.
+    Returns the manifest, a sentence for each file whose digest differs from the manifest, and the number of frames.
+    Accepts only the names of a run's files, and limited sizes. Raises UsageError for other archives, and OSError.
     """
     files = read(file)
     first = next(files, None)
@@ -304,7 +305,7 @@ def _check_sizes(manifest: Manifest) -> None:
 
 
 def _check_names(manifest: Manifest) -> None:
-    """Raise UsageError when a required file of the manifest's runs is missing, or a file belongs to no run."""
+    """Raise UsageError if a required file of the manifest's runs is missing, or if a file belongs to no run."""
     wanted = {f"{run.folder}/{layout.RUN}" for run in manifest.runs}
     homes = {f"{run.folder}/{episode}" for run in manifest.runs for episode in run.episodes}
     wanted |= {f"{home}/{log}" for home in homes for log in (layout.EPISODE, layout.DECISIONS, layout.TRUTH)}

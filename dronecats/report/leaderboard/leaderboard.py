@@ -29,7 +29,7 @@ HEADS = {"approaching": "Appr.", "searching": "Search.", "tracking": "Track.", "
 
 
 def entry(path: Path) -> Verification:
-    """Return the entry in a file that `dronecats verify --json` printed. Raises UsageError."""
+    """Return the entry in a file with the output of `dronecats verify --json`. Raises UsageError for other files."""
     try:
         data = path.read_bytes()
         if len(data) > ENTRY_MAX:
@@ -45,7 +45,7 @@ def entry(path: Path) -> Verification:
 
 
 def page(entries: Iterable[Verification]) -> str:
-    """Return the page. Raises UsageError when an entry was not verified, or occurs twice."""
+    """Return the page as Markdown. Raises UsageError if an entry is not verified, or occurs twice."""
     ordered = sorted(entries, key=lambda entry: (entry.name, entry.archive_sha256))
     for entry in ordered:
         if not entry.verified:
@@ -158,7 +158,7 @@ def _agent(entry: Verification) -> str:
 
 
 def _by_one_agent(entries: Sequence[Verification], by: str) -> list[str]:
-    """Return a table for each suite, then the tables of earlier benchmark versions, then that of partial entries."""
+    """Return a table for each suite, then for earlier benchmark versions, then a table of partial entries."""
     complete = [entry for entry in entries if entry.suite in SUITE_TITLES and not entry.partial]
     tables = []
     for is_present, when in ((True, ""), (False, f", version {VERSION - 1} or earlier")):

@@ -1,6 +1,7 @@
-"""Packs run folders into an archive: the flights of one pilot under one configuration, complete or marked as partial.
+"""Packs run folders into an archive: the flights of one pilot under one configuration.
 
-API keys, and the folders of absolute paths, are removed from the packed files.
+An archive with missing episodes or unscored flights is marked as partial. The packed files have no API keys, and no
+folders of absolute paths.
 """
 
 import hashlib
@@ -36,7 +37,7 @@ from foundation.redaction import HIDDEN, keyless_environment, redacted, without,
 from foundation.run_folder import layout
 from foundation.run_folder.results import SCORED
 
-# Patterns of vendors' keys. They also find keys that are no longer in an environment variable.
+# Patterns of the vendors' API keys; they also find keys that are no longer in an environment variable.
 KEYS = re.compile(
     r"\b(?:sk-[\w-]{16,}|AIza[\w-]{30,}|(?:hf|gsk|r8|nvapi)[_-][\w-]{20,}|xai-\w{20,}|gh[pousr]_\w{30,}|AKIA[0-9A-Z]{16}"
     r"|eyJ[\w-]{10,}\.[\w-]{10,}\.[\w-]*)|(?<=Bearer )[\w.~+/-]{12,}=*"
@@ -46,13 +47,13 @@ PATHS = re.compile(rf"(?:file://|(?<![\w./~*:])|(?<=\w:)(?!//))/(?:{_PIECE}+/)+(
 
 
 def secrets_of(environment: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the values of the environment variables whose names are those of keys."""
+    """Return the values of the environment variables that hold API keys, according to their names."""
     plain = keyless_environment(environment)
     return worth_hiding(*(value for name, value in environment.items() if name not in plain))
 
 
 class Scrubber:
-    """Removes secrets, text that looks like a key, and the folders of absolute paths; it keeps the file names."""
+    """Removes secrets, text that looks like a key, and the folders of absolute paths (file names stay)."""
 
     def __init__(self, secrets: Sequence[str] = (), folders: Sequence[PurePosixPath] = ()) -> None:
         self._secrets = tuple(secrets)
@@ -62,7 +63,7 @@ class Scrubber:
     def text(self, text: str) -> str:
         """Return the scrubbed text."""
         text = KEYS.sub(HIDDEN, redacted(text, *self._secrets))
-        for folder in self._folders:  # before PATHS: names of these folders may have blanks
+        for folder in self._folders:  # before PATHS, because names of these folders may have blanks
             text = text.replace(f"{folder}/", "").replace(folder, PurePosixPath(folder).name)
         return PATHS.sub(r"\1", text)
 
@@ -113,7 +114,7 @@ class _Contents:
     scrubbed: list[str] = field(default_factory=list)
 
     def add(self, name: str, path: Path, clean: Callable[[bytes], bytes]) -> None:
-        """Add a file, cleaned by `clean`."""
+        """Add a file with the contents that `clean` returns."""
         raw = path.read_bytes()
         data = clean(raw)
         if data != raw:
@@ -134,8 +135,8 @@ def submit(
 ) -> Manifest:
     """Write the archive of some runs and return its manifest. Equal runs give equal archives.
 
-    Raises UsageError when the runs are of several pilots or settings, when a suite is incomplete or not fully scored
-    (unless `partial`), and when the archive cannot be written.
+    Raises UsageError if the runs have several pilots or settings, if the suite is incomplete or not fully scored
+    (unless `partial`), or if the archive cannot be written.
     """
     ordered = sorted(runs, key=lambda run: (run.seed, str(run.folder)))
     _check_one_entry(ordered)
@@ -178,7 +179,10 @@ def digest(data: bytes) -> FileDigest:
 
 
 def incompleteness_reason(flights: Sequence[Sequence[str]]) -> str | None:
-    """Return why flights (the episode ids of each) are not of one complete suite, as a sentence; None: they are."""
+    """Return the reason why some flights are not of one complete suite, as a sentence; None: they are.
+
+    `flights`: the episode ids of each flight.
+    """
     for ids in flights:
         own = [id for id in ids if id not in catalogue.all_ids()]
         if own:
@@ -198,12 +202,15 @@ def _size(suite: str) -> int:
 
 
 def suite_of(ids: Sequence[str]) -> str | None:
-    """Return the suite that has exactly these episodes; None: there is none."""
+    """Return the suite that has exactly these episodes; None: no such suite."""
     return next((suite for suite in catalogue.SUITES if sorted(ids) == catalogue.suite_ids(suite)), None)
 
 
 def common_suite(flights: Sequence[Sequence[str]]) -> str | None:
-    """Return the suite that each of the flights (the episode ids of each) has completely; None: there is none."""
+    """Return the suite of which every flight has exactly the episodes; None: no such suite.
+
+    `flights`: the episode ids of each flight.
+    """
     of_each = {suite_of(ids) for ids in flights}
     return of_each.pop() if len(of_each) == 1 else None
 
@@ -281,9 +288,9 @@ def _place(k: int) -> str:
 
 
 def _machine_folders(runs: Sequence[RecordedRun]) -> Iterator[PurePosixPath]:
-    """Yield the folders of this machine in which paths in the logs are likely to be."""
+    """Yield the folders of this machine that are likely to occur in paths in the logs."""
     yield PurePosixPath(os.getcwd())
-    with suppress(RuntimeError):  # a user id that has no home
+    with suppress(RuntimeError):  # the user has no home folder
         yield PurePosixPath(Path.home())
     for run in runs:
         yield PurePosixPath(run.folder)

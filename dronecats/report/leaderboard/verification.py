@@ -1,4 +1,4 @@
-"""Verifies an archive: judges its flights again, and lists the checks, the differences, and what cannot be checked."""
+"""Verifies an archive: judges its flights again, and lists the checks, the differences and the unchecked items."""
 
 import hashlib
 import math
@@ -26,8 +26,8 @@ from foundation.run_folder.reading import json_object
 from foundation.run_folder.results import SCORED, Verdict
 from foundation.wording import printable
 
-SHOWN_MAX = 50  # sentences
-SHOWN_CHARS = 200  # of a setting
+SHOWN_MAX = 50  # sentences about differences
+SHOWN_CHARS = 200  # letters of a setting
 OTHER_CELL = "other"  # cell of records without a cell of the benchmark
 
 
@@ -39,7 +39,7 @@ class CellScore:
     successes: int
     oracle_successes: int
     declared: int
-    unscored: int  # neither a success nor a failure
+    unscored: int  # number of flights that are neither a success nor a failure
     ne_m: float | None  # m, mean navigation error of the scored flights; None: unknown
 
 
@@ -52,17 +52,17 @@ class Verification:
     pilot: str
     is_model: bool
     suite: str | None
-    partial: str | None  # a sentence about what is missing or broken
-    flights: int  # of each episode
+    partial: str | None  # a sentence about what is missing or broken; None: complete
+    flights: int  # number of flights of each episode
     steps: int
-    settings: dict[str, Any]  # that distinguish entries of one pilot
+    settings: dict[str, Any]  # settings that distinguish entries of one pilot
     cells: dict[str, CellScore]
     interval: tuple[float, float]  # 95 % interval of the total success rate, 0 … 1; episodes are the unit
     identity: str
     archive_sha256: str
     archive_bytes: int
-    dronecats: str  # version that wrote the archive
-    verified: bool  # nothing differs
+    dronecats: str  # version of dronecats that wrote the archive
+    verified: bool  # True: no differences
     differences: tuple[str, ...]
     checked: tuple[str, ...]
     unchecked: tuple[str, ...]
@@ -71,8 +71,8 @@ class Verification:
 def verify(path: Path, reread: Rereading) -> Verification:
     """Check an archive against its manifest and the shipped records, and return the result.
 
-    `reread` parses the replies again. Files are unpacked only to a temporary folder. Raises UsageError when the file is
-    not such an archive, or is malicious.
+    `reread` parses the replies again. The archive is unpacked only to a temporary folder. Raises UsageError if the file
+    is not such an archive, or is malicious.
     """
     try:
         with path.open("rb") as file, tempfile.TemporaryDirectory(prefix="dronecats-verify-") as place:
@@ -83,7 +83,7 @@ def verify(path: Path, reread: Rereading) -> Verification:
         raise UsageError(f"{error.filename or path} cannot be read or unpacked: {error.strerror}") from None
     except UsageError as wrong:
         raise UsageError(f"{path}: {_on_one_line(str(wrong))}") from None
-    except (OverflowError, RecursionError):  # JSON allows numbers of any length, lists of any depth
+    except (OverflowError, RecursionError):  # JSON allows numbers of any length and lists of any depth
         raise UsageError(f"{path}: it has a number or a list that is impossible in a flight") from None
 
 
@@ -99,7 +99,7 @@ def _verification(
         _check_run(place / submitted.folder / layout.RUN)
     runs = [recorded_run(place / run.folder) for run in manifest.runs]
     verdicts: list[tuple[str, Verdict]] = []  # by cell
-    flights: dict[str, list[bool]] = {}  # by episode: whether each scored flight succeeded
+    flights: dict[str, list[bool]] = {}  # episode → whether each scored flight succeeded
     for run, submitted in zip(runs, manifest.runs, strict=True):
         judged = judge_run(run.folder, reread=reread)
         for episode in judged.keys() & {*submitted.episodes}:
@@ -203,7 +203,7 @@ def _record_differences(run: RecordedRun, episode: str) -> Iterator[str]:
 
 
 def _verdict_differences(run: RecordedRun, episode: str, judged: Judged) -> Iterator[str]:
-    """Yield the differences of the stored verdict and the contradictions in the logs."""
+    """Yield the differences between the stored and the new verdict, and the contradictions in the logs."""
     stored = json_object(run.folder / episode / layout.VERDICT)
     if stored is None:
         yield f"{layout.VERDICT} is missing"
@@ -262,7 +262,7 @@ SETTING_KEYS = ("command", "commander", "scripted", "latency", "parser", "drones
 
 
 def _settings(configuration: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that distinguish entries of one pilot, with the sampling of a model."""
+    """Return the settings that distinguish entries of one pilot, including the settings of a model."""
     flight = configuration.get("flight")
     settings = {key: flight[key] for key in SETTING_KEYS if isinstance(flight, dict) and flight.get(key) is not None}
     model = flight.get("model") if isinstance(flight, dict) else None
@@ -275,7 +275,7 @@ def _settings(configuration: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _shown(value: Any, depth: int = 3) -> Any:
-    """Return a setting of any type, shortened and safe to print."""
+    """Return a setting of any type in a short form that is safe to print."""
     if isinstance(value, dict) and depth:
         return {_on_one_line(key)[:SHOWN_CHARS]: _shown(inner, depth - 1) for key, inner in value.items()}
     if value is None or isinstance(value, bool) or (isinstance(value, int | float) and abs(value) < LARGE):
@@ -284,7 +284,7 @@ def _shown(value: Any, depth: int = 3) -> Any:
 
 
 def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> Iterator[str]:
-    """Yield a sentence for each thing that these files cannot prove."""
+    """Yield a sentence for each property that an archive cannot prove."""
     yield "the origin of truth.jsonl: another program can write consistent files"
     yield "the choice of flights: bad ones may be left out"
     yield "the code: it may differ from the version that it names"
@@ -305,7 +305,7 @@ def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> 
 
 
 def _unusual(configuration: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for each setting that differs from the benchmark's."""
+    """Yield a sentence for each setting that differs from that of the benchmark."""
     fields = configuration.get("flight")
     flight: Mapping[str, Any] = fields if isinstance(fields, dict) else {}
     if configuration.get("prompt_sha256") != Prompt.load().digest:

@@ -1,1 +1,1 @@
-"""The report's page: every flight of a benchmark in a browser, from the tables to a step, without a network."""
+"""The HTML page of a report. It shows every flight of a benchmark, from the tables to a step, without a network."""

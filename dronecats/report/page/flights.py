@@ -1,7 +1,7 @@
 """Makes the data of one flight for the page: prompts, decisions and truth, step by step.
 
-Times are vehicle seconds since the episode began, positions metres in the map's NED frame, headings degrees from north.
-Fields that are None are left out of the page. Numbers are rounded to the digits that the page shows.
+Times are in vehicle seconds since the episode began, positions in metres in the map's NED frame, headings in degrees
+from north. The page omits fields that are None. Numbers are rounded to the digits that the page shows.
 """
 
 import math
@@ -22,7 +22,7 @@ from foundation.run_folder.rows import Decision, EstimatedFrame, EstimatedPose, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShownTrace:
-    """The path of a drone, a sample every half second."""
+    """The path of a drone, with a sample every half second."""
 
     drone: int
     t: tuple[float, ...]  # s
@@ -36,7 +36,7 @@ class ShownTrace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShownPath:
-    """The path of the target; one sample if the target does not move."""
+    """The path of the target. It has one sample if the target does not move."""
 
     t: tuple[float, ...]  # s
     north: tuple[float, ...]  # m
@@ -70,21 +70,21 @@ class ShownTruth:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShownStep:
-    """One decision of one drone. Texts are indices into the flight's texts."""
+    """One decision of one drone. `reply`, `parts` and `history` are indices into the flight's texts."""
 
     step: int
     drone: int
     frame: int
-    t: float  # s, of the picture
-    decided: float  # s
+    t: float  # s, time of the picture
+    decided: float  # s, time of the decision
     action: dict[str, Any] | None
     does: str  # the action in words
     says: str | None  # the action in the prompt's compact form
     error: str | None
     reply: int | None
-    parts: tuple[int, ...] | None  # of the prompt, before and after the history
+    parts: tuple[int, ...] | None  # the parts of the prompt before and after the history
     history: int | None
-    picture: str | None
+    picture: str | None  # address of the picture
     latency: float | None  # s
     tokens_in: int | None
     tokens_out: int | None
@@ -102,8 +102,8 @@ class ShownExchange:
     """A question to a commander and its effects."""
 
     number: int
-    asked: float  # s
-    answered: float | None  # s
+    asked: float  # s, time of the question
+    answered: float | None  # s, time of the answer
     causes: tuple[str, ...]
     orders: tuple[str, ...]
     confirms: tuple[int, ...]
@@ -121,13 +121,13 @@ class ShownFlight:
     """The data of one flight of one episode for the page."""
 
     instruction: str
-    named: str  # the target, in a few words
+    named: str  # name of the target in a few words
     drones: int
-    estimated: bool  # a flight without truth: positions are the autopilot's estimates
+    estimated: bool  # True: flight without truth, positions are the autopilot's estimates
     delta: float  # m, success radius
-    end: float  # s
+    end: float  # s, end of the flight
     hfov: float  # °
-    aspect: float  # width of a picture / its height
+    aspect: float  # width / height of a picture
     traces: tuple[ShownTrace, ...]
     path: ShownPath | None
     candidates: tuple[ShownLookAlike, ...]
@@ -137,7 +137,7 @@ class ShownFlight:
 
 
 def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> ShownFlight:
-    """Return a flight for the page. Raises UsageError when a log of its folder is damaged."""
+    """Return a flight for the page. Raises UsageError if a log is damaged."""
     logs, camera = flight.logs, flight.camera
     poses: Sequence[Pose | EstimatedPose] = logs.poses if logs.true else flight.estimated_poses
     times = (*(pose.t for pose in poses), *(decision.t_decided for decision in logs.decisions))
@@ -212,14 +212,14 @@ def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> ShownFlight
 
 
 class _Texts:
-    """The unique texts of a flight. Drones of a fleet share a reply, and parts of successive prompts are equal."""
+    """The texts of a flight without duplicates: fleets share replies, and successive prompts have equal parts."""
 
     def __init__(self) -> None:
         self.all: list[str] = []
         self._numbers: dict[str, int] = {}
 
     def number(self, text: str) -> int:
-        """Return the index of a text; a new text is added."""
+        """Return the index of a text. Adds a new text."""
         if text not in self._numbers:
             self._numbers[text] = len(self.all)
             self.all.append(text)
@@ -279,7 +279,7 @@ def _path(poses: Sequence[Pose | EstimatedPose]) -> ShownPath | None:
 
 
 def _look_alikes(entries: Any) -> tuple[ShownLookAlike, ...]:
-    """Return the look-alikes in a record that have a place."""
+    """Return the look-alikes that have a position in a record."""
     look_alikes = []
     for entry in entries if isinstance(entries, list) else ():
         place = entry.get("position_ned") if isinstance(entry, dict) else None
@@ -302,6 +302,6 @@ def _rounded_or_none(digits: int, value: float | None) -> float | None:
 
 
 def _rounded(digits: int, value: float) -> float:
-    """Return a rounded number, as an integer where possible: 3 is shorter than 3.0."""
+    """Return a rounded number, as an integer if possible: 3 is shorter than 3.0."""
     rounded = round(float(value), digits)
     return int(rounded) if rounded == int(rounded) else rounded

@@ -1,4 +1,4 @@
-"""Writes the page of a report: index.html, and files beside it with the flights and pictures, loaded on demand."""
+"""Writes the page of a report: index.html, and separate files of flights and pictures, which it loads on demand."""
 
 import html
 import json
@@ -37,7 +37,7 @@ from episodes.records.record import CELLS
 from foundation.errors import UsageError
 from foundation.files import whole_file
 
-RESERVED = ("of",)  # first words of addresses that are not a run's
+RESERVED = ("of",)  # first words of addresses that cannot be the key of a run
 SETTING_KEYS = (
     "command",
     "scripted",
@@ -48,12 +48,12 @@ SETTING_KEYS = (
     "seed",
     "seconds",
     "full",
-)  # of a flight
+)  # keys of a flight's configuration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageEntrant:
-    """An entrant: runs that differ only in their seed."""
+    """An entrant: all runs that differ only in their seed."""
 
     key: str
     title: str
@@ -68,7 +68,7 @@ class PageRun:
     key: str
     entrant: int
     seed: int
-    rendered: bool  # whether its frames were rendered; others are grey
+    rendered: bool  # True: rendered frames; False: grey frames
     settings: tuple[tuple[str, str], ...]
 
 
@@ -82,14 +82,14 @@ class PageEpisode:
     map: str
     cell: str
     outcome: str
-    mode: str | None  # how it ended, success or its failure mode
-    counted: bool  # scored, and not left out
+    mode: str | None  # success or the failure mode; None: not scored
+    counted: bool  # scored, and not excluded from the report
     error: str | None
     steps: int | None
     declarations: int | None
-    ground: str  # key of the picture of its map; empty: there is none
-    shown: bool  # whether the page has its steps
-    values: tuple[MetricValue, ...]  # of the metrics, in their order
+    ground: str  # key of the picture of the map; empty: no picture
+    shown: bool  # whether the page has the steps of the flight
+    values: tuple[MetricValue, ...]  # in the order of `PageIndex.metrics`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,7 +104,7 @@ class PageMetric:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageIndex:
-    """The data that the page reads when it opens."""
+    """The data that the page reads when a browser opens it."""
 
     made: str
     cells: tuple[str, ...]
@@ -112,14 +112,14 @@ class PageIndex:
     entrants: tuple[PageEntrant, ...]
     runs: tuple[PageRun, ...]
     episodes: tuple[PageEpisode, ...]
-    outcomes: Mapping[str, tuple[str, str]]  # outcome → its mark and its word
+    outcomes: Mapping[str, tuple[str, str]]  # outcome → mark and word
     grounds: dict[str, GroundPicture]
     embedded: bool
-    pictures: str  # a sentence about pictures that were left out; empty: none
+    pictures: str  # a sentence about omitted pictures; empty: none are omitted
 
 
 def keys(names: Sequence[str]) -> list[str]:
-    """Return a unique word for each name. The words are valid in file names and addresses."""
+    """Return a unique key for each name. The keys are valid in file names and addresses."""
     taken: set[str] = set(RESERVED)
     result = []
     for name in names:
@@ -135,7 +135,7 @@ def keys(names: Sequence[str]) -> list[str]:
 def _page_runs(collection: Collection) -> tuple[list[PageRun], list[PageEntrant]]:
     """Return the runs in the order of the collection, and their entrants in the order of the tables.
 
-    Raises UsageError when two records have one id.
+    Raises UsageError if two records have the same id.
     """
     places = {run.folder: number for number, run in enumerate(collection.runs)}
     found_entrants = entrants(collection, pool_anyway=True)
@@ -189,9 +189,9 @@ def _page_episode(
 
 
 def script_json(value: Any) -> str:
-    """Return a value as JSON that is safe in a script element or file, with any text.
+    """Return a value as JSON that is safe in a script element or file, whatever text it has.
 
-    Fields of dataclasses that are None are left out.
+    Omits fields of dataclasses that are None.
     """
     text = json.dumps(value, default=_fields, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
@@ -203,7 +203,7 @@ def _fields(value: Any) -> dict[str, Any]:
 
 
 def _page_metrics(collection: Collection) -> list[PageMetric]:
-    """Return the metrics of episodes: the registry's, then the user's own metrics, with only their names."""
+    """Return the metrics of episodes: those of the registry, then the user's own metrics (only names)."""
     ours = [metric for metric in METRICS.values() if metric.level == "episode"]
     own = {name for scored in collection.episodes for name in scored.values} - {*METRICS}
     return [
@@ -243,7 +243,7 @@ def _settings(run: RecordedRun) -> tuple[tuple[str, str], ...]:
 
 
 PAGE = "index.html"
-DATA = "data"  # folder of the flights, a script each, because a page on a disk can load only scripts
+DATA = "data"  # folder with a script for each flight; a page on a local disk can load only scripts
 TITLE = "DroneCATS report"
 KEYS_BUTTON = '<button type="button" id="keys" class="tool" aria-haspopup="dialog" title="Keyboard (?)">Keys</button>'
 MORE = """<noscript><p>This page needs JavaScript. It loads nothing from the network.</p></noscript>
@@ -258,9 +258,10 @@ def write_page(
 ) -> Path:
     """Write the page of a collection into the folder `out`, and return its path, out/index.html.
 
-    Flights and pictures are beside the page, in data/ and pictures/. `embed` puts them into the page itself, with
-    smaller pictures, and at most as many as a browser can open at once. `every`: keep only the pictures of every n-th
-    step, the first and the last step, and the declarations. Raises UsageError when the page cannot be written.
+    The function writes flights and pictures to the folders data/ and pictures/ in `out`. With `embed`, it puts them
+    into the page itself, with smaller pictures, and at most as many as a browser can open at once. `every`: keep only
+    the pictures of every n-th step, the last step and the declarations. Raises UsageError if the page cannot be
+    written.
     """
     try:
         return _write(collection, tables, out, embed, every)
@@ -284,7 +285,7 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
         if scored.verdict is not None:
             try:
                 data = _flight(scored, scored.verdict.delta_m, key, out, embed, every)
-            except UsageError as error:  # in a log that does not affect the verdict
+            except UsageError as error:  # a damaged log that does not affect the verdict
                 damage = str(error)
         if data is not None and embed:
             blocks[key] = data
@@ -324,7 +325,7 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
 
 
 def _sections(tables: Sequence[ReportTable], entrants: Sequence[PageEntrant]) -> str:
-    """Return the tables as HTML, their rows linked to their flights."""
+    """Return the tables as HTML, with links from the rows to the flights."""
     keys = {entrant.title: entrant.key for entrant in entrants}
     sections = []
     for table in tables:
@@ -340,7 +341,7 @@ def _sections(tables: Sequence[ReportTable], entrants: Sequence[PageEntrant]) ->
 
 
 def _linked(row: TableRow, columns: Sequence[TableColumn], keys: Mapping[str, str]) -> TableRow:
-    """Return a row with links from its name to its entrant, and from its values to their cell of the grid."""
+    """Return a row with links: from the name to the entrant, and from the values to their cells of the grid."""
     key = keys.get(row.entrant)
     if key is None:
         return row
@@ -351,7 +352,7 @@ def _linked(row: TableRow, columns: Sequence[TableColumn], keys: Mapping[str, st
 
 
 def _named(collection: Collection) -> list[str]:
-    """Return a key for each episode, unique in its run."""
+    """Return a key for each episode; keys are unique within a run."""
     names: dict[Path, list[str]] = {}
     for scored in collection.episodes:
         names.setdefault(scored.run.folder, []).append(scored.folder.resolve().name)

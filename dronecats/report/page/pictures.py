@@ -1,4 +1,4 @@
-"""Provides the pictures of a page: the pilots' frames, beside or in the page, and maps from above."""
+"""Provides the pictures of a page: the pilots' frames, as files or embedded, and maps from above."""
 
 import base64
 import json
@@ -20,23 +20,23 @@ from foundation.run_folder import layout
 from foundation.run_folder.rows import Decision
 
 FOLDER = "pictures"
-# limits of embedded pictures: a browser can open this many at once (50 MB), and they are still clear
+# limits of embedded pictures: a browser can open this many at once (50 MB), and the pictures are still clear
 EMBEDDED_MAX = 5000
 EMBEDDED_WIDTH_PX = 480
 EMBEDDED_QUALITY = 60  # of WebP: about 9 kB per picture
 
-PictureAddress = Callable[[Decision], str | None]  # returns the address of a decision's frame; None: there is none
+PictureAddress = Callable[[Decision], str | None]  # returns the address of a decision's frame; None: no frame
 
 
 def embedding_stride(runs: Sequence[RecordedRun]) -> int:
-    """Return the stride of the steps whose pictures can be embedded; 1: all of them."""
+    """Return n such that the pictures of every n-th step can be embedded; 1: all pictures."""
     folders = [folder / layout.FRAMES for run in runs if run.is_rendered for folder in run.episodes]
     total = sum(len(os.listdir(folder)) for folder in folders if folder.is_dir())
     return max(1, math.ceil(total / EMBEDDED_MAX))
 
 
 def selected_frames(decisions: Sequence[Decision], every: int) -> set[tuple[int, int]]:
-    """Return the (drone, frame id) of the pictures to keep: every n-th step, the first, the last, and declarations."""
+    """Return the (drone, frame id) of the pictures to keep: every n-th step, the last step, and declarations."""
     steps = sorted({decision.step for decision in decisions})
     chosen = {*steps[::every], *steps[-1:]}
     return {(d.drone, d.frame_id) for d in decisions if d.step in chosen or d.kind == FINISHED}
@@ -45,8 +45,7 @@ def selected_frames(decisions: Sequence[Decision], every: int) -> set[tuple[int,
 def linked_pictures(out: Path, place: Path, folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
     """Return a function that puts a decision's picture into `out`/`place`, and returns its address relative to `out`.
 
-    The pictures are hard links, which need no space, or copies if the file system has no hard links. The function
-    raises OSError.
+    The pictures are hard links, or copies if the file system does not allow hard links. The function raises OSError.
     """
     there = out / place
     there.mkdir(parents=True, exist_ok=True)
@@ -69,7 +68,7 @@ def linked_pictures(out: Path, place: Path, folder: Path, wanted: set[tuple[int,
 
 
 def embedded_pictures(folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
-    """Return a function that returns a decision's picture as a data: URL, of reduced size."""
+    """Return a function that returns a decision's picture in reduced size, as a data: URL."""
 
     def address(decision: Decision) -> str | None:
         source = _frame(folder, decision, wanted)
@@ -87,7 +86,7 @@ def embedded_pictures(folder: Path, wanted: set[tuple[int, int]]) -> PictureAddr
 
 
 def no_pictures(decision: Decision) -> None:
-    """Return None, the address of a picture in runs without pictures."""
+    """Return None: the `PictureAddress` of runs without pictures."""
 
 
 def _frame(folder: Path, decision: Decision, wanted: set[tuple[int, int]]) -> Path | None:
@@ -99,8 +98,8 @@ def _frame(folder: Path, decision: Decision, wanted: set[tuple[int, int]]) -> Pa
 
 GROUND_PX = 1500
 GROUND_QUALITY = 62
-MARGIN_M = 12.0  # around the map's objects
-MAPS = 12  # at most, to limit the size of a page
+MARGIN_M = 12.0  # m, margin around the map's objects
+MAPS = 12  # largest number of maps, to limit the size of a page
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,11 +109,11 @@ class GroundPicture:
     north: float  # m NED, of the centre
     east: float  # m NED, of the centre
     half: float  # m, from the centre to a side
-    picture: str  # a data: address
+    picture: str  # data: URL
 
 
 def ground_key(folder: Path) -> str:
-    """Return the map of an episode's folder as map/seed; empty: not known."""
+    """Return the map of an episode folder as map/seed; empty: unknown."""
     try:
         record = json.loads((folder / layout.EPISODE).read_text(encoding="utf-8"))
         return f"{record['map']}/{int(record.get('map_seed', 1))}"
@@ -123,7 +122,7 @@ def ground_key(folder: Path) -> str:
 
 
 def grounds(wanted: Iterable[str]) -> dict[str, GroundPicture]:
-    """Return the pictures by `ground_key`, at most MAPS, without maps that this machine cannot draw."""
+    """Return the pictures of maps by `ground_key`: at most MAPS, and only maps that this machine can draw."""
     pictures = {}
     for key in sorted({*wanted} - {""})[:MAPS]:
         name, _, seed = key.rpartition("/")
@@ -135,7 +134,7 @@ def grounds(wanted: Iterable[str]) -> dict[str, GroundPicture]:
 
 
 def ground(name: str, seed: int) -> GroundPicture:
-    """Return the picture of a map. Raises UsageError for a name that is no map, ImportError without a renderer."""
+    """Return the picture of a map. Raises UsageError for an unknown map, ImportError without a renderer."""
     from episodes import maps
     from episodes.authoring.scene_pictures import from_above
 

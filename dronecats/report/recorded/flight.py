@@ -1,6 +1,6 @@
 """Reads a flight from its folder: its logs, telemetry, tracks and world.
 
-Film, replay, export, report and study use this module. Slow parts of a flight are read at their first use.
+Film, replay, export, report and study use this module. It reads the slow parts of a flight at their first use.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import exchanges
 from foundation.run_folder.rows import Decision, EstimatedPose, Exchange, FrameTruth, Pose
 
-if TYPE_CHECKING:  # slow to import, and rarely needed
+if TYPE_CHECKING:  # slow to import, rarely needed
     from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
     from episodes.maps.assets.multirotor import Outline
     from episodes.world.world import World
@@ -37,12 +37,12 @@ class SeenFrame:
 
     drone: int
     frame_id: int
-    t_s: float  # s, when it was taken
+    t_s: float  # s, time of the picture
     jpeg: Path
 
 
 def action_of(decision: Decision) -> Action | None:
-    """Return the action of a decision; None: it has no valid action."""
+    """Return the action of a decision; None: no valid action."""
     try:
         return action_from(decision.action)
     except ActionError:
@@ -50,16 +50,16 @@ def action_of(decision: Decision) -> Action | None:
 
 
 class RecordedFlight(JudgedFlight):
-    """One flight of one episode. Times are s since the episode began, positions m in the map's NED frame."""
+    """One flight of one episode. Times are in s since the episode began, positions in m in the map's NED frame."""
 
     @cached_property
     def run(self) -> RecordedRun:
-        """Its run, with only this episode. Raises UsageError when a newer version wrote run.json."""
+        """The flight's run, with only this episode. Raises UsageError if a newer version wrote run.json."""
         return recorded_run(self.folder)
 
     @property
     def instruction(self) -> str:
-        """The instruction to the pilot; empty: not known."""
+        """The instruction to the pilot; empty: unknown."""
         return str(self.record.get("instruction") or self.run.flight.get("instruction") or "")
 
     @cached_property
@@ -83,7 +83,7 @@ class RecordedFlight(JudgedFlight):
         return replace(self.camera, pitch_deg=pitches[max(before)]) if before else self.camera
 
     def camera_changes(self, drone: int) -> list[tuple[float, CameraModel]]:
-        """Return the camera at 0 s, and at each time (s) at which a gimbal has changed its pitch."""
+        """Return (time in s, camera) at 0 s and at each frame for which a gimbal has changed the pitch."""
         changes = [(0.0, self.camera_at(drone, 0.0))]
         for t_s in sorted(frame.t for frame in self.logs.frames.values() if frame.drone == drone):
             if (camera := self.camera_at(drone, t_s)) != changes[-1][1]:
@@ -92,12 +92,12 @@ class RecordedFlight(JudgedFlight):
 
     @property
     def t0_us(self) -> int:
-        """µs, the vehicle's clock when the episode began."""
+        """The vehicle's time (µs) at the beginning of the episode; 0 if the episode did not begin."""
         return self.logs.begin.t0_us if self.logs.begin else 0
 
     @cached_property
     def end_s(self) -> float:
-        """s, end of the flight; if no end is logged, the last time in the logs."""
+        """The end of the flight (s); without a logged end, the last time in the logs."""
         if self.logs.end:
             return self.logs.end.t
         times = [pose.t for pose in self.logs.poses] + [pose.t for pose in self.estimated_poses]
@@ -128,7 +128,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def frames(self) -> tuple[SeenFrame, ...]:
-        """The pictures of all decisions, by time; (): none were kept. Raises UsageError if one is missing."""
+        """The pictures of all decisions, by time; (): no pictures. Raises UsageError if a picture is missing."""
         if not any((self.folder / layout.FRAMES).glob("*.jpg")):
             return ()
         seen: dict[tuple[int, int], SeenFrame] = {}
@@ -147,7 +147,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def world(self) -> "World":
-        """The world of the episode. Raises UsageError when its record or map is missing."""
+        """The world of the episode. Raises UsageError if the record or the map is missing."""
         from episodes.records import record
         from episodes.world.world import World
 
@@ -163,7 +163,10 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def map_origin(self) -> Vec3 | None:
-        """lat °, lon °, alt m above mean sea level of the map's frame; None: no map. Raises UsageError."""
+        """The origin of the map's frame: lat °, lon °, alt m above mean sea level; None: no map.
+
+        Raises UsageError for an unknown map.
+        """
         if not self.map:
             return None
         from episodes import maps
@@ -173,7 +176,10 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def origin(self) -> Vec3 | None:
-        """The map's origin; without a map, the first origin from an autopilot; None: unknown. Raises UsageError."""
+        """The map's origin; without a map, the first origin from an autopilot; None: unknown.
+
+        Raises UsageError for an unknown map, or if flight.tlog cannot be read.
+        """
         origins = (drone.origin for drone in self.telemetry.values() if drone.origin)
         return self.map_origin or next(origins, None)
 
@@ -181,7 +187,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def telemetry(self) -> Mapping[int, DroneTelemetry]:
-        """The messages of flight.tlog, by drone; {}: there is none. Raises UsageError when it cannot be read."""
+        """The messages of flight.tlog, by drone; {}: no flight.tlog. Raises UsageError if it cannot be read."""
         return telemetry(self.folder / layout.TLOG, self.t0_us)
 
     @cached_property
@@ -193,7 +199,7 @@ class RecordedFlight(JudgedFlight):
     def true_tracks(self) -> Mapping[int, "FlightTrack"]:
         """The true track of each drone: from the truth bus, else from the onboard log, else from truth.jsonl.
 
-        {}: a flight without truth. Raises UsageError when flight.tlog cannot be read.
+        Empty for a flight without truth. Raises UsageError when flight.tlog cannot be read.
         """
         from dronecats.report.recorded.tracks import track_of_rows
 
@@ -203,7 +209,7 @@ class RecordedFlight(JudgedFlight):
         return {drone: track for drone, track in tracks.items() if track is not None}
 
     def _measured_track(self, drone: int) -> "FlightTrack | None":
-        """Return the true track with attitudes; None: no log has one, or the map is missing."""
+        """Return the true track with attitudes; None: no log has such a track, or the map is missing."""
         from dronecats.report.recorded import tracks
 
         map_origin: Vec3 | None = None
@@ -215,7 +221,7 @@ class RecordedFlight(JudgedFlight):
         if track := tracks.true_track(samples, self.t0_us):
             return track
         kept = tracks.onboard_log_path(self.folder, drone)
-        with suppress(UsageError):  # a damaged log: truth.jsonl is used
+        with suppress(UsageError):  # for a damaged onboard log, the caller uses truth.jsonl
             return tracks.onboard_true_track(kept, self.t0_us, map_origin) if kept else None
         return None
 
@@ -231,7 +237,7 @@ class RecordedFlight(JudgedFlight):
         for drone in range(max(self.telemetry, default=0) + 1):
             track = tracks.estimated_track(self.telemetry[drone]) if drone in self.telemetry else None
             kept = tracks.onboard_log_path(self.folder, drone)
-            with suppress(UsageError):  # a damaged log: telemetry is used
+            with suppress(UsageError):  # for a damaged onboard log, use the telemetry
                 track = (tracks.onboard_estimated_track(kept, self.t0_us) if kept else None) or track
             if track is not None:
                 estimated[drone] = track
@@ -239,7 +245,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def tracks(self) -> Mapping[int, "FlightTrack"]:
-        """The tracks for drawing, by drone: the true ones, or the estimated ones of a flight without truth.
+        """The tracks for drawing, by drone: the true tracks; for a flight without truth, the estimated tracks.
 
         Raises UsageError when flight.tlog cannot be read.
         """
@@ -263,7 +269,10 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def drone_tracks(self) -> "tuple[DroneTracks, ...]":
-        """The estimated and true tracks of each drone during the episode, by its number. Raises UsageError."""
+        """The estimated and true tracks of each drone during the episode, by drone number.
+
+        Raises UsageError if flight.tlog cannot be read.
+        """
         from dronecats.report.recorded.tracks import drone_tracks
 
         numbers = {row.drone for row in self.logs.decisions} | {row.drone for row in self.logs.poses}
@@ -280,7 +289,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def target_track(self) -> "FlightTrack | None":
-        """The track of the target's centre in truth.jsonl."""
+        """The track of the target's centre in truth.jsonl; None without one."""
         from dronecats.report.recorded.tracks import target_track
 
         return target_track(self.truth_rows)

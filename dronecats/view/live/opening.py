@@ -29,9 +29,10 @@ class WantedPage:
 def opened(
     view: WantedPage | None, source: Path | WatchedWires, title: str, report: Callable[[str], None]
 ) -> Iterator[None]:
-    """Show the flights below a folder, or of a simulator, while the body runs. `view` None: show no page.
+    """Show the flights of a folder or of a simulator on a live page while the body runs. `view` None: show no page.
 
-    `report` takes the page's address, or the error if the page cannot be opened. The body runs in both cases.
+    `report` is called with the page's address, or with the error if the page cannot be opened. The body runs in both
+    cases.
     """
     if view is None:
         yield

@@ -86,7 +86,7 @@ class FlightPanels:
         self._server.flush()
 
     def forget(self) -> None:
-        """Clear the cache of sent content, so that the next moment, of another flight, is sent completely."""
+        """Clear the cache of sent content, so that `show` sends the next moment completely."""
         self._sent.clear()
 
     def _wanted(self) -> int | None:
@@ -95,7 +95,7 @@ class FlightPanels:
         return named.get(self._follow.value)
 
     def show_wanted(self, judge: bool, followed: int | None) -> None:
-        """Show the choices of another control, such as a key. `on_judge` and `on_follow` are not called."""
+        """Show choices made with another control, such as a key. Calls neither `on_judge` nor `on_follow`."""
         self.judge_shown = judge
         name = NO_DRONE if followed is None else drone_label(followed)
         for field, value in ((self._judge, judge), (self._follow, name)):
@@ -131,7 +131,7 @@ def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
 
 
 def _pictured(drone: DroneMoment) -> tuple[int | None, int | None]:
-    """Return the ids of a drone's shown picture, and of the decision whose point is marked in it."""
+    """Return the frame id of a drone's shown picture, and the step of the decision whose point is marked in it."""
     picture, decision = newest_decided(drone)
     return (picture.frame_id if picture else None, decision.step if decision else None)
 
@@ -147,7 +147,7 @@ NO_PICTURE = (
 
 
 def frame_html(drone: DroneMoment, label: str) -> str:
-    """Return a picture as HTML: a newer one without decision, or that of the newest decision with its point marked."""
+    """Return a drone's newest picture as HTML. If the newest decision was made on it, mark the decision's point."""
     picture, decision = newest_decided(drone)
     if picture is None:
         body = NO_PICTURE

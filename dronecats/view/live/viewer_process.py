@@ -115,7 +115,7 @@ class LivePage:
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
         self._shown: LiveFlight | None = None
-        self._folder: Path | None = None  # of the shown flight
+        self._folder: Path | None = None  # the folder of the shown flight
         self._ground: object = None  # identifies the shown map
         self._listed: object = None
         server.gui.main_panel.dock_right()
@@ -146,7 +146,7 @@ class LivePage:
             self._shown.turn()
 
     def _open(self, folder: Path, kept: WantedView | None) -> LiveFlight:
-        """Open a flight, which may take seconds to build its world."""
+        """Open a flight. Building its world may take seconds."""
         world = load_world(folder)
         drones = len(world.record.starts) if world is not None else 1
         follower = FlightFollower(folder, world, drones)
@@ -205,7 +205,7 @@ class FolderPage:
 
 
 class FlightViewer:
-    """The child process of a page. It is read-only, so the flight continues if it hangs or dies."""
+    """The child process that serves a page. It only reads, so the flight continues if this process hangs or dies."""
 
     def __init__(self, config: ViewerConfig) -> None:
         os.nice(NICE)

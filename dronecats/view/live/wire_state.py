@@ -31,7 +31,7 @@ class WirePose:
     """The pose of a drone, from the truth bus or from its autopilot."""
 
     time_us: int  # µs, vehicle clock
-    position_ned: Vec3  # m, map frame; from an autopilot, its own frame
+    position_ned: Vec3  # m, NED: in the map frame if `true`, else in the autopilot's local frame
     velocity_ned: Vec3  # m/s
     attitude: Quat  # FRD → NED
     true: bool
@@ -60,7 +60,7 @@ class WireState:
         self.time_us = 0  # µs, vehicle clock, of the newest frame
 
     def feed(self, frames: Sequence[tuple[int, bytes]]) -> None:
-        """Process (vehicle time of arrival in µs, frame)."""
+        """Process MAVLink frames, given as pairs (vehicle time of arrival in µs, frame)."""
         for time_us, frame in frames:
             component, number = frame[6], frame[7] | frame[8] << 8 | frame[9] << 16
             if component == TRUTH_COMPONENT and number == POSE:
@@ -121,7 +121,7 @@ class WireState:
         )
 
     def _drone_of(self, frame: bytes) -> DroneFrames:
-        """Return the drone of a frame. Without truth there is one vehicle, which may have any system id."""
+        """Return the drone that sent a frame. If the map is unknown, there is one drone, with any system id."""
         return self.drones.setdefault(0 if self._origin is None else frame[5] - 1, DroneFrames())
 
     def _truth(self, frame: bytes) -> WirePose | None:
@@ -132,7 +132,7 @@ class WireState:
         return WirePose(sample.time_us, sample.position_ned, sample.velocity_ned, sample.attitude, true=True)
 
     def _take(self, drone: DroneFrames) -> None:
-        """Decode the newest messages of an autopilot."""
+        """Decode the newest messages from a drone's autopilot, and update the drone's state."""
         placed = LOCAL_POSITION in drone.new
         for number, (time_us, frame) in drone.new.items():
             message = _decoded(frame)

@@ -49,7 +49,7 @@ class ReplayOrders(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class KeyBinding:
-    """The order that a key gives."""
+    """A key of the keyboard and the order that it gives."""
 
     shown: str  # name of the key in the help
     keys: tuple[tuple[str, str | None], ...]  # (the browser's name of the key, modifier)
@@ -57,7 +57,7 @@ class KeyBinding:
     order: Callable[[ReplayOrders], None]
 
 
-END_S = 1e9  # s, later than any flight's end, at which the clock stops
+END_S = 1e9  # s, later than the end of any flight; the clock stops at the end of the flight
 DECISION, DECLARATION, FAULT = OccurrenceKind.DECISION, OccurrenceKind.DECLARATION, OccurrenceKind.FAULT
 KEYS: tuple[KeyBinding, ...] = (
     KeyBinding("Space", (("space", None),), "play or pause", lambda o: o.toggle()),
@@ -206,7 +206,7 @@ class Controls:
         _write(self._caption, "" if view is None else "drawing …")
 
     def show_picture(self, picture: Picture | str, caption: str) -> None:
-        """Show the picture of a view, or a text with the reason why there is none."""
+        """Show the picture of a view, or a text that says why it cannot be drawn."""
         drawn = not isinstance(picture, str)
         if drawn:
             self._picture.image = picture
@@ -214,7 +214,7 @@ class Controls:
         _write(self._caption, f'<span class="again">{escape(caption if drawn else str(picture))}</span>')
 
     def show_keys(self, choices: str) -> None:
-        """Show the keys in a dialog, or close it."""
+        """Show the keys in a dialog. If the dialog is open, close it."""
         if self._modal is not None:
             self._modal.close()
             self._modal = None

@@ -28,7 +28,7 @@ from foundation.run_folder.rows import Decision, DroneNumber, Order, drone_label
 SAME_S = 1e-6  # s, the tolerance between times
 CALM = ("cap", "decided")  # normal reasons for the end of a flight
 OFFBOARD = "OFFBOARD"
-ENDING_S = 1.0  # s before the end of a flight, when the run itself may leave OFFBOARD
+ENDING_S = 1.0  # s before the end of a flight; the run itself may leave OFFBOARD then, which is no problem
 
 
 class OccurrenceKind(Enum):
@@ -159,11 +159,11 @@ class FlightMoments:
         return tuple(o for o in self.happened if o.kind is kind)
 
     def pose(self, drone: int, t_s: float) -> DronePose:
-        """Return the pose of a drone at a time (s); before the first sample the first pose, after the last the last."""
+        """Return the pose of a drone at a time (s). Outside the recorded times, this is the first or last pose."""
         return self.recorded.tracks[drone].at(t_s)
 
     def way(self, drone: int, t_s: float, every_s: float) -> list[Vec3]:
-        """Return the positions of a drone (m, NED) from 0 to a time, every `every_s`."""
+        """Return the positions of a drone (m, NED) from 0 to `t_s`, in time steps of `every_s` (s)."""
         places = self.recorded.tracks[drone].positions(np.append(np.arange(0.0, t_s, every_s), t_s))
         return [(float(north), float(east), float(down)) for north, east, down in places]
 
@@ -244,7 +244,7 @@ class FlightMoments:
         return self._pictures.setdefault((decision.drone, decision.frame_id), fresh)
 
     def _sight(self, decision: Decision | None) -> ChosenSight | None:
-        """Return the sight of a `go`; None for other decisions."""
+        """Return the ray to the point of a `go` action; None for other decisions."""
         go = chosen_go(decision) if decision else None
         if decision is None or go is None:
             return None
@@ -291,7 +291,7 @@ class FlightMoments:
 def flight_moments(path: Path) -> FlightMoments:
     """Return the flight of an episode's folder, or of a run with one episode.
 
-    A flight that was killed, or is still in the air, ends with its logs. Raises UsageError for another folder, a
+    A flight that was killed, or is still in the air, ends with its logs. Raises UsageError for any other folder, a
     damaged flight, a flight that never began, and a flight without a pose.
     """
     if not path.is_dir():
@@ -315,7 +315,7 @@ def flight_moments(path: Path) -> FlightMoments:
 
 
 def of_one_episode(flights: Sequence[FlightMoments]) -> None:
-    """Raise UsageError if these flights have different episodes, or only some have truth."""
+    """Raise UsageError if the flights are of different episodes, or if only some of them have true poses."""
     first = flights[0].recorded
     for flight in flights[1:]:
         recorded, folders = flight.recorded, f"{first.folder} and {flight.recorded.folder}"

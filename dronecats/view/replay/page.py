@@ -216,7 +216,8 @@ class ReplayPage:
             self._panels.forget()
         self._panels.show_wanted(state.judge, self._drone(state) if state.along else None)
         for number, scene in enumerate(self._scenes):
-            scene.shows_objects = number == state.flight  # flights of unequal length disagree on a moving target
+            # only one flight shows objects: at the end of a shorter flight, its moving target stops
+            scene.shows_objects = number == state.flight
             scene.judge_shown = state.judge and number == state.flight
             if before is None or replace(before, judge=state.judge, view=state.view) != state:
                 scene.follow(self._drone(state) if state.along and number == state.flight else None)

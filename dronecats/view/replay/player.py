@@ -128,7 +128,7 @@ class Player:
                 threading.excepthook(threading.ExceptHookArgs((*sys.exc_info(), self._thread)))
 
     def _next(self, due: float) -> tuple[float, PlaybackClock] | None:
-        """Wait for the next update, during playback until `due`. Return (wall time, clock); None if closed."""
+        """Wait for the next update, during playback until `due`, and return (wall time, clock); None if closed."""
         with self._news:
             self._busy = False
             self._news.notify_all()

@@ -85,7 +85,7 @@ class ViewRenderer:
     def __init__(
         self, flights: list[RecordedFlight | None], shown: Callable[[ViewRequest, Picture | str], None]
     ) -> None:
-        """`flights`: None for a flight with an unknown world. `shown` takes a picture, or why there is none."""
+        """`flights`: None if a flight's world is unknown. `shown` gets a picture, or the reason why there is none."""
         self._flights, self._shown = flights, shown
         self._views: dict[int, FlightViews] = {}
         self._latest = Latest(self._draw, "replay-views")

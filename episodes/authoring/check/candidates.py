@@ -35,8 +35,8 @@ from episodes.world.visibility import Occluder, Solids, SolidsUnion
 from episodes.world.world import World, solids
 from foundation.frames import Vec3, rotate, rotate_inverse
 
-LETTER_M = {"sign": lettering.LETTER_M}  # m, height of an inscription's letters, by asset
-PLATE_LETTER_M = vehicles.DIGIT_M  # m, the same for all other assets
+LETTER_M = {"sign": lettering.LETTER_M}  # asset → height of its letters, m
+PLATE_LETTER_M = vehicles.DIGIT_M  # m, height of the letters of all other assets
 
 
 def rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:

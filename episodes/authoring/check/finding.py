@@ -16,24 +16,24 @@ DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # largest differences between the r
 LEVEL_M = 0.10  # largest unevenness of the ground under a start: on a kerb, a drone tips over before take-off
 BODY_M = 0.45  # half the diagonal of a drone with its propellers
 OFF_GROUND_M = 0.02  # largest distance of a standing target, a look-alike or a path from the ground
-WHEEL_OFF_M = 0.03  # the same for a wheel of a target or look-alike
-START_TO_PATH_M = 6.0  # least distance of the target's path, so that a drone that waits at its start cannot succeed
+WHEEL_OFF_M = 0.03  # largest distance of a wheel of a target or look-alike from the ground
+START_TO_PATH_M = 6.0  # least distance from start to target's path, so that a drone that waits at its start fails
 
-# Commanding
+# Commanding episodes: a fleet starts in a square (the grid), and the target is one of four candidates
 CANDIDATES = 4
 NEAREST_PAIR_M: Bounds = (5.5, 11.2)
 WIDEST_PAIR_M: Bounds = (18.0, 32.0)
 GRID_SIDE_M, GRID_OFF_M = 2.0, 0.02
 GRID_TO_TARGET_M: Bounds = (12.0, 32.0)
 GRID_TO_CANDIDATES_M: Bounds = (7.0, 37.0)
-SPOTTED_PX = 90  # pixels of 1280×720; they are 22 pixels of the model's picture, a visible dot
+SPOTTED_PX = 90  # pixels of a 1280×720 frame; in the model's picture, they are 22 pixels, a visible dot
 
 # Height of letters in the 640 px picture (focal length 320 px). In the paper's reading probe, no model reads a plate
 # (0.10 m) at 10 m, where its digits are 3.2 px high. Two models read a sign (0.136 m) at 13 m, where its letters are
 # 3.35 px high, and none beyond. No model reads letters below 3.3 px.
 READABLE_PX = 3.3
 READING_FOCAL_PX = 320.0
-FACING = 0.17  # least cosine between the normal of an inscription and the view: beyond 80° it looks like a line
+FACING = 0.17  # least cosine of the angle between normal and view of an inscription: beyond 80° it looks like a line
 
 
 @dataclass(frozen=True, slots=True)

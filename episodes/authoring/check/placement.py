@@ -137,7 +137,7 @@ def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindi
         return
     yield from wheels(world)
     if record.target.path is None:
-        (north, east, down), yaw = motion(record.target).pose(0.0)  # the level pose; `wheels` checks the tilted one
+        (north, east, down), yaw = motion(record.target).pose(0.0)  # the level pose; `wheels` checks the tilted pose
         off = abs(down - world.ground_down(north, east))
         yield at_most("the distance of the target's foot from the ground", off, OFF_GROUND_M, "m", 3)
         met = obstacles.overlapping(box_of(world.target, (north, east, down), yaw, 0.0, LIFT_M), "target")
@@ -154,7 +154,7 @@ def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindi
 
 
 def path_off_ground(world: World) -> RuleFinding:
-    """Return whether the path stays on the ground, also between waypoints, as far as the target gets in an episode."""
+    """Return whether the path stays on the ground, also between waypoints, as far as the target moves in an episode."""
     path = world.record.target.path
     if path is None:
         raise ValueError("the target stands still")
@@ -163,7 +163,7 @@ def path_off_ground(world: World) -> RuleFinding:
         leg = math.dist(a, b)
         for u in np.linspace(0.0, 1.0, max(2, math.ceil(leg / GROUND_STEP_M) + 1)):
             if gone + u * leg > path.speed_mps * CAP_S + MARGIN_M:
-                break  # the target does not get so far
+                break  # the target does not reach this point in an episode
             n, e, d = (float(p + u * (q - p)) for p, q in zip(a, b, strict=True))
             off = abs(d - world.ground_down(n, e))
             if off > worst:

@@ -4,7 +4,7 @@ A referring expression is a phrase such as "the bench left of the fountain". The
 things it denotes. Each relation has a clear test and a loose test. An expression refers to the target if only the
 target passes the clear test, and no other thing of its kind passes the loose test.
 
-The things of a scene have their common names. See `landmarks` for the landmarks that an expression may use.
+Expressions use the common names of things in NOUNS. `landmarks` returns the landmarks that an expression may use.
 """
 
 import itertools
@@ -110,7 +110,7 @@ class Expression:
 
 
 def read(text: str, phrases: Iterable[str]) -> Expression | None:
-    """Return the expression in an instruction, or None. `phrases` are those of the landmarks."""
+    """Return the expression in an instruction, or None. `phrases` name the landmarks."""
     match = _READ.search(text)
     if match is None:
         return None

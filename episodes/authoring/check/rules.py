@@ -1,8 +1,8 @@
 """Applies all rules to one record, to many records in a pool of processes, and to a suite.
 
 The rules about a suite require that its targets are evenly spread, so that a pilot without a camera cannot guess their
-places. They apply to all one-drone records together, and to each cell of a map with at least ENOUGH records. A
-`Layout` has the values of one record that these rules need.
+places. They apply to each cell of a map with at least ENOUGH records, and to all one-drone records together if there
+are at least 4 · ENOUGH. A `Layout` has the values of one record that these rules need.
 """
 
 import math
@@ -78,7 +78,7 @@ def check(world: World) -> list[RuleFinding]:
 
 
 def _about(field: str, findings: Iterable[RuleFinding]) -> list[RuleFinding]:
-    """Return the findings, with `field` set where they have none."""
+    """Return the findings. Those without a field get `field`."""
     return [finding if finding.field else replace(finding, field=field) for finding in findings]
 
 
@@ -153,7 +153,7 @@ def _in_picture(start: StartPose, goal: Vec3) -> tuple[float, float]:
 
 
 def straight(world: World, off_deg: float) -> frozenset[int]:
-    """Return the headings from the nose (degrees, -180 … 179) on which a straight flight can make a true declaration.
+    """Return the headings relative to the nose (°, -180 … 179) on which a straight flight can make a true declaration.
 
     On such a heading the drone comes within RADIUS_M of the target and sees it. It flies level and nose first, from the
     start to the first obstacle. Only multiples of HEADING_STEP_DEG are checked.
@@ -183,7 +183,7 @@ def _passes(world: World, heading_deg: float, span_m: float, drift_m: float) -> 
 
 
 def past_each_other(world: World) -> int:
-    """Return the fewest pixels of a candidate that a drone of a fleet sees, with the other drones in the way."""
+    """Return the least number of pixels that a drone of a fleet sees of a candidate. Other drones may hide it."""
     record, of_map = world.record, solids(world.record.map, world.record.map_seed)
     targets = world.target_and_lookalikes
     drones = [_drone(k, start) for k, start in enumerate(record.starts)]

@@ -1,7 +1,7 @@
 """Rules about the camera's view from the start, both facing the target and at the recorded yaw.
 
-A pixel shows the target if the ray through the pixel's centre hits it, as in the renderer's ids. A `Framing` has the
-yaws at which a thing is completely inside a drone's picture, or completely outside it.
+A pixel shows the target if the ray through the pixel's centre hits the target first. The renderer's image of ids
+follows the same rule. A `Framing` has the yaws at which a thing is completely inside or outside a drone's picture.
 """
 
 import math
@@ -30,7 +30,7 @@ CAMERA = CameraModel()
 HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
 
 STEP_M = 0.5
-MOST_STEPS = 201  # largest number of steps; a start that is too far for them fails the rule about its distance
+MOST_STEPS = 201  # largest number of steps; a start farther away fails the rule about start distances anyway
 FACED_FRACTION = 0.5  # share of the target's silhouette that must be visible when the drone faces it
 
 
@@ -117,8 +117,8 @@ class Framing:
 
     off_deg: Array  # (N,) yaw of the nose from the thing's bearing, -180 … 180, + to the right
     left_deg: Array  # (N,) azimuth of the thing's left end from the optical axis, + to the right
-    middle_deg: Array  # (N,) the same of the middle of its box
-    right_deg: Array  # (N,) the same of its right end; left <= middle <= right, so it may be beyond ±180
+    middle_deg: Array  # (N,) azimuth of the middle of the thing's box
+    right_deg: Array  # (N,) azimuth of its right end; left <= middle <= right, so ends may be beyond ±180
 
     def inside(self) -> NDArray[np.bool_]:
         """Return (N,) whether the whole width of the thing is in the picture."""
@@ -156,10 +156,10 @@ def box_corners(mesh: Mesh, position_ned: Vec3, turned: float | Quat) -> Array:
 
 
 def across(framing: Framing, share: float) -> float | None:
-    """Return the yaw from a thing's bearing (deg) at which its middle is at a share (0 … 1) of its range of columns.
+    """Return the yaw, relative to a thing's bearing (deg), that puts its middle in the column that `share` selects.
 
-    The range has all columns of the middle at which the picture shows the whole thing: 0 is the rightmost, 1 the
-    leftmost. None if the thing is too wide for the picture.
+    Only columns at which the picture shows the whole thing are used. `share` 0 selects the rightmost of these columns,
+    1 the leftmost. None if the thing is too wide for the picture.
     """
     good = np.flatnonzero(framing.inside())
     if len(good) == 0:
@@ -170,7 +170,7 @@ def across(framing: Framing, share: float) -> float | None:
 
 
 def across_all(framings: Sequence[Framing], ahead_deg: Sequence[float], share: float) -> float | None:
-    """Return the compass yaw (deg) at a share (0 … 1) of the range at which the picture shows all things completely.
+    """Return the compass yaw (deg) at a share (0 … 1) of the range of yaws at which the picture shows all things whole.
 
     `ahead_deg` has the bearing of the thing of each framing. None if no yaw shows all things.
     """
@@ -187,7 +187,7 @@ def across_all(framings: Sequence[Framing], ahead_deg: Sequence[float], share: f
 
 
 def away(framing: Framing, share: float) -> float | None:
-    """Return the yaw from a thing's bearing (deg, 0 … 360) at a share (0 … 1) of the range that hides it, or None."""
+    """Return the yaw from a thing's bearing (deg, 0 … 360) at a share (0 … 1) of the yaws that hide it, or None."""
     hidden = np.flatnonzero(framing.hidden())
     if len(hidden) == 0:
         return None
@@ -205,7 +205,10 @@ def level(yaw_deg: float) -> Quat:
 
 
 def rules(world: World) -> Iterator[RuleFinding]:
-    """Yield the findings about the view. Occupancy is the area of the box around the target's pixels."""
+    """Yield the findings about the view.
+
+    Occupancy is the share of the picture that the box around the target's pixels covers.
+    """
     record, start = world.record, world.record.starts[0]
     ahead = bearing_deg(start.position_ned, world.target_centre(0.0))
     faced = seen(world, start.position_ned, ahead)

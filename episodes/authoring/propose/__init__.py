@@ -1,1 +1,1 @@
-"""Records proposed by a seeded search: places of the map, starts around them, words, and every check."""
+"""Proposes records with a seeded search, which draws targets, starts and instructions, and applies all checks."""

@@ -1,4 +1,4 @@
-"""Drafts for a fleet and four similar candidates; the instruction names one by its inscription."""
+"""Drafts episodes with a fleet and four similar candidates. The instruction names one candidate by its inscription."""
 
 import itertools
 import math
@@ -27,22 +27,22 @@ from foundation.frames import Vec3
 
 CARS = ("sedan", "suv", "hatchback", "pickup", "van")  # with plates 0.10 m high at the front and at the rear
 SPARE_M = 0.3  # margin kept from every limit of a distance
-ALTITUDES_M = (1.35, 2.05)  # above the ground at the middle of a grid (the fleet's square); at corners it differs
+ALTITUDES_M = (1.35, 2.05)  # above the ground at the middle of the grid (the fleet's square); corners may differ
 GROUPS = 3000  # groups of four places tried for one draft
 GRIDS = 40  # places of the fleet tried per group, checked for distances and free space
-VIEWS = 6  # of these, how many are checked for the drones' views
-HALF_VIEW_DEG = 40.0  # of a picture that is 90° wide, with room for the width of the candidates
+VIEWS = 6  # largest number of these places that are checked for the drones' views
+HALF_VIEW_DEG = 40.0  # largest angle of a candidate off the axis of a 90° wide picture; leaves room for its width
 ROADSIDE = ("kerb", "drive")  # kinds of place for vehicles
 TURNED_GRIDS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # angles between the square and the way to a candidate
 ABREAST_M = 0.4  # half width of a drone as another one sees it, with a margin
-HIDES = 0.4  # of a candidate's width that another drone may cover
+HIDES = 0.4  # largest share of a candidate's width that another drone may cover
 TURNED_DEG = 35.0  # largest angle between a sign's direction and the fleet
-SEEN = 0.3  # visible share of every candidate, from every drone
-FACED = 0.6  # visible share of the target, from the first drone, when it faces the target
+SEEN = 0.3  # least visible share of every candidate, from every drone
+FACED = 0.6  # least visible share of the target from the first drone, when the drone faces the target
 
 
 def drafts(site: Site, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    """Yield a draft for each `Draw` sent in: assets and paints take turns, places are random. First yields None."""
+    """Yield None, then a draft for each `Draw` sent in. Assets and paints take turns, and places are random."""
     share = yield None
     signs = site.name != "residential"
     kinds = ["sign"] if signs else list(CARS)
@@ -111,7 +111,7 @@ def four_spots(spots: tuple[Spot, ...], rng: random.Random) -> list[Spot] | None
 
 
 def _far_enough(middle: tuple[float, float], spots: list[Spot], asset: str) -> bool:
-    """Return whether a fleet's place keeps its distances, roughly; the rules check them exactly."""
+    """Return whether a fleet's place roughly keeps the required distances. The rules check them exactly."""
     ways = [math.dist(middle, s.position_ned[:2]) for s in spots]
     unread = READING_FOCAL_PX * LETTER_M.get(asset, PLATE_LETTER_M) / READABLE_PX  # m, unreadable beyond this
     bearings = [math.atan2(s.position_ned[1] - middle[1], s.position_ned[0] - middle[0]) for s in spots]
@@ -131,7 +131,7 @@ def _draft(
 ) -> Proposal | None:
     """Return the draft of a fleet before four candidates.
 
-    None when no candidate is at a distance for the target, no start fits, or a drone cannot see a candidate.
+    None if no candidate is at an allowed distance for the target, no start fits, or a drone cannot see a candidate.
     """
     height = share.height_m(ALTITUDES_M)
     centre = (*middle, site.ground(*middle) - height)
@@ -209,9 +209,9 @@ def _blocked(site: Site, asset: str, target: PlacedTarget) -> bool:
 
 
 def _grid(site: Site, middle: tuple[float, float], ahead: float, heights_m: tuple[float, float]) -> list[Vec3]:
-    """Return the places (m) of four drones in a square, midway between two heights above the ground under its middle.
+    """Return the places (m, NED) of four drones in a level square: front left, front right, rear left, rear right.
 
-    Their order is front left, front right, rear left, rear right.
+    Their height above the ground under the square's middle is the mean of `heights_m`.
     """
     down = site.ground(*middle) - sum(heights_m) / 2.0
     c, s, half = math.cos(ahead), math.sin(ahead), GRID_SIDE_M / 2.0

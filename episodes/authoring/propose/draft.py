@@ -134,7 +134,7 @@ def inscribed(asset: str, text: str, rng: random.Random) -> str:
 
 
 def plates(count: int, rng: random.Random) -> list[str]:
-    """Return `count` plates that differ from a common one in one or two places, so that they look alike."""
+    """Return `count` different plates. Each differs from one text in at most two digits, so that they look alike."""
     base = [rng.randrange(1, 10) for _ in range(4)]
     texts: list[str] = []
     while len(texts) < count:

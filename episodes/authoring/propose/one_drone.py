@@ -28,30 +28,31 @@ NOT_PAINTED = ("sign", "person", "pedestrian", "delivery_robot", "service_cart")
 SPEED_MPS = 0.3  # on a map that requires no speed
 PAINTED_SPARE_M = 1.5  # length of the path beyond the distance that the target covers
 BAY_M = 0.25  # least free space around a parked target
-# largest reach of a target towards the start: a drone hits the end of a bus before it is 5 m from its middle
+# largest reach of a target from its middle towards the start. A drone that flies to the end of a bus would hit the bus
+# before it is within 5 m of the middle.
 REACH_M = 3.2
 PAINTED_STARTS = 2  # largest number of drafts of one target
 # kinds of spots for an asset; an asset without an entry gets ANY_GROUND
 GROUNDS = {"bus": ("bus stop",), "quadrotor": ("lawn", "pavement"), "cyclist": ("kerb", "pavement")}
 ANY_GROUND = ("kerb", "drive")
-FOOTWAY = "pavement"  # the name of a lane without vehicles contains it
+FOOTWAY = "pavement"  # lanes without vehicles have this word in their names
 
 # Targets that the instruction identifies by place
 NO_TARGETS = (*referring.UNNAMED, "clock-tower")  # kinds of a map that are never the target
 MOVERS = ("delivery_robot", "service_cart", "pedestrian")
-PAINT = "white"  # of robots and carts: that of the map's own robots and carts
+PAINT = "white"  # of moving robots and carts, like those that belong to the map
 REFERRED_SPARE_M = 1.0
 VIEW_INDEPENDENT_RELATIONS = (
     "nearest",
     "between",
 )  # relations that do not depend on the viewer's place, for hidden targets
 EMPTY_ROUNDS_MAX = 4  # after this many rounds through all kinds without a draft, the search ends
-SKIPPED_NEAREST = 0.8  # share of the targets with no relation but `nearest` that is skipped, so that others are tried
+SKIPPED_NEAREST = 0.8  # probability of skipping a target that only `nearest` identifies, to try other targets
 REFERRED_STARTS = 12  # largest number of starts tried for one target
 
 
 def painted_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    """Yield a draft for each `Draw` sent in: assets and paints take turns, places are random. First yields None."""
+    """Yield None, then a draft for each `Draw` sent in. Assets and paints take turns, and places are random."""
     share = yield None
     moving = cell in MOVING
     kinds = [name for name in assets.names() if name not in NOT_PAINTED and not (moving and name in STATIONARY)]
@@ -118,7 +119,7 @@ def _around(site: Site, cell: str, target: TargetRecord, share: Draw, rng: rando
 
 
 def referred_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    """Yield a draft for each `Draw` sent in: kinds take turns, other values are random. First yields None."""
+    """Yield None, then a draft for each `Draw` sent in. Kinds take turns, and other values are random."""
     if cell in MOVING:
         yield from _walking(site, cell, rng)
         return
@@ -182,8 +183,8 @@ def _before(
 ) -> Proposal | None:
     """Return a draft with a start from which an expression denotes only the target, or None.
 
-    `share` sets the start distance: within the map's range for a standing target, within the range that its size allows
-    for a moving one. A randomly drawn relation is preferred. 'nearest' is the last choice, and is often skipped.
+    `share` sets the start distance within the map's range. For a moving target, its size limits this range further. A
+    randomly drawn relation is preferred. 'nearest' is the last choice, and is often skipped.
     """
     rules = RULES.get(site.name, OF_OTHER_MAPS)
     nearest, farthest = rules.start_distance_m[0] + 0.2, rules.start_distance_m[1] - 0.3

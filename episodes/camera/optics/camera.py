@@ -19,9 +19,9 @@ from episodes.maps.scene import Moved, Scene
 from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.frames import Quat, Vec3, quat_integrate
 
-WIDEST = 2.0  # size of the largest picture drawn for a lens, in widths and heights of the camera's picture
-ROUNDS = 15  # iterations of the inversion; a lens that needs more folds the picture
-FARTHEST = 10.0  # focal lengths from the middle, in each direction: 84° off the axis
+WIDEST = 2.0  # largest picture drawn for a lens, relative to the width and height of the camera's picture
+ROUNDS = 15  # iterations of the inversion in `pinhole_rays`; a lens that needs more is rejected
+FARTHEST = 10.0  # largest offset from the middle in each direction, in focal lengths: 84° off the axis
 MISS_PX = 0.05  # largest error of the inversion, for a picture 1280 px wide
 
 
@@ -55,7 +55,7 @@ class OpticalRenderer:
     """
 
     def __init__(self, scene: Scene, camera: CameraModel, optics: Optics, threads: int = 2) -> None:
-        """Raises UsageError as `Renderer` does, ValueError for an impossible lens."""
+        """Raises UsageError as `Renderer` does, and ValueError as `wide_camera` does."""
         sun = overcast(scene.sun) if optics.rain is not None else scene.sun
         self._optics, self._camera = optics, camera
         self._lens = BentLens(optics.lens or LensModel(), camera)
@@ -143,7 +143,7 @@ def noisy(light: Light, sensor: Sensor, rng: np.random.Generator) -> Light:
 
 
 def decoding_table() -> NDArray[np.float32]:
-    """Return the (256,) light in the middle of each code's range. Encoding it gives the same code."""
+    """Return (256,): for each sRGB code, the light in the middle of the range that has this code."""
     codes = display_table()
     steps = np.arange(STEPS + 1)
     first, last = np.searchsorted(codes, np.arange(256)), np.searchsorted(codes, np.arange(256), side="right") - 1
@@ -256,7 +256,7 @@ class BentLens:
 
 
 def _fall_off(lens: LensModel, camera: CameraModel) -> NDArray[np.float32] | None:
-    """Return the share of light that reaches each pixel, (H, W, 1): with vignetting 1, cos⁴ of its angle."""
+    """Return the share (H, W, 1) of light that reaches each pixel: with vignetting 1, cos⁴ of the angle to the axis."""
     if not lens.vignetting:
         return None
     x = (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px

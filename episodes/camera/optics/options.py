@@ -1,4 +1,4 @@
-"""The options of camera and weather."""
+"""Declares the options of camera and weather."""
 
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
@@ -26,7 +26,7 @@ class LensModel:
     p1: Annotated[float, _within(-0.1, 0.1)] = 0.0  # tangential
     p2: Annotated[float, _within(-0.1, 0.1)] = 0.0  # tangential
     k3: Annotated[float, _within(-1.0, 1.0)] = 0.0  # radial, of r⁶
-    vignetting: Annotated[float, _within(0.0, 1.0)] = 0.0  # share of the natural fall-off cos⁴ of the angle to the axis
+    vignetting: Annotated[float, _within(0.0, 1.0)] = 0.0  # 0: none; 1: natural, cos⁴ of the angle to the axis
 
     @property
     def bends(self) -> bool:
@@ -69,7 +69,7 @@ class Rain:
 
 @dataclass(frozen=True, slots=True)
 class Optics:
-    """All options; None switches one off. `Optics()` is the camera of the benchmark."""
+    """All options. None switches an effect off. `Optics()` is the camera of the benchmark."""
 
     lens: LensModel | None = None
     sensor: Sensor | None = None

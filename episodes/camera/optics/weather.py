@@ -15,9 +15,9 @@ Light = NDArray[np.float32]  # (H, W, 3) linear RGB, 0 … `sky.WHITE`
 CLOUDS_M = 1500.0  # m, height of the base of rain clouds above the camera
 RAIN_EXTINCTION = (0.000248, 0.67)  # 1/m and exponent of mm/h: 1.076 R^0.67 dB/km (Carbonneau and Wisely, 1998)
 
-NEAR_M, FAR_M = 0.4, 7.0  # of drops that are drawn, along the optical axis; farther ones are in `veil`
+NEAR_M, FAR_M = 0.4, 7.0  # depth of drops that are drawn, along the optical axis; `veil` stands for farther drops
 SMALLEST_MM = 0.8  # smaller drops are invisible
-SHUTTER_S = 0.008  # of streaks, if there is no exposure option
+SHUTTER_S = 0.008  # exposure time of streaks if there is no exposure option
 BRIGHTNESS = 1.25  # of a drop relative to the haze's colour: a drop refracts light of the whole sky
 
 

@@ -21,13 +21,14 @@ from episodes.maps.cutouts import Cutouts, is_there
 from foundation.compiled import njit
 
 BAND = 16  # rows of samples that one thread fills at a time
-NOTHING = -1  # in place of a triangle: the sky
+NOTHING = -1  # in place of a triangle: the sample sees the sky
 
 
 class Drawn(NamedTuple):
     """The values that `set_up` computes for each triangle of a scene in one picture."""
 
-    edges: NDArray[np.float64]  # (T, 9) three (a, b, c): a·i + b·j + c ≥ 0 inside, at sample (j, i); ∝ corner weight
+    # (T, 9) (a, b, c) of three edge functions a·i + b·j + c at sample (j, i): ≥ 0 inside, ∝ the weight of a corner
+    edges: NDArray[np.float64]
     volume: NDArray[np.float64]  # (T,) m³: planar depth = volume / (sum of the three edge functions)
     nearest: NDArray[np.float64]  # (T,) 1/m, greatest inverse depth of a corner; < 0: the near plane cuts the triangle
     rows: NDArray[np.int32]  # (T, 2) first and last row of samples; first > last: not in the picture

@@ -1,8 +1,8 @@
-"""The reflection in paint, glass and water: a small picture of all directions around a place.
+"""Draws the surroundings that paint, glass and water reflect: a small picture of all directions around a place.
 
-It shows the sky with its clouds, the ground, and the map's objects: one column of one colour per grid cell. It has two
-halves, upper and lower, in the stereographic projection of `sky.read_half`. It is coarse, because reflections in paint
-and panes are blurred.
+The picture shows the sky with its clouds, the ground, and the map's objects. An object appears as columns: one per grid
+cell, each with one colour. The picture has two halves, upper and lower, in the stereographic projection of
+`sky.read_half`. It is coarse, because reflections in paint and panes are blurred.
 """
 
 import math

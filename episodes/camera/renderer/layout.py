@@ -1,6 +1,7 @@
-"""The arrays of a scene for the kernels: the pose of the camera, and one row per triangle, movable instances last.
+"""Prepares the arrays of a scene for the compiled kernels: the camera's pose, and one row per triangle.
 
-The rows of a map are computed once. Instances that a scene adds to its map get rows after them.
+The rows of a map are computed once. Instances that a scene adds to its map get rows after the map's rows. The rows of
+movable instances are last.
 """
 
 import itertools
@@ -79,13 +80,13 @@ class Triangles(NamedTuple):
     material: NDArray[np.int32]  # (T,) row of Surfaces
     instance: NDArray[np.int32]  # (T,) the instance's id
     plane: NDArray[np.int32]  # (T,) equal for triangles of one flat, uniform piece; edges between them are not smoothed
-    solid: NDArray[np.int8]  # (T,) 1: of a closed surface, face outwards; -1: the same, inwards; 0: of an open surface
+    solid: NDArray[np.int8]  # (T,) 1: `face` points out of a closed surface; -1: into it; 0: the surface is open
     cutout: NDArray[np.int32]  # (T,) row of Cutouts; OPAQUE for a triangle without holes
     chunk_first: NDArray[np.int32]  # (C,) first triangle
     chunk_count: NDArray[np.int32]  # (C,)
     chunk_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the chunk
     chunk_radius: NDArray[np.float64]  # (C,) m
-    chunk_cut: NDArray[np.bool_]  # (C,) whether all its triangles are cut out; else none is
+    chunk_cut: NDArray[np.bool_]  # (C,) whether its triangles have cut-out textures: all of them or none
     solid_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around all surfaces that the chunk is part of
     solid_radius: NDArray[np.float64]  # (C,) m
 
@@ -100,7 +101,7 @@ class Surfaces(NamedTuple):
     emission: NDArray[np.float32]  # (M,)
     specular: NDArray[np.float32]  # (M,)
     texture: NDArray[np.int32]  # (M,) texture of the atlas, -1 = none
-    drift: NDArray[np.float32]  # (M,) share by which the tone varies over the ground, 0 = not
+    drift: NDArray[np.float32]  # (M,) share by which the tone varies over the ground; 0: constant
     foliage: NDArray[np.bool_]  # (M,)
 
 
@@ -191,8 +192,8 @@ class Laid:
 def lay_out(scene: Scene, of_map: Laid | None = None) -> SceneArrays:
     """Return the arrays of a scene.
 
-    `of_map` is the layout of the scene's map, to which the other instances are added. The result is the same without
-    it. Raises UsageError for ids that repeat or are below 1, or a corner that is not finite.
+    `of_map` is the layout of the scene's map, so that only the other instances are laid out. The result is the same
+    without `of_map`. Raises UsageError for ids that repeat or are below 1, or a corner that is not finite.
     """
     ids = [instance.id for instance in scene.instances]
     if len(set(ids)) != len(ids) or min(ids, default=1) < 1:

@@ -140,7 +140,7 @@ def occlusion_of(columns: Columns, terrain: HeightField) -> Occlusion:
         layer = np.ascontiguousarray(open_share[..., k])
         outside = (layer >= 0.0).astype(np.float32)
         total, count = cv2.blur(layer * outside, (5, 5)), cv2.blur(outside, (5, 5))
-        # only the filter sees cells within walls: they get the mean of the cells outside
+        # cells within walls get the mean of the cells outside, so that the blur does not darken cells beside walls
         layer = np.where(outside > 0.0, layer, np.where(count > 0.01, total / np.maximum(count, 0.01), 1.0))
         layer = cv2.GaussianBlur(layer.astype(np.float32), (3, 3), 0.7)
         lanes[..., k] = np.rint(255.0 * (DARKEST + (1.0 - DARKEST) * layer))
@@ -212,7 +212,7 @@ def _blocked(low: float, high: float, away: float) -> int:
 
 @njit(cache=True, nogil=True, inline="always")
 def open_sky(shade: Occlusion, n: float, e: float, d: float, facing_down: float) -> tuple[float, float]:
-    """Return the open share (0 … 1) of the sky at a point, NED, m, and its height (m) above the ground.
+    """Return the open share (0 … 1) of the sky at a point, NED, m, and the point's height (m) above the ground.
 
     `facing_down` is the downward component of the surface's normal. On a roof, layers below the roof do not count.
     Outside the grid, the share is 1 and the height is EMPTY.
@@ -265,7 +265,7 @@ def footprint(corners: NDArray[np.float32]) -> ShadowFootprint:
 
 
 class ContactShadows:
-    """Darkens the cells around things that are not part of the map. Scenes share its grid and take turns."""
+    """Darkens the cells around things that are not part of the map. Scenes of one map share the grid and take turns."""
 
     def __init__(self, shade: Occlusion, turn: threading.Lock, added: Sequence[ShadowFootprint] = ()) -> None:
         """`turn` is the lock for drawing into `shade`. `added` are static things that are not in `shade`."""

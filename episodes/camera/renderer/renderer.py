@@ -128,7 +128,7 @@ class Renderer:
         return rgb
 
     def _nearest_first(self, eye: Eye) -> NDArray[np.int64]:
-        """Return the chunks of cut-out triangles, nearest first: leaves behind nearer ones then cost less work."""
+        """Return the chunks of cut-out triangles, nearest first. Leaves behind nearer leaves then cost less work."""
         away = self._layout.triangles.chunk_center[self._cut_chunks] - eye.position
         return self._cut_chunks[np.argsort(np.einsum("ij,ij->i", away, away), kind="stable")]
 
@@ -203,7 +203,7 @@ def _surroundings(scene: Scene, layout: SceneArrays, stop: int) -> tuple[Columns
 def _of_map(
     scene: Scene, cells: int
 ) -> tuple[tuple[SunMap, threading.Lock], Columns, Occlusion, threading.Lock] | None:
-    """Return what `_still` shares between the scenes of a map; None for a map with movable instances."""
+    """Return the data that `_still` shares between the scenes of a map; None for a map with movable instances."""
     laid = laid_out(scene)
     if laid is None:
         return None

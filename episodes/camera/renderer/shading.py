@@ -23,11 +23,12 @@ from foundation.frames import Vec3
 
 FRESH = 4  # px between updates of slowly changing values in `_shade`; a power of two
 UNSEEN = -2  # in place of a triangle: no sample so far
-AWAY_CELLS = 0.8  # of the occlusion's grid: distance from a wall at which its open sky is read, outside its own column
+# distance from a wall, in cells of the occlusion grid, at which its open sky is read: outside the wall's own column
+AWAY_CELLS = 0.8
 FOOT_M, FOOT_DARKNESS = 0.8, 0.5  # upright things darken below this height; share of the sky's light lost at the foot
-LEAF_BIAS_M = 0.35  # m towards the sun within which leaves do not shade one another
+LEAF_BIAS_M = 0.35  # leaves do not shade one another within this distance towards the sun
 LEAF_WRAP = 0.35  # wrap lighting: how far (cosine) the sun lights leaves beyond the lit side of their clump
-SLIVER = 1e-7  # of the volume: least sum of weights, so that no rounding puts a thin triangle at infinity
+SLIVER = 1e-7  # least sum of weights, as a share of the volume: no rounding puts a thin triangle at infinity
 
 
 class SceneLight(NamedTuple):
@@ -113,7 +114,7 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
     )  # fmt: skip
     aside = AWAY_CELLS / shade.per_cell
     per_px, per_sample = 1.0 / eye.focal, 1.0 / eye.grain
-    # a texture is read once for every two samples in each direction, as finely as edges are smoothed
+    # a texture is read once for every two samples in each direction
     reads = eye.grain // 2
     e, uv, normal, base = drawn.edges[0], triangles.uv[0], triangles.normal[0], surfaces.color[0]
     volume = emission = gloss = drifts = facing_sun = slope_x = slope_y = bias = 0.0
@@ -207,7 +208,7 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
             direct = day.toward[0] * nn + day.toward[1] * ne + day.toward[2] * nd
             direct = max((direct + LEAF_WRAP) * (1.0 / (1.0 + LEAF_WRAP)) if leafy else direct, 0.0)
             direct *= sunlight(sun, pn, pe, pd, slope_x, slope_y, bias)
-        # read the sky in front of a wall: the half that the wall hides from itself is no occlusion
+        # read the open sky in front of a wall, because the half of the sky behind the wall must not darken it
         if entered or k & (FRESH - 1) == 0:
             free, height = open_sky(shade, pn + aside * fn, pe + aside * fe, pd + 0.2 * fd, fd)
         above = 0.5 - 0.5 * nd

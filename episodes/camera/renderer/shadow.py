@@ -43,14 +43,14 @@ class SunMap(NamedTuple):
 
 
 def sun_map(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: int = CELLS) -> SunMap:
-    """Return the shadow map of static instances. Its grid covers everything on the ground, and its shadows."""
+    """Return the shadow map of static instances. Its grid covers all things on the ground, and their shadows."""
     result = _grid(layout, sun, ground_ids, cells, np.full((cells, cells), -1e30, np.float32))
     draw_heights(result, layout.triangles, layout.cutouts, 0, layout.static_count)
     return result
 
 
 def fits(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], before: SunMap) -> bool:
-    """Return whether `before`, the shadow map of some of these triangles, has the grid of `sun_map` of this layout."""
+    """Return whether `before`, a shadow map of some of these triangles, has the grid that `sun_map` would return."""
     return _grid(layout, sun, ground_ids, before.height.shape[0], before.height)[1:] == before[1:]
 
 

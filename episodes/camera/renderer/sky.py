@@ -20,7 +20,7 @@ EXPOSURE = 0.72
 SHOULDER = 0.48
 WHITENING = 0.09
 WHITE = 2.14  # the light at which the curve of `display_table` reaches white
-STEPS = 8192  # of `display_table`; a step is less than one code even where sRGB is steepest
+STEPS = 8192  # number of steps of `display_table`; a step is less than one code even where sRGB is steepest
 HAZE_LENGTH_M = 2200.0  # distance at which haze replaces about two thirds of an object's colour
 DISC_COSINE = math.cos(math.radians(0.45))  # larger than the real 0.27°, so that the disc is visible
 GLOW_COSINE = math.cos(math.radians(0.9))
@@ -208,8 +208,8 @@ def read_half(table: NDArray[np.float32], x: float, y: float) -> Vec3:
 def display_table() -> NDArray[np.uint8]:
     """Return the (STEPS + 1,) sRGB codes of equally spaced lights 0 … WHITE.
 
-    The tone curve of the exposed light is x (1 + a x) / (1 + b x), which has the form of Reinhard's extended curve. It
-    is linear in the dark and approaches white slowly. The encoding is that of IEC 61966-2-1.
+    The tone curve of the exposed light x is x (1 + WHITENING x) / (1 + SHOULDER x), which has the form of Reinhard's
+    extended curve. It is linear in the dark and approaches white slowly. The encoding is that of IEC 61966-2-1.
     """
     x = EXPOSURE * WHITE * np.arange(STEPS + 1) / STEPS
     y = np.clip(x * (1.0 + WHITENING * x) / (1.0 + SHOULDER * x), 0.0, 1.0)

@@ -22,7 +22,7 @@ LARGEST_SIDE = 2048  # texels; larger pictures are reduced
 MOST_DOUBLINGS = 3  # of the number of reads along the longer axis of a pixel's footprint: at most eight reads
 WEIGHT = 2048  # sum of a pixel's integer weights; see `_bilinear`
 ONE_BITS = 0x3F800000  # the float 1.0
-SHARPEN = -0.35  # levels; slightly finer than exact keeps letters readable, and smoothing edges hides the aliasing
+SHARPEN = -0.35  # levels; a slightly finer level keeps letters readable, and edge smoothing hides the aliasing
 
 DRIFT_CELLS = 256  # a power of two
 
@@ -151,8 +151,9 @@ def footprint(
     """Return the parameters of `texture_color` for one texture: (level, mix, doublings, step_u, step_v).
 
     (ux, vx) and (uy, vy) are the changes of (u, v) from one read to the next, to the right and down. The shorter axis
-    of the footprint selects the level. 2^doublings reads follow the longer axis in steps of (step_u, step_v). So a road
-    at a grazing angle is sharp across and does not shimmer along. The next level has the share `mix` / WEIGHT.
+    of the footprint selects the level. The next level has the share `mix` / WEIGHT. 2^doublings reads follow the longer
+    axis in steps of (step_u, step_v). So a road at a grazing angle is sharp across its direction and does not shimmer
+    along it.
     """
     first = atlas.first_level[texture]
     w = float(atlas.levels[first, 1])
@@ -237,8 +238,8 @@ def _bilinear(
 ) -> np.uint64:
     """Return one level's code at (u, v) times `weight`, with the three channels side by side in one integer.
 
-    Positions have eight binary places and weights are whole numbers, so that one multiplication or addition is for all
-    channels. A channel has 21 bits, enough for 1023 · WEIGHT.
+    Positions have eight binary places and weights are whole numbers, so that one multiplication or addition applies to
+    all channels. A channel has 21 bits, enough for 1023 · WEIGHT.
     """
     x = np.int64((u - np.floor(u)) * (w * 256.0)) + 128  # + 128: half a texel back, and one forward for the border
     y = np.int64((v - np.floor(v)) * (h * 256.0)) + 128

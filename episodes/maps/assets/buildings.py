@@ -1,6 +1,6 @@
 """Campus halls: walls with windows set back between piers, an entrance with steps and a name, and a roof.
 
-A hall's front faces forward (+x) and its width runs along y; its origin is the middle of its footprint on the ground.
+A hall's front faces forward (+x) and its width runs along y. Its origin is the middle of its footprint on the ground.
 """
 
 import itertools
@@ -213,7 +213,7 @@ def _steps(front: float, half: float, count: int = 3) -> list[MeshPart]:
 
 
 def _entrance(plan: HallPlan) -> list[MeshPart]:
-    """Return doors in their surround, steps, a canopy, and the hall's name above, on the plane x = 0."""
+    """Return doors in their surround, steps, a canopy, and the hall's name above them. The wall is at x = 0."""
     floor, pale = FLOOR_M, surface("concrete", (0.98, 0.94, 0.86))
     door = surface("doors", specular=0.4)
     high = floor + plan.storey_m

@@ -43,7 +43,7 @@ def bench() -> Mesh:
 
 @cache
 def lamp(height: float = 4.6) -> Mesh:
-    """Return a lamp post with a lantern on either side and a plain banner forward."""
+    """Return a lamp post with a lantern on either side and a plain banner at the front."""
     glass = materials.plain("lantern", (240, 236, 216), 0.4, 0.25)
     cloth = materials.plain("banner", (62, 70, 92))
     solids = [

@@ -25,7 +25,7 @@ def window(
     pane: Material = materials.WINDOW,
     shutter: Material | None = None,
 ) -> list[MeshPart]:
-    """Return a framed window of a style of WINDOWS on the plane `face` ('+x', '-x', '+y', '-y') through `centre`."""
+    """Return a framed window of a style of WINDOWS. It is at `centre` and faces `face` ('+x', '-x', '+y' or '-y')."""
     half, top, bar = width / 2, sill + height, 0.075
     solids = [
         g.box((-0.02, -half - bar, sill - bar), (0.06, -half, top + bar), trim),

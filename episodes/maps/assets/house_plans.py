@@ -1,4 +1,4 @@
-"""Plans of suburban houses: dimensions, colours and styles. They are drawn from a seed; neighbours differ."""
+"""Plans of suburban houses: dimensions, colours and styles, drawn from a seed. Neighbours have different plans."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -106,7 +106,7 @@ class HousePlan:
     trim: str = "white"  # of TRIMS: window frames, corners, eaves
     window: str = "sash"  # of WINDOWS
     door_style: str = "panel"  # of DOOR_STYLES
-    posts: str = "slim"  # of POSTS, of the porch
+    posts: str = "slim"  # of POSTS; the posts of the porch
     railing: str = "balusters"  # of RAILINGS
     garage_style: str = "panels"  # of GARAGE_STYLES
     on_roof: str = "nothing"  # of ON_ROOFS

@@ -1,4 +1,4 @@
-"""Textures of houses: walls, roofs, garage doors, and windows with curtains or blinds. Seeded, sRGB."""
+"""Textures of walls, roofs, garage doors, and windows with curtains or blinds. All are sRGB and have fixed seeds."""
 
 from collections.abc import Callable
 from functools import cache

@@ -1,7 +1,8 @@
-"""Materials of leaves and bark for each species, and their cut-out textures. Seeded, sRGB.
+"""Materials of leaves and bark for each species, and their cut-out textures, which are sRGB and have fixed seeds.
 
-A texture of leaves has 2 × 2 sprigs: small twigs with their leaves. Each grows from the middle of its lower edge and
-is nearly as wide as high. The material has the colour of the species, so that a season only changes that colour.
+A texture of leaves has 2 × 2 sprigs: small twigs with their leaves. Each sprig grows from the middle of the lower edge
+of its quarter and is nearly as wide as high. The material has the colour of the species, so that a season only changes
+that colour.
 """
 
 from functools import cache

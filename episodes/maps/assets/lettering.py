@@ -22,7 +22,7 @@ STROKE = 0.17  # width, as a share of a capital's height; a wider stroke closes 
 SPACING = 0.19  # between letters, as a share of a capital's height
 LEADING = 1.55  # distance between the lines of a sign, in heights of a capital
 FONT = cv2.FONT_HERSHEY_SIMPLEX
-ZERO_WIDTH = 0.86  # factor from the letter O to a zero, which has no slash: with a slash it looks like an 8 from afar
+ZERO_WIDTH = 0.86  # width relative to the letter O; a zero has no slash, because a slash makes it look like an 8
 
 LETTER_M = 0.136  # height of a sign's letters (paper, appendix "Maps and Episodes")
 BOARD_M = (1.2, 0.8)  # least width and height of a sign's board
@@ -33,7 +33,7 @@ Picture = NDArray[np.uint8]
 
 
 def _drawn(text: str, scale: float) -> NDArray[np.uint8]:
-    """Return a text on a black canvas, 3 capitals high, with its baseline 2 capitals down; cropped to its columns."""
+    """Return a text on a black canvas, 3 capitals high and as wide as the text. The baseline is 2 capitals down."""
     cap, thick = CAP_PX * OVERSAMPLED, round(STROKE * CAP_PX * OVERSAMPLED)
     image = np.zeros((3 * cap, 4 * cap), np.uint8)
     cv2.putText(image, text, (cap, 2 * cap), FONT, scale, 255, thick, cv2.LINE_AA)

@@ -1,4 +1,4 @@
-"""Paints, plain materials that assets share, and procedural textures. Seeded, sRGB."""
+"""Paints, plain materials that assets share, and procedural textures, which are sRGB and have fixed seeds."""
 
 from collections.abc import Callable
 from functools import cache
@@ -66,7 +66,7 @@ def _fine(value: Array) -> Array:
 
 
 def tinted(value: Array, color: tuple[float, float, float]) -> Picture:
-    """Return grey levels around 1 times an sRGB colour."""
+    """Return the product of grey levels (H, W) around 1 and an sRGB colour, as a picture."""
     return np.asarray(np.clip(value[..., None] * np.array(color), 0, 255), np.uint8)
 
 

@@ -1,7 +1,7 @@
-"""Drones: those of a fleet as they see each other, and a quadrotor on a stand, which a record can have as target.
+"""Meshes of drones: the drones of a fleet as they see each other, and a quadrotor on a stand that can be a target.
 
-A drone of a fleet has its rotors, arms, feet and mast where the airframe's TOML has them. Its origin is the body's,
-between the rotors and not on the ground. The quadrotor is an exhibit, five times as wide.
+A drone of a fleet has its rotors, arms, feet and mast where the airframe's TOML has them. Its origin is the body
+origin, between the rotors and not on the ground. The quadrotor on the stand is five times as wide.
 """
 
 from dataclasses import dataclass, replace
@@ -18,8 +18,8 @@ from foundation.airframe import Airframe
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
 
-# Dark, to be seen against sky and walls. The band and the front blades have a colour that no target has, to be seen
-# against hedges and in shadow, and to show the front.
+# Drones are dark, to be visible against sky and walls. The band and the front blades have a colour that no target has,
+# to be visible against hedges and in shadow, and to show the front.
 SHELL = materials.plain("drone-shell", (62, 66, 72), 0.35)
 BAND = materials.plain("drone-band", (188, 222, 40), 0.1)
 CARBON = materials.plain("drone-carbon", (30, 31, 33), 0.25)
@@ -29,12 +29,12 @@ REAR_BLADE = materials.plain("drone-rear-blade", (58, 60, 64), 0.1)
 # a blade from hub to tip: points (along, across), as fractions of the rotor's radius
 BLADE = ((0.06, -0.05), (0.25, -0.12), (0.65, -0.11), (1.0, -0.04), (1.0, 0.04), (0.65, 0.055), (0.25, 0.065))
 QUADROTOR_SIZE = 1.16  # scale of `quadrotor`: 2.8 m across the propellers, like a crop-spraying drone
-STOPPED_RAD = 0.6, 1.1  # a short exposure shows propellers as if they stood still: angle of the first, step to the next
+STOPPED_RAD = 0.6, 1.1  # angle of the first propeller, step to the next; a short exposure shows propellers at rest
 
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """Where the parts of a multirotor are: m from the body origin, FRD."""
+    """The positions of the parts of a multirotor: m from the body origin, FRD."""
 
     hubs: tuple[Vec3, ...]  # middles of the rotor discs
     radius_m: float  # of each disc
@@ -66,7 +66,7 @@ def outline(airframe: Airframe) -> Outline:
 
 @cache
 def multirotor(shape: Outline) -> Mesh:
-    """Return the mesh of a drone, with the body's origin, and the camera where the drone takes its pictures."""
+    """Return the mesh of a drone. Its origin is the body origin. Its camera is at the offset of `CameraModel()`."""
     thin = max(0.06 * shape.radius_m, 0.001)
     solids = [*_hull(shape), *_camera(shape, thin)]
     for k, (x, y, z) in enumerate(shape.hubs):
@@ -101,7 +101,7 @@ def _hull(shape: Outline) -> list[MeshPart]:
 
 
 def _rotor(hub: Vec3, radius_m: float, number: int, look: Material) -> list[MeshPart]:
-    """Return a motor and its two blades, which is how a propeller looks from near in a short exposure."""
+    """Return a motor and its two blades at rest, as a short exposure shows a propeller from near."""
     x, y, z = hub
     first, step = STOPPED_RAD
     solids = [
@@ -155,7 +155,7 @@ def _display_rotor(x: float, y: float, z: float, turn: float) -> list[MeshPart]:
 
 @cache
 def quadrotor(paint: str) -> Mesh:
-    """Return a crop-spraying quadrotor on a display stand, with hull and stand in `paint`. Raises UsageError."""
+    """Return a crop-spraying quadrotor on a stand, both in `paint`. Raises UsageError for an unknown paint."""
     shell, z = materials.paint(paint), 1.42
     ring = [(0.46, 0.0), (0.36, 0.20), (0.0, 0.27), (-0.36, 0.20), (-0.46, 0.0), (-0.36, -0.20), (0.0, -0.27)]
     ring.append((0.36, -0.20))
