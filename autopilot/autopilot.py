@@ -98,7 +98,7 @@ class Autopilot:
             self._update_core()
         if self.log is not None:
             self.log.tick()
-        node.show_mode()
+        node.send_mode_changes()
         if self.commander.mission.reached:
             mission.tell_progress(node)
         node.uploads.tick(now)

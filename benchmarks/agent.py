@@ -35,7 +35,7 @@ from dronecats.agent.models.wire_formats import open_model
 from dronecats.agent.prompt import Prompt
 from dronecats.bench.campaign import Batch, fly_run
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records import catalogue
 from episodes.world.world import World
@@ -43,7 +43,7 @@ from foundation.camera import CameraModel, Frame, camera_pose
 from foundation.frames import quat_from_euler
 from foundation.run_folder.rows import Decision
 from foundation.run_folder.writing import LineLog
-from foundation.setpoints import Setpoint, Sight
+from foundation.setpoints import PicturePose, Setpoint
 from foundation.threads import InlineExecutor
 
 EPISODE = "blocks-commanding-01"  # has four starts, each with objects in view
@@ -77,10 +77,10 @@ class StandInAircraft:
         self.time_us = 0
         self.commanded_s = 0.0  # monotonic
 
-    def sight(self, time_us: int) -> Sight:
-        return Sight((0.0, 0.0, 0.0), 0.0)
+    def sight(self, time_us: int) -> PicturePose:
+        return PicturePose((0.0, 0.0, 0.0), 0.0)
 
-    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
+    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: PicturePose | None = None) -> None:
         if seen is not None:
             self.commanded_s = time.monotonic()
 
@@ -203,7 +203,7 @@ def in_flight(jobs: int, seconds: float) -> dict[str, Any]:
             seconds=seconds,
             full=True,
         )
-        batch = Batch(Path(folder) / "run", {"flight": as_kept(flight)})
+        batch = Batch(Path(folder) / "run", {"flight": as_redacted_json(flight)})
         began, cpu = time.monotonic(), children_cpu_s()
         results = fly_run(batch, flight, episodes, jobs)
         wall_s, cpu_s = time.monotonic() - began, children_cpu_s() - cpu

@@ -43,7 +43,7 @@ READY = """const done = arguments[0];
   if (ready && opening.loadEventEnd) done([Number(ready), opening.loadEventEnd]);
   else setTimeout(look, 10);
 })()"""
-LOOKED_AT = """const [hash, done] = arguments;
+OPEN_FLIGHT_SCRIPT = """const [hash, done] = arguments;
 const began = performance.now();
 location.hash = hash;
 (function look() {
@@ -53,7 +53,7 @@ location.hash = hash;
 })()"""
 
 
-def made_up(folder: Path, flights: int, steps: int) -> None:
+def write_artificial_runs(folder: Path, flights: int, steps: int) -> None:
     """Write runs with `flights` flights in total, each of `steps` steps."""
     pilots = min(PILOTS, flights)
     names = [f"{MAPS[k % 2]}-{CELLS[k // 2 % 4]}-{k // 8 + 1:02}" for k in range(math.ceil(flights / pilots))]
@@ -124,7 +124,7 @@ def opened(page: Path) -> dict[str, Any]:
             driver.get("about:blank")
             driver.get(page.as_uri())
             shown, loaded = driver.execute_async_script(READY)
-            flight_ms = driver.execute_async_script(LOOKED_AT, "#pilot-0/campus-approaching-01/0")
+            flight_ms = driver.execute_async_script(OPEN_FLIGHT_SCRIPT, "#pilot-0/campus-approaching-01/0")
         finally:
             driver.quit()
     return {"shown_ms": round(shown), "interactive_ms": round(max(shown, loaded)), "flight_ms": round(flight_ms)}
@@ -133,7 +133,7 @@ def opened(page: Path) -> dict[str, Any]:
 def figures(folder: Path, flights: int, steps: int, embed: bool) -> dict[str, Any]:
     """Return the size of a report of made-up flights in `folder`, and the times to write and open it."""
     machine = Machine()
-    made_up(folder / "runs", flights, steps)
+    write_artificial_runs(folder / "runs", flights, steps)
     began = time.perf_counter()
     collection = collect([folder / "runs"])
     read = time.perf_counter()

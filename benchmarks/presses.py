@@ -219,7 +219,7 @@ def between_axes_deg(first: NDArray[np.float64], second: NDArray[np.float64]) ->
     return math.degrees(math.acos(max(-1.0, min(1.0, float(down @ other_down)))))
 
 
-class Left(NamedTuple):
+class BackOffStart(NamedTuple):
     """The vehicle when it was ordered to back off: place, count of hits and number of the last obstacle."""
 
     position_ned: NDArray[np.float64]  # m
@@ -237,7 +237,7 @@ class Watch:
     hits: int  # number of hits before the press
     phase: str = "ahead"  # then "pushing", "back", "over"
     ticks: int = 0  # since the phase began
-    left: Left | None = None
+    left: BackOffStart | None = None
     away_m: float = 0.0
     met_another: bool = False
     resets: int = 0
@@ -275,7 +275,7 @@ class Watch:
         self._worst("speed", float(np.linalg.norm(pose.velocity_ned)))
         self._worst("tilt_deg", lean_deg(pose.attitude))
         if self.phase == "pushing" and self.ticks * TICK_S >= self.press.seconds:
-            self.left = Left(truth["position_ned"].copy(), int(state["hits"]), int(state["hit_owner"]))
+            self.left = BackOffStart(truth["position_ned"].copy(), int(state["hits"]), int(state["hit_owner"]))
             self._begin("back")
         elif self.phase == "back" and self.left:
             self.away_m = float(np.linalg.norm((truth["position_ned"] - self.left.position_ned)[:2]))

@@ -34,7 +34,7 @@ from dronecats.pilots.vision import ocr
 from episodes.records import catalogue
 
 ROOT = Path(__file__).parent.parent
-LOOK_S = 0.002  # s of processor time between samples
+SAMPLE_PERIOD_S = 0.002  # s of processor time between samples
 PROFILED = 12  # number of episodes, evenly spread over the suite
 WORK = {  # folder or file → its work; the first match counts
     "dronecats/flight/sitl/fused.py": "physics, estimator and inner loops (compiled)",
@@ -86,10 +86,10 @@ class Sampler:
         self.phases[phase or PHASES["fly_and_judge"]] += 1
 
     @contextmanager
-    def looking(self) -> Iterator[None]:
-        """Sample every LOOK_S of this process's processor time during the block."""
+    def sampling(self) -> Iterator[None]:
+        """Sample every SAMPLE_PERIOD_S of this process's processor time during the block."""
         before = signal.signal(signal.SIGPROF, self.look)
-        signal.setitimer(signal.ITIMER_PROF, LOOK_S, LOOK_S)
+        signal.setitimer(signal.ITIMER_PROF, SAMPLE_PERIOD_S, SAMPLE_PERIOD_S)
         try:
             yield
         finally:
@@ -120,7 +120,7 @@ def profiled(episodes: Sequence[str], folder: Path) -> Sampler:
             if turn == "first":
                 worker.fly_flight(as_json(spec), into)
                 continue
-            with sampler.looking():
+            with sampler.sampling():
                 worker.fly_flight(as_json(spec), into)
     return sampler
 
@@ -131,7 +131,7 @@ def shares(counted: Counter[str]) -> dict[str, float]:
     return {name: round(count / total, 3) for name, count in counted.most_common()}
 
 
-def benched(words: list[str], jobs: int) -> dict[str, Any]:
+def bench_figures(words: list[str], jobs: int) -> dict[str, Any]:
     """Return the figures of one `dronecats bench`."""
     with tempfile.TemporaryDirectory() as folder:
         summary, wall_s, cpu_s = run_bench(Path(folder) / "bench", [*words, "--jobs", str(jobs)])
@@ -163,9 +163,9 @@ def main() -> int:
     ocr.check_installed()
     machine, few = Machine(), ["--limit", "2"] if args.short else []
     undrawn = ["--pilot", "noisy", *(few or ["--flights", "2"])]
-    one_job, two_jobs = (benched(["--suite", args.suite, *undrawn], jobs) for jobs in (1, 2))
-    fleets = benched(["--suite", "commanding", *undrawn], 2)
-    drawn = benched(["--suite", args.drawn, "--pilot", "vision", *few], 2)
+    one_job, two_jobs = (bench_figures(["--suite", args.suite, *undrawn], jobs) for jobs in (1, 2))
+    fleets = bench_figures(["--suite", "commanding", *undrawn], 2)
+    drawn = bench_figures(["--suite", args.drawn, "--pilot", "vision", *few], 2)
     names = catalogue.suite_ids(args.suite)
     chosen = names[:1] if args.short else names[:: max(1, len(names) // PROFILED)]
     with tempfile.TemporaryDirectory() as folder:

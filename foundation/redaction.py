@@ -15,7 +15,7 @@ from foundation.protocol import ACTION_FIELDS, ACTIONS
 HIDDEN = "***"
 MAX_URL_CHARS = 2000  # a longer one is not parsed
 MIN_CHARS = 5  # shorter texts are not keys, and hiding them would garble words and numbers
-SPOKEN = frozenset((*ACTIONS, *ACTION_FIELDS))  # a model's replies contain them, so they are never hidden
+REPLY_WORDS = frozenset((*ACTIONS, *ACTION_FIELDS))  # a model's replies contain them, so they are never hidden
 _WEB = ("http", "https", "ws", "wss", "rtsp", "rtsps", "")
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]{0,15}://[^\s'\"<>]*[^\s'\"<>.,:;!)\]}]")
 _URL_FIELDS = re.compile(
@@ -31,10 +31,10 @@ _DATE = re.compile(r"\d{4}-\d\d(-\d\d)?(-preview)?")
 
 def redacted(text: str, *secrets: str | None) -> str:
     """Return `text` with redacted addresses and without the secrets in any spelling."""
-    return _URL.sub(lambda match: redacted_url(match[0]), without(text, *secrets))
+    return _URL.sub(lambda match: redacted_url(match[0]), hide_secrets(text, *secrets))
 
 
-def without(text: str, *secrets: str | None) -> str:
+def hide_secrets(text: str, *secrets: str | None) -> str:
     """Return `text` without the secrets in any spelling; its addresses stay."""
     for secret in sorted(filter(None, secrets), key=len, reverse=True):
         text = _spellings(secret).sub(HIDDEN, text)
@@ -59,9 +59,9 @@ def redacted_url(url: str) -> str:
     shown = (f"{scheme}://" if scheme else "") + (f"{HIDDEN}@" if user else "") + host + port
     if scheme.lower() not in _WEB:
         return shown + url[match.end("port") if port else match.end("host") :]
-    shown += "/".join(piece if _plain(piece) else HIDDEN for piece in path.split("/"))
+    shown += "/".join(piece if _is_safe_path_part(piece) else HIDDEN for piece in path.split("/"))
     if query:
-        shown += "?" + "&".join(_named(pair) for pair in query.split("&"))
+        shown += "?" + "&".join(_redacted_query_pair(pair) for pair in query.split("&"))
     return shown + (f"#{HIDDEN}" if fragment else "")
 
 
@@ -86,7 +86,7 @@ def secrets_of(url: str) -> tuple[str, ...]:
     user, path, query, fragment = (match[name] or "" for name in ("user", "path", "query", "fragment"))
     name, _, password = user.partition(":")
     basic = base64.b64encode(unquote(user).encode()).decode() if user else ""
-    pieces = [piece for piece in path.split("/") if not _plain(piece)]
+    pieces = [piece for piece in path.split("/") if not _is_safe_path_part(piece)]
     values = [pair.partition("=")[2] or pair for pair in query.split("&")]
     candidates = (user, name, password, basic, *pieces, *values, fragment)
     return worth_hiding(*candidates, *map(unquote, candidates), *map(unquote_plus, values))
@@ -94,10 +94,10 @@ def secrets_of(url: str) -> tuple[str, ...]:
 
 def worth_hiding(*texts: str | None) -> tuple[str, ...]:
     """Return the texts that are safe to hide everywhere, without duplicates: not short, no words of replies."""
-    return tuple(dict.fromkeys(text for text in texts if text and len(text) >= MIN_CHARS and text not in SPOKEN))
+    return tuple(dict.fromkeys(text for text in texts if text and len(text) >= MIN_CHARS and text not in REPLY_WORDS))
 
 
-def _plain(piece: str) -> bool:
+def _is_safe_path_part(piece: str) -> bool:
     """Return whether a piece of a path is a short word or a date, so not a key."""
     if _DATE.fullmatch(piece):
         return True
@@ -105,11 +105,11 @@ def _plain(piece: str) -> bool:
     return few and _WORD.fullmatch(piece) is not None
 
 
-def _named(pair: str) -> str:
+def _redacted_query_pair(pair: str) -> str:
     name, equals, value = pair.partition("=")
     if not equals:
         return HIDDEN if name else ""
-    return f"{name if _plain(name) else HIDDEN}={HIDDEN if value else ''}"
+    return f"{name if _is_safe_path_part(name) else HIDDEN}={HIDDEN if value else ''}"
 
 
 def _spellings(secret: str) -> re.Pattern[str]:

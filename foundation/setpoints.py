@@ -6,7 +6,7 @@ from foundation.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class PicturePose:
     """The estimated pose of a vehicle when a picture was taken. A decision about the picture refers to this pose."""
 
     position_ned: Vec3  # m, local frame of the autopilot
@@ -28,7 +28,7 @@ class Turn:
 
     yaw_rate: float  # rad/s, + right
     angle: float | None = None  # rad from the sight's heading, with the sign of the rate; None: turn without end
-    onto_line: bool = False  # whether a move follows: the held place is then on the line of that move
+    is_before_move: bool = False  # whether a move follows: the held place is then on the line of that move
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,7 +110,7 @@ def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
     return keeping
 
 
-class Latest(Generic[T]):
+class NewestItemWorker(Generic[T]):
     """A thread that calls `work` for one item at a time. A newer item replaces an item that still waits."""
 
     def __init__(self, work: Callable[[T], None], name: str) -> None:

@@ -35,7 +35,7 @@ COURSE_FROM = 0.3  # m/s; below this speed a receiver reports no course over gro
 
 
 @dataclass(frozen=True, slots=True)
-class Sent:
+class SampleTimes:
     """Times (µs, vehicle clock) of the newest samples that were sent to the autopilot; 0: none yet."""
 
     imu_us: int = 0
@@ -44,7 +44,7 @@ class Sent:
     gps_us: int = 0
 
 
-def sensor_message(sensors: Any, time_us: int, sent: Sent) -> dialect.MAVLink_hil_sensor_message:
+def sensor_message(sensors: Any, time_us: int, sent: SampleTimes) -> dialect.MAVLink_hil_sensor_message:
     """Return HIL_SENSOR at `time_us` (µs, vehicle clock), with all groups marked that are newer than `sent`.
 
     `sensors` is a record of `foundation.sensors.SENSORS`. Without new samples the message still advances PX4's clock.
@@ -93,9 +93,9 @@ def gps_message(sensors: Any) -> dialect.MAVLink_hil_gps_message:
     )
 
 
-def sent_now(sensors: Any) -> Sent:
+def sample_times(sensors: Any) -> SampleTimes:
     """Return the times of the newest samples of `sensors`, as sent."""
-    return Sent(
+    return SampleTimes(
         int(sensors["imu_time_us"]),
         int(sensors["mag_time_us"]),
         int(sensors["baro_time_us"]),

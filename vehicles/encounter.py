@@ -44,7 +44,7 @@ def _attitude(state: Record) -> Quat:
 
 
 @njit(cache=True)
-def _moving(state: Record, arm: Vec3) -> Vec3:
+def _point_velocity(state: Record, arm: Vec3) -> Vec3:
     """Return the velocity (m/s, NED) of a point at `arm` (m, NED) from the vehicle's origin."""
     x, y, z = rotate(_attitude(state), (state.rates[0], state.rates[1], state.rates[2]))
     return (
@@ -122,7 +122,7 @@ def _push_apart(
     normal = (gap[0] / between, gap[1] / between, gap[2] / between) if between > 1e-6 else (0.0, 0.0, -1.0)
     arm = (-size * normal[0], -size * normal[1], -size * normal[2])
     other_arm = (other_size * normal[0], other_size * normal[1], other_size * normal[2])
-    here, there = _moving(state, arm), _moving(other, other_arm)
+    here, there = _point_velocity(state, arm), _point_velocity(other, other_arm)
     x, y, z = here[0] - there[0], here[1] - there[1], here[2] - there[2]
     closing = -(x * normal[0] + y * normal[1] + z * normal[2])
     leaving = SEPARATION_RATE * max(reach - between, 0.0) + (RESTITUTION * closing if closing > HIT_LEAST else 0.0)
@@ -137,7 +137,7 @@ def _push_apart(
     force = (press * normal[0], press * normal[1], press * normal[2])
     if sliding > 1e-6:
         way = (x / sliding, y / sliding, z / sliding)
-        ease = _ease(params, state, arm, way) + _ease(others, other, other_arm, way)
+        ease = _mobility(params, state, arm, way) + _mobility(others, other, other_arm, way)
         rub = min(FRICTION * press, sliding / ease / tick_s)
         force = (force[0] - rub * way[0], force[1] - rub * way[1], force[2] - rub * way[2])
     _push(state, arm, force, 1.0)
@@ -146,7 +146,7 @@ def _push_apart(
 
 
 @njit(cache=True)
-def _ease(params: Record, state: Record, arm: Vec3, way: Vec3) -> float:
+def _mobility(params: Record, state: Record, arm: Vec3, way: Vec3) -> float:
     q = _attitude(state)
     return mobility(params, rotate_inverse(q, arm), rotate_inverse(q, way))
 

@@ -169,7 +169,7 @@ def at_rest(params: Record, state: Record, load: Load, breeze: Vec3) -> bool:
 
 
 @njit(cache=True)
-def hold(state: Record) -> None:
+def freeze_at_rest(state: Record) -> None:
     """Keep a vehicle at rest exactly in place."""
     felt = rotate_inverse(
         (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3]), (0.0, 0.0, -GRAVITY)

@@ -16,7 +16,7 @@ from foundation.terrain import FLAT, OPEN, HeightField, Obstacles
 from vehicles import ground
 from vehicles.collision import collide, fresh_near, solids_record
 from vehicles.faults import Fault, apply_rotor_faults, fault_record
-from vehicles.ground import at_rest, candidates, hold, in_reach, peaks, surface, update_contacts
+from vehicles.ground import at_rest, candidates, freeze_at_rest, in_reach, peaks, surface, update_contacts
 from vehicles.records import AIR, FAULTS, PARAMS, STATE, STEP_S, STEP_US, rotate_inverse
 from vehicles.rigid_body import move
 from vehicles.rotor import (
@@ -83,7 +83,7 @@ def step(plant: Record, down: Grid, peak: Grid, triangles: SolidTriangles) -> No
         drain_battery(params, state)
 
     if mask != 0 and at_rest(params, state, load, breeze):
-        hold(state)
+        freeze_at_rest(state)
     else:
         move(params, state, down, load, breeze, mask)
         update_contacts(params, state, down, load, mask)

@@ -78,7 +78,7 @@ def expect(params: Record, state: Record, dt: float) -> None:
 YAW_LEAD_MAX = math.radians(30.0)  # largest lead of the yaw reference, if the vehicle cannot follow a yaw rate setpoint
 YAW_GAIN = 3.0  # 1/s, yaw rate per yaw error near a yaw setpoint
 YAW_ACCELERATION = 2.5  # rad/s²; yaw torque is weak, so a faster start would saturate the rotors
-FOLLOWS = 0.4  # m/s; with a smaller velocity error, the vehicle follows its setpoint
+FOLLOWING_ERROR_MAX = 0.4  # m/s; with a smaller velocity error, the vehicle follows its setpoint
 TRIM_S = 2.0  # s, time constant of `free_integral`
 TEST_STEP = 0.8  # m/s²; after the integral has grown this much, its effect on the velocity error is checked
 ERROR_DROP = 0.05  # m/s; in wind, the second half of that growth reduces the velocity error at least this much
@@ -97,7 +97,7 @@ FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²; a larger value is an invalid measur
 
 
 @njit(cache=True)
-def tighter(own: float, mode: float) -> float:
+def smaller_limit(own: float, mode: float) -> float:
     """Return the smaller of a parameter's limit and the mode's limit, which counts only if finite and positive."""
     return min(own, mode) if math.isfinite(mode) and mode > 0.0 else own
 
@@ -159,9 +159,9 @@ def update_velocity_reference(
     """
     p, v = setpoint.position_ned, setpoint.velocity_ned
     here = estimate.position_ned
-    horizontal_max = tighter(params.speed_max_horizontal, setpoint.speed_limit_horizontal)
-    up_max = tighter(params.speed_max_up, setpoint.speed_limit_up)
-    down_max = tighter(params.speed_max_down, setpoint.speed_limit_down)
+    horizontal_max = smaller_limit(params.speed_max_horizontal, setpoint.speed_limit_horizontal)
+    up_max = smaller_limit(params.speed_max_up, setpoint.speed_limit_up)
+    down_max = smaller_limit(params.speed_max_down, setpoint.speed_limit_down)
 
     to_position = math.isfinite(p[0]) and math.isfinite(p[1]) and estimate.position_valid != 0
     north = v[0] if math.isfinite(v[0]) else 0.0
@@ -210,12 +210,13 @@ def accelerate(
 ) -> Vec3:
     """Return the acceleration setpoint (NED, m/s²): velocity PID plus the feed-forward of the reference."""
     out_n, out_e, out_d = 0.0, 0.0, 0.0
-    spared = 0.0  # m/s², reduction of the push against an obstacle
+    push_reduction = 0.0  # m/s², reduction of the push against an obstacle
     if state.blocked_s > 0.0:
         for i in range(3 if vertical else 2):
             error = state.velocity_expected[i] - estimate.velocity_ned[i]
-            spared += params.velocity_p[i] * error * state.blocked_way[i]
-        spared = max(spared - (INITIAL_PUSH_LIMIT if state.blocked_s < FIRST_S else LASTING_PUSH_LIMIT), 0.0)
+            push_reduction += params.velocity_p[i] * error * state.blocked_way[i]
+        limit = INITIAL_PUSH_LIMIT if state.blocked_s < FIRST_S else LASTING_PUSH_LIMIT
+        push_reduction = max(push_reduction - limit, 0.0)
     for i in range(3):
         extra = setpoint.acceleration_ned[i]
         ahead = extra if math.isfinite(extra) else 0.0
@@ -224,7 +225,7 @@ def accelerate(
             error = state.velocity_expected[i] - estimate.velocity_ned[i]
             total = (
                 ahead + reference + params.velocity_p[i] * error + state.velocity_integral[i]
-                - spared * state.blocked_way[i]
+                - push_reduction * state.blocked_way[i]
                 - params.velocity_d[i] * (state.acceleration_filtered[i] - state.acceleration_expected[i])
             )  # fmt: skip
         else:
@@ -299,7 +300,7 @@ def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: flo
     down = state.velocity_expected[2] - estimate.velocity_ned[2] if axes == 3 else 0.0
     size = math.sqrt(north * north + east * east + down * down)
     touched = state.untouched_s < TOUCHED_S
-    if size < FOLLOWS and not touched:
+    if size < FOLLOWING_ERROR_MAX and not touched:
         for i in range(3):
             free[i] += min(dt / TRIM_S, 1.0) * (total[i] - free[i])
             tried[i] = total[i]

@@ -109,7 +109,7 @@ PARAMETERS_PER_TICK = 18  # PX4 lists 900 parameters in 0.9 s
 TRANSFERS_PER_TICK = 20  # messages of each download: 180 kB/s of a log at 100 ticks a second
 TRANSFER_BACKLOG = 200  # queued messages; downloads pause while there are as many or more
 FASTEST_US = 1_000
-NOT_HELD = (struct.error, OverflowError, ValueError)  # raised for a value that its field cannot hold
+ENCODING_ERRORS = (struct.error, OverflowError, ValueError)  # raised for a value that its field cannot hold
 QUEUE_LIMIT = 20_000  # messages; a port drops the oldest if its client reads none
 
 
@@ -154,7 +154,7 @@ class Port:
                     self._node.send_text(4, "MAVLink message without a valid signature ignored")
                 continue
             self._handle(self, message)
-            self._node.show_mode()
+            self._node.send_mode_changes()
         if before == 0 and self._parser.bad:
             self.note_malformed()
 
@@ -172,7 +172,7 @@ class Port:
         """Queue a message."""
         try:
             frame = self._packer.pack(message)
-        except NOT_HELD:
+        except ENCODING_ERRORS:
             self.lost += 1
         else:
             self._queue(frame, message.crc_extra)
@@ -202,7 +202,7 @@ class Port:
         """Queue one telemetry message now, if it has data."""
         try:
             payload = self.telemetry(message_id)
-        except NOT_HELD:
+        except ENCODING_ERRORS:
             self.lost += 1
             return
         if payload is not None:
@@ -395,7 +395,7 @@ class Node:
     def telemetry(self, message_id: int) -> bytes | None:
         """Return the payload of a message at the present tick, made once for all ports; None if it has no data.
 
-        Raises one of NOT_HELD.
+        Raises one of ENCODING_ERRORS.
         """
         now = self.vehicle.state.time_us
         if self._made_us != now:
@@ -424,7 +424,7 @@ class Node:
             if port is not source and port.profile != "minimal":
                 port.send_raw(data)
 
-    def show_mode(self) -> None:
+    def send_mode_changes(self) -> None:
         """Send HEARTBEAT at once on every port if the mode or the armed state has changed since the last call."""
         commander = self.vehicle.commander
         shown = (commander.mode, commander.armed)

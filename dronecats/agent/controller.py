@@ -23,7 +23,7 @@ from foundation.protocol import (
     STRIDE_MAX_M,
     YAW_RATE_DEG,
 )
-from foundation.setpoints import Hold, Setpoint, Sight, Turn, Velocity
+from foundation.setpoints import Hold, PicturePose, Setpoint, Turn, Velocity
 
 YAW_RATE = math.radians(YAW_RATE_DEG)  # rad/s
 SETTLE_S = 3.0  # s that a turn may take longer than its angle / YAW_RATE, for a lagging vehicle or a gust
@@ -102,11 +102,11 @@ class Aircraft(Protocol):
         """True when the nose has reached the heading of the current turn and has stopped turning."""
         ...
 
-    def sight(self, time_us: int) -> Sight:
+    def sight(self, time_us: int) -> PicturePose:
         """Return the estimated pose of the vehicle at a time of its clock (µs). Raises LinkError."""
         ...
 
-    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
+    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: PicturePose | None = None) -> None:
         """Stream this setpoint from the next tick on, and a hold after `seconds` of vehicle time.
 
         The setpoint's angles count from the heading of `seen`.
@@ -131,8 +131,8 @@ class Drone:
         self.thinks_next = False  # the newest reply was a think: the next call reasons at length
         self._segments: list[Segment] = []  # segments of the current action that are still to be flown
         self._segment_ends_s = 0.0
-        self._seen: Sight | None = None  # pose when the picture of the current action was taken
-        self._counts_from: Sight | None = None  # pose from which the angles count, if not `_seen`
+        self._seen: PicturePose | None = None  # pose when the picture of the current action was taken
+        self._counts_from: PicturePose | None = None  # pose from which the angles count, if not `_seen`
         self._seen_us = 0  # µs on the vehicle's clock, time of `_seen`
 
     @property

@@ -42,7 +42,7 @@ class Questions:
 SLACK_S = 0.15  # three ticks of the 20 Hz clock at which the agent checks for a reply
 
 
-class Asking:
+class PendingQuestion:
     """One question under way. Its latency is charged once: after the reply, or before if the policy foresees it."""
 
     def __init__(
@@ -123,7 +123,7 @@ class Asking:
 
 
 def await_reply(
-    asking: Asking,
+    asking: PendingQuestion,
     now_s: Callable[[], float],
     start_s: float,
     cap_s: float,
@@ -241,7 +241,7 @@ class Decider:
             for drone in self._drones:
                 drone.advance(self._now_s())
 
-    def _send(self, frames: Sequence[Frame], thinking: bool, number: int, now_s: float) -> Asking:
+    def _send(self, frames: Sequence[Frame], thinking: bool, number: int, now_s: float) -> PendingQuestion:
         questions, cockpit = self._questions, self._cockpit
         pictures = cockpit.keep_pictures(frames)
         text = questions.prompt.render(
@@ -255,7 +255,9 @@ class Decider:
         cockpit.log_prompt(request, frames, now_s)
         question = Question(cockpit.seed, number, first)
         executor, last_s = cockpit.executor, self._decided_s
-        return Asking(questions.model, request, executor, questions.latency, question, now_s, questions.beside, last_s)
+        return PendingQuestion(
+            questions.model, request, executor, questions.latency, question, now_s, questions.beside, last_s
+        )
 
     def _instruction(self) -> str:
         return self._questions.instruction
@@ -270,7 +272,7 @@ class Decider:
         named = zip(labels(len(self._drones)), self._drones, strict=True)
         return "\n".join(f"{label}\n{drone.history.render()}" for label, drone in named)
 
-    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool, now_s: float) -> list[Decision]:
+    def _decide(self, frames: Sequence[Frame], asking: PendingQuestion, thinking: bool, now_s: float) -> list[Decision]:
         reply, step = asking.reply(), self._tally.take()
         rate_hz = None if self._decided_s is None or now_s <= self._decided_s else 1.0 / (now_s - self._decided_s)
         self._decided_s = now_s

@@ -12,7 +12,7 @@ from dronecats.bench.tables import EpisodeScore, score
 from dronecats.flight.run.accounts import FirstQuestions
 from dronecats.flight.run.fly import settings
 from dronecats.flight.spec.flight import look_up
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from dronecats.pilots import roster
 from foundation.errors import UsageError
 from foundation.run_folder import layout
@@ -149,6 +149,10 @@ def _configurations(suite: ChosenSuite, entries: Sequence[BenchEntry]) -> list[t
     for entry in entries:
         spec = entry.flight  # without the ledger: `look_up` would open it, but its folder may not exist yet
         flight = look_up(replace(spec, accounts=replace(spec.accounts, ledger=None)))
-        configuration = {**settings(flight, flight.camera), "flight": as_kept(spec), "suite": as_json(suite.identity)}
+        configuration = {
+            **settings(flight, flight.camera),
+            "flight": as_redacted_json(spec),
+            "suite": as_json(suite.identity),
+        }
         configurations.append((entry, configuration))
     return configurations

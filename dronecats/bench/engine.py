@@ -105,7 +105,7 @@ HANG_S = 900.0
 LOGS = (layout.DECISIONS, layout.TRUTH, layout.TLOG, layout.COMMANDER)
 # files that show the progress of a flight; the record is written first, so a flight has begun even if its map does not
 # finish loading
-WRITTEN = (layout.EPISODE, *LOGS)
+PROGRESS_FILES = (layout.EPISODE, *LOGS)
 
 
 @dataclass(slots=True)
@@ -118,7 +118,7 @@ class _InFlight:
 
     def silent_s(self) -> float:
         """Return the wall seconds since a call of this method last found a changed file of the flight."""
-        sizes, now_s = _sizes(self.sortie.folder, WRITTEN), time.monotonic()
+        sizes, now_s = _sizes(self.sortie.folder, PROGRESS_FILES), time.monotonic()
         if sizes != self.sizes:
             self.sizes, self.since_s = sizes, now_s
         return now_s - self.since_s

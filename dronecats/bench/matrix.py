@@ -10,7 +10,7 @@ from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.names import PAPER
 from dronecats.flight.run.identity import suite_digest
 from dronecats.flight.spec.flight_spec import FlightSpec
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord
 from foundation.errors import UsageError
@@ -124,7 +124,7 @@ def benchmark(suite: ChosenSuite, runs: Sequence[BenchEntry], *, retry: bool) ->
         runs=tuple(
             BenchmarkRun(
                 name=entry.name,
-                flight=as_kept(entry.flight),
+                flight=as_redacted_json(entry.flight),
                 episodes=tuple(suite.records[episode].id for episode in entry.episodes),
             )
             for entry in runs

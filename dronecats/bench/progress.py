@@ -18,7 +18,7 @@ from dronecats.agent.prompt import NONE_YET, Prompt
 from dronecats.bench.benchmark_folder import setting_of
 from dronecats.bench.campaign import OpenRun
 from dronecats.flight.spec.flight_spec import FlightSpec
-from dronecats.judge.statistics.shares import known_share
+from dronecats.judge.statistics.shares import estimate_share
 from dronecats.report.results.collection import usage_of
 from foundation.errors import UsageError
 from foundation.protocol import HISTORY_LENGTH, STEP_S
@@ -83,7 +83,7 @@ class Progress:
         if left_s is not None and self.done < self.total:
             fields.append(f"{_clock(left_s)} left, {self.per_hour(wall_s):.0f} an hour")
         if self.outcomes:  # the same interval as in the table: episodes are the unit
-            share = known_share(list(self.outcomes.values()))
+            share = estimate_share(list(self.outcomes.values()))
             fields.append(f"SR {share.share:.0%} ({share.low:.0%}–{share.high:.0%})")
         fields.append(f"{self.solved} solved, {self.failed} failed, {counted(self.errors, 'error')}")
         if self.retries:

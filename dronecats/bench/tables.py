@@ -11,7 +11,7 @@ from msgspec import UNSET
 from dronecats.agent.latency import RATE, LatencyPolicy
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.judge.metrics.replies import is_cut_off, is_refused, is_unreadable
-from dronecats.judge.statistics.shares import known_share
+from dronecats.judge.statistics.shares import estimate_share
 from dronecats.report.report_data import NONE
 from dronecats.report.table import CellValue, ReportTable, TableCell, TableRow, in_blocks, numbers, table_of, words
 from dronecats.report.table import row as table_row
@@ -273,7 +273,7 @@ def _bench_row(setting: str, group: str, scores: Sequence[EpisodeScore], drop_st
     flights: dict[str, list[bool]] = {}
     for s in kept:
         flights.setdefault(s.episode, []).append(s.outcome == "success")
-    success = known_share(list(flights.values()))
+    success = estimate_share(list(flights.values()))
     rates = [rate for s in kept for rate in s.rates_hz]
     low, middle, high = (round(float(q), 3) for q in np.quantile(rates, QUANTILES)) if rates else (0.0, 0.0, 0.0)
     return BenchRow(

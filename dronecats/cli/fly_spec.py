@@ -141,7 +141,7 @@ RUN = (
     Option(name="json", kind=bool, help="end with one JSON object on standard output", beside_spec=True),
 )  # fmt: skip
 OPTIONS = (*VEHICLE, *PILOT, COMMAND, LATENCY, *DISTURBANCES, *RUN)
-BESIDE_SPEC = {"verb", "run", "view", "view_port", "view_stay", *(o.name for o in OPTIONS if o.beside_spec)}
+ALLOWED_WITH_SPEC = {"verb", "run", "view", "view_port", "view_stay", *(o.name for o in OPTIONS if o.beside_spec)}
 REPLAY = "replay:"
 SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which the flight of a connected vehicle ends
@@ -296,9 +296,9 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
 
 def _read(args: argparse.Namespace) -> "FlightSpec":
     """Return the flight in the file of --spec, changed by the options that are allowed with --spec."""
-    from dronecats.flight.spec.spec_file import hidden, read
+    from dronecats.flight.spec.spec_file import options_with_redacted_address, read
 
-    stray = next((name for name, value in vars(args).items() if name not in BESIDE_SPEC and is_set(value)), None)
+    stray = next((name for name, value in vars(args).items() if name not in ALLOWED_WITH_SPEC and is_set(value)), None)
     if stray:
         raise UsageError(f"--spec defines the flight. Leave --{stray.replace('_', '-')} out")
     spec = read(args.spec)
@@ -312,7 +312,7 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
         spec = replace(spec, commander=replace(spec.commander, base_url=args.commander_url))
     if args.camera and spec.connected:
         spec = replace(spec, connected=replace(spec.connected, camera=args.camera))
-    if not spec.replay and (missing := hidden(spec)):
+    if not spec.replay and (missing := options_with_redacted_address(spec)):
         raise UsageError(
             f"--spec {args.spec} does not hold the whole address, because a part of it may be a key. Add {missing[0]}"
         )

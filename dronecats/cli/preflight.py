@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the checks. Return 1 if a check fails, else 0."""
     from hil.link import transport
     from hil.link.link import Link
-    from hil.preflight.check import check, mend
+    from hil.preflight.check import apply_changes, check
 
     if not 1.0 <= args.seconds <= 600.0:
         raise UsageError(f"--seconds must be 1 to 600, got {args.seconds:g}")
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         if not args.json:
             _show(result)
         if args.fix and result.changes and _agreed(result, quiet=args.json):
-            result = mend(link, result, result.changes)
+            result = apply_changes(link, result, result.changes)
             if not args.json:
                 print("\nThe parameters are set. The new check:\n")
                 _show(result)

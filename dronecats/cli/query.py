@@ -17,7 +17,7 @@ from foundation.files import whole_file
 from foundation.wording import counted
 
 if TYPE_CHECKING:
-    from dronecats.report.results.database import Selected
+    from dronecats.report.results.database import QueryResult
     from dronecats.report.table import ReportTable
 
 FORMATS = {"mcap": "message", "rerun": "message", "lerobot": "frame", "ulog": "message", "kml": "place",
@@ -69,7 +69,7 @@ def _run_tables() -> "list[ReportTable]":
     ]
 
 
-def _answer(args: argparse.Namespace) -> "Selected":
+def _answer(args: argparse.Namespace) -> "QueryResult":
     from dronecats.report.recorded.run import recorded_runs
     from dronecats.report.results.database import query
 
@@ -82,7 +82,7 @@ def _answer(args: argparse.Namespace) -> "Selected":
     return answer
 
 
-def _csv(answer: "Selected", file: str) -> None:
+def _csv(answer: "QueryResult", file: str) -> None:
     lines = [answer.columns, *([_cell(value) for value in row] for row in answer.rows)]
     if file == "-":
         csv.writer(sys.stdout, lineterminator="\n").writerows(lines)
@@ -100,7 +100,7 @@ def _cell(value: Any) -> Any:
     return json.dumps(_plain(value)) if isinstance(value, list | tuple | dict | bool) else value
 
 
-def _as_object(answer: "Selected", row: Iterable[Any]) -> dict[str, Any]:
+def _as_object(answer: "QueryResult", row: Iterable[Any]) -> dict[str, Any]:
     return {name: _plain(value) for name, value in zip(answer.columns, row, strict=True)}
 
 
@@ -117,7 +117,7 @@ def _plain(value: Any) -> Any:
     return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
-def _table(answer: "Selected") -> "ReportTable":
+def _table(answer: "QueryResult") -> "ReportTable":
     """Return the answer as a table. Numbers are aligned to the right."""
     from dronecats.report.table import numbers, table_of, words
 

@@ -124,7 +124,7 @@ def _report(
     from dronecats.study.rate.chain import CHAIN, STUDY, summary_table
 
     written = [str(replay.trace.with_name(name)) for name in (CHAIN, replay.trace.name, STUDY)] if replay else []
-    made = made_by(replay) if replay else {}
+    made = next_command_values(replay) if replay else {}
     if as_json:
         commands = next_commands("study rate", **made) if made else []
         print(json.dumps({**(summary.as_json() if summary else {"questions": 0}), **ending,
@@ -137,7 +137,7 @@ def _report(
             print_next("study rate", **made)
 
 
-def made_by(chain: "ReplayedChain") -> dict[str, str | Path | list[str]]:
+def next_command_values(chain: "ReplayedChain") -> dict[str, str | Path | list[str]]:
     """Return the values for NEXT["study rate"]: latency and frame delay of the chain, folder and study file."""
     from dronecats.study.rate.chain import STUDY
 

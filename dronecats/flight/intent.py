@@ -42,7 +42,7 @@ def _marked(picture: NDArray[np.uint8], decision: Decision, camera: CameraModel)
     else:
         action = action_from(decision.action)
         words.append(compact(action))
-        words += [_meant(segment) for segment in plan(action, camera)]
+        words += [_describe_segment(segment) for segment in plan(action, camera)]
         if isinstance(action, Go):
             at = (round(action.x * width / POINT_SPAN), round(action.y * height / POINT_SPAN))
             cv2.arrowedLine(picture, (width // 2, height - 1), at, INK, 2, cv2.LINE_AA, tipLength=0.04)
@@ -56,7 +56,7 @@ def _marked(picture: NDArray[np.uint8], decision: Decision, camera: CameraModel)
     return picture
 
 
-def _meant(segment: Segment) -> str:
+def _describe_segment(segment: Segment) -> str:
     match segment.setpoint:
         case Turn(yaw_rate):
             return f"would turn {math.degrees(yaw_rate):+.0f} deg/s for {segment.duration_s:.2f} s"

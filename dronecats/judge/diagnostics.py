@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from msgspec import UNSET
 
-from dronecats.judge.verdict import finished
+from dronecats.judge.verdict import declaring_decisions
 from foundation.protocol import CAP_S, POSE_PERIOD_S, RADIUS_M, ROTATE
 from foundation.run_folder.reading import Estimate, Logs
 from foundation.run_folder.results import Contacts, DecidedNear, Diagnostics, Distances, Nearness
@@ -253,7 +253,9 @@ def distances(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Di
         target=estimate.head.target,
         closest=_nearness(nearest[1], delta_m) if nearest else None,
         last_action=_decided_near(acted[-1], estimate, delta_m) if acted else None,
-        declarations=tuple(_decided_near(d, estimate, delta_m) for d in finished(logs) if d.t_decided <= cap_s),
+        declarations=tuple(
+            _decided_near(d, estimate, delta_m) for d in declaring_decisions(logs) if d.t_decided <= cap_s
+        ),
         dwell_s=round(_estimated_dwell([(p.t, distance_m) for distance_m, p in by_distance], delta_m), 3),
     )
 

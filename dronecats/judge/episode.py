@@ -116,10 +116,10 @@ class Judged:
 def judge_folder(folder: Path, delta_m: float = RADIUS_M, reread: Rereading | None = None) -> Judged:
     """Return the `outcome` of an episode folder, compared with its other files. Raises UsageError."""
     logs = read(folder)
-    return beside_stored(folder, logs, json_object(folder / layout.EPISODE), outcome(logs, delta_m), reread)
+    return judged_against_files(folder, logs, json_object(folder / layout.EPISODE), outcome(logs, delta_m), reread)
 
 
-def beside_stored(
+def judged_against_files(
     folder: Path,
     logs: Logs,
     record: Mapping[str, Any] | None,

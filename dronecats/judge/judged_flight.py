@@ -29,7 +29,7 @@ from dronecats.judge.verdict import (
     Judgement,
     Measured,
     declarations,
-    finished,
+    declaring_decisions,
     in_order,
     judge,
     last_action,
@@ -66,7 +66,7 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
     seen = end is not None and (end.t >= cap_s or (end.reason == "cap" and cap_s <= asked_cap_s))
     named = "error" if error else _outcome_name(logs, verdict, seen, estimated is not None)
     scored = verdict if named in ("success", "failure") else Judgement(False, None, None)
-    claims = finished(logs)
+    claims = declaring_decisions(logs)
     drones = drone_diagnostics(logs, delta_m, cap_s)
     is_whole = error is None and seen
     resets = estimator_resets(logs, cap_s)
@@ -259,7 +259,7 @@ class JudgedFlight:
     @cached_property
     def all_declarations(self) -> tuple[Measured, ...]:
         """All declarations, including those after the cap, in the order of the log."""
-        return tuple(measured(decision, self.logs) for decision in finished(self.logs))
+        return tuple(measured(decision, self.logs) for decision in declaring_decisions(self.logs))
 
     def picture_path(self, decision: Decision) -> Path | None:
         """Return the file of a decision's picture; None if the folder has none."""

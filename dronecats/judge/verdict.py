@@ -73,14 +73,14 @@ def judge(
     return Judgement(False, last_action.distance_m if last_action else None, None)
 
 
-def finished(logs: Logs) -> list[Decision]:
+def declaring_decisions(logs: Logs) -> list[Decision]:
     """Return the decisions that declare arrival."""
     return [d for d in logs.decisions if d.declares]
 
 
 def declarations(logs: Logs, cap_s: float = CAP_S) -> list[Measured]:
     """Return the declarations that could count, with the truth at their frames."""
-    return [measured(d, logs) for d in finished(logs) if d.t_decided <= cap_s]
+    return [measured(d, logs) for d in declaring_decisions(logs) if d.t_decided <= cap_s]
 
 
 def last_action(logs: Logs, cap_s: float = CAP_S) -> Measured | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.report import report_data
-from dronecats.report.report_data import BUILT_IN, MODELS, ReportData, titled
+from dronecats.report.report_data import BUILT_IN, MODELS, ReportData, cell_heading
 from dronecats.report.table import ReportTable, TableCell, TableRow, rounded
 from dronecats.report.tables.measures import QUANTILES
 from episodes.records.record import CELLS
@@ -151,7 +151,7 @@ def draw_reach_declare_succeed(table: ReportTable) -> Any:
 
 def draw_failure_modes(table: ReportTable) -> Any:
     """Return the figure of the table `failures`: a bar for each entrant, divided by failure modes."""
-    colours = zip(report_data.MODES, MODE_COLOURS, strict=True)
+    colours = zip(report_data.FAILURE_MODE_COLUMNS, MODE_COLOURS, strict=True)
     ways = [BarSegment(mode.column, mode.title, colour) for mode, colour in colours]
     drawing, axis = _stacked(table, ways)
     _percent(axis, "% of the one-drone flights")
@@ -161,7 +161,7 @@ def draw_failure_modes(table: ReportTable) -> Any:
 
 def draw_drone_outcomes(table: ReportTable) -> Any:
     """Return the figure of the table `drones`: outcomes of drones as bars, the episodes won as diamonds."""
-    colours = zip(report_data.DRONES, DRONE_COLOURS, strict=True)
+    colours = zip(report_data.DRONE_OUTCOMES, DRONE_COLOURS, strict=True)
     drawing, axis = _stacked(table, [BarSegment(o.column, o.title, colour) for o, colour in colours])
     rows, _ = lines(table)
     won = [number(cell(table, line.row, "commanding_success_percent")) for line in rows]
@@ -285,7 +285,7 @@ def _grid_groups(axis: Any, groups: list[tuple[int, str]], bottom: float) -> Non
         if end == len(groups) or groups[end] != groups[begin]:
             cell, map_ = groups[begin]
             ticks.append((begin + end - 1) / 2)
-            labels.append(f"{titled(CELLS[cell]) if cell < len(CELLS) else 'Other'}\n{map_}")
+            labels.append(f"{cell_heading(CELLS[cell]) if cell < len(CELLS) else 'Other'}\n{map_}")
             if end < len(groups):
                 thick = groups[end][0] != cell
                 axis.axvline(end - 0.5, color=GREY, linewidth=0.9 if thick else 0.3)

@@ -10,13 +10,13 @@ from typing import Any
 
 from dronecats.agent.names import PAPER
 from dronecats.judge.metrics import metric as metric_statistics
-from dronecats.judge.statistics.shares import known_share
+from dronecats.judge.statistics.shares import estimate_share
 from dronecats.pilots import roster
 from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.scripted import PATTERNS
 from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.collection import Collection, ScoredEpisode
-from dronecats.report.results.identity import differences, identity, odd_runs, pooling_conflict
+from dronecats.report.results.identity import deviating_runs, differences, identity, pooling_conflict
 from dronecats.report.table import CellValue, ReportTable, TableBlock, TableCell, TableColumn, TableRow, row
 from episodes.records.catalogue import BlindTable
 from episodes.records.record import CELLS
@@ -90,7 +90,7 @@ def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entr
         if not pool_anyway:
             advice = "or count them together with --pool-anyway"
             if reason := pooling_conflict(members):
-                odd = ", ".join(str(run.folder) for run, _ in odd_runs(members)) or "it"
+                odd = ", ".join(str(run.folder) for run, _ in deviating_runs(members)) or "it"
                 raise UsageError(f"{reason}. Leave {odd} out and report it by itself, {advice}")
             if reason := _repeated_flight(episodes):
                 raise UsageError(f"{reason}. Leave one of them out, {advice}")
@@ -167,7 +167,7 @@ def _check_record_ids(episodes: Iterable[ScoredEpisode]) -> None:
 
 MODELS = "Models"
 BUILT_IN = "Built-in pilots, no models"
-FLOOR = "The best blind pilot"
+BLIND_ROW_TITLE = "The best blind pilot"
 COMMANDING = "commanding"  # the cell of episodes for a fleet
 ONE_DRONE = tuple(cell for cell in CELLS if cell != COMMANDING)
 PERCENT = 100.0
@@ -193,7 +193,7 @@ class OutcomeColumn:
         return f"{self.name.replace(' ', '_')}_percent"
 
 
-MODES = (  # the names of `failure_mode`, in the order of the paper's bars; the paper has no "did not move"
+FAILURE_MODE_COLUMNS = (  # as in `failure_mode`, in the order of the paper's bars; the paper has no "did not move"
     OutcomeColumn("success", "Success"),
     OutcomeColumn("declared", "Declared, never true"),
     OutcomeColumn("arrived", "Arrived, undeclared"),
@@ -203,7 +203,7 @@ MODES = (  # the names of `failure_mode`, in the order of the paper's bars; the 
     OutcomeColumn("timed out", "Timed out"),
     OutcomeColumn("did not move", "Did not move"),
 )
-DRONES = (  # names of metrics, each a count of an episode's drones
+DRONE_OUTCOMES = (  # names of metrics, each a count of an episode's drones
     OutcomeColumn("drones_found", "Found the target"),
     OutcomeColumn("drones_beside", "Declared at a look-alike"),
     OutcomeColumn("drones_elsewhere", "Declared elsewhere"),
@@ -318,7 +318,7 @@ def best_blind(table: BlindTable, episodes: Iterable[str]) -> tuple[str, int, in
     return max(solved, key=lambda result: result[1], default=None) if ids else None
 
 
-def titled(cell: str) -> str:
+def cell_heading(cell: str) -> str:
     """Return a cell's name as a heading, such as Search-and-Track."""
     return "-".join(word if word == "and" else word.capitalize() for word in cell.split("-"))
 
@@ -352,7 +352,7 @@ def percent(flights: Iterable[ScoredEpisode], metric: str) -> TableCell:
         value = flight.values.get(metric) if flight.scored else None
         if value is not None:
             outcomes.setdefault(flight.episode, []).append(bool(value))
-    share = known_share(list(outcomes.values()))
+    share = estimate_share(list(outcomes.values()))
     if not share.trials:
         return NONE
     low, high = PERCENT * share.low, PERCENT * share.high

@@ -12,7 +12,7 @@ from dronecats.agent.latency import CAP, FIXED, JITTER, KINDS, RATE, STALL, spli
 from dronecats.agent.models.rows import model_of
 from dronecats.bench.matrix import COMMANDS, command_fields
 from dronecats.flight.spec import disturbances
-from dronecats.flight.spec.flight_spec import FlightSpec, carried, latency_policy
+from dronecats.flight.spec.flight_spec import FlightSpec, latency_policy, portable_policy_text
 from dronecats.pilots import roster
 from foundation.declaration import DeclaredNumber
 from foundation.errors import UsageError
@@ -208,7 +208,7 @@ def stored_levels(levels: Mapping[str, Level]) -> dict[str, Level]:
     The file may exist on one machine only. `at_levels` accepts paths and names; for a name, the flight must contain the
     latencies. Raises UsageError if a file cannot be read.
     """
-    return {name: carried(str(level)) if name == POLICY else level for name, level in levels.items()}
+    return {name: portable_policy_text(str(level)) if name == POLICY else level for name, level in levels.items()}
 
 
 def at_levels(flight: FlightSpec, levels: Mapping[str, Level]) -> FlightSpec:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.flight.spec.flight_spec import FlightSpec
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from dronecats.study.factors import factor_of, level_text
 from dronecats.study.plan import StudyPlan
 from foundation.errors import UsageError
@@ -160,7 +160,10 @@ def _point_key(run: StudyRun) -> str:
 def _flight_differences(then: dict[str, Any], now: FlightSpec, *, same_pilot: bool) -> Iterator[str]:
     """Yield a text for each field in which a recorded and a planned flight differ, with both values."""
     left = (*PER_EPISODE, *PER_RESUME, *(() if same_pilot else PILOT_FIELDS))
-    before, after = dict(_leaf_values(then, left)), dict(_leaf_values(json.loads(json.dumps(as_kept(now))), left))
+    before, after = (
+        dict(_leaf_values(then, left)),
+        dict(_leaf_values(json.loads(json.dumps(as_redacted_json(now))), left)),
+    )
     for name in dict.fromkeys((*before, *after)):
         if before.get(name) != after.get(name) and (same_pilot or name != RENDERED):
             yield f"{name}, {_short_json(before.get(name))} there and {_short_json(after.get(name))} now"

@@ -46,7 +46,7 @@ def is_cut_out(mesh: Mesh) -> NDArray[np.bool_]:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def is_there(cutouts: Cutouts, which: int, u: float, v: float) -> bool:
+def is_opaque_texel(cutouts: Cutouts, which: int, u: float, v: float) -> bool:
     """Return whether the texel at (u, v) of a cut-out texture is opaque. Beyond 0 … 1 the texture repeats."""
     w, h = cutouts.size[which, 0], cutouts.size[which, 1]
     x, y = int((u - np.floor(u)) * w), int((v - np.floor(v)) * h)

@@ -97,7 +97,7 @@ def plots(seed: int) -> tuple[Plot, ...]:
     for number, (street, along, side) in enumerate(_sites()):
         garage = 1 if (number // 2 + (side > 0) + seed) % 2 else -1
         near = [home.plan for home in homes if home.street is street and abs(home.along - along) < NEAR_M]
-        drawn = house_plans.unlike(house_plans.plan_of(seed * 1000 + number), near)
+        drawn = house_plans.differ_from_neighbours(house_plans.plan_of(seed * 1000 + number), near)
         plan = replace(drawn, garage=garage, garage_width=5.4)
         blank = Plot(number, street, along, side, plan, 0.0, 0.0)
         house = along - blank.left * garage * plan.garage_width / 2

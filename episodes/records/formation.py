@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from episodes.authoring.check import candidates, rules
-from episodes.authoring.check.finding import LEVEL_M, OF_OTHER_MAPS, RULES, RuleFinding
+from episodes.authoring.check.finding import DEFAULT_RULES, LEVEL_M, RULES, RuleFinding
 from episodes.authoring.check.placement import StaticObstacles, climb, formation, unevenness_m
 from episodes.records.record import MAX_STARTS, EpisodeRecord, StartPose
 from episodes.world.obstacles import REACH_M
@@ -58,7 +58,7 @@ def with_drones(record: EpisodeRecord, drones: int) -> EpisodeRecord:
 def has_room(world: World, obstacles: StaticObstacles, place: StartPose) -> bool:
     """Return whether a place has a valid height above level ground, and nothing blocks the climb to it."""
     north, east, down = place.position_ned
-    least, most = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
+    least, most = RULES.get(world.record.map, DEFAULT_RULES).altitude_m
     fair = least <= world.ground_down(north, east) - down <= most
     level = unevenness_m(world, north, east) <= LEVEL_M
     return fair and level and not any(obstacles.nearest(point, REACH_M)[1] for point in climb(world, place))

@@ -58,11 +58,11 @@ class Fleet:
 
     def among(self, solids: Occluder, poses: Iterable[DronePose]) -> Occluder:
         """Return solids and drones at `poses` as one obstacle to views."""
-        return _Among(solids, self._shape, tuple(poses)) if self._shape else solids
+        return _OccluderWithDrones(solids, self._shape, tuple(poses)) if self._shape else solids
 
 
 @dataclass(frozen=True, slots=True)
-class _Among:
+class _OccluderWithDrones:
     solids: Occluder
     shape: "_Shape"
     poses: tuple[DronePose, ...]

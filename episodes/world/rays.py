@@ -8,7 +8,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from episodes.maps.cutouts import Cutouts, cutouts_of, is_cut_out, is_there
+from episodes.maps.cutouts import Cutouts, cutouts_of, is_cut_out, is_opaque_texel
 from episodes.maps.scene import Instance, Mesh
 from foundation.compiled import njit
 
@@ -36,8 +36,8 @@ class RayScene:
         every = np.concatenate([np.zeros((0, 3, 3)), *corners]).astype(np.float32)
         has_holes = np.concatenate([np.zeros(0, np.bool_), *(is_cut_out(mesh) for mesh in meshes)])
         self._opaque_rows, self._cut_rows = (np.flatnonzero(has_holes == cut).astype(np.int32) for cut in (False, True))
-        self._opaque = _laid_out(every[self._opaque_rows])
-        self._cut = _laid_out(every[self._cut_rows]) if has_holes.any() else None
+        self._opaque = _embree_scene(every[self._opaque_rows])
+        self._cut = _embree_scene(every[self._cut_rows]) if has_holes.any() else None
         cut = [(mesh, is_cut_out(mesh)) for mesh in meshes]
         self._uv = np.concatenate([np.zeros((0, 3, 2), np.float32), *(m.uv[m.triangles[k]] for m, k in cut)])
         rows = [np.array([row_of[id(a)] for a in m.materials], np.int64)[m.material[k]] for m, k in cut]
@@ -66,7 +66,7 @@ class RayScene:
         hits = Hits(np.full(len(way), NOTHING, np.int32), np.full(len(way), FAR, np.float32))
         hits.triangle[is_hit] = self._opaque_rows[hit["primID"][is_hit]]
         hits.distance[is_hit] = hit["tfar"][is_hit]
-        self._first_leaves(start, way, np.where(is_hit, hits.distance, reach), hits)
+        self._first_cutout_hits(start, way, np.where(is_hit, hits.distance, reach), hits)
         return hits
 
     def are_blocked(
@@ -76,11 +76,11 @@ class RayScene:
         blocked = np.asarray(self._opaque.run(start, way, reach, query="OCCLUDED")) >= 0
         free = np.flatnonzero(~blocked)
         hits = Hits(np.full(len(free), NOTHING, np.int32), np.full(len(free), FAR, np.float32))
-        self._first_leaves(start[free], way[free], reach[free], hits)
+        self._first_cutout_hits(start[free], way[free], reach[free], hits)
         blocked[free] = hits.triangle != NOTHING
         return blocked
 
-    def _first_leaves(
+    def _first_cutout_hits(
         self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32], hits: Hits
     ) -> None:
         """Replace the hits of rays that hit an opaque texel of a cut-out surface within `reach`."""
@@ -106,7 +106,7 @@ class RayScene:
         hits.triangle[going], hits.distance[going] = self._cut_rows[0], gone[going]
 
 
-def _laid_out(triangles: NDArray[np.float32]) -> EmbreeScene:
+def _embree_scene(triangles: NDArray[np.float32]) -> EmbreeScene:
     scene = EmbreeScene()
     corners = np.ascontiguousarray(triangles.reshape(-1, 3))
     TriangleMesh(scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
@@ -128,5 +128,5 @@ def _are_there(
         at, a = uv[triangle[k]], 1.0 - float(b[k]) - float(c[k])
         u = a * at[0, 0] + b[k] * at[1, 0] + c[k] * at[2, 0]
         v = a * at[0, 1] + b[k] * at[1, 1] + c[k] * at[2, 1]
-        there[k] = is_there(cutouts, which[triangle[k]], u, v)
+        there[k] = is_opaque_texel(cutouts, which[triangle[k]], u, v)
     return there

@@ -19,13 +19,13 @@ from foundation.terrain import HeightField
 
 # Distance (m) between the two points of the path that define the heading: the wheelbase of a vehicle, or about one step
 # of a walker.
-AXLES_M = {
+HEADING_BASE_M = {
     "bus": 6.0, "pickup": 3.35, "van": 3.1, "suv": 2.75, "sedan": 2.75, "estate": 2.75, "hatchback": 2.55,
     "service_cart": 1.7, "motorcycle": 1.4, "cyclist": 1.05, "delivery_robot": 0.45,
     "person": 0.6, "pedestrian": 0.6,
 }  # fmt: skip
 AXLES_OF_OTHERS_M = 1.0
-WALKERS = ("person", "pedestrian")  # upright on a slope; the other assets of AXLES_M have wheels
+WALKERS = ("person", "pedestrian")  # upright on a slope; the other assets of HEADING_BASE_M have wheels
 
 TOUCHES_M = 0.01  # height of the part of a wheel that counts as touching the ground
 ONE_TRACK_M = 0.3  # m; a vehicle whose wheels are closer across is single-track and does not roll
@@ -71,7 +71,7 @@ class TargetMotion:
 
 def has_wheels(asset: str) -> bool:
     """Return whether a moving asset has wheels."""
-    return asset in AXLES_M and asset not in WALKERS
+    return asset in HEADING_BASE_M and asset not in WALKERS
 
 
 def motion(target: TargetRecord) -> TargetMotion:
@@ -85,7 +85,7 @@ def motion(target: TargetRecord) -> TargetMotion:
     for a, b in itertools.pairwise(points):
         reached.append(reached[-1] + math.dist(a, b))
     return TargetMotion(
-        points, tuple(reached), target.path.speed_mps, 0.0, AXLES_M.get(target.asset, AXLES_OF_OTHERS_M)
+        points, tuple(reached), target.path.speed_mps, 0.0, HEADING_BASE_M.get(target.asset, AXLES_OF_OTHERS_M)
     )
 
 

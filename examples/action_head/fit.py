@@ -20,7 +20,7 @@ from foundation.protocol import FINISHED, GO, ROTATE
 _CELL_PX = WIDTH // COLUMNS
 _SHIFT_CELLS = (9, 2)  # largest shift of a picture: horizontal, vertical
 _MISNAMED = 0.15  # share of pictures that get the words of another flight, whose target they do not show
-_FORGETS = 0.3  # share of decisions whose history is set to zero
+_HISTORY_DROPOUT = 0.3  # share of decisions whose history is set to zero
 _SPREAD_CELLS = 0.7  # σ of the wanted heat map around the point
 _WEIGHTS = {GO: 1.0, ROTATE: 1.5, FINISHED: 2.0}  # loss weights; rare actions weigh more
 _WARM = 0.1  # share of the steps in which the learning rate rises
@@ -41,7 +41,7 @@ class Batch:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class HeldOutResult:
     """The results of a network on held-out decisions."""
 
     decisions: int
@@ -107,7 +107,7 @@ def drawn(data: Decisions, chosen: NDArray[np.int64], numbers: np.random.Generat
     shuffled = numbers.permutation(chosen)
     misnamed = (numbers.random(len(chosen)) < _MISNAMED) & (data.words[0, shuffled] != data.words[0, chosen]).any(1)
     words[misnamed], kinds[misnamed] = data.words[0, shuffled[misnamed]], KINDS.index(ROTATE)
-    past = data.past[side, chosen] * (numbers.random((len(chosen), 1)) >= _FORGETS)
+    past = data.past[side, chosen] * (numbers.random((len(chosen), 1)) >= _HISTORY_DROPOUT)
     return Batch(
         pictures=torch.stack(shown),
         words=torch.from_numpy(words),
@@ -157,7 +157,7 @@ def _cells(points: Tensor) -> Tensor:
     return bell / bell.sum(1, keepdim=True)
 
 
-def judged(head: ActionHead, data: Decisions) -> Judgement | None:
+def judged(head: ActionHead, data: Decisions) -> HeldOutResult | None:
     """Return a network's results on held-out decisions; None if none of them is an arrival (action `finished`)."""
     kept = np.flatnonzero(data.held_out)
     finished = data.kinds[kept] == KINDS.index(FINISHED)
@@ -171,7 +171,7 @@ def judged(head: ActionHead, data: Decisions) -> Judgement | None:
     gos = [k for k, place in enumerate(kept) if data.kinds[place] == KINDS.index(GO)]
     off = [abs(point(outlooks[k].heat)[0] - float(data.points[kept[k], 0])) for k in gos]
     factors = [abs(math.log(outlooks[k].depth_m / max(float(data.depths_m[kept[k]]), NEAREST_M))) for k in gos]
-    return Judgement(
+    return HeldOutResult(
         decisions=len(kept),
         right_kind=float((chosen == data.kinds[kept]).mean()),
         point_error=float(np.median(off)) if off else math.nan,

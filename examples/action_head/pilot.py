@@ -63,7 +63,7 @@ def decide(seen: Outlook, past: Sequence[PastAction], declares_at: float) -> str
     return actions.rotate(TURNS_DEG[int(seen.turns.argmax())])
 
 
-class Beholder(Protocol):
+class Network(Protocol):
     """The interface of a network. Tests have their own implementation."""
 
     def outlook(self, picture: NDArray[np.uint8], words: NDArray[np.float32], past: NDArray[np.float32]) -> Outlook:
@@ -71,7 +71,7 @@ class Beholder(Protocol):
         ...
 
 
-def pilot(head: Beholder, declares_at: float) -> Pilot:
+def pilot(head: Network, declares_at: float) -> Pilot:
     """Return the pilot that a server serves. It has no memory, and evaluates one picture at a time.
 
     Each drone of a fleet is handled as if it were alone. The pilot raises UsageError for a request without a picture.

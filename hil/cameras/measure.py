@@ -16,7 +16,7 @@ GAP = 1.6  # × the usual interval; a longer gap means a missing picture
 
 
 @dataclass(frozen=True, slots=True)
-class Delivery:
+class CameraMeasurement:
     """Results of a measurement. Intervals are between stamps; an age is from the stamp to the corrected picture."""
 
     model: CameraModel  # of the frames
@@ -36,7 +36,7 @@ class Delivery:
     reopened: int  # number of times that the stream broke and was reopened
 
 
-def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
+def measure(camera: RealCamera, seconds: float) -> tuple[CameraMeasurement, Frame]:
     """Measure the frames of a camera for `seconds`; return the results and the last frame.
 
     The camera must use the clock `host_us`. Raises CameraError if no more frames arrive.
@@ -67,7 +67,7 @@ def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
     came, span_s = numbers[-1] - numbers[0], (stamps_us[-1] - stamps_us[0]) / 1e6
     if polled:  # the frame numbers of a camera that needs requests have no meaning
         came, span_s = len(numbers) - 1, took_s
-    return Delivery(
+    return CameraMeasurement(
         model=model,
         calibrated=camera.calibrated,
         asked=polled,

@@ -5,7 +5,7 @@ from array import array
 from bisect import bisect_left, bisect_right
 
 from foundation.frames import Vec3, wrap_pi
-from foundation.setpoints import Sight
+from foundation.setpoints import PicturePose
 from hil.link.telemetry import VehicleState
 
 NEAR_M = 0.06
@@ -79,7 +79,7 @@ class PoseHistory:
         """Record a range of the rangefinder (m)."""
         self._ranges.keep(time_us, (range_m,))
 
-    def at(self, time_us: int) -> Sight | None:
+    def at(self, time_us: int) -> PicturePose | None:
         """Return the vehicle's pose at a time (µs); None if there is no report yet.
 
         The pose is interpolated between two reports, and extrapolated by at most AHEAD_US after the newest report.
@@ -96,7 +96,7 @@ class PoseHistory:
         roll, pitch = self._tilt(time_us)
         carried_on = time_us > min(self._places.newest_us, self._headings.newest_us)
         gimbal_pitch = self._gimbal_pitch(time_us)
-        return Sight((north, east, down), wrap_pi(heading), roll, pitch, gimbal_pitch, carried_on)
+        return PicturePose((north, east, down), wrap_pi(heading), roll, pitch, gimbal_pitch, carried_on)
 
     def _gimbal_pitch(self, time_us: int) -> float | None:
         """Return the pitch (rad) of the camera's gimbal at a time; None before the first report; not extrapolated."""

@@ -54,7 +54,9 @@ class Limits:
     frame_s: Positive = 1.0  # s, highest age of a frame for a decision; the vehicle holds until a newer one comes
     heartbeat_s: Positive = 3.0  # s of vehicle time without a heartbeat until the vehicle must hold
     exclusions: tuple[Polygon, ...] = ()  # areas that the vehicle may not enter at any height
-    exclusions_geodetic: tuple[GeodeticPolygon, ...] = ()  # the same, with corners in degrees; `placed` converts them
+    exclusions_geodetic: tuple[
+        GeodeticPolygon, ...
+    ] = ()  # the same, with corners in degrees; `with_local_exclusions` converts them
 
 
 SIMULATED = Limits(  # wider than any episode, so no flight of the benchmark reaches a limit
@@ -71,7 +73,7 @@ class Admitted:
     limited: tuple[str, ...]  # names of the limits that changed it, in order
 
 
-def placed(limits: Limits, state: VehicleState) -> Limits:
+def with_local_exclusions(limits: Limits, state: VehicleState) -> Limits:
     """Return the limits with every exclusion in metres from home. Raises LinkError while the origin is unknown."""
     if not limits.exclusions_geodetic:
         return limits

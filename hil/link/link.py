@@ -7,11 +7,11 @@ from collections.abc import Callable
 from foundation.errors import LinkError
 from foundation.frames import Vec3
 from foundation.mavlink import dialect
-from foundation.setpoints import Hold, Setpoint, Sight
+from foundation.setpoints import Hold, PicturePose, Setpoint
 from hil.link.conversation import GIMBAL, SILENCE_S, Conversation
 from hil.link.course import Arrival
-from hil.link.envelope import Limits, admit, broken_off, placed
-from hil.link.offboard import Destination, OffboardSetpoint, OffboardStream, SetpointRate, Turning
+from hil.link.envelope import Limits, admit, broken_off, with_local_exclusions
+from hil.link.offboard import Destination, OffboardSetpoint, OffboardStream, SetpointRate, TurnProgress
 from hil.link.streams import TICK_US
 from hil.link.telemetry import VehicleState
 from hil.link.transport import Transport
@@ -237,7 +237,7 @@ class Link(Conversation):
 
     # -- offboard ------------------------------------------------------------------------------------------------
 
-    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
+    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: PicturePose | None = None) -> None:
         """Send this setpoint from the next tick on. After `seconds` of vehicle time, send a hold instead.
 
         `seen` is the pose from which the setpoint's angles count; None: the held heading.
@@ -260,7 +260,7 @@ class Link(Conversation):
         """Whether setpoints are being sent."""
         return self._stream.setpoint is not None
 
-    def sight(self, time_us: int) -> Sight:
+    def sight(self, time_us: int) -> PicturePose:
         """Return the vehicle's estimated pose at a time (µs, vehicle clock). Raises LinkError."""
         sight = self.track.at(time_us)
         if sight is None:
@@ -349,7 +349,7 @@ class Link(Conversation):
 
         `round_first`: make one full turn on the way, which ends at the heading `yaw`.
         """
-        turning = Turning(yaw, ROUND_RATE, 2.0 * math.pi, None) if round_first else None
+        turning = TurnProgress(yaw, ROUND_RATE, 2.0 * math.pi, None) if round_first else None
         self._stream.fly_to(Destination(position_ned, yaw, turning))
         due_us = self.time_us + (round(2.0 * math.pi / ROUND_RATE * 1e6) if round_first else 0)
         return Arrival(position_ned, yaw, due_us)
@@ -376,9 +376,9 @@ class Link(Conversation):
         return admitted.setpoint
 
     def settle_envelope(self) -> None:
-        """Fix the places of the limits from now on, even if home changes. Raises LinkError like `placed`."""
+        """Fix the places of the limits, even if home changes. Raises LinkError, see `with_local_exclusions`."""
         if self.limits is not None:
-            self.limits, self._home_ned = placed(self.limits, self.state), self.state.home_ned
+            self.limits, self._home_ned = with_local_exclusions(self.limits, self.state), self.state.home_ned
 
     def _home(self, state: VehicleState) -> Vec3:
         """Return home in the local frame: the autopilot's, or the vehicle's place at the first call."""

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, replace
 
 from foundation.frames import Vec3, wrap_pi
-from foundation.setpoints import Hold, Setpoint, Sight, Turn, Velocity
+from foundation.setpoints import Hold, PicturePose, Setpoint, Turn, Velocity
 from hil.link.streams import TICK_US
 
 HEIGHT_GAIN = 1.0  # 1/s
@@ -29,7 +29,7 @@ LATE_MAX_US = 250_000  # µs; a hold is not corrected for a move that ended late
 
 
 @dataclass(frozen=True, slots=True)
-class Turning:
+class TurnProgress:
     """A turn in progress. The vehicle's heading lags behind its commanded heading by a third of a second."""
 
     start: float  # rad, 0 = north, clockwise: heading at the start of the turn
@@ -39,7 +39,7 @@ class Turning:
     counted_us: int | None = None  # µs, vehicle clock of the last update; None: not begun
     turned: float = 0.0  # rad, unsigned, commanded until the last update
 
-    def until(self, time_us: int) -> "Turning":
+    def until(self, time_us: int) -> "TurnProgress":
         """Return the turn updated to a time (µs). At most GAP_US since the last update count as turning."""
         end_us = time_us if self.ends_us is None else min(time_us, self.ends_us)
         since_us = end_us if self.counted_us is None else self.counted_us
@@ -102,7 +102,7 @@ class Destination:
 
     position_ned: Vec3  # m, local frame
     yaw: float  # rad, 0 = north, clockwise
-    turning: Turning | None = None  # a turn on the way that ends at `yaw`
+    turning: TurnProgress | None = None  # a turn on the way that ends at `yaw`
 
 
 class OffboardStream:
@@ -118,7 +118,7 @@ class OffboardStream:
         self._place: Vec3 | None = None  # m, local frame: the held place
         self._height: float | None = None  # m, z in the local frame: the held height
         self._heading: float | None = None  # rad: the held heading
-        self._turning: Turning | None = None
+        self._turning: TurnProgress | None = None
         self._line: Line | None = None  # line of the present, next or last move
         self._moved_until_us: int | None = None  # µs, vehicle clock when the last move should have ended
 
@@ -127,7 +127,7 @@ class OffboardStream:
         setpoint: Setpoint,
         ends_us: int | None = None,
         starts_us: int | None = None,
-        seen: Sight | None = None,
+        seen: PicturePose | None = None,
     ) -> None:
         """Fly a setpoint from `starts_us` (None: the next tick) until `ends_us` (None: no end), in µs, vehicle clock.
 
@@ -153,7 +153,7 @@ class OffboardStream:
                 # a rate lasts at least one tick, so a turn that takes less is commanded as a heading
                 is_short = angle is not None and abs(angle) <= abs(yaw_rate) * TICK_US / 1e6 + ROUNDING
                 turned = abs(angle) if angle is not None and is_short else 0.0
-                self._turning = Turning(self._heading or 0.0, yaw_rate, angle, ends_us, starts_us, turned)
+                self._turning = TurnProgress(self._heading or 0.0, yaw_rate, angle, ends_us, starts_us, turned)
             case Velocity(_, _, bearing):
                 self._line = None
                 if seen is not None and bearing is not None:

@@ -98,7 +98,7 @@ def vehicle_clock(observed: Observation, link: Link) -> Callable[[], int]:
     return lambda: (time.monotonic_ns() + offset_ns) // 1000
 
 
-def mend(link: Link, before: Check, changes: Sequence[Change]) -> Check:
+def apply_changes(link: Link, before: Check, changes: Sequence[Change]) -> Check:
     """Set the parameters, read each back, and return the check with the new values. Changes nothing else.
 
     Raises LinkError with the first parameter that could not be set; the earlier parameters are set. Raises UsageError

@@ -62,7 +62,7 @@ def _offboard_loss(s: Situation, value: Value) -> Finding:
     else:
         reason = "without stick input the vehicle sinks to the ground in that mode; with Hold it stays in place"
     effect = reason.partition(";")[0]
-    return _mend("COM_OBL_RC_ACT", value, 5, f"{lost}. {effect[0].upper()}{effect[1:]}", reason)
+    return _failed_with_change("COM_OBL_RC_ACT", value, 5, f"{lost}. {effect[0].upper()}{effect[1:]}", reason)
 
 
 def _offboard_timeout(s: Situation, value: Value) -> Finding:
@@ -71,7 +71,7 @@ def _offboard_timeout(s: Situation, value: Value) -> Finding:
     reason = f"the failsafe then acts {LOSS_GOOD:g} s after the last setpoint; the agent sends 20 setpoints a second"
     if not LOSS_LEAST <= value <= LOSS_MOST:
         too = "long" if value > LOSS_MOST else "short for a radio with gaps"
-        return _mend("COM_OF_LOSS_T", value, LOSS_GOOD, f"{effect}: too {too}", reason)
+        return _failed_with_change("COM_OF_LOSS_T", value, LOSS_GOOD, f"{effect}: too {too}", reason)
     change = None if value <= LOSS_GOOD else Change("COM_OF_LOSS_T", value, LOSS_GOOD, reason)
     return Finding(Row(_named("COM_OF_LOSS_T", value), True, effect), change)
 
@@ -80,12 +80,17 @@ def _stick_exception(s: Situation, value: Value) -> Finding:
     """Judge COM_RCL_EXCEPT. From PX4 1.14 on, sticks absent at arming are optional: failsafe.cpp, updateArmingState."""
     exempt = int(value) & EXCEPT_OFFBOARD
     if s.sticks and exempt:
-        return _mend("COM_RCL_EXCEPT", value, int(value) & ~EXCEPT_OFFBOARD, "in offboard, lost sticks are ignored",
-                     "a pilot must notice that the sticks are lost")  # fmt: skip
+        return _failed_with_change(
+            "COM_RCL_EXCEPT",
+            value,
+            int(value) & ~EXCEPT_OFFBOARD,
+            "in offboard, lost sticks are ignored",
+            "a pilot must notice that the sticks are lost",
+        )
     if s.sticks:
         return _good("COM_RCL_EXCEPT", value, "in offboard, lost sticks trigger the failsafe too")
     if not exempt and (0, 0) < s.version < (1, 14):
-        return _mend("COM_RCL_EXCEPT", value, int(value) | EXCEPT_OFFBOARD, "without sticks the vehicle"
+        return _failed_with_change("COM_RCL_EXCEPT", value, int(value) | EXCEPT_OFFBOARD, "without sticks the vehicle"
             " leaves offboard at once",
                      "this firmware treats absent sticks as lost")  # fmt: skip
     if exempt:
@@ -132,7 +137,7 @@ def _low_battery(s: Situation, value: Value) -> Finding:
     action = LOW_BATTERY.get(int(value), "an unknown action")
     if value in (1, 2, 3):
         return _good("COM_LOW_BAT_ACT", value, f"battery critical: {action}")
-    return _mend("COM_LOW_BAT_ACT", value, 3, f"battery critical: only {action}",
+    return _failed_with_change("COM_LOW_BAT_ACT", value, 3, f"battery critical: only {action}",
                  "at the critical level the vehicle returns, at the emergency level it lands in place")  # fmt: skip
 
 
@@ -142,8 +147,13 @@ def _stick_override(s: Situation, value: Value) -> Finding:
         return _good("COM_RC_OVERRIDE", value, "no sticks, so no takeover by sticks")
     if int(value) & OVERRIDE == OVERRIDE:
         return _good("COM_RC_OVERRIDE", value, "moving the sticks takes over from the agent")
-    return _mend("COM_RC_OVERRIDE", value, int(value) | OVERRIDE, "moving the sticks does not take over in every mode",
-                 "the pilot takes over by moving the sticks, in offboard and in the Hold after it")  # fmt: skip
+    return _failed_with_change(
+        "COM_RC_OVERRIDE",
+        value,
+        int(value) | OVERRIDE,
+        "moving the sticks does not take over in every mode",
+        "the pilot takes over by moving the sticks, in offboard and in the Hold after it",
+    )
 
 
 def _position_lost(s: Situation, value: Value) -> Finding:
@@ -275,7 +285,7 @@ def _judge(name: str, value: float, why: str, fix: str) -> Finding:
     return Finding(Row(_named(name, value), None, why, fix))
 
 
-def _mend(name: str, value: float, new: float, why: str, reason: str) -> Finding:
+def _failed_with_change(name: str, value: float, new: float, why: str, reason: str) -> Finding:
     """Return a failed finding with the change that mends it."""
     row = Row(_named(name, value), False, why, f"set it to {new:g}, which --fix proposes")
     return Finding(row, Change(name, value, new, reason))
@@ -332,7 +342,7 @@ def _action(value: Value | None) -> Finding:
         return _good("GF_ACTION", value, f"fence breached: {action}")
     consequence = ", it falls" if value == 4 else " and no more"
     reason = "a vehicle that breaches the fence stops there, and a person decides"
-    return _mend("GF_ACTION", value, 2, f"fence breached: {action}{consequence}", reason)
+    return _failed_with_change("GF_ACTION", value, 2, f"fence breached: {action}{consequence}", reason)
 
 
 def _walls(radius: Value | None, points: int | None) -> Finding:
@@ -347,7 +357,7 @@ def _walls(radius: Value | None, points: int | None) -> Finding:
         "only our program keeps the vehicle near home",
         "a second limit beyond the 100 m of our envelope",
     )
-    return _mend("GF_MAX_HOR_DIST", radius, FENCE_RADIUS, why, reason)
+    return _failed_with_change("GF_MAX_HOR_DIST", radius, FENCE_RADIUS, why, reason)
 
 
 def _height(height: Value | None, climb: Value | None) -> Finding:
@@ -360,7 +370,7 @@ def _height(height: Value | None, climb: Value | None) -> Finding:
         fix = f"lower RTL_RETURN_ALT below {FENCE_HEIGHT:g}, then run this again"
         return _bad("GF_MAX_VER_DIST", height, why, fix)
     reason = "a second limit above our envelope's; it is the legal limit in most countries"
-    return _mend("GF_MAX_VER_DIST", height, FENCE_HEIGHT, why, reason)
+    return _failed_with_change("GF_MAX_VER_DIST", height, FENCE_HEIGHT, why, reason)
 
 
 def _return(altitude: Value | None, height: Value | None) -> Finding:
@@ -392,4 +402,4 @@ def signing_findings(values: Mapping[str, Value | None]) -> list[Finding]:
         "the vehicle has the key, but it also obeys unsigned messages",
         "only signed messages are obeyed, except over USB",
     )
-    return [_mend("MAV_SIGN_CFG", value, 1, why, reason)]
+    return [_failed_with_change("MAV_SIGN_CFG", value, 1, why, reason)]

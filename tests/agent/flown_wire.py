@@ -18,7 +18,7 @@ from dronecats.agent.models.wire_formats import open_model
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel, Frame
 from foundation.run_folder.writing import LineLog
-from foundation.setpoints import Hold, Sight
+from foundation.setpoints import Hold, PicturePose
 from foundation.threads import InlineExecutor
 from tests.support.json_lines import rows
 
@@ -35,7 +35,7 @@ class Clock:
     steady = True
 
     def sight(self, time_us):
-        return Sight((0.0, 0.0, 0.0), 0.0)
+        return PicturePose((0.0, 0.0, 0.0), 0.0)
 
     def fly(self, setpoint, seconds=None, seen=None):
         if not isinstance(setpoint, Hold):

@@ -39,7 +39,7 @@ def test_turns_first_beyond_the_deadband_and_never_sideways():
     assert isinstance(move.setpoint, Velocity)
     assert turn.setpoint.yaw_rate == pytest.approx(math.radians(60))
     assert turn.setpoint.angle == angle
-    assert turn.setpoint.onto_line
+    assert turn.setpoint.is_before_move
     assert move.setpoint.bearing == angle
     assert turn.duration_s == pytest.approx(20 / 60)
     assert isinstance(move.setpoint, Velocity)

@@ -12,7 +12,7 @@ from dronecats.agent.models.reply_schema import action_schema, flat_action_schem
 from dronecats.agent.prompt import History, Prompt, compact
 from dronecats.pilots import actions
 from foundation.camera import CameraModel
-from foundation.redaction import MIN_CHARS, SPOKEN
+from foundation.redaction import MIN_CHARS, REPLY_WORDS
 
 CAMERA = CameraModel()
 EACH = [kind(*(3.0 for _ in fields(kind))) for kind in get_args(Action)]
@@ -27,7 +27,7 @@ def test_every_place_knows_the_action(action):
     flat = flat_action_schema()
     jsonschema.validate({**dict.fromkeys(flat["properties"]), **declared}, flat)
     words = {word for word in (*declared, declared["action"]) if len(word) >= MIN_CHARS}
-    assert words <= SPOKEN, "a key that is spelt so would garble the pilot's own words"
+    assert words <= REPLY_WORDS, "a key that is spelt so would garble the pilot's own words"
     assert plan(action, CAMERA)
     history = History(CAMERA)
     history.append(action)

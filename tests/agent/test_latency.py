@@ -6,7 +6,7 @@ from concurrent.futures import Executor, Future
 import pytest
 
 from dronecats.agent.latency import LONGEST_S, LatencyPolicy, Question
-from dronecats.agent.loop import Asking
+from dronecats.agent.loop import PendingQuestion
 from dronecats.agent.models.model import Reply, Request
 from foundation.errors import ModelError
 from foundation.threads import InlineExecutor
@@ -47,29 +47,29 @@ class Later(Executor):
 
 @pytest.mark.parametrize(("policy", "due_s"), [("measured", 10.2), ("fixed:1.5", 11.5), ("fixed:0", 10.0)])
 def test_latency_is_charged_on_the_vehicles_clock(policy, due_s):
-    asking = Asking(Answering(), REQUEST, InlineExecutor(), LatencyPolicy.parse(policy), FIRST, 10.0)
+    asking = PendingQuestion(Answering(), REQUEST, InlineExecutor(), LatencyPolicy.parse(policy), FIRST, 10.0)
     assert not asking.due(due_s - 0.01) or due_s == 10.0
     assert asking.due(due_s)
     assert asking.latency_s(due_s + 0.05) == pytest.approx(due_s - 10.0)
 
 
 def test_a_reply_that_comes_after_its_charge_is_written_down_as_late_as_it_was():
-    asking = Asking(Answering(3.0), REQUEST, InlineExecutor(), LatencyPolicy.parse("fixed:0.5"), FIRST, 10.0)
+    asking = PendingQuestion(Answering(3.0), REQUEST, InlineExecutor(), LatencyPolicy.parse("fixed:0.5"), FIRST, 10.0)
     assert asking.latency_s(13.0) == pytest.approx(3.0)
-    passing = Asking(Answering(0.2), REQUEST, InlineExecutor(), LatencyPolicy.parse("real"), FIRST, 10.0)
+    passing = PendingQuestion(Answering(0.2), REQUEST, InlineExecutor(), LatencyPolicy.parse("real"), FIRST, 10.0)
     assert passing.latency_s(10.8) == pytest.approx(0.8)
 
 
 def test_a_slow_call_is_never_due_before_it_has_come_back():
     later = Later()
-    asking = Asking(Answering(), REQUEST, later, LatencyPolicy.parse("fixed:0.5"), FIRST, 0.0)
+    asking = PendingQuestion(Answering(), REQUEST, later, LatencyPolicy.parse("fixed:0.5"), FIRST, 0.0)
     assert not asking.due(100.0)
     later.future.set_result(Reply("{}", 3.0))
     assert asking.due(100.0)
 
 
 def test_an_error_is_due_at_once_and_raised():
-    asking = Asking(
+    asking = PendingQuestion(
         Answering(error=ModelError("gone")), REQUEST, InlineExecutor(), LatencyPolicy.parse("fixed:9"), FIRST, 0.0
     )
     assert asking.due(0.0)
@@ -95,7 +95,7 @@ def test_wrong_policies_are_refused():
 
 
 def draw(policy, question):
-    asking = Asking(Answering(), REQUEST, InlineExecutor(), LatencyPolicy.parse(policy), question, 0.0)
+    asking = PendingQuestion(Answering(), REQUEST, InlineExecutor(), LatencyPolicy.parse(policy), question, 0.0)
     return asking.latency_s(0.0)
 
 
@@ -114,7 +114,7 @@ def test_a_latency_is_drawn_once_however_often_the_clock_ticks():
         return 1.0 + 0.1 * len(drawn)
 
     policy = Charged((), charge)
-    asking = Asking(Answering(), REQUEST, InlineExecutor(), policy, FIRST, 0.0)
+    asking = PendingQuestion(Answering(), REQUEST, InlineExecutor(), policy, FIRST, 0.0)
     due = [asking.due(0.05 * tick) for tick in range(40)]
     assert due == [0.05 * tick >= 1.1 - 1e-9 for tick in range(40)]
     assert asking.latency_s(1.1) == 1.1
@@ -136,7 +136,9 @@ class Thinking(Answering):
 
 def test_a_clock_that_waits_goes_on_beside_a_question_until_its_reply_is_due():
     model = Thinking()
-    asking = Asking(model, REQUEST, InlineExecutor(), LatencyPolicy.parse("fixed:0.5"), FIRST, 0.0, beside=True)
+    asking = PendingQuestion(
+        model, REQUEST, InlineExecutor(), LatencyPolicy.parse("fixed:0.5"), FIRST, 0.0, beside=True
+    )
     assert model.asked.wait(30.0)
     assert not asking.due(0.0)
     assert not asking.due(0.45)
@@ -149,7 +151,7 @@ def test_a_clock_that_waits_goes_on_beside_a_question_until_its_reply_is_due():
 
 def test_a_reply_that_is_there_is_not_looked_at_before_it_is_due():
     """The same applies to a fault. Its arrival time depends on the machine, and a flight must be reproducible."""
-    asking = Asking(
+    asking = PendingQuestion(
         Answering(error=ModelError("gone")),
         REQUEST,
         InlineExecutor(),
@@ -174,7 +176,7 @@ def test_unforeseeable_latencies_are_not_asked_in_parallel(policy):
             asked_by.append(threading.current_thread())
             return super().ask(request)
 
-    Asking(Here(), REQUEST, InlineExecutor(), LatencyPolicy.parse(policy), FIRST, 0.0, beside=True)
+    PendingQuestion(Here(), REQUEST, InlineExecutor(), LatencyPolicy.parse(policy), FIRST, 0.0, beside=True)
     assert asked_by == [threading.current_thread()]
 
 

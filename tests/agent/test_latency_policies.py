@@ -20,7 +20,7 @@ from dronecats.agent.latency import (
     split_policy,
     trace_name,
 )
-from dronecats.agent.loop import Asking
+from dronecats.agent.loop import PendingQuestion
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.pictures import PicturePath
 from dronecats.pilots.oracle.noisy import NoisyPilot
@@ -144,7 +144,7 @@ class FixedReply:
 
 @pytest.mark.parametrize(("last_s", "due_s"), [(None, 10.3), (9.5, 14.5), (2.0, 10.3), (5.3, 10.3)])
 def test_a_capped_rate_holds_a_reply_back_until_so_long_after_the_last_one(last_s, due_s):
-    asking = Asking(
+    asking = PendingQuestion(
         FixedReply(Reply("{}", 0.0)), Request("p", (b"",), False), InlineExecutor(),
         LatencyPolicy.parse("fixed:0.3+cap:0.2"),
         Question((0,), 4, 0), 10.0, False, last_s,

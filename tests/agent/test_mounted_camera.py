@@ -14,7 +14,7 @@ from foundation.camera import CameraModel, camera_on, camera_pose
 from foundation.camera_mount import CameraMount, GimbalLimits
 from foundation.frames import quat_from_euler
 from foundation.protocol import POINT_SPAN
-from foundation.setpoints import Sight, Velocity
+from foundation.setpoints import PicturePose, Velocity
 
 ANGLES = st.floats(-80.0, 60.0)
 
@@ -53,7 +53,7 @@ def test_a_target_below_is_flown_to_downwards_and_one_at_eye_level_is_not():
 def test_the_steady_agent_names_the_same_place_and_point(pitch_deg, roll, pitch, gimballed):
     mount = CameraMount(pitch_deg=pitch_deg, gimbal=GimbalLimits() if gimballed else None)
     camera, angle = camera_on(mount), math.radians(pitch_deg) if gimballed else None
-    sight = Sight((10.0, -5.0, -3.0), 0.7, roll, pitch, angle)
+    sight = PicturePose((10.0, -5.0, -3.0), 0.7, roll, pitch, angle)
     attitude = quat_from_euler(roll, pitch, 0.7)
     pose = camera_pose(sight.position_ned, attitude, camera)
     go = Go(430.0, 610.0, 12.0)

@@ -14,7 +14,7 @@ from dronecats.bench.campaign import RETRIED, Batch, Campaign, OpenRun
 from dronecats.bench.matrix import BenchEntry, choose_suite, entries, part_of
 from dronecats.bench.tables import bench_rows
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from dronecats.judge.metrics.failure_mode import is_stuck, track_m
 from episodes.records import catalogue
 from foundation.errors import UsageError
@@ -197,7 +197,7 @@ def test_a_matrix_is_every_pilot_under_every_latency_and_command():
     assert {run.episodes for run in runs if run.flight.command == "solo"} == {(FLEET,)}
     assert {run.episodes for run in runs if run.flight.command == "flat"} == {(*FOUR, FLEET)}
     by_name = {run.name: run for run in runs}
-    first, second = (as_kept(by_name[f"vision-flat-rate-2-f{k}"].flight) for k in (1, 2))
+    first, second = (as_redacted_json(by_name[f"vision-flat-rate-2-f{k}"].flight) for k in (1, 2))
     assert (first.pop("seed"), second.pop("seed")) == (7, 8)
     assert first == second
     alone, led = entries(two[:1], suite, commands=("hierarchical",), latencies=POLICY)

@@ -16,7 +16,7 @@ from dronecats.bench.engine import LocalEngine
 from dronecats.bench.matrix import BenchEntry
 from dronecats.flight.run.accounts import RemoteLedger
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from foundation.errors import UsageError
 
 # Two clusters at once are too many for two cores.
@@ -41,7 +41,7 @@ def cluster(monkeypatch):
 
 
 def fly(run, engine, flight=FLIGHT, episodes=FOUR, on_came=lambda came: None):
-    batch = Batch(run, {"flight": as_kept(flight)})
+    batch = Batch(run, {"flight": as_redacted_json(flight)})
     entry = BenchEntry(name="run", flight=flight, episodes=tuple(episodes))
     campaign = Campaign([OpenRun(entry=entry, batch=batch, part=entry.episodes)], jobs=4, retry=False)
     came: list[EndedFlight] = []

@@ -20,7 +20,7 @@ from dronecats.bench.engine import LocalEngine, Sortie
 from dronecats.bench.matrix import BenchEntry
 from dronecats.cli.main import main
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from episodes.records import catalogue
 from foundation.errors import InfrastructureError
 from foundation.run_folder import layout
@@ -39,7 +39,7 @@ def audit(out, *arguments):
 
 
 def batch_of(folder, flight):
-    return Batch(folder, {"flight": as_kept(flight)})
+    return Batch(folder, {"flight": as_redacted_json(flight)})
 
 
 def campaign(batch, flight, episodes, jobs=1):

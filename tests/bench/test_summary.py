@@ -15,7 +15,7 @@ from dronecats.agent.models.model import Reply
 from dronecats.bench.progress import Progress
 from dronecats.bench.tables import EpisodeScore, bench_rows, bench_table, broken_pins, score
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.judge.statistics.shares import known_share, wilson
+from dronecats.judge.statistics.shares import estimate_share, wilson
 from dronecats.report.writers import as_terminal
 from foundation.errors import UsageError
 from foundation.run_folder.results import Result
@@ -115,7 +115,7 @@ def test_the_interval_on_the_way_is_that_of_the_table():
     progress = Progress(total=9)
     for episode, won in outcomes:
         progress.stored(Result(episode=episode, outcome="success" if won else "failure"))
-    interval = known_share([[True] * 3, [False] * 3])
+    interval = estimate_share([[True] * 3, [False] * 3])
     assert f"SR 50% ({interval.low:.0%}–{interval.high:.0%})" in progress.line(0.0)
     assert (interval.low, interval.high) != wilson(3, 6)
 

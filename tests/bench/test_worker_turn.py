@@ -15,7 +15,7 @@ from dronecats.bench.engine import LocalEngine, Sortie
 from dronecats.bench.matrix import BenchEntry
 from dronecats.bench.worker import fly_flight, is_compute_bound
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.flight.spec.spec_file import as_json, as_kept
+from dronecats.flight.spec.spec_file import as_json, as_redacted_json
 from foundation.run_folder.folder import prepare
 from foundation.threads import COMPUTING
 
@@ -78,7 +78,7 @@ def test_two_flights_of_a_worker_ask_at_the_same_time(tmp_path, latency):
     flight = FlightSpec(
         model=server.spec, simulated=Simulated(speed=None), latency=LatencyPolicy.parse(latency), seconds=3.0, drones=1
     )
-    batch = Batch(tmp_path / "run", {"flight": as_kept(flight)})
+    batch = Batch(tmp_path / "run", {"flight": as_redacted_json(flight)})
     run = OpenRun(entry=BenchEntry(name="run", flight=flight, episodes=EPISODES), batch=batch, part=EPISODES)
     came: list[EndedFlight] = []
     Campaign([run], jobs=2, retry=False).fly(LocalEngine(tmp_path / "log", 2, workers=1), came.append)

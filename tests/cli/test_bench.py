@@ -15,7 +15,7 @@ import pytest
 
 from dronecats.cli import bench_spec
 from dronecats.cli.main import main, parse
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from dronecats.pilots.server import PilotServer
 from foundation.run_folder.reading import json_object
 from tests.support.children import children
@@ -101,7 +101,7 @@ def test_a_file_is_equivalent_to_options(tmp_path, monkeypatch):
         assert by_name[run.name] == run
     others = set(by_name) - {run.name for run in option_runs}
     assert others == {f"bee-{c}-rate-{r}-f{k}" for c in ("flat", "solo") for r in ("2", "0.5") for k in (1, 2)}
-    kept = as_kept(by_name["bee-flat-rate-2-f1"].flight)["model"]
+    kept = as_redacted_json(by_name["bee-flat-rate-2-f1"].flight)["model"]
     assert (kept["name"], kept["base_url"], kept["axis_order"]) == ("b", "http://h:1/v1", "yx")
 
 

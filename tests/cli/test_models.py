@@ -8,7 +8,7 @@ import pytest
 from dronecats.agent.models.rows import OWN_FILE, rows
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import main, parse
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from tests.agent.flown_wire import Endpoint
 from tests.agent.flown_wire import fly as first_step
 from tests.agent.models.pointing import FORMATS, Pointer, mark, wrapped
@@ -200,7 +200,7 @@ def test_a_flight_uses_the_row_and_options_override_it(house):
 
 def test_a_flight_once_more_needs_no_file_of_models(monkeypatch, tmp_path, house):
     spec = spec_of(parse(["fly", "--sitl", "--model", "house"]))
-    (tmp_path / "run.json").write_text(json.dumps({"versions": {}, "flight": as_kept(spec)}))
+    (tmp_path / "run.json").write_text(json.dumps({"versions": {}, "flight": as_redacted_json(spec)}))
     monkeypatch.setenv(OWN_FILE, str(tmp_path / "gone.toml"))
     again = ["fly", "--spec", str(tmp_path / "run.json"), "--episode", "residential-approaching-01"]
     assert spec_of(parse(again)).model == spec.model

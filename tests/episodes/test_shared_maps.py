@@ -46,8 +46,8 @@ def shadows(renderer):
 def test_a_continued_layout_equals_a_new_layout(episode):
     world = World(catalogue.load(episode))
     assert world.filmed.base is not None
-    layout.laid_out(world.filmed.base)  # the first request caches nothing
-    of_map = layout.laid_out(world.filmed.base)
+    layout.map_layout(world.filmed.base)  # the first request caches nothing
+    of_map = layout.map_layout(world.filmed.base)
     assert of_map is not None
     shared, own = layout.lay_out(world.filmed, of_map), layout.lay_out(alone(world.filmed))
     assert same(tuple(shared.triangles), tuple(own.triangles))
@@ -111,7 +111,7 @@ def test_a_drawing_renderer_has_the_sheet_and_the_shadows_to_itself(monkeypatch)
     scene = World(catalogue.load("residential-approaching-01")).filmed
     one, other = (Renderer(scene, SMALL, shadow_cells=512) for _ in range(2))
     assert one._sheet is other._sheet
-    passes, drawing = [], Renderer._together
+    passes, drawing = [], Renderer._run_on_threads
 
     def together(self, kernel, *arguments):
         passes.append((other._sheet.turn.locked(), other._shadows._turn.locked()))

@@ -11,7 +11,7 @@ import pytest
 from dronecats.judge.metrics.audit import StepOutlook
 from dronecats.judge.metrics.failure_mode import MODES
 from dronecats.judge.metrics.judging import METRICS
-from dronecats.judge.statistics.shares import known_share, wilson
+from dronecats.judge.statistics.shares import estimate_share, wilson
 from dronecats.report import report_data
 from dronecats.report.report_folder import tables
 from dronecats.report.results.collection import Usage, without_stalled
@@ -36,7 +36,7 @@ def test_rates_are_of_the_flights_that_were_scored_and_errors_stand_beside():
 def test_several_flights_of_an_episode_are_not_counted_as_so_many_episodes():
     sr = line(made(outcomes.main, small()), GOOD)["approaching_success_percent"]
     by_episode = [[True, True], [True, False], [False, False], [True, True]]
-    expected = known_share(by_episode)
+    expected = estimate_share(by_episode)
     assert (sr.low, sr.high) == pytest.approx((100 * expected.low, 100 * expected.high))
     low, high = wilson(5, 8)
     assert number(sr.low) < 100 * low < 100 * high < number(sr.high)
@@ -72,7 +72,7 @@ def test_the_best_is_marked_among_models_alone():
 
 def test_the_floor_of_blind_pilots_covers_the_same_episodes():
     table = made(outcomes.main, small())
-    below = line(table, report_data.FLOOR)
+    below = line(table, report_data.BLIND_ROW_TITLE)
     sr = below["approaching_success_percent"]
     assert (sr.value, sr.count, sr.of) == (25.0, 1, 4)
     assert below["tracking_success_percent"].value is None, "no blind pilot has flown it"
@@ -368,7 +368,7 @@ class OnlyMetrics(dict[str, Any]):
 def test_tables_look_up_metrics_by_their_names():
     episodes = tuple(replace(e, values=OnlyMetrics(e.values), steps=OnlyMetrics(e.steps)) for e in benchmark().episodes)
     assert tables(small(replace(benchmark(), episodes=episodes)))
-    assert {mode.name for mode in report_data.MODES} == set(MODES)
+    assert {mode.name for mode in report_data.FAILURE_MODE_COLUMNS} == set(MODES)
 
 
 def test_stalled_flights_can_be_omitted_and_are_not_counted_as_unscored():

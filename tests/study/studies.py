@@ -10,7 +10,7 @@ import numpy as np
 
 from dronecats.bench.matrix import ChosenSuite, choose_suite
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from dronecats.judge.episode import write_verdict
 from dronecats.study import design, folder
 from dronecats.study.plan import StudyPlan, plan
@@ -72,7 +72,7 @@ def write_study(
     own = dict(zip(episodes, rng.normal(0.0, scatter, len(episodes)), strict=True))
     for place, (entry, run) in enumerate(zip(study_plan.entries, study_plan.study.runs, strict=True)):
         (out / entry.name).mkdir()
-        folders.write_run(out / entry.name, {**RUN_FIELDS, "flight": as_kept(entry.flight)})
+        folders.write_run(out / entry.name, {**RUN_FIELDS, "flight": as_redacted_json(entry.flight)})
         for episode in episodes:
             draw = np.random.default_rng(
                 [*_number(episode, run.flight_number, seed), *([] if same_draws else [place])]

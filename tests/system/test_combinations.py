@@ -17,7 +17,7 @@ from dronecats.cli.main import main
 from dronecats.flight.run import accounts
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from dronecats.pilots import roster
 from dronecats.pilots.scripted import scripted_orders
 from dronecats.pilots.server import completion, read_request
@@ -34,7 +34,7 @@ LOCKSTEP = Simulated(speed=None)
 @pytest.fixture
 def serve(monkeypatch):
     monkeypatch.setattr(accounts, "open_model", opened_without_pauses)
-    monkeypatch.setattr(turns, "APART_S", 0.0)  # between questions to a server that was busy
+    monkeypatch.setattr(turns, "SLOW_INTERVAL_S", 0.0)  # between questions to a server that was busy
     opened = []
 
     def start(reply, *faults):
@@ -120,7 +120,7 @@ def test_a_model_that_dies_in_flight_costs_that_flight_and_the_same_command_flie
     dead.script = [whole, whole, whole, reset]  # the first question, and two steps
     spec = tmp_path / "spec.json"
     model = ModelSpec(provider="local", name="m", base_url=dead.url)
-    spec.write_text(json.dumps(as_kept(FlightSpec(model=model, episode=EASY, simulated=LOCKSTEP, seed=3))))
+    spec.write_text(json.dumps(as_redacted_json(FlightSpec(model=model, episode=EASY, simulated=LOCKSTEP, seed=3))))
     command = ["fly", "--spec", str(spec), "--out", str(tmp_path / "run"), "--json"]
     folder = tmp_path / "run" / EASY
     assert main(command) == 3
@@ -178,7 +178,7 @@ def test_two_flights_at_once_share_a_ledger_and_a_cache(tmp_path, serve):
     model = ModelSpec(provider="local", name="m", base_url=wire.url, input_usd=1.0, output_usd=1.0)
     shared = Accounts(ledger=str(tmp_path / "ledger.sqlite"), cache=str(tmp_path / "cache.sqlite"), cost_limit_usd=9.0)
     spec = FlightSpec(model=model, episode=EASY, simulated=LOCKSTEP, seconds=10.0, seed=3, accounts=shared)
-    (tmp_path / "spec.json").write_text(json.dumps(as_kept(spec)))
+    (tmp_path / "spec.json").write_text(json.dumps(as_redacted_json(spec)))
     command = [*DRONECATS, "fly", "--spec", str(tmp_path / "spec.json"), "--json", "--out"]
     outs = [tmp_path / "one", tmp_path / "other"]
     together = [subprocess.Popen([*command, str(out)], stdout=subprocess.PIPE, text=True) for out in outs]

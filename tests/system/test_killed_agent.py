@@ -12,7 +12,7 @@ import pytest
 
 from hil.link.link import Link
 from hil.link.transport import connect
-from hil.preflight.check import check, mend
+from hil.preflight.check import apply_changes, check
 from tests.support.simulated_vehicle import simulated_vehicle
 from tests.system.truth_watch import TruthWatch
 
@@ -50,7 +50,7 @@ def test_after_fix_the_vehicle_stands_within_two_seconds(simulator, tmp_path):
     link = Link(connect(url))
     link.connect()
     result = check(link, seconds=1.0, folder=tmp_path)
-    mend(link, result, result.changes)
+    apply_changes(link, result, result.changes)
     link.close()
     killed, after = killed_in_flight(url, truth)
     profile = [f"{s.time_s - killed.time_s:.2f} s {s.speed:.2f} m/s" for s in after[::10]]

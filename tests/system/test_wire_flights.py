@@ -71,7 +71,7 @@ def replayed(capsys, folder, out, *words):
 
 def test_nothing_is_lost_on_a_wire_that_breaks_twice_in_every_step(serve, tmp_path, monkeypatch):
     monkeypatch.setattr(accounts, "open_model", opened_without_pauses)
-    monkeypatch.setattr(turns, "APART_S", 0.0)  # between questions to a server that was busy
+    monkeypatch.setattr(turns, "SLOW_INTERVAL_S", 0.0)  # between questions to a server that was busy
     result, whole = fly_spec(asking(serve()), tmp_path / "whole")
     broken = serve(*AGAIN.values())
     hurt, folder = fly_spec(asking(broken), tmp_path / "broken")

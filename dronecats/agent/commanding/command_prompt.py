@@ -66,7 +66,7 @@ def cause_text(cause: Cause) -> str:
 NOT_YET = "(none yet)"
 
 
-class Post:
+class CommandedDrone:
     """The state of one drone under a commander: its goal and its progress."""
 
     def __init__(self, drone: Drone, goal: str) -> None:
@@ -99,12 +99,12 @@ class Post:
             self.reported_s = now_s
 
 
-def roster(posts: Sequence[Post], now_s: float) -> str:
+def roster(posts: Sequence[CommandedDrone], now_s: float) -> str:
     """Return the state of the drones, in their order, as the commander's prompt shows it."""
     return "\n\n".join(_roster_entry(post, place, now_s) for place, post in enumerate(posts, 1))
 
 
-def _roster_entry(post: Post, place: int, now_s: float) -> str:
+def _roster_entry(post: CommandedDrone, place: int, now_s: float) -> str:
     camera, actions = post.drone.history.camera, post.drone.history.actions
     done = "; ".join(compact(action, camera) for action in actions) or NOT_YET
     return (
@@ -116,7 +116,7 @@ def _roster_entry(post: Post, place: int, now_s: float) -> str:
     )
 
 
-def _report(post: Post, now_s: float) -> str:
+def _report(post: CommandedDrone, now_s: float) -> str:
     if post.reported_s is not None:
         return f"says that it has arrived, {now_s - post.reported_s:.0f} s ago; it hovers and waits for your word"
     if post.confirmed:
@@ -124,7 +124,7 @@ def _report(post: Post, now_s: float) -> str:
     return "none" if post.begun else "none; it hovers and waits for your first word"
 
 
-def _heading(post: Post) -> str:
+def _heading(post: CommandedDrone) -> str:
     """Return the destination of the last go in words, with the pilot's own estimate of the distance."""
     went = next((action for action in reversed(post.drone.history.actions) if isinstance(action, Go)), None)
     if went is None:

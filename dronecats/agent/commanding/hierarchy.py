@@ -10,15 +10,15 @@ from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.commanding.command_prompt import (
     INTERVAL_S,
     STALL_STEPS,
+    CommandedDrone,
     CommandPrompt,
     FleetOrders,
     OrdersError,
-    Post,
     parse_orders,
     roster,
 )
 from dronecats.agent.latency import COMMANDER, LatencyPolicy, Question
-from dronecats.agent.loop import Asking, Decider, Questions, SideBySideAgent, Tally, await_reply
+from dronecats.agent.loop import Decider, PendingQuestion, Questions, SideBySideAgent, Tally, await_reply
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import History, labels
 from foundation.camera import Frame
@@ -63,7 +63,7 @@ class FleetCommander:
     def __init__(
         self,
         command: CommandQuestions,
-        posts: Sequence[Post],
+        posts: Sequence[CommandedDrone],
         cockpit: Cockpit,
         now_s: Callable[[], float],
         tally: Tally,
@@ -129,7 +129,7 @@ class FleetCommander:
         self._answered_s = now_s
         error: str | None = None
         try:
-            orders, refusals = self._granted(parse_orders(reply.text, len(self._posts)), shown)
+            orders, refusals = self._executable_orders(parse_orders(reply.text, len(self._posts)), shown)
             error = "; ".join(refusals) or None
         except OrdersError as unreadable:
             orders, error = FleetOrders(), str(unreadable)
@@ -152,7 +152,7 @@ class FleetCommander:
                 post.steps_without_go = 0
         return shown
 
-    def _send(self, shown: _Shown) -> Asking:
+    def _send(self, shown: _Shown) -> PendingQuestion:
         command, drones = self._command, len(self._posts)
         request = Request(
             command.prompt.render(command.instruction, shown.roster, shown.causes, drones),
@@ -165,9 +165,9 @@ class FleetCommander:
         self._cockpit.log_prompt(request, shown.frames, shown.sent_s)
         question = Question(self._cockpit.seed, shown.number, COMMANDER)
         executor, last_s = self._cockpit.executor, self._answered_s
-        return Asking(command.model, request, executor, command.latency, question, shown.sent_s, last_s=last_s)
+        return PendingQuestion(command.model, request, executor, command.latency, question, shown.sent_s, last_s=last_s)
 
-    def _granted(self, orders: FleetOrders, shown: _Shown) -> tuple[FleetOrders, list[str]]:
+    def _executable_orders(self, orders: FleetOrders, shown: _Shown) -> tuple[FleetOrders, list[str]]:
         """Return the orders that can be carried out, and the reason for each refused order."""
         refusals: list[str] = []
         goals, confirmed = [], []
@@ -183,7 +183,7 @@ class FleetCommander:
                 refusals.append(f"drone {drone + 1} has reported meanwhile")
         return FleetOrders(tuple(goals), tuple(confirmed)), refusals
 
-    def _declare(self, drone: int, shown: _Shown, asking: Asking) -> Decision:
+    def _declare(self, drone: int, shown: _Shown, asking: PendingQuestion) -> Decision:
         """Declare arrival for a confirmed report, on the shown frame. The drone has hovered since its report."""
         post, frame, now_s = self._posts[drone], shown.frames[drone], self._now_s()
         post.reported_s, post.confirmed = None, True
@@ -202,7 +202,7 @@ class FleetCommander:
         self._cockpit.on_step(decision)
         return decision
 
-    def _row(self, shown: _Shown, asking: Asking | None, orders: FleetOrders, error: str | None) -> Exchange:
+    def _row(self, shown: _Shown, asking: PendingQuestion | None, orders: FleetOrders, error: str | None) -> Exchange:
         """Return the log row of an exchange; `asking` is None if the reply came too late."""
         reply, now_s = asking.reply() if asking else None, self._now_s()
         served: str | UnsetType = UNSET
@@ -231,7 +231,7 @@ class Subordinate(Decider):
     """A pilot under a commander. It has its own history and pace. A new goal clears its history."""
 
     def __init__(
-        self, questions: Questions, post: Post, cockpit: Cockpit, now_s: Callable[[], float], tally: Tally
+        self, questions: Questions, post: CommandedDrone, cockpit: Cockpit, now_s: Callable[[], float], tally: Tally
     ) -> None:
         """`post` holds the commander's goals and the pilot's reports."""
         super().__init__(questions, [post.drone], cockpit, now_s, tally)
@@ -267,7 +267,7 @@ class Subordinate(Decider):
     def _report(self, action: Action | None) -> bool:
         return isinstance(action, Finished)
 
-    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool, now_s: float) -> list[Decision]:
+    def _decide(self, frames: Sequence[Frame], asking: PendingQuestion, thinking: bool, now_s: float) -> list[Decision]:
         decisions = super()._decide(frames, asking, thinking, now_s)
         if self._goal == self._post.goal:  # else the commander has changed the goal meanwhile
             for decision in decisions:
@@ -282,7 +282,7 @@ class Hierarchy(SideBySideAgent):
         """`questions`: for the pilots. Its instruction is the goal of each drone until the commander gives another."""
         super().__init__(cockpit)
         self._log: LineLog | None = None
-        posts = [Post(drone, questions.instruction) for drone in self._drones]
+        posts = [CommandedDrone(drone, questions.instruction) for drone in self._drones]
         self._deciders = [Subordinate(questions, post, cockpit, lambda: self.now_s, self._tally) for post in posts]
         self._commander = FleetCommander(command, posts, cockpit, lambda: self.now_s, self._tally, self._keep)
 

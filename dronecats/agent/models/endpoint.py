@@ -22,7 +22,7 @@ import httpx
 
 from dronecats.agent.models.turns import Limiter, Unlimited, allowances
 from foundation.errors import ModelError, ModelRejectedError, UsageError
-from foundation.redaction import redacted, redacted_url, secrets_of, without, worth_hiding
+from foundation.redaction import hide_secrets, redacted, redacted_url, secrets_of, worth_hiding
 from foundation.threads import COMPUTING, DaemonExecutor
 from foundation.wording import printable
 
@@ -232,7 +232,7 @@ class Endpoint:
 
     def hide(self, text: str) -> str:
         """Return text of an answer without the secrets."""
-        return without(text, *self._secrets)
+        return hide_secrets(text, *self._secrets)
 
     def brief(self, text: str | bytes) -> str:
         """Return the beginning of an answer on one line, redacted."""

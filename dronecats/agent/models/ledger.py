@@ -12,7 +12,7 @@ import msgspec
 
 from dronecats.agent.models.model import CHARACTERS_PER_TOKEN, Model, Reply, Request, WrappedModel, tokens_of
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.agent.models.turns import Allowance, Limiter, Turns
+from dronecats.agent.models.turns import Allowance, Limiter, RateLimitState
 from foundation.errors import BudgetError, ModelError, UsageError
 from foundation.files import FileKind, SqliteFile
 
@@ -43,7 +43,7 @@ class Spent:
         return self.tokens_in + self.tokens_out
 
 
-class Books(Protocol):
+class LedgerInterface(Protocol):
     """The interface of a ledger: the open file, or a client on another machine."""
 
     def spend(self, model: str, spent: Spent) -> None: ...
@@ -111,11 +111,11 @@ class SharedLimiter:
         with self._file.transaction() as db:
             self._write(db, self._read(db).held(seconds, self._now_s()))
 
-    def _read(self, db: Connection) -> Turns:
+    def _read(self, db: Connection) -> RateLimitState:
         row = db.execute("SELECT state FROM turns WHERE address = ?", (self._address,)).fetchone()
-        return msgspec.json.decode(row[0], type=Turns) if row else Turns()
+        return msgspec.json.decode(row[0], type=RateLimitState) if row else RateLimitState()
 
-    def _write(self, db: Connection, turns: Turns) -> None:
+    def _write(self, db: Connection, turns: RateLimitState) -> None:
         state = msgspec.json.encode(turns).decode()
         db.execute("INSERT OR REPLACE INTO turns VALUES (?, ?)", (self._address, state))
 
@@ -198,7 +198,7 @@ def spent_on(spec: ModelSpec, request: Request, reply: Reply) -> Spent:
 class BudgetedModel(WrappedModel):
     """Asks a model while the budget lasts. n concurrent questions may exceed the budget by n questions."""
 
-    def __init__(self, model: Model, spec: ModelSpec, budget: Budget, ledger: Books) -> None:
+    def __init__(self, model: Model, spec: ModelSpec, budget: Budget, ledger: LedgerInterface) -> None:
         super().__init__(model)
         self._spec, self._budget, self._ledger = spec, budget, ledger
         self._open: dict[object, Request] = {}  # questions that are neither answered nor booked yet

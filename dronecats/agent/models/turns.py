@@ -98,7 +98,7 @@ def _date(text: str | None) -> datetime | None:
 
 LONGEST_WAIT_S = 60.0  # s, longest block of requests; a later time in the file means that the clock was set back
 SLOW_S = 60.0  # s after a block in which requests are sent one by one
-APART_S = 0.5  # s between these requests, for vendors without rate-limit headers
+SLOW_INTERVAL_S = 0.5  # s between these requests, for vendors without rate-limit headers
 MINUTE_S = 60.0  # s, assumed period of a limit
 LATE_S = 0.001  # s, margin on the computed time of a refill
 
@@ -135,7 +135,7 @@ class Bucket:
 
 
 @dataclass(frozen=True, slots=True)
-class Turns:
+class RateLimitState:
     """The rate limits of an address. Each model has its own limits, but a rejection blocks all models."""
 
     held_until: float = 0.0  # no requests before this time
@@ -143,7 +143,7 @@ class Turns:
     next_at: float = 0.0  # earliest time of the next request, until `slow_until`
     buckets: Mapping[str, Bucket] = field(default_factory=dict)  # by 'KIND MODEL'
 
-    def claim(self, model: str, tokens: int, now: float) -> "tuple[float, Turns]":
+    def claim(self, model: str, tokens: int, now: float) -> "tuple[float, RateLimitState]":
         """Return (0, the turns after this request), or (seconds to wait, the same turns)."""
         wants = {f"requests {model}": 1.0, f"tokens {model}": float(tokens)}
         limited = {name: (self.buckets[name], want) for name, want in wants.items() if name in self.buckets}
@@ -151,16 +151,16 @@ class Turns:
         slow_s = self.next_at - now if now < self.slow_until else 0.0
         wait_s = max(
             held_s if held_s <= LONGEST_WAIT_S else 0.0,
-            slow_s if slow_s <= APART_S else 0.0,
+            slow_s if slow_s <= SLOW_INTERVAL_S else 0.0,
             *(bucket.wait_s(want, now) for bucket, want in limited.values()),
             0.0,
         )
         if wait_s > 0.0:
             return wait_s, self
         taken = {name: bucket.without(want, now) for name, (bucket, want) in limited.items()}
-        return 0.0, replace(self, next_at=now + APART_S, buckets={**self.buckets, **taken})
+        return 0.0, replace(self, next_at=now + SLOW_INTERVAL_S, buckets={**self.buckets, **taken})
 
-    def updated(self, model: str, new: Allowance, now: float) -> "Turns":
+    def updated(self, model: str, new: Allowance, now: float) -> "RateLimitState":
         """Return the turns with a new allowance. The lower level counts: the answer may not count later requests."""
         name = f"{new.kind} {model}"
         before = self.buckets.get(name)
@@ -171,7 +171,7 @@ class Turns:
         bucket = Bucket(now, level, new.limit, rate, now + whole_s)
         return replace(self, buckets={**self.buckets, name: bucket})
 
-    def held(self, seconds: float, now: float) -> "Turns":
+    def held(self, seconds: float, now: float) -> "RateLimitState":
         """Return the turns that block requests for `seconds`, then send them one by one for SLOW_S."""
         until = now + min(seconds, LONGEST_WAIT_S)
         kept = self.held_until if self.held_until - now <= LONGEST_WAIT_S else 0.0

@@ -23,7 +23,7 @@ DroneResult = tuple[Action | ActionError, set[Mend]]
 
 
 @dataclass(slots=True)
-class Division:
+class Assignment:
     """The assignment of the objects of a reply to the drones."""
 
     items: dict[int, Any]  # by drone, from 0
@@ -35,14 +35,14 @@ def read(reply: str, drones: int, axis_order: AxisOrder) -> list[DroneResult]:
     """Return (action or error, mends) of a reply for each drone."""
     try:
         answer = answer_of(reply)
-        division = _divided(answer, drones)
+        division = _assigned(answer, drones)
     except ActionError as error:
         return [(error, set()) for _ in range(drones)]
     division.mends |= {"reasoning"} if answer != reply else set()
     return [_drone_result(division, drone, drones, axis_order) for drone in range(drones)]
 
 
-def _drone_result(division: Division, drone: int, drones: int, axis_order: AxisOrder) -> DroneResult:
+def _drone_result(division: Assignment, drone: int, drones: int, axis_order: AxisOrder) -> DroneResult:
     mends = set(division.mends)
     if drone in division.duplicated:
         return ActionError(f"several objects name drone {drone + 1} of {drones}"), mends
@@ -60,7 +60,7 @@ def _drone_result(division: Division, drone: int, drones: int, axis_order: AxisO
         return error, mends
 
 
-def _divided(answer: str, drones: int) -> Division:
+def _assigned(answer: str, drones: int) -> Assignment:
     """Return the division of an answer. Raises ActionError if it is ambiguous."""
     try:
         array = strict.first_array(answer)
@@ -68,7 +68,7 @@ def _divided(answer: str, drones: int) -> Division:
         if len(array.value) == drones:
             other_arrays = [span for span in strict.json_spans(answer, "[") if span.begin != array.begin]
             spans = sorted((span.begin, span.end) for span in (array, *other_arrays))
-            division = _of_items(array.value, drones)
+            division = _assign_list(array.value, drones)
             division.mends |= around(answer, spans) | ({"several"} if any(map(_holds_objects, other_arrays)) else set())
             return division
     except ActionError as error:
@@ -96,7 +96,7 @@ def _drone_values(text: str) -> list[ReadValue]:
     ]
 
 
-def _of_values(drone_values: list[ReadValue], drones: int) -> Division:
+def _of_values(drone_values: list[ReadValue], drones: int) -> Assignment:
     arrays = [value for value in drone_values if isinstance(value.value, list)]
     if arrays:
         return _of_arrays(arrays, drones)
@@ -106,33 +106,33 @@ def _of_values(drone_values: list[ReadValue], drones: int) -> Division:
     if not objects:
         raise ActionError("no JSON array of actions in the reply")
     if len(objects) == drones or all(_name(value) is not None for value in objects):
-        division = _of_items(objects, drones)
+        division = _assign_list(objects, drones)
         division.mends.add("lines")
         return division
     raise ActionError(f"{len(objects)} objects and no array: nothing says which of the {drones} drones they are for")
 
 
-def _of_arrays(arrays: list[ReadValue], drones: int) -> Division:
+def _of_arrays(arrays: list[ReadValue], drones: int) -> Assignment:
     """Return the division of the only array, or of the only array with an object per drone."""
     fitting = [array for array in arrays if len(_items(array.value) or []) == drones]
     if len(arrays) > 1 and len(fitting) != 1:
         raise ActionError(f"{len(arrays)} arrays of objects in the reply: nothing says which is meant")
     meant = arrays[0] if len(arrays) == 1 else fitting[0]
     items = _items(meant.value) or []
-    division = _of_items(items, drones)
+    division = _assign_list(items, drones)
     division.mends |= {"one_fits"} if len(arrays) > 1 else set()
     nested = items is not meant.value or any(isinstance(array, list) for array in items)
     division.mends |= {"nested_array"} if nested else set()
     return division
 
 
-def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Division:
+def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Assignment:
     """Return the division of one object: its keys name the drones, or it contains an array of their objects."""
     keyed = {key: match for key in value if (match := _NAME.fullmatch(key.strip()))}
     if keyed:
         numbers = {key: int(match.group(1)) for key, match in keyed.items()}
         places, zero_based = _places(list(numbers.values()), drones)
-        division = Division({}, {"keyed"})
+        division = Assignment({}, {"keyed"})
         division.mends |= {"zero_based"} if zero_based else set()
         _place(division, [(place, value[key]) for key, place in zip(numbers, places, strict=True)], drones)
         return division
@@ -140,7 +140,7 @@ def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Division:
     if len(inner) != 1 or depth == _NESTED_MAX or (is_action(value) and "action" in value):
         raise ActionError(f"one object for {drones} drones: nothing says which of them it is for")
     items = _items(inner[0])
-    division = _of_items(items, drones) if items else _of_object(inner[0], drones, depth + 1)
+    division = _assign_list(items, drones) if items else _of_object(inner[0], drones, depth + 1)
     division.mends.add("wrapped")
     return division
 
@@ -157,11 +157,11 @@ def _items(value: Any) -> list[Any] | None:
     return value if any(isinstance(item, dict) or (isinstance(item, str) and "{" in item) for item in held) else None
 
 
-def _of_items(items: list[Any], drones: int) -> Division:
+def _assign_list(items: list[Any], drones: int) -> Assignment:
     """Return the division of a list of objects: by the drones that they name, or in the order of the pictures."""
     items = items[:-1] if items and isinstance(items[-1], Cut) else items
     names = [_name(item) for item in items]
-    division = Division({})
+    division = Assignment({})
     numbers = [name for name in names if name is not None]
     places, zero_based = _places(numbers, drones)
     ordered = iter(places)
@@ -177,7 +177,7 @@ def _of_items(items: list[Any], drones: int) -> Division:
     return division
 
 
-def _place(division: Division, placed_items: list[tuple[int | None, Any]], drones: int) -> None:
+def _place(division: Assignment, placed_items: list[tuple[int | None, Any]], drones: int) -> None:
     """Give each drone the object that names it. Objects without a drone, or with an unknown one, are skipped."""
     counts: dict[int, int] = {}
     for place, item in placed_items:

@@ -112,10 +112,19 @@ SYNONYMS = {
 }
 SIDES = {f"{verb}_{side}": sign for verb in ("rotate", "turn", "yaw") for side, sign in (("right", 1), ("left", -1))}
 DIRECTIONS = {"right": 1, "clockwise": 1, "cw": 1, "left": -1, "counterclockwise": -1, "ccw": -1}
-NAMES = ("action", "action_type", "action_name", "type", "command", "name", "function", "tool")  # keys of the name
-CALLED = ("name", "function", "tool")  # keys of NAMES that occur in tool calls
+ACTION_NAME_KEYS = (
+    "action",
+    "action_type",
+    "action_name",
+    "type",
+    "command",
+    "name",
+    "function",
+    "tool",
+)  # keys of the name
+TOOL_NAME_KEYS = ("name", "function", "tool")  # keys of ACTION_NAME_KEYS that occur in tool calls
 PARAMETERS = ("arguments", "parameters", "params", "args", "input", "action_input", "tool_input")
-CALLS = ("function", "function_call", "tool_call", "tool_calls")
+TOOL_CALL_KEYS = ("function", "function_call", "tool_call", "tool_calls")
 POINTS = ("point", "point_2d", "point2d", "points", "coordinate", "coordinates")
 DEPTHS = ("depth_m", "depth", "depth_meters", "depth_metres")
 ANGLES = ("angle_deg", "angle", "angle_degrees", "degrees", "deg")
@@ -169,7 +178,7 @@ def _unfold(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | N
     """Return the action of an object; None when it has none, or several."""
     if depth > _DEPTH:
         return None
-    for key in NAMES:
+    for key in ACTION_NAME_KEYS:
         spelt = next((name for name in value if _plain(name) == key), None)
         named = None if spelt is None else _named(value[spelt])
         if spelt is None or named is None:
@@ -206,7 +215,7 @@ def _fields(value: dict[str, Any], key: str, mends: set[Mend]) -> dict[str, Any]
     parameters = value[inner[0]]
     if isinstance(parameters, str):
         parameters = _within(parameters, mends)
-    mends.add("tool_call" if key in CALLED else "nested")
+    mends.add("tool_call" if key in TOOL_NAME_KEYS else "nested")
     if parameters is None or parameters == []:
         parameters = {}
     if isinstance(parameters, Cut):
@@ -218,7 +227,7 @@ def _fields(value: dict[str, Any], key: str, mends: set[Mend]) -> dict[str, Any]
 
 def _call(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
     """Return the action inside a tool call."""
-    inner = [value[key] for key in CALLS if isinstance(value.get(key), dict | list)]
+    inner = [value[key] for key in TOOL_CALL_KEYS if isinstance(value.get(key), dict | list)]
     if len(inner) != 1:
         return None
     call = inner[0][0] if isinstance(inner[0], list) and len(inner[0]) == 1 else inner[0]

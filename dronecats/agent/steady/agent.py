@@ -8,7 +8,7 @@ from statistics import median
 from dronecats.agent.action import Action, Go
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.controller import Aircraft, Drone, turn
-from dronecats.agent.loop import Asking, Decider, PaperAgent, Questions, Tally
+from dronecats.agent.loop import Decider, PaperAgent, PendingQuestion, Questions, Tally
 from dronecats.agent.steady.leg import Leg, SeenPlace, leg_to, seen_place, steer
 from dronecats.agent.steady.pursuit import Pursuit
 from foundation.camera import CameraModel, Frame
@@ -189,7 +189,7 @@ class SteadyDecider(Decider):
         """Expected age of a picture at its reply, s of vehicle time: the median over the last AGES_KEPT replies."""
         return median(self._ages) if self._ages else 0.0
 
-    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool, now_s: float) -> list[Decision]:
+    def _decide(self, frames: Sequence[Frame], asking: PendingQuestion, thinking: bool, now_s: float) -> list[Decision]:
         self._ages.append(max(self._now_s() - self._since_begin_s(frame) for frame in frames))
         for drone in self._steady:
             drone.period_s = self.age_s

@@ -8,7 +8,7 @@ from dronecats.agent.controller import displacement
 from foundation.camera import CameraModel, camera_attitude
 from foundation.frames import Quat, Vec3, quat_from_euler, rotate, rotate_inverse
 from foundation.protocol import BRAKE_M, CLIMB_DEADBAND, NEAR_M, NEAR_SCALE, POINT_SPAN, SPEED_MAX, STEP_S, STRIDE_MAX_M
-from foundation.setpoints import Sight, Velocity
+from foundation.setpoints import PicturePose, Velocity
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class SeenPlace:
     depth_m: float  # m along the optical axis, the pilot's estimate
 
 
-def seen_place(go: Go, sight: Sight, camera: CameraModel) -> SeenPlace:
+def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
     """Return the place that a go names in a picture taken at `sight`."""
     right, forward, up = displacement(go, camera.at_pitch(sight.gimbal_pitch))
     attitude = _attitude(sight, camera)
@@ -38,7 +38,7 @@ def seen_place(go: Go, sight: Sight, camera: CameraModel) -> SeenPlace:
     )
 
 
-def point_of(place_ned: Vec3, sight: Sight, camera: CameraModel) -> Go:
+def point_of(place_ned: Vec3, sight: PicturePose, camera: CameraModel) -> Go:
     """Return the go that names a place (m, local frame) in a picture taken at `sight`: the inverse of `seen_place`.
 
     Raises ValueError for a place that is not in front of the lens.
@@ -54,13 +54,13 @@ def point_of(place_ned: Vec3, sight: Sight, camera: CameraModel) -> Go:
     return Go(x * POINT_SPAN / camera.width, y * POINT_SPAN / camera.height, forward)
 
 
-def _attitude(sight: Sight, camera: CameraModel) -> Quat:
+def _attitude(sight: PicturePose, camera: CameraModel) -> Quat:
     """Return the attitude of the axes of `displacement`: that of the vehicle, or level if the camera has a gimbal."""
     level = camera.gimballed
     return quat_from_euler(0.0 if level else sight.roll, 0.0 if level else sight.pitch, sight.heading)
 
 
-def _lens(sight: Sight, camera: CameraModel) -> Vec3:
+def _lens(sight: PicturePose, camera: CameraModel) -> Vec3:
     north, east, down = rotate(quat_from_euler(sight.roll, sight.pitch, sight.heading), camera.offset_frd)
     place = sight.position_ned
     return (place[0] + north, place[1] + east, place[2] + down)
@@ -80,9 +80,9 @@ def _reach(distance_m: float, depth_m: float) -> float:
 
 
 REACHED_M = 0.3  # m, horizontal distance at which the goal is reached
-LEFT_M = 1.0  # m, horizontal distance beyond which the drone leaves its hold and follows the goal again
-SLOWS_S = 0.8  # s; the speed is at most the distance to the goal divided by this
-KEEPS_M = 1.5  # m from the goal within which the course is kept, so that the drone does not turn when passing it
+FOLLOW_AGAIN_M = 1.0  # m, horizontal distance beyond which the drone leaves its hold and follows the goal again
+SLOW_DOWN_S = 0.8  # s; the speed is at most the distance to the goal divided by this
+KEEP_COURSE_M = 1.5  # m from the goal within which the course is kept, so that the drone does not turn when passing it
 CAREFUL_S = 1.5  # s, shortest duration of a short stride
 
 
@@ -116,7 +116,7 @@ class Steered:
     """The setpoint of a leg at one tick."""
 
     setpoint: Velocity
-    seen: Sight  # origin of the setpoint's line
+    seen: PicturePose  # origin of the setpoint's line
     valid_s: float  # s for which the setpoint is valid
 
 
@@ -146,20 +146,22 @@ def steer(
     """Return the setpoint of a leg at a position; None for a hold: the goal is reached, or the leg has ended.
 
     course: last course (rad), kept when close to the goal; None: no course yet. resting: the drone has reached the
-    goal, and follows it again only when it is more than LEFT_M away.
+    goal, and follows it again only when it is more than FOLLOW_AGAIN_M away.
     """
     goal = leg_to.goal(now_s)
     north, east, down = (g - p for g, p in zip(goal, position_ned, strict=True))
     ahead = math.hypot(north, east)
-    if now_s >= leg_to.ends_s or ahead <= (LEFT_M if resting else REACHED_M):
+    if now_s >= leg_to.ends_s or ahead <= (FOLLOW_AGAIN_M if resting else REACHED_M):
         return None
     bearing = math.atan2(east, north)
-    if course is not None and not resting and ahead < KEEPS_M:
+    if course is not None and not resting and ahead < KEEP_COURSE_M:
         if math.cos(bearing - course) <= 0.0:  # the goal has been passed
             return None
         bearing = course
-    speed = min(leg_to.pace, ahead / SLOWS_S) * leg_to.fade(now_s)
+    speed = min(leg_to.pace, ahead / SLOW_DOWN_S) * leg_to.fade(now_s)
     up = 0.0 if leg_to.level else -down
     length_m = math.hypot(ahead, up)
     climb = speed * up / length_m if up else None
-    return Steered(Velocity(speed * ahead / length_m, climb, 0.0), Sight(position_ned, bearing), leg_to.ends_s - now_s)
+    return Steered(
+        Velocity(speed * ahead / length_m, climb, 0.0), PicturePose(position_ned, bearing), leg_to.ends_s - now_s
+    )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.agent.models.endpoint import GIVE_UP_S, RetryPolicy
-from dronecats.agent.models.ledger import Books, Budget, BudgetedModel, Ledger, Spent, spent_on, spent_text
+from dronecats.agent.models.ledger import Budget, BudgetedModel, Ledger, LedgerInterface, Spent, spent_on, spent_text
 from dronecats.agent.models.model import Model, Request, ending_reason
 from dronecats.agent.models.probe import marked_picture
 from dronecats.agent.models.replay import CachedModel, ReplyCache
@@ -153,7 +153,7 @@ def book(model: str, spent: Spent, accounts: Accounts, run: Path) -> None:
         ledger.spend(model, spent)
 
 
-def _books(accounts: Accounts, run: Path) -> Books:
+def _books(accounts: Accounts, run: Path) -> LedgerInterface:
     if accounts.ledger is not None and accounts.ledger.startswith(ON_CLUSTER):
         return RemoteLedger(accounts.ledger.removeprefix(ON_CLUSTER))
     return Ledger(run / LEDGER if accounts.ledger is None else Path(accounts.ledger))

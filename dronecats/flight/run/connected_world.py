@@ -55,7 +55,7 @@ class ConnectedWorldFlight(VehicleFlight):
         )
 
     def write_record(self, folder: Path) -> None:
-        write_record(self._drawn(folder), self._record.to_json())
+        write_record(self._world_record_path(folder), self._record.to_json())
         if not self._judged:
             write_json(folder / layout.EPISODE, {"id": self._record.id, "instruction": self._record.instruction})
 
@@ -63,7 +63,13 @@ class ConnectedWorldFlight(VehicleFlight):
     def ready(self, folder: Path, notify: Notify) -> Iterator[Ready]:
         record, world, frame_s = self._record, self._world, (self.flight.spec.envelope or Limits()).frame_s
         stage = WorldStage(
-            self.link, self._drawn(folder), self._truth, folder, notify, frame_s=frame_s, judged=self._judged
+            self.link,
+            self._world_record_path(folder),
+            self._truth,
+            folder,
+            notify,
+            frame_s=frame_s,
+            judged=self._judged,
         )
         try:
             start = start_of(record.starts[0], world.ground_down(*record.starts[0].position_ned[:2]))
@@ -81,6 +87,6 @@ class ConnectedWorldFlight(VehicleFlight):
         if ending.steps and self._judged:
             draw(folder)
 
-    def _drawn(self, folder: Path) -> Path:
+    def _world_record_path(self, folder: Path) -> Path:
         """Return the path of the record whose world is drawn."""
         return folder / (layout.EPISODE if self._judged else layout.WORLD)

@@ -11,7 +11,7 @@ from dronecats.flight.run.pilot import agent_maker
 from dronecats.flight.run.setup import UNWATCHED, FlightSetup, Instruments, Notify, served_rate_hz
 from dronecats.flight.spec.flight import Flight, look_up, map_digest
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from foundation.run_folder.folder import write_run
 
 
@@ -23,7 +23,7 @@ def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
     agent_maker(flight.spec.agent)
     of_map, on_purpose = map_digest(flight.record), flight.spec.disturbances.words
     return {
-        "flight": as_kept(flight.spec),
+        "flight": as_redacted_json(flight.spec),
         **({"disturbed": on_purpose} if on_purpose else {}),
         "agent": flight.spec.agent,
         **({"map_sha256": of_map} if of_map else {}),

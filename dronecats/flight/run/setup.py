@@ -64,9 +64,9 @@ def fly_and_judge(
         ending = EpisodeEnd("error", unexpected(bug, folder), 0.0, 0.0, 0)
     with signals_handled(signal.SIG_IGN):
         # before the verdict, so that every folder with a verdict has its identity file
-        _, identity_error = _kept(lambda: write_identity(folder, pace()), folder)
-        verdict, verdict_error = _kept(lambda: write_verdict(folder), folder)
-        _, files_error = _kept(lambda: afterwards(ending), folder)
+        _, identity_error = _try_write(lambda: write_identity(folder, pace()), folder)
+        verdict, verdict_error = _try_write(lambda: write_verdict(folder), folder)
+        _, files_error = _try_write(lambda: afterwards(ending), folder)
     verdict = verdict or verdict_of(folder)
     if fault := ending.error or verdict_error or identity_error or files_error:
         ending = replace(ending, error=fault)
@@ -97,7 +97,7 @@ def fly_and_judge(
     return result.as_json()
 
 
-def _kept(write: Callable[[], Written], folder: Path) -> tuple[Written | None, DronecatsError | None]:
+def _try_write(write: Callable[[], Written], folder: Path) -> tuple[Written | None, DronecatsError | None]:
     """Write a file after the flight; return the error if it cannot be written."""
     try:
         return write(), None

@@ -43,8 +43,8 @@ def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) 
         return
     tap = stage.tap(lambda data: model.feed(data))
     model = OracleModel(
-        world, flight.camera_model, origin(world), tap.drain, name, _knowing(name, flight), kept=_kept(flight),
-        obeys=not name.startswith(roster.FAILING), looks=name == roster.NOISY,
+        world, flight.camera_model, origin(world), tap.drain, name, _truth_pilot(name, flight),
+        kept=_samples_to_keep(flight), obeys=not name.startswith(roster.FAILING), looks=name == roster.NOISY,
     )  # fmt: skip
     try:
         with commanded(flight, stage, folder, OpenPilot(model, begin=model.begin)) as pilot:
@@ -53,7 +53,7 @@ def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) 
         tap.close()
 
 
-def _knowing(name: str, flight: Flight) -> TruthPilot:
+def _truth_pilot(name: str, flight: Flight) -> TruthPilot:
     if name == roster.ORACLE:
         return oracle.reply_nearest
     if name == roster.NOISY:
@@ -61,7 +61,7 @@ def _knowing(name: str, flight: Flight) -> TruthPilot:
     return failing.pilot(name.removeprefix(roster.FAILING))
 
 
-def _kept(flight: Flight) -> int:
+def _samples_to_keep(flight: Flight) -> int:
     """Return the number of truth samples to keep: KEPT, plus the samples of LATE_S if pictures may be late."""
     return KEPT if flight.spec.disturbances.frame == FrameFaults() else KEPT + round(LATE_S * TRUTH_HZ)
 
@@ -118,11 +118,13 @@ def estimate_faults(state: VehicleState, true: TruthSample, placement: Placement
         heading = math.degrees(abs(wrap_pi(yaw + placement.turn - quat_to_euler(true.attitude)[2])))
         believed = rotate_inverse(quat_from_euler(roll, pitch, yaw), DOWN)
         level = math.degrees(_angle(believed, rotate_inverse(true.attitude, DOWN)))
-        faults += _beyond("the autopilot's heading is", heading, HEADING_DEG, "°")
-        faults += _beyond("the autopilot's level is", level, LEVEL_DEG, "°")
+        faults += _fault_if_above("the autopilot's heading is", heading, HEADING_DEG, "°")
+        faults += _fault_if_above("the autopilot's level is", level, LEVEL_DEG, "°")
     if state.position_ned is not None and state.origin is not None:
         place = placement.on_map(ned_to_geodetic(*state.origin, *state.position_ned))
-        faults += _beyond("the autopilot's position is", math.dist(place[:2], true.position_ned[:2]), PLACE_M, " m")
+        faults += _fault_if_above(
+            "the autopilot's position is", math.dist(place[:2], true.position_ned[:2]), PLACE_M, " m"
+        )
     return faults
 
 
@@ -133,12 +135,12 @@ def start_faults(true: TruthSample, position_ned: Vec3, yaw: float) -> list[str]
     low_m = true.position_ned[2] - position_ned[2]
     where = f"{abs(low_m):.2f} m too {'low' if low_m > 0 else 'high'}, in all"
     return [
-        *_beyond(f"the drone is {where}" if abs(low_m) > START_M else "the drone is", away_m, START_M, " m"),
-        *_beyond("the drone's nose is", turned, START_DEG, "°"),
+        *_fault_if_above(f"the drone is {where}" if abs(low_m) > START_M else "the drone is", away_m, START_M, " m"),
+        *_fault_if_above("the drone's nose is", turned, START_DEG, "°"),
     ]
 
 
-def _beyond(quantity: str, error: float, most: float, unit: str) -> list[str]:
+def _fault_if_above(quantity: str, error: float, most: float, unit: str) -> list[str]:
     digits = 1 if unit == "°" else 2
     return [] if error <= most else [f"{quantity} {error:.{digits}f}{unit} off (at most {most:g}{unit})"]
 

@@ -42,7 +42,16 @@ from foundation.mavlink import Packer, dialect
 from foundation.redaction import keyless_environment
 from foundation.run_folder.layout import onboard_log_name
 from foundation.truth import TRUTH_COMPONENT
-from hil.simulator import PORT, Sent, SimulatorServer, gps_message, is_armed, rotor_commands, sensor_message, sent_now
+from hil.simulator import (
+    PORT,
+    SampleTimes,
+    SimulatorServer,
+    gps_message,
+    is_armed,
+    rotor_commands,
+    sample_times,
+    sensor_message,
+)
 from vehicles import airframe as airframes
 from vehicles import fault_script
 from vehicles.sensors import Suite
@@ -74,7 +83,7 @@ class HilVehicle(Vehicle):
         self._idle = curve.speed_idle / curve.speed_max
         self._rotors = len(self.plant.airframe.rotors)
         self._period_us = period_us
-        self._sent = Sent()
+        self._sent = SampleTimes()
 
     def advance(self) -> None:
         """Advance by one tick, with all exchanges in it."""
@@ -96,7 +105,7 @@ class HilVehicle(Vehicle):
     def _sensor_message(self) -> dialect.MAVLink_message:
         """Return HIL_SENSOR with the new samples, and mark all samples and the GPS fix as sent."""
         message = sensor_message(self.plant.sensors, self.time_us, self._sent)
-        self._sent = sent_now(self.plant.sensors)
+        self._sent = sample_times(self.plant.sensors)
         return message
 
     def _obey(self, message: dialect.MAVLink_message, time_us: int) -> None:

@@ -250,17 +250,17 @@ AT = "@"  # between a file's name and the digest of its latencies
 def latency_policy(text: str, recorded: Sequence[float] | None = None) -> LatencyPolicy:
     """Return the policy of a text; the file of a `trace:FILE` is read.
 
-    `recorded`: latencies (s) for a text from `carried`; no file is read then. Raises UsageError for an invalid policy,
-    and for a file without latencies.
+    `recorded`: latencies (s) for a text from `portable_policy_text`; no file is read then. Raises UsageError for an
+    invalid policy, and for a file without latencies.
     """
     file = _file(text)
     if file is None:
         return LatencyPolicy.parse(text)
     trace = recorded if recorded is not None and trace_name(recorded) == digest_of(text) else read_trace(Path(file))
-    return LatencyPolicy.parse(_instead(text, trace_name(trace)), trace)
+    return LatencyPolicy.parse(_with_trace_name(text, trace_name(trace)), trace)
 
 
-def carried(text: str) -> str:
+def portable_policy_text(text: str) -> str:
     """Return the text of a policy without local paths: `trace:FILE` becomes `trace:NAME@DIGEST`.
 
     NAME is the file's name without its folder, for people. DIGEST is from `trace_name`. Raises UsageError like
@@ -268,18 +268,20 @@ def carried(text: str) -> str:
     """
     file = _file(text)
     return (
-        text if file is None else _instead(text, f"{Path(file).resolve().name}{AT}{trace_name(read_trace(Path(file)))}")
+        text
+        if file is None
+        else _with_trace_name(text, f"{Path(file).resolve().name}{AT}{trace_name(read_trace(Path(file)))}")
     )
 
 
 def from_folder(text: str, folder: Path) -> str:
     """Return the text of a policy, with a relative FILE in `trace:FILE` resolved against `folder`."""
     file = _file(text)
-    return text if file is None else _instead(text, str(folder / file))
+    return text if file is None else _with_trace_name(text, str(folder / file))
 
 
 def digest_of(text: str) -> str | None:
-    """Return the digest of the recorded latencies in a text from `carried`; None without recorded latencies."""
+    """Return the digest of the recorded latencies in a text from `portable_policy_text`; None: there are none."""
     file = _file(text)
     return file.rpartition(AT)[2] if file and AT in file else None
 
@@ -288,7 +290,7 @@ def _file(text: str) -> str | None:
     return next((part.partition(":")[2] for part in split_policy(text) if part.startswith(f"{TRACE}:")), None)
 
 
-def _instead(text: str, name: str) -> str:
+def _with_trace_name(text: str, name: str) -> str:
     words = split_policy(text)
     return "+".join(f"{TRACE}:{name}" if part == f"{TRACE}:{_file(text)}" else part for part in words)
 

@@ -25,7 +25,7 @@ DEPTH_MAX = 40  # levels of brackets
 
 
 def as_json(spec: FlightSpec) -> dict[str, Any]:
-    """Return the complete spec as JSON values. Never store it: an address may contain a key (see `as_kept`)."""
+    """Return the complete spec as JSON values. Addresses may have keys, so store `as_redacted_json` instead."""
     latency = {"latency": str(spec.latency), "latency_trace": spec.latency.trace}
     fields: dict[str, Any] = {}
     for name, value in msgspec.to_builtins(spec).items():
@@ -33,7 +33,7 @@ def as_json(spec: FlightSpec) -> dict[str, Any]:
     return fields
 
 
-def as_kept(spec: FlightSpec) -> dict[str, Any]:
+def as_redacted_json(spec: FlightSpec) -> dict[str, Any]:
     """Return the spec as JSON values for a file. Possible keys and passwords in addresses are hidden."""
     model, commander, connected = spec.model, spec.commander, spec.connected
     if model and model.base_url:
@@ -76,7 +76,7 @@ def read(path: Path) -> FlightSpec:
     return from_json(value["flight"] if isinstance(value, dict) and "flight" in value else value, where)
 
 
-def hidden(spec: FlightSpec) -> list[str]:
+def options_with_redacted_address(spec: FlightSpec) -> list[str]:
     """Return the options whose addresses have a part that was hidden when the spec was written."""
     addresses = {
         "--base-url": spec.model.base_url if spec.model else None,

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from dronecats.agent.action import AxisOrder
 from dronecats.agent.reply.reading import reading
-from dronecats.judge.episode import Judged, beside_stored, check_radius, judged_damage
+from dronecats.judge.episode import Judged, check_radius, judged_against_files, judged_damage
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics import fleets, outcomes, pointing, replies
 from dronecats.judge.metrics.failure_mode import FailureMode, failure_mode
@@ -169,7 +169,7 @@ def judged_episode(folder: Path, options: Judging) -> JudgedEpisode:
         flight = JudgedFlight.read(folder, options.delta_m, options.cap_s)
     except UsageError as damage:
         return JudgedEpisode(folder, judged_damage(folder, damage, options.delta_m, options.cap_s), None, {})
-    judged = beside_stored(folder, flight.logs, flight.record or None, flight.verdict, reread)
+    judged = judged_against_files(folder, flight.logs, flight.record or None, flight.verdict, reread)
     return JudgedEpisode(folder, judged, failure_mode(flight), values_of(flight, _metrics(options)))
 
 

@@ -29,8 +29,12 @@ from dronecats.judge.statistics.shares import CONFIDENCE
 
 Where = Literal["within", "between", "above all", "below all", "no slope"]
 PLACES = 17  # places of the profile, from the lowest to the highest level
-UNLIKE = 1.0  # loss of twice the log likelihood; a place that loses more is noticeably worse than the best place
-FLAT = 0.25  # ratio of widths at losses EQUAL_LOSS and UNLIKE; above it no place is best. A parabola has 0.1
+NOTICEABLE_LOSS = (
+    1.0  # loss of twice the log likelihood; a place that loses more is noticeably worse than the best place
+)
+FLAT_WIDTH_RATIO = (
+    0.25  # ratio of widths at losses EQUAL_LOSS and NOTICEABLE_LOSS; above it no place is best. A parabola has 0.1
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +122,9 @@ def success_curve(
     spread = covariance(_design(at), counted, fitted)
     if spread is None:
         return SuccessCurve(x, shares, np.full(places, math.nan), np.full(places, math.nan))
-    slopes = np.stack([_moved(x, fitted, k) for k in range(3)], axis=1)  # of the curve's log odds, (places, 3)
+    slopes = np.stack(
+        [_curve_derivative(x, fitted, k) for k in range(3)], axis=1
+    )  # of the curve's log odds, (places, 3)
     error = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slopes, spread, slopes)))
     odds, reach = special.logit(shares), float(special.ndtri(0.5 + confidence / 2))
     return SuccessCurve(x, shares, special.expit(odds - reach * error), special.expit(odds + reach * error))
@@ -172,8 +178,8 @@ class _Line:
         The test uses the profile of the place, not slope and scatter. If each group turns once from failure to
         success, slope and scatter grow without limit, but the place may still be well determined.
         """
-        equal, unequal = (self._width(value, limit) for limit in (EQUAL_LOSS, UNLIKE))
-        return equal > FLAT * unequal
+        equal, unequal = (self._width(value, limit) for limit in (EQUAL_LOSS, NOTICEABLE_LOSS))
+        return equal > FLAT_WIDTH_RATIO * unequal
 
     def _width(self, value: float, limit: float) -> float:
         """Return the width of the range of places, within the levels, that lose at most `limit`."""
@@ -231,7 +237,7 @@ def _ratio(gain: float, freedom: int) -> float:
     return float(special.chdtrc(freedom, max(0.0, 2.0 * gain)))
 
 
-def _moved(x: Array, fitted: MixedLogit, k: int) -> Array:
+def _curve_derivative(x: Array, fitted: MixedLogit, k: int) -> Array:
     """Return the derivative of the curve's log odds with respect to the k-th of (intercept, slope, scatter)."""
 
     def odds(sign: float) -> Array:

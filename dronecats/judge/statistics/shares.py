@@ -11,7 +11,7 @@ CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class KnownShare:
+class ShareEstimate:
     """A share of successes with its interval."""
 
     successes: int
@@ -42,7 +42,7 @@ def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> t
     return low, 1.0 if successes == trials else (middle + half) / scale
 
 
-def known_share(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENCE) -> KnownShare:
+def estimate_share(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENCE) -> ShareEstimate:
     """Return the share of successes over all flights of some episodes; `flights` has the outcomes of each episode.
 
     Flights of one episode are correlated, so ten flights of one episode carry less information than one flight of each
@@ -54,11 +54,11 @@ def known_share(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENC
     episodes = [outcomes for outcomes in flights if outcomes]
     trials, successes = sum(map(len, episodes)), sum(map(sum, episodes))
     if trials == 0:
-        return KnownShare(0, 0, math.nan, 0.0, 1.0, 0.0)
+        return ShareEstimate(0, 0, math.nan, 0.0, 1.0, 0.0)
     share = successes / trials
     effective = _effective(episodes, share, trials)
     low, high = wilson(share * effective, effective, confidence)
-    return KnownShare(successes, trials, share, low, high, effective)
+    return ShareEstimate(successes, trials, share, low, high, effective)
 
 
 def _effective(episodes: Sequence[Sequence[bool]], share: float, trials: int) -> float:

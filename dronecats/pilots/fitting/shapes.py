@@ -102,7 +102,7 @@ def build(seed: int) -> Scene:
                 apart = all(math.hypot(n - a, e - b) > APART_M for a, b in taken)
                 if apart and not any(abs(n - a) < h and abs(e - b) < w for a, b, h, w in feet):
                     taken.append((n, e))
-                    add(kind, _dressed(kind, made[kind], rng), n, e, float(rng.uniform(-math.pi, math.pi)))
+                    add(kind, _with_random_clothes(kind, made[kind], rng), n, e, float(rng.uniform(-math.pi, math.pi)))
                     break
     for side in (-1, 1):
         for along in (-90.0, -30.0, 30.0, 90.0):
@@ -112,7 +112,7 @@ def build(seed: int) -> Scene:
     return replace(campus.build(1), name=f"campus-of-{seed}", instances=tuple(instances), sun=sun)
 
 
-def _dressed(kind: str, mesh: Mesh, rng: np.random.Generator) -> Mesh:
+def _with_random_clothes(kind: str, mesh: Mesh, rng: np.random.Generator) -> Mesh:
     """Return a person with random clothes and posture instead of `mesh`; the mesh of another kind is unchanged."""
     if kind != "person":
         return mesh
@@ -170,13 +170,17 @@ SHORT_PICTURES = 4
 CHECK_SCENES, CHECK_PICTURES = 4, 24
 
 # Limits of the offset from a window to a thing: log of the ratio of distances, m aside, m of height. A window within
-# HOLDS is an example of the thing. A window between HOLDS and NEAR is not used. A window between NEAR and PARTIAL shows
-# a part of the thing; DISPLACED_WINDOWS of these are examples of nothing.
-HOLDS = (0.10, 0.36, 0.17)
-NEAR = (0.26, 0.90, 0.40)
-PARTIAL = (0.60, 1.6, 0.80)
-WIDE_M = {"fountain": 1.8, "tiered-fountain": 1.8, "clock-tower": 1.8, "kiosk": 1.3, "bike-rack": 1.3}  # least NEAR[1]
-SEEN = (0.15, 0.40)  # visible share of a thing: below the first, it counts as absent; below the second, it is not used
+# EXAMPLE_TOLERANCE is an example of the thing. Other windows within UNUSED_TOLERANCE are not used. Other windows within
+# PARTIAL_TOLERANCE show a part of the thing; DISPLACED_WINDOWS of them are examples of nothing.
+EXAMPLE_TOLERANCE = (0.10, 0.36, 0.17)
+UNUSED_TOLERANCE = (0.26, 0.90, 0.40)
+PARTIAL_TOLERANCE = (0.60, 1.6, 0.80)
+# least UNUSED_TOLERANCE[1]
+WIDE_M = {"fountain": 1.8, "tiered-fountain": 1.8, "clock-tower": 1.8, "kiosk": 1.3, "bike-rack": 1.3}
+VISIBLE_SHARE_LIMITS = (
+    0.15,
+    0.40,
+)  # visible share of a thing: below the first, it counts as absent; below the second, it is not used
 NO_EXAMPLE = -1
 RANDOM_WINDOWS, MISTAKEN_WINDOWS = 50, 45  # empty windows per picture, random and mistaken for a thing
 DISPLACED_WINDOWS = 12  # windows per picture that show a part of a thing
@@ -187,7 +191,9 @@ USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0
 HIDDEN = 80  # units of the hidden layer
 DECAY = 2e-4  # weight decay
 COVERED = 0.2  # share of a window's cells that are blanked in a step
-DIM = 0.25  # standard deviation of the log of a random brightness factor, for the shadows of halls and trees
+BRIGHTNESS_LOG_STD = (
+    0.25  # standard deviation of the log of a random brightness factor, for the shadows of halls and trees
+)
 
 CHECKED_M = (3.2, 20.0, 40.0)  # m, edges of the distance bands near and far of the check
 PLAINLY = 0.5  # visible share from which a thing must be detected
@@ -239,7 +245,7 @@ def labels(
     height: int,
     items: Iterable[VisibleThing],
     fill: dict[str, float],
-    near: tuple[float, float, float] = NEAR,
+    near: tuple[float, float, float] = UNUSED_TOLERANCE,
 ) -> NDArray[np.int8]:
     """Return for each window of a strip the index of its thing in KINDS, 0 for nothing, or NO_EXAMPLE.
 
@@ -256,12 +262,14 @@ def labels(
         depth_off = abs(np.log(item.depth_m / strip.depth_m))
         aside = np.abs(right - item.right_m * strip.depth_m / item.depth_m)
         height_off = abs(item.below_m - shape_detector.HEIGHTS_M[height])
-        if share < SEEN[0] or depth_off > near[0] or height_off > near[2]:
+        if share < VISIBLE_SHARE_LIMITS[0] or depth_off > near[0] or height_off > near[2]:
             continue
         is_near = aside < max(WIDE_M.get(item.kind, 0.0), near[1])
-        is_example = depth_off < HOLDS[0] and height_off < HOLDS[2] and share >= SEEN[1]
-        holds = aside < HOLDS[1] if is_example else np.zeros_like(is_near)
-        offset = depth_off / HOLDS[0] + aside / HOLDS[1] + height_off / HOLDS[2]
+        is_example = (
+            depth_off < EXAMPLE_TOLERANCE[0] and height_off < EXAMPLE_TOLERANCE[2] and share >= VISIBLE_SHARE_LIMITS[1]
+        )
+        holds = aside < EXAMPLE_TOLERANCE[1] if is_example else np.zeros_like(is_near)
+        offset = depth_off / EXAMPLE_TOLERANCE[0] + aside / EXAMPLE_TOLERANCE[1] + height_off / EXAMPLE_TOLERANCE[2]
         kinds[is_near & ~holds & (kinds == 0)] = NO_EXAMPLE
         better = holds & (offset < offsets)
         kinds[better] = KINDS.index(item.kind)
@@ -300,7 +308,7 @@ def examples_of(
                 empty.append(seen[nothing].astype(np.float16))
                 rank.append(rng.random(len(nothing)))
                 continue
-            is_part = labels(strip, height, items, fill, PARTIAL)[nothing] != 0
+            is_part = labels(strip, height, items, fill, PARTIAL_TOLERANCE)[nothing] != 0
             displaced.append(seen[rng.permutation(nothing[is_part])[:1]].astype(np.float16))
             clear = nothing[~is_part]
             mistake = 1.0 - network.probabilities(seen[clear])[:, 0]
@@ -363,7 +371,7 @@ def _batches(
             x = examples.windows[take].astype(np.float32)
             if rng.random() < 0.5:
                 x = mirrored(x)
-            light = np.exp(rng.normal(0.0, DIM, (len(x), 1))).astype(np.float32)
+            light = np.exp(rng.normal(0.0, BRIGHTNESS_LOG_STD, (len(x), 1))).astype(np.float32)
             x = x * np.minimum(light, 1.15)
             visible = rng.random((len(x), x.shape[1] // shape_detector.CHANNELS), np.float32) >= COVERED
             factor = np.repeat(visible / np.float32(1.0 - COVERED), shape_detector.CHANNELS, axis=1)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 _APART_M = 4.2  # the largest distance between two drones, including the error of the estimates
-_WRONG_M, _WRONG_SHARE = (
+_TOLERANCE_M, _TOLERANCE_PER_M = (
     0.8,
     0.09,
 )  # tolerance between two drones' points of one thing: m, and m per metre of distance
@@ -58,7 +58,7 @@ class _SharedThing:
     views: int
 
 
-def divide(views: Sequence[Sequence[GroundPoint]]) -> list[GroundPoint | None]:
+def assign_things(views: Sequence[Sequence[GroundPoint]]) -> list[GroundPoint | None]:
     """Return each drone's own thing, in that drone's frame; all None if no picture shows a thing.
 
     Drone k gets the k-th thing from the left. With fewer things than drones, the order starts again at the left.
@@ -87,7 +87,7 @@ def _back(shift: GroundPoint) -> GroundPoint:
 
 def _gap(point: GroundPoint, reference: GroundPoint) -> float:
     """Return the distance of two points divided by the tolerance. Below 1 the points are of the same thing."""
-    allowed = _WRONG_M + _WRONG_SHARE * min(point.distance_m, reference.distance_m)
+    allowed = _TOLERANCE_M + _TOLERANCE_PER_M * min(point.distance_m, reference.distance_m)
     return math.hypot(point.right_m - reference.right_m, point.ahead_m - reference.ahead_m) / allowed
 
 

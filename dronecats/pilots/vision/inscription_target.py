@@ -16,7 +16,7 @@ from dronecats.pilots.actions import LEVEL_PX, PastAction
 from dronecats.pilots.vision import boards, color_detector, colors, ocr, plates
 from dronecats.pilots.vision.colors import Picture
 from dronecats.pilots.vision.command import Inscription, Referent, Size, read_place_in_row, read_referent
-from dronecats.pilots.vision.division import Candidate, GroundPoint, divide
+from dronecats.pilots.vision.division import Candidate, GroundPoint, assign_things
 from foundation.protocol import GO, HISTORY_LENGTH, NEAR_M, ROTATE, STRIDE_MAX_M, THINK
 
 Past = tuple[PastAction, ...]
@@ -51,7 +51,7 @@ def decide(pictures: Sequence[Picture], wanted: Inscription, command: str, past:
     if not under_way and len(pictures) == 1:
         return [_depart(first_destination(views[0], read_place_in_row(command)))]
     if not under_way:
-        return [_depart(spot) for spot in divide([[candidate.spot for candidate in view] for view in views])]
+        return [_depart(spot) for spot in assign_things([[candidate.spot for candidate in view] for view in views])]
     all_settled = all(map(is_settled, past))
     return [
         actions.rotate(_NEXT_THING_TURN_DEG) if all_settled else _decide_one(picture, view, wanted, history, kind.size)

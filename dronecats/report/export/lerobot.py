@@ -65,7 +65,7 @@ def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_ou
     dataset = _Dataset(part)
     try:
         for flight in flights:
-            if reason := _unfit(flight, dataset):
+            if reason := _exclusion_reason(flight, dataset):
                 left_out.append(reason)
                 continue
             for drone in flight.drone_tracks:
@@ -82,7 +82,7 @@ def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_ou
     return dataset.frames
 
 
-def _unfit(flight: RecordedFlight, dataset: "_Dataset") -> str | None:
+def _exclusion_reason(flight: RecordedFlight, dataset: "_Dataset") -> str | None:
     """Return the reason why a flight is unsuitable for the dataset, as a sentence; None: suitable."""
     folder = flight.folder
     if not flight.frames:

@@ -33,7 +33,7 @@ from dronecats.report.results.identity import Identity, differences, identity, i
 from episodes.records import catalogue
 from foundation.errors import UsageError
 from foundation.files import whole_file
-from foundation.redaction import HIDDEN, keyless_environment, redacted, without, worth_hiding
+from foundation.redaction import HIDDEN, hide_secrets, keyless_environment, redacted, worth_hiding
 from foundation.run_folder import layout
 from foundation.run_folder.results import SCORED
 
@@ -86,10 +86,10 @@ class Scrubber:
             return self.text(text).encode("utf-8", "surrogateescape")
         if clean == value:
             return line
-        return without(written(clean), *self._secrets).encode("utf-8", "backslashreplace")
+        return hide_secrets(written(clean), *self._secrets).encode("utf-8", "backslashreplace")
 
     def _may_hold_secret(self, text: str) -> bool:
-        return "/" in text or bool(KEYS.search(text)) or without(text, *self._secrets) != text
+        return "/" in text or bool(KEYS.search(text)) or hide_secrets(text, *self._secrets) != text
 
     def _value(self, value: Any) -> Any:
         if isinstance(value, str):

@@ -12,7 +12,7 @@ import msgspec
 
 from dronecats.agent.prompt import Prompt
 from dronecats.judge.episode import Judged, Rereading, compare, judge_run
-from dronecats.judge.statistics.shares import known_share
+from dronecats.judge.statistics.shares import estimate_share
 from dronecats.report.leaderboard.archive_file import FileDigest, Manifest, unpack
 from dronecats.report.leaderboard.submission import common_suite, incompleteness_reason
 from dronecats.report.recorded.run import RecordedRun, recorded_run
@@ -112,7 +112,7 @@ def _verification(
             found_here = [*_record_differences(run, episode), *_verdict_differences(run, episode, judged[episode])]
             differences += [f"{submitted.folder}/{episode}: {difference}" for difference in found_here]
     differences += _manifest_differences(manifest, runs)
-    cells, share = _cells(verdicts), known_share(list(flights.values()))
+    cells, share = _cells(verdicts), estimate_share(list(flights.values()))
     unscored = sum(cell.unscored for cell in cells.values())
     if unscored and manifest.partial is None:
         differences.append(f"{unscored} episodes are not scored, but the entry is not marked as partial")

@@ -23,15 +23,15 @@ V = TypeVar("V")
 
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, TEXT = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_STATUSTEXT
-PLACE, ANGLES = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE
+LOCAL_POSITION, ATTITUDE = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE
 SETPOINT, ORIGIN = dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED, dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
-RECEIVER, ESTIMATOR = dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS
+GPS_RAW, ESTIMATOR = dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS
 STATES = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT,
     dialect.MAVLINK_MSG_ID_CURRENT_MODE,
     dialect.MAVLINK_MSG_ID_SYS_STATUS,
 }
-KINDS = {POSE, TEXT, PLACE, ANGLES, SETPOINT, ORIGIN, RECEIVER, ESTIMATOR, *STATES}
+KINDS = {POSE, TEXT, LOCAL_POSITION, ATTITUDE, SETPOINT, ORIGIN, GPS_RAW, ESTIMATOR, *STATES}
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,9 @@ def telemetry(path: Path, t0_us: int) -> dict[int, DroneTelemetry]:
             frames.append((system, frame))
             kinds.setdefault(system, set()).add((component, kind))
     with_truth = [system for system in kinds if (TRUTH_COMPONENT, POSE) in kinds[system]]
-    untracked = [system for system in sorted(kinds) if system not in with_truth and (AUTOPILOT, PLACE) in kinds[system]]
+    untracked = [
+        system for system in sorted(kinds) if system not in with_truth and (AUTOPILOT, LOCAL_POSITION) in kinds[system]
+    ]
     number = {system: system - 1 for system in with_truth} | {system: drone for drone, system in enumerate(untracked)}
     drones: dict[int, list[bytes]] = {}
     for system, frame in frames:
@@ -207,16 +209,16 @@ class _Autopilot:
             self._newest_us = max(self._newest_us, int(m.time_usec))
         elif not own:
             return
-        elif kind == PLACE:
+        elif kind == LOCAL_POSITION:
             self.places.append((self._stamped(m), m.x, m.y, m.z, m.vx, m.vy, m.vz, *self._accuracy.std_ned))
-        elif kind == ANGLES:
+        elif kind == ATTITUDE:
             self.angles.append((self._stamped(m), m.roll, m.pitch, m.yaw))
         elif kind == SETPOINT:
             sent = (m.x, m.y, m.z, m.vx, m.vy, m.vz, m.yaw, m.yaw_rate)
             self.setpoints.append((self._stamped(m), *sent, *setpoint_velocity(m)))
         elif kind == ORIGIN:
             self.origin = (m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3)
-        elif kind == RECEIVER:
+        elif kind == GPS_RAW:
             self._accuracy.receiver = (_positive(m.h_acc / 1e3), _positive(m.v_acc / 1e3))
         elif kind == ESTIMATOR:
             self._accuracy.estimator = (_positive(m.pos_horiz_accuracy), _positive(m.pos_vert_accuracy))

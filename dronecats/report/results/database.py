@@ -40,7 +40,7 @@ ColumnNames = Callable[[str, str], str]  # (table, column) → the column's name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Selected:
+class QueryResult:
     """The result of a query."""
 
     columns: tuple[str, ...]  # unique names
@@ -49,19 +49,19 @@ class Selected:
 
 
 @dataclass(slots=True)
-class Loaded:
+class LoadedDatabase:
     """A database with tables of runs."""
 
     connection: duckdb.DuckDBPyConnection
     damage: list[str] = field(default_factory=list)
 
 
-def query(sql: str, runs: Sequence[RecordedRun], parquet: Path | None = None) -> Selected:
+def query(sql: str, runs: Sequence[RecordedRun], parquet: Path | None = None) -> QueryResult:
     """Return the result of one SELECT. `parquet`: also write it to this file, completely or not at all.
 
     The database has only the tables that the query names. Raises UsageError with the error in the SQL.
     """
-    loaded = load(runs, named(sql))
+    loaded = load(runs, tables_in_query(sql))
     with contextlib.closing(loaded.connection), whole_file(parquet) if parquet else contextlib.nullcontext() as draft:
         if draft is not None:  # the only file that the query may write
             loaded.connection.execute(f"SET allowed_paths = [{literal(str(draft))}]")
@@ -70,14 +70,14 @@ def query(sql: str, runs: Sequence[RecordedRun], parquet: Path | None = None) ->
         return _answer(loaded, sql, draft)
 
 
-def named(sql: str) -> list[str]:
+def tables_in_query(sql: str) -> list[str]:
     """Return the tables whose names occur in a query."""
     return [table for table in TABLES if re.search(rf"(?<!\w){table}(?!\w)", sql, re.IGNORECASE)]
 
 
-def load(runs: Sequence[RecordedRun], wanted: Collection[str]) -> Loaded:
+def load(runs: Sequence[RecordedRun], wanted: Collection[str]) -> LoadedDatabase:
     """Return a database in memory with the `wanted` tables of the runs."""
-    loaded = Loaded(duckdb.connect(":memory:"))
+    loaded = LoadedDatabase(duckdb.connect(":memory:"))
     for name in wanted:
         columns = ", ".join(f'"{c.name}" {c.type}' for c in TABLES[name].columns)
         loaded.connection.execute(f"CREATE TABLE {name} ({columns})")
@@ -105,7 +105,7 @@ def _insert(connection: duckdb.DuckDBPyConnection, table: str, values: tabulatio
     connection.unregister("incoming")
 
 
-def _answer(loaded: Loaded, sql: str, parquet: Path | None) -> Selected:
+def _answer(loaded: LoadedDatabase, sql: str, parquet: Path | None) -> QueryResult:
     if any("\ud800" <= letter <= "\udfff" for letter in sql):
         raise UsageError("the query is not UTF-8 text")
     try:
@@ -115,7 +115,9 @@ def _answer(loaded: Loaded, sql: str, parquet: Path | None) -> Selected:
         relation = loaded.connection.sql(sql)
         if parquet is not None:
             relation.write_parquet(str(parquet))
-        return Selected(columns=_unique_names(relation.columns), rows=relation.fetchall(), damage=tuple(loaded.damage))
+        return QueryResult(
+            columns=_unique_names(relation.columns), rows=relation.fetchall(), damage=tuple(loaded.damage)
+        )
     except duckdb.Error as error:
         raise UsageError(f"the query cannot be answered: {sentence(str(error))}") from None
 

@@ -115,13 +115,13 @@ def differences(a: Identity, b: Identity) -> list[Difference]:
     return differing
 
 
-def odd_runs(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, list[Difference]]]:
+def deviating_runs(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, list[Difference]]]:
     """Return the runs that differ from the most frequent kind, each with its differences from the first of that kind.
 
     If two kinds are equally frequent, the kind of the earlier run counts as the most frequent.
     """
     kinds = [identity(run) for run in runs]
-    usual = _usual(kinds)
+    usual = _most_frequent_kind(kinds)
     apart = [(run, differences(kind, usual)) for run, kind in zip(runs, kinds, strict=True)]
     return [(run, differing) for run, differing in apart if differing]
 
@@ -132,7 +132,7 @@ def pooling_conflict(runs: Sequence[RecordedRun]) -> str | None:
         codes = identity(run)["the code"]
         if len(codes) > 1:
             return f"the episodes of {run.folder} were flown by different code ({_shown(codes)})"
-    odd = odd_runs(runs)
+    odd = deviating_runs(runs)
     if not odd:
         return None
     run, differing = odd[0]
@@ -147,7 +147,7 @@ def pooling_conflict(runs: Sequence[RecordedRun]) -> str | None:
     )
 
 
-def _usual(kinds: Sequence[Identity]) -> Identity:
+def _most_frequent_kind(kinds: Sequence[Identity]) -> Identity:
     """Return the first identity of the most frequent kind."""
     counts = [sum(not differences(kind, compared) for compared in kinds) for kind in kinds]
     return kinds[counts.index(max(counts))] if kinds else {}

@@ -12,7 +12,7 @@ from msgspec import UNSET, Meta
 from dronecats.agent.action import Go, Rotate
 from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import Metric, MetricLevel
-from dronecats.judge.verdict import finished, measured
+from dronecats.judge.verdict import declaring_decisions, measured
 from dronecats.report.recorded.flight import RecordedFlight, action_of
 from dronecats.report.recorded.run import RecordedRun
 from foundation.errors import UsageError
@@ -405,7 +405,7 @@ def _pose_rows(flight: RecordedFlight, run: str, table: RunTable) -> Rows:
 
 
 def _declaration_rows(flight: RecordedFlight, run: str, table: RunTable) -> Rows:
-    declarations = [measured(decision, flight.logs) for decision in finished(flight.logs)]
+    declarations = [measured(decision, flight.logs) for decision in declaring_decisions(flight.logs)]
     for number, declaration in enumerate(sorted(declarations, key=lambda d: (d.t, d.step, d.drone)), 1):
         row = DeclarationRow(
             run=run,

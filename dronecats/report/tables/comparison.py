@@ -14,7 +14,7 @@ from dronecats.report.report_data import (
     PERCENT,
     Entrant,
     ReportData,
-    titled,
+    cell_heading,
 )
 from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow, row
 from episodes.records.record import CELLS
@@ -98,7 +98,7 @@ def variance(data: ReportData) -> ReportTable | None:
     cells = data.cells(CELLS)
     columns = [NAME, TableColumn(name="flight", title="Flight", align="left")]
     columns += [
-        TableColumn(name=f"{cell.replace('-', '_')}_successes", title=titled(cell), decimals=1, cell=cell)
+        TableColumn(name=f"{cell.replace('-', '_')}_successes", title=cell_heading(cell), decimals=1, cell=cell)
         for cell in cells
     ]
     columns.append(TableColumn(name="one_drone_successes", title="One drone", decimals=1))

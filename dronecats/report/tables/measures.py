@@ -13,13 +13,13 @@ from dronecats.report.report_data import (
     Cells,
     Entrant,
     ReportData,
+    cell_heading,
     fraction,
     known_values,
     mean,
     percent,
     quantile,
     steps,
-    titled,
     total,
 )
 from dronecats.report.results.collection import ScoredEpisode
@@ -306,7 +306,7 @@ def _column(metric: Metric, cell: str, data: ReportData) -> TableColumn:
     unit = "%" if metric.is_share else "" if metric.unit in ("count", "ratio") else metric.unit
     return TableColumn(
         name=f"{cell.replace('-', '_')}_{metric.name}{'_percent' if metric.is_share else ''}",
-        title=titled(cell),
+        title=cell_heading(cell),
         group=metric.title,
         unit=unit,
         decimals=0 if metric.is_share else _decimals(metric, data),

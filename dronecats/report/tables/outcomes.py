@@ -5,12 +5,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from dronecats.report.report_data import (
+    BLIND_ROW_TITLE,
     COMMANDING,
-    DRONES,
+    DRONE_OUTCOMES,
     ERRORS,
+    FAILURE_MODE_COLUMNS,
     FLIGHTS,
-    FLOOR,
-    MODES,
     NAME,
     NONE,
     ONE_DRONE,
@@ -18,11 +18,11 @@ from dronecats.report.report_data import (
     Entrant,
     ReportData,
     best_blind,
+    cell_heading,
     fraction,
     mean,
     not_scored,
     percent,
-    titled,
     total,
 )
 from dronecats.report.results.collection import ScoredEpisode
@@ -43,7 +43,7 @@ def of_cell(flights: Iterable[ScoredEpisode], cell: str, map_: str | None = None
 def rate(metric: str, title: str, cell: str | None) -> TableColumn:
     """Return the column of a rate in one cell; `cell` None: in all cells."""
     where = cell.replace("-", "_") if cell else "all"
-    return TableColumn(name=f"{where}_{metric}_percent", title=title, group=titled(cell) if cell else "All",
+    return TableColumn(name=f"{where}_{metric}_percent", title=title, group=cell_heading(cell) if cell else "All",
                        unit="%", better=None if metric == "declared" else "more", cell=cell)  # fmt: skip
 
 
@@ -88,16 +88,16 @@ def _floor(data: ReportData, cells: Sequence[str]) -> tuple[TableBlock, str] | N
     for result in best:
         _, solved, count = result or ("", 0, 0)
         rates += [fraction(solved, count), NONE]
-    pilots = ", ".join(f"{titled(c)} {b[0]}" for c, b in zip([*cells, "all"], best, strict=True) if b)
-    note = f"{FLOOR}: one flight of the same episodes by a pilot that never looks at an image ({pilots})."
-    return TableBlock(title="", rows=(row(FLOOR, None, *rates, None),)), note
+    pilots = ", ".join(f"{cell_heading(c)} {b[0]}" for c, b in zip([*cells, "all"], best, strict=True) if b)
+    note = f"{BLIND_ROW_TITLE}: one flight of the same episodes by a pilot that never looks at an image ({pilots})."
+    return TableBlock(title="", rows=(row(BLIND_ROW_TITLE, None, *rates, None),)), note
 
 
 def per_map(data: ReportData) -> ReportTable | None:
     """Return successes by map and cell. Paper, "Additional Results"."""
     places = [(m, c) for m in data.maps() for c in data.cells() if of_cell(data.episodes, c, m)]
-    columns = [NAME, *(replace(rate("success", titled(c), c), name=f"{m}_{c.replace('-', '_')}_success_percent",
-                               group=titled(m), map=m, as_count=True) for m, c in places)]  # fmt: skip
+    columns = [NAME, *(replace(rate("success", cell_heading(c), c), name=f"{m}_{c.replace('-', '_')}_success_percent",
+                               group=cell_heading(m), map=m, as_count=True) for m, c in places)]  # fmt: skip
 
     def row_of(entrant: Entrant) -> Cells | None:
         rates = [percent(of_cell(entrant.episodes, c, m), "success") for m, c in places]
@@ -152,13 +152,18 @@ def failures(data: ReportData) -> ReportTable | None:
     def row_of(entrant: Entrant) -> Cells | None:
         flights = [flight for flight in entrant.scored if flight.cell in ONE_DRONE and flight.mode is not None]
         ended = Counter(flight.mode for flight in flights)
-        return [len(flights), *(fraction(ended[mode.name], len(flights)) for mode in MODES)] if flights else None
+        return (
+            [len(flights), *(fraction(ended[mode.name], len(flights)) for mode in FAILURE_MODE_COLUMNS)]
+            if flights
+            else None
+        )
 
     return data.table(
         name="failures",
         title="Failure modes",
         caption="One drone: how the scored flights ended, in %. Each flight has exactly one mode.",
-        columns=[NAME, FLIGHTS] + [TableColumn(name=mode.column, title=mode.title, unit="%") for mode in MODES],
+        columns=[NAME, FLIGHTS]
+        + [TableColumn(name=mode.column, title=mode.title, unit="%") for mode in FAILURE_MODE_COLUMNS],
         row_of=row_of,
     )
 
@@ -202,13 +207,13 @@ def drones(data: ReportData) -> ReportTable | None:
     columns = [
         NAME,
         TableColumn(name="drones", title="Drones"),
-        *(TableColumn(name=o.column, title=o.title, group="Of the drones", unit="%") for o in DRONES),
+        *(TableColumn(name=o.column, title=o.title, group="Of the drones", unit="%") for o in DRONE_OUTCOMES),
         replace(rate("success", "SR", COMMANDING), group="Of the episodes"),
     ]
 
     def row_of(entrant: Entrant) -> Cells | None:
         fleet = of_cell(entrant.scored, COMMANDING)
-        counts = [total(fleet, outcome.name) for outcome in DRONES]
+        counts = [total(fleet, outcome.name) for outcome in DRONE_OUTCOMES]
         shares = [fraction(count, sum(counts)) for count in counts]
         return [sum(counts), *shares, percent(fleet, "success")] if sum(counts) else None
 

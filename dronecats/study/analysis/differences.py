@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from dronecats.judge.statistics.differences import MeanDifference, mean_difference, share_difference
-from dronecats.judge.statistics.shares import KnownShare, holm
+from dronecats.judge.statistics.shares import ShareEstimate, holm
 from dronecats.study.analysis.study_results import (
     MEASURES,
     LevelStep,
@@ -151,7 +151,7 @@ class PointDifference:
     second: str
     cell: str
     title: str  # the levels that differ from the usual ones, for example: Wind 10 m/s
-    shares: tuple[KnownShare, KnownShare]  # share of successes of the first and of the second entrant
+    shares: tuple[ShareEstimate, ShareEstimate]  # share of successes of the first and of the second entrant
     success: PairedDifference  # first minus second; Holm's correction is over all points of both entrants and the cell
     ne: PairedDifference | None  # the same for NE; None: no pair has NE in both flights
 

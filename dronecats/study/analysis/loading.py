@@ -7,7 +7,7 @@ from pathlib import Path
 from dronecats.agent.latency import LatencyPolicy, trace_name
 from dronecats.agent.names import PAPER
 from dronecats.flight.spec.flight_spec import FlightSpec, digest_of
-from dronecats.flight.spec.spec_file import as_kept, from_json
+from dronecats.flight.spec.spec_file import as_redacted_json, from_json
 from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import Metric
 from dronecats.report.recorded.run import RecordedRun
@@ -97,7 +97,7 @@ def _check_levels(study: Study, runs: Sequence[RecordedRun], study_runs: Mapping
         if missing:
             raise UsageError(f"{layout.STUDY} has no level of {missing[0]} for {run.folder.name}")
         flight = from_json(run.flight, str(run.folder / layout.RUN))
-        if as_kept(_with_levels(flight, levels, traces)) != as_kept(flight):
+        if as_redacted_json(_with_levels(flight, levels, traces)) != as_redacted_json(flight):
             text = ", ".join(f"{name} {level}" for name, level in levels.items())
             raise UsageError(f"{run.folder} was not flown at its levels in {layout.STUDY}: {text}")
 
@@ -135,7 +135,7 @@ def _entrants(
     identities: dict[Path, Identity] = {}
     for run in runs:
         flight = from_json(run.flight, str(run.folder / layout.RUN))
-        levelled = as_kept(_with_levels(flight, {**study.held, **same_levels}, traces))
+        levelled = as_redacted_json(_with_levels(flight, {**study.held, **same_levels}, traces))
         levelled_run = replace(run, configuration={**run.configuration, "flight": levelled})
         settings[run.folder] = replace(setting(levelled_run), latency="", agent=flight.agent)
         identities[run.folder] = identity(levelled_run)

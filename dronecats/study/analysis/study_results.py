@@ -10,7 +10,7 @@ from functools import cached_property
 
 from dronecats.judge.metrics.metric import Better, known_values
 from dronecats.judge.statistics.differences import KnownMean, known_mean
-from dronecats.judge.statistics.shares import KnownShare, known_share
+from dronecats.judge.statistics.shares import ShareEstimate, estimate_share
 from dronecats.report.results.collection import ScoredEpisode
 
 StudiedLevel = float | str  # value of a factor: a number in the factor's unit, or a word
@@ -166,7 +166,7 @@ class LevelResult:
     entrant: str
     cell: str
     step: LevelStep
-    success: KnownShare
+    success: ShareEstimate
     measures: tuple[KnownMean, ...]  # in the order of MEASURES
     not_scored: int  # flights that are neither success nor failure
 
@@ -192,9 +192,9 @@ def level_results(results: StudyResults, factor: int) -> list[LevelResult]:
     return [_level_result(results, factor, entrant, cell, step) for entrant, cell in results.lines() for step in steps]
 
 
-def successes(flights: Sequence[StudiedFlight]) -> KnownShare:
+def successes(flights: Sequence[StudiedFlight]) -> ShareEstimate:
     """Return the share of successes with its interval. The episode is the statistical unit."""
-    return known_share([[flight.scored.success for flight in group] for group in by_episode(flights).values()])
+    return estimate_share([[flight.scored.success for flight in group] for group in by_episode(flights).values()])
 
 
 def metric_mean(flights: Sequence[StudiedFlight], metric: str) -> KnownMean:

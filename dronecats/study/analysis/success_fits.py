@@ -10,7 +10,7 @@ from scipy import optimize, special
 
 from dronecats.judge.statistics.half import HalfSuccess, SuccessCurve, half_success, success_curve
 from dronecats.judge.statistics.mixed_logit import Array, MixedLogit, Trials, covariance, fit, share
-from dronecats.judge.statistics.shares import CONFIDENCE, KnownShare, holm
+from dronecats.judge.statistics.shares import CONFIDENCE, ShareEstimate, holm
 from dronecats.study.analysis.study_results import (
     LevelStep,
     StudiedFactor,
@@ -100,7 +100,7 @@ class HeatMap:
     columns: int  # index of the factor of the columns
     row_steps: tuple[LevelStep, ...]
     column_steps: tuple[LevelStep, ...]
-    shares: tuple[tuple[KnownShare, ...], ...]  # by row, then column
+    shares: tuple[tuple[ShareEstimate, ...], ...]  # by row, then column
     p: float | None  # likelihood ratio test of no interaction, in log odds; None: not testable
 
 

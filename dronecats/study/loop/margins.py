@@ -14,9 +14,9 @@ from foundation.errors import UsageError
 Array = NDArray[np.float64]
 
 SAMPLES_A_PERIOD = 10  # samples per period of the expected oscillation
-KEPT = 1e-6  # × the largest singular value; smaller values are rounding and quantisation noise
+SINGULAR_VALUE_CUTOFF = 1e-6  # × the largest singular value; smaller values are rounding and quantisation noise
 MODES = 12  # most modes of the matrix pencil
-NEAR = (0.3, 3.0)  # × the expected frequency: the range in which the loop's own oscillation is searched
+FREQUENCY_RANGE = (0.3, 3.0)  # × the expected frequency: the range in which the loop's own oscillation is searched
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Oscillation:
 
 
 def oscillation(signal: Array, step_s: float, expected: float) -> Oscillation | None:
-    """Return the strongest oscillation in a signal, in the range NEAR × `expected` (rad/s); None if there is none.
+    """Return the strongest oscillation in a signal, within FREQUENCY_RANGE × `expected` (rad/s); None: there is none.
 
     `step_s` (s) is the sampling period. The strongest oscillation has the most energy over the signal. This excludes
     the weak overtones of rotors that spin up faster than they spin down. Method: matrix pencil.
@@ -44,7 +44,7 @@ def oscillation(signal: Array, step_s: float, expected: float) -> Oscillation | 
     columns = len(values) // 3
     hankel = np.lib.stride_tricks.sliding_window_view(values, columns + 1)
     _, sizes, right = np.linalg.svd(hankel, full_matrices=False)
-    rank = min(int((sizes > KEPT * sizes[0]).sum()), MODES)
+    rank = min(int((sizes > SINGULAR_VALUE_CUTOFF * sizes[0]).sum()), MODES)
     modes = right[:rank].T
     factors = np.linalg.eigvals(np.linalg.lstsq(modes[:-1], modes[1:], rcond=None)[0])
     factors = factors[np.abs(factors) > 1e-6]
@@ -52,32 +52,33 @@ def oscillation(signal: Array, step_s: float, expected: float) -> Oscillation | 
     powers = factors[None, :] ** np.arange(len(values))[:, None]
     sizes = np.abs(np.linalg.lstsq(powers, values.astype(np.complex128), rcond=None)[0])
     energy = (sizes[None, :] * np.abs(powers)) ** 2
-    near = np.flatnonzero((poles.imag > NEAR[0] * expected) & (poles.imag < NEAR[1] * expected))
+    near = np.flatnonzero((poles.imag > FREQUENCY_RANGE[0] * expected) & (poles.imag < FREQUENCY_RANGE[1] * expected))
     if not near.size:
         return None
     k = int(near[np.argmax(energy.sum(axis=0)[near])])
     return Oscillation(float(poles.real[k]), float(poles.imag[k]), float(sizes[k]))
 
 
-WITHIN = 1e-3  # × the delay: tolerance of the bisection
-LATEST = 8.0  # × the expected margin: the largest delay tried
+DELAY_TOLERANCE = 1e-3  # × the delay: tolerance of the bisection
+LARGEST_DELAY_RATIO = 8.0  # × the expected margin: the largest delay tried
 
 
 def injected_margin(oscillates: Callable[[float], Oscillation | None], expected_s: float) -> DelayMargin:
     """Return the delay at which the damping ratio is 0.
 
-    `oscillates` returns the oscillation after a small step, for a delay (s). Bisection finds two delays within WITHIN
-    of each other, one with a decaying and one with a growing oscillation. The damping ratio is interpolated linearly
-    between them. Raises UsageError if no delay up to LATEST × `expected_s` makes the oscillation grow.
+    `oscillates` returns the oscillation after a small step, for a delay (s). Bisection finds two delays within
+    DELAY_TOLERANCE of each other, one with a decaying and one with a growing oscillation. The damping ratio is
+    interpolated linearly between them. Raises UsageError if no delay up to
+    LARGEST_DELAY_RATIO × `expected_s` makes the oscillation grow.
     """
     stable_s, unstable_s = 0.0, expected_s
     fading, growing = oscillates(stable_s), oscillates(unstable_s)
     while growing is None or growing.growth <= 0.0:
         stable_s, fading, unstable_s = unstable_s, growing, 1.3 * unstable_s
-        if unstable_s > LATEST * expected_s:
+        if unstable_s > LARGEST_DELAY_RATIO * expected_s:
             raise UsageError(f"the loop does not oscillate with {unstable_s:.2g} s of delay")
         growing = oscillates(unstable_s)
-    while unstable_s - stable_s > WITHIN * unstable_s:
+    while unstable_s - stable_s > DELAY_TOLERANCE * unstable_s:
         middle_s = 0.5 * (stable_s + unstable_s)
         left = oscillates(middle_s)
         if left is not None and left.growth > 0.0:

@@ -14,7 +14,7 @@ from dronecats.report import figures as style
 from dronecats.report.table import CellValue, ReportTable, numbers, table_of, words
 from dronecats.report.writers import as_markdown
 from dronecats.study.loop.margins import LoopStudy, StepFigures
-from dronecats.study.loop.stream import WORSE, Tolerance
+from dronecats.study.loop.stream import ERROR_RATIO_LIMIT, Tolerance
 from dronecats.study.loop.trace import AXES, TraceResponse
 from dronecats.study.report import panels
 from foundation.errors import InfrastructureError
@@ -337,7 +337,7 @@ def draw_stream(tolerances: Sequence[Tolerance]) -> Any:
                 axis.axvline(
                     tolerance.left_offboard_at, color=colour, linewidth=1.2, linestyle=(2 * k, (2, 2 * len(names) - 2))
                 )
-        axis.axhline(WORSE, color=style.GREY, linewidth=0.6)
+        axis.axhline(ERROR_RATIO_LIMIT, color=style.GREY, linewidth=0.6)
         axis.set_xlabel(labels.get(kind, kind))
     axes[0, 0].set_ylabel("tracking error, × a perfect wire")
     axes[0, 0].legend(loc="upper left")

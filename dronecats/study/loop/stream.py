@@ -25,7 +25,7 @@ TRIAL_S, CATCH_UP_S, REST_S = 30.0, 5.0, 5.0
 SEEDS = (1, 2, 3)
 JITTERS_S = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.25, 1.5)
 LOSSES = (0.0, 0.3, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
-WORSE = 2.0  # × the tracking error on a perfect wire: limit of the tolerance
+ERROR_RATIO_LIMIT = 2.0  # × the tracking error on a perfect wire: limit of the tolerance
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +61,8 @@ class Tolerance:
 
     @property
     def doubled_at(self) -> float | None:
-        """The level (interpolated) at which the error is WORSE × `perfect_error`; None: the error stays below that."""
-        bound, levels, errors = WORSE * self.perfect_error, self.levels, self.errors
+        """The interpolated level at which the error is ERROR_RATIO_LIMIT × `perfect_error`; None: it stays below."""
+        bound, levels, errors = ERROR_RATIO_LIMIT * self.perfect_error, self.levels, self.errors
         for k in range(1, len(levels)):
             if errors[k] >= bound:
                 share = (bound - errors[k - 1]) / (errors[k] - errors[k - 1])

@@ -13,7 +13,7 @@ from dronecats.study.rate.chain import ChainClock, ChainLog, QuestionTimes
 from foundation.camera import Camera, Frame
 from foundation.protocol import CAP_S
 from foundation.run_folder.rows import Decision
-from foundation.setpoints import Setpoint, Sight
+from foundation.setpoints import PicturePose, Setpoint
 from hil.cameras.open import PatientCamera
 from hil.link.link import Link
 from hil.link.offboard import OffboardSetpoint
@@ -133,11 +133,11 @@ class TimedAircraft:
         """Whether the current turn is complete."""
         return self._aircraft.steady
 
-    def sight(self, time_us: int) -> Sight:
+    def sight(self, time_us: int) -> PicturePose:
         """Return the vehicle's pose at a time of its clock (µs). Raises LinkError."""
         return self._aircraft.sight(time_us)
 
-    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
+    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: PicturePose | None = None) -> None:
         """Stream the controller's setpoint."""
         self._aircraft.fly(setpoint, seconds, seen)
         self._clock.controller_done()

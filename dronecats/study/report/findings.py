@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from dronecats.judge.statistics.half import HalfSuccess
 from dronecats.judge.statistics.mixed_logit import WIDEST
-from dronecats.report.report_data import titled
+from dronecats.report.report_data import cell_heading
 from dronecats.report.table import rounded
 from dronecats.study.analysis.differences import (
     PairedDifference,
@@ -102,7 +102,7 @@ NOWHERE = {
 
 def cell_title(cell: str) -> str:
     """Return a cell as a heading, for example: Search-and-Track, or All cells."""
-    return ALL.capitalize() if cell == ALL else titled(cell) or "No cell"
+    return ALL.capitalize() if cell == ALL else cell_heading(cell) or "No cell"
 
 
 def in_cell(entrant: str, cell: str) -> str:

@@ -10,7 +10,7 @@ from dronecats.study.analysis.study_results import LevelStep, StudiedFactor
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 MARKERS = "osD^vP"
 COLUMNS_MAX = 3  # most panels in a row
-LETTERS = 118  # most characters in a line of the command below a figure
+COMMAND_LINE_CHARS = 118  # most characters in a line of the command below a figure
 TICK_GAP = 0.045  # share of an axis; labels are at least twice this distance apart
 
 
@@ -86,7 +86,7 @@ def finish(figure: Any, axes: Sequence[Any], command: str) -> Any:
             handles.setdefault(label, handle)
     if len(handles) > 1:
         figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=min(3, len(handles)))
-    lines = textwrap.wrap(command, LETTERS, break_long_words=False, break_on_hyphens=False)
+    lines = textwrap.wrap(command, COMMAND_LINE_CHARS, break_long_words=False, break_on_hyphens=False)
     figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=5.5, color=style.GREY, family="monospace")
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # the SVG, PDF and PNG files share one layout

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from dronecats.judge.statistics.differences import KnownMean
-from dronecats.judge.statistics.shares import KnownShare
+from dronecats.judge.statistics.shares import ShareEstimate
 from dronecats.report.table import (
     CellValue,
     ReportTable,
@@ -123,7 +123,7 @@ def half_success(findings: Findings, along: FactorFindings) -> ReportTable | Non
     return _table(findings, along.artifact_name("half_success"), title, caption, columns, rows)
 
 
-def percent(share: KnownShare) -> TableCell:
+def percent(share: ShareEstimate) -> TableCell:
     """Return a share in % with its interval."""
     if not share.trials:
         return TableCell(value=None)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from dronecats.view.editor import suggest
 from dronecats.view.editor.suggest import Knots
-from episodes.authoring.check.finding import GRID_SIDE_M, OF_OTHER_MAPS, RULES
+from episodes.authoring.check.finding import DEFAULT_RULES, GRID_SIDE_M, RULES
 from episodes.maps import assets
 from episodes.maps.scene import Mesh, Scene, turn
 from episodes.records.record import (
@@ -72,7 +72,7 @@ class Drafting:
             visible_at_start=True,
             seed=1,
         )
-        return self.settled(Draft(record))
+        return self.with_derived_fields(Draft(record))
 
     def opened(self, record: EpisodeRecord) -> Draft:
         """Return the draft of an existing record."""
@@ -97,7 +97,7 @@ class Drafting:
             target = replace(target, native=None)
         record = replace(draft.record, target=replace(target, asset=asset, paint=paint))
         candidates = tuple(replace(candidate, asset=asset, paint=paint) for candidate in record.candidates)
-        return self.settled(replace(draft, record=replace(record, candidates=candidates)))
+        return self.with_derived_fields(replace(draft, record=replace(record, candidates=candidates)))
 
     def adopt(self, draft: Draft, name: str) -> Draft:
         """Return the draft with an object of the map as target. Raises UsageError for a cell without such targets."""
@@ -121,7 +121,7 @@ class Drafting:
             return self._walked(draft, tuple((n + north - here[0], e + east - here[1]) for n, e in draft.knots))
         yaw = target.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         moved = replace(target, position_ned=self.on_ground(north, east), yaw_deg=yaw)
-        return self.settled(replace(draft, record=replace(draft.record, target=moved)))
+        return self.with_derived_fields(replace(draft, record=replace(draft.record, target=moved)))
 
     def inscribe(self, draft: Draft, which: int, text: str) -> Draft:
         """Return the draft with an inscription on the target (0) or on look-alike `which` (1 …); "" removes it."""
@@ -132,7 +132,7 @@ class Drafting:
         else:
             changed = replace(record.candidates[which - 1], inscription=written)
             record = replace(record, candidates=_with(record.candidates, which - 1, changed))
-        return self.settled(replace(draft, record=record))
+        return self.with_derived_fields(replace(draft, record=record))
 
     # ---- its path
 
@@ -154,14 +154,14 @@ class Drafting:
         """Return the draft without the path's last leg; the first one stays."""
         return self._walked(draft, draft.knots[:-1]) if len(draft.knots) > 2 else draft
 
-    def pace(self, draft: Draft, speed_mps: float) -> Draft:
+    def set_speed(self, draft: Draft, speed_mps: float) -> Draft:
         """Return the draft with another speed of the target."""
         path = draft.record.target.path
         if path is None:
             return draft
         speed = min(max(round(speed_mps, 3), 0.01), MAX_SPEED_MPS)
         target = replace(draft.record.target, path=replace(path, speed_mps=speed))
-        return self.settled(replace(draft, record=replace(draft.record, target=target)))
+        return self.with_derived_fields(replace(draft, record=replace(draft.record, target=target)))
 
     # ---- the drones
 
@@ -208,12 +208,16 @@ class Drafting:
         (north, east, _), yaw = starts[-1].position_ned, starts[-1].yaw_deg
         right = math.radians(yaw + 90.0)
         place = self.on_ground(north + GRID_SIDE_M * math.cos(right), east + GRID_SIDE_M * math.sin(right), HEIGHT_M)
-        return self.settled(replace(draft, record=replace(draft.record, starts=(*starts, StartPose(place, yaw)))))
+        return self.with_derived_fields(
+            replace(draft, record=replace(draft.record, starts=(*starts, StartPose(place, yaw))))
+        )
 
     def drop_start(self, draft: Draft) -> Draft:
         """Return the draft without its last drone; the first one always stays."""
         starts = draft.record.starts
-        return self.settled(replace(draft, record=replace(draft.record, starts=starts[: max(len(starts) - 1, 1)])))
+        return self.with_derived_fields(
+            replace(draft, record=replace(draft.record, starts=starts[: max(len(starts) - 1, 1)]))
+        )
 
     def grid(self, draft: Draft) -> Draft:
         """Return the draft with four drones in a square of 2 m. The first stays; all have its height and yaw."""
@@ -223,7 +227,7 @@ class Drafting:
         spots = [(north + turned[0, 0] * x + turned[0, 1] * y, east + turned[1, 0] * x + turned[1, 1] * y)
                  for x, y in corners]  # fmt: skip
         starts = tuple(StartPose(self.on_ground(n, e, height), yaw) for n, e in spots)
-        return self.settled(replace(draft, record=replace(draft.record, starts=starts)))
+        return self.with_derived_fields(replace(draft, record=replace(draft.record, starts=starts)))
 
     # ---- look-alikes
 
@@ -237,7 +241,7 @@ class Drafting:
         yaw = record.target.yaw_deg
         text = suggest.inscription({candidate.inscription for candidate in (record.target, *record.candidates)})
         added = replace(record.target, inscription=text, position_ned=self.on_ground(north, east), yaw_deg=yaw)
-        return self.settled(replace(draft, record=replace(record, candidates=(*record.candidates, added))))
+        return self.with_derived_fields(replace(draft, record=replace(record, candidates=(*record.candidates, added))))
 
     def move_candidate(
         self, draft: Draft, which: int, north: float, east: float, yaw_deg: float | None = None
@@ -247,12 +251,12 @@ class Drafting:
         yaw = candidate.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         moved = replace(candidate, position_ned=self.on_ground(north, east), yaw_deg=yaw)
         candidates = _with(draft.record.candidates, which, moved)
-        return self.settled(replace(draft, record=replace(draft.record, candidates=candidates)))
+        return self.with_derived_fields(replace(draft, record=replace(draft.record, candidates=candidates)))
 
     def drop_candidate(self, draft: Draft) -> Draft:
         """Return the draft without its last look-alike; the first one always stays."""
         kept = draft.record.candidates[: max(len(draft.record.candidates) - 1, 1)]
-        return self.settled(replace(draft, record=replace(draft.record, candidates=kept)))
+        return self.with_derived_fields(replace(draft, record=replace(draft.record, candidates=kept)))
 
     # ---- the episode
 
@@ -264,7 +268,7 @@ class Drafting:
         target, draft = record.target, replace(draft, record=record)
         if cell in MOVING and target.path is None:
             place, yaw = motion(target).pose(0.0)
-            speed = RULES.get(record.map, OF_OTHER_MAPS).speed_mps or SPEED_MPS
+            speed = RULES.get(record.map, DEFAULT_RULES).speed_mps or SPEED_MPS
             walks = target.native is None and target.asset not in STATIONARY
             walker = target if walks else replace(target, asset="suv", paint="cyan", native=None)
             walker = replace(walker, position_ned=None, yaw_deg=None, path=Path3D((place, place), speed))
@@ -284,13 +288,13 @@ class Drafting:
             draft = self.face(draft, 0, TURNED_AWAY_DEG)
         elif draft.record.starts:
             draft = self.face(draft, 0)
-        return self.settled(draft)
+        return self.with_derived_fields(draft)
 
     def instruct(self, draft: Draft, text: str) -> Draft:
         """Return the draft with another instruction; an empty one restores the suggested one."""
         words = " ".join(text.split())[:500]
         if not words:
-            return self.settled(replace(draft, own_words=False))
+            return self.with_derived_fields(replace(draft, own_words=False))
         return replace(draft, record=replace(draft.record, instruction=words), own_words=True)
 
     def rename(self, draft: Draft, name: str) -> Draft:
@@ -317,7 +321,7 @@ class Drafting:
             return self._instances[target.native].mesh
         return assets.build(target.asset, str(target.paint), target.inscription)
 
-    def settled(self, draft: Draft) -> Draft:
+    def with_derived_fields(self, draft: Draft) -> Draft:
         """Return the draft with updated derived fields: distance, bearing, visibility, suggested instruction."""
         record = draft.record
         here, goal = record.starts[0].position_ned, self.centre(record)
@@ -334,7 +338,7 @@ class Drafting:
 
     def _started(self, draft: Draft, which: int, start: StartPose) -> Draft:
         starts = (*draft.record.starts[:which], start, *draft.record.starts[which + 1 :])
-        return self.settled(replace(draft, record=replace(draft.record, starts=starts)))
+        return self.with_derived_fields(replace(draft, record=replace(draft.record, starts=starts)))
 
     def _walked(self, draft: Draft, knots: Knots) -> Draft:
         """Return the draft with a path through `knots` that follows the ground."""
@@ -348,7 +352,7 @@ class Drafting:
                 f" but at most {MAX_WAYPOINTS} are possible."
             )
         target = replace(draft.record.target, path=replace(path, waypoints_ned=waypoints))
-        return self.settled(replace(draft, record=replace(draft.record, target=target), knots=knots))
+        return self.with_derived_fields(replace(draft, record=replace(draft.record, target=target), knots=knots))
 
     def _commanded(self, draft: Draft) -> Draft:
         """Return the draft completed for a commanding episode: inscribed target, three look-alikes, four drones."""
@@ -357,7 +361,7 @@ class Drafting:
             record = replace(record, target=replace(record.target, native=None, asset="suv", paint="cyan"))
         if not record.target.inscription:
             record = replace(record, target=replace(record.target, inscription=suggest.inscription(set())))
-        draft = self.settled(replace(draft, record=record))
+        draft = self.with_derived_fields(replace(draft, record=record))
         place, yaw = motion(record.target).pose(0.0)
         aside = (-math.sin(yaw), math.cos(yaw))
         for k in range(len(record.candidates), 3):

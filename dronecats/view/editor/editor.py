@@ -18,7 +18,7 @@ from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord, parse
 from foundation.errors import UsageError
 from foundation.files import write_text
-from foundation.threads import Latest
+from foundation.threads import NewestItemWorker
 from foundation.wording import did_you_mean, nearest
 
 MOST_UNDONE = 200
@@ -132,8 +132,8 @@ class Editor:
         self._panels = Panels(self._server, self, f"DroneCATS · {scene_name}")
         self._view = SceneView(self._server, self.drafting, self)
         self._view.frame(session.draft)
-        self._pictures = Latest(self._draw, "editor-picture")
-        self._checks = Latest(self._check, "editor-checks")
+        self._pictures = NewestItemWorker(self._draw, "editor-picture")
+        self._checks = NewestItemWorker(self._check, "editor-checks")
         session.changed = self._changed
         self._server.scene.on_click()(self._clicked)
         self._changed(session.draft, "")

@@ -213,7 +213,7 @@ class Panels:
             lambda event: self._do(event, lambda d: drafting.inscribe(d, self._inscribed, self._text.value))
         )
         self._fewer.on_click(lambda event: self._do(event, drafting.drop_candidate))
-        self._speed.on_update(lambda event: self._do(event, lambda d: drafting.pace(d, self._speed.value)))
+        self._speed.on_update(lambda event: self._do(event, lambda d: drafting.set_speed(d, self._speed.value)))
         self._shorter.on_click(lambda event: self._do(event, drafting.shorten))
 
     def _drones_tab(self) -> None:

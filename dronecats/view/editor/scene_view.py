@@ -14,7 +14,7 @@ from dronecats.report.kit import palette
 from dronecats.view.editor.assessment import PREVIEW
 from dronecats.view.editor.draft import Draft, Drafting
 from dronecats.view.scene import display
-from episodes.authoring.check.finding import OF_OTHER_MAPS, RULES
+from episodes.authoring.check.finding import DEFAULT_RULES, RULES
 from episodes.maps.scene import Mesh
 from episodes.world.target import motion
 from foundation.frames import Vec3
@@ -169,7 +169,7 @@ class SceneView:
         record, terrain = draft.record, self._drafting.scene.terrain
         centre, here = self._drafting.centre(record), record.starts[0].position_ned
         self._line("success", (centre[:2],), LINE, lambda: display.ring(terrain, centre[:2], RADIUS_M), 3.0)
-        low, high = RULES.get(record.map, OF_OTHER_MAPS).start_distance_m
+        low, high = RULES.get(record.map, DEFAULT_RULES).start_distance_m
         has_radii = record.cell != "commanding" and high <= 60.0
         for k, radius_m in enumerate((low, high)):
             circle = partial(display.ring, terrain, centre[:2], radius_m)

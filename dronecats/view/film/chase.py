@@ -29,9 +29,9 @@ Array = NDArray[np.float64]
 BOOM_M = 3.4  # m from the drone to the camera
 SHORTEST_M = 0.9  # m, shortest boom: an x500 fills the picture but is not clipped
 STEP_S = 0.25  # s between planned places
-PLACE_S, HEADING_S, SWING_S, BOOM_S = 0.35, 1.0, 0.6, 0.3  # s, σ of the smoothing
+PLACE_S, HEADING_S, ANGLE_SIGMA_S, BOOM_S = 0.35, 1.0, 0.6, 0.3  # s, σ of the smoothing
 AHEAD_M = 4.0  # m from the drone ahead to the point at which the camera looks
-ROOM_M = 0.35  # m, free space on each side of the camera
+CAMERA_MARGIN_M = 0.35  # m, free space on each side of the camera
 # candidate places of the camera: azimuth (0 is behind the drone), elevation, share of the boom length
 AZIMUTHS_DEG = (15.0, -15.0, 38.0, -38.0, 68.0, -68.0, 100.0, -100.0)  # not 0, where the drone would hide its goal
 ELEVATIONS_DEG = (20.0, 34.0, 52.0, 70.0)
@@ -63,14 +63,16 @@ def chase(track: FlightTrack, end_s: float, obstacles: Solids) -> ChasePath:
     candidates = np.array(list(itertools.product(AZIMUTHS_DEG, ELEVATIONS_DEG, LENGTHS)))
     blocked = np.array([_blocked(p, h, candidates, obstacles) for p, h in zip(places, heading, strict=True)])
     chosen = candidates[_cheapest(blocked, candidates)]
-    azimuth = heading + np.radians(_smooth(chosen[:, 0], SWING_S))
-    elevation = np.radians(_smooth(chosen[:, 1], SWING_S))
+    azimuth = heading + np.radians(_smooth(chosen[:, 0], ANGLE_SIGMA_S))
+    elevation = np.radians(_smooth(chosen[:, 1], ANGLE_SIGMA_S))
     out = _outwards(azimuth, elevation)
     free = np.array([obstacles.range_m(vec3(p), vec3(o)) for p, o in zip(places, out, strict=True)])
-    boom = np.clip(np.minimum(_smooth(chosen[:, 2], SWING_S) * BOOM_M, free - ROOM_M), SHORTEST_M, BOOM_M)
+    boom = np.clip(
+        np.minimum(_smooth(chosen[:, 2], ANGLE_SIGMA_S) * BOOM_M, free - CAMERA_MARGIN_M), SHORTEST_M, BOOM_M
+    )
     boom = _smooth(minimum_filter1d(boom, 2 * math.ceil(2.0 * BOOM_S / STEP_S) + 1), BOOM_S)
     eye = places + boom[:, None] * out
-    turned = np.radians(_smooth(chosen[:, 0], SWING_S))
+    turned = np.radians(_smooth(chosen[:, 0], ANGLE_SIGMA_S))
     ahead = AHEAD_M * (0.5 + 0.5 * np.cos(turned)) * np.cos(elevation) ** 2
     aim = places + ahead[:, None] * np.column_stack([np.cos(heading), np.sin(heading), np.zeros(len(heading))])
     way = aim - eye
@@ -90,12 +92,12 @@ def _outwards(azimuth: Array, elevation: Array) -> Array:
 
 
 def _blocked(place: Array, heading: float, candidates: Array, obstacles: Solids) -> NDArray[np.bool_]:
-    """Return (N,): whether an obstacle hides the drone from a candidate place or from a point ROOM_M beside it."""
+    """Return (N,): whether an obstacle hides the drone from a place or from a point CAMERA_MARGIN_M beside it."""
     azimuth, elevation = heading + np.radians(candidates[:, 0]), np.radians(candidates[:, 1])
     out = _outwards(azimuth, elevation)
-    eye = place + (candidates[:, 2:] * BOOM_M + ROOM_M) * out
-    side = ROOM_M * np.column_stack([-np.sin(azimuth), np.cos(azimuth), np.zeros(len(azimuth))])
-    up = ROOM_M * np.array([0.0, 0.0, -1.0])
+    eye = place + (candidates[:, 2:] * BOOM_M + CAMERA_MARGIN_M) * out
+    side = CAMERA_MARGIN_M * np.column_stack([-np.sin(azimuth), np.cos(azimuth), np.zeros(len(azimuth))])
+    up = CAMERA_MARGIN_M * np.array([0.0, 0.0, -1.0])
     around = np.stack([eye, eye + side, eye - side, eye + up, eye - up])
     hidden = obstacles.hidden(vec3(place), around.reshape(-1, 3)).reshape(len(around), -1)
     return np.asarray(hidden.any(axis=0))

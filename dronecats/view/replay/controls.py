@@ -57,7 +57,7 @@ class KeyBinding:
     order: Callable[[ReplayOrders], None]
 
 
-END_S = 1e9  # s, later than the end of any flight; the clock stops at the end of the flight
+AFTER_END_S = 1e9  # s, later than the end of any flight; the clock stops at the end of the flight
 DECISION, DECLARATION, FAULT = OccurrenceKind.DECISION, OccurrenceKind.DECLARATION, OccurrenceKind.FAULT
 KEYS: tuple[KeyBinding, ...] = (
     KeyBinding("Space", (("space", None),), "play or pause", lambda o: o.toggle()),
@@ -66,7 +66,7 @@ KEYS: tuple[KeyBinding, ...] = (
     KeyBinding("Shift →", (("arrowright", "shift"),), "0.1 s later", lambda o: o.step(STEP_S)),
     KeyBinding("Shift ←", (("arrowleft", "shift"),), "0.1 s earlier", lambda o: o.step(-STEP_S)),
     KeyBinding("Home", (("home", None),), "beginning", lambda o: o.go_to(0.0)),
-    KeyBinding("End", (("end", None),), "end", lambda o: o.go_to(END_S)),
+    KeyBinding("End", (("end", None),), "end", lambda o: o.go_to(AFTER_END_S)),
     KeyBinding("+", (("[plus]", None), ("[plus]", "shift"), ("=", None)), "faster", lambda o: o.faster()),
     KeyBinding("-", (("-", None),), "slower", lambda o: o.slower()),
     KeyBinding("D", (("D", None),), "next declaration", lambda o: o.jump(DECLARATION, True)),
@@ -122,7 +122,7 @@ TIMES: dict[str, Callable[[ReplayOrders], None]] = {
     "-0.1": lambda orders: orders.step(-STEP_S),
     "▶❚❚": lambda orders: orders.toggle(),
     "+0.1": lambda orders: orders.step(STEP_S),
-    "▶|": lambda orders: orders.go_to(END_S),
+    "▶|": lambda orders: orders.go_to(AFTER_END_S),
 }
 LISTS = {
     OccurrenceKind.DECISION: "Decisions",

@@ -26,9 +26,9 @@ from foundation.run_folder.reading import Logs, episode_folder, rows
 from foundation.run_folder.rows import Decision, DroneNumber, Order, drone_label
 
 SAME_S = 1e-6  # s, the tolerance between times
-CALM = ("cap", "decided")  # normal reasons for the end of a flight
+NORMAL_END_REASONS = ("cap", "decided")  # normal reasons for the end of a flight
 OFFBOARD = "OFFBOARD"
-ENDING_S = 1.0  # s before the end of a flight; the run itself may leave OFFBOARD then, which is no problem
+END_TOLERANCE_S = 1.0  # s before the end of a flight; the run itself may leave OFFBOARD then, which is no problem
 
 
 class OccurrenceKind(Enum):
@@ -109,13 +109,13 @@ def _mode_losses(vehicle: DroneTelemetry, end_s: float) -> Iterator[Occurrence]:
     """Yield each change from OFFBOARD to another mode during the episode: a failsafe, or an operator's command."""
     before = ""
     for t_s, state in zip(vehicle.states.t_s, vehicle.states.values, strict=True):
-        if before == OFFBOARD and state.mode != OFFBOARD and t_s < end_s - ENDING_S:
+        if before == OFFBOARD and state.mode != OFFBOARD and t_s < end_s - END_TOLERANCE_S:
             yield Occurrence(t_s, OccurrenceKind.FAULT, vehicle.drone, f"mode {state.mode}")
         before = state.mode
 
 
 def _end(logs: Logs, end_s: float) -> Iterator[Occurrence]:
-    if logs.end is not None and logs.end.reason not in CALM:
+    if logs.end is not None and logs.end.reason not in NORMAL_END_REASONS:
         error = f": {logs.end.error}" if logs.end.error else ""
         yield Occurrence(end_s, OccurrenceKind.FAULT, None, f"the flight ended: {logs.end.reason}{error}")
 
@@ -314,7 +314,7 @@ def flight_moments(path: Path) -> FlightMoments:
     )  # fmt: skip
 
 
-def of_one_episode(flights: Sequence[FlightMoments]) -> None:
+def check_same_episode(flights: Sequence[FlightMoments]) -> None:
     """Raise UsageError if the flights are of different episodes, or if only some of them have true poses."""
     first = flights[0].recorded
     for flight in flights[1:]:

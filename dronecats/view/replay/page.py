@@ -9,7 +9,7 @@ from dronecats.view.film.lettering import Picture
 from dronecats.view.live.panels import FlightPanels
 from dronecats.view.live.scene import COLORS, FlightScene
 from dronecats.view.replay.controls import CHOICES, Controls, bind
-from dronecats.view.replay.moments import FlightMoments, OccurrenceKind, following, of_one_episode, preceding
+from dronecats.view.replay.moments import FlightMoments, OccurrenceKind, check_same_episode, following, preceding
 from dronecats.view.replay.player import PlaybackClock, Player
 from dronecats.view.replay.views import RedrawnView, ViewRenderer, ViewRequest
 from dronecats.view.scene.page import LoopbackServer
@@ -50,7 +50,7 @@ class ReplayPage:
         """
         if len(flights) > CHOICES:
             raise UsageError(f"{len(flights)} runs are too many for one page. Choose {CHOICES} at most")
-        of_one_episode(flights)
+        check_same_episode(flights)
         self.flights = tuple(flights)
         clock = PlaybackClock(max(flight.end_s for flight in flights)).at_speed(speed, 0.0)
         self._server = LoopbackServer(f"DroneCATS · {flights[0].recorded.id}", port, hosts)

@@ -12,7 +12,7 @@ from episodes.world.fleet import DronePose
 from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
-from foundation.threads import Latest
+from foundation.threads import NewestItemWorker
 
 WIDTH_PX, HEIGHT_PX = 640, 360
 ABOVE_M = 9.0  # height of the camera above the drone, for the view from above
@@ -88,7 +88,7 @@ class ViewRenderer:
         """`flights`: None if a flight's world is unknown. `shown` gets a picture, or the reason why there is none."""
         self._flights, self._shown = flights, shown
         self._views: dict[int, FlightViews] = {}
-        self._latest = Latest(self._draw, "replay-views")
+        self._latest = NewestItemWorker(self._draw, "replay-views")
 
     def request(self, request: ViewRequest) -> None:
         """Request a picture."""

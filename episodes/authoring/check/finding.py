@@ -52,7 +52,7 @@ RULES = {
     "blocks": MapRules((6.0, 100.0)),
     "campus": MapRules((12.0, 48.0), 0.15, off_axes_deg=15.0, occupancy_percent=CAMPUS_OCCUPANCY_PERCENT),
 }
-OF_OTHER_MAPS = MapRules((6.0, 100.0), altitude_m=(1.0, 30.0))
+DEFAULT_RULES = MapRules((6.0, 100.0), altitude_m=(1.0, 30.0))
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from episodes.authoring.check.finding import (
     BEARING_OFF_DEG,
+    DEFAULT_RULES,
     DISTANCE_OFF_M,
     GRID_OFF_M,
     GRID_SIDE_M,
     LEVEL_M,
-    OF_OTHER_MAPS,
     OFF_GROUND_M,
     RULES,
     START_TO_PATH_M,
@@ -226,7 +226,7 @@ def path_length(world: World) -> RuleFinding:
 
 def pace(world: World) -> Iterator[RuleFinding]:
     """Yield whether the target moves at the speed that its map requires, if any."""
-    wanted = RULES.get(world.record.map, OF_OTHER_MAPS).speed_mps
+    wanted = RULES.get(world.record.map, DEFAULT_RULES).speed_mps
     speed = motion(world.record.target).speed_mps
     if wanted is not None:
         yield RuleFinding("the target's speed", abs(speed - wanted) < 1e-9, f"{speed:g} m/s", f"{wanted:g} m/s")
@@ -253,7 +253,7 @@ def distance_and_bearing(world: World) -> Iterator[RuleFinding]:
     yield RuleFinding("the bearing measured in the scene", turned <= BEARING_OFF_DEG, measured, wanted, "bearing_deg")
     if record.cell == "commanding":
         return
-    of_map = RULES.get(record.map, OF_OTHER_MAPS)
+    of_map = RULES.get(record.map, DEFAULT_RULES)
     yield between("the distance from start to target", distance, of_map.start_distance_m, "m")
     if of_map.off_axes_deg > 0.0:
         from_axis = abs(math.remainder(bearing, 90.0))
@@ -263,7 +263,7 @@ def distance_and_bearing(world: World) -> Iterator[RuleFinding]:
 def altitude(world: World) -> Iterator[RuleFinding]:
     """Yield whether every drone starts at an allowed height, and above level ground."""
     heights = [world.ground_down(s.position_ned[0], s.position_ned[1]) - s.position_ned[2] for s in world.record.starts]
-    limits = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
+    limits = RULES.get(world.record.map, DEFAULT_RULES).altitude_m
     worst = max(heights, key=lambda h: abs(h - sum(limits) / 2))
     yield between("the height of a start above the ground", worst, limits, "m")
     steps = [unevenness_m(world, s.position_ned[0], s.position_ned[1]) for s in world.record.starts]

@@ -33,7 +33,9 @@ OFF_CENTRE_DEG = 15.0  # at least half of the visible targets must be farther of
 UNEVEN = 0.25  # largest difference (Kolmogorov's D) of a cell's ten values from an even spread
 CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # limits of the nearest and of the farthest start on campus
 HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # limits of the lowest and of the highest start
-ROWS = 0.05  # least distance of the uppermost from the lowest target of a suite, as a share of the picture's height
+LEAST_ROW_SPREAD = (
+    0.05  # least distance of the uppermost from the lowest target of a suite, as a share of the picture's height
+)
 # A straight flight passes within 5 m of all targets at 16 m that are up to 14° off its heading. These 28° are more than
 # a third of the picture's usable 74°. So for any spread of ten visible targets, some heading passes at least three.
 # Key: whether the targets are visible at the start. Value: how many of ten targets a straight flight may pass.
@@ -61,7 +63,7 @@ class Layout:
     distance_m: float
     height_m: float  # of the first start above the ground under it
     straight_deg: frozenset[int]  # see `straight`; empty for a fleet
-    fewest_px: int | None  # see `past_each_other`; None for one drone
+    fewest_px: int | None  # see `fewest_candidate_pixels`; None for one drone
 
 
 def check(world: World) -> list[RuleFinding]:
@@ -136,7 +138,7 @@ def layout(world: World) -> Layout:
         distance_m=math.dist(first.position_ned, goal),
         height_m=world.ground_down(*first.position_ned[:2]) - first.position_ned[2],
         straight_deg=frozenset() if fleet else straight(world, off),
-        fewest_px=past_each_other(world) if fleet else None,
+        fewest_px=fewest_candidate_pixels(world) if fleet else None,
     )
 
 
@@ -182,7 +184,7 @@ def _passes(world: World, heading_deg: float, span_m: float, drift_m: float) -> 
     return False
 
 
-def past_each_other(world: World) -> int:
+def fewest_candidate_pixels(world: World) -> int:
     """Return the least number of pixels that a drone of a fleet sees of a candidate. Other drones may hide it."""
     record, of_map = world.record, solids(world.record.map, world.record.map_seed)
     targets = world.target_and_lookalikes
@@ -231,7 +233,7 @@ def check_one_drone(layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
     rows = [layout.row for layout in layouts if layout.row is not None]
     if rows:
         rule = "the rows between the uppermost and the lowest target"
-        yield at_least(rule, max(rows) - min(rows), ROWS, "")
+        yield at_least(rule, max(rows) - min(rows), LEAST_ROW_SPREAD, "")
 
 
 def check_cell(name: str, layouts: Sequence[Layout]) -> Iterator[RuleFinding]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.authoring.check.finding import BODY_M, OF_OTHER_MAPS, RULES, RuleFinding, at_least, between
+from episodes.authoring.check.finding import BODY_M, DEFAULT_RULES, RULES, RuleFinding, at_least, between
 from episodes.maps.scene import Instance, Mesh, turn
 from episodes.world.rays import NOTHING as NO_TRIANGLE
 from episodes.world.rays import RayScene
@@ -63,10 +63,10 @@ def patch(
     axes = turn(attitude).T
     eye = np.array(origin) + np.array(rotate(attitude, camera.offset_frd))
     to_world = turn(turned)
-    across, down = _reach(target, place, turned, eye, axes, camera)
-    if len(across) == 0 or len(down) == 0:
+    yaw_showing, down = _reach(target, place, turned, eye, axes, camera)
+    if len(yaw_showing) == 0 or len(down) == 0:
         return NOTHING
-    x = (across + 0.5 - camera.width / 2) / camera.focal_px
+    x = (yaw_showing + 0.5 - camera.width / 2) / camera.focal_px
     y = (down + 0.5 - camera.height / 2) / camera.focal_px
     way = (axes[0] + x[None, :, None] * axes[1] + y[:, None, None] * axes[2]).reshape(-1, 3)
     own = _traced(target.mesh)
@@ -79,10 +79,10 @@ def patch(
         shown = shown[~solids.hidden((float(eye[0]), float(eye[1]), float(eye[2])), points)]
     if len(shown) == 0:
         return NOTHING
-    row, column = np.divmod(shown, len(across))
+    row, column = np.divmod(shown, len(yaw_showing))
     box = (int(np.ptp(row)) + 1) * (int(np.ptp(column)) + 1)
     pixels = camera.width * camera.height
-    edges = {int(across[column].min()), int(across[column].max()) + 1 - camera.width}
+    edges = {int(yaw_showing[column].min()), int(yaw_showing[column].max()) + 1 - camera.width}
     edges |= {int(down[row].min()), int(down[row].max()) + 1 - camera.height}
     return Patch(len(shown), len(shown) / pixels, box / pixels, cut=0 in edges)
 
@@ -155,7 +155,7 @@ def box_corners(mesh: Mesh, position_ned: Vec3, turned: float | Quat) -> Array:
     return np.asarray(corners @ turn(turned).T + np.array(position_ned))
 
 
-def across(framing: Framing, share: float) -> float | None:
+def yaw_showing(framing: Framing, share: float) -> float | None:
     """Return the yaw, relative to a thing's bearing (deg), that puts its middle in the column that `share` selects.
 
     Only columns at which the picture shows the whole thing are used. `share` 0 selects the rightmost of these columns,
@@ -169,7 +169,7 @@ def across(framing: Framing, share: float) -> float | None:
     return float(framing.off_deg[good[np.argmin(np.abs(column - wanted))]])
 
 
-def across_all(framings: Sequence[Framing], ahead_deg: Sequence[float], share: float) -> float | None:
+def yaw_showing_all(framings: Sequence[Framing], ahead_deg: Sequence[float], share: float) -> float | None:
     """Return the compass yaw (deg) at a share (0 … 1) of the range of yaws at which the picture shows all things whole.
 
     `ahead_deg` has the bearing of the thing of each framing. None if no yaw shows all things.
@@ -186,7 +186,7 @@ def across_all(framings: Sequence[Framing], ahead_deg: Sequence[float], share: f
     return first + float(low + share * (high - low))
 
 
-def away(framing: Framing, share: float) -> float | None:
+def yaw_hiding(framing: Framing, share: float) -> float | None:
     """Return the yaw from a thing's bearing (deg, 0 … 360) at a share (0 … 1) of the yaws that hide it, or None."""
     hidden = np.flatnonzero(framing.hidden())
     if len(hidden) == 0:
@@ -213,7 +213,7 @@ def rules(world: World) -> Iterator[RuleFinding]:
     ahead = bearing_deg(start.position_ned, world.target_centre(0.0))
     faced = seen(world, start.position_ned, ahead)
     if record.cell != "commanding":
-        allowed = RULES.get(record.map, OF_OTHER_MAPS).occupancy_percent
+        allowed = RULES.get(record.map, DEFAULT_RULES).occupancy_percent
         finding = between("the occupancy of the target when faced", 100.0 * faced.box_share, allowed, "%")
         yield replace(finding, measured=f"{finding.measured} ({100 * faced.share:.2f} % of the pixels)")
     around = world.fleet.other_starts(0).values()

@@ -17,7 +17,7 @@ from episodes.authoring.check.finding import (
     WIDEST_PAIR_M,
 )
 from episodes.authoring.check.placement import box_of
-from episodes.authoring.check.sight import CAMERA, across_all, bearing_deg, box_corners
+from episodes.authoring.check.sight import CAMERA, bearing_deg, box_corners, yaw_showing_all
 from episodes.authoring.propose.draft import BOARDS, Draw, Proposal, flight_seed, inscribed, instruction, plates
 from episodes.authoring.propose.site import PlacedTarget, Site, rounded, start
 from episodes.maps import assets
@@ -136,7 +136,7 @@ def _draft(
     height = share.height_m(ALTITUDES_M)
     centre = (*middle, site.ground(*middle) - height)
     framings = [site.framed(candidate, centre) for candidate in candidates]
-    yaw = across_all(framings, [bearing_deg(centre, c.centre_ned) for c in candidates], share.turn)
+    yaw = yaw_showing_all(framings, [bearing_deg(centre, c.centre_ned) for c in candidates], share.turn)
     if yaw is None:
         return None
     first = candidates[0].centre_ned

@@ -8,7 +8,7 @@ import random
 from dataclasses import dataclass
 
 from episodes.authoring.check.referring import nouns
-from episodes.authoring.check.sight import Framing, across, away
+from episodes.authoring.check.sight import Framing, yaw_hiding, yaw_showing
 from episodes.authoring.propose.site import PlacedTarget
 from episodes.records.record import HIDDEN, MAX_SEED, StartPose, TargetRecord
 
@@ -70,7 +70,7 @@ def yaw_deg(cell: str, ahead_deg: float, framed: Framing, share: float) -> float
     In a cell with a hidden target, the allowed yaws keep the target out of view; in other cells they show all of it.
     `share` (0 … 1) selects one of the allowed yaws.
     """
-    off = away(framed, share) if cell in HIDDEN else across(framed, share)
+    off = yaw_hiding(framed, share) if cell in HIDDEN else yaw_showing(framed, share)
     return None if off is None else ahead_deg + off
 
 

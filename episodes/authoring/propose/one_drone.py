@@ -11,7 +11,7 @@ import random
 from collections.abc import Generator, Iterator
 
 from episodes.authoring.check import referring
-from episodes.authoring.check.finding import OF_OTHER_MAPS, RULES
+from episodes.authoring.check.finding import DEFAULT_RULES, RULES
 from episodes.authoring.check.placement import box_of
 from episodes.authoring.check.referring import kind_of, nouns
 from episodes.authoring.check.sight import CAMERA, bearing_deg
@@ -65,7 +65,11 @@ def painted_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Propo
         paint = paints[turn % len(paints)]
         for _ in range(12):  # attempts to find a place with room for the target
             target = _moving(site, asset, paint, rng) if moving else _parked(site, asset, paint, rng)
-            drafts = list(itertools.islice(_around(site, cell, target, share, rng), PAINTED_STARTS)) if target else []
+            drafts = (
+                list(itertools.islice(_painted_starts(site, cell, target, share, rng), PAINTED_STARTS))
+                if target
+                else []
+            )
             for draft in drafts:
                 previous = share
                 share = yield draft
@@ -88,7 +92,7 @@ def _parked(site: Site, asset: str, paint: str, rng: random.Random) -> TargetRec
 
 def _moving(site: Site, asset: str, paint: str, rng: random.Random) -> TargetRecord | None:
     """Return a target on a stretch of a lane; None if the lane is too short."""
-    speed = RULES.get(site.name, OF_OTHER_MAPS).speed_mps or SPEED_MPS
+    speed = RULES.get(site.name, DEFAULT_RULES).speed_mps or SPEED_MPS
     lane = rng.choice([lane for lane in site.places.lanes if FOOTWAY not in lane.name])
     length = speed * CAP_S + PAINTED_SPARE_M
     spare = lane.length_m - length
@@ -98,9 +102,9 @@ def _moving(site: Site, asset: str, paint: str, rng: random.Random) -> TargetRec
     return TargetRecord(asset, paint, path=Path3D(points, speed))
 
 
-def _around(site: Site, cell: str, target: TargetRecord, share: Draw, rng: random.Random) -> Iterator[Proposal]:
+def _painted_starts(site: Site, cell: str, target: TargetRecord, share: Draw, rng: random.Random) -> Iterator[Proposal]:
     placed = site.placed(target)
-    low, high = RULES.get(site.name, OF_OTHER_MAPS).start_distance_m
+    low, high = RULES.get(site.name, DEFAULT_RULES).start_distance_m
     distance = (low + high) / 2 if high - low < 2.0 else low + 0.5 + share.distance * (min(high, 30.0) - low - 0.5)
     for place in site.starts(placed, distance, share.height_m(ALTITUDES_M), rng):
         ahead = bearing_deg(place, placed.centre_ned)
@@ -121,7 +125,7 @@ def _around(site: Site, cell: str, target: TargetRecord, share: Draw, rng: rando
 def referred_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
     """Yield None, then a draft for each `Draw` sent in. Kinds take turns, and other values are random."""
     if cell in MOVING:
-        yield from _walking(site, cell, rng)
+        yield from _moving_referred_drafts(site, cell, rng)
         return
     share = yield None
     fixtures: dict[str, list[Instance]] = {}
@@ -136,7 +140,7 @@ def referred_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Prop
         for kind in kinds:
             for instance in rng.sample(fixtures[kind], len(fixtures[kind])):
                 target, placed = _native(instance), site.native(instance)
-                draft = _before(site, cell, target, placed, instance.name, kind, share, rng)
+                draft = _referred_draft(site, cell, target, placed, instance.name, kind, share, rng)
                 if draft is not None:
                     share, barren = (yield draft), 0
                     break
@@ -148,10 +152,10 @@ def _native(instance: Instance) -> TargetRecord:
     return TargetRecord(instance.kind, None, None, place, yaw, native=instance.name)
 
 
-def _walking(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
+def _moving_referred_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
     share = yield None
     movers = list(MOVERS)
-    speed = RULES.get(site.name, OF_OTHER_MAPS).speed_mps or 0.15
+    speed = RULES.get(site.name, DEFAULT_RULES).speed_mps or 0.15
     length = speed * CAP_S + REFERRED_SPARE_M
     lanes = [lane for lane in site.places.lanes if lane.length_m > length]
     rng.shuffle(movers)
@@ -165,13 +169,13 @@ def _walking(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | 
                 path = Path3D(stretch(lane.waypoints_ned, first, length, site.scene.terrain), speed)
                 paint = rng.choice(assets.PAINTS) if asset == "pedestrian" else PAINT
                 target = TargetRecord(asset, paint, path=path)
-                draft = _before(site, cell, target, site.placed(target), "target", kind_of(asset), share, rng)
+                draft = _referred_draft(site, cell, target, site.placed(target), "target", kind_of(asset), share, rng)
                 if draft is not None:
                     share, barren = (yield draft), 0
                     break
 
 
-def _before(
+def _referred_draft(
     site: Site,
     cell: str,
     target: TargetRecord,
@@ -186,7 +190,7 @@ def _before(
     `share` sets the start distance within the map's range. For a moving target, its size limits this range further. A
     randomly drawn relation is preferred. 'nearest' is the last choice, and is often skipped.
     """
-    rules = RULES.get(site.name, OF_OTHER_MAPS)
+    rules = RULES.get(site.name, DEFAULT_RULES)
     nearest, farthest = rules.start_distance_m[0] + 0.2, rules.start_distance_m[1] - 0.3
     if cell in MOVING:  # all moving targets are small
         farthest = min(farthest, farthest_m(placed, rules.occupancy_percent[0]))

@@ -61,7 +61,7 @@ def propose(request: RecordRequest) -> list[EpisodeRecord]:
             if not all(finding.passed for finding in check(world)):
                 continue
             layouts.append(layout(world))
-            if _evens(request, layouts):
+            if _keeps_suite_rules(request, layouts):
                 records.append(record)
                 places.append(draft.placed.position_ned)
                 break
@@ -93,7 +93,7 @@ def validate(request: RecordRequest) -> None:
         raise UsageError(f"--seed and --map-seed must be whole numbers from 0 to {MAX_SEED}.")
 
 
-def _evens(request: RecordRequest, layouts: list[Layout]) -> bool:
+def _keeps_suite_rules(request: RecordRequest, layouts: list[Layout]) -> bool:
     """Return whether the records so far keep the rules about a suite that the search can check early."""
     if request.cell == "commanding":
         return (layouts[-1].fewest_px or 0) >= SPOTTED_PX

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.renderer.layout import NEAR_M, Eye, Triangles
-from episodes.maps.cutouts import Cutouts, is_there
+from episodes.maps.cutouts import Cutouts, is_opaque_texel
 from foundation.compiled import njit
 
 BAND = 16  # rows of samples that one thread fills at a time
@@ -398,7 +398,7 @@ def _draw_cut_out(
             w = w if w < limit else limit
             if w > depth_row[i]:
                 depth = 1.0 / max(wide + slopes.wa * i, 1e-12)
-                if is_there(cutouts, which, (u_here + ua * i) * depth, (v_here + va * i) * depth):
+                if is_opaque_texel(cutouts, which, (u_here + ua * i) * depth, (v_here + va * i) * depth):
                     depth_row[i] = w
                     sample_row[i] = name
 

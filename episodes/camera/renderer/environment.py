@@ -24,14 +24,14 @@ NEAREST_M, FARTHEST_M = 5.0, 260.0  # first and last point of a ray
 GROUND: Vec3 = (0.15, 0.15, 0.13)  # linear reflectance: roads, walks and grass together
 
 
-def mean_of(surfaces: Surfaces, atlas: Atlas) -> NDArray[np.float32]:
+def mean_reflectance(surfaces: Surfaces, atlas: Atlas) -> NDArray[np.float32]:
     """Return the (M, 3) mean reflectance of every material."""
     return np.where(
         surfaces.texture[:, None] >= 0, surfaces.color * mean_colors(atlas, surfaces.texture), surfaces.color
     ).astype(np.float32)
 
 
-def mirrored_of(
+def reflection_map(
     columns: Columns, shade: Occlusion, day: Daylight, sky: NDArray[np.float32], north: float, east: float
 ) -> NDArray[np.float32]:
     """Return the (2, CELLS, CELLS, 3) linear RGB that is seen from a place (north, east; m), upper and lower half."""

@@ -179,7 +179,7 @@ def face_normals(mesh: Mesh) -> NDArray[np.float32]:
 
 
 @dataclass(frozen=True)
-class Laid:
+class SceneLayout:
     """The arrays of a scene, and the state that is needed to add instances. Objects are compared by identity."""
 
     arrays: SceneArrays
@@ -189,7 +189,7 @@ class Laid:
     plane_count: int = 0
 
 
-def lay_out(scene: Scene, of_map: Laid | None = None) -> SceneArrays:
+def lay_out(scene: Scene, of_map: SceneLayout | None = None) -> SceneArrays:
     """Return the arrays of a scene.
 
     `of_map` is the layout of the scene's map, so that only the other instances are laid out. The result is the same
@@ -201,19 +201,19 @@ def lay_out(scene: Scene, of_map: Laid | None = None) -> SceneArrays:
             f"map '{scene.name}' has instance ids that repeat or are below 1: number its instances from 1."
         )
     if scene.base and of_map:
-        return with_more(of_map, scene.instances[len(scene.base.instances) :]).arrays
-    return with_more(NOTHING, scene.instances).arrays
+        return add_instances(of_map, scene.instances[len(scene.base.instances) :]).arrays
+    return add_instances(NOTHING, scene.instances).arrays
 
 
 @once(3)  # a run has many episodes on one map, and several cameras
-def laid_out(scene: Scene) -> Laid | None:
+def map_layout(scene: Scene) -> SceneLayout | None:
     """Return the layout of a map, for `lay_out`; None if the map has movable instances, whose rows must be last."""
     if any(instance.movable for instance in scene.instances):
         return None
-    return with_more(NOTHING, scene.instances)
+    return add_instances(NOTHING, scene.instances)
 
 
-def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
+def add_instances(laid: SceneLayout, instances: Sequence[Instance]) -> SceneLayout:
     """Return a layout with these instances added. Raises UsageError for a corner that is not finite."""
     for name, mesh in {id(i.mesh): (i.name, i.mesh) for i in instances}.values():
         if not (np.isfinite(mesh.vertices).all() and np.isfinite(mesh.normals).all() and np.isfinite(mesh.uv).all()):
@@ -221,7 +221,7 @@ def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
     instances = sorted((i for i in instances if len(i.mesh.triangles)), key=lambda i: i.movable)
     before = laid.arrays.triangles
     filled, first_chunk, static_count = len(before.position), len(before.chunk_first), laid.arrays.static_count
-    triangles = _longer(before, instances)
+    triangles = _with_empty_rows(before, instances)
     materials, planes, plane_count = list(laid.materials), dict(laid.planes), laid.plane_count
     row_of = {id(material): row for row, material in enumerate(materials)}
     movable: list[MovablePart] = []
@@ -261,7 +261,7 @@ def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
     triangles.cutout[:] = cutout_of[triangles.material] if materials else OPAQUE
     atlas = build_atlas(pictures[len(laid.pictures) :], laid.arrays.atlas)
     arrays = SceneArrays(triangles, surfaces, atlas, cutouts, tuple(movable), static_count)
-    return Laid(arrays, tuple(materials), tuple(pictures), planes, plane_count)
+    return SceneLayout(arrays, tuple(materials), tuple(pictures), planes, plane_count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,7 +329,7 @@ def _closed_surfaces(mesh: Mesh) -> tuple[NDArray[np.int8], NDArray[np.float64],
     return solid[surface], low[surface], high[surface]
 
 
-def _longer(before: Triangles, instances: Sequence[Instance]) -> Triangles:
+def _with_empty_rows(before: Triangles, instances: Sequence[Instance]) -> Triangles:
     """Return `before` with empty rows added for these instances. A chunk never spans two instances."""
     starts: list[int] = []
     filled = len(before.position)
@@ -385,7 +385,7 @@ def _surfaces(materials: Sequence[Material]) -> tuple[Surfaces, list[NDArray[np.
     return surfaces, pictures
 
 
-def _nothing() -> Laid:
+def _nothing() -> SceneLayout:
     vectors, numbers = np.zeros((0, 3), np.float32), np.zeros(0, np.int32)
     triangles = Triangles(
         position=np.zeros((0, 3, 3), np.float32),
@@ -407,7 +407,7 @@ def _nothing() -> Laid:
         solid_radius=np.zeros(0),
     )
     atlas: Atlas = build_atlas([])
-    return Laid(SceneArrays(triangles, _surfaces([])[0], atlas, cutouts_of([])[0], (), 0))
+    return SceneLayout(SceneArrays(triangles, _surfaces([])[0], atlas, cutouts_of([])[0], (), 0))
 
 
 NOTHING = _nothing()

@@ -279,7 +279,7 @@ class ContactShadows:
             covered = []
             try:
                 for thing in (*self._added, *things):
-                    drawn = _drawn(self._shade, thing)
+                    drawn = _footprint_factor(self._shade, thing)
                     if drawn is not None:
                         where, factor = drawn
                         part = lanes[where]
@@ -292,7 +292,9 @@ class ContactShadows:
                     lanes[where] = kept
 
 
-def _drawn(shade: Occlusion, thing: ShadowFootprint) -> tuple[tuple[slice, slice], NDArray[np.float32]] | None:
+def _footprint_factor(
+    shade: Occlusion, thing: ShadowFootprint
+) -> tuple[tuple[slice, slice], NDArray[np.float32]] | None:
     """Return the cells around a footprint, and the factor on their open share; None if it has no effect."""
     places = (thing.outline - (shade.low_north, shade.low_east)) * shade.per_cell
     reach = 2.0 * REACH_M * shade.per_cell + 1.0

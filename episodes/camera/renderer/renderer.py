@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.renderer.coverage import BAND, draw_bands, new_drawn, set_up, sort_into_bands
-from episodes.camera.renderer.environment import mean_of, mirrored_of
-from episodes.camera.renderer.layout import Eye, SceneArrays, eye_of, laid_out, lay_out, place_all
+from episodes.camera.renderer.environment import mean_reflectance, reflection_map
+from episodes.camera.renderer.layout import Eye, SceneArrays, eye_of, lay_out, map_layout, place_all
 from episodes.camera.renderer.occlusion import Columns, ContactShadows, Occlusion, columns_of, footprint, occlusion_of
 from episodes.camera.renderer.shading import SceneLight, ShadingInput, measure_rows, resolve_rows, shade_rows
 from episodes.camera.renderer.shadow import CELLS, Shadows, SunMap, fits, instance_slices, sun_map
@@ -57,13 +57,13 @@ class Renderer:
                 "give at least one pixel each way and a field of view between 0 and 180°."
             )
         self.camera = camera
-        self._layout = lay_out(scene, laid_out(scene.base) if scene.base else None)
+        self._layout = lay_out(scene, map_layout(scene.base) if scene.base else None)
         place_all(self._layout, NOTHING_MOVED)
-        still = _still(scene, self._layout, shadow_cells)
+        still = _static_data(scene, self._layout, shadow_cells)
         self._shadows, self._contacts = still.shadows, still.contacts
         self._day, self._sky = daylight(scene.sun), sky_of(scene.sun)
         north, east, _ = scene.spawn_ned
-        self._mirrored = mirrored_of(still.columns, still.shade, self._day, self._sky, float(north), float(east))
+        self._mirrored = reflection_map(still.columns, still.shade, self._day, self._sky, float(north), float(east))
         self._drift = drift_table()
         triangles = self._layout.triangles
         self._drawn = new_drawn(len(triangles.position), len(triangles.chunk_first))
@@ -111,20 +111,20 @@ class Renderer:
             placed = place_all(layout, moved)
             feet = [footprint(triangles.position[part.triangles]) for part in placed]
             with self._shadows.cast(layout, placed) as sun, self._contacts.cast(feet) as shade:
-                self._together(set_up, triangles, eye, drawn)
+                self._run_on_threads(set_up, triangles, eye, drawn)
                 bands = max(1, (samples.shape[0] - 1) // BAND)
                 opaque = sort_into_bands(triangles, drawn, bands, self._opaque_chunks)
                 cut_out = sort_into_bands(triangles, drawn, bands, self._nearest_first(eye))
                 holes = triangles.uv, triangles.cutout, layout.cutouts
                 room = samples, self._inverse_depths, self._lowest, self._count_up
-                self._together(draw_bands, drawn, *opaque, *cut_out, *holes, *room)
+                self._run_on_threads(draw_bands, drawn, *opaque, *cut_out, *holes, *room)
                 lights = SceneLight(self._day, sun, shade, self._sky, self._mirrored, self._drift)
                 shot = ShadingInput(eye, drawn, triangles, layout.surfaces, layout.atlas, lights, samples)
-                self._together(shade_rows, shot, light, self._places)
+                self._run_on_threads(shade_rows, shot, light, self._places)
                 more_room = self._edges, self._places, self._own, self._weights, self._means
-                self._together(resolve_rows, shot, light, self._table, rgb, *more_room)
+                self._run_on_threads(resolve_rows, shot, light, self._table, rgb, *more_room)
                 if measures:
-                    self._together(measure_rows, shot, *measures)
+                    self._run_on_threads(measure_rows, shot, *measures)
         return rgb
 
     def _nearest_first(self, eye: Eye) -> NDArray[np.int64]:
@@ -136,7 +136,7 @@ class Renderer:
         """Stop the helper threads."""
         self._pool.shutdown()
 
-    def _together(self, kernel: Callable[..., None], *arguments: Any) -> None:
+    def _run_on_threads(self, kernel: Callable[..., None], *arguments: Any) -> None:
         """Run `kernel(thread, threads, …)` once per thread. Kernels release the interpreter's lock."""
         futures = [self._pool.submit(kernel, k, self._threads, *arguments) for k in range(1, self._threads)]
         try:
@@ -166,7 +166,7 @@ def _sheet(camera: CameraModel, grain: int) -> _Sheet:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Still:
+class _StaticData:
     """Data that is computed once from the static instances of a scene."""
 
     shadows: Shadows
@@ -175,7 +175,7 @@ class _Still:
     shade: Occlusion
 
 
-def _still(scene: Scene, layout: SceneArrays, cells: int) -> _Still:
+def _static_data(scene: Scene, layout: SceneArrays, cells: int) -> _StaticData:
     """Return the data of a scene's static instances. Scenes of one map share the map's part if `_of_map` has it."""
     own = layout.static_count
     if scene.base is not None and not any(i.movable for i in scene.base.instances):
@@ -187,15 +187,15 @@ def _still(scene: Scene, layout: SceneArrays, cells: int) -> _Still:
         shadows = Shadows(sun, turn, more)
         if not fits(layout, scene.sun, _ground(scene), sun):
             shadows = Shadows(sun_map(layout, scene.sun, _ground(scene), cells), threading.Lock())
-        return _Still(shadows, ContactShadows(shade, shade_turn, feet), columns, shade)
+        return _StaticData(shadows, ContactShadows(shade, shade_turn, feet), columns, shade)
     shadows = Shadows(sun_map(layout, scene.sun, _ground(scene), cells), threading.Lock())
     columns, shade = _surroundings(scene, layout, own)
-    return _Still(shadows, ContactShadows(shade, threading.Lock(), feet), columns, shade)
+    return _StaticData(shadows, ContactShadows(shade, threading.Lock(), feet), columns, shade)
 
 
 def _surroundings(scene: Scene, layout: SceneArrays, stop: int) -> tuple[Columns, Occlusion]:
     """Return the columns of triangles 0 … stop - 1 on the ground, and the open share of the sky between them."""
-    columns = columns_of(layout, stop, _ground(scene), mean_of(layout.surfaces, layout.atlas))
+    columns = columns_of(layout, stop, _ground(scene), mean_reflectance(layout.surfaces, layout.atlas))
     return columns, occlusion_of(columns, scene.terrain)
 
 
@@ -203,8 +203,8 @@ def _surroundings(scene: Scene, layout: SceneArrays, stop: int) -> tuple[Columns
 def _of_map(
     scene: Scene, cells: int
 ) -> tuple[tuple[SunMap, threading.Lock], Columns, Occlusion, threading.Lock] | None:
-    """Return the data that `_still` shares between the scenes of a map; None for a map with movable instances."""
-    laid = laid_out(scene)
+    """Return the data that `_static_data` shares between the scenes of a map; None for a map with movable instances."""
+    laid = map_layout(scene)
     if laid is None:
         return None
     layout = laid.arrays

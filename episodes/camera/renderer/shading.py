@@ -38,7 +38,7 @@ class SceneLight(NamedTuple):
     sun: SunMap
     shade: Occlusion
     sky: NDArray[np.float32]  # see `sky.sky_of`
-    mirrored: NDArray[np.float32]  # see `environment.mirrored_of`
+    mirrored: NDArray[np.float32]  # see `environment.reflection_map`
     drift: NDArray[np.float32]  # see `textures.drift_table`
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.renderer.layout import MovablePart, SceneArrays, Triangles
-from episodes.maps.cutouts import OPAQUE, Cutouts, is_there
+from episodes.maps.cutouts import OPAQUE, Cutouts, is_opaque_texel
 from episodes.maps.scene import Sun
 from foundation.compiled import njit
 from foundation.frames import Vec3
@@ -194,7 +194,7 @@ def draw_heights(sun: SunMap, triangles: Triangles, cutouts: Cutouts, first: int
                         c = ((x[1] - x[0]) * (j - y[0]) - (i - x[0]) * (y[1] - y[0])) / area
                         a = 1.0 - b - c
                         u = a * uv[0, 0] + b * uv[1, 0] + c * uv[2, 0]
-                        if not is_there(cutouts, which, u, a * uv[0, 1] + b * uv[1, 1] + c * uv[2, 1]):
+                        if not is_opaque_texel(cutouts, which, u, a * uv[0, 1] + b * uv[1, 1] + c * uv[2, 1]):
                             continue
                     sun.height[j, i] = h
 

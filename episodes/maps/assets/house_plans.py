@@ -160,7 +160,7 @@ def plan_of(seed: int) -> HousePlan:
     )
 
 
-def unlike(plan: HousePlan, neighbours: Iterable[HousePlan]) -> HousePlan:
+def differ_from_neighbours(plan: HousePlan, neighbours: Iterable[HousePlan]) -> HousePlan:
     """Return the plan with walls, bricks, roof, door and windows that no neighbour has, as far as possible."""
     near = list(neighbours)
     return replace(

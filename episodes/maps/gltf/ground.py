@@ -23,8 +23,8 @@ LAYERS = 24  # greatest number of surfaces that a ray passes
 FACES_UP = 0.5  # least upward component of the unit normal of a ground surface: at most 60° from level
 ROOM_M = 0.3  # least free height above a ground surface
 HEADROOM_M = 2.0  # free height above a spawn without a given height
-_APART = 1e-3  # m, from a hit to the start of the continued ray
-_ASIDE = np.array([1.7e-4, 2.3e-4])  # m, offset of the rays from round coordinates, where maps have their edges
+_RESTART_GAP_M = 1e-3  # m, from a hit to the start of the continued ray
+_RAY_OFFSET_M = np.array([1.7e-4, 2.3e-4])  # m, offset of the rays from round coordinates, where maps have their edges
 
 Array = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ class _Columns:
                 break
             depth[layer, going] = origin[met, 2].astype(np.float64) + np.asarray(hit["tfar"])[met]
             which[layer, going] = np.asarray(hit["primID"])[met]
-            level[going] = depth[layer, going] + _APART
+            level[going] = depth[layer, going] + _RESTART_GAP_M
         return depth, which
 
 
@@ -113,7 +113,7 @@ def _grow(
     cell = max(FINEST_M, float((last - first).max()) / (MOST_CELLS - 1))
     shape = tuple(int(n) for n in np.floor((last - first) / cell + 1e-6).astype(int) + 1)
     lattice = np.stack(np.meshgrid(*(first[k] + cell * np.arange(shape[k]) for k in (0, 1)), indexing="ij"), axis=-1)
-    inside = np.minimum(lattice.reshape(-1, 2) + _ASIDE, last - _ASIDE)
+    inside = np.minimum(lattice.reshape(-1, 2) + _RAY_OFFSET_M, last - _RAY_OFFSET_M)
     depth, which = _Columns(scene, low[2], high[2]).cut(inside)
     layers = int((which >= 0).any(axis=1).sum())
     if layers == 0:
@@ -142,7 +142,7 @@ def _grow(
     flagged[which[lowest, columns][has_ground]] = True
     nearest = ndimage.distance_transform_edt(np.isnan(down), return_distances=False, return_indices=True)
     field = HeightField(float(first[0]), float(first[1]), cell, np.ascontiguousarray(down[tuple(nearest)]))
-    return Ground(field, flagged | _lying_on(triangles, facing, field), spawn_down)
+    return Ground(field, flagged | _on_field(triangles, facing, field), spawn_down)
 
 
 def _joined(depth: NDArray[np.float64], step: float) -> NDArray[np.int64]:
@@ -169,7 +169,7 @@ def _joined(depth: NDArray[np.float64], step: float) -> NDArray[np.int64]:
     return np.asarray(sparse.csgraph.connected_components(graph, directed=False)[1], np.int64).reshape(depth.shape)
 
 
-def _lying_on(triangles: Array, facing: Array, field: HeightField) -> NDArray[np.bool_]:
+def _on_field(triangles: Array, facing: Array, field: HeightField) -> NDArray[np.bool_]:
     """Return which triangles face up and lie on the height field. These include small triangles that no ray hit."""
     points = np.concatenate([triangles, triangles.mean(axis=1, keepdims=True)], axis=1)
     i = (points[..., 0] - field.origin_north) / field.cell_m

@@ -44,7 +44,7 @@ def triangle_count(document: Document, index: int) -> int:
     for k, primitive in enumerate(_primitives(document, index)):
         where = f"meshes[{index}].primitives[{k}]"
         mode = document.natural(primitive, "mode", where, _TRIANGLES)
-        corners = element_count(document, _of(document, primitive, where), where)
+        corners = element_count(document, _corner_accessor(document, primitive, where), where)
         total += 0 if mode in _POINTS_AND_LINES else corners // 3 if mode == _TRIANGLES else max(corners - 2, 0)
     return total
 
@@ -62,7 +62,7 @@ def _primitives(document: Document, index: int) -> list[Mapping[str, Any]]:
     )
 
 
-def _of(document: Document, primitive: Mapping[str, Any], where: str) -> Any:
+def _corner_accessor(document: Document, primitive: Mapping[str, Any], where: str) -> Any:
     """Return the index of the accessor whose count is the number of corners of a primitive."""
     if document.extension(primitive, "KHR_draco_mesh_compression", where) is not None:
         document.fail(where, f"is compressed: {REMEDY['KHR_draco_mesh_compression']}")
@@ -106,7 +106,7 @@ class Shapes:
                 continue
             if mode > _FAN:
                 self._document.fail(f"{where}.mode", f"is {mode}, which glTF does not know")
-            _of(self._document, primitive, where)
+            _corner_accessor(self._document, primitive, where)
             look = self._looks[primitive["material"]] if "material" in primitive else self._plain
             key, block = self._block(primitive, where, look, raw)
             corners = self._corners(primitive, where, mode, block)
@@ -121,7 +121,7 @@ class Shapes:
                 first += len(block.position)
             if len(corners):
                 triangles.append(corners + np.int32(made[key].first))
-                which.append(self._dressed(look.material, corners, block, worn))
+                which.append(self._material_rows(look.material, corners, block, worn))
         if not triangles:
             return None
         blocks = made.values()
@@ -191,7 +191,7 @@ class Shapes:
         odd = np.arange(len(order) - 2) % 2
         return np.stack([order[:-2], np.where(odd, order[2:], order[1:-1]), np.where(odd, order[1:-1], order[2:])], 1)
 
-    def _dressed(
+    def _material_rows(
         self, material: Material, corners: NDArray[np.int32], block: _Block, worn: dict[int, tuple[int, Material]]
     ) -> NDArray[np.int32]:
         """Return each triangle's row (T,) in `worn`; add missing rows to it. Vertex colours become rounded tints."""

@@ -12,7 +12,7 @@ import pytest
 
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy, Question
-from dronecats.agent.loop import Asking, PaperAgent, Questions
+from dronecats.agent.loop import PaperAgent, PendingQuestion, Questions
 from dronecats.agent.models import endpoint as endpoints
 from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, RetryPolicy, retry_after_s
 from dronecats.agent.models.model import Request
@@ -178,7 +178,7 @@ def test_retry_after_as_a_date():
 
 def test_the_time_of_attempts_that_failed_is_no_latency(serve):
     busy = say(b"HTTP/1.1 429 Busy\r\nRetry-After: 0.2\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
-    asking = Asking(
+    asking = PendingQuestion(
         model(serve(busy, say(completion("x")))), REQUEST, InlineExecutor(), LatencyPolicy.parse("real"), FIRST, 100.0
     )
     reply = asking.reply()

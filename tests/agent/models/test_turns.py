@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.models.turns import APART_S, LONGEST_WAIT_S, SLOW_S, Allowance, Turns
+from dronecats.agent.models.turns import LONGEST_WAIT_S, SLOW_INTERVAL_S, SLOW_S, Allowance, RateLimitState
 
 NOW = 1_000_000.0
 
 
 def allowed(limit=10.0, left=10.0, reset_s=60.0, steady=True, kind="requests", model="m"):
-    return Turns().updated(model, Allowance(kind, limit, left, reset_s, steady), NOW)
+    return RateLimitState().updated(model, Allowance(kind, limit, left, reset_s, steady), NOW)
 
 
 def asked_until(turns, seconds, tokens=0, model="m"):
@@ -28,7 +28,7 @@ def asked_until(turns, seconds, tokens=0, model="m"):
 
 
 def test_without_an_allowance_nobody_waits():
-    assert Turns().claim("m", 10**9, NOW)[0] == 0.0
+    assert RateLimitState().claim("m", 10**9, NOW)[0] == 0.0
 
 
 def test_a_minutes_requests_are_spread_as_the_allowance_refills():
@@ -56,20 +56,20 @@ def test_another_model_has_its_own_allowance_but_a_refusal_is_everybodys():
 
 
 def test_after_a_refusal_they_go_one_by_one_for_a_while():
-    turns = Turns().held(5.0, NOW)
+    turns = RateLimitState().held(5.0, NOW)
     moments = asked_until(turns, 10.0)
     assert moments[0] == pytest.approx(NOW + 5.0)
-    assert min(b - a for a, b in itertools.pairwise(moments)) >= APART_S - 1e-6
+    assert min(b - a for a, b in itertools.pairwise(moments)) >= SLOW_INTERVAL_S - 1e-6
     later = NOW + 5.0 + SLOW_S
     _, turns = turns.claim("m", 0, later)
     assert turns.claim("m", 0, later)[0] == 0.0
 
 
 def test_a_longer_hold_stands_and_a_clock_that_was_set_back_holds_nobody():
-    turns = Turns().held(30.0, NOW).held(5.0, NOW)
+    turns = RateLimitState().held(30.0, NOW).held(5.0, NOW)
     assert turns.claim("m", 0, NOW)[0] == pytest.approx(30.0)
     assert turns.claim("m", 0, NOW - 86_400.0)[0] == 0.0
-    assert Turns().held(1e9, NOW).claim("m", 0, NOW)[0] == LONGEST_WAIT_S
+    assert RateLimitState().held(1e9, NOW).claim("m", 0, NOW)[0] == LONGEST_WAIT_S
 
 
 def test_an_answer_does_not_know_of_what_others_have_just_asked():
@@ -94,7 +94,7 @@ ALLOWED = st.builds(
 
 @given(ALLOWED, st.floats(0.0, 1.0), st.integers(0, 10**7), st.floats(0.0, 100.0))
 def test_any_allowance_gives_everybody_a_turn_and_never_exceeds_the_limit(allowance, part, tokens, held_s):
-    turns = Turns().updated("m", replace(allowance, left=allowance.limit * part), NOW).held(held_s, NOW)
+    turns = RateLimitState().updated("m", replace(allowance, left=allowance.limit * part), NOW).held(held_s, NOW)
     now = NOW
     for _ in range(20):
         wait_s, turns = turns.claim("m", tokens, now)

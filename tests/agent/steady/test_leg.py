@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.steady.leg import LEFT_M, REACHED_M, leg_to, steer
+from dronecats.agent.steady.leg import FOLLOW_AGAIN_M, REACHED_M, leg_to, steer
 from foundation.protocol import SPEED_MAX, STEP_S
 
 HERE = (0.0, 0.0, -2.0)
@@ -53,7 +53,7 @@ def test_a_goal_that_moves_is_flown_after_and_one_that_was_reached_is_left_until
     command = steer(leg, HERE, 4.0)
     assert command is not None
     assert command.seen.heading == pytest.approx(math.atan2(2.0, 20.0))
-    near = (20.0 - 0.5 * (REACHED_M + LEFT_M), 0.0, -2.0)
+    near = (20.0 - 0.5 * (REACHED_M + FOLLOW_AGAIN_M), 0.0, -2.0)
     still = leg_to(FAR, NONE, HERE, 0.0, 8.0, level=True)
     assert steer(still, near, 4.0, 0.0) is not None
     assert steer(still, near, 4.0, 0.0, resting=True) is None

@@ -10,14 +10,14 @@ from dronecats.agent.action import Go
 from dronecats.agent.controller import displacement, plan
 from dronecats.agent.steady.leg import point_of, seen_place
 from foundation.camera import CameraModel
-from foundation.setpoints import Sight, Velocity
+from foundation.setpoints import PicturePose, Velocity
 
 CAMERA = CameraModel()
 MIDDLE = Go(500.0, 500.0, 10.0)
 
 angles = st.floats(-0.5, 0.5)
 sights = st.builds(
-    Sight,
+    PicturePose,
     st.tuples(st.floats(-90.0, 90.0), st.floats(-90.0, 90.0), st.floats(-9.0, 0.0)),
     st.floats(-math.pi, math.pi),
     angles,
@@ -34,16 +34,22 @@ def test_a_place_at_capture_is_seen_at_the_point_that_named_it(go, sight):
 
 def test_places_behind_are_in_no_image():
     with pytest.raises(ValueError, match="behind"):
-        point_of((-1.0, 0.0, 0.0), Sight((0.0, 0.0, 0.0), 0.0), CAMERA)
+        point_of((-1.0, 0.0, 0.0), PicturePose((0.0, 0.0, 0.0), 0.0), CAMERA)
 
 
 @pytest.mark.parametrize(
     ("sight", "place"),
     [
-        (Sight((1.0, 2.0, -3.0), 0.0), (11.5, 2.0, -2.9)),  # the lens is 0.5 m ahead of the body and 0.1 m below it
-        (Sight((1.0, 2.0, -3.0), math.pi / 2.0), (1.0, 12.5, -2.9)),
-        (Sight((0.0, 0.0, 0.0), 0.0, 0.0, math.pi / 2.0), (0.1, 0.0, -10.5)),  # nose up: vertically above
-        (Sight((0.0, 0.0, 0.0), 0.0, math.pi / 2.0, 0.0), (10.5, -0.1, 0.0)),  # right side down: the same line of sight
+        (
+            PicturePose((1.0, 2.0, -3.0), 0.0),
+            (11.5, 2.0, -2.9),
+        ),  # the lens is 0.5 m ahead of the body and 0.1 m below it
+        (PicturePose((1.0, 2.0, -3.0), math.pi / 2.0), (1.0, 12.5, -2.9)),
+        (PicturePose((0.0, 0.0, 0.0), 0.0, 0.0, math.pi / 2.0), (0.1, 0.0, -10.5)),  # nose up: vertically above
+        (
+            PicturePose((0.0, 0.0, 0.0), 0.0, math.pi / 2.0, 0.0),
+            (10.5, -0.1, 0.0),
+        ),  # right side down: the same line of sight
     ],
 )
 def test_the_middle_of_the_picture_is_straight_ahead_of_the_body(sight, place):
@@ -56,19 +62,19 @@ def test_a_short_stride_is_as_long_as_the_papers(depth_m, x):
     (move,) = plan(go, CAMERA)
     assert isinstance(move.setpoint, Velocity)
     full_length = math.hypot(*displacement(go, CAMERA))
-    reach = seen_place(go, Sight((0.0, 0.0, 0.0), 0.0), CAMERA).reach
+    reach = seen_place(go, PicturePose((0.0, 0.0, 0.0), 0.0), CAMERA).reach
     assert reach * full_length == pytest.approx(move.setpoint.forward * move.duration_s)
 
 
 def test_far_off_the_same_share_is_flown_and_before_what_is_close_nothing():
-    here = Sight((0.0, 0.0, 0.0), 0.0)
+    here = PicturePose((0.0, 0.0, 0.0), 0.0)
     assert [seen_place(Go(500.0, 500.0, depth), here, CAMERA).reach for depth in (5.0, 50.0, 1.99)] == [0.6, 0.6, 0.0]
 
 
 def test_small_climbs_are_not_flown_in_the_picture_nor_in_the_world():
-    level, nose_down = Sight((0.0, 0.0, 0.0), 0.0), Sight((0.0, 0.0, 0.0), 0.0, 0.0, -0.1)
+    level, nose_down = PicturePose((0.0, 0.0, 0.0), 0.0), PicturePose((0.0, 0.0, 0.0), 0.0, 0.0, -0.1)
     low = Go(500.0, 500.0 + 1000.0 * 0.14 * CAMERA.focal_px / CAMERA.height, 10.0)
     lower = Go(500.0, 500.0 + 1000.0 * 0.2 * CAMERA.focal_px / CAMERA.height, 10.0)
     assert [seen_place(go, level, CAMERA).level for go in (low, lower)] == [True, False]
     assert seen_place(low, nose_down, CAMERA).level  # the pilot meant no descent
-    assert seen_place(lower, Sight((0.0, 0.0, 0.0), 0.0, 0.0, 0.1), CAMERA).level  # nose up: it is hardly lower
+    assert seen_place(lower, PicturePose((0.0, 0.0, 0.0), 0.0, 0.0, 0.1), CAMERA).level  # nose up: it is hardly lower

@@ -7,7 +7,7 @@ import pytest
 
 from dronecats.agent import loop as decider
 from dronecats.agent.latency import LatencyPolicy
-from dronecats.agent.loop import Asking
+from dronecats.agent.loop import PendingQuestion
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.run import pilot as run_pilot
 from dronecats.flight.run.fly import fly
@@ -36,13 +36,13 @@ class Model:
                 model._ticks += 1
                 model._changed.notify()
 
-        class Noted(Asking):
+        class Noted(PendingQuestion):
             def __init__(self, *arguments):
                 model._asked_at = model._ticks
                 super().__init__(*arguments)
 
         monkeypatch.setattr(Lockstep, "pump", pumped)
-        monkeypatch.setattr(decider, "Asking", Noted)
+        monkeypatch.setattr(decider, "PendingQuestion", Noted)
 
     def __call__(self, prompt, images):
         with self._changed:

@@ -12,7 +12,7 @@ from dronecats.agent.models.replay import ReplayModel
 from dronecats.cli.fly_spec import replay_line, spec_of
 from dronecats.cli.main import parse
 from dronecats.flight.spec.flight_spec import Accounts, Connected, FlightSpec, Simulated
-from dronecats.flight.spec.spec_file import as_kept, recorded
+from dronecats.flight.spec.spec_file import as_redacted_json, recorded
 from episodes.records import catalogue
 from foundation.errors import ModelError, UsageError
 from hil.link.envelope import Limits
@@ -38,7 +38,7 @@ def folder(path, spec=FLOWN, decisions=SAID, reason="cap", name=EASY):
     """Create the folder of a run and return it."""
     episode = path / name
     episode.mkdir(parents=True)
-    (path / "run.json").write_text(json.dumps({"schema": 1, "versions": {}, "flight": as_kept(spec)}))
+    (path / "run.json").write_text(json.dumps({"schema": 1, "versions": {}, "flight": as_redacted_json(spec)}))
     (episode / "episode.json").write_text(catalogue.load(EASY).to_json())
     (episode / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
     (episode / "truth.jsonl").write_text(json.dumps({"kind": "end", "t": 9.0, "reason": reason}) + "\n")
@@ -135,7 +135,7 @@ def test_accounts_are_given_with_a_model_and_anew_beside_a_file(tmp_path):
     flight = spec("--sitl", "--model", "local/m", "--base-url", "http://h/v1", *words)
     assert flight.accounts == Accounts(cost_limit_usd=0.5, token_limit=900, ledger="l.sqlite", cache="c.sqlite")
     file = tmp_path / "run.json"
-    file.write_text(json.dumps(as_kept(flight)))
+    file.write_text(json.dumps(as_redacted_json(flight)))
     again = spec("--spec", str(file), "--cost-limit", "2")
     assert again.accounts == replace(flight.accounts, cost_limit_usd=2.0)
 

@@ -17,7 +17,7 @@ from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import main
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec, Simulated
-from dronecats.flight.spec.spec_file import as_json, as_kept, from_json, hidden
+from dronecats.flight.spec.spec_file import as_json, as_redacted_json, from_json, options_with_redacted_address
 from episodes.records import catalogue
 from foundation.errors import UsageError
 from hil.cameras.lens import Calibration
@@ -140,14 +140,14 @@ def test_stored_flights_hold_no_key():
     model = ModelSpec(provider="local", name="m", base_url="https://h.example/v1/sk-0123456789abcdef?token=T0PSECRET")
     real = Connected(url="udpin://0.0.0.0:14540", camera="rtsp://me:pw777@cam/1")
     spec = FlightSpec(model=model, connected=real, envelope=Limits(), instruction="go")
-    kept = as_kept(spec)
+    kept = as_redacted_json(spec)
     text = json.dumps(kept)
     assert all(secret not in text for secret in ("0123456789abcdef", "T0PSECRET", "pw777"))
-    assert hidden(from_json(kept, "run.json")) == ["--base-url", "--camera"]
+    assert options_with_redacted_address(from_json(kept, "run.json")) == ["--base-url", "--camera"]
     above = FlightSpec(pilot="vision", command="hierarchical", commander=model, simulated=Simulated())
-    assert "0123456789abcdef" not in json.dumps(as_kept(above))
-    assert hidden(from_json(as_kept(above), "run.json")) == ["--commander-url"]
-    assert hidden(spec) == []
+    assert "0123456789abcdef" not in json.dumps(as_redacted_json(above))
+    assert options_with_redacted_address(from_json(as_redacted_json(above), "run.json")) == ["--commander-url"]
+    assert options_with_redacted_address(spec) == []
     assert from_json(as_json(spec), "pipe") == spec
 
 
@@ -179,7 +179,7 @@ def test_a_record_of_ones_own_is_in_the_flight_and_not_its_files_name(tmp_path):
 def test_a_file_with_several_runs_needs_the_name_of_one(tmp_path, capsys):
     spec = FlightSpec(pilot="oracle", simulated=Simulated(speed=None))
     file = tmp_path / "run.json"
-    file.write_text(json.dumps({"flight": as_kept(spec), "versions": {}}))
+    file.write_text(json.dumps({"flight": as_redacted_json(spec), "versions": {}}))
     assert main(["fly", "--spec", str(file)]) == 2
     assert "--episode" in capsys.readouterr().err
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from foundation.errors import LinkError
 from foundation.polygon import contains
-from hil.link.envelope import Limits, _edge, admit, crosses, placed, unwatched
+from hil.link.envelope import Limits, _edge, admit, crosses, unwatched, with_local_exclusions
 from hil.link.offboard import PositionSetpoint, VelocitySetpoint
 from hil.link.telemetry import VehicleState
 
@@ -106,9 +106,9 @@ def test_a_stale_position_and_a_lost_heartbeat_stop_the_vehicle():
 def test_exclusions_on_the_globe_are_placed_from_home():
     limits = Limits(exclusions_geodetic=(((47.0, 8.0), (47.0, 8.001), (47.001, 8.0)),))
     with pytest.raises(LinkError, match="no origin"):
-        placed(limits, VehicleState())
+        with_local_exclusions(limits, VehicleState())
     vehicle_state = VehicleState(origin=(47.0, 8.0, 400.0), home_ned=(10.0, 0.0, 0.0))
-    corners = placed(limits, vehicle_state).exclusions[0]
+    corners = with_local_exclusions(limits, vehicle_state).exclusions[0]
     assert corners[0] == pytest.approx((-10.0, 0.0), abs=0.01)
     assert corners[1] == pytest.approx((-10.0, 76.0), abs=0.3)
     assert corners[2] == pytest.approx((101.2, 0.0), abs=0.3)

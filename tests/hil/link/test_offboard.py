@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from foundation.setpoints import Hold, Sight, Turn, Velocity
+from foundation.setpoints import Hold, PicturePose, Turn, Velocity
 from hil.link.autopilots import PX4
 from hil.link.offboard import CORRECTION_MAX, OffboardStream
 from hil.link.streams import TICK_US
@@ -177,7 +177,7 @@ def test_a_turn_of_a_tick_or_less_goes_no_further_than_its_angle(angle_deg, firs
     assert math.degrees(nose - 0.3) == pytest.approx(angle_deg, abs=1e-3)
 
 
-SEEN = Sight((1.0, 2.0, -2.0), 0.5)
+SEEN = PicturePose((1.0, 2.0, -2.0), 0.5)
 
 
 def first_message(setpoint, yaw, position=(0.0, 0.0, -2.0)):
@@ -217,7 +217,7 @@ def test_a_turn_ends_at_its_angle_from_the_picture_and_is_made_when_the_nose_is_
 
 
 def test_a_turn_before_a_move_holds_a_place_on_the_line_of_the_move():
-    stream, _ = first_message(Turn(1.0, 0.4, onto_line=True), 0.5)
+    stream, _ = first_message(Turn(1.0, 0.4, is_before_move=True), 0.5)
     held = message(stream, (0, 0, -2.0), yaw=0.9, time_us=9_000_000)
     held = message(stream, (0, 0, -2.0), yaw=0.9, time_us=9_200_000)
     held = message(stream, (0, 0, -2.0), yaw=0.9, time_us=9_400_000)

@@ -4,7 +4,7 @@ import pytest
 
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
-from hil.preflight.check import check, mend
+from hil.preflight.check import apply_changes, check
 from hil.preflight.failsafes import read_failsafe
 from tests.hil.preflight.damaged_autopilot import HEALTHY, PREARM, STICKS
 
@@ -92,7 +92,7 @@ def test_an_armed_vehicle_is_left_alone(meet, tmp_path):
     assert autopilot.modes_asked == []
     assert "SET_POSITION_TARGET_LOCAL_NED" not in autopilot.message_types
     with pytest.raises(UsageError, match="armed"):
-        mend(link, result, result.changes)
+        apply_changes(link, result, result.changes)
     assert "PARAM_SET" not in autopilot.message_types
 
 
@@ -126,7 +126,7 @@ def test_mended_parameters_are_read_back_and_others_stay_unchanged(meet, tmp_pat
     autopilot, link = meet()
     before = dict(autopilot.parameters)
     result = looked_at(link, tmp_path)
-    mended = mend(link, result, result.changes)
+    mended = apply_changes(link, result, result.changes)
     assert failed(mended) == set()
     assert mended.changes == []
     assert autopilot.parameters == {**before, "COM_OBL_RC_ACT": 5, "COM_OF_LOSS_T": 0.5}

@@ -16,12 +16,12 @@ from hil.simulator import (
     GYRO,
     MAG,
     SENSOR_BYTES,
-    Sent,
+    SampleTimes,
     gps_message,
     is_armed,
     rotor_commands,
+    sample_times,
     sensor_message,
-    sent_now,
 )
 from tests.hil.simulator.stand_in import recorded
 
@@ -50,7 +50,7 @@ def test_sensor_values_arrive_in_their_fields(accel, gyro, mag, pressure, temper
         sensor_message(
             record(accel_frd=accel, gyro_frd=gyro, mag_frd=mag, pressure_hpa=pressure, temperature_c=temperature),
             time_us,
-            Sent(),
+            SampleTimes(),
         )
     )
     assert (message.xacc, message.yacc, message.zacc) == accel
@@ -63,11 +63,11 @@ def test_sensor_values_arrive_in_their_fields(accel, gyro, mag, pressure, temper
 @given(st.booleans(), st.booleans(), st.booleans())
 def test_a_group_is_marked_whole_or_not_at_all(imu, mag, baro):
     sensors = record(imu_time_us=4000 * imu, mag_time_us=4000 * mag, baro_time_us=4000 * baro)
-    updated = read(sensor_message(sensors, 4000, Sent())).fields_updated
+    updated = read(sensor_message(sensors, 4000, SampleTimes())).fields_updated
     assert updated == (ACCEL | GYRO) * imu + MAG * mag + BARO * baro
     for group, bits in ((ACCEL, (0, 1, 2)), (GYRO, (3, 4, 5)), (MAG, (6, 7, 8)), (BARO, (9, 11, 12))):
         assert group == sum(1 << bit for bit in bits)  # as PX4's SimulatorMavlink tests them
-    assert read(sensor_message(sensors, 8000, sent_now(sensors))).fields_updated == 0  # nothing is sent twice
+    assert read(sensor_message(sensors, 8000, sample_times(sensors))).fields_updated == 0  # nothing is sent twice
 
 
 @given(st.floats(-90, 90), st.floats(-180, 180), st.floats(-400, 9000), vectors, st.floats(0, 2000), st.floats(0, 2000))
@@ -108,7 +108,7 @@ def test_the_size_that_a_slow_wire_is_planned_with_is_the_largest():
         accel_frd=1.1, gyro_frd=1.1, mag_frd=1.1, pressure_hpa=1000.1, temperature_c=20.1,
         imu_time_us=1, mag_time_us=1, baro_time_us=1,
     )  # fmt: skip
-    assert len(Packer(1, 51).pack(sensor_message(full, 2**62, Sent()))) == SENSOR_BYTES
+    assert len(Packer(1, 51).pack(sensor_message(full, 2**62, SampleTimes()))) == SENSOR_BYTES
 
 
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True, width=32), min_size=16, max_size=16), st.floats(0, 0.9))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.judge.statistics.shares import known_share, wilson
+from dronecats.judge.statistics.shares import estimate_share, wilson
 
 
 @given(st.integers(0, 200).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))), st.floats(0.5, 0.999))
@@ -28,7 +28,7 @@ def test_wilson_of_the_papers_cell():
 
 @given(st.lists(st.booleans(), min_size=1, max_size=60))
 def test_one_flight_of_each_episode_is_wilsons_own(outcomes):
-    estimate = known_share([[outcome] for outcome in outcomes])
+    estimate = estimate_share([[outcome] for outcome in outcomes])
     assert (estimate.low, estimate.high) == pytest.approx(wilson(sum(outcomes), len(outcomes)))
     assert (estimate.successes, estimate.trials, estimate.effective) == (sum(outcomes), len(outcomes), len(outcomes))
 
@@ -36,29 +36,29 @@ def test_one_flight_of_each_episode_is_wilsons_own(outcomes):
 @given(st.lists(st.booleans(), min_size=1, max_size=40), st.integers(1, 5))
 def test_repeats_of_the_same_flight_add_nothing(outcomes, times):
     once, again = (
-        known_share([[outcome] for outcome in outcomes]),
-        known_share([[outcome] * times for outcome in outcomes]),
+        estimate_share([[outcome] for outcome in outcomes]),
+        estimate_share([[outcome] * times for outcome in outcomes]),
     )
     assert (again.low, again.high) == pytest.approx((once.low, once.high))
 
 
 @given(st.lists(st.lists(st.booleans(), min_size=1, max_size=6), min_size=1, max_size=40))
 def test_the_effective_number_is_between_the_episodes_and_the_flights(flights):
-    estimate = known_share(flights)
+    estimate = estimate_share(flights)
     assert len(flights) - 1e-9 <= estimate.effective <= sum(map(len, flights)) + 1e-9
     assert estimate.low <= estimate.share <= estimate.high
 
 
 def test_the_effective_number_of_flights_by_hand():
     """Residuals ¾, -¼, -5⁄4, ¾ about five of eight: a variance of 4⁄3 · 2.75 ⁄ 64, and ¼ · 15⁄16 over it."""
-    estimate = known_share([[True, True], [True, False], [False, False], [True, True]])
+    estimate = estimate_share([[True, True], [True, False], [False, False], [True, True]])
     assert (estimate.share, estimate.effective) == pytest.approx((0.625, 0.234375 / (4 / 3 * 2.75 / 64)))
 
 
 def test_the_effective_number_of_independent_flights_is_near_their_number():
     rng = np.random.default_rng(1)
     flights = (rng.random((400, 3)) < 0.5).tolist()
-    assert known_share(flights).effective > 1000
+    assert estimate_share(flights).effective > 1000
 
 
 def test_the_interval_covers_the_true_share_though_plain_wilson_does_not():
@@ -67,10 +67,10 @@ def test_the_interval_covers_the_true_share_though_plain_wilson_does_not():
     for _ in range(2000):
         chances = rng.beta(0.3, 0.3, 20)  # most are nearly always or nearly never solved
         flights = rng.random((20, 3)) < chances[:, None]
-        estimate = known_share(flights.tolist())
+        estimate = estimate_share(flights.tolist())
         held += estimate.low <= 0.5 <= estimate.high
         low, high = wilson(int(flights.sum()), flights.size)
         plain += low <= 0.5 <= high
     assert held / 2000 > 0.93
     assert plain / 2000 < 0.85
-    assert known_share([]).trials == 0
+    assert estimate_share([]).trials == 0

@@ -4,7 +4,7 @@ import json
 import re
 
 from dronecats.agent.action import Finished, Go
-from dronecats.agent.commanding.command_prompt import STALL_STEPS, CommandPrompt, Post, roster
+from dronecats.agent.commanding.command_prompt import STALL_STEPS, CommandedDrone, CommandPrompt, roster
 from dronecats.agent.controller import Drone
 from dronecats.pilots import scripted as commander
 from foundation.camera import CameraModel
@@ -16,7 +16,7 @@ START = (Cause(why="start"),)
 
 
 def posts(count):
-    return [Post(Drone(k, Clock(), CameraModel()), COMMAND) for k in range(count)]
+    return [CommandedDrone(Drone(k, Clock(), CameraModel()), COMMAND) for k in range(count)]
 
 
 def ask(fleet, causes, now_s=20.0):

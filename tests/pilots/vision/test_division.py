@@ -5,7 +5,7 @@ import math
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.pilots.vision.division import GroundPoint, divide
+from dronecats.pilots.vision.division import GroundPoint, assign_things
 
 
 def back(spots):
@@ -37,7 +37,7 @@ def apart(draw, most=4):
 @settings(deadline=None)
 @given(apart())
 def test_no_two_drones_get_the_same_thing_while_there_are_enough(things):
-    spots = divide([seen_from(place, things) for place in SQUARE])
+    spots = assign_things([seen_from(place, things) for place in SQUARE])
     places = back(spots)
     nearest = [min(range(len(things)), key=lambda k: math.dist(place, things[k])) for place in places]
     assert all(math.dist(place, things[k]) < 1e-6 for place, k in zip(places, nearest, strict=True))
@@ -50,7 +50,7 @@ def test_a_thing_that_a_drone_does_not_see_may_still_be_its_own(things, blind, d
     views = [seen_from(place, things) for place in SQUARE]
     if len(things) > 1:
         views[blind].pop(data.draw(st.integers(0, len(things) - 1)))
-    spots = divide(views)
+    spots = assign_things(views)
     places = back(spots)
     # a drone that sees little does not know its place, but with two things not all drones go to one
     assert len(things) == 1 or len({min(things, key=lambda t: math.dist(t, place)) for place in places}) > 1
@@ -58,7 +58,7 @@ def test_a_thing_that_a_drone_does_not_see_may_still_be_its_own(things, blind, d
 
 def test_spots_are_assigned_from_the_left_in_picture_order():
     things = [(6.0, 20.0), (-9.0, 25.0), (0.0, 15.0), (12.0, 22.0)]
-    spots = divide([seen_from(place, things) for place in SQUARE])
+    spots = assign_things([seen_from(place, things) for place in SQUARE])
     bearings = [math.atan2(right, ahead) for right, ahead in back(spots)]
     assert bearings == sorted(bearings)
 
@@ -70,10 +70,10 @@ def test_slightly_wrong_distances_change_nothing():
         [GroundPoint(s.right_m * w, s.ahead_m * w) for s in seen_from(p, things)]
         for p, w in zip(SQUARE, wrong, strict=True)
     ]
-    spots = divide(views)
+    spots = assign_things(views)
     nearest = [min(range(4), key=lambda k: math.dist(place, things[k])) for place in back(spots)]
     assert nearest == [0, 1, 2, 3]
 
 
 def test_without_things_no_drone_gets_a_spot():
-    assert divide([[], [], [], []]) == [None] * 4
+    assert assign_things([[], [], [], []]) == [None] * 4

@@ -10,7 +10,7 @@ import pytest
 from dronecats.pilots.actions import PastAction
 from dronecats.pilots.vision import boards, inscription_target, ocr, pilot, plates
 from dronecats.pilots.vision.command import Inscription, plain_text, read_inscription, read_referent
-from dronecats.pilots.vision.division import Candidate, GroundPoint, divide
+from dronecats.pilots.vision.division import Candidate, GroundPoint, assign_things
 from dronecats.pilots.vision.ocr import SURE_CONFIDENCE
 from episodes.authoring import asset_pictures as probe
 from episodes.camera.renderer.renderer import Renderer
@@ -98,7 +98,7 @@ def test_four_drones_are_sent_to_four_things(first_pictures, name):
     wanted = read_inscription(record.instruction)
     assert wanted is not None
     views = inscription_target.find_candidates(images, wanted, read_referent(record.instruction))
-    spots = divide([[thing.spot for thing in view] for view in views])
+    spots = assign_things([[thing.spot for thing in view] for view in views])
     reached = set()
     for spot, start in zip(spots, record.starts, strict=True):
         assert spot is not None

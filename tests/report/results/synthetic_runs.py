@@ -6,7 +6,7 @@ from typing import Any
 
 from dronecats.agent.prompt import Prompt
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_redacted_json
 from dronecats.judge.episode import write_verdict
 from episodes.records import catalogue
 from foundation.protocol import POSE_PERIOD_S
@@ -21,7 +21,7 @@ def write_run(folder: Path, ids: tuple[str, ...], pilot: str = "oracle", seed: i
     """Write a run of these episodes, each flown straight to its target, and return its folder."""
     spec = FlightSpec(pilot=pilot, simulated=Simulated(speed=None, rendered=False), seed=seed, **settings)
     folder.mkdir(parents=True, exist_ok=True)
-    configuration = {"flight": as_kept(spec), "agent": "dronecats.run.pilot.papers_agent",
+    configuration = {"flight": as_redacted_json(spec), "agent": "dronecats.run.pilot.papers_agent",
             "prompt_sha256": Prompt.load().digest, "clock": "lockstep", "camera": None}  # fmt: skip
     folders.write_run(folder, configuration)
     for id in ids:

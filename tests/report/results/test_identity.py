@@ -11,10 +11,10 @@ import pytest
 from dronecats.report.results.identity import (
     NOT_RECORDED,
     Difference,
+    deviating_runs,
     differences,
     identity,
     identity_digest,
-    odd_runs,
     pooling_conflict,
     record_digest,
     served,
@@ -119,11 +119,11 @@ def test_the_run_that_differs_from_most_is_named_whichever_is_first():
         configuration={key: value for key, value in bench[0].configuration.items() if key != "suite"},
     )  # fmt: skip
     for runs in ([alone, *bench], [*bench, alone], [bench[0], alone, *bench[1:]]):
-        assert [run.folder for run, _ in odd_runs(runs)] == [alone.folder]
+        assert [run.folder for run, _ in deviating_runs(runs)] == [alone.folder]
         message = pooling_conflict(runs) or ""
         assert message.startswith("runs/alone "), message
         assert "bench" in message
-    assert odd_runs(bench) == []
+    assert deviating_runs(bench) == []
 
 
 def with_identity(tmp_path, name, **fields):

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import recorded_runs
 from dronecats.report.results import database
-from dronecats.report.results.database import Selected, array, named, query, write_tables
+from dronecats.report.results.database import QueryResult, array, query, tables_in_query, write_tables
 from dronecats.report.results.tables import TABLES, markdown
 from foundation.errors import UsageError
 from tests.docs.pages import ROOT
@@ -106,9 +106,9 @@ def test_a_name_that_is_put_together_is_no_table(runs):
 
 
 def test_names_are_whole_words():
-    assert sorted(named("SELECT * FROM steps")) == ["steps"]
-    assert sorted(named('select * from "Steps" s join EPISODES using (run)')) == ["episodes", "steps"]
-    assert sorted(named("SELECT steps_ FROM x_poses")) == []
+    assert sorted(tables_in_query("SELECT * FROM steps")) == ["steps"]
+    assert sorted(tables_in_query('select * from "Steps" s join EPISODES using (run)')) == ["episodes", "steps"]
+    assert sorted(tables_in_query("SELECT steps_ FROM x_poses")) == []
 
 
 def test_the_examples_run_and_most_have_an_answer(runs):
@@ -242,7 +242,7 @@ def test_runs_with_one_name_get_different_labels(tmp_path):
 
 def test_columns_with_one_name_get_different_labels(runs):
     answer = query("SELECT 1 AS a, 2 AS a, 3 AS a_2, 4 AS a FROM runs", recorded_runs([runs]))
-    assert isinstance(answer, Selected)
+    assert isinstance(answer, QueryResult)
     assert answer.columns == ("a", "a_2", "a_2_2", "a_3")
 
 

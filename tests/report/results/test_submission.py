@@ -9,7 +9,7 @@ import pytest
 
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.judge.metrics.judging import reread
-from dronecats.judge.statistics.shares import known_share, wilson
+from dronecats.judge.statistics.shares import estimate_share, wilson
 from dronecats.report.leaderboard.submission import digest, submit
 from dronecats.report.leaderboard.verification import verify
 from dronecats.report.recorded.run import recorded_runs
@@ -47,7 +47,9 @@ def test_several_flights_are_one_entry(run, tmp_path):
     report = verify(tmp_path / "two.tar.xz", reread)
     assert (report.name, report.note, report.flights, report.verified) == ("Twice", "a note", 2, True)
     assert report.cells["commanding"].scored == 8
-    expected = known_share([[True, True]] * len(QUICK))  # two equal flights of an episode give the same interval as one
+    expected = estimate_share(
+        [[True, True]] * len(QUICK)
+    )  # two equal flights of an episode give the same interval as one
     assert report.interval == (expected.low, expected.high) == wilson(len(QUICK), len(QUICK))
 
 

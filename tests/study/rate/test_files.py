@@ -12,7 +12,7 @@ from dronecats.cli import bench_spec, study_spec
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
 from dronecats.cli.next_commands import next_commands
-from dronecats.cli.study_rate import made_by
+from dronecats.cli.study_rate import next_command_values
 from dronecats.flight.spec.flight_spec import read_trace
 from dronecats.report.writers import as_terminal
 from dronecats.study.rate.chain import (
@@ -63,7 +63,7 @@ def test_a_chain_longer_than_any_latency_is_charged_as_the_longest(rig):
 def test_every_suggested_command_flies_the_trace_and_the_delay(rig, delay_s):
     times = measured(12)
     charged = tuple(question.latency_s for question in times)
-    commands = next_commands("study rate", **made_by(write_replay(rig, times, delay_s)))
+    commands = next_commands("study rate", **next_command_values(write_replay(rig, times, delay_s)))
     fly, bench, study = (parse(shlex.split(line)[1:]) for line in commands)
     flight = spec_of(fly)
     assert (flight.latency.trace, flight.disturbances.frame.delay_s) == (charged, delay_s)

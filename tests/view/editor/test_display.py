@@ -23,7 +23,7 @@ from episodes.maps import assets
 from episodes.maps.scene import Mesh
 from episodes.world.world import World
 from foundation.camera import camera_pose
-from foundation.threads import Latest
+from foundation.threads import NewestItemWorker
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_only_the_newest_is_worked_on():
         assert go_on.wait(30.0)
         done.append(number)
 
-    latest = Latest(work, "test")
+    latest = NewestItemWorker(work, "test")
     latest.put(0)
     assert started.wait(30.0)
     for number in range(1, 10):
@@ -118,7 +118,7 @@ def test_a_failure_ends_nothing(monkeypatch):
             raise ValueError("once")
         done.append(number)
 
-    latest = Latest(work, "test")
+    latest = NewestItemWorker(work, "test")
     latest.put(0)
     assert latest.idle(30.0)
     latest.put(1)

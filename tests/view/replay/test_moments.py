@@ -11,7 +11,7 @@ from pymavlink import mavutil
 from dronecats.report.recorded.telemetry import KINDS, telemetry
 from dronecats.report.recorded.tracks import estimated_track
 from dronecats.view.replay import moments
-from dronecats.view.replay.moments import flight_moments, of_one_episode
+from dronecats.view.replay.moments import check_same_episode, flight_moments
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.frames import quat_conjugate, quat_multiply, quat_to_euler, rotate_inverse
@@ -165,7 +165,7 @@ def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(
         assert 2.0 * math.acos(min(1.0, abs(leans[0]))) < math.radians(4.0)
         assert shown.drones[0].velocity_ned is not None
     with pytest.raises(UsageError, match=r"\btruth\b"):
-        of_one_episode([flight, own])
+        check_same_episode([flight, own])
 
 
 def test_a_vehicle_of_another_number_is_still_the_first_drone(copied, flight):
@@ -245,14 +245,14 @@ def test_damaged_and_invalid_flights_are_rejected(copied, tmp_path):
 
 
 def test_flights_of_two_episodes_are_not_laid_over_one_another(flight, copied, tmp_path, runs):
-    of_one_episode([flight, flight_moments(runs / "other")])
+    check_same_episode([flight, flight_moments(runs / "other")])
     stranger = flight_moments(run_folder(tmp_path / "stranger", {"nowhere-approaching-07": "go there"}))
     with pytest.raises(UsageError, match=r"residential-tracking-01 and .*nowhere-approaching-07"):
-        of_one_episode([flight, stranger])
+        check_same_episode([flight, stranger])
     record = json.loads((copied / layout.EPISODE).read_text())
     (copied / layout.EPISODE).write_text(json.dumps({**record, "instruction": "go elsewhere"}))
     with pytest.raises(UsageError, match="residential-tracking-01"):
-        of_one_episode([flight, flight_moments(copied)])
+        check_same_episode([flight, flight_moments(copied)])
 
 
 def test_open_axes_of_a_setpoint_are_zero_as_on_the_live_page(tmp_path):

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from dronecats.cli.main import main
 from episodes.authoring.check import rules, sight
 from episodes.authoring.check.finding import SPOTTED_PX
-from episodes.authoring.check.rules import Layout, check_all, layout, past_each_other
+from episodes.authoring.check.rules import Layout, check_all, fewest_candidate_pixels, layout
 from episodes.authoring.propose.draft import shares
 from episodes.records import catalogue
 from episodes.records.record import HIDDEN, EpisodeRecord
@@ -199,14 +199,14 @@ def test_framing_agrees_with_the_pixels() -> None:
     from episodes.authoring.check.sight import seen
 
     for share in (0.0, 0.5, 1.0):
-        across, away = sight.across(framed, share), sight.away(framed, share)
+        across, away = sight.yaw_showing(framed, share), sight.yaw_hiding(framed, share)
         assert across is not None
         assert away is not None
         shown = seen(world, here, ahead + across)
         assert shown.pixels > 0
         assert not shown.cut
         assert seen(world, here, ahead + away).pixels == 0
-    left, right = (sight.away(framed, share) for share in (0.0, 1.0))
+    left, right = (sight.yaw_hiding(framed, share) for share in (0.0, 1.0))
     assert left is not None
     assert right is not None
     assert seen(world, here, ahead + left - 4.0).pixels > 0
@@ -217,13 +217,13 @@ def test_framing_agrees_with_the_pixels() -> None:
 
 def test_a_drone_that_hides_a_candidate_is_found_out() -> None:
     one = record("blocks-commanding-01")
-    assert past_each_other(World(one)) >= SPOTTED_PX
+    assert fewest_candidate_pixels(World(one)) >= SPOTTED_PX
     world = World(one)
     goal, eye = world.target_centre(0.0), one.starts[0].position_ned
     away = 2.0 / math.dist(goal, eye)
     north, east, down = (e + away * (g - e) for g, e in zip(goal, eye, strict=True))
     starts = (one.starts[0], dataclasses.replace(one.starts[1], position_ned=(north, east, down)), *one.starts[2:])
-    assert past_each_other(World(dataclasses.replace(one, starts=starts))) < SPOTTED_PX
+    assert fewest_candidate_pixels(World(dataclasses.replace(one, starts=starts))) < SPOTTED_PX
 
 
 def test_check_says_what_is_wrong_with_a_suite(
@@ -250,7 +250,7 @@ def test_the_middle_of_the_picture_is_no_better_than_its_sides() -> None:
     camera = CameraModel()
     columns = []
     for share in np.linspace(0.0, 1.0, 9):
-        across = sight.across(framed, float(share))
+        across = sight.yaw_showing(framed, float(share))
         assert across is not None
         off = math.radians(across)
         eye = (0.5 * math.cos(off), 0.5 * math.sin(off))
