@@ -169,8 +169,8 @@ def audit_table(rows: Iterable[ScoreRow], floors: Mapping[str, BlindBaseline | N
         numbers("false", decimals=1), numbers("steps"), *([words("")] if has_notes else []),
     ]  # fmt: skip
     notes = [
-        "Flights that were solved, at the first declaration, and within three; false: false declarations per flight;"
-        " steps: median over the solved flights"
+        "solved, at first, in three: flights solved by any, by the first, by one of the first three declarations;"
+        " false: false declarations per flight; steps: median over the solved flights"
     ]
     if not any(floors.values()):
         notes.append("no blind pilot has flown all of these episodes. Fly one with: --pilot blind:ring")

@@ -16,7 +16,9 @@ def add_compare_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "a", type=Path, metavar="RUN[/EPISODE]", help="a run folder, or the folder of one episode in it"
     )
-    parser.add_argument("b", type=Path, metavar="RUN[/EPISODE]", help="the other flight, likewise")
+    parser.add_argument(
+        "b", type=Path, metavar="RUN[/EPISODE]", help="the other flight: a run folder or an episode folder"
+    )
     parser.add_argument(
         "--within",
         type=float,

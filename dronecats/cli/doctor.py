@@ -224,9 +224,12 @@ def _rays() -> Diagnosis:
     hit = scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
     if list(hit) != [0]:
         return Diagnosis(
-            "rays", MISSING, "Embree misses a triangle in front of it", "pip install --force-reinstall embreex"
+            "rays",
+            MISSING,
+            "Embree does not find a triangle in front of the ray",
+            "pip install --force-reinstall embreex",
         )
-    return Diagnosis("rays", OK, "Embree finds the triangle in front of it")
+    return Diagnosis("rays", OK, "Embree finds a triangle in front of the ray")
 
 
 def port(number: int, purpose: str) -> Diagnosis:

@@ -240,7 +240,7 @@ def _check_combination(levels: Mapping[str, Level], *, lockstep: bool) -> None:
                 f"{name} at {level_text(level)} needs {needed}. Vary {needed} too, or hold it at one level"
             )
         if factor.real_time and lockstep:
-            raise UsageError(f"{name} goes with --speed N: {disturbances.LOCKSTEP}")
+            raise UsageError(f"{name} needs --speed N: {disturbances.LOCKSTEP}")
     policy = str(levels.get(POLICY, ""))
     kinds = {part.partition(":")[0] for part in split_policy(policy)}
     if added := next((name for name, kind in ADDED.items() if name in levels and kind in kinds), None):

@@ -143,7 +143,7 @@ def _check_flights(folder: Path, before: Study, plan: StudyPlan) -> None:
         if run_name is None or not isinstance(flight, dict):
             continue
         if by_name[run_name].levels != run.levels:
-            raise UsageError(f"{folder / run_name} has other levels than {run.name} has now. Choose another --out")
+            raise UsageError(f"{folder / run_name} has other levels than {run.name} now. Choose another --out")
         differences = list(_flight_differences(flight, entry.flight, same_pilot=run_name == run.name))
         if differences:
             text = "; ".join(differences[:SHOWN_MAX])
@@ -166,7 +166,8 @@ def _flight_differences(then: dict[str, Any], now: FlightSpec, *, same_pilot: bo
     )
     for name in dict.fromkeys((*before, *after)):
         if before.get(name) != after.get(name) and (same_pilot or name != RENDERED):
-            yield f"{name}, {_short_json(before.get(name))} there and {_short_json(after.get(name))} now"
+            in_folder, in_command = _short_json(before.get(name)), _short_json(after.get(name))
+            yield f"{name}, {in_folder} in the folder and {in_command} in this command"
 
 
 def _leaf_values(value: dict[str, Any], left: tuple[str, ...] = (), path: str = "") -> Iterator[tuple[str, Any]]:

@@ -208,4 +208,4 @@ def _cap_reason(flight: FlightSpec) -> str | None:
     if not any(takes_s * hz >= 1.0 for hz in policy.numbers(CAP)):
         return None
     held = f"{policy.numbers(CAP)[0]:g} Hz delays none of these replies"
-    return f"every reply takes {takes_s:g} s there, and {held}; give either another level"
+    return f"every reply takes {takes_s:g} s, and {held}. Change a level of one of these factors"

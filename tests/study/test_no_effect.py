@@ -31,7 +31,7 @@ def test_factors_without_an_effect_are_rejected_with_a_reason():
         ({"reply_stall_share": [0.0, 0.5]}, {"reply_stall_length": 0.0}, "_share .* reply_stall_length .*0 "),
         ({"stall_length": [0.1, 0.5]}, {}, "stall_length .*stall_share .*0 "),
         ({"stall_share": [0.1, 0.5]}, {"stall_length": 0.0}, "stall_share .* stall_length .*0 "),
-        ({"rate_cap": [1.0, 4.0]}, {"latency": 2.0}, "rate_cap .* 2 s .* 1 Hz"),
+        ({"rate_cap": [1.0, 4.0]}, {"latency": 2.0}, "rate_cap .* 2 s.* 1 Hz"),
         ({"wind_towards": [0.0, 360.0]}, {"wind": 3.0}, "wind_towards at 0 .* 360 "),
     ):
         with pytest.raises(UsageError, match=parts):

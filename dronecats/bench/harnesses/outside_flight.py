@@ -99,7 +99,7 @@ class OutsideFlight:
     def __init__(self, spec: FlightSpec, run: Path) -> None:
         """Begin the flight, in a new folder of the run. Raises UsageError if another harness cannot fly the spec."""
         if spec.outside is None:
-            raise UsageError("a flight that is flown from outside names its harness in `outside`")
+            raise UsageError("the spec has no `outside`. Set it to the name of the harness")
         self._folder_lock = ExitStack()  # locks the folder until the flight is over
         self._events: queue.SimpleQueue[Request | dict[str, Any] | BaseException] = queue.SimpleQueue()
         self._model = _OutsideModel(spec.outside.name, self._events.put)

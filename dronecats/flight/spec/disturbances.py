@@ -453,7 +453,7 @@ class Disturbances:
     def check_clock(self, *, lockstep: bool) -> None:
         """Raise UsageError for disturbances without an effect in lockstep."""
         if lockstep and self.vehicle.stalled:
-            raise UsageError(f"--host-stalls (stall_share in a study) goes with --speed N: {LOCKSTEP}")
+            raise UsageError(f"--host-stalls (stall_share in a study) needs --speed N: {LOCKSTEP}")
 
 
 UNDISTURBED = Disturbances()

@@ -113,7 +113,7 @@ def variance(data: ReportData) -> ReportTable | None:
             rows += _scatter_rows(entrant.label, scatter)
             if any(result and len(result.totals) == 2 for result in scatter):
                 notes.append(
-                    f"Of {entrant.label} there are two flights only, so the standard deviation is very uncertain;"
+                    f"For {entrant.label} there are only two flights, so the standard deviation is very uncertain;"
                     " see its interval."
                 )
             if left := len(entrant.by_episode) - len(flights):

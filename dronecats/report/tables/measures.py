@@ -208,8 +208,8 @@ SERVED = (
     *(TableColumn(name=f"rate_{q}_hz", title=f"{q} %", group="Control rate", unit="Hz", decimals=2)
       for q in QUANTILES),
     *(TableColumn(name=f"latency_{q}_s", title=f"{q} %", group="Latency", unit="s", decimals=2) for q in (50, 95)),
-    TableColumn(name="stalled_steps_percent", title="Steps", group="Held up by the host", unit="%", decimals=1),
-    TableColumn(name="stalled_flights", title="Flights", group="Held up by the host"),
+    TableColumn(name="stalled_steps_percent", title="Steps", group="Delayed by the host", unit="%", decimals=1),
+    TableColumn(name="stalled_flights", title="Flights", group="Delayed by the host"),
 )  # fmt: skip
 
 

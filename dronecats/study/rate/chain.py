@@ -140,14 +140,14 @@ LEVELS = (0.0, 0.5, 0.9, 0.99, 1.0)
 HEAD = ("min", "median", "90 %", "99 %", "max")
 LINKS = {  # field of QuestionTimes → name of this link of the chain in tables
     "age_s": "picture's age",
-    "wait_s": "waiting for it",
+    "wait_s": "wait for image",
     "encode_s": "encoding",
-    "failed_s": "turn, retries",
+    "failed_s": "queue, retries",
     "model_s": "model",
     "parse_s": "parsing, control",
     "tick_s": "ticks",
     "step_s": "whole step",
-    "latency_s": "to be charged",
+    "latency_s": "latency for sim",
 }
 AGE_NOTES = {
     True: "since the image was taken, by the camera's time stamp",

@@ -243,7 +243,7 @@ def setup(findings: Findings) -> ReportTable:
              else f"{len(factor.levels)} levels")
             for factor in results.factors
         ),
-        ("Who flew", ", ".join(results.entrants)),
+        ("Pilots", ", ".join(results.entrants)),
         ("Cells", ", ".join(cell_title(cell) for cell in results.cells)),
         ("Episodes", str(len({flight.scored.episode for flight in results.flights}))),
         ("Flights", f"{flights} of {results.planned} flown, {scored} of them scored"),
@@ -251,9 +251,9 @@ def setup(findings: Findings) -> ReportTable:
     ]  # fmt: skip
     return ReportTable(
         name="setup",
-        title="How it was flown",
+        title="Settings",
         caption="Design and flights, from study.json.",
-        columns=(words("What", "what"), TableColumn(name="told", title="", align="left")),
+        columns=(words("What", "what"), TableColumn(name="value", title="", align="left")),
         blocks=in_blocks(("", row(*line)) for line in lines),
         command=findings.command,
     )  # fmt: skip

@@ -337,7 +337,7 @@ def effects(findings: Findings) -> ReportTable | None:
         rows.append((in_cell(effect.entrant, effect.cell), cells))
     caption = (
         "One logistic regression on all factors with a random intercept for each episode. Each line is a factor"
-        " from its lowest to its highest level while the others stay at their middle: the fitted success rates, the"
+        " from its lowest to its highest level while the others stay at their mean: the fitted success rates, the"
         " change of the log odds with its 95 % profile-likelihood interval, and the p of the likelihood ratio."
     )
     note = "In a fraction, effects are confounded with interactions according to its resolution."

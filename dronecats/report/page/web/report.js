@@ -41,7 +41,7 @@ function solved() {
     "section",
     {},
     el("h2", {}, "Solved"),
-    el("div", { class: "wide" }, el("table", { class: "solved" }, el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Who flew"), heads.map((cell) => el("th", { scope: "col", class: "number" }, cell)))), el("tbody", {}, rows))),
+    el("div", { class: "wide" }, el("table", { class: "solved" }, el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Pilots"), heads.map((cell) => el("th", { scope: "col", class: "number" }, cell)))), el("tbody", {}, rows))),
   );
 }
 
