@@ -1,4 +1,4 @@
-"""Queries of this machine: the user's cache folder, the limit on address space, and the program that holds a port.
+"""Queries of this machine: the user's cache folder, cores, the limit on address space, the program that holds a port.
 
 The limit is checked before compiled code is loaded, because compiled code crashes when it runs out of memory. A limit
 on the address space (`ulimit -v`, RLIMIT_AS) counts reserved memory, which is several times the used memory: each
@@ -19,6 +19,11 @@ def user_cache() -> Path:
         return Path(base or Path.home() / ".cache") / "dronecats"
     except RuntimeError:  # a user id that has no home
         raise UsageError("this user has no home folder for compiled code. Set NUMBA_CACHE_DIR to a folder") from None
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 PER_CORE_GB = 0.08  # address space that numerical libraries reserve for one thread per core

@@ -56,10 +56,10 @@ def truth_message(
         round(lat * 1e7),
         round(lon * 1e7),
         round(alt * 1e3),
-        *(_int16(v * 100) for v in velocity),
+        *(wire.int16(v * 100) for v in velocity),
         0,
         0,
-        *(_int16(a / GRAVITY * 1000) for a in accel),
+        *(wire.int16(a / GRAVITY * 1000) for a in accel),
     )
 
 
@@ -225,10 +225,6 @@ def frame_message(taken: FrameTaken, sample: TruthSample, origin: Origin) -> dia
 def frame_taken(message: dialect.MAVLink_message) -> FrameTaken:
     """Return the content of a CAMERA_IMAGE_CAPTURED."""
     return FrameTaken(message.camera_id, message.image_index, message.time_boot_ms * 1000)
-
-
-def _int16(value: float) -> int:
-    return max(-32768, min(32767, round(value)))
 
 
 @dataclass(frozen=True, slots=True)

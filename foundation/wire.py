@@ -5,6 +5,7 @@ dialect. It finds frames of any kind, but decodes only unsigned MAVLink 2 frames
 other intact frames (MAVLink 1, signed) to pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
 """
 
+import math
 import re
 import struct
 from operator import attrgetter, itemgetter
@@ -172,6 +173,23 @@ class LayoutsByClass(dict[Any, MessageLayout]):
 
 BY_ID = LayoutsById()
 BY_CLASS = LayoutsByClass()
+
+
+def clamped(value: float, low: int, high: int, unknown: int = 0) -> int:
+    """Return the value rounded and clamped into an integer field; `unknown` when it is not finite."""
+    if not math.isfinite(value):
+        return unknown
+    return min(max(round(value), low), high)
+
+
+def int16(value: float) -> int:
+    """Return the value rounded and clamped into an int16 field."""
+    return clamped(value, -32768, 32767)
+
+
+def int32(value: float) -> int:
+    """Return the value rounded and clamped into an int32 field."""
+    return clamped(value, -(1 << 31), (1 << 31) - 1)
 
 
 def scan(data: bytes) -> tuple[list[bytes], int, int]:

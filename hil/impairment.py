@@ -17,10 +17,9 @@ from dataclasses import dataclass, fields, replace
 from foundation.declaration import Declaration, check_bounds, declared, number
 from foundation.errors import LinkError, UsageError
 from foundation.wire import Frames
-from hil.link.transport import Transport
+from hil.link.transport import BITS_PER_BYTE, Transport
 
 LATE_S = 0.1  # s by which a reordered frame is late: two ticks of the agent, so that others overtake it
-BITS_A_BYTE = 10  # 8N1: a start bit, eight data bits, a stop bit
 LOST, DOUBLED, REORDERED = (f"{{percent:g}} % of frames {event}" for event in ("lost", "doubled", "out of order"))
 
 
@@ -170,7 +169,7 @@ class Channel:
         """Return when the serial line has sent a unit that enters now; None: the queue has no room for it."""
         if self.impairment.baud is None:
             return t_s
-        bytes_per_s = self.impairment.baud / BITS_A_BYTE
+        bytes_per_s = self.impairment.baud / BITS_PER_BYTE
         waiting_bytes = max(0.0, self._line_free_s - t_s) * bytes_per_s
         if waiting_bytes + length > self.impairment.queue_bytes + 1e-6:
             return None

@@ -23,8 +23,8 @@ from foundation.atmosphere import pressure_altitude
 from foundation.errors import LinkError, UsageError
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.sensors import MAX_ROTORS
-from foundation.wire import Frames, is_frame, message_id
-from hil.link.transport import BAUD, Transport, bind_error
+from foundation.wire import Frames, clamped, int16, is_frame, message_id
+from hil.link.transport import BAUD, BITS_PER_BYTE, Transport, bind_error
 
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # groups of HIL_SENSOR.fields_updated
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -82,10 +82,10 @@ def gps_message(sensors: Any) -> dialect.MAVLink_hil_gps_message:
         round(float(sensors["gps_lat_deg"]) * 1e7),
         round(float(sensors["gps_lon_deg"]) * 1e7),
         round(float(sensors["gps_alt_m"]) * 1e3),
-        _uint16(float(sensors["gps_eph_m"]) * 100),
-        _uint16(float(sensors["gps_epv_m"]) * 100),
-        _uint16(speed * 100),
-        *(_int16(v * 100) for v in (north, east, down)),
+        clamped(float(sensors["gps_eph_m"]) * 100, 0, 65534),
+        clamped(float(sensors["gps_epv_m"]) * 100, 0, 65534),
+        clamped(speed * 100, 0, 65534),
+        *(int16(v * 100) for v in (north, east, down)),
         round(course * 100) % 36000 if speed >= COURSE_FROM else COURSE_UNKNOWN,
         int(sensors["gps_satellites"]),
         0,
@@ -119,14 +119,6 @@ def is_armed(message: dialect.MAVLink_message) -> bool:
     """Return whether the autopilot that sent this HIL_ACTUATOR_CONTROLS or HEARTBEAT is armed."""
     mode = message.mode if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS else message.base_mode
     return bool(mode & ARMED)
-
-
-def _int16(value: float) -> int:
-    return max(-32768, min(32767, round(value)))
-
-
-def _uint16(value: float) -> int:
-    return max(0, min(65534, round(value)))
 
 
 PORT = 4560  # TCP port for PX4's instance 0; instance n uses PORT + n
@@ -207,7 +199,6 @@ class SimulatorServer:
 
 
 RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # of HIL_SENSOR; below the least, a rate controller cannot hold the vehicle
-BITS_PER_BYTE = 10  # start and stop bit included
 USB = "ttyACM"  # in the device name of a board that is connected by USB; such a link has no baud rate
 SHARE = 0.5  # share of the link for HIL_SENSOR; the clients need the rest
 HEARTBEAT_S = 1.0  # wall seconds

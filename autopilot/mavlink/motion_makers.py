@@ -6,13 +6,13 @@ Each maker returns the fields of its message, or None if it has no valid data or
 import math
 
 from autopilot.estimator.estimated_state import EstimatedState
-from autopilot.mavlink.status_makers import TelemetrySource, boot_ms, clamped, heading_cdeg, int16, int32
+from autopilot.mavlink.status_makers import TelemetrySource, boot_ms, heading_cdeg
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.atmosphere import pressure_altitude
 from foundation.frames import GRAVITY, rotate_inverse
 from foundation.mavlink import dialect
 from foundation.sensors import RANGE_M
-from foundation.wire import Fields
+from foundation.wire import Fields, clamped, int16, int32
 
 NAN = math.nan
 COVARIANCE_DIAGONAL = (0, 6, 11, 15, 18, 20)  # indices of the diagonal in the upper triangle of a 6x6 matrix

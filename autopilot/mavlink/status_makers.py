@@ -16,7 +16,7 @@ from autopilot.parameters import ParameterTable
 from foundation.airframe import Airframe
 from foundation.mavlink import MODES, PX4_AUTOPILOT, dialect
 from foundation.sensors import CALENDAR_START_US
-from foundation.wire import Fields
+from foundation.wire import Fields, clamped
 
 Message: TypeAlias = dialect.MAVLink_message  # pymavlink's generated classes have no types for a type checker
 
@@ -32,23 +32,6 @@ class TelemetrySource:
     actuators: Any | None  # ACTUATORS record; None: not available
     calibration: SensorCalibration
     gimbal: GimbalManager | None = None  # None: the camera is fixed
-
-
-def clamped(value: float, low: int, high: int, unknown: int = 0) -> int:
-    """Return the value rounded and clamped into an integer field; `unknown` when it is not finite."""
-    if not math.isfinite(value):
-        return unknown
-    return min(max(round(value), low), high)
-
-
-def int16(value: float) -> int:
-    """Return the value rounded and clamped into an int16 field."""
-    return clamped(value, -32768, 32767)
-
-
-def int32(value: float) -> int:
-    """Return the value rounded and clamped into an int32 field."""
-    return clamped(value, -(1 << 31), (1 << 31) - 1)
 
 
 def boot_ms(v: TelemetrySource) -> int:

@@ -8,6 +8,7 @@ from foundation import protocol
 from foundation.protocol import FINISHED, GO, POINT_SPAN, ROTATE, THINK
 
 AxisOrder = Literal["xy", "yx"]  # order of the coordinates of `point` in the replies of a model
+POINT_FORMAT: dict[AxisOrder, str] = {"xy": "[x, y]", "yx": "[y, x]"}
 
 
 @dataclass(frozen=True, slots=True)

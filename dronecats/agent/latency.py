@@ -15,16 +15,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dronecats.agent.models.model import Reply
+from dronecats.agent.models.model import Reply, tokens_of_text
 from foundation.declaration import ABOVE_0, DeclaredNumber
 from foundation.errors import UsageError
+from foundation.protocol import CAP_S
 from foundation.wording import did_you_mean, nearest
 
-LONGEST_S = 300.0  # longest latency: the length of an episode
+LONGEST_S = CAP_S  # longest latency
 FASTEST_HZ = 20.0  # rate of the ticks at which the agent checks for a reply
 SLOWEST_HZ = 1.0 / LONGEST_S
 TRACE_MAX = 10_000  # largest number of latencies in a trace; run.json holds all of them
-CHARACTERS_A_TOKEN = 4  # assumed for a reply without a token count, such as a built-in pilot's
 COMMANDER = 255  # drone number of a commander's questions; no vehicle has it
 STEADY_CV = 1e-3  # below this coefficient of variation, a gamma draw is the mean
 NOTHING_ADDED = "--latency real is the measured time of a reply and cannot be combined with another policy"
@@ -244,7 +244,7 @@ def _by_token_s(_question: Question, of: Circumstance, first_s: float, rate_hz: 
     """Return the time to the first token plus the time of all tokens at a rate."""
     assert of.reply is not None  # the charge is computed after the reply
     counted = of.reply.tokens_out
-    tokens = math.ceil(len(of.reply.text) / CHARACTERS_A_TOKEN) if counted is None else counted
+    tokens = tokens_of_text(of.reply.text) if counted is None else counted
     return min(first_s + tokens / rate_hz, LONGEST_S)
 
 

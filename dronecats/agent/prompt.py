@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from dronecats.agent.action import Action, AxisOrder, Go
+from dronecats.agent.action import POINT_FORMAT, Action, AxisOrder, Go
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.protocol import ACTIONS, HISTORY_LENGTH, POINT_SPAN
@@ -42,7 +42,6 @@ FRAMED = (
 PAPER_SHA256 = (
     "aaa508bb2ea6196d2a84e7206dde5509eb967164d62ff2a37e1d26796afc81d5"  # of the paper's listing, see template_sha256
 )
-_POINT_FORMAT: dict[AxisOrder, str] = {"xy": "[x, y]", "yx": "[y, x]"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +102,7 @@ class Prompt:
         values = {
             **words,
             "instruction": instruction,
-            "point_fmt": _POINT_FORMAT[axis_order],
+            "point_fmt": POINT_FORMAT[axis_order],
             "history_len": str(history_len),
             "history": history,
             "drones": str(drones),

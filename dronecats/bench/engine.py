@@ -1,7 +1,6 @@
 """The protocol of engines, which fly the flights of a campaign, and the engine for one machine."""
 
 import math
-import os
 import queue
 import threading
 import time
@@ -16,6 +15,7 @@ from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import as_json
 from dronecats.judge.episode import write_verdict
 from foundation.errors import DronecatsError, InfrastructureError
+from foundation.machine import cores
 from foundation.run_folder import layout
 from foundation.run_folder.reading import result_of
 from foundation.run_folder.results import SCORED, Result
@@ -280,11 +280,6 @@ def lost(sortie: Sortie, fault: str) -> Landed:
 def log_sizes(folder: Path) -> tuple[int, ...]:
     """Return the size in bytes of each log of a flight, 0 for a missing log."""
     return _sizes(folder, LOGS)
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def _hanging(flying: Sequence[_InFlight], hang_s: float) -> _InFlight | None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from dronecats.cli.options import view_of
 from dronecats.cli.output import Live, print_note, show
 from foundation.errors import UsageError
+from foundation.machine import cores
 from foundation.wording import counted
 
 if TYPE_CHECKING:
@@ -71,7 +72,6 @@ def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitSta
     The page of --view stays open until `pages` is closed. Raises DronecatsError.
     """
     from dronecats.bench.campaign import Campaign, EndedFlight
-    from dronecats.bench.engine import cores
     from dronecats.bench.progress import CostEstimate, Progress
     from dronecats.flight.run.accounts import Spending
     from dronecats.view.live.opening import opened

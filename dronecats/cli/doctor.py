@@ -25,7 +25,7 @@ from dronecats.report.table import ReportTable, table_of, words
 from foundation import machine
 from foundation.errors import UsageError
 from foundation.extras import BASE_COMMAND, EXTRAS, Extra, is_installed
-from foundation.machine import port_holder
+from foundation.machine import cores, port_holder
 
 OK, NOTE, MISSING = "ok", "note", "missing"
 _MARKS = {OK: "✓", NOTE: "·", MISSING: "✗"}
@@ -263,7 +263,7 @@ def _disk() -> Diagnosis:
 
 
 def _cores() -> Diagnosis:
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = cores()
     if count < 2:
         return Diagnosis("cores", NOTE, f"{count}", "real time needs two; lockstep flights only take longer")
     return Diagnosis("cores", OK, f"{count}")

@@ -10,6 +10,7 @@ from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import print_note, progress_bar, show
 from foundation.errors import UsageError
+from foundation.machine import cores
 from foundation.wording import printable
 
 LOG_PERIOD_S = 30.0  # s between two progress lines in a log
@@ -48,7 +49,6 @@ def add_audit_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fly the episodes. Return 1 if the oracle failed an episode, 3 if a flight ended in an error, else 0."""
     from dronecats.bench.campaign import Batch, fly_run
-    from dronecats.bench.engine import cores
     from dronecats.bench.matrix import choose_suite
     from dronecats.bench.tables import audit_table, blind_flights, floor, groups, score_row, solved_steps
     from dronecats.flight.run.fly import settings

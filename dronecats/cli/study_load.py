@@ -7,6 +7,7 @@ from pathlib import Path
 from dronecats.cli.options import level_list
 from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
+from foundation.machine import cores
 
 BUSY = "0,2,4,8"  # default numbers of busy processes
 MOST = 256  # largest number of busy processes
@@ -100,6 +101,5 @@ def _command(args: argparse.Namespace) -> str:
 
 
 def _machine() -> str:
-    from dronecats.bench.engine import cores
 
     return f"On a machine with {cores()} cores. Other programs may have run on it too."

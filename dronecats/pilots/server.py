@@ -9,20 +9,18 @@ import binascii
 import contextlib
 import hashlib
 import json
-import math
 import socket
 import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from dronecats.agent.models.model import IMAGE_TOKENS, tokens_of_text
 from dronecats.pilots.actions import Pilot
 from foundation.errors import UsageError
 
 MAX_BODY_BYTES = 16 * 1024 * 1024
 _MAX_IMAGES = 64
-_IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule: 85 + 170 per 512 px tile, two tiles
-_CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
 _IDLE_S = 60.0  # a connection without data is closed after this time
 
 
@@ -132,8 +130,8 @@ def _image(value: Any) -> bytes:
 
 def completion(model: str, body: bytes, prompt: str, images: list[bytes], text: str) -> dict[str, Any]:
     """Return the chat.completion object of a reply. The id is a digest of the request; token counts are estimates."""
-    prompt_tokens = math.ceil(len(prompt) / _CHARACTERS_PER_TOKEN) + _IMAGE_TOKENS * len(images)
-    completion_tokens = math.ceil(len(text) / _CHARACTERS_PER_TOKEN)
+    prompt_tokens = tokens_of_text(prompt) + IMAGE_TOKENS * len(images)
+    completion_tokens = tokens_of_text(text)
     return {
         "id": "chatcmpl-" + hashlib.sha256(body).hexdigest()[:24],
         "object": "chat.completion",

@@ -249,7 +249,7 @@ def episode_grid(data: ReportData) -> Any:
             _grid_square(
                 axis, x, height, entrant.by_episode.get(name), any(e.episode == name for e in entrant.episodes)
             )
-    _grid_groups(axis, [(episodes[name][0], episodes[name][1]) for name in columns], y)
+    _grid_groups(axis, [(episodes[name][0], episodes[name][1]) for name in columns])
     axis.set_yticks([height for _, height in lines], [entrant.label for entrant, _ in lines])
     axis.tick_params(axis="both", length=0)
     for title, height in heads:
@@ -277,7 +277,7 @@ def _grid_square(axis: Any, x: int, y: float, scored: Any, tried: bool) -> None:
         axis.plot(x, y, "x", color=VERMILION, markersize=3, markeredgewidth=0.8)
 
 
-def _grid_groups(axis: Any, groups: list[tuple[int, str]], bottom: float) -> None:
+def _grid_groups(axis: Any, groups: list[tuple[int, str]]) -> None:
     """Label the columns by cell and map, with lines between the groups."""
     ticks, labels = [], []
     begin = 0

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
+from foundation.typed_file import BYTES_MAX
 
-BYTES_MAX = 1_000_000
 SIDE_PX = (16, 16384)  # px, smallest and largest width or height of a picture
 COEFFICIENTS = (4, 5, 8, 12, 14)  # possible numbers of coefficients in OpenCV's standard distortion model
 

@@ -200,12 +200,24 @@ WAITED = 0.7  # a grab had to wait if it took longer than this share of the time
 DRAIN_S = 5.0
 
 
-class RtspSource:
+class CaptureSource:
+    """A source that OpenCV reads. Subclasses open `_capture`."""
+
+    _capture: Any = None
+
+    def shoot(self, stop: threading.Event) -> tuple[float, Picture]:
+        return shoot(self._capture)
+
+    def close(self) -> None:
+        if self._capture is not None:
+            self._capture.release()
+
+
+class RtspSource(CaptureSource):
     """A camera in the network. FFmpeg reads it over TCP, because a lost UDP packet would damage a picture."""
 
     def __init__(self, url: str) -> None:
         self._url = url
-        self._capture: Any = None
 
     def open(self) -> None:
         # one decoding thread, because each thread of FFmpeg delays the video by one picture
@@ -217,21 +229,13 @@ class RtspSource:
             raise CameraError("no video arrives. Check the server, the path, the user and the password")
         drain(self._capture)
 
-    def shoot(self, stop: threading.Event) -> tuple[float, Picture]:
-        return shoot(self._capture)
 
-    def close(self) -> None:
-        if self._capture is not None:
-            self._capture.release()
-
-
-class V4l2Source:
+class V4l2Source(CaptureSource):
     """A camera on this computer, by USB or ribbon cable."""
 
     def __init__(self, device: str, size: tuple[int, int] | None) -> None:
         """`size` (width, height in px) is requested; the camera uses the nearest size that it has."""
         self._device, self._size = device, size
-        self._capture: Any = None
 
     def open(self) -> None:
         self._capture = cv2.VideoCapture(self._device, cv2.CAP_V4L2)
@@ -245,13 +249,6 @@ class V4l2Source:
             self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
             self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-
-    def shoot(self, stop: threading.Event) -> tuple[float, Picture]:
-        return shoot(self._capture)
-
-    def close(self) -> None:
-        if self._capture is not None:
-            self._capture.release()
 
 
 def shoot(capture: Any) -> tuple[float, Picture]:
@@ -297,12 +294,11 @@ ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
 FOLDER_HZ = 10.0  # pictures per second of a folder without ?fps=
 
 
-class VideoSource:
+class VideoSource(CaptureSource):
     """A video file, played in real time. Pictures whose time has passed are skipped."""
 
     def __init__(self, path: str) -> None:
         self._path = path
-        self._capture: Any = None
 
     def open(self) -> None:
         self._capture = cv2.VideoCapture(self._path, cv2.CAP_FFMPEG)
@@ -327,10 +323,6 @@ class VideoSource:
         if not there:
             raise StreamEndedError("the video is damaged")
         return time.monotonic(), picture
-
-    def close(self) -> None:
-        if self._capture is not None:
-            self._capture.release()
 
 
 class FolderSource:

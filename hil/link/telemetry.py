@@ -167,7 +167,7 @@ NO_VELOCITY = (  # bits of a setpoint's mask that ignore the velocity: north, ea
     dialect.POSITION_TARGET_TYPEMASK_VZ_IGNORE,
 )
 
-PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
+PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 SENSORS = 0x1 | 0x2 | 0x4  # gyro, accelerometer, magnetometer
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 from foundation.mavlink import dialect, mode_name
 from hil.link.parameters import Value
+from hil.link.telemetry import PREARM
 from hil.preflight.observation import Message, Observation, Row
 
 OLDEST = (1, 14)  # from this version on, parts that are absent at arming, such as sticks, are optional: failsafe.cpp
@@ -24,7 +25,6 @@ SENSORS = {  # bits of SYS_STATUS
 }
 NEEDED = ("gyro", "accelerometer", "compass", "barometer", "GPS")  # a vehicle that lacks one of these cannot be flown
 PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 reports its bad health, but never its presence
-PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
 ESTIMATES = {  # bits of ESTIMATOR_STATUS that flying needs
     dialect.ESTIMATOR_ATTITUDE: "attitude",
     dialect.ESTIMATOR_VELOCITY_HORIZ: "horizontal velocity",

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import msgspec
 
-from dronecats.agent.models.model import CHARACTERS_PER_TOKEN, Model, Reply, Request, WrappedModel, tokens_of
+from dronecats.agent.models.model import Model, Reply, Request, WrappedModel, tokens_of, tokens_of_text
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Allowance, Limiter, RateLimitState
 from foundation.errors import BudgetError, ModelError, UsageError
@@ -190,7 +190,7 @@ def spent_on(spec: ModelSpec, request: Request, reply: Reply) -> Spent:
     Tokens that an endpoint does not count are estimated, but not those of failed attempts.
     """
     tokens_in = tokens_of(request) if reply.tokens_in is None else reply.tokens_in
-    tokens_out = len(reply.text) // CHARACTERS_PER_TOKEN if reply.tokens_out is None else reply.tokens_out
+    tokens_out = tokens_of_text(reply.text) if reply.tokens_out is None else reply.tokens_out
     tokens_in, tokens_out = tokens_in + reply.lost[0], tokens_out + reply.lost[1]
     return Spent(1, tokens_in, tokens_out, cost(spec, tokens_in, tokens_out))
 

@@ -1,5 +1,6 @@
 """The interface of a model: text and pictures in, text out."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -38,12 +39,17 @@ class Request:
 
 
 CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
-IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule
+IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule: 85 + 170 per 512 px tile, two tiles
+
+
+def tokens_of_text(text: str) -> int:
+    """Return an estimate of the tokens of a text, for a reply without a token count."""
+    return math.ceil(len(text) / CHARACTERS_PER_TOKEN)
 
 
 def tokens_of(request: Request) -> int:
     """Return an estimate of the tokens of a question, before it is sent."""
-    return len(request.text) // CHARACTERS_PER_TOKEN + IMAGE_TOKENS * len(request.images_jpeg)
+    return tokens_of_text(request.text) + IMAGE_TOKENS * len(request.images_jpeg)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from dronecats.agent.action import AxisOrder, Go, action_from
+from dronecats.agent.action import POINT_FORMAT, AxisOrder, Go, action_from
 from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.agent.models.reply_schema import flat_action_schema
 from dronecats.agent.models.spec import ModelSpec
@@ -21,7 +21,6 @@ NEAR = 100.0  # tolerance of an answer in x and in y
 FORBIDDEN_OBJECT = {"dance": 3}  # no schema of actions allows it
 # the axis order of the answers' points, compared with the declared order
 Pointing = Literal["as declared", "always [x, y]", "always [y, x]", "as not declared", "not at all"]
-_FORMS: dict[AxisOrder, str] = {"xy": "[x, y]", "yx": "[y, x]"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +44,7 @@ class ProbeResult:
     @property
     def order_is_right(self) -> bool:
         """Return whether the model points in the declared axis order."""
-        return self.pointing in ("as declared", f"always {_FORMS[self.spec.axis_order]}")
+        return self.pointing in ("as declared", f"always {POINT_FORMAT[self.spec.axis_order]}")
 
     @property
     def tokens(self) -> tuple[int | None, int | None]:
@@ -81,8 +80,8 @@ def pointing_question(order: AxisOrder, lifted: bool = False) -> Request:
     axes = "x counts from the left edge, 0, to the right, 1000; y from the top edge, 0, to the bottom, 1000"
     text = (
         "The picture shows one red disc on a grey ground. Point at its centre. Answer with one JSON object and nothing"
-        f' else: {{"action": "go", "point": {_FORMS[order]}, "depth_m": 5}}. {axes}. The point is written'
-        f" {_FORMS[order]}: {'x first, then y' if order == 'xy' else 'y first, then x'}."
+        f' else: {{"action": "go", "point": {POINT_FORMAT[order]}, "depth_m": 5}}. {axes}. The point is written'
+        f" {POINT_FORMAT[order]}: {'x first, then y' if order == 'xy' else 'y first, then x'}."
     )
     return Request(text, (marked_picture(),), lifted)
 
@@ -151,7 +150,7 @@ def _has_flat_form(value: object) -> bool:
 
 
 def _point(model: Model, order: AxisOrder, parser: ReplyParser) -> ProbeAnswer:
-    answer = _answer(model, f"{_FORMS[order]} declared", pointing_question(order))
+    answer = _answer(model, f"{POINT_FORMAT[order]} declared", pointing_question(order))
     return replace(answer, order=order_of(answer.reply.text, parser))
 
 

@@ -9,7 +9,6 @@ import gc
 import importlib.util
 import math
 import multiprocessing
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from dronecats.judge.metrics import fleets, outcomes, pointing, replies
 from dronecats.judge.metrics.failure_mode import FailureMode, failure_mode
 from dronecats.judge.metrics.metric import Metric, MetricValue
 from foundation.errors import UsageError
+from foundation.machine import cores
 from foundation.protocol import CAP_S, RADIUS_M
 
 METRICS: dict[str, Metric] = {
@@ -141,7 +141,7 @@ def parallel_map(
 
     `processes` None: chosen by the number of items. The function is inherited by forks, so it need not be picklable.
     """
-    count = min(_cores(), len(items) // EPISODES_A_PROCESS) if processes is None else processes
+    count = min(cores(), len(items) // EPISODES_A_PROCESS) if processes is None else processes
     if count > 1 and FORKS:
         fork = multiprocessing.get_context("fork")
         with ProcessPoolExecutor(count, mp_context=fork, initializer=_begin, initargs=(function,)) as pool:
@@ -200,7 +200,3 @@ def _metrics(options: Judging) -> tuple[Metric, ...]:
 def _read(reply: str, drones: int, order: AxisOrder, mended: bool) -> tuple[dict[str, Any] | None, ...]:
     read = reading(reply, drones, order, "lenient" if mended else "strict")
     return tuple(part.action.as_json() if part.action else None for part in read)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -85,7 +85,7 @@ class Spread:
     binomial_by_episode: float | None  # expected deviation if each episode has its own success rate; None: one flight
 
 
-def spread(flights: Sequence[Sequence[bool]], confidence: float = 0.95) -> Spread:
+def spread(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENCE) -> Spread:
     """Return the spread of flights; each flight has the outcomes of the same episodes in the same order.
 
     Raises ValueError without flights, or if their lengths differ.
@@ -115,7 +115,7 @@ def binomial_deviation(share: float, trials: int) -> float:
     return math.sqrt(trials * share * (1.0 - share))
 
 
-def deviation_interval(deviation: float, count: int, confidence: float = 0.95) -> tuple[float, float]:
+def deviation_interval(deviation: float, count: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Return the interval (chi-square) of the standard deviation of `count` normal values."""
     from scipy.special import chdtri  # a base dependency, but slow to import
 

@@ -22,7 +22,6 @@ FloorPoint = tuple[float, float]  # m, (right, ahead) in the ground plane, from 
 
 BESIDE_M = 12.0  # largest distance from the landmark for left of, right of, in front of and behind
 NEAREST_M = 25.0  # largest distance from the landmark for nearest to
-_CIRCLE = 5  # turns of a full search circle
 _ARRIVED_M = 4.6  # horizontal distance from the body; the verifier's radius is 5 m in three dimensions
 _STOP_M = 4.1  # intended distance from the target at the end of the last stride
 _CLOSER_M = 2.2  # distance to the thing's edge above which the drone comes closer before it declares again
@@ -145,7 +144,7 @@ def _choose(
     # The first picture does not show a target to search for. During the first circle the drone accepts only a thing
     # whose relation to its landmark holds.
     has_known_landmarks = all(mark.kind for mark in expression.landmarks)
-    first_circle = expression.needs_search and turns == len(past) and turns < _CIRCLE
+    first_circle = expression.needs_search and turns == len(past) and turns < search.CIRCLE_TURNS
     least = _SURE + 0.3 * _WEIGHT if first_circle and has_known_landmarks else _SURE
     if not past and not expression.needs_search:  # the target is in the first picture, however unsure the detection
         least = shape_detector.LEAST_ODDS

@@ -17,7 +17,8 @@ from dronecats.pilots.vision import colors
 from dronecats.pilots.vision.color_detector import Detection
 from foundation.protocol import FINISHED, GO, ROTATE
 
-SWEEP_DEG = 60.0  # a full circle has six views: the first view and five turns
+SWEEP_DEG = 60.0
+CIRCLE_TURNS = 5  # turns of a full search circle: with the first view, six views
 _SECOND_SWEEP_DEG = 45.0  # turn after a closed circle, to look for an open direction
 WANDER_M = 20.0  # a `go` of this depth is a stride to a new vantage point; see avoid_wander_depth
 _WANDERS = 3  # strides to a new vantage point, each up to 3 m
@@ -34,7 +35,7 @@ def next_action(picture: colors.Picture, past: tuple[PastAction, ...]) -> str:
     turns = count_trailing(past, ROTATE)
     if turns:
         side = math.copysign(1.0, past[-1].angle_deg)
-        if turns < 5:
+        if turns < CIRCLE_TURNS:
             return actions.rotate(side * SWEEP_DEG)
         way_out_turns = sum(abs(abs(p.angle_deg) - _SECOND_SWEEP_DEG) < 1.0 for p in past)
         u, openness = open_direction(picture)
