@@ -49,7 +49,7 @@ SCHEMA_FILE = Path(__file__).with_name("record.schema.json")
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SHARED = {"seed": RecordSeed, "yaw": Yaw, "vector": MapPlace, "name": MapName}
 PLACED = {"asset": {"$ref": "#/$defs/asset"}}
-SHAPES: list[dict[str, Any]] = [  # of a target: the fields that each kind must have, and those that it must not have
+SHAPES: list[dict[str, Any]] = [  # the kinds of a target: fields that each kind requires, and fields that it forbids
     {"title": "placed, standing", "has": ("paint", "position_ned", "yaw_deg"), "not": ("path", "native")},
     {"title": "placed, on a path", "has": ("paint", "path"), "not": ("position_ned", "yaw_deg", "native")},
     {"title": "native to the map", "has": ("native", "position_ned", "yaw_deg"),
@@ -84,7 +84,7 @@ class Path3D:
 
 @dataclass(frozen=True, slots=True)
 class TargetRecord:
-    """Placed on the map, standing or on a path; or native: an instance that the map brings."""
+    """A target or look-alike: placed on the map (standing or on a path), or native (an object of the map)."""
 
     asset: Annotated[MapName, _about("For a native target, the kind of the instance.")]  # else one of `assets.names()`
     paint: Annotated[str, _choice(assets.PAINTS)] | None = None  # None if the target is native
@@ -108,7 +108,7 @@ class TargetRecord:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeRecord:
-    """Metres, degrees, north-east-down axes with their origin at the map's geodetic origin."""
+    """One episode. Metres, degrees, NED axes with the origin at the map's geodetic origin."""
 
     version: Annotated[Literal[1], Meta(extra={"wrong": f"is not {VERSION}, the version that this release reads"})]
     id: Annotated[

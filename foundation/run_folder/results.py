@@ -26,7 +26,7 @@ Share = Annotated[float | None, doc("0 … 1; null: not known")]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deciding:
-    """The first declaration that is known to qualify."""
+    """The first declaration that is known to succeed."""
 
     step: Whole
     drone: DroneNumber
@@ -36,7 +36,7 @@ class Deciding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnostics:
-    """Values of one drone, or the best values of a fleet. None: nothing that it follows from was measured."""
+    """Values of one drone, or the best values of a fleet. None: not measured."""
 
     min_distance_m: Annotated[float | None, doc("m, smallest distance to the target's centre")]
     start_distance_m: Annotated[float | None, doc("m, distance at the first sample")]
@@ -73,7 +73,7 @@ class Nearness:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecidedNear(Nearness):
-    """The distance of a decision, at its own frame; `t` is the time of the decision."""
+    """The distance at the frame of a decision; `t` is the time of the decision."""
 
     step: Whole
     drone: DroneNumber
@@ -171,7 +171,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """Result of a flight, which `fly --json` prints and campaigns and audits count. None: not known."""
+    """The result of a flight. `fly --json` prints it; campaigns and audits count it. None: not known."""
 
     episode: Annotated[str, doc("id of its record")]
     pilot: Annotated[str | None, doc("as on the command line, or the model's name")] = None
@@ -223,7 +223,7 @@ class BenchmarkRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Benchmark:
-    """bench.json: all runs of the benchmark, resolved. It does not say which part a command or a machine flies."""
+    """bench.json: all runs of the benchmark, resolved. The file does not say which machine flies which run."""
 
     schema: Literal[1] = 1
     suite: FlownSuite
@@ -236,7 +236,7 @@ Level = int | float | str  # level of a factor: a number in its unit, or a word
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyFactor:
-    """A factor of a study, which is varied on purpose."""
+    """A factor of a study: a setting that the study varies."""
 
     name: Annotated[str, doc("name of a factor in docs/studies.md")]
     unit: Annotated[str, doc("unit of its levels; empty for shares, multipliers and words")]
@@ -254,7 +254,7 @@ class StudyRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """study.json: all runs of the design, resolved. It does not say which part a command or a machine flies."""
+    """study.json: all runs of the design, resolved. The file does not say which machine flies which run."""
 
     schema: Literal[1] = 1
     name: str

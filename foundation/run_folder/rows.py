@@ -44,16 +44,16 @@ def drone_label(drone: int) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """The common part of every run.json; the rest is the run's configuration."""
+    """The keys that every run.json has. The other keys are the configuration of the run."""
 
-    schema: Annotated[int, Meta(ge=1, description="version of the folder's files; none before there were any",
+    schema: Annotated[int, Meta(ge=1, description="version of the folder's files; missing in older folders",
                                 extra={"wrong": "is not a version"})] | UnsetType = UNSET  # fmt: skip
     versions: Annotated[dict[str, str], doc("versions of dronecats, Python and the packages that affect results")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeIdentity:
-    """identity.json: what was really flown. Episodes with different identities are not counted together."""
+    """identity.json: the code, pictures and models of the flight. Flights with different identities are not pooled."""
 
     code_sha256: Annotated[str, doc("digest of the sources that affect flying and judging")]
     record_sha256: Annotated[str | None, doc("digest of episode.json; null: no such file")]
@@ -108,7 +108,7 @@ class Decision:
         | UnsetType
     ) = UNSET
     served: (
-        Annotated[str, doc("what answered, in the vendor's words; missing: as before, at first the name asked for")]
+        Annotated[str, doc("model name in the reply; missing: as in the previous line, in the first line as requested")]
         | UnsetType
     ) = UNSET
     tokens_cached: Annotated[Whole, doc("part of tokens_in that was cached; missing: not reported")] | UnsetType = UNSET
@@ -119,11 +119,11 @@ class Decision:
         Annotated[str, doc("provider that a router such as OpenRouter chose; missing: not reported")] | UnsetType
     ) = UNSET
     host_lag_s: (
-        Annotated[Number, doc("s, wall time × speed that the vehicle's clock lost since the last decision")] | UnsetType
+        Annotated[Number, doc("s that the vehicle's clock fell behind wall time × speed since the last decision")]
+        | UnsetType
     ) = UNSET  # missing in lockstep, where no clock lags
     frame_wait_s: (
-        Annotated[Number, doc("s, wall time × speed of the wait for the picture; in a fleet for each drone")]
-        | UnsetType
+        Annotated[Number, doc("s, wall time × speed of the wait for the picture; in a fleet, per drone")] | UnsetType
     ) = UNSET
 
     @property
@@ -149,7 +149,7 @@ class Decision:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cause:
-    """Why a commander was asked."""
+    """The reason for a question to the commander."""
 
     why: Annotated[Literal["start", "report", "stall", "time"], Meta(extra={"wrong": "is not a cause"})]
     drone: Annotated[DroneNumber | None, doc("whose report or stall it is")] = None
@@ -182,7 +182,7 @@ class Exchange:
     tokens_out: int | None = None
     model: Annotated[str, doc("its name")]
     served: (
-        Annotated[str, doc("what answered, in the vendor's words; missing: as before, at first the name asked for")]
+        Annotated[str, doc("model name in the reply; missing: as in the previous line, in the first line as requested")]
         | UnsetType
     ) = UNSET
 
@@ -191,9 +191,9 @@ class Exchange:
 class LoggedPrompt:
     """The text of one question to a model: a line of prompts.jsonl, by the agent.
 
-    A line has the whole `text`, or what differs from the last line of its role and drone that has one: that line's
-    first `head` lines of text, then `lines`, then its last `tail` lines of text. `foundation.run_folder.prompts` puts
-    it together.
+    A line has the whole `text`, or the difference from the last line with a `text` for the same role and drone: the
+    first `head` lines of that text, then `lines`, then the last `tail` lines of that text.
+    `foundation.run_folder.prompts` restores the text.
     """
 
     role: Annotated[Literal["pilot", "commander"], Meta(extra={"wrong": "is neither pilot nor commander"})]
@@ -251,7 +251,8 @@ class FrameTruth(TargetMeasurement):
     position_ned: Annotated[Place | None, doc("m, NED, position of the body")] = None
     yaw_deg: Annotated[Number | None, doc("°, heading of the nose from north, + east")] = None
     camera_pitch_deg: Annotated[
-        Number | UnsetType, doc("°, of the camera, up from the nose, on a gimbal from the horizon; missing: 0")
+        Number | UnsetType,
+        doc("°, camera's pitch, up from the nose; with a gimbal, up from the horizon; missing: 0"),
     ] = UNSET
 
 
@@ -284,7 +285,7 @@ class Clear:
 class Reset:
     """The autopilot's estimator was reset, in truth.jsonl: its counter in ODOMETRY went up.
 
-    A jump is the change of the estimate between two messages, without the motion by its own velocity and turn rate.
+    A jump is the change of the estimate between two messages, minus the motion that its velocity and rates explain.
     """
 
     kind: Literal["reset"] = "reset"
