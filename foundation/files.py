@@ -30,6 +30,12 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise
 
 
+def check_folder(path: Path) -> None:
+    """Raise UsageError if the path of `--out` is a file."""
+    if path.exists() and not path.is_dir():
+        raise UsageError(f"--out {path} is a file. Name a folder")
+
+
 def write_text(path: Path, text: str, *, errors: str = "strict") -> None:
     """Write a UTF-8 text file atomically, with its line ends unchanged. Raises OSError."""
     with whole_file(path) as draft:

@@ -8,6 +8,7 @@ from pathlib import Path
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
 from foundation.errors import UsageError
+from foundation.files import check_folder
 from foundation.protocol import RADIUS_M
 
 
@@ -48,8 +49,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--delta must be a radius in metres above 0, got {args.delta:g}")
     if args.embed and args.no_page:
         raise UsageError("--embed goes with the page. Leave --no-page out")
-    if args.out.exists() and not args.out.is_dir():
-        raise UsageError(f"--out {args.out} is a file. Name a folder")
+    check_folder(args.out)
     exclusions = [parse_exclusion(text) for text in args.exclude_above]
     own = tuple(metric for file in args.metric for metric in own_metrics(file))
     collection = collect(args.runs, args.delta, (*METRICS.values(), *own))

@@ -25,7 +25,7 @@ from dronecats.cli.output import print_note, print_wrapped
 from dronecats.cli.study_load import add_load_options
 from dronecats.cli.study_loop import add_loop_options
 from dronecats.cli.study_rate import add_rate_options
-from foundation.errors import UsageError
+from foundation.files import check_folder
 
 if TYPE_CHECKING:
     from dronecats.bench.campaign import OpenRun
@@ -158,8 +158,7 @@ def _report(args: argparse.Namespace) -> int:
     from foundation.extras import not_installed
 
     out = args.out or args.study / "report"
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"--out {out} is a file. Name a folder")
+    check_folder(out)
     command = ["dronecats", "study", "report", str(args.study), *(["--out", str(args.out)] if args.out else [])]
     command += [word for text in args.exclude_above for word in ("--exclude-above", text)]
     exclusions = [parse_exclusion(text) for text in args.exclude_above]

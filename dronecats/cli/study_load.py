@@ -7,6 +7,7 @@ from pathlib import Path
 from dronecats.cli.options import level_list
 from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
+from foundation.files import check_folder
 from foundation.machine import cores
 
 BUSY = "0,2,4,8"  # default numbers of busy processes
@@ -53,8 +54,7 @@ def run(args: argparse.Namespace) -> int:
     interrupt_on_signals()
     if not 1 <= args.jobs <= 64 or not 1 <= args.flights <= 1000:
         raise UsageError("--jobs must be 1 to 64, and --flights 1 to 1000")
-    if args.out.exists() and not args.out.is_dir():
-        raise UsageError(f"--out {args.out} is a file. Name a folder")
+    check_folder(args.out)
     args.suite = args.suite or ([] if args.episodes else ["quick"])
     chosen = suite_of_options(args)
     plan = host_load.LoadPlan(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
+from foundation.files import check_folder
 
 EXPERIMENTS = ("margins", "stream", "trace")
 
@@ -47,8 +48,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--px4 is empty. Give the command that starts a PX4")
     if args.px4 and "trace" not in experiments:
         raise UsageError("--px4 goes with --part trace. Add it, or leave --px4 out")
-    if args.out and args.out.exists() and not args.out.is_dir():
-        raise UsageError(f"--out {args.out} is a file. Name a folder")
+    if args.out:
+        check_folder(args.out)
     frames = [airframe.load(name) for name in args.airframe or airframe.names()]
     studies: list[margins.LoopStudy] = []
     tolerances: list[stream.Tolerance] = []

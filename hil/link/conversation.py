@@ -153,6 +153,10 @@ class Conversation:
         finally:
             self.listeners.remove(listener)
 
+    def copy_to(self, transport: Transport) -> None:
+        """Send a copy of every later message of the link to another transport."""
+        self.listeners.append(lambda message: transport.send(bytes(message.get_msgbuf())))
+
     # -- the wire ------------------------------------------------------------------------------------------------
 
     def connect(self, timeout_s: float = 30.0) -> None:

@@ -6,7 +6,6 @@ from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
 from dronecats.flight.processes.supervisor import ChildProcess, Supervisor
 from dronecats.flight.stages.stage import ESTIMATE_LOGGER
 from foundation.errors import DronecatsError
-from foundation.mavlink import dialect
 from foundation.threads import DaemonExecutor
 from hil.cameras.open import PatientCamera
 from hil.link.link import Link
@@ -49,13 +48,10 @@ class ConnectedStage(VehicleStage):
         try:
             self._logger = self._supervisor.start(ESTIMATE_LOGGER, EstimateLoggerConfig(folder=str(folder)))
             self._copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
-            link.listeners.append(self._to_logger)
+            link.copy_to(self._copy)
         except BaseException:
             self.close()
             raise
-
-    def _to_logger(self, message: dialect.MAVLink_message) -> None:
-        self._copy.send(bytes(message.get_msgbuf()))
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)

@@ -190,7 +190,7 @@ class Copy:
     def begin(self) -> None:
         """Receive the logger's first datagram, then start to copy to the logger."""
         self._socket.receive(1.0)
-        self._link.listeners.append(lambda message: self._socket.send(bytes(message.get_msgbuf())))
+        self._link.copy_to(self._socket)
 
     def close(self) -> None:
         self._socket.close()
@@ -268,7 +268,7 @@ class WorldStage(VehicleStage):
             self._copy.begin()
         else:
             self._wire = connect(f"udpout://127.0.0.1:{listening['port']}")
-            link.listeners.append(lambda message: self._wire.send(bytes(message.get_msgbuf())))
+            link.copy_to(self._wire)
 
     def tap(self, feed: Callable[[bytes], None]) -> Listener:
         """Return a listener that feeds the truth bus to a function."""

@@ -16,7 +16,7 @@ from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results import tables as tabulation
 from dronecats.report.results.tables import TABLES
 from foundation.errors import UsageError
-from foundation.files import whole_file
+from foundation.files import check_folder, whole_file
 from foundation.run_folder import layout
 
 FILE_OF_EPISODE = {
@@ -57,8 +57,7 @@ class Exported:
 
 def export(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool = False) -> Exported:
     """Write runs in a format into a folder. Raises UsageError, if possible before it writes a file."""
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"--out {out} is a file. Name a folder")
+    check_folder(out)
     try:
         if kind in FILES_OF_TABLES:
             return _tables(kind, runs, out, overwrite)
