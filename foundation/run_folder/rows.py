@@ -209,6 +209,28 @@ class LoggedPrompt:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class EnvelopeRow:
+    """The limits of a drone's safety envelope that act from this time on: a line of safety.jsonl, by the agent."""
+
+    time_us: Annotated[int, doc("µs, vehicle clock")]
+    drone: DroneNumber
+    limits: Annotated[tuple[str, ...], doc("names of the limits; empty: no limit acts")]
+
+
+class ActiveLimits:
+    """The limits that act on each drone, after the rows of safety.jsonl so far."""
+
+    def __init__(self) -> None:
+        self._of_drone: dict[int, tuple[str, ...]] = {}
+
+    def begun(self, row: EnvelopeRow) -> tuple[str, ...]:
+        """Take the next row; return its limits that did not act on this drone before."""
+        before = self._of_drone.get(row.drone, ())
+        self._of_drone[row.drone] = row.limits
+        return tuple(name for name in row.limits if name not in before)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Begin:
     """The beginning of the episode, in truth.jsonl."""
 

@@ -9,7 +9,16 @@ import msgspec
 
 from foundation.run_folder import layout
 from foundation.run_folder.results import Benchmark, Result, Study, Verdict
-from foundation.run_folder.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision, EpisodeIdentity, Exchange, LoggedPrompt, Run
+from foundation.run_folder.rows import (
+    ESTIMATE_ROWS,
+    TRUTH_ROWS,
+    Decision,
+    EnvelopeRow,
+    EpisodeIdentity,
+    Exchange,
+    LoggedPrompt,
+    Run,
+)
 from foundation.run_folder.writing import field_names
 
 FOLDER = Path(__file__).with_name("schemas")
@@ -22,6 +31,7 @@ FILES: Mapping[str, tuple[str, tuple[type, ...]]] = {  # name → (title, row cl
     "decisions": ("A line of decisions.jsonl", (Decision,)),
     "commander": ("A line of commander.jsonl", (Exchange,)),
     "prompts": ("A line of prompts.jsonl", (LoggedPrompt,)),
+    "safety": ("A line of safety.jsonl", (EnvelopeRow,)),
     "truth": ("A line of truth.jsonl", tuple(TRUTH_ROWS.values())),
     "estimate": ("A line of estimate.jsonl", tuple(ESTIMATE_ROWS.values())),
     "verdict": (layout.VERDICT, (Verdict,)),

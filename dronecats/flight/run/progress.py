@@ -1,7 +1,6 @@
 """Prints the progress lines of a flight, and writes safety.jsonl."""
 
 import contextlib
-import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -14,7 +13,8 @@ from dronecats.agent.models.model import ending_reason
 from dronecats.agent.prompt import compact
 from foundation.errors import UnreadableError
 from foundation.protocol import FINISHED
-from foundation.run_folder.rows import Decision, drone_label
+from foundation.run_folder.rows import ActiveLimits, Decision, EnvelopeRow, drone_label
+from foundation.run_folder.writing import LineLog
 from hil.link.link import Link
 
 UNREADABLE = 10  # replies in a row without an action, after which a flight warns
@@ -71,7 +71,7 @@ class SafetyLog:
     """
 
     def __init__(self, path: Path, links: Sequence[Link], notify: Callable[[str], None]) -> None:
-        self._path, self._notify = path, notify
+        self._path, self._notify, self._active = path, notify, ActiveLimits()
         self._times = [Counter[str]() for _ in links]  # how often each limit began to act, by drone
         for drone, link in enumerate(links):
             link.on_limit = self._listener(drone, link)
@@ -85,17 +85,15 @@ class SafetyLog:
                 self._report("envelope", drone, f"limited {counts} during the flight; see {self._path}")
 
     def _listener(self, drone: int, link: Link) -> Callable[[tuple[str, ...]], None]:
-        acting: frozenset[str] = frozenset()
         times = self._times[drone]
 
         def listen(names: tuple[str, ...]) -> None:
-            nonlocal acting
-            begun, acting = [name for name in names if name not in acting], frozenset(names)
+            row = EnvelopeRow(time_us=link.time_us, drone=drone, limits=names)
+            begun = self._active.begun(row)
             first = [name for name in begun if name not in times]
             times.update(begun)
-            line = {"time_us": link.time_us, "drone": drone, "limits": list(names)}
-            with contextlib.suppress(OSError), self._path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
+            with contextlib.suppress(OSError), contextlib.closing(LineLog(self._path)) as log:
+                log.write(row)
             if first:
                 self._report("envelope", drone, f"limited by {', '.join(first)}")
 

@@ -21,9 +21,11 @@ from foundation.run_folder.prompts import PromptReader
 from foundation.run_folder.reading import json_object, parse_row
 from foundation.run_folder.rows import (
     TRUTH_ROWS,
+    ActiveLimits,
     Begin,
     Decision,
     End,
+    EnvelopeRow,
     Exchange,
     FrameTruth,
     LoggedPrompt,
@@ -58,7 +60,7 @@ class FlightFollower:
         self._sights: dict[int, tuple[int, ChosenSight]] = {}  # drone → (step, sight) of its newest go
         self._rate_hz: float | None = None
         self._messages: dict[int, list[tuple[int, str]]] = defaultdict(list)  # drone → (vehicle time in µs, text)
-        self._limits: dict[int, list[str]] = {}  # drone → active limits of the safety envelope
+        self._active = ActiveLimits()
         self._limited: Counter[tuple[int, str]] = Counter()  # (drone, text) → number of messages from the envelope
         self._judge_messages: list[str] = []
         self._verdict: str | None = None
@@ -75,7 +77,9 @@ class FlightFollower:
         for row in self._rows(layout.TRUTH):
             self._take_truth(row)
         for value in self._rows(layout.SAFETY):
-            self._take_safety(value)
+            limits, _ = parse_row(value, EnvelopeRow)
+            if limits is not None and (begun := self._active.begun(limits)):
+                self._add_limited(limits.drone, limits.time_us, f"envelope: limited by {', '.join(begun)}")
         for value in self._rows(layout.COMMANDER):
             self._take_exchange(value)
         for value in self._rows(layout.PROMPTS):
@@ -123,14 +127,6 @@ class FlightFollower:
                 self.trails[row.drone].append(row.position_ned)
             case FrameTruth():
                 self._frames[row.drone, row.frame_id] = row
-
-    def _take_safety(self, value: dict[str, Any]) -> None:
-        limits, drone, time_us = value.get("limits"), value.get("drone"), value.get("time_us")
-        if isinstance(limits, list) and isinstance(drone, int) and isinstance(time_us, int):
-            begun = [str(name) for name in limits if name not in self._limits.get(drone, [])]
-            self._limits[drone] = limits
-            if begun:
-                self._add_limited(drone, time_us, f"envelope: limited by {', '.join(begun)}")
 
     def _add_limited(self, drone: int, time_us: int, text: str) -> None:
         """Add a message on a limit. Equal messages are merged and counted, since a limit can act at every step."""

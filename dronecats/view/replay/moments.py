@@ -23,7 +23,7 @@ from foundation.frames import Vec3
 from foundation.run_folder import layout
 from foundation.run_folder.prompts import SentPrompt, prompts_of, read_prompts
 from foundation.run_folder.reading import Logs, episode_folder, rows
-from foundation.run_folder.rows import Decision, DroneNumber, Order, drone_label
+from foundation.run_folder.rows import ActiveLimits, Decision, EnvelopeRow, Order, drone_label
 
 SAME_S = 1e-6  # s, the tolerance between times
 NORMAL_END_REASONS = ("cap", "decided")  # normal reasons for the end of a flight
@@ -49,22 +49,13 @@ class Occurrence:
     words: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EnvelopeRow:
-    """A line of safety.jsonl: the limits of the safety envelope that are active from this time."""
-
-    time_us: int  # µs, vehicle clock
-    drone: DroneNumber
-    limits: tuple[str, ...]
-
-
-def envelope_rows(path: Path, t0_us: int) -> tuple[Occurrence, ...]:
+def envelope_faults(path: Path, t0_us: int) -> tuple[Occurrence, ...]:
     """Return the faults in a safety.jsonl; empty without the file. Raises UsageError if the file is damaged."""
-    lines = rows(path, EnvelopeRow) if path.is_file() else ()
+    lines, active = rows(path, EnvelopeRow) if path.is_file() else (), ActiveLimits()
     return tuple(
         Occurrence((row.time_us - t0_us) / 1e6, OccurrenceKind.FAULT, row.drone,
-                   f"envelope: limited by {', '.join(row.limits)}")
-        for row in lines if row.limits
+                   f"envelope: limited by {', '.join(begun)}")
+        for row in lines if (begun := active.begun(row))
     )  # fmt: skip
 
 
@@ -308,7 +299,7 @@ def flight_moments(path: Path) -> FlightMoments:
         raise UsageError(f"{folder} has no pose of a drone, so there is nothing to show")
     kept = any((folder / layout.FRAMES).glob("*.jpg"))
     missing += [NOT_DRAWN] if not flight.run.is_rendered else [] if kept else [NO_PICTURES]
-    limited = envelope_rows(folder / layout.SAFETY, flight.t0_us)
+    limited = envelope_faults(folder / layout.SAFETY, flight.t0_us)
     return FlightMoments(
         flight, world, occurrences(logs, flight.telemetry, limited, flight.end_s), tuple(missing)
     )  # fmt: skip

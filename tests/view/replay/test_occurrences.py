@@ -52,6 +52,7 @@ def test_a_declaration_and_an_unreadable_reply(copied, rewrite, folder):
 def test_the_envelope(copied):
     t0_us = rows(copied / layout.TRUTH, "begin")[0]["t0_us"]
     lines = [{"time_us": t0_us + 2_000_000, "drone": 0, "limits": ["ceiling", "speed"]},
+             {"time_us": t0_us + 2_500_000, "drone": 0, "limits": ["speed"]},
              {"time_us": t0_us + 3_000_000, "drone": 0, "limits": []}]  # fmt: skip
     (copied / layout.SAFETY).write_text("".join(json.dumps(line) + "\n" for line in lines))
     (fault,) = flight_moments(copied).of(FAULT)
