@@ -116,9 +116,9 @@ def _table(measured: dict[str, Any]) -> "ReportTable":
             ("interval", f"{ms(measured['interval_ms'])}, jitter {ms(measured['jitter_ms'])}, "
                          f"longest {ms(measured['longest_ms'])}"),
             ("age", age),
-            ("missing", f"{measured['missing']}, counted by gaps between the frames"),
+            ("missing", f"{measured['missing']} (gaps between the frames)"),
             ("repeated", f"{measured['repeated']}, equal to the frame before"),
-            ("not seen", f"{measured['unseen']}, this computer was busy"),
+            ("skipped", f"{measured['unseen']}, because this computer was busy"),
             ("reopened", f"{measured['reopened']} times"),
         ),
         "The camera's own delay (exposure, coding, network) is not included. To measure it: docs/cameras.md",

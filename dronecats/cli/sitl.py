@@ -23,7 +23,7 @@ PX4_INSTANCES = 10  # PX4 instances with separate offboard ports; all further in
 
 def add_sitl_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("--instance", type=int, default=0, metavar="I", help="add this to every port (default 0)")
+    parser.add_argument("--instance", type=int, default=0, metavar="I", help="add this to every port except 14550 (default 0)")
     parser.add_argument("--count", type=int, metavar="N", help="number of vehicles, each on its own ports (default 1)")
     parser.add_argument("--speed", default="1", metavar="S", help="factor on real time (default 1)")
     parser.add_argument("--airframe", default="x500", metavar="NAME", help="name or TOML file (default x500)")
@@ -217,7 +217,7 @@ def _announce(args: argparse.Namespace, camera: str | None) -> None:
             f"vehicle {index + 1}: offboard clients udpin://0.0.0.0:{port}   ground station on port {GCS_PORT}{behind}"
         )
     print(
-        f"truth: sent to port {TRUTH_PORT + args.instance}; programs can also connect to port"
+        f"true state: sent to port {TRUTH_PORT + args.instance}; programs can also connect to port"
         f" {TRUTH_LOCAL + args.instance}"
     )
     if camera:

@@ -75,7 +75,7 @@ def _options(part: str) -> str:
         (
             f"`--{option.name.replace('_', '-')} {option.metavar}`",
             _values(option, declared),
-            "; ".join(filter(None, (option.help, option.more))),
+            ". ".join(filter(None, (option.help, option.more))),
         )
         for declared_part, _, declared in DECLARED
         if declared_part == part and (option := declared.option)

@@ -85,7 +85,7 @@ def _stick_exception(s: Situation, value: Value) -> Finding:
             value,
             int(value) & ~EXCEPT_OFFBOARD,
             "in offboard, lost sticks are ignored",
-            "a pilot must notice that the sticks are lost",
+            "a safety pilot must notice that the sticks are lost",
         )
     if s.sticks:
         return _good("COM_RCL_EXCEPT", value, "in offboard, lost sticks trigger the failsafe too")
@@ -124,7 +124,7 @@ def _station_loss(s: Situation, value: Value) -> Finding:
             "choose 2 (Return) or 3 (Land)",
         )
     if value == 0 and not s.sticks:
-        return _judge("NAV_DLL_ACT", value, "ground station lost: nothing; without sticks no pilot can take over",
+        return _judge("NAV_DLL_ACT", value, "ground station lost: nothing; without sticks no person can take over",
                       "fly with sticks, or with a station and 2 (Return)")  # fmt: skip
     if value > 0 and not s.station:
         return _judge("NAV_DLL_ACT", value, "no ground station is on this link; without one the vehicle refuses to arm",
@@ -152,7 +152,7 @@ def _stick_override(s: Situation, value: Value) -> Finding:
         value,
         int(value) | OVERRIDE,
         "moving the sticks does not take over in every mode",
-        "the pilot takes over by moving the sticks, in offboard and in the Hold after it",
+        "the safety pilot takes over by moving the sticks, in offboard and in the Hold after it",
     )
 
 
@@ -239,22 +239,22 @@ def _sticks(s: Situation) -> Row:
     if s.sticks:
         return Row("sticks", True, "stick input arrives; the advice below is for a flight with a safety pilot")
     if mode == 4:
-        return Row("sticks", None, "COM_RC_IN_MODE = 4: all sticks are ignored, so no pilot can take over by hand",
+        return Row("sticks", None, "COM_RC_IN_MODE = 4: all sticks are ignored, so no person can take over by hand",
                    "0 for a transmitter")  # fmt: skip
-    return Row("sticks", None, "none: no pilot can take over by hand", "switch the transmitter on, and run this again")
+    return Row("sticks", None, "none: no person can take over by hand", "switch the transmitter on, and run this again")
 
 
 def _mode_switch(s: Situation) -> Row:
     if s.values.get("COM_RC_IN_MODE") == 1:
         return Row("mode switch", None, "COM_RC_IN_MODE = 1: the sticks are a ground station's joystick, and"
             " the ground station assigns the joystick's buttons",
-                   "try the button that changes the mode, because the pilot takes over with it")  # fmt: skip
+                   "try the button that changes the mode, because the safety pilot takes over with it")  # fmt: skip
     channel, slots = s.values.get("RC_MAP_FLTMODE"), [s.values.get(name) for name in SLOTS]
     if channel is None:
         return Row("mode switch", None, "the autopilot does not send RC_MAP_FLTMODE")
     if not channel:
         return Row("mode switch", False, "RC_MAP_FLTMODE = 0: no switch of the transmitter changes the mode",
-                   "map a switch, because the pilot takes over with it")  # fmt: skip
+                   "map a switch, because the safety pilot takes over with it")  # fmt: skip
     if not any(slot in MANUAL_SLOTS for slot in slots):
         return Row("mode switch", False, f"channel {channel:g}, but no position of the switch is a manual mode",
                    "put Position (2) on one of COM_FLTMODE1 … 6")  # fmt: skip

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from dronecats.bench.tables import ScoreRow, audit_table, blind_flights, floor, groups, score_row
 from dronecats.cli.main import main
+from dronecats.judge.statistics.shares import wilson
 from dronecats.pilots.scripted import PATTERNS, RANDOM
 from dronecats.report.writers import as_terminal
 from episodes.records import catalogue
@@ -195,7 +196,8 @@ def test_every_cell_has_its_floor() -> None:
 def too_good(table: BlindTable, cell: str) -> list[str]:
     """Return the unaware pilots above SR₃ 10 % in a cell, or above SR 20 % without a sweep.
 
-    The flights of all random patterns count together, so that one lucky draw of ten flights does not decide.
+    The flights of all random patterns count together. They are a sample, so the lower end of the 95 % interval of
+    their rate counts. The other patterns always fly the same way, so their rate counts.
     """
     of_cell = made([{"episode": name} for name in IDS if name.rpartition("-")[0] == cell])
     solved_rows: dict[str, list[ScoreRow]] = defaultdict(list)
@@ -207,7 +209,8 @@ def too_good(table: BlindTable, cell: str) -> list[str]:
         flown, solved = sum(row.flown for row in lines), sum(row.solved for row in lines)
         within_three = sum(row.solved_within_three or 0 for row in lines)
         sweeps = PATTERNS[name].sweeps or cell.endswith("commanding")  # four drones that fan out are a sweep
-        if within_three > 0.10 * flown or (solved > 0.20 * flown and not sweeps):
+        rates = [wilson(count, flown)[0] if name == RANDOM else count / flown for count in (within_three, solved)]
+        if rates[0] > 0.10 or (rates[1] > 0.20 and not sweeps):
             pilots.append(name)
     return pilots
 
@@ -230,9 +233,10 @@ def test_a_floor_that_rises_is_noticed() -> None:
         ("straight", [luck[1]] * 3 + [luck[2]] * 7, ["straight"]),
     ):
         assert too_good({f"blind:{pilot}": dict(zip(of_cell, flights_of, strict=True))}, cell) == expected
-    lucky, unlucky = (dict(zip(of_cell, [luck[0]] * count + [luck[2]] * (10 - count), strict=True)) for count in (2, 0))
+    lucky, unlucky = (dict(zip(of_cell, [luck[0]] * count + [luck[2]] * (10 - count), strict=True)) for count in (4, 0))
+    assert too_good({"blind:random": lucky}, cell) == ["random"]
     assert too_good({"blind:random": lucky, "blind:random-2": unlucky}, cell) == []
-    assert too_good({"blind:random": lucky, "blind:random-2": lucky}, cell) == ["random"]
+    assert too_good({"blind:random": lucky, "blind:random-2": lucky, "blind:random-3": unlucky}, cell) == ["random"]
 
 
 @flown_yet

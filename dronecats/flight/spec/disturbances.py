@@ -138,7 +138,7 @@ class FrameFaults:
     )  # fmt: skip
     dropped: float = _disturbance(
         0.0, "frame_drop", "share of images that never arrive", high=0.95,
-        words="{percent:g} % of images never arrive", metavar="P", more="the agent waits for the next image",
+        words="{percent:g} % of images never arrive", metavar="P", more="The agent waits for the next image.",
     )  # fmt: skip
     stale: float = _disturbance(
         0.0, "frame_stale", "share of questions that get the previous question's image", high=1.0,
@@ -147,7 +147,7 @@ class FrameFaults:
     rate_hz: float | None = _disturbance(  # None: the camera takes a picture on request
         None, "frame_rate", "rate at which the camera takes images", low=0.1, high=100.0, unit="Hz",
         words="images are taken {value:g} times a second", first=True, metavar="HZ",
-        more="the agent takes the newest one at once; without the option, an image is taken on request",
+        more="The agent takes the newest image at once. Without this option, the agent requests each image.",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -224,7 +224,7 @@ class LinkFaults:
             option=DisturbanceOption(
                 name="link", metavar="NAME=VALUE,…",
                 help="faults of the MAVLink link: delay=0.1,loss=0.05,to.jitter=0.02 …",
-                read=_read_wire, more="see below",
+                read=_read_wire, more="See below.",
             ),
             levels=tuple(_wire_level(name) for name in WIRE_LEVELS),
         ),
@@ -286,7 +286,7 @@ class VehicleFaults:
             words=_wind_words,
             option=DisturbanceOption(
                 name="wind", metavar="N,E", help="wind velocity towards north and east, m/s, for example --wind=-4,3",
-                more="the speed is at most 30",
+                more="The speed is at most 30.",
                 read=lambda text: {"wind_ned": (*_pair("wind", text, "N,E in m/s, for example 4,-3"), 0.0)},
             ),
             levels=(
@@ -306,33 +306,33 @@ class VehicleFaults:
     gusts_w20: float = _disturbance(
         0.0, "gusts", "Dryden gusts (MIL-F-8785C); the value is the wind speed 20 ft above the ground", high=30.0,
         unit="m/s", words="gusts of a wind of {value:g} m/s at 20 ft", metavar="W20",
-        more="7.7 is light, 15.4 moderate, 23 severe",
+        more="7.7 is light, 15.4 moderate, 23 severe.",
     )  # fmt: skip
     payload_kg: float = _disturbance(
         0.0, "payload", "mass of a load for which the autopilot is not tuned", high=20.0, unit="kg",
         words="a payload of {value:g} kg", metavar="KG",
-        more="the load hangs halfway down the legs; gains and hover thrust remain those of the bare airframe",
+        more="The load hangs halfway down the legs. Gains and hover thrust remain those of the bare airframe.",
     )  # fmt: skip
     gps_delay_s: float = _disturbance(
         0.0, "gps_delay", "how much older GPS fixes are than their time stamps", high=1.4, unit="s",
         words="fixes are {value:g} s older than they say", metavar="S",
-        more="the autopilot does not correct for the delay, so its estimate lags behind the motion",
+        more="The autopilot does not correct for the delay, so its estimate lags behind the motion.",
     )  # fmt: skip
     gps_noise: float = _disturbance(
         1.0, "gps_noise", "factor on the position and velocity errors of GPS fixes", high=100.0, unit="×",
         words="GPS noise × {value:g}", metavar="X",
-        more="the factor begins with the episode and also multiplies slow errors, so the position jumps at that time; "
-        "the accuracy that the GPS reports stays the same",
+        more="The factor begins with the episode and also multiplies slow errors, so the position jumps at that time. "
+        "The accuracy that the GPS reports stays the same.",
     )  # fmt: skip
     estimator_noise: float = _disturbance(
         1.0, "sensor_noise", "factor on noise and drift of gyroscope, accelerometer, compass and barometer",
         high=100.0, unit="×", words="sensor noise × {value:g}", metavar="X",
-        more="the factor begins with the episode, so the height of the barometer jumps at that time",
+        more="The factor begins with the episode, so the height of the barometer jumps at that time.",
     )  # fmt: skip
     setpoint_hz: float | None = _disturbance(  # None: 20. Below 2 Hz PX4 leaves Offboard
         None, "setpoint_rate", "how often the agent sends its setpoint", low=2.0, high=50.0, unit="Hz",
         words="{value:g} setpoints a second", metavar="HZ",
-        more="in vehicle time; the default is 20; if the rate is above 20, telemetry comes at the same rate",
+        more="In vehicle time. The default is 20. Above 20, telemetry comes at the same rate.",
     )  # fmt: skip
     stalled: float = _disturbance(
         0.0, "stall_share", "share of the seconds at whose start the host stalls the simulator", high=1.0,
@@ -341,7 +341,7 @@ class VehicleFaults:
         option=DisturbanceOption(
             name="host_stalls", metavar="P,S",
             help="at the start of each second, stall the simulator with probability P, for S seconds",
-            more="the seconds are those of vehicle time; S is wall time; real time only",
+            more="Each second is of vehicle time, and S is wall time. Only in real time.",
             read=lambda text: dict(zip(("stalled", "stall_s"), _pair("host-stalls", text, STALLS), strict=True)),
         ),
     )  # fmt: skip
@@ -367,7 +367,7 @@ class FlightConditions:
         words="the sun at azimuth {value:g}°",
         option=DisturbanceOption(
             name="sun", metavar="AZ,EL", help="place of the sun: azimuth from north and elevation in degrees",
-            more=f"the elevation is {LOWEST_DEG:g} to 90; a low sun is redder, and the sky is darker",
+            more=f"The elevation is {LOWEST_DEG:g} to 90. A low sun is redder, and the sky is darker.",
             read=lambda text: dict(zip(("sun_azimuth_deg", "sun_elevation_deg"), _pair("sun", text, SUN), strict=True)),
         ),
     )  # fmt: skip
@@ -377,11 +377,11 @@ class FlightConditions:
     )  # fmt: skip
     sky: Literal["overcast", "dusk"] | None = _word(
         "sky", "light of the sky", ("clear", "overcast", "dusk"), words="{value} sky",
-        more="overcast has hardly any shadow; at dusk the sun has set, and lamps and windows shine",
+        more="With overcast there is hardly any shadow. At dusk the sun has set, and lamps and windows shine.",
     )  # fmt: skip
     season: Literal["autumn"] | None = _word(
         "season", "season of trees and grass", ("summer", "autumn"), words="{value}",
-        more="clear and summer are the map's own light and season",
+        more="Clear and summer are the map's own light and season.",
     )  # fmt: skip
 
     def __post_init__(self) -> None:

@@ -99,8 +99,8 @@ METRICS = (
     ),
     Metric(
         name="drones_elsewhere", title="Declared elsewhere", unit="count", level="episode", better="less",
-        definition="number of drones that declared, but without a declaration that qualifies or is within the radius of"
-        " a look-alike's centre",
+        definition="number of drones with declarations, of which none qualifies or is within the radius of a"
+        " look-alike's centre",
         paper=COMMAND, of=_outcome_count("elsewhere"),
     ),
     Metric(
@@ -110,7 +110,7 @@ METRICS = (
     ),
     Metric(
         name="identical_share", title="Coordinate copying", unit="ratio", level="episode", better="less",
-        definition="of the steps in which all drones got a go: share with the same point for all drones",
+        definition="share of the steps with a go for all drones in which all drones got the same point",
         paper=COMMAND, of=_commanding_value("identical_share"),
     ),
     Metric(

@@ -29,7 +29,7 @@ def _of(description: str) -> Meta:
 
 RunName = Annotated[str, _of("the end of the run folder's path, long enough to be unique")]
 EpisodeId = Annotated[str, _of("id of the episode")]
-DroneIndex = Annotated[int, _of("index of the drone; 0 is drone 1")]
+DroneIndex = Annotated[int, _of("number of the drone, from 0")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +68,7 @@ class EpisodeRow:
     error: Annotated[str | None, _of("why the flight is not scored, or what is damaged; null: it is scored")]
     note: Annotated[str | None, _of("what remains uncertain in the verdict")]
     censored: Annotated[
-        bool | None, _of("whether the flight ended before its cap; what would have followed is not known")
+        bool | None, _of("whether the flight ended before its cap, so that later steps are unknown")
     ]
     ended: Annotated[
         str | None,

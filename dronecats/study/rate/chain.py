@@ -139,7 +139,7 @@ def _times(question: _Question, sent_s: float) -> QuestionTimes:
 LEVELS = (0.0, 0.5, 0.9, 0.99, 1.0)
 HEAD = ("min", "median", "90 %", "99 %", "max")
 LINKS = {  # field of QuestionTimes → name of this link of the chain in tables
-    "age_s": "picture's age",
+    "age_s": "image age",
     "wait_s": "wait for image",
     "encode_s": "encoding",
     "failed_s": "queue, retries",
