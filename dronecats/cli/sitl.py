@@ -23,7 +23,9 @@ PX4_INSTANCES = 10  # PX4 instances with separate offboard ports; all further in
 
 def add_sitl_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("--instance", type=int, default=0, metavar="I", help="add this to every port except 14550 (default 0)")
+    parser.add_argument(
+        "--instance", type=int, default=0, metavar="I", help="add this to every port except 14550 (default 0)"
+    )
     parser.add_argument("--count", type=int, metavar="N", help="number of vehicles, each on its own ports (default 1)")
     parser.add_argument("--speed", default="1", metavar="S", help="factor on real time (default 1)")
     parser.add_argument("--airframe", default="x500", metavar="NAME", help="name or TOML file (default x500)")

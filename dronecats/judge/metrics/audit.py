@@ -176,7 +176,10 @@ def without_cap(flight: JudgedFlight) -> bool | None:
 RULES: Mapping[str, tuple[str, Rule]] = {
     "first": ("the first declaration qualifies", success_at_first),
     "last": ("the last declaration qualifies", last_declaration),
-    "dwell": ("the target is in view within the radius for ten seconds without a break (moving targets only)", ten_seconds),
+    "dwell": (
+        "the target is in view within the radius for ten seconds without a break (moving targets only)",
+        ten_seconds,
+    ),
     "proximity": ("the drone enters the radius at some time", oracle_success),
     "no_cap": ("a declaration qualifies, also after the cap", without_cap),
 }

@@ -67,9 +67,7 @@ class EpisodeRow:
     scored: Annotated[bool, _of("whether the outcome is success or failure; other outcomes are not scored")]
     error: Annotated[str | None, _of("why the flight is not scored, or what is damaged; null: it is scored")]
     note: Annotated[str | None, _of("what remains uncertain in the verdict")]
-    censored: Annotated[
-        bool | None, _of("whether the flight ended before its cap, so that later steps are unknown")
-    ]
+    censored: Annotated[bool | None, _of("whether the flight ended before its cap, so that later steps are unknown")]
     ended: Annotated[
         str | None,
         _of("why it ended: cap, decided (success is certain), budget, rejected, interrupted, takeover or error"),

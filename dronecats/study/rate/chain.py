@@ -215,7 +215,7 @@ def summarize(times: Sequence[QuestionTimes], pilot: str, *, camera_stamps: bool
 def summary_table(summary: ChainSummary, requested: int | None = None) -> ReportTable:
     """Return the summary as a table; `requested` is the requested number of questions, None if there was no number."""
     rows = [(label, summary.links[name], "s", 4) for name, label in LINKS.items()]
-    rows.append(("chain's rate", summary.chain_hz, "Hz", 3))
+    rows.append(("step rate", summary.chain_hz, "Hz", 3))
     if summary.served_hz:
         rows.append(("served rate", summary.served_hz, "Hz", 3))
     of_requested = "" if requested is None or requested <= summary.questions else f" of {requested}"
@@ -224,8 +224,8 @@ def summary_table(summary: ChainSummary, requested: int | None = None) -> Report
         ((label, unit, *(f"{value:.{digits}f}" for value in asdict(quantiles).values()))
          for label, quantiles, unit, digits in rows),
         f"{summary.questions}{of_requested} questions to {summary.pilot}, by {CLOCK}.",
-        f"The picture's age: by {AGE_CLOCK}, {AGE_NOTES[summary.camera_stamps]}.",
-        "The chain's rate is 1 / time of a whole step. The served rate includes the flight of each action.",
+        f"The image age is by {AGE_CLOCK}, {AGE_NOTES[summary.camera_stamps]}.",
+        "The step rate is 1 / time of a whole step. The served rate includes the flight of each action.",
     )  # fmt: skip
 
 
