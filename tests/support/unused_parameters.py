@@ -41,5 +41,5 @@ def section() -> str:
 | --- | --- |
 {rows}
 
-The same holds for {len(unused) - len(INSTEAD)} more, which clients expect to find:
+{len(unused) - len(INSTEAD)} more parameters have no effect. Clients expect them:
 {others}."""

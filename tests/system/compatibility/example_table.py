@@ -40,7 +40,7 @@ class Example:
 
 PARAMETERS = "# vehicle\tcomponent\tname\tvalue\ttype\n1\t1\tMIS_TAKEOFF_ALT\t3.5\t9\n1\t1\tCOM_OBL_RC_ACT\t1\t6\n"
 OFFBOARD = {HEALTHY: 1, "-- Starting offboard": 1, "-- Stopping offboard": 1}
-SERVER = "the script wants a running mavsdk_server, which owns the link: it is given UDP in place of the serial port"
+SERVER = "the script needs a running mavsdk_server; it gets one that uses UDP instead of a serial port"
 
 EXAMPLES = (
     Example("takeoff_and_land.py", "telemetry, action", "core",
@@ -85,7 +85,7 @@ EXAMPLES = (
     Example("firmware_version.py", "info", "yes", {"Version: ": 1}),
     Example("logfile_download.py", "log_files", "yes", {"^Log 0 from ": 1, "[0-9]+ %": 10}, limit_s=240,
             downloads="log-*.ulog", after="takeoff_and_land.py",
-            note="the log of a takeoff_and_land.py flown just before, byte for byte"),
+            note="downloads the log of a flight of takeoff_and_land.py; the copy is identical"),
     Example("calibration.py", "calibration", "yes",
             {"-- (Gyroscope|Accelerometer|Magnetometer|Board level) calibration finished": 4}, limit_s=180),
     Example("failure_injection.py", "failure, param", "yes",
@@ -95,5 +95,5 @@ EXAMPLES = (
     Example("send_status_message.py", "server_utility", "yes", {"-- Connected to drone!": 1}),
     Example("ftp_list_dir.py", "ftp", "yes", {"directory list": 1}, server="udpin://0.0.0.0:14540", note=SERVER),
     Example("ftp_download_file.py", "ftp", "yes", {"-- Connected": 1}, server="udpin://0.0.0.0:14540",
-            refused="FILE_DOES_NOT_EXIST", note=f"it asks for a file of a real board; {SERVER}"),
+            refused="FILE_DOES_NOT_EXIST", note=f"the script requests a file that only a real board has; {SERVER}"),
 )  # fmt: skip

@@ -157,18 +157,18 @@ def count(outcomes: list[Outcome]) -> str:
     good = [outcome for outcome in outcomes if not outcome.fault]
     refused = sum(outcome.example.refused is not None for outcome in good)
     works, failed = len(good) - refused, len(outcomes) - len(good)
-    others = [f"{refused} is refused, rightly" if refused == 1 else f"{refused} are refused, rightly"] * (refused > 0)
+    others = [f"{refused} {'is' if refused == 1 else 'are'} rejected, as expected"] * (refused > 0)
     others += [f"{failed} fails" if failed == 1 else f"{failed} fail"] * (failed > 0)
-    return f"**{works} of {len(outcomes)}** do what they show" + "".join(f"; {words}" for words in others) + "."
+    return f"**{works} of {len(outcomes)}** examples work" + "".join(f"; {words}" for words in others) + "."
 
 
 def test_a_refusal_is_counted_as_no_pass():
     works = Outcome(EXAMPLES[0], "", 1.0, None, ())
     refused = next(Outcome(example, "", 1.0, None, ()) for example in EXAMPLES if example.refused)
     fails = Outcome(EXAMPLES[0], "ended with exit status 1", 1.0, None, ())
-    assert count([works, works]) == "**2 of 2** do what they show."
-    assert count([works, refused]) == "**1 of 2** do what they show; 1 is refused, rightly."
-    assert count([works, refused, fails, fails]) == "**1 of 4** do what they show; 1 is refused, rightly; 2 fail."
+    assert count([works, works]) == "**2 of 2** examples work."
+    assert count([works, refused]) == "**1 of 2** examples work; 1 is rejected, as expected."
+    assert count([works, refused, fails, fails]) == "**1 of 4** examples work; 1 is rejected, as expected; 2 fail."
 
 
 def page(outcomes: list[Outcome], python: Path) -> str:
@@ -183,7 +183,7 @@ def page(outcomes: list[Outcome], python: Path) -> str:
             notes.append("endless, interrupted")
         if example.note:
             notes.append(example.note)
-        state = "refused, rightly" if example.refused else "works"
+        state = "rejected, as expected" if example.refused else "works"
         if outcome.fault:
             state = f"**fails**: {outcome.fault}".replace("|", "/")
         rows.append(f"| {example.script} | {example.plugins} | {example.expectation} | {state} | "
@@ -223,7 +223,7 @@ There is a [script for each client](sitl.md#connect-a-client).
 | `MISSION_WRITE_PARTIAL_LIST` | the answer is UNSUPPORTED; PX4 does not answer |
 | reboot | message intervals are reset; parameters, missions, geofence and rally points are kept |
 | end of the process | everything is lost, unless `sitl --state` names a folder |
-| `SYSTEM_TIME` | begins with 2026-01-01 at boot, so that equal flights have equal logs. Sent after the first GPS fix |
+| `SYSTEM_TIME` | is 2026-01-01 at boot, so that equal flights have equal logs. Sent only after the first GPS fix |
 | MAVLink FTP | clients may make, rename and remove files, but only in `/fs/microsd`. Logs are in `/fs/microsd/log` |
 | size of files by FTP | up to 64 MiB per file, 1 GiB and 4096 entries in all |
 | files on disk | `vehicle-N/card` of the state folder |
