@@ -32,9 +32,9 @@ def target(t: float) -> Place:
 def timed(step: Callable[[int], Place], dt: float, seconds: float) -> dict[str, float]:
     """Return vehicle seconds per wall and per processor second: medians of `REPEAT` flights of `seconds` each.
 
-    `step(number)` advances by `dt` (s) and returns the vehicle's place, which every client needs. The first `UNTIMED_S`
-    are for compiling, allocating and climbing. Raises RuntimeError if the vehicle then deviates from the task by more
-    than half a step, or does not step, because its time would not be comparable.
+    `step(number)` advances by `dt` (s) and returns the vehicle's place. The first `UNTIMED_S` are for compiling,
+    allocating and climbing. Raises RuntimeError if the vehicle then deviates from the task by more than 0.5 m, or does
+    not move as the task demands, because its time would not be comparable.
     """
     number, steps = round(UNTIMED_S / dt), round(seconds / dt)
     for i in range(number):
@@ -151,7 +151,9 @@ PEERS: dict[str, Callable[[], dict[str, float]]] = {
 
 
 def compare(folder: Path, core_rtf: float, core_rtf_cpu: float) -> dict[str, Any]:
-    """Return per peer its factor on real time and the project's divided by it, or a `note` on why it was skipped.
+    """Return for each peer its speed (factor on real time) and our speed divided by its speed, or a `note`.
+
+    The `note` says why a peer was skipped.
 
     Both figures are by wall time and by processor time (`…_cpu`). If other programs run too, use only `…_cpu`.
     """

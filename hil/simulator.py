@@ -1,13 +1,13 @@
 """PX4's simulator interface: HIL messages from our sensors, rotor commands from PX4's replies, and two kinds of link.
 
-PX4 uses a group of HIL_SENSOR's fields only if all of its bits are set. Specific forces are in m/s², rates in rad/s,
-magnetic fields in gauss, pressures in hPa, vectors in FRD. HIL_GPS has 1e-7 degrees, altitude in mm, speeds
-in cm/s and course in 0.01°. Source: PX4 SimulatorMavlink.cpp.
+PX4 uses a group of HIL_SENSOR's fields only if all bits of the group are set in `fields_updated`. Specific forces are
+in m/s², rates in rad/s, magnetic fields in gauss, pressures in hPa, vectors in FRD. HIL_GPS has 1e-7 degrees, altitude
+in mm, speeds in cm/s and course in 0.01°. Source: PX4 SimulatorMavlink.cpp.
 
 A PX4 in software connects over TCP (`SimulatorServer`). A board in hardware-in-the-loop mode uses one link for HIL and
 other MAVLink messages (`BoardLine`). There is no lockstep with a board, because it stamps messages with its own clock.
 A board decodes HIL messages only in HIL mode (SYS_HITL), which its heartbeat shows. It would use HIL_STATE_QUATERNION
-as its estimate, so that message is never sent. Source: PX4 mavlink_receiver.cpp.
+as its estimate. Therefore that message is never sent. Source: PX4 mavlink_receiver.cpp.
 """
 
 import contextlib
@@ -29,7 +29,7 @@ from hil.link.transport import BAUD, BITS_PER_BYTE, Transport, bind_error
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # groups of HIL_SENSOR.fields_updated
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 HIL_ENABLED = dialect.MAV_MODE_FLAG_HIL_ENABLED
-SENSOR_BYTES = 74  # largest HIL_SENSOR frame: MAVLink 2 leaves out trailing zeros, and id is 0
+SENSOR_BYTES = 74  # largest HIL_SENSOR frame; its last field, the sensor's id, is 0 and MAVLink 2 omits trailing zeros
 COURSE_UNKNOWN = 65535
 COURSE_FROM = 0.3  # m/s; below this speed a receiver reports no course over ground
 
@@ -94,7 +94,7 @@ def gps_message(sensors: Any) -> dialect.MAVLink_hil_gps_message:
 
 
 def sample_times(sensors: Any) -> SampleTimes:
-    """Return the times of the newest samples of `sensors`, as sent."""
+    """Return the times of the newest samples of `sensors`."""
     return SampleTimes(
         int(sensors["imu_time_us"]),
         int(sensors["mag_time_us"]),
@@ -200,7 +200,7 @@ class SimulatorServer:
 
 RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # of HIL_SENSOR; below the least, a rate controller cannot hold the vehicle
 USB = "ttyACM"  # in the device name of a board that is connected by USB; such a link has no baud rate
-SHARE = 0.5  # share of the link for HIL_SENSOR; the clients need the rest
+SHARE = 0.5  # share of the link for HIL_SENSOR; other MAVLink traffic needs the rest
 HEARTBEAT_S = 1.0  # wall seconds
 REOPEN_S = 1.0  # wall seconds between two attempts after the cable was pulled
 FORGET_S = 3.0  # wall seconds without a heartbeat after which the board counts as gone, as in MAVSDK

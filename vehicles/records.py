@@ -50,7 +50,7 @@ PARAMS = np.dtype(
         ("reach", "f8"),  # m, farthest contact point from the body origin
         ("cells", "f8"),
         ("capacity_ah", "f8"),
-        ("charge_least_ah", "f8"),  # Ah, charge below which the pack is not drained
+        ("charge_least_ah", "f8"),  # Ah, the charge never falls below this
         ("resistance_ohm", "f8"),
         ("avionics_w", "f8"),
         ("ground_north", "f8"),  # m, NED origin and cell of the height field
@@ -70,7 +70,7 @@ STATE = np.dtype(
         ("specific_force", "f8", (3,)),  # m/s², FRD, mean over the last step
         ("mean_rates", "f8", (3,)),  # rad/s, FRD, mean over the last step
         ("rotor_speed", "f8", (MAX_ROTORS,)),  # rad/s, magnitude
-        ("rotor_turn", "f8", (MAX_ROTORS,)),  # rad, angle of the heavy side from forward, in the direction of rotation
+        ("rotor_turn", "f8", (MAX_ROTORS,)),  # rad, angle of the imbalance from forward, in the direction of rotation
         ("rotor_health", "f8", (MAX_ROTORS,)),  # 1 intact … 0 failed: factor on the commanded speed
         ("rotor_power", "f8"),  # W, mechanical, all rotors
         ("charge_ah", "f8"),
@@ -79,10 +79,10 @@ STATE = np.dtype(
         ("height", "f8"),  # m, body origin above the ground below it
         ("anchor", "f8", (MAX_CONTACTS, 3)),  # m, NED, where friction holds each contact point
         ("contact", "i8", (MAX_CONTACTS,)),  # bool: the point touches the ground
-        ("carried", "f8", (4,)),  # N and N·m, vertical force and moment of the rotors in the last integrated step
+        ("carried", "f8", (4,)),  # N and N·m, vertical force and moment of the rotors when the rest began
         ("on_ground", "i8"),  # bool: any point touches
-        ("crashed", "i8"),  # bool, latched: a hit above CRASH_FOOT (a foot) or CRASH_BODY (other parts)
-        ("hits", "i8"),  # number of hits so far: contacts with obstacles that began above HIT_LEAST
+        ("crashed", "i8"),  # bool, latched: a hit faster than CRASH_FOOT (landing feet) or CRASH_BODY (other parts)
+        ("hits", "i8"),  # number of hits so far: contacts with obstacles that began faster than HIT_LEAST
         ("hit_speed", "f8"),  # m/s, closing speed of the last hit
         ("hit_owner", "i8"),  # index in `Obstacles.names`, `collision.BOX` or `encounter.DRONE`
         ("upside_down", "i8"),  # bool: body z axis points up

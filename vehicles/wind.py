@@ -89,7 +89,7 @@ PERIOD_US = 10_000
 PERIOD_S = 0.01
 FOOT = 0.3048
 SQRT_3 = math.sqrt(3.0)
-# Lower limit: frozen turbulence needs airspeed, but a vehicle that drifts with the wind still meets some eddies.
+# Least airspeed of the turbulence model. The model has no gusts at airspeed 0, but real wind has some.
 AIRSPEED_MIN = 1.0  # m/s
 
 
@@ -106,7 +106,7 @@ CALM = Wind()
 
 @njit(cache=True)
 def scales(height: float, w20: float) -> tuple[float, float, float, float]:
-    """Return (sigma along and across, sigma vertical in m/s, length along and across, length vertical in m).
+    """Return four scales of the gusts: horizontal and vertical sigma (m/s), horizontal and vertical length (m).
 
     MIL-F-8785C 3.7.3.4, for `height` (m) above ground, clamped to the standard's 10 to 1000 ft.
     """
@@ -120,9 +120,9 @@ def scales(height: float, w20: float) -> tuple[float, float, float, float]:
 def _across(states: Grid, sigma: float, tau: float, rng: RandomStream) -> float:
     """Advance one second-order filter by PERIOD_S and return the gust (m/s).
 
-    H = √3·a + (1 - √3)·b with a = w / (1 + tau·s), b = a / (1 + tau·s); their covariance is the integral of the
-    products of their impulse responses over the period. The states have unit intensity, so that tau may change in
-    flight.
+    The gust is √3·a + (1 - √3)·b, with the states a = w / (1 + tau·s) and b = a / (1 + tau·s) of white noise w. The
+    covariance of a and b is the integral of the products of their impulse responses over the period. The states do not
+    contain sigma, so that tau and sigma may change in flight.
     """
     h = PERIOD_S / tau
     p, p2 = math.exp(-h), math.exp(-2.0 * h)

@@ -74,8 +74,8 @@ def _at(levels: Mapping[str, Level], where: str) -> dict[str, Level]:
 
 MERGED_FIELDS = ("flights", "runs")  # fields in which a resumed study may differ from the earlier one
 PILOT_FIELDS = ("pilot", "model", "outside", "commander", "scripted")  # fields that differ between pilots
-RENDERED = "simulated.rendered"  # field that depends on the pilot
-SHOWN_MAX = 3  # most differences that an error lists
+RENDERED = "simulated.rendered"  # a field of PILOT_FIELDS; some pilots need pictures
+SHOWN_MAX = 3  # largest number of differences in an error
 
 
 def merge_earlier_runs(folder: Path, plan: StudyPlan) -> Study:
@@ -127,7 +127,7 @@ def _factor_text(factor: StudyFactor) -> str:
 def _check_flights(folder: Path, before: Study, plan: StudyPlan) -> None:
     """Raise UsageError if a recorded flight differs from the planned one.
 
-    So a study never skips a flight that differs from the recorded one, and all pilots fly under the same conditions.
+    A resumed study skips recorded flights, so these must equal the planned ones.
     Runs of the same name must be equal. Runs of other pilots at the same levels must be equal in all fields except
     PILOT_FIELDS.
     """

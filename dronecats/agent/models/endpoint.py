@@ -112,13 +112,13 @@ def _status(error: Any) -> int:
     return next((status for status, word in _WORDS if word.search(text)), BAD_REQUEST)
 
 
-GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses, as long as an episode
+GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses; an episode has this length
 CONNECT_S = 10.0  # wall s for each connection, included in GIVE_UP_S
 MAX_BODY_BYTES = 4 * 2**20  # of an answer, decompressed; an answer of 8192 tokens has about 40 kB
 MAX_SHOWN_CHARS = 100_000  # of an answer that `brief` reads
 MAX_PAUSE_S = 60.0  # upper limit on Retry-After
-AGAIN = (408, 425, 429)  # and 5xx: statuses that are worth a retry
-UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # every other question would get the same answer
+AGAIN = (408, 425, 429)  # statuses after which a question is sent again, besides 5xx
+UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # any question would get this status
 _VERSION = re.compile(r"/v\d")  # in the path of an address
 HEADERS = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
 T = TypeVar("T")
@@ -149,11 +149,11 @@ BEARER = KeyHeader("Authorization", "Bearer ")
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """An answer of status 200."""
+    """The body of an answer with status 200, or of one that the provider's filter withheld."""
 
     body: bytes  # decompressed
     latency_s: float  # wall s, of the successful attempt
-    waited_s: float  # wall s before it: rate limit and failed attempts
+    waited_s: float  # wall s before the successful attempt: waits for the rate limit, and failed attempts
     filtered: bool = False  # the provider refuses this question because of its content; the body has no reply
 
 
@@ -173,7 +173,7 @@ class Exchanged:
 
     @property
     def rejects(self) -> bool:
-        """True if every other question would get the same answer: a wrong key, model or path, or no credit."""
+        """True if any question would get the same answer: a wrong key, model or path, or no credit."""
         if self.status in (UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND):
             return True
         return 400 <= self.status < 500 and is_exhausted(self.body)
@@ -271,10 +271,10 @@ class Endpoint:
             raise ModelError(f"the model endpoint {self.shown} cannot be reached: {self._reason(error)}") from None
 
     def post(self, path: str, content: bytes, tokens: int, failed: list[bytes]) -> Answer:
-        """Return the first answer of status 200 without an error, after as many attempts as `patience` allows.
+        """Return the first answer of status 200 without an error. `patience` limits the number of attempts.
 
         `tokens`: an estimate for the limiter. `failed` receives the bodies of all other answers. Raises ModelError. If
-        every other question would get the same answer, raises its subclass ModelRejectedError without more attempts.
+        any question would get the same answer, raises its subclass ModelRejectedError without more attempts.
         """
         return self._within(self.patience.give_up_s, lambda until: self._attempts(path, content, tokens, failed, until))
 
@@ -301,7 +301,7 @@ class Endpoint:
             began = time.monotonic()
             try:
                 came = self._exchange(url, content, until)
-            except (httpx.ReadTimeout, httpx.WriteTimeout):  # the request had all the remaining time
+            except (httpx.ReadTimeout, httpx.WriteTimeout):  # the timeout was all the time that was left
                 raise self._silent(self.patience.give_up_s) from None
             except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
                 reason, again = (

@@ -22,7 +22,7 @@ class ChatModel(HttpModel):
     path = "chat/completions"
 
     def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
-        """Raises UsageError as `HttpModel`, and for a schema whose root OpenAI rejects."""
+        """Raises UsageError in the cases of `HttpModel`, and for a schema whose root OpenAI rejects."""
         super().__init__(spec, patience, limiters)
         own = spec.base_url in (None, self._provider.base_url)
         if spec.provider == "openai" and own and spec.schema == "array":
@@ -128,7 +128,7 @@ class GeminiModel(HttpModel):
 
 
 def _gemini_text(data: dict[str, Any]) -> tuple[str, str | None]:
-    """Return the text and the finish reason. The text is empty if it was withheld, or cut off before a word."""
+    """Return the text and the finish reason. The text is empty if it was withheld, or cut off before its first word."""
     if not data.get("candidates"):
         text_of(data["promptFeedback"]["blockReason"])
         return "", "filtered"
@@ -164,10 +164,10 @@ class AnthropicModel(HttpModel):
     unknown = ("minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems")
 
     def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
-        """Raises UsageError as `HttpModel`, and for settings that the vendor rejects.
+        """Raises UsageError in the cases of `HttpModel`, and for settings that the vendor rejects.
 
-        These are an array as the root of the schema, malformed reasoning fields, and a reasoning budget that is not
-        below max_tokens.
+        The vendor rejects an array as the root of the schema, malformed reasoning fields, and a reasoning budget that
+        is not below max_tokens.
         """
         super().__init__(spec, patience, limiters)
         if spec.schema == "array":
@@ -192,7 +192,7 @@ class AnthropicModel(HttpModel):
             raise UsageError(f"{limits}. Raise max_tokens")
 
     def headers(self) -> dict[str, str]:
-        """Return the version of the API: the newest, or the last one with sampling if any parameter is declared."""
+        """Return the API's version: the newest, or for declared sampling parameters the newest that has them."""
         return {"anthropic-version": ANTHROPIC_SAMPLING_VERSION if self._sampling() else ANTHROPIC_VERSION}
 
     def _sampling(self) -> dict[str, float]:

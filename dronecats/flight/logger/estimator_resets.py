@@ -17,7 +17,8 @@ COUNTS = 256  # reset_counter is a uint8
 # A quantity was reset if its jump exceeds LEAST_… plus the effect of ACCELERATION and TURNING_DEG, the largest values
 # within 0.2 s in measured flights. For a reset with smaller jumps, `quantities` is empty.
 LEAST_M, LEAST_MPS, LEAST_DEG = 0.2, 0.3, 3.0
-ACCELERATION, TURNING_DEG = 5.0, 30.0  # m/s²; °/s, change of the turn rate
+ACCELERATION = 5.0  # m/s²
+TURNING_DEG = 30.0  # °/s, change of the turn rate within 0.2 s
 
 
 @dataclass(frozen=True, slots=True)

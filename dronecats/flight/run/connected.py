@@ -1,4 +1,4 @@
-"""Flies a connected vehicle with the same episode code as a simulated one. Without truth there is no verdict."""
+"""Flies a connected vehicle with the episode code of a simulated one. A flight without true poses has no verdict."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -50,9 +50,9 @@ def fetch_onboard_log(url: str, link: Link, folder: Path, notify: Callable[[str]
 
 
 EPISODE = "connected"
-HEIGHT_M = 2.5  # start of the episode, above the place of take-off: PX4's MIS_TAKEOFF_ALT
-# wall seconds without telemetry (for example, an unplugged cable) after which the vehicle counts as lost. Its failsafe
-# ends Offboard long before
+HEIGHT_M = 2.5  # height of the start above the place of take-off: PX4's MIS_TAKEOFF_ALT
+# wall seconds without telemetry (for example, an unplugged cable) after which the flight ends. Much earlier,
+# the vehicle's failsafe takes over
 SILENCE_S = 6.0
 
 
@@ -131,7 +131,7 @@ def open_link(vehicle: Connected, limits: Limits | None) -> Link:
 
 
 def _camera(vehicle: Connected, link: Link) -> RealCamera:
-    """Return the camera after its first frame, so that a missing picture stops the flight early. Raises UsageError."""
+    """Return the camera after its first frame. Raises UsageError if no frame comes, before the vehicle takes off."""
     max_age_s = link.limits.frame_s if link.limits else Limits().frame_s
     try:
         camera = open_camera(vehicle.camera or "", lambda: link.time_us, vehicle.calibration, max_age_s=max_age_s)

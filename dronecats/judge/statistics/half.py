@@ -1,7 +1,7 @@
 """Estimates the place (value of a factor) at which half of the trials succeed.
 
 The model is a logistic fit with random group intercepts. The intercepts are distributed symmetrically, so the median
-group and all groups together reach one half at the same place. The interval is a profile likelihood interval: all
+group and the mean over all groups reach one half at the same place. The interval is a profile likelihood interval: all
 places at which the fit is not significantly worse than the best fit. It may be unbounded (Fieller's case). The limit
 of significance is a quantile of F with (1, groups - 1) degrees of freedom: twenty groups are too few for chi-square.
 """
@@ -29,24 +29,23 @@ from dronecats.judge.statistics.shares import CONFIDENCE
 
 Where = Literal["within", "between", "above all", "below all", "no slope"]
 PLACES = 17  # places of the profile, from the lowest to the highest level
-NOTICEABLE_LOSS = (
-    1.0  # loss of twice the log likelihood; a place that loses more is noticeably worse than the best place
-)
-FLAT_WIDTH_RATIO = (
-    0.25  # ratio of widths at losses EQUAL_LOSS and NOTICEABLE_LOSS; above it no place is best. A parabola has 0.1
-)
+# loss in 2 · log likelihood; a place that loses more is noticeably worse than the best place
+NOTICEABLE_LOSS = 1.0
+# The width of the profile at the loss EQUAL_LOSS, divided by that at NOTICEABLE_LOSS. Above this ratio the profile is
+# flat, so that no place is best; the ratio of a parabola is 0.1.
+FLAT_WIDTH_RATIO = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HalfSuccess:
     """The place at which half of the trials succeed."""
 
-    where: Where  # "between": within the levels, but the turn is too sharp for a best place
+    where: Where  # "between": within the levels, but success turns to failure too sharply for a best place
     value: float | None  # the place, in the factor's unit; None: outside of the levels, or unknown
     low: float  # lower end of the interval; -inf: below the lowest level, +inf: above the highest
     high: float  # upper end, with the same infinities
     slope: float | None  # of the log odds per unit of the factor; None: the likelihood has no peak
-    scatter: float | None  # standard deviation of the groups' intercepts, log odds; WIDEST: that or more
+    scatter: float | None  # standard deviation of the groups' intercepts, log odds; WIDEST means at least WIDEST
     p_slope: float  # likelihood ratio test of no slope
     p_straight: float | None  # test of straight log odds against a share per level; None: two levels
     groups: int

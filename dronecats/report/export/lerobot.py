@@ -1,9 +1,9 @@
 """Writes many flights as one LeRobot dataset, version 3.0 of its layout. Needs the extra `lerobot`.
 
-A frame is a decision with its picture. `timestamp` counts decisions, 1 per second, because LeRobot requires a constant
+A frame is a decision with its picture. `timestamp` is artificial, 1 s per decision, because LeRobot requires a constant
 frame rate. `time.frame_s` is the time of the picture. An episode is one drone's part of a flight. `observation.state`
 is the autopilot's estimate; only `judge.success` comes from the judge. `action` has the units of the log.
-`action.body_velocity` is one constant velocity, in axes along the heading at the picture, and one constant yaw rate. It
+`action.body_velocity` is one constant velocity, in axes fixed to the picture's heading, and one constant yaw rate. It
 replaces the motion of the paper's controller (`dronecats/agent/controller.py`), and has the same duration, end position
 and final heading.
 """
@@ -37,7 +37,7 @@ ACTION = ("go", "rotate", "think", "finished", "point_x", "point_y", "depth_m", 
 BODY_VELOCITY = ("forward_m_s", "right_m_s", "down_m_s", "yaw_rate_rad_s", "duration_s")
 EVERY_PX = 4  # px, spacing in rows and columns of the pixels in the statistics
 FPS = 1
-FILE_BYTES = 100_000_000  # size of the images in a data file from which the next episode begins a new file
+FILE_BYTES = 100_000_000  # once a data file has this size of images, the next episode begins a new file
 IMAGE = "observation.images.front"
 DATA, EPISODES = "data/chunk-000/file-{:03d}.parquet", "meta/episodes/chunk-000/file-000.parquet"
 VECTORS = {"observation.state": STATE, "action": ACTION, "action.body_velocity": BODY_VELOCITY}

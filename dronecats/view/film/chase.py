@@ -86,13 +86,13 @@ def _smooth(values: Array, sigma_s: float) -> Array:
 
 
 def _outwards(azimuth: Array, elevation: Array) -> Array:
-    """Return the unit vectors (N, 3), NED, from the drone to the camera. Azimuth 0 is south of the drone."""
+    """Return the unit vectors (N, 3), NED, from the drone to the camera. Azimuth 0: the camera is in the south."""
     flat = np.cos(elevation)
     return np.column_stack([-flat * np.cos(azimuth), -flat * np.sin(azimuth), -np.sin(elevation)])
 
 
 def _blocked(place: Array, heading: float, candidates: Array, obstacles: Solids) -> NDArray[np.bool_]:
-    """Return (N,): whether an obstacle hides the drone from a place or from a point CAMERA_MARGIN_M beside it."""
+    """Return (N,): whether an obstacle hides the drone at `place` from a candidate camera or from a point near it."""
     azimuth, elevation = heading + np.radians(candidates[:, 0]), np.radians(candidates[:, 1])
     out = _outwards(azimuth, elevation)
     eye = place + (candidates[:, 2:] * BOOM_M + CAMERA_MARGIN_M) * out
