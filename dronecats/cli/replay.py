@@ -62,9 +62,7 @@ def add_film_options(parser: argparse.ArgumentParser) -> None:
         "episode", type=Path, metavar="RUN[/EPISODE]", help="a run with one episode, or an episode's folder"
     )
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the film: FILE.mp4, or FILE.gif")
-    parser.add_argument(
-        "--gif", action="store_true", help="write a small animated picture for a web page; FILE.gif implies it"
-    )
+    parser.add_argument("--gif", action="store_true", help="write a GIF. --out FILE.gif is enough")
     parser.add_argument("--speed", type=float, default=1.0, metavar="N", help="seconds of flight a second (default 1)")
     parser.add_argument(
         "--from",

@@ -94,4 +94,4 @@ def owner(name: str) -> str:
     """Return the owner of a served pilot in its endpoint's list of models."""
     if name.startswith(BLIND):
         return f"{SERVED['blind'][:-1]}: {PATTERNS[name.removeprefix(BLIND)].description})"
-    return (SERVED | COMMANDERS).get(name, "dronecats (replies of another flight said again, not a model)")
+    return (SERVED | COMMANDERS).get(name, "dronecats (repeats the replies of another flight, not a model)")

@@ -222,7 +222,7 @@ def drones(data: ReportData) -> ReportTable | None:
         title="Commanding, drone by drone",
         caption=(
             "Result of each drone of each scored flight, % of the drones. One drone with a true declaration"
-            " solves the episode; so the success rate beside is of episodes."
+            " solves the episode; so the success rate counts episodes."
         ),
         columns=columns,
         row_of=row_of,

@@ -47,7 +47,7 @@ class FlightPanels:
         with self._folder:
             self._state = gui.add_html("")
             names = (NO_DRONE, *(drone_label(k) for k in range(drones)))
-            self._follow: Any = gui.add_dropdown("Go with", names, initial_value=NO_DRONE)
+            self._follow: Any = gui.add_dropdown("Follow", names, initial_value=NO_DRONE)
             self._judge: Any = gui.add_checkbox("The judge's view", False)
             self._judged = gui.add_html("")
             self._pilots = gui.add_html("", visible=piloted)
@@ -253,7 +253,7 @@ def _numbers(drone: DroneMoment, *, brief: bool = False) -> list[tuple[str, str]
         ("height", "" if drone.height_m is None else f"{drone.height_m:.1f} m"),
         ("battery", "" if drone.battery is None else f"{100 * drone.battery:.0f} %"),
         ("mode", mode.strip(" ·")),
-        ("pose", "" if drone.position_ned is None else "the true one" if drone.true else "the autopilot's own"),
+        ("pose", "" if drone.position_ned is None else "truth" if drone.true else "estimate"),
     ]
     return rows[: len(HEADS)] if brief else rows
 

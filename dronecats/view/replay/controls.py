@@ -127,7 +127,7 @@ TIMES: dict[str, Callable[[ReplayOrders], None]] = {
 LISTS = {
     OccurrenceKind.DECISION: "Decisions",
     OccurrenceKind.DECLARATION: "Declarations",
-    OccurrenceKind.FAULT: "Went wrong",
+    OccurrenceKind.FAULT: "Problems",
 }
 
 
@@ -158,7 +158,7 @@ class Controls:
             self._lists: dict[OccurrenceKind, Any] = {
                 kind: gui.add_dropdown(title, (NONE,)) for kind, title in LISTS.items()
             }
-        with pictures, gui.add_folder("Drawn again", order=-1.0):
+        with pictures, gui.add_folder("Additional view", order=-1.0):
             names = (NOT_DRAWN, *(view.value for view in RedrawnView))
             self._view: Any = gui.add_dropdown("View", names, initial_value=NOT_DRAWN)
             blank = np.full((HEIGHT_PX, WIDTH_PX, 3), 40, np.uint8)

@@ -39,7 +39,10 @@ def opened(browser):
         made.append(sent)
         browser.get_log("browser")  # of pages before
         browser.get(page.url)
-        until(browser, lambda: "Drawn again" in text(browser) and str(flights[0].recorded.instruction) in text(browser))
+        until(
+            browser,
+            lambda: "Additional view" in text(browser) and str(flights[0].recorded.instruction) in text(browser),
+        )
         return page, sent
 
     yield serve

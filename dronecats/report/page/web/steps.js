@@ -97,7 +97,7 @@ class FlightView {
       "header",
       { class: "head" },
       el("div", {}, el("h1", {}, episode.id), el("p", { class: "told" }, flight.instruction ? `“${flight.instruction}”` : "", el("span", { class: "quiet" }, ` ${[episode.cell, episode.map].filter(Boolean).join(" · ")}`))),
-      el("div", {}, this.sides.map(({ flight: own, side }) => outcome(own.episode, side)), el("p", { class: "beside" }, el("label", { for: "rival" }, "Beside it: "), this.rival)),
+      el("div", {}, this.sides.map(({ flight: own, side }) => outcome(own.episode, side)), el("p", { class: "beside" }, el("label", { for: "rival" }, "Compare with: "), this.rival)),
     );
   }
 
