@@ -129,8 +129,8 @@ METRICS = (
     ),
     Metric(
         name="rescaled", title="Rescaled copy", unit="share", level="step", better="less",
-        definition="for a go after an earlier go among the last five actions: its point equals, to half a unit, the pixel"
-        " coordinates that the history shows for the newest of them. The history shows a point (x, y) as"
+        definition="for a go after an earlier go among the last five actions: its point equals, to half a unit, the"
+        " pixel coordinates that the history shows for the newest of them. The history shows a point (x, y) as"
         " (1.28 x, 0.72 y)",
         paper=EXECUTION, of=rescaled,
     ),
