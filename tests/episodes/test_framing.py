@@ -1,4 +1,4 @@
-"""The target's box in the picture, against points spread over the box, and against the drawn pixels."""
+"""Compares the target's box in the picture with points sampled on its 3D box, and with the drawn pixels."""
 
 import itertools
 import math
@@ -30,15 +30,15 @@ def corners(centre, half, attitude):
 
 
 def over_the_edges(box, count=4001):
-    """Return points (N, 3) along all edges of the box, dense."""
+    """Return points (N, 3) densely along all edges and diagonals of the box."""
     part = np.linspace(0.0, 1.0, count)[:, None]
     each = [np.array(box[a]) + part * (np.array(box[b]) - np.array(box[a])) for a in range(8) for b in range(a)]
-    return np.concatenate(each)  # diagonals too: they are within the box
+    return np.concatenate(each)  # the diagonals lie within the box
 
 
 @settings(max_examples=60, deadline=None)
 @given(place, st.tuples(*[st.floats(0.1, 3.0)] * 3), st.tuples(turn, st.floats(-1.5, 1.5), turn))
-def test_it_is_the_hull_of_what_lies_before_the_camera(centre, half, angles):
+def test_picture_box_encloses_the_part_of_the_box_in_front_of_the_camera(centre, half, angles):
     box = corners(centre, half, quat_from_euler(*angles))
     measured_box = picture_box(box, CAMERA)
     points = over_the_edges(box)
@@ -46,13 +46,13 @@ def test_it_is_the_hull_of_what_lies_before_the_camera(centre, half, angles):
     if not len(ahead):
         assert measured_box is None
         return
-    across = 500.0 + 500.0 * ahead[:, 1] / ahead[:, 0]  # 90° across
+    across = 500.0 + 500.0 * ahead[:, 1] / ahead[:, 0]  # horizontal field of view: 90°
     under = 500.0 + 500.0 * ahead[:, 2] / ahead[:, 0] * 1280 / 720
     edges = [np.clip(edge, 0.0, 1000.0) for edge in (across.min(), under.min(), across.max(), under.max())]
     if measured_box is None:
         assert edges[2] - edges[0] < 1.0 or edges[3] - edges[1] < 1.0
         return
-    if ahead[:, 0].min() > 2.0 * NEAR_M:  # nearer than that the samples are too far apart in the picture
+    if ahead[:, 0].min() > 2.0 * NEAR_M:  # nearer samples are too far apart in the picture
         assert measured_box == pytest.approx(edges, abs=2.0)
     assert measured_box[0] <= edges[0] + 1e-6
     assert measured_box[1] <= edges[1] + 1e-6
@@ -74,7 +74,7 @@ def world() -> World:
     return World(catalogue.load("blocks-commanding-01"))
 
 
-def test_the_world_says_where_the_target_is_drawn(world):
+def test_measured_target_box_matches_the_drawn_pixels(world):
     renderer = Renderer(world.scene, SMALL)
     goal, rng = world.target_centre(0.0), np.random.default_rng(3)
     boxes = 0
@@ -106,7 +106,7 @@ def test_the_world_says_where_the_target_is_drawn(world):
     assert boxes >= 2
 
 
-def test_a_target_whose_camera_looks_away_has_no_box(world):
+def test_target_has_no_box_if_the_camera_looks_away(world):
     start = world.record.starts[0]
     goal = world.target_centre(0.0)
     away = math.atan2(goal[1] - start.position_ned[1], goal[0] - start.position_ned[0]) + math.pi

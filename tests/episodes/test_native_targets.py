@@ -1,4 +1,4 @@
-"""A target from the map itself: the same instance, solid to a drone, and not its own occluder."""
+"""Native targets are instances of the map. A drone can collide with them, and they do not occlude themselves."""
 
 import json
 import math
@@ -40,16 +40,16 @@ def world(thing: Instance) -> World:
     return World(record_of(thing))
 
 
-def test_the_instance_itself_is_the_target(world: World, thing: Instance) -> None:
+def test_a_native_target_is_the_instance_of_the_map(world: World, thing: Instance) -> None:
     assert world.target_id == thing.id
     assert [i.id for i in world.scene.instances] == [i.id for i in maps.build("residential", 1).instances]
     assert world.target_pose(3.0) == (thing.position_ned, thing.yaw)
     assert world.moved(3.0) == {}
 
 
-def test_it_does_not_hide_itself_and_is_seen_as_it_is_drawn(world: World) -> None:
+def test_a_native_target_does_not_occlude_itself_and_has_the_drawn_depth(world: World) -> None:
     n, e, _ = world.target_centre(0.0)
-    # towards the road, with nothing else before it
+    # from the side of the road, with a free view
     spot = (n - 1.5, e + 4.0, world.ground_down(n - 1.5, e + 4.0) - 1.2)
     attitude = quat_from_euler(0.0, 0.0, math.atan2(e - spot[1], n - spot[0]))
     seen = world.measure(0.0, spot, attitude, CAMERA)
@@ -60,7 +60,7 @@ def test_it_does_not_hide_itself_and_is_seen_as_it_is_drawn(world: World) -> Non
     assert seen.oracle_depth_m == pytest.approx(float(view.depth[mine].mean()), rel=0.03)
 
 
-def test_a_drone_can_hit_it_once(world: World, thing: Instance) -> None:
+def test_a_native_target_is_listed_once_among_the_obstacles(world: World, thing: Instance) -> None:
     assert obstacles(world.scene).names.count(thing.name) == 1
 
 
@@ -73,21 +73,21 @@ def test_a_drone_can_hit_it_once(world: World, thing: Instance) -> None:
         ({"yaw_deg": 91.0}, "target"),
     ],
 )
-def test_targets_that_the_map_lacks_are_rejected(thing: Instance, change: dict[str, Any], says: str) -> None:
+def test_native_targets_that_do_not_match_the_map_are_rejected(thing: Instance, change: dict[str, Any], says: str) -> None:
     record = record_of(thing)
     with pytest.raises(UsageError, match=says):
         World(replace(record, target=replace(record.target, **change)))
 
 
-def test_two_millimetres_off_are_refused(thing: Instance) -> None:
+def test_a_target_two_millimetres_off_its_instance_is_rejected(thing: Instance) -> None:
     document = json.loads(record_of(thing).to_json())
     document["target"]["position_ned"][0] += 0.002
     with pytest.raises(UsageError, match="target"):
         World(parse(json.dumps(document), "mine.json"))
 
 
-def test_solids_without_one_are_those_of_the_others(thing: Instance) -> None:
-    """Shared rays of the whole map give the same answers for the omitted instance."""
+def test_solids_except_one_equal_solids_built_without_it(thing: Instance) -> None:
+    """Rays through the shared map give the same results as rays through a map without the omitted instance."""
     instances = maps.build("residential", 1).instances
     instances = tuple(i for i in instances if i.kind not in ("wood", "conifer"))
     one = next(i for i in instances if i.name == thing.name)
@@ -109,11 +109,11 @@ def test_solids_without_one_are_those_of_the_others(thing: Instance) -> None:
     assert max(fractions) > 0.9
     with pytest.raises(ValueError, match=thing.name):
         SolidsExcept(apart, one)
-    built_again = replace(one, position_ned=one.position_ned)  # by another call: the same thing, another object
+    built_again = replace(one, position_ned=one.position_ned)  # an equal instance, but another object
     assert SolidsExcept(Solids(instances), built_again).clearance_m((n, e, d)) == shared.clearance_m((n, e, d))
 
 
-def test_groups_of_solids_together_are_one() -> None:
+def test_a_union_of_solids_equals_one_group_of_all_solids() -> None:
     instances = [i for i in maps.build("blocks", 1).instances if i.solid]
     whole, parts = Solids(instances), SolidsUnion(Solids(instances[::2]), Solids(instances[1::2]))
     rng = np.random.default_rng(7)

@@ -7,14 +7,14 @@ from episodes import maps
 from foundation.threads import once
 
 
-def test_requests_during_the_creation_wait_for_it():
+def test_requests_during_creation_wait_for_the_value():
     made, all_asked = [], threading.Barrier(4)
     going_on = threading.Event()
 
     @once(2)
     def thing(name):
         made.append(name)
-        going_on.wait(0.2)  # long enough for the others to request it, if they were let in
+        going_on.wait(0.2)  # gives the other threads time to enter, if `once` lets them
         return object()
 
     def ask(name):

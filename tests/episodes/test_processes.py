@@ -1,4 +1,4 @@
-"""Shared-out work: it finishes, fails as one, and no part of it outlives its caller."""
+"""Parallel work: every item is processed, an error ends the whole call, and no worker outlives the caller."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ def ignores_interrupts(process: psutil.Process) -> bool:
 
 
 def sleepers(seconds: float) -> tuple[subprocess.Popen[str], list[psutil.Process]]:
-    """Return a process, in a session of its own, with work for two others, and these two."""
+    """Start a process in its own session, with work for two workers. Return the process and its workers."""
     code = (
         "import time; from episodes.authoring.processes import process_map; "
         f"list(process_map(time.sleep, [{seconds}] * 4, 2))"
@@ -35,7 +35,7 @@ def sleepers(seconds: float) -> tuple[subprocess.Popen[str], list[psutil.Process
     return parent, workers
 
 
-def test_every_item_is_worked_on() -> None:
+def test_every_item_is_processed_and_errors_are_raised() -> None:
     assert sorted(process_map(abs, [-1, 2, -3], jobs=2)) == [1, 2, 3]
     assert list(process_map(abs, [-4, 2], jobs=1)) == [4, 2]
     items: list[Any] = [1, "x"]
@@ -43,12 +43,12 @@ def test_every_item_is_worked_on() -> None:
         list(process_map(abs, items, jobs=2))
 
 
-def test_a_dead_process_is_reported() -> None:
+def test_a_worker_that_exits_is_reported() -> None:
     with pytest.raises(InfrastructureError, match="process"):
         list(process_map(os._exit, [1, 1], jobs=2))
 
 
-def test_workers_end_with_a_parent_that_is_killed() -> None:
+def test_workers_end_when_their_parent_is_killed() -> None:
     parent, workers = sleepers(600.0)
     parent.kill()
     parent.wait()
@@ -56,7 +56,7 @@ def test_workers_end_with_a_parent_that_is_killed() -> None:
     assert not alive
 
 
-def test_an_interrupt_is_the_parents_alone_and_is_not_kept_waiting() -> None:
+def test_only_the_parent_handles_an_interrupt_and_it_ends_at_once() -> None:
     parent, workers = sleepers(600.0)
     assert all(ignores_interrupts(worker) for worker in workers)
     os.killpg(parent.pid, signal.SIGINT)
@@ -66,7 +66,7 @@ def test_an_interrupt_is_the_parents_alone_and_is_not_kept_waiting() -> None:
     assert not alive
 
 
-def test_an_interrupt_while_work_is_handed_out_is_not_lost() -> None:
+def test_an_interrupt_during_the_distribution_of_work_is_not_lost() -> None:
     code = """if True:
         import os, signal, time
         from episodes.authoring.processes import process_map

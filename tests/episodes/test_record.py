@@ -1,4 +1,4 @@
-"""Records: written ones are read back, invalid ones are rejected in one sentence, and the schema agrees."""
+"""Episode records round-trip. The loader rejects invalid records with one sentence and agrees with the schema."""
 
 import copy
 import json
@@ -48,7 +48,7 @@ def refusal(data: bytes | str) -> str:
     return text
 
 
-def test_each_shipped_file_is_what_its_record_is_written_as() -> None:
+def test_shipped_files_round_trip_to_the_same_bytes() -> None:
     files = sorted(path for folder in ("v1", "v2", "open") for path in (catalogue.RECORDS / folder).glob("*.json"))
     assert len(files) == 201
     for path in files:
@@ -57,7 +57,7 @@ def test_each_shipped_file_is_what_its_record_is_written_as() -> None:
         assert parse(record.to_json(), "again") == record
 
 
-def test_commanding_round_trip() -> None:
+def test_a_commanding_record_round_trips() -> None:
     twin = {"asset": "sedan", "paint": "blue", "position_ned": [8, 2.7, 0], "yaw_deg": 0}
     others = [{**twin, "inscription": str(3218 + k)} for k in range(3)]
     document = {**BASE, "cell": "commanding", "target": {**twin, "inscription": "4017"}, "candidates": others}
@@ -68,7 +68,7 @@ def test_commanding_round_trip() -> None:
     assert "candidates" in refusal(json.dumps({**document, "candidates": []}))
 
 
-def test_refuses_and_names_the_field() -> None:
+def test_the_error_names_the_invalid_field() -> None:
     for path, value, says in (
         (("target", "asset"), "suw", "target.asset"),
         (("target", "asset"), "../../etc/passwd", "target.asset"),
@@ -86,7 +86,7 @@ def test_refuses_and_names_the_field() -> None:
         (("id",), "../x", "id"),
         (("id",), "", "id"),
         (("instruction",), "go\n to", "instruction"),
-        (("instruction",), "go\x7f\x9b2J", "instruction"),  # a terminal obeys the second
+        (("instruction",), "go\x7f\x9b2J", "instruction"),  # terminals interpret \x9b as a control sequence
         (("instruction",), "go\u2028to", "instruction"),  # a line break that is not ASCII
         (("instruction",), "x" * 501, "instruction"),
         (("version",), 2, "version"),
@@ -103,13 +103,13 @@ def test_refuses_and_names_the_field() -> None:
         assert says in text, path
 
 
-def test_missing_field() -> None:
+def test_the_error_names_a_missing_field() -> None:
     for name in [f for f in EpisodeRecord.__dataclass_fields__ if f != "candidates"]:
         document = {k: v for k, v in BASE.items() if k != name}
         assert f"'{name}'" in refusal(json.dumps(document)), name
 
 
-def test_refuses_what_is_no_record() -> None:
+def test_documents_that_are_not_records_are_rejected() -> None:
     for text, says in (
         ("", "JSON"),
         ("[]", "episode record"),
@@ -127,21 +127,21 @@ def test_refuses_what_is_no_record() -> None:
         assert says in refusal(text), text
 
 
-def test_a_moving_cell_needs_a_path() -> None:
+def test_only_moving_cells_have_a_target_path() -> None:
     assert "target.path" in refusal(json.dumps({**BASE, "cell": "tracking"}))
     assert "target.path" in refusal(json.dumps({**TRACKING, "cell": "approaching"}))
     still = changed(TRACKING, ("target", "path", "waypoints_ned"), [[0, 0, 0], [0, 0, 0]])
     assert "repeats" in refusal(json.dumps(still))
 
 
-def test_a_native_target_is_named_and_keeps_what_the_map_gave_it() -> None:
+def test_a_native_target_round_trips_with_its_name_and_asset() -> None:
     record = read({**BASE, "target": NATIVE})
     assert (record.target.native, record.target.asset, record.target.paint) == ("bench-12", "bench", None)
     assert parse(record.to_json(), "again") == record
     jsonschema.validate(json.loads(record.to_json()), SCHEMA)
 
 
-def test_a_native_target_that_is_not_one_is_refused_by_reader_and_schema() -> None:
+def test_loader_and_schema_reject_invalid_native_targets() -> None:
     for target, says in (
         ({**NATIVE, "paint": "red"}, "target.paint"),
         ({**NATIVE, "inscription": "A 1"}, "target.inscription"),
@@ -158,7 +158,7 @@ def test_a_native_target_that_is_not_one_is_refused_by_reader_and_schema() -> No
             jsonschema.validate(document, SCHEMA)
 
 
-def test_a_file_of_a_gigabyte_is_refused_before_memory_is_spent(tmp_path: Path) -> None:
+def test_a_file_of_a_gigabyte_is_rejected_without_reading_it_into_memory(tmp_path: Path) -> None:
     file = tmp_path / "vast.json"
     with file.open("wb") as out:
         out.truncate(10**9)
@@ -171,12 +171,12 @@ def test_a_file_of_a_gigabyte_is_refused_before_memory_is_spent(tmp_path: Path) 
         tracemalloc.stop()
 
 
-def test_things_on_posts_cannot_move() -> None:
+def test_a_sign_cannot_be_a_moving_target() -> None:
     if "sign" in assets.names():
         assert "'target.path'" in refusal(json.dumps(changed(TRACKING, ("target", "asset"), "sign")))
 
 
-def test_big_file_is_not_parsed(tmp_path: Path) -> None:
+def test_a_big_file_is_not_parsed(tmp_path: Path) -> None:
     file = tmp_path / "big.json"
     file.write_bytes(b"[" * 3_000_000)
     with pytest.raises(UsageError, match=r"big\.json.* 1000000 bytes"):
@@ -200,29 +200,29 @@ places = [
 
 @settings(max_examples=100, deadline=None)
 @given(path=st.sampled_from(places), value=json_values)
-def test_any_change_is_read_or_refused_as_the_schema_says(path: tuple[Any, ...], value: object) -> None:
+def test_the_schema_accepts_every_record_that_the_loader_accepts(path: tuple[Any, ...], value: object) -> None:
     document = changed(BASE, path, value)
     try:
         read(document)
     except UsageError:
         return
-    jsonschema.validate(document, SCHEMA)  # the loader checks more (cells, control characters), never less
+    jsonschema.validate(document, SCHEMA)  # the loader is stricter than the schema (cells, control characters)
 
 
 @settings(max_examples=100, deadline=None)
 @given(st.binary(max_size=200) | st.text(max_size=200))
-def test_any_bytes_are_refused_politely(data: bytes | str) -> None:
+def test_any_invalid_input_is_rejected_with_one_sentence(data: bytes | str) -> None:
     refusal(data)
 
 
-def test_the_published_schema_is_that_of_the_types(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_published_schema_matches_the_types(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert records.schema() == SCHEMA
     assert list(records.schema()["properties"]) == list(SCHEMA["properties"])
     word = re.compile(SCHEMA["$defs"]["name"]["pattern"])
     assert all(word.fullmatch(name) for name in maps.names())
     before = records.SCHEMA_FILE.read_bytes()
     records.write_schema()
-    assert records.SCHEMA_FILE.read_bytes() == before  # its layout was made by hand
+    assert records.SCHEMA_FILE.read_bytes() == before  # write_schema keeps the hand-made layout
     monkeypatch.setattr(records, "SCHEMA_FILE", tmp_path / "record.schema.json")
     records.SCHEMA_FILE.write_text("{}")
     records.write_schema()
@@ -253,13 +253,13 @@ def test_catalogue_finds_ids_files_and_folders(tmp_path: Path) -> None:
     assert all(catalogue.load(name).id == name for name in catalogue.ids())
 
 
-def test_catalogue_refuses() -> None:
+def test_the_catalogue_rejects_invalid_names() -> None:
     for name in ("residential-aproaching-01", "", "../records", "a" * 5000, "x\0y", "no/such.json"):
         with pytest.raises(UsageError) as caught:
             catalogue.load(name)
         assert len(str(caught.value)) < 400, name
 
 
-def test_catalogue_suggests() -> None:
+def test_the_catalogue_suggests_a_similar_id() -> None:
     with pytest.raises(UsageError, match="residential-approaching-01"):
         catalogue.load("residential-aproaching-01")

@@ -1,4 +1,4 @@
-"""Episodes of one process share the layout of their map, and equal separately built ones to the byte."""
+"""Episodes in one process share the layout of their map. They equal separately built ones to the byte."""
 
 import dataclasses
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +16,7 @@ from foundation.frames import quat_from_euler
 from foundation.terrain import MovingBox
 
 SMALL = CameraModel(64, 36)
-# a placed target, one that moves, a fleet with its look-alikes, and a target that the map has already
+# a fleet with look-alikes, a moving target, a placed target, and a native target of the map
 EPISODES = ["blocks-commanding-01", "residential-tracking-01", "residential-approaching-02", "campus-approaching-01"]
 
 
@@ -37,13 +37,13 @@ def alone(scene):
 
 
 def shadows(renderer):
-    """Return the scene's shadows of static things."""
+    """Return the shadow map of the scene's static objects."""
     with renderer._shadows.cast(renderer._layout, ()) as sun:
         return sun._replace(height=sun.height.copy())
 
 
 @pytest.mark.parametrize("episode", EPISODES)
-def test_a_continued_layout_equals_a_new_layout(episode):
+def test_a_layout_built_on_the_shared_map_equals_a_new_layout(episode):
     world = World(catalogue.load(episode))
     assert world.filmed.base is not None
     layout.map_layout(world.filmed.base)  # the first request caches nothing
@@ -59,14 +59,14 @@ def test_a_continued_layout_equals_a_new_layout(episode):
     ]
     one, other = Renderer(world.filmed, SMALL, shadow_cells=512), Renderer(alone(world.filmed), SMALL, shadow_cells=512)
     assert same(tuple(shadows(one)), tuple(shadows(other)))
-    third = Renderer(world.filmed, SMALL, shadow_cells=512)  # of the same map, with its earlier shadows
+    third = Renderer(world.filmed, SMALL, shadow_cells=512)  # reuses the shadows of the same map
     assert same(tuple(shadows(third)), tuple(shadows(one)))
     for each in (one, other, third):
         each.close()
 
 
-def test_two_scenes_of_a_map_draw_their_own_shadows():
-    """They share the map's shadows, and each restores them: the drawings of one must not be in the other's."""
+def test_two_scenes_of_a_map_keep_their_shadows_separate():
+    """Both scenes share the map's shadows and restore them, so no shadow of one scene appears in the other."""
     one, other = (World(catalogue.load(f"residential-approaching-0{k}")).filmed for k in (1, 2))
     assert one.base is not None
     assert one.base is other.base
@@ -83,8 +83,8 @@ def test_two_scenes_of_a_map_draw_their_own_shadows():
         each.close()
 
 
-def test_renderers_that_draw_at_the_same_time_draw_what_each_draws_alone():
-    """They draw on one sheet and into one shadow map: two scenes through one camera, and one through another."""
+def test_renderers_draw_the_same_pictures_concurrently_and_alone():
+    """The renderers share a sheet and a shadow map: two scenes through one camera, one scene through another."""
     first, second = (World(catalogue.load(f"residential-approaching-0{k}")) for k in (1, 2))
     wide = CameraModel(320, 180)
     drawn = [(first, wide), (second, wide), (second, CameraModel(160, 90))]
@@ -107,7 +107,7 @@ def test_renderers_that_draw_at_the_same_time_draw_what_each_draws_alone():
         picture.close()
 
 
-def test_a_drawing_renderer_has_the_sheet_and_the_shadows_to_itself(monkeypatch):
+def test_a_renderer_locks_the_sheet_and_the_shadows_while_it_draws(monkeypatch):
     scene = World(catalogue.load("residential-approaching-01")).filmed
     one, other = (Renderer(scene, SMALL, shadow_cells=512) for _ in range(2))
     assert one._sheet is other._sheet
@@ -117,7 +117,7 @@ def test_a_drawing_renderer_has_the_sheet_and_the_shadows_to_itself(monkeypatch)
         passes.append((other._sheet.turn.locked(), other._shadows._turn.locked()))
         drawing(self, kernel, *arguments)
 
-    monkeypatch.setattr(Renderer, "_together", together)
+    monkeypatch.setattr(Renderer, "_run_on_threads", together)
     one.picture(camera_pose((0.0, 0.0, -3.0), (1.0, 0.0, 0.0, 0.0), SMALL))
     assert passes
     assert set(passes) == {(True, True)}
@@ -126,7 +126,7 @@ def test_a_drawing_renderer_has_the_sheet_and_the_shadows_to_itself(monkeypatch)
 
 
 @pytest.mark.parametrize("episode", EPISODES)
-def test_solids_are_those_sorted_anew(episode):
+def test_shared_obstacles_equal_newly_sorted_obstacles(episode):
     scene = World(catalogue.load(episode)).scene
     for _ in range(2):
         shared = obstacles(scene)
@@ -137,11 +137,11 @@ def test_solids_are_those_sorted_anew(episode):
     assert (shared.moving is None) == (own.moving is None)
 
 
-def test_things_added_among_others_come_after_them():
-    """A vehicle is pushed in the order of things within a cell."""
+def test_added_triangles_follow_the_existing_ones_in_each_cell():
+    """The order of triangles within a cell is the order in which they push a vehicle."""
     middle = np.random.default_rng(3).uniform(0.0, 9.0, (300, 1, 3))
     triangles = middle + np.random.default_rng(4).uniform(-0.8, 0.8, (300, 3, 3))
-    triangles[0], triangles[1] = np.eye(3) * 12.0 - 2.0, -np.eye(3) * 12.0 + 10.0  # the grid is the first ones'
+    triangles[0], triangles[1] = np.eye(3) * 12.0 - 2.0, -np.eye(3) * 12.0 + 10.0  # the first two span the grid
     owner = np.arange(300, dtype=np.int32)
     whole = sorted_into_cells(triangles, owner, tuple(map(str, owner)), 0.7)
     first = sorted_into_cells(triangles[:200], owner[:200], tuple(map(str, owner[:200])), 0.7)

@@ -1,4 +1,4 @@
-"""The catalogue: complete, varied and accepted by every rule, and a world's measurements of it."""
+"""The catalogue is complete, varied and accepted by every rule. A world's measurements agree with its pictures."""
 
 import hashlib
 import itertools
@@ -22,7 +22,7 @@ from foundation.frames import Vec3, quat_from_euler
 
 CAMERA, HALF = CameraModel(), CameraModel(640, 360)
 FIRST_HUNDRED = "036f8963e2cb1d91ab831c552333d102f5af1fd0532a4baf17400a175a10ba74"
-CAP_S = 300.0  # an episode's longest time
+CAP_S = 300.0  # time limit of an episode
 WORLDS: dict[str, World] = {}
 
 
@@ -44,7 +44,7 @@ def bearing(start: Vec3, goal: Vec3) -> float:
     return math.atan2(goal[1] - start[1], goal[0] - start[0])
 
 
-def test_a_hundred_episodes_ten_of_each_cell_and_map() -> None:
+def test_the_catalogue_has_ten_episodes_of_each_map_and_cell() -> None:
     records = [catalogue.load(name) for name in catalogue.ids()]
     counted = Counter((r.map, r.cell) for r in records)
     one_drone = ("approaching", "searching", "tracking", "search-and-track")
@@ -61,8 +61,8 @@ def test_a_hundred_episodes_ten_of_each_cell_and_map() -> None:
     assert {(r.map, r.cell) for r in records if r.id in catalogue.QUICK} == set(counted)
 
 
-def test_the_first_hundred_are_kept_as_they_were() -> None:
-    """Their results stay comparable: only the id shows that others exist now."""
+def test_the_first_hundred_episodes_are_unchanged_except_for_their_ids() -> None:
+    """Results on these episodes stay comparable. Only the prefix `v1-` of the id is new."""
     assert [f"v1-{name}" for name in catalogue.ids()] == catalogue.v1_ids()
     digest = hashlib.sha256()
     for name in catalogue.v1_ids():
@@ -83,7 +83,7 @@ def test_targets_are_varied() -> None:
     assert min(r.start_distance_m for r in campus) < 14.0
     assert max(r.start_distance_m for r in campus) > 44.0
     relation_counts = Counter(next(how for how in RELATIONS if f" {how} " in r.instruction) for r in campus)
-    assert len(relation_counts) >= len(RELATIONS) - 2  # things behind a landmark are seldom in sight
+    assert len(relation_counts) >= len(RELATIONS) - 2  # objects behind a landmark are rarely visible
     assert max(relation_counts.values()) < 36
     assert len({(r.instruction, r.cell) for r in records}) > 90
 
@@ -97,7 +97,7 @@ def test_every_rule_accepts_every_episode() -> None:
     assert {r.name: r.reason for r in check_all(catalogue.ids()) if r.reason} == {}
 
 
-def test_depth_and_share_of_the_faced_target_are_those_of_the_picture(world: World) -> None:
+def test_measured_depth_and_pixels_of_a_faced_target_match_the_picture(world: World) -> None:
     start = world.record.starts[0].position_ned
     attitude = level(bearing(start, world.target_centre(0.0)))
     view = Renderer(world.scene, HALF).render(camera_pose(start, attitude, HALF), world.moved(0.0))
@@ -110,7 +110,7 @@ def test_depth_and_share_of_the_faced_target_are_those_of_the_picture(world: Wor
     assert m.oracle_depth_m == pytest.approx(float(np.median(view.depth[mine])), rel=0.05)
 
 
-def test_moving_targets_go_one_way_and_leave_the_start(world: World) -> None:
+def test_moving_targets_move_for_the_whole_episode_and_leave_the_start(world: World) -> None:
     if world.record.cell not in MOVING:
         assert world.moved(10.0) == {}
         return
@@ -136,7 +136,7 @@ def test_measured_visibility_agrees_with_the_picture(first: World) -> None:
         assert (fraction > 0.02) == (share > 1e-4) or abs(fraction - 0.02) < 0.03
 
 
-def test_distances(first: World) -> None:
+def test_distance_and_bearing_to_the_target_and_its_box(first: World) -> None:
     centre = first.target_centre(0.0)
     beside = (centre[0], centre[1] + 4.0, centre[2])
     m = first.measure(0.0, beside, level(-math.pi / 2), CAMERA)
@@ -148,7 +148,7 @@ def test_distances(first: World) -> None:
     assert inside.distance_box_m == 0.0
 
 
-def test_looking_away_or_through_a_house_shows_nothing(first: World) -> None:
+def test_a_target_behind_the_camera_or_a_house_is_not_visible(first: World) -> None:
     goal = first.target_centre(0.0)
     start = first.record.starts[0].position_ned
     away = first.measure(0.0, start, level(bearing(start, goal) + math.pi), CAMERA)
@@ -163,7 +163,7 @@ def test_looking_away_or_through_a_house_shows_nothing(first: World) -> None:
     assert not far.visible
 
 
-def test_leaving_the_frame_loses_the_target_gradually(first: World) -> None:
+def test_visible_fraction_falls_gradually_as_the_target_leaves_the_frame(first: World) -> None:
     goal, start = first.target_centre(0.0), first.record.starts[0].position_ned
     ahead = bearing(start, goal)
     parts = [
@@ -176,7 +176,7 @@ def test_leaving_the_frame_loses_the_target_gradually(first: World) -> None:
     assert all(b <= a + 0.02 for a, b in itertools.pairwise(parts))
 
 
-def test_world_is_the_same_every_time(first: World) -> None:
+def test_two_worlds_of_a_record_are_the_same(first: World) -> None:
     again = World(first.record)
     assert [i.name for i in again.scene.instances] == [i.name for i in first.scene.instances]
     start = first.record.starts[0]
@@ -199,8 +199,8 @@ def test_clearance_is_a_distance(first: World) -> None:
             assert first.solids.range_m(a, direction) >= first.clearance_m(a) - 1e-3
 
 
-def test_the_camera_is_where_the_renderer_puts_it(first: World) -> None:
-    """A pitched attitude moves the target in the picture. Measure and renderer must agree on its direction."""
+def test_measurement_and_renderer_agree_on_a_pitched_camera(first: World) -> None:
+    """A pitched attitude moves the target in the picture. `measure` and the renderer must agree on the direction."""
     goal = first.target_centre(0.0)
     spot = (goal[0] - 9.0, goal[1], goal[2] - 6.0)
     down, up = quat_from_euler(0.0, -0.6, 0.0), quat_from_euler(0.0, 0.6, 0.0)

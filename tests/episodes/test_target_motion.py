@@ -1,4 +1,4 @@
-"""Moving targets: constant speed in three dimensions, one way, headings that turn gradually."""
+"""Moving targets have a constant speed in three dimensions, stop at the end of their path, and turn gradually."""
 
 import itertools
 import json
@@ -25,7 +25,7 @@ def test_speed_is_constant_in_three_dimensions() -> None:
         assert math.dist(a, b) == pytest.approx(0.003, rel=1e-6)
 
 
-def test_waypoints_are_met_at_their_time_and_the_end_is_kept() -> None:
+def test_a_target_reaches_each_waypoint_on_time_and_stays_at_the_last() -> None:
     assert CORNER.path is not None
     way, points = motion(CORNER), CORNER.path.waypoints_ned
     reached = 0.0
@@ -50,21 +50,21 @@ def test_height_is_interpolated() -> None:
     assert motion(CORNER).pose(5.0 / 0.3)[0][2] == pytest.approx(-0.25, abs=2e-3)
 
 
-def test_standing() -> None:
+def test_a_target_without_a_path_stands_still() -> None:
     still = motion(TargetRecord("suv", "cyan", None, (1.0, 2.0, 3.0), 90.0))
     assert still.pose(0.0) == still.pose(299.0) == ((1.0, 2.0, 3.0), math.radians(90.0))
 
 
 @pytest.mark.parametrize(("asset", "longest_s"), [("bus", 40.0), ("suv", 20.0), ("person", 5.0)])
-def test_a_corner_is_turned_over_a_wheelbase_or_a_step(asset: str, longest_s: float) -> None:
+def test_the_time_to_turn_a_corner_depends_on_the_kind_of_target(asset: str, longest_s: float) -> None:
     way = motion(TargetRecord(asset, "red", path=Path3D(((0.0, 0.0, 0.0), (20.0, 0.0, 0.0), (20.0, 20.0, 0.0)), 0.3)))
     yaws = [way.pose(t / 10)[1] for t in range(1300)]
     turning = sum(math.radians(1.0) < yaw < math.radians(89.0) for yaw in yaws) / 10
     assert 0.25 * longest_s < turning <= longest_s
 
 
-def test_processes_agree_to_the_last_bit() -> None:
-    """Agent, logger and verifier each compute the pose themselves, under hash seeds of their own."""
+def test_processes_compute_the_same_poses_to_the_last_bit() -> None:
+    """Agent, logger and verifier each compute the pose in their own process, with their own hash seed."""
     request = "residential-tracking-01", [0.0, 0.1, 17.3, 123.456, 299.99]
     program = (
         "import json, sys\nfrom episodes.records import catalogue\nfrom episodes.world.target import motion\n"

@@ -1,4 +1,4 @@
-"""Targets certainly outside the picture need no rays. All others get them."""
+"""The measurement casts no rays to targets that are certainly outside the picture. It casts rays to all others."""
 
 import math
 
@@ -25,7 +25,7 @@ def world():
     away=st.floats(0.5, 25.0), side=st.floats(-math.pi, math.pi), height=st.floats(0.5, 12.0),
     turn=st.floats(-1.2, 1.2), tilt=st.floats(-0.5, 0.5), roll=st.floats(-0.5, 0.5),
 )  # fmt: skip
-def test_every_measure_is_the_one_with_rays(world, away, side, height, turn, tilt, roll):
+def test_measurements_equal_those_that_always_cast_rays(world, away, side, height, turn, tilt, roll):
     north, east, down = world.target_centre(0.0)
     place = (north + away * math.cos(side), east + away * math.sin(side), down - height)
     attitude = quat_from_euler(roll, tilt, side + math.pi + turn)
@@ -35,7 +35,7 @@ def test_every_measure_is_the_one_with_rays(world, away, side, height, turn, til
         assert world.measure(0.0, place, attitude, CAMERA) == measures
 
 
-def test_behind_the_camera_no_ray_is_cast(world):
+def test_no_ray_is_cast_to_a_target_behind_the_camera(world):
     north, east, down = world.target_centre(0.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(TargetView, "_in_frame", None)

@@ -1,4 +1,4 @@
-"""A driving target stands on the ground with every wheel, in the pictures and for the judge alike."""
+"""Every wheel of a driving target touches the ground, both in the pictures and in the judge's geometry."""
 
 import math
 
@@ -30,7 +30,7 @@ def world(request):
     return World(catalogue.load(request.param))
 
 
-def test_every_wheel_touches_the_ground_wherever_the_target_is_drawn(world):
+def test_every_wheel_of_a_driving_target_touches_the_ground_at_all_times(world):
     points = world.target.mesh.vertices.astype(float)
     low = points[points[:, 2] > points[:, 2].max() - 0.01]
     for t_s in TIMES_S:
@@ -43,7 +43,7 @@ STANDING = ("residential-commanding-05", "residential-searching-04", "v1-residen
 
 
 @pytest.mark.parametrize("name", STANDING)
-def test_standing_targets_touch_the_ground_with_every_wheel_in_pictures_too(name):
+def test_wheels_of_standing_targets_touch_the_ground_and_pixel_counts_match(name):
     world, camera = World(catalogue.load(name)), CameraModel(640, 360)
     leaning = [one for one in world.target_and_lookalikes if one.attitude is not None]
     assert leaning
@@ -61,7 +61,7 @@ def test_standing_targets_touch_the_ground_with_every_wheel_in_pictures_too(name
     assert counted.pixels > 1000
 
 
-def test_its_middle_is_on_its_path_as_if_it_stood_level(world):
+def test_the_centre_of_a_target_stays_on_its_path_on_a_slope(world):
     """The judge's reference point stays the same, except its height on a crest or in a dip."""
     low, high = world.target.mesh.vertices.min(axis=0), world.target.mesh.vertices.max(axis=0)
     for t_s in TIMES_S:
@@ -83,7 +83,7 @@ def test_two_wheelers_do_not_roll_and_walkers_stand_upright():
     assert all(walker.target_pose(float(t)) == motion(walker.record.target).pose(float(t)) for t in TIMES_S)
 
 
-def test_on_a_slope_the_pixels_that_the_judge_counts_are_those_that_are_drawn():
+def test_the_judge_counts_the_drawn_pixels_of_a_target_on_a_slope():
     world, camera = World(catalogue.load(DRIVING["van"])), CameraModel(640, 360)
     steepest = max(TIMES_S, key=lambda t: abs(quat_to_euler(_attitude(world, float(t)))[1]))
     place, turned = world.target_pose(float(steepest))

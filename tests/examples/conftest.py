@@ -1,4 +1,4 @@
-"""A dataset as a user gets it: two flights of the oracle, and their export."""
+"""Fixtures: two flights of the oracle, and their dataset, exported with the user's command."""
 
 from pathlib import Path
 

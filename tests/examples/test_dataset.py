@@ -1,4 +1,4 @@
-"""A dataset read as arrays, beside the logs of its flights."""
+"""Compares a dataset, read as arrays, with the logs of its flights."""
 
 import json
 import shutil
@@ -18,17 +18,17 @@ from examples.action_head.features import KINDS
 from foundation.errors import UsageError
 from tests.examples.conftest import EPISODES
 
-pytestmark = pytest.mark.slow  # two flights whose frames are drawn
+pytestmark = pytest.mark.slow  # two flights with rendered frames
 
 
 def decided(run_folder):
-    """Yield (episode, its row of decisions.jsonl) of every decision, in the order of the dataset."""
+    """Yield (episode, row of decisions.jsonl) for every decision, in the order of the dataset."""
     for episode in EPISODES:
         for line in (run_folder / episode / "decisions.jsonl").read_text().splitlines():
             yield episode, json.loads(line)
 
 
-def test_every_decision_is_there_with_what_the_pilot_knew(run_folder, dataset_folder):
+def test_the_dataset_holds_every_decision_with_its_inputs(run_folder, dataset_folder):
     data, logged = dataset.read(dataset_folder), list(decided(run_folder))
     assert len(data) == len(logged)
     past: list[PastAction] = []
@@ -47,18 +47,18 @@ def test_every_decision_is_there_with_what_the_pilot_knew(run_folder, dataset_fo
         if isinstance(action, Rotate):
             assert data.angles_deg[k] == pytest.approx(action.angle_deg)
         past.append(features.as_past(action))
-    assert {KINDS[kind] for kind in data.kinds} == {"go", "rotate", "finished"}  # else the flights show too little
+    assert {KINDS[kind] for kind in data.kinds} == {"go", "rotate", "finished"}  # otherwise the flights cover too few actions
 
 
-def test_the_pictures_are_the_pilots_own(run_folder, dataset_folder):
+def test_the_dataset_holds_the_pictures_that_the_pilot_saw(run_folder, dataset_folder):
     data = dataset.read(dataset_folder)
     frames = [frame for episode in EPISODES for frame in sorted((run_folder / episode / "frames").iterdir())]
     for shown, frame in zip(data.pictures, frames, strict=True):
         np.testing.assert_array_equal(shown, features.picture(frame.read_bytes()))
 
 
-def test_flights_that_were_not_drawn_are_refused(tmp_path):
-    """Lockstep leaves blank pictures for pilots that do not look. From those only turning can be learnt."""
+def test_flights_without_rendered_pictures_are_rejected(tmp_path):
+    """Lockstep writes blank pictures for pilots that do not use them. A head can learn only turns from them."""
     unrendered, folder = tmp_path / "flown", tmp_path / "dataset"
     blank = FlightSpec(episode=EPISODES[0], pilot="oracle", simulated=Simulated(speed=None, rendered=False))
     assert fly(blank, unrendered, lambda _: None)["success"]
@@ -67,7 +67,7 @@ def test_flights_that_were_not_drawn_are_refused(tmp_path):
         dataset.read(folder)
 
 
-def test_a_flight_that_failed_teaches_nothing(dataset_folder, tmp_path):
+def test_a_dataset_of_failed_flights_is_rejected(dataset_folder, tmp_path):
     folder = tmp_path / "failed"
     shutil.copytree(dataset_folder, folder)
     (file,) = (folder / "data").rglob("*.parquet")
@@ -89,7 +89,7 @@ def test_invalid_datasets_are_reported(dataset_folder, tmp_path):
         dataset.read(folder)
 
 
-def test_eight_numbers_are_an_action():
+def test_an_action_is_decoded_from_eight_numbers():
     for numbers, action in (
         ((1, 0, 0, 0, 250, 400, 6.5, 0), Go(250.0, 400.0, 6.5)),
         ((0, 1, 0, 0, 0, 0, 0, -30), Rotate(-30.0)),
@@ -99,13 +99,13 @@ def test_eight_numbers_are_an_action():
         assert action_of(np.array(numbers, np.float32)) == action, numbers
 
 
-def test_eight_numbers_that_are_none_are_refused():
+def test_eight_numbers_that_are_not_an_action_are_rejected():
     for numbers in ((0,) * 8, (1, 1, 0, 0, 0, 0, 0, 0)):
         with pytest.raises(UsageError):
             action_of(np.array(numbers, np.float32))
 
 
-def test_a_flight_is_held_out_by_its_name_alone():
+def test_only_its_name_decides_whether_a_flight_is_held_out():
     names = [f"residential-approaching-{k}" for k in range(11, 91)]
     kept = [name for name in names if dataset.is_held_out(name)]
     assert 3 <= len(kept) <= 20

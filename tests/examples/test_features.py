@@ -1,4 +1,4 @@
-"""The head's inputs: the same from a dataset as from a served prompt, and mirrored like in a mirror."""
+"""The head's inputs are the same from a dataset and from a served prompt. Mirroring swaps left and right."""
 
 import cv2
 import numpy as np
@@ -22,8 +22,8 @@ FLOWN: tuple[Action, ...] = (
 )
 
 
-def test_a_prompt_tells_what_a_dataset_tells():
-    """Learning uses actions; flight uses the prompt's text."""
+def test_prompt_and_dataset_give_the_same_history():
+    """Training reads logged actions. A flight reads the text of the prompt."""
     history = History(CameraModel())
     for count, action in enumerate(FLOWN, 1):
         history.append(action)
@@ -37,7 +37,7 @@ def test_a_prompt_tells_what_a_dataset_tells():
     ).any()
 
 
-def test_the_newest_action_comes_first_and_without_depth():
+def test_the_history_lists_the_newest_action_first_and_without_depth():
     near, far = (features.history([features.as_past(Go(250.0, 500.0, depth_m))]) for depth_m in (3.0, 30.0))
     np.testing.assert_array_equal(near, far)
     vector = features.history([features.as_past(one) for one in (Rotate(90.0), Go(250.0, 500.0, 3.0))])
@@ -50,15 +50,15 @@ def test_the_history_holds_the_turn_since_the_last_go():
     assert features.history(past)[-2] == pytest.approx(135.0 / 360.0)
 
 
-def test_a_mirror_turns_the_history_round():
+def test_a_mirrored_history_swaps_left_and_right():
     past = [features.as_past(one) for one in FLOWN[:3]]
     mirrored = [features.as_past(one) for one in (Rotate(90.0), Rotate(32.5), Go(588.0, 530.0, 13.25))]
-    for count in (2, 3):  # it has turned, and it has gone since
+    for count in (2, 3):  # two turns; two turns and a go
         seen = features.history(past[:count], mirrored=True)
         np.testing.assert_allclose(seen, features.history(mirrored[:count]), atol=1e-6)
 
 
-def test_words_tell_colours_things_and_landmarks_apart():
+def test_word_features_distinguish_colours_objects_and_landmarks():
     def alike(one, other):
         return float(features.words(one) @ features.words(other))
 
@@ -70,13 +70,13 @@ def test_words_tell_colours_things_and_landmarks_apart():
     assert not features.words("").any()
 
 
-def test_a_mirror_exchanges_left_and_right():
+def test_mirrored_words_swap_left_and_right():
     left, right = "the kiosk left of the bench", "the kiosk right of the bench"
     np.testing.assert_array_equal(features.words(left, mirrored=True), features.words(right))
     assert (features.words(left) != features.words(right)).any()
 
 
-def test_a_picture_of_any_size_is_made_small():
+def test_jpeg_and_png_pictures_are_resized_to_the_input_size():
     shown = np.zeros((720, 1280, 3), np.uint8)
     shown[:, 640:] = (250, 20, 20)
     ok, png = cv2.imencode(".png", shown[:, :, ::-1])

@@ -1,4 +1,4 @@
-"""The fit, if PyTorch is installed: a few steps on a few synthetic pictures."""
+"""Fits the head for a few steps on a few synthetic pictures. Requires PyTorch."""
 
 from dataclasses import asdict
 
@@ -49,7 +49,7 @@ def fitted(data, epochs, seed=0):
     return head, losses
 
 
-def test_the_loss_falls_and_what_was_learnt_can_be_judged():
+def test_the_loss_falls_and_the_held_out_decisions_are_evaluated():
     data = made_up()
     head, losses = fitted(data, 12)
     assert losses[-1] < 0.75 * losses[0]
@@ -62,7 +62,7 @@ def test_the_loss_falls_and_what_was_learnt_can_be_judged():
     )  # large squares are separable from small ones and from none
 
 
-def test_the_same_seed_gives_the_same_weights_and_another_one_others():
+def test_the_same_seed_gives_the_same_weights_and_another_seed_different_ones():
     data = made_up(16)
     one, same, other = (fitted(data, 1, seed)[0].state_dict() for seed in (3, 3, 4))
     assert all(torch.equal(one[name], same[name]) for name in one)
@@ -76,20 +76,20 @@ def test_a_mirrored_decision_points_to_the_other_side():
     batch = fit.drawn(data, chosen, numbers)
     for picture, place in zip(batch.pictures.numpy(), batch.points.numpy(), strict=True):
         rows, columns = np.nonzero(picture[2] > 200)
-        if len(columns) == 256:  # completely in the picture
+        if len(columns) == 256:  # the square is completely in the picture
             x, y = (columns.mean() + 0.5) / features.WIDTH, (rows.mean() + 0.5) / features.HEIGHT
             assert (x, y) == (pytest.approx(place[0], abs=0.01), pytest.approx(place[1], abs=0.01))
     mirrored = batch.angles_deg.numpy() < 0
     assert 0 < mirrored.sum() < len(chosen)
 
 
-def test_a_picture_is_moved_and_its_edge_repeated():
+def test_a_shifted_picture_repeats_its_edge_pixels():
     shown = torch.arange(8, dtype=torch.uint8)[None, None].expand(1, 2, 8)
     assert fit.moved(shown, 3, 0)[0, 0].tolist() == [0, 0, 0, 0, 1, 2, 3, 4]
     assert fit.moved(shown, -2, 1)[0, 0].tolist() == [2, 3, 4, 5, 6, 7, 7, 7]
 
 
-def test_a_misnamed_target_is_searched_for():
+def test_decisions_with_a_wrong_target_name_become_turns():
     data = made_up(40)
     data.words[:, ::2] = features.words("go to the red sphere")
     batch = fit.drawn(data, np.arange(40), np.random.default_rng(0))
@@ -101,12 +101,12 @@ def test_a_misnamed_target_is_searched_for():
     assert (batch.kinds.numpy()[~misnamed] == data.kinds[~misnamed]).all()
 
 
-def test_the_threshold_is_where_claims_are_right():
+def test_the_threshold_separates_right_from_wrong_declarations():
     chance = np.array([0.1, 0.2, 0.3, 0.62, 0.7, 0.9])
     assert 0.3 < fit.threshold(chance, chance > 0.5) <= 0.62
 
 
-def test_a_head_is_kept_and_read_again(tmp_path):
+def test_a_saved_head_loads_with_the_same_outputs(tmp_path):
     head, _ = fitted(made_up(16), 1)
     network.save(tmp_path / "head.pt", head, 0.35, {"flights": 2})
     again, declares_at = network.load(tmp_path / "head.pt")
@@ -116,7 +116,7 @@ def test_a_head_is_kept_and_read_again(tmp_path):
     np.testing.assert_array_equal(again.outlook(*inputs).heat, head.outlook(*inputs).heat)
 
 
-def test_a_file_that_is_no_head_is_refused(tmp_path):
+def test_files_that_are_not_heads_are_rejected(tmp_path):
     with pytest.raises(UsageError, match=r"none\.pt"):
         network.load(tmp_path / "none.pt")
     (tmp_path / "text.pt").write_text("no head")
@@ -129,7 +129,7 @@ def test_a_file_that_is_no_head_is_refused(tmp_path):
         network.load(tmp_path / "later.pt")
 
 
-def test_one_flight_is_too_little_to_learn_when_to_declare(dataset_folder, tmp_path):
+def test_training_without_a_held_out_flight_is_rejected(dataset_folder, tmp_path):
     with pytest.raises(UsageError, match="held-out"):
         train.main([str(dataset_folder), "--out", str(tmp_path / "head.pt"), "--epochs", "1"])
     assert not (tmp_path / "head.pt").exists()

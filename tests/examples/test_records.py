@@ -10,7 +10,7 @@ from examples.action_head import records
 from foundation.errors import UsageError
 
 
-def test_requests_are_of_other_maps_and_their_ids_are_their_own():
+def test_requests_use_map_seeds_and_ids_that_no_benchmark_episode_uses():
     requests = records.requests()
     shipped = {(request.map, request.map_seed) for request in map(catalogue.load, catalogue.all_ids())}
     assert not {(request.map, request.map_seed) for request in requests} & shipped
@@ -21,20 +21,20 @@ def test_requests_are_of_other_maps_and_their_ids_are_their_own():
     assert not set(ids) & set(catalogue.all_ids())
 
 
-def test_any_beginning_is_mixed():
+def test_a_small_share_of_the_requests_covers_all_maps_and_cells():
     first = records.requests(0.05)
     assert {(one.map, one.cell) for one in first} == {(m, c) for m in ("residential", "campus") for c in records.CELLS}
     assert first == records.requests()[: len(first)]
 
 
 def test_drafted_records_are_new():
-    """A real request, except for its length."""
+    """The request is a real one, but with a count of 1."""
     made = propose(replace(records.requests()[0], count=1))
     records.must_be_new(made)
     assert made[0].map_seed == records.FIRST_MAP_SEED
 
 
-def test_an_episode_of_the_benchmark_is_refused():
+def test_benchmark_episodes_are_rejected():
     shipped = catalogue.load("residential-approaching-01")
     for changed, part in (
         (shipped, "map"),
@@ -45,7 +45,7 @@ def test_an_episode_of_the_benchmark_is_refused():
             records.must_be_new([changed])
 
 
-def test_a_count_that_is_none_is_refused(tmp_path):
+def test_invalid_shares_and_job_counts_are_rejected(tmp_path):
     for words in (["--share", "0"], ["--share", "1.5"], ["--share", "nan"], ["--jobs", "0"]):
         with pytest.raises(UsageError, match=words[0]):
             records.main(["--out", str(tmp_path / "out"), *words])

@@ -1,4 +1,4 @@
-"""A head behind the interface of a model: real requests, from the agent's own client."""
+"""A head is served like a model. The tests send real requests over HTTP."""
 
 import base64
 import json
@@ -26,7 +26,7 @@ class Reddest:
         red = picture[0].astype(int) - picture[1:].max(0)
         cells = red.reshape(ROWS, 8, COLUMNS, 8).mean((1, 3))
         heat = (cells == cells.max()).astype(np.float32)
-        arrived = 0.9 * float(past[1])  # it declares one picture after a turn
+        arrived = 0.9 * float(past[1])  # it declares on the first picture after a turn
         return Outlook(
             np.array([0.95 - arrived, 0.0, 0.0, arrived], np.float32), heat, 6.0, np.zeros(len(TURNS_DEG), np.float32)
         )
@@ -56,14 +56,14 @@ def post_question(server, pictures, past=None):
     return httpx.post(f"{server.base_url}/chat/completions", json=body, timeout=30.0)
 
 
-def test_it_points_at_what_it_saw(served):
+def test_a_go_points_at_the_object_in_the_picture(served):
     action = parse(post_question(served, [disc(960, 180)]).json()["choices"][0]["message"]["content"])
     assert isinstance(action, Go)
     assert action.x == pytest.approx(750, abs=32)
     assert action.y == pytest.approx(250, abs=56)
 
 
-def test_each_drone_of_a_fleet_is_asked_alone(served):
+def test_each_drone_of_a_fleet_gets_an_action_for_its_own_picture(served):
     text = post_question(served, [disc(320, 360), disc(960, 360)]).json()["choices"][0]["message"]["content"]
     left, right = parse_fleet(text, 2)
     assert isinstance(left, Go)
@@ -72,7 +72,7 @@ def test_each_drone_of_a_fleet_is_asked_alone(served):
     assert right.x == pytest.approx(750, abs=32)
 
 
-def test_each_drone_of_a_fleet_has_its_own_past(served):
+def test_each_drone_of_a_fleet_has_its_own_history(served):
     past = "Drone 1:\n(none yet — this is the first step)\nDrone 2:\n1. ROTATE angle=90deg  <- latest"
     text = post_question(served, [disc(320, 360)] * 2, past).json()["choices"][0]["message"]["content"]
     went, turned = parse_fleet(text, 2)
@@ -80,20 +80,20 @@ def test_each_drone_of_a_fleet_has_its_own_past(served):
     assert turned == Finished()
 
 
-def test_a_request_without_a_picture_is_refused(served):
+def test_a_request_without_a_picture_is_rejected(served):
     response = post_question(served, [])
     assert response.status_code == 400
     assert "picture" in response.json()["error"]["message"]
 
 
-def test_the_models_own_check_finds_that_it_points(served, capsys):
+def test_models_check_accepts_the_served_head(served, capsys):
     assert main(["models", "check", f"local/{serve.NAME}", "--base-url", served.base_url, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)
 
 
 @needs("torch")
-def test_a_trained_head_is_served(tmp_path):
-    """In truth untrained: the path is the same for any weights."""
+def test_a_saved_head_is_served(tmp_path):
+    """The head is untrained, because the code path is the same for any weights."""
     from examples.action_head.network import ActionHead, save
     from examples.action_head.settings import Shape
 
@@ -101,10 +101,10 @@ def test_a_trained_head_is_served(tmp_path):
     save(file, ActionHead(Shape(16, 4, 8)), 0.0, {})
     with serve.server(file, 0, 1) as server:
         text = post_question(server, [disc(640, 360)]).json()["choices"][0]["message"]["content"]
-    assert parse(text) == Finished()  # at any probability
+    assert parse(text) == Finished()  # the threshold is 0, so any probability declares
 
 
-def test_a_number_that_is_none_is_refused():
+def test_invalid_ports_and_thread_counts_are_rejected():
     for words in (["--port", "65536"], ["--threads", "0"]):
         with pytest.raises(UsageError, match=words[0]):
             serve.main(["head.pt", *words])

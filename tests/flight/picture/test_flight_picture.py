@@ -1,4 +1,4 @@
-"""The picture of a flight is drawn from the files alone, whole or torn."""
+"""The picture of a flight is drawn from its files alone, complete or truncated."""
 
 import json
 import math
@@ -67,7 +67,7 @@ def colour(path, bgr, tolerance=40):
 GREEN, RED = (0x3A, 0xC9, 0x18), (0x2A, 0x2A, 0xFF)
 
 
-def test_a_whole_flight_has_map_trace_ring_and_both_kinds_of_declaration(tmp_path):
+def test_a_complete_flight_shows_the_map_and_both_kinds_of_declaration(tmp_path):
     folder = flight(tmp_path / "run", target_speed=0.04)
     picture = np.full((200, 300, 3), (96, 128, 72), np.uint8)
     path = flight_picture.draw(folder, picture, (-40.0, 60.0, -75.0, 75.0))
@@ -80,7 +80,7 @@ def test_a_whole_flight_has_map_trace_ring_and_both_kinds_of_declaration(tmp_pat
     assert colour(path, (72, 128, 96), 3) > 100_000  # the map is there
 
 
-def test_declarations_are_marked_by_the_truth_of_their_own_frame(tmp_path):
+def test_a_declaration_qualifies_by_the_truth_of_its_own_frame(tmp_path):
     logs = read(flight(tmp_path / "run"))
     qualifying = {d.step: qualifies(d, logs) for d in logs.decisions}
     assert qualifying[7] is False  # 10.5 m north of the start: still more than 5 m away
@@ -88,7 +88,7 @@ def test_declarations_are_marked_by_the_truth_of_their_own_frame(tmp_path):
     assert qualifying[0] is None
 
 
-def test_without_declarations_map_or_record_it_is_still_drawn(tmp_path):
+def test_a_flight_without_declarations_map_or_record_is_still_drawn(tmp_path):
     folder = flight(tmp_path / "run", declare=())
     for name in ("episode.json", "verdict.json"):
         (folder / name).unlink()
@@ -97,7 +97,7 @@ def test_without_declarations_map_or_record_it_is_still_drawn(tmp_path):
     assert colour(path, RED, 20) == 0
 
 
-def test_a_fleet_has_one_colour_each_and_frames_of_every_drone(tmp_path):
+def test_each_drone_of_a_fleet_has_its_own_colour(tmp_path):
     folder = flight(tmp_path / "run", drones=4, steps=3, declare=(2,))
     path = flight_picture.draw(folder, None, None)
     for rgb in ("ffb000", "3fa7ff", "ff5c8a", "b48cff"):
@@ -105,14 +105,14 @@ def test_a_fleet_has_one_colour_each_and_frames_of_every_drone(tmp_path):
         assert colour(path, (b, g, r), 25) > 100
 
 
-def test_same_files_same_picture(tmp_path):
+def test_the_same_files_give_the_same_picture(tmp_path):
     folder = flight(tmp_path / "run", steps=5)
     first = flight_picture.draw(folder, None, None).read_bytes()
     assert flight_picture.draw(folder, None, None).read_bytes() == first
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.3, 0.77, 0.999])
-def test_logs_cut_at_any_byte_are_drawn(tmp_path, keep):
+def test_truncated_logs_are_drawn(tmp_path, keep):
     folder = flight(tmp_path / "run", steps=6)
     for name in ("truth.jsonl", "decisions.jsonl"):
         data = (folder / name).read_bytes()
@@ -122,6 +122,6 @@ def test_logs_cut_at_any_byte_are_drawn(tmp_path, keep):
     assert flight_picture.draw(folder, None, None).stat().st_size > 10_000
 
 
-def test_a_folder_without_logs_is_refused(tmp_path):
+def test_a_folder_without_logs_is_rejected(tmp_path):
     with pytest.raises(UsageError, match=r"truth\.jsonl"):
         flight_picture.draw(tmp_path, None, None)

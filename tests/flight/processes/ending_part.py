@@ -1,4 +1,4 @@
-"""A part that ends by itself soon after its start, as if its wire were pulled; or that waits until it is closed."""
+"""A child process that ends soon after its start, as if its cable were pulled, or runs until it is closed."""
 
 import time
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from foundation.errors import LinkError
 class EndingConfig:
     """The number of turns until the part ends."""
 
-    turns: int | None = None  # None: until it is closed
+    turns: int | None = None  # None: it runs until it is closed
 
 
 class EndingPart:
-    """Raises in its last turn."""
+    """Raises LinkError after its last turn."""
 
     def __init__(self, config: EndingConfig) -> None:
         self._left = config.turns
@@ -39,5 +39,4 @@ class EndingPart:
 
 
 def create(config: EndingConfig) -> EndingPart:
-    """Return the part."""
     return EndingPart(config)

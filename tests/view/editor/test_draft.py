@@ -183,7 +183,7 @@ OPERATIONS = st.one_of(
     st.tuples(st.sampled_from(["add_start", "drop_start", "grid", "shorten", "drop_candidate"])),
     st.tuples(st.just("face"), st.just(0), st.floats(-180, 180)),
     st.tuples(st.just("stand_off"), st.floats(5, 60)),
-    st.tuples(st.just("pace"), st.floats(-1, 20)),
+    st.tuples(st.just("set_speed"), st.floats(-1, 20)),
 )
 
 
