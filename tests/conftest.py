@@ -3,7 +3,7 @@ import os
 import signal
 from collections import Counter
 
-# Before anything imports numpy: on busy cores OpenBLAS's threads spend ten times the work waiting for one another.
+# Set before any import of numpy. On busy cores, OpenBLAS's threads spend ten times the work waiting for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
@@ -13,15 +13,15 @@ from tests import natures
 
 pytest_plugins = ["tests.support.browser", "tests.support.flown_runs"]
 
-# A shell that starts the tests in the background ignores SIGINT, and children would inherit that: no Ctrl-C to test.
+# A shell ignores SIGINT in background jobs, and child processes inherit that. Tests of Ctrl-C need the default handler.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# The time that an example takes depends on the machine, so it is no reason to fail.
+# No deadline: the duration of an example depends on the machine.
 settings.register_profile("unhurried", deadline=None)
 settings.load_profile("unhurried")
 
-LONG_S = 30.0  # a test that takes longer gives a reason as the argument of its mark `slow`
+LONG_S = 30.0  # a longer test must give a reason as the argument of its mark `slow`
 
 guard = natures.Guard()
 
@@ -32,7 +32,7 @@ def pytest_configure(config):
 
 
 def pytest_ignore_collect(collection_path, config):
-    """Skip the files of other natures when only unit tests are wanted: importing them takes ten seconds."""
+    """Skip files without unit tests when only unit tests are selected, because importing them takes ten seconds."""
     if config.getoption("markexpr") == "unit" and collection_path.suffix == ".py":
         return natures.of_path(collection_path.relative_to(config.rootpath).as_posix()) != "unit" or None
     return None
@@ -42,7 +42,7 @@ def pytest_itemcollected(item):
     natures.mark(item)
     if slow := item.get_closest_marker("slow"):
         item.user_properties.append(("reason", " ".join(slow.args)))
-        if item.get_closest_marker("xdist_group") is None:  # one worker runs a file, since its tests share flights
+        if item.get_closest_marker("xdist_group") is None:  # one worker runs the file: its tests share flights
             item.add_marker(pytest.mark.xdist_group(item.nodeid.partition("::")[0]))
 
 
@@ -66,7 +66,7 @@ def pytest_runtest_call(item):
 
 
 def pytest_terminal_summary(terminalreporter):
-    """List why tests were skipped and what enables them, and the long tests that give no reason for their length."""
+    """List the reasons of skipped tests, and the long tests that give no reason for their duration."""
     reasons = Counter(report.longrepr[2] for report in terminalreporter.getreports("skipped"))
     if reasons:
         terminalreporter.section("skipped tests")
@@ -84,9 +84,10 @@ def pytest_terminal_summary(terminalreporter):
 
 
 def pytest_collection_finish(session):
-    """Freeze the collected tests: looking through their thousands of objects takes the garbage collector a second.
+    """Exclude the collected tests from garbage collection.
 
-    That second would stall what a test runs in real time, such as the wire between an agent and a vehicle.
+    A scan of their thousands of objects takes a second. It would stall real-time tests, such as those of the link
+    between an agent and a vehicle.
     """
     gc.collect()
     gc.freeze()

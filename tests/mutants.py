@@ -1,12 +1,13 @@
-"""Measures which share of small faults in the core packages the tests detect (mutation testing).
+"""Measures the share of small faults in the core packages that the tests detect (mutation testing).
 
 `python -m tests.mutants FOLDER` clones a commit into FOLDER, records which test file reaches which source line, draws
 mutants (one changed expression or statement each) and runs the tests that reach them. An interrupted run resumes.
-`--before OTHER` takes OTHER's mutants to this commit instead, runs the test first that killed a mutant there, and
-compares. It needs the package `pytest-cov` and some hours of one core.
+`--before OTHER` applies OTHER's mutants to this commit instead and compares both runs. The test that killed a mutant
+in OTHER runs first. A run needs the package `pytest-cov` and some hours of one core.
 
-Limits: `slow` tests and the folders in LEFT_OUT do not run. A mutant gets LIMIT_S of test files, the nearest folder
-first. Lines that only other processes or numba's compiled code run have the tests of the folder of the same name.
+Limits: `slow` tests and the folders in LEFT_OUT do not run. For each mutant, test files of LIMIT_S in total run, the
+nearest folder first. Coverage does not see lines that run only in other processes or in code compiled by numba. Their
+mutants run with the tests of the folder of the same name.
 """
 
 import argparse
@@ -34,16 +35,16 @@ CORE = ["foundation", "autopilot", "vehicles", "episodes", "hil", "dronecats/age
 CORE += [f"dronecats/flight/{name}" for name in ("spec", "logger", "sitl")]
 LEFT_OUT = ["system", "cli", "docs", "view", "bench", "benchmarks"]  # test folders
 COUNT, PER_FILE, SEED = 250, 4, 1  # mutants, mutants of one source file at most, seed of the draw
-LIMIT_S = 60.0  # s of test files for one mutant
+LIMIT_S = 60.0  # s, total duration of the test files for one mutant
 PAIRS = [("Lt", "LtE"), ("Gt", "GtE"), ("Eq", "NotEq"), ("Is", "IsNot"), ("In", "NotIn"), ("And", "Or")]
 PAIRS += [("Add", "Sub"), ("Mult", "Div"), ("LShift", "RShift")]
 SWAPPED = {"FloorDiv": "Mult", "Mod": "Mult", "Pow": "Mult"} | dict(PAIRS) | {new: old for old, new in PAIRS}
 UNTOUCHED = {"annotation", "returns", "decorator_list", "pattern", "keywords of ClassDef"}  # fields of syntax nodes
-NO_FAULTS = ("f'", 'f"', "if __name__", "if TYPE_CHECKING", "print(", "warnings.warn(")  # messages, what runs alone
+NO_FAULTS = ("f'", 'f"', "if __name__", "if TYPE_CHECKING", "print(", "warnings.warn(")  # messages, script entry points
 
 
 class Mutant(msgspec.Struct):
-    """One fault, `before` in a source line becomes `after`, and what the tests did with it."""
+    """One fault and its test result. `before` in a source line becomes `after`."""
 
     id: int
     path: str  # relative to the repository
@@ -54,7 +55,7 @@ class Mutant(msgspec.Struct):
     operator: str
     before: str
     after: str
-    untraced: bool  # coverage does not see its users: compiled by numba, or run at import
+    untraced: bool  # coverage cannot tell its tests: compiled by numba, or run at import
     killed: bool = False
     reason: str = ""  # the test that failed first, or timeout, exit status, survived, unreached, lost (line is gone)
     seconds: float = 0.0
@@ -97,7 +98,7 @@ def walk(node: ast.AST, statement: int, untraced: bool) -> Iterator[tuple[ast.AS
 
 
 def draw(source: Path) -> Iterator[Mutant]:
-    """Yield mutants of the core packages: lines drawn evenly, one fault of each, PER_FILE lines of a file at most."""
+    """Yield mutants of the core packages. Draws lines uniformly, at most PER_FILE of a file, and one fault per line."""
     lines: dict[tuple[str, int], list[Mutant]] = defaultdict(list)
     for file in sorted(file for package in CORE for file in (source / package).rglob("*.py")):
         data, path = file.read_bytes(), file.relative_to(source).as_posix()
@@ -119,7 +120,7 @@ def draw(source: Path) -> Iterator[Mutant]:
 
 
 def mutate(mutant: Mutant, data: bytes) -> bytes | None:
-    """Return the source file with the fault, whose line may have moved; None if the line is gone."""
+    """Return the source file with the fault, or None if the line is gone. The line may have moved."""
     rows, before = data.splitlines(keepends=True), mutant.before.encode()
     for row in sorted(range(len(rows)), key=lambda row: abs(row + 1 - mutant.line)):
         start = sum(map(len, rows[:row])) + mutant.column
@@ -129,7 +130,7 @@ def mutate(mutant: Mutant, data: bytes) -> bytes | None:
 
 
 class Checkout:
-    """A clone of one commit, in which mutants run, with the reach and the cost of its tests."""
+    """A clone of one commit in which mutants run, with the coverage and the duration of its tests."""
 
     def __init__(self, folder: Path, commit: str) -> None:
         self.folder, self.source, self.cache = folder, folder / "source", folder / "cache"
@@ -151,7 +152,7 @@ class Checkout:
         self.reach.read()
 
     def _pytest(self, arguments: list[str], limit: float | None) -> tuple[bool, str]:
-        """Run tests; return whether one failed, and the first that failed or another reason."""
+        """Run tests. Return whether a test failed, and the first failed test or another reason."""
         command = [sys.executable, "-m", "pytest", "-qrfE", "-pno:cacheprovider", "-mnot slow", "--hypothesis-seed=0"]
         command += arguments
         environment = os.environ | {"NUMBA_CACHE_DIR": str(self.cache), "COVERAGE_FILE": str(self.folder / "coverage")}
@@ -164,7 +165,7 @@ class Checkout:
             return True, "timeout"
         finally:
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(tests.pid, signal.SIGKILL)  # with the processes that the tests have started
+                os.killpg(tests.pid, signal.SIGKILL)  # also kills the processes that the tests started
             tests.wait()
         if status in (0, 5):  # 5: every test is slow
             return False, "survived"
@@ -172,7 +173,7 @@ class Checkout:
         return True, failed[1] if failed else f"exit status {status}"
 
     def attempt(self, mutant: Mutant) -> Mutant:
-        """Return the mutant with what the tests that reach it do; a test that is known to kill it runs first."""
+        """Run the tests that reach a mutant and return it with the result. A test known to kill it runs first."""
         file, start = self.source / mutant.path, time.monotonic()
         if not file.exists() or (changed := mutate(mutant, data := file.read_bytes())) is None:
             return msgspec.structs.replace(mutant, killed=False, reason="lost")
@@ -194,7 +195,7 @@ class Checkout:
         return msgspec.structs.replace(mutant, killed=killed, reason=reason, seconds=time.monotonic() - start)
 
     def select(self, mutant: Mutant) -> list[str]:
-        """Return the test files that reach a mutant, nearest folder first, of LIMIT_S together."""
+        """Return the test files that reach a mutant, nearest folder first, up to LIMIT_S in total."""
         lines = self.reach.contexts_by_lineno(str(self.source / mutant.path))
         rows = lines if mutant.untraced else range(mutant.statement, mutant.line + 1)
         reaching = {context.split("::")[0] for row in rows for context in lines.get(row, []) if context}
@@ -214,7 +215,7 @@ def read(path: Path) -> dict[int, Mutant]:
 
 
 def report(runs: list[dict[int, Mutant]]) -> Iterator[str]:
-    """Yield a table of the mutants that every run has tried, and each that the last one no longer kills."""
+    """Yield a table of the mutants that all runs tried, and each mutant that the last run no longer kills."""
     yield f"| package | mutants |{' killed |' * len(runs)}\n| --- | ---: |{' ---: |' * len(runs)}"
     common = [key for key in runs[0] if all(key in run and run[key].reason != "lost" for run in runs)]
     for package in [*CORE, ""]:

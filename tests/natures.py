@@ -1,4 +1,4 @@
-"""Marks each test with its nature, which says what it needs, and stops a test that needs more than its nature allows.
+"""Marks each test with its nature (what it needs), and fails a test that needs more than its nature allows.
 
 The natures are ordered; each includes those before it.
 """
@@ -18,7 +18,7 @@ NATURES = {
 }
 ORDER = list(NATURES)
 
-# A test without a marker of its own gets the nature of the longest path here that it lies under, else `unit`.
+# A test without its own marker gets the nature of the longest matching path here, or `unit` if no path matches.
 PATHS = {
     "tests/agent/models": "process",
     "tests/agent/test_wiring.py": "process",
@@ -60,7 +60,7 @@ PATHS = {
 # A test that uses one of these fixtures has at least their nature.
 FIXTURES = {"browser": "browser", "driver": "browser"}
 
-# The calls that need a nature: audit events of Python (PEP 578), and classes of ours by module.
+# The calls that need a nature: audit events of Python (PEP 578), and classes of this project by module.
 EVENTS = {
     "subprocess.Popen": "process",
     "os.fork": "process",
@@ -84,7 +84,7 @@ class NatureError(AssertionError):
 
 
 class Guard:
-    """Compares what the running test does with its nature."""
+    """Checks the calls of the running test against its nature."""
 
     def __init__(self) -> None:
         self.item: pytest.Item | None = None
@@ -93,7 +93,7 @@ class Guard:
         sys.addaudithook(self.audit)
 
     def audit(self, event: str, arguments: tuple[Any, ...]) -> None:
-        """Check an audit event. Threads that an earlier test left behind are not the running test's."""
+        """Check an audit event. Ignores other threads, because an earlier test may have left them running."""
         if event == "subprocess.Popen" and COMPILER in arguments[1]:
             return  # the first flight of an installation compiles its kernels in several processes
         if event in EVENTS and threading.get_ident() == self.thread:
@@ -127,7 +127,7 @@ def _checked(guard: Guard, engine: type[Any], needed: str) -> None:
 
 
 def mark(item: pytest.Item) -> None:
-    """Mark a test with its nature, unless it carries one."""
+    """Mark a test with its nature, unless it already has one."""
     if not any(item.get_closest_marker(nature) for nature in ORDER):
         item.add_marker(_required(item))
 
@@ -144,7 +144,7 @@ def of_path(path: str) -> str:
 
 
 def _required(item: pytest.Item) -> str:
-    """Return the nature that a test's path and fixtures ask for. Slow tests are whole commands."""
+    """Return the nature that a test's path and fixtures require. Slow tests need `process`: they run commands."""
     needed = [of_path(item.nodeid.partition("::")[0])]
     needed += [FIXTURES[fixture] for fixture in getattr(item, "fixturenames", ()) if fixture in FIXTURES]
     if item.get_closest_marker("slow"):

@@ -1,4 +1,4 @@
-"""Programs, packages and files that some tests need and a machine may lack; each with what makes them available."""
+"""Programs, packages and files that some tests need and a machine may lack, each with a remedy."""
 
 import importlib.util
 import os

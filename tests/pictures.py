@@ -1,4 +1,4 @@
-"""Pictures that the tests read back."""
+"""Reads picture files in tests."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 def read(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[np.uint8]:
-    """Return the picture in a file, (H, W, 3) BGR or (H, W) as `flags` say; there has to be one."""
+    """Return the picture in a file, (H, W, 3) BGR or (H, W), depending on `flags`. Fails without a picture."""
     picture: NDArray[np.uint8] | None = cv2.imread(str(path), flags)
     assert picture is not None, path
     return picture

@@ -1,4 +1,4 @@
-"""The paper's prompt as fingerprints of every six consecutive words. They detect copied text without storing it.
+"""Fingerprints of every six consecutive words of the paper's prompt. They detect copied text without storing it.
 
 `python -m tests.agent.paper_words paper.tex` regenerates them from the paper's source.
 """
@@ -14,7 +14,7 @@ PASSAGES = (r"\\subsection\{The Prompt\}.*?\\subsection\{Metrics\}", r"label=\{l
 
 
 def rows(text: str) -> dict[str, str]:
-    """Return fingerprint → words for every six consecutive words. The declared JSON is shared by all and omitted."""
+    """Return fingerprint → words for every six consecutive words, without the JSON actions, which every prompt has."""
     words = re.findall(r"[a-z0-9]+", re.sub(r'{"action":.*}', "\n", text).lower())
     several = (" ".join(words[i : i + IN_A_ROW]) for i in range(len(words) - IN_A_ROW + 1))
     return {hashlib.sha256(row.encode()).hexdigest()[:10]: row for row in several}

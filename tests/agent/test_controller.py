@@ -1,4 +1,4 @@
-"""The numbers of the paper's appendix "Execution", one by one."""
+"""The controller has the numbers of the paper's appendix "Execution"."""
 
 import math
 
@@ -31,7 +31,7 @@ def test_straight_ahead_is_a_stride_of_three_metres_in_two_and_a_half_seconds():
     assert (move.setpoint.up, move.setpoint.bearing) == (None, 0.0)
 
 
-def test_turns_first_beyond_the_deadband_and_never_sideways():
+def test_a_go_beyond_the_deadband_turns_first_and_then_moves_forward():
     right = math.tan(math.radians(20)) * 500 + 500
     turn, move = plan(Go(right, 500, 20), CAMERA)
     angle = pytest.approx(math.radians(20))
@@ -61,7 +61,7 @@ def test_small_vertical_components_are_dropped(ratio, level):
 @pytest.mark.parametrize(
     ("depth", "speed"), [(5.0, 1.2), (4.99, 0.72), (3.0, 0.72), (2.5, 2.5 * 0.6 / 2.5), (2.0, 0.48)]
 )
-def test_bands_near_the_target(depth, speed):
+def test_speed_is_reduced_in_bands_near_the_target(depth, speed):
     (move,) = plan(Go(500, 500, depth), CAMERA)
     assert isinstance(move.setpoint, Velocity)
     assert move.setpoint.forward == pytest.approx(speed, rel=1e-3)
@@ -84,14 +84,14 @@ def test_rotation_is_a_rate_held_for_a_time(angle):
 
 
 @pytest.mark.parametrize("action", [Think(), Finished(), Rotate(0), None])
-def test_everything_else_holds_for_a_step(action):
+def test_all_other_actions_hold_for_one_step(action):
     (hold,) = plan(action, CAMERA)
     assert hold.setpoint == Hold()
     assert hold.duration_s == 2.5
 
 
 @given(st.floats(0, 1000), st.floats(0, 1000), st.floats(0, 1e5))
-def test_never_faster_than_a_stride_a_step(x, y, depth):
+def test_speed_never_exceeds_one_stride_per_step(x, y, depth):
     for segment in plan(Go(x, y, depth), CAMERA):
         assert math.isfinite(segment.duration_s)
         if isinstance(segment.setpoint, Velocity):

@@ -53,14 +53,14 @@ def fly(folder, groups, policy, seconds=30.0, model=None, pictures=None):
     return [json.loads(line) for line in (folder / "decisions.jsonl").read_text().splitlines()], model.asked
 
 
-def test_all_under_one_decider_are_asked_for_at_once(tmp_path):
+def test_one_decider_asks_for_all_its_drones_at_once(tmp_path):
     decisions, batch_sizes = fly(tmp_path / "run", None, LatencyPolicy.parse("fixed:0.5"))
     assert set(batch_sizes) == {3}
     assert [d["drone"] for d in decisions[:6]] == [0, 1, 2, 0, 1, 2]
     assert [d["step"] for d in decisions[:6]] == [0, 0, 0, 1, 1, 1]
 
 
-def test_each_drone_alone_has_its_own_clock_of_actions(tmp_path):
+def test_separate_deciders_have_separate_clocks(tmp_path):
     def charge(question):
         return 1.0 + 2.0 * question.drone
 
@@ -76,19 +76,19 @@ def test_each_drone_alone_has_its_own_clock_of_actions(tmp_path):
             assert after["t_decided"] - before["t_decided"] > 0.5 + charge(Question((0,), 0, drone)) - 0.06
 
 
-def test_a_cap_holds_every_decider_to_its_rate(tmp_path):
-    """One decision per 4 s, although a turn and its reply take one: not earlier, and not much later."""
+def test_a_cap_limits_the_decision_rate_of_every_decider(tmp_path):
+    """The cap allows one decision per 4 s. A turn and its reply take only about 1 s."""
     for name, groups in (("together", None), ("apart", [[0], [1, 2]])):
         decisions, _ = fly(tmp_path / name, groups, LatencyPolicy.parse("fixed:0.3+cap:0.25"))
         for drone in range(3):
             decided = [d["t_decided"] for d in decisions if d["drone"] == drone]
-            assert decided[0] < 1.0  # nothing limits the first
+            assert decided[0] < 1.0  # the cap does not delay the first decision
             for before, after in itertools.pairwise(decided):
                 assert 4.0 - 1e-6 <= after - before < 4.2
             assert len(decided) == 8
 
 
-def test_each_drone_has_its_own_draws(tmp_path):
+def test_drones_have_separate_random_draws(tmp_path):
     """Drones of separate questions have separate draws of reply times and lost images."""
     replies, _ = fly(tmp_path / "replies", [[0], [1], [2]], LatencyPolicy.parse("lognormal:1,0.7"))
     drawn = [tuple(d["latency_s"] for d in replies if d["drone"] == drone)[:4] for drone in range(3)]
@@ -105,7 +105,7 @@ def test_each_drone_has_its_own_draws(tmp_path):
     assert set(draws) == {(0, 0), (1, 1), (1, 2)}
 
 
-def test_one_alone_beside_two_together(tmp_path):
+def test_deciders_of_one_and_of_two_drones_fly_side_by_side(tmp_path):
     decisions, batch_sizes = fly(tmp_path / "run", [[0], [1, 2]], LatencyPolicy.parse("fixed:0.5"))
     assert set(batch_sizes) == {1, 2}
     together = [d for d in decisions if d["drone"] > 0]
@@ -122,7 +122,7 @@ class Sloppy(Noting):
         return Reply("[{'action': 'rotate', 'angle_deg': '30°'}]", 0.1)
 
 
-def test_repairs_are_only_in_a_lenient_log(tmp_path):
+def test_only_the_lenient_parser_logs_repairs(tmp_path):
     cases: list[tuple[ReplyParser, list[str] | None]] = [
         ("lenient", ["single_quotes", "number_text", "unit", "short"]), ("strict", None),
     ]  # fmt: skip
@@ -164,7 +164,7 @@ def test_the_served_model_is_logged_only_when_it_changes(tmp_path):
 
 @pytest.mark.parametrize("policy", ["fixed:40", "trace"])
 def test_first_reply_after_the_cap_is_logged_and_has_no_effect(tmp_path, policy):
-    """A slow model fails. Only an endpoint without a reply is an error, which is not scored."""
+    """A slow model fails the episode. Only an endpoint without a reply is an error, and such a flight is not scored."""
     latency = LatencyPolicy.parse(policy) if policy != "trace" else Charged((), lambda question: 40.0)
     decisions, batch_sizes = fly(tmp_path / "run", None, latency)
     assert batch_sizes == [3]

@@ -1,4 +1,4 @@
-"""Every module that handles actions handles every action."""
+"""Every kind of action is supported by parser, prompt, schemas, controller and history."""
 
 from dataclasses import fields
 from typing import get_args
@@ -19,7 +19,7 @@ EACH = [kind(*(3.0 for _ in fields(kind))) for kind in get_args(Action)]
 
 
 @pytest.mark.parametrize("action", EACH, ids=lambda action: type(action).__name__)
-def test_every_place_knows_the_action(action):
+def test_every_module_handles_the_action(action):
     declared = action.as_json()
     assert action_from(declared) == action
     assert f'{{"action":"{declared["action"]}"' in Prompt.load().template

@@ -107,7 +107,7 @@ def command_of(request):
     return actions.read_prompt(request.text).command
 
 
-def test_all_hover_until_the_commander_has_spoken_and_then_fly_its_goals(tmp_path):
+def test_drones_hover_until_the_first_orders_and_then_fly_their_goals(tmp_path):
     pilot, commander = FunctionModel(lambda request: GO), script({"orders": EVERYBODY[:2]})
     decisions, (first, *_), _ = fly(tmp_path, pilot, commander, policy="fixed:2", seconds=12.0)
     assert first.t_answered == pytest.approx(2.0, abs=0.1)
@@ -121,7 +121,7 @@ def test_all_hover_until_the_commander_has_spoken_and_then_fly_its_goals(tmp_pat
     assert sorted({d["step"] for d in decisions}) == list(range(len(decisions)))
 
 
-def test_finished_is_a_report_and_the_confirmation_the_declaration_on_the_commanders_picture(tmp_path):
+def test_a_pilots_finished_is_a_report_and_the_commanders_confirmation_declares(tmp_path):
     pilot = FunctionModel(lambda request: DONE if request.drone == 1 else GO)
     commander = script({"orders": EVERYBODY}, {"confirm": [2]})
     decisions, exchange_log, vehicles = fly(tmp_path, pilot, commander, seconds=9.0)
@@ -153,7 +153,7 @@ def test_only_a_confirmation_may_end_the_flight(tmp_path):
     assert seen[-1].declares
 
 
-def test_a_report_waits_for_its_answer_and_an_order_is_a_refusal_with_a_fresh_history(tmp_path):
+def test_a_drone_waits_after_its_report_and_a_new_order_clears_its_history(tmp_path):
     def answer(request):
         return DONE if request.drone == 0 and command_of(request) == "goal 1" else GO
 
@@ -164,7 +164,7 @@ def test_a_report_waits_for_its_answer_and_an_order_is_a_refusal_with_a_fresh_hi
         "start",
         "report",
         "time",
-    ]  # a report is asked about once
+    ]  # one question per report
     own = [d for d in decisions if d["drone"] == 0]
     assert own[0]["report"] is True
     assert own[1]["t_frame"] >= exchange_log[2].t_answered > INTERVAL_S
@@ -191,7 +191,7 @@ def test_the_commanders_served_model_is_logged_when_it_changes(tmp_path):
     assert served[:6] == [None, "said fp_1", None, "said fp_2", "said", None]
 
 
-def test_a_commander_that_cannot_be_read_changes_nothing_and_is_kept(tmp_path):
+def test_an_unreadable_commander_reply_is_logged_and_has_no_effect(tmp_path):
     pilot = FunctionModel(lambda request: DONE if request.drone == 2 else GO)
     commander = FunctionModel(lambda request: "I would go left, I think.")
     decisions, exchange_log, _ = fly(tmp_path, pilot, commander, seconds=20.0)
@@ -203,10 +203,10 @@ def test_a_commander_that_cannot_be_read_changes_nothing_and_is_kept(tmp_path):
     assert exchange_log[0].orders == exchange_log[0].confirms == ()
 
 
-def test_it_acts_on_what_it_was_shown(tmp_path):
-    """A report made while the commander thinks is neither confirmed nor overruled by that reply."""
+def test_a_commander_reply_affects_only_reports_that_it_was_shown(tmp_path):
+    """The commander's reply neither confirms nor overrules a report made after its question."""
 
-    def answer(request):  # the second drone reports while the commander thinks about the first one's report
+    def answer(request):  # drone 2 reports while the commander answers the report of drone 1
         turn = {0: 15, 1: 21}.get(request.drone)
         return GO if turn is None else DONE if request.step else {"action": "rotate", "angle_deg": turn}
 
@@ -220,12 +220,13 @@ def test_it_acts_on_what_it_was_shown(tmp_path):
         "2",
         "3",
         "2",
-    ]  # two without a report, and one that came meanwhile
-    assert [(cause.why, cause.drone) for cause in exchange_log[2].causes] == [("report", 1)]  # and it is asked at once
+    ]  # confirmations of drones 2 and 3, which had no report, and the order for drone 2, which had reported meanwhile
+    # the next question, about the report of drone 2, follows at once
+    assert [(cause.why, cause.drone) for cause in exchange_log[2].causes] == [("report", 1)]
     assert [(d["drone"], d["confirmed_by"]) for d in decisions if "confirmed_by" in d] == [(0, 1), (1, 2)]
 
 
-def test_it_is_asked_when_a_drone_does_not_move_and_when_nothing_happens(tmp_path):
+def test_the_commander_is_asked_after_a_stall_and_after_an_interval(tmp_path):
     pilot = FunctionModel(lambda request: TURN if request.drone == 1 else GO)
     decisions, exchange_log, _ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), seconds=40.0)
     (start, *others) = [[(cause.why, cause.drone) for cause in exchange.causes] for exchange in exchange_log]
@@ -244,11 +245,11 @@ def test_it_is_asked_when_a_drone_does_not_move_and_when_nothing_happens(tmp_pat
     assert exchange_log[2].t_asked - exchange_log[1].t_asked == pytest.approx(INTERVAL_S, abs=0.2)
 
 
-def test_both_levels_are_charged_and_their_draws_are_their_own(tmp_path):
+def test_latency_is_charged_on_both_levels_with_separate_reproducible_draws(tmp_path):
     pilot, commander = FunctionModel(lambda request: GO), script({"orders": EVERYBODY})
     decisions, exchange_log, _ = fly(tmp_path, pilot, commander, policy="lognormal:1,0.5", seconds=60.0)
     first = [next(d for d in decisions if d["drone"] == k)["latency_s"] for k in range(3)]
-    assert len({*first, exchange_log[0].latency_s}) == 4  # all of number 0
+    assert len({*first, exchange_log[0].latency_s}) == 4  # all four have step number 0
     assert exchange_log[0].t_answered - exchange_log[0].t_asked == pytest.approx(exchange_log[0].latency_s, abs=0.06)
     again, exchange_log_again, _ = fly(
         tmp_path / "again", pilot, script({"orders": EVERYBODY}), policy="lognormal:1,0.5", seconds=60.0
@@ -285,7 +286,7 @@ class Slow(Executor):
         return Polled()
 
 
-def test_the_pilots_are_asked_at_once_and_the_commander_beside_them(tmp_path):
+def test_pilots_and_commander_are_asked_concurrently(tmp_path):
     executor = Slow()
     fly(tmp_path, FunctionModel(lambda request: DONE if request.step == 2 else GO), script({"orders": EVERYBODY}),
         policy="real", executor=executor, seconds=30.0)  # fmt: skip
@@ -293,7 +294,7 @@ def test_the_pilots_are_asked_at_once_and_the_commander_beside_them(tmp_path):
 
 
 @pytest.mark.parametrize("role", ["pilot", "commander"])
-def test_a_model_that_fails_ends_the_flight_whichever_it_is(tmp_path, role):
+def test_a_failing_pilot_or_commander_model_ends_the_flight(tmp_path, role):
     broken = ModelError("gone")
     pilot = FunctionModel(lambda request: broken if role == "pilot" else DONE)
     commander = script({"orders": EVERYBODY}, broken if role == "commander" else {"orders": []})
@@ -301,7 +302,7 @@ def test_a_model_that_fails_ends_the_flight_whichever_it_is(tmp_path, role):
         fly(tmp_path, pilot, commander)
 
 
-def test_a_reply_that_is_too_late_is_kept_as_such_and_a_broken_call_is_an_error(tmp_path):
+def test_a_late_commander_reply_is_logged_as_late_and_a_failed_call_is_an_error(tmp_path):
     pilot = FunctionModel(lambda request: DONE)
     _, exchange_log, _ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), policy="fixed:2", seconds=5.0)
     assert exchange_log[-1].t_answered is None
@@ -312,8 +313,8 @@ def test_a_reply_that_is_too_late_is_kept_as_such_and_a_broken_call_is_an_error(
         fly(tmp_path / "broken", pilot, script(ModelError("gone")), policy="fixed:20", seconds=5.0)
 
 
-def test_a_drone_that_is_not_answered_before_the_end_is_nobodys_fault_where_others_were(tmp_path):
-    """The third drone's only question is open at the cap. The step numbers have no gap."""
+def test_a_question_open_at_the_cap_is_no_error_if_other_drones_had_replies(tmp_path):
+    """The only question of the third drone is open at the cap. The step numbers have no gap."""
     pilot = FunctionModel(lambda request: GO)
     policy = Charged((), lambda question: 100.0 if question.drone == 2 else 0.5)
     decisions, *_ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), policy=policy, seconds=8.0)

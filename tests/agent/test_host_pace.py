@@ -1,4 +1,4 @@
-"""Delays of the host are distinguished from delays of the model, on simulated clocks."""
+"""Delays of the host and delays of the model are measured separately. All clocks are simulated."""
 
 import json
 from collections.abc import Callable
@@ -36,7 +36,7 @@ def tick_at(wall: Wall, pace: HostPace, wall_s: float, vehicle_s: float) -> None
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 4.0])
-def test_a_clock_that_keeps_up_has_no_lag_whatever_it_counts_from(speed: float) -> None:
+def test_a_vehicle_clock_that_keeps_pace_has_no_lag(speed: float) -> None:
     wall = Wall()
     pace = HostPace(wall, speed)
     watch = pace.watch()
@@ -46,20 +46,20 @@ def test_a_clock_that_keeps_up_has_no_lag_whatever_it_counts_from(speed: float) 
     assert (lag_s, waited_s) == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
-def test_a_stall_counts_though_it_is_caught_up_and_is_of_one_step_alone() -> None:
+def test_a_recovered_stall_counts_in_one_step_of_each_decider() -> None:
     wall = Wall()
     pace = HostPace(wall, 1.0)
     watch, other = pace.watch(), pace.watch()
     tick_at(wall, pace, 0.0, 5.0)
-    tick_at(wall, pace, 0.6, 5.1)  # it stopped for half a second …
-    tick_at(wall, pace, 0.7, 5.7)  # … and has caught up
+    tick_at(wall, pace, 0.6, 5.1)  # the vehicle's clock stops for 0.5 s
+    tick_at(wall, pace, 0.7, 5.7)  # and catches up
     assert watch.take()[0] == pytest.approx(0.5)
     tick_at(wall, pace, 0.8, 5.8)
     assert watch.take()[0] == pytest.approx(0.0, abs=1e-9)
     assert other.take()[0] == pytest.approx(0.5)  # each decider has its own steps
 
 
-def test_a_stall_that_begins_with_the_step_is_that_steps() -> None:
+def test_a_stall_at_the_start_of_a_step_counts_in_that_step() -> None:
     wall = Wall()
     pace = HostPace(wall, 1.0)
     watch = pace.watch()
@@ -69,7 +69,7 @@ def test_a_stall_that_begins_with_the_step_is_that_steps() -> None:
     assert watch.take()[0] == pytest.approx(0.5)
 
 
-def test_time_that_was_given_up_is_no_lag_of_the_steps_after_it() -> None:
+def test_lost_time_does_not_count_as_lag_of_later_steps() -> None:
     wall = Wall()
     pace = HostPace(wall, 1.0)
     watch = pace.watch()
@@ -82,7 +82,7 @@ def test_time_that_was_given_up_is_no_lag_of_the_steps_after_it() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)), min_size=1, max_size=30))
-def test_the_lag_is_the_greatest_fall_between_any_two_moments(steps: list[tuple[float, float]]) -> None:
+def test_the_lag_is_the_largest_increase_of_delay_between_two_ticks(steps: list[tuple[float, float]]) -> None:
     wall, late, vehicle_s = Wall(), [], 0.0
     pace = HostPace(wall, 1.0)
     watch = pace.watch()
@@ -128,7 +128,7 @@ class Late(Views):
         return super().newest(drone)
 
 
-def test_a_decision_tells_how_late_the_host_was_and_not_how_slow_the_model(tmp_path) -> None:
+def test_a_decision_logs_host_delays_separately_from_model_latency(tmp_path) -> None:
     wall, vehicle = Wall(), Clock()
     pace = HostPace(wall, 1.0)
     stalls = {60: 0.4}  # the simulator stops at this tick
@@ -172,7 +172,7 @@ def test_without_a_host_clock_there_are_no_host_fields(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("lag_s", "wait_s", "is_delayed"), [(STALL_S, STALL_S, False), (STALL_S + 0.001, 0.0, True), (0.0, 0.3, True)]
 )
-def test_the_threshold_is_what_it_says(lag_s: float, wait_s: float, is_delayed: bool) -> None:
+def test_a_decision_is_delayed_only_beyond_the_stall_threshold(lag_s: float, wait_s: float, is_delayed: bool) -> None:
     step = Decision(
         step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=1.0, action=None, host_lag_s=lag_s, frame_wait_s=wait_s
     )

@@ -1,4 +1,4 @@
-"""Decisions count from the vehicle's pose at the image's time, also if telemetry reports it late."""
+"""A decision is relative to the vehicle's pose at the image's time, even if telemetry reports that pose late."""
 
 import math
 
@@ -13,7 +13,7 @@ from hil.link.course import PoseHistory
 
 CAMERA = CameraModel(width=64, height=36)
 TAKEN_US, TELLS_US = 1_000_000, 50_000
-AHEAD, ASIDE = Go(500.0, 500.0, 20.0), Go(970.0, 500.0, 20.0)  # this one turns first
+AHEAD, ASIDE = Go(500.0, 500.0, 20.0), Go(970.0, 500.0, 20.0)  # ASIDE needs a turn first
 
 
 class TellsLate:
@@ -21,7 +21,7 @@ class TellsLate:
 
     def __init__(self):
         self.time_us, self.steady = TAKEN_US, True
-        self.flown = []  # the pose from which each setpoint's angles count
+        self.flown = []  # the pose that each setpoint's angles are relative to
         self._told_us = -TELLS_US
         self._track = PoseHistory()
         self.listen()
@@ -56,7 +56,7 @@ def where(sight):
 
 
 @pytest.mark.parametrize("action", [AHEAD, ASIDE, Rotate(30.0)])
-def test_a_decision_counts_from_where_the_vehicle_was_and_not_from_what_was_known_at_the_shutter(action):
+def test_a_decision_uses_the_pose_at_capture_although_telemetry_reports_it_later(action):
     vehicle = TellsLate()
     drone = Drone(0, vehicle, CAMERA)
     drone.see(TAKEN_US)
@@ -67,7 +67,7 @@ def test_a_decision_counts_from_where_the_vehicle_was_and_not_from_what_was_know
     assert where(vehicle.flown[0]) == pytest.approx(vehicle.pose(TAKEN_US))
 
 
-def test_telemetry_during_a_turn_counts_for_the_next_move():
+def test_telemetry_received_during_a_turn_is_used_for_the_next_move():
     vehicle = TellsLate()
     drone = Drone(0, vehicle, CAMERA)
     drone.see(TAKEN_US)
@@ -79,7 +79,7 @@ def test_telemetry_during_a_turn_counts_for_the_next_move():
     assert [where(seen) == pytest.approx(vehicle.pose(TAKEN_US)) for seen in vehicle.flown] == [False, True]
 
 
-def test_the_steady_drone_sees_its_place_from_there_too():
+def test_the_steady_drone_also_uses_the_pose_at_capture():
     vehicle = TellsLate()
     drone = SteadyDrone(0, vehicle, CAMERA)
     drone.see(TAKEN_US)
@@ -93,8 +93,8 @@ def test_the_steady_drone_sees_its_place_from_there_too():
     assert bearing == pytest.approx(heading, abs=0.01)
 
 
-def test_after_the_slowest_reply_to_the_latest_picture_it_is_still_known():
-    """A minute from the shutter to the agent, five minutes to the reply."""
+def test_the_pose_at_capture_is_available_after_the_slowest_reply():
+    """The agent receives the image after 1 min, and the reply takes 5 min."""
     vehicle = TellsLate()
     drone = Drone(0, vehicle, CAMERA)
     drone.see(TAKEN_US)

@@ -53,14 +53,14 @@ def test_latency_is_charged_on_the_vehicles_clock(policy, due_s):
     assert asking.latency_s(due_s + 0.05) == pytest.approx(due_s - 10.0)
 
 
-def test_a_reply_that_comes_after_its_charge_is_written_down_as_late_as_it_was():
+def test_a_reply_later_than_its_charge_has_its_actual_latency():
     asking = PendingQuestion(Answering(3.0), REQUEST, InlineExecutor(), LatencyPolicy.parse("fixed:0.5"), FIRST, 10.0)
     assert asking.latency_s(13.0) == pytest.approx(3.0)
     passing = PendingQuestion(Answering(0.2), REQUEST, InlineExecutor(), LatencyPolicy.parse("real"), FIRST, 10.0)
     assert passing.latency_s(10.8) == pytest.approx(0.8)
 
 
-def test_a_slow_call_is_never_due_before_it_has_come_back():
+def test_a_call_is_not_due_before_it_returns():
     later = Later()
     asking = PendingQuestion(Answering(), REQUEST, later, LatencyPolicy.parse("fixed:0.5"), FIRST, 0.0)
     assert not asking.due(100.0)
@@ -77,7 +77,7 @@ def test_an_error_is_due_at_once_and_raised():
         asking.reply()
 
 
-def test_wrong_policies_are_refused():
+def test_invalid_policies_are_rejected():
     for text in [
         "",
         "fast",
@@ -99,14 +99,14 @@ def draw(policy, question):
     return asking.latency_s(0.0)
 
 
-def test_a_drawn_latency_is_the_questions_and_nothing_elses():
+def test_a_drawn_latency_depends_only_on_the_question():
     policy = "lognormal:1,0.7"
     assert draw(policy, Question((1, 2), 3, 0)) == draw(policy, Question((1, 2), 3, 0))
     others = [Question((1, 2), 4, 0), Question((1, 2), 3, 1), Question((1, 3), 3, 0), Question((2, 2), 3, 0)]
     assert len({draw(policy, question) for question in [Question((1, 2), 3, 0), *others]}) == 5
 
 
-def test_a_latency_is_drawn_once_however_often_the_clock_ticks():
+def test_a_latency_is_drawn_once_per_question():
     drawn = []
 
     def charge(question):
@@ -134,7 +134,7 @@ class Thinking(Answering):
         return super().ask(request)
 
 
-def test_a_clock_that_waits_goes_on_beside_a_question_until_its_reply_is_due():
+def test_the_clock_advances_during_a_parallel_question_until_its_reply_is_due():
     model = Thinking()
     asking = PendingQuestion(
         model, REQUEST, InlineExecutor(), LatencyPolicy.parse("fixed:0.5"), FIRST, 0.0, beside=True
@@ -149,8 +149,8 @@ def test_a_clock_that_waits_goes_on_beside_a_question_until_its_reply_is_due():
     assert asking.latency_s(0.5) == 0.5
 
 
-def test_a_reply_that_is_there_is_not_looked_at_before_it_is_due():
-    """The same applies to a fault. Its arrival time depends on the machine, and a flight must be reproducible."""
+def test_an_early_error_is_raised_only_when_the_reply_is_due():
+    """The arrival time of the error depends on the machine, and a flight must be reproducible."""
     asking = PendingQuestion(
         Answering(error=ModelError("gone")),
         REQUEST,
@@ -168,7 +168,7 @@ def test_a_reply_that_is_there_is_not_looked_at_before_it_is_due():
 
 
 @pytest.mark.parametrize("policy", ["measured", "real"])
-def test_unforeseeable_latencies_are_not_asked_in_parallel(policy):
+def test_questions_with_unpredictable_latency_are_not_asked_in_parallel(policy):
     asked_by = []
 
     class Here(Answering):
@@ -180,7 +180,7 @@ def test_unforeseeable_latencies_are_not_asked_in_parallel(policy):
     assert asked_by == [threading.current_thread()]
 
 
-def test_drawn_latencies_have_the_median_and_the_spread_that_were_asked_for():
+def test_drawn_latencies_have_the_requested_median_and_spread():
     logarithms = [math.log(draw("lognormal:2,0.5", Question((9,), step, 0))) for step in range(400)]
     assert statistics.median(logarithms) == pytest.approx(math.log(2.0), abs=0.1)
     assert statistics.pstdev(logarithms) == pytest.approx(0.5, rel=0.15)

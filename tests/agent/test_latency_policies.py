@@ -1,4 +1,4 @@
-"""Latency policies: each against its distribution, each draw per question, each policy text parsed."""
+"""Latency policies: the distributions, the independence of the draws, and the parser."""
 
 import itertools
 import math
@@ -68,14 +68,14 @@ def test_draws_have_the_requested_distribution(policy, expected):
     assert np.median(drawn) == pytest.approx(expected.median(), rel=0.15)
 
 
-def test_a_gamma_has_the_mean_and_the_spread_in_its_words_and_without_spread_is_its_mean():
+def test_gamma_has_the_requested_mean_and_spread_and_is_constant_without_spread():
     drawn = draws("gamma:3,0.4", 500, 4)
     assert drawn.mean() == pytest.approx(3.0, rel=0.03)
     assert drawn.std() == pytest.approx(1.2, rel=0.06)
     assert set(draws("gamma:3,0", 5, 2).ravel()) == {3.0}
 
 
-def test_jitter_has_the_mean_of_its_rate_the_spread_and_what_two_in_a_row_have_in_common():
+def test_jitter_has_the_requested_mean_spread_and_autocorrelation():
     drawn = draws("jitter:2,0.5,0.8", 40, 120)
     assert drawn.mean() == pytest.approx(0.5, rel=0.06)
     assert drawn.std() / drawn.mean() == pytest.approx(0.5, rel=0.12)
@@ -100,13 +100,13 @@ def test_rare_events_have_the_requested_probability(policy, rare_s, often_s, sha
     assert following.size == 0 or stats.binomtest(int(following.sum()), following.size, share).pvalue > 0.003
 
 
-def test_more_stalls_stall_the_same_questions_and_others_besides():
+def test_a_higher_stall_probability_stalls_a_superset_of_the_questions():
     few, many = draws("stall:0.1,5"), draws("stall:0.3,5")
     assert ((few > 0) <= (many > 0)).all()
     assert (many > 0).sum() > (few > 0).sum()
 
 
-def test_a_trace_is_replayed_in_its_order_from_a_drawn_place_and_round_again():
+def test_a_trace_is_replayed_cyclically_from_a_random_start():
     latencies = draws(TRACE, 60, 12)
     begins = set()
     for replayed in latencies:
@@ -116,7 +116,7 @@ def test_a_trace_is_replayed_in_its_order_from_a_drawn_place_and_round_again():
     assert begins == set(range(len(RECORDED)))
 
 
-def test_tokens_cost_what_they_are_many_and_uncounted_ones_four_characters_each():
+def test_token_latency_uses_the_count_or_else_four_characters_per_token():
     question = Question((0,), 0, 0)
     assert charged("tokens:0.4,50", question, Reply("{}", 9.0, tokens_out=200)) == pytest.approx(4.4)
     assert charged("tokens:0.4,50", question, Reply("x" * 41, 9.0)) == pytest.approx(0.4 + 11 / 50)
@@ -143,7 +143,7 @@ class FixedReply:
 
 
 @pytest.mark.parametrize(("last_s", "due_s"), [(None, 10.3), (9.5, 14.5), (2.0, 10.3), (5.3, 10.3)])
-def test_a_capped_rate_holds_a_reply_back_until_so_long_after_the_last_one(last_s, due_s):
+def test_a_rate_cap_delays_a_reply_until_one_period_after_the_last_reply(last_s, due_s):
     asking = PendingQuestion(
         FixedReply(Reply("{}", 0.0)), Request("p", (b"",), False), InlineExecutor(),
         LatencyPolicy.parse("fixed:0.3+cap:0.2"),
@@ -155,7 +155,7 @@ def test_a_capped_rate_holds_a_reply_back_until_so_long_after_the_last_one(last_
 
 
 @pytest.mark.parametrize("policy", [*RANDOM, TRACE])
-def test_a_draw_is_the_questions_and_nothing_elses(policy):
+def test_a_draw_depends_only_on_the_question(policy):
     question = Question((1, 2), 30, 0)
     others = {
         "step": [Question((1, 2), step, 0) for step in range(31, 50)],
@@ -180,8 +180,8 @@ def test_added_policies_have_independent_draws():
         assert stats.ks_2samp(own[stalled], own[~stalled]).pvalue > 0.003
 
 
-def test_no_two_draws_of_a_flight_are_one():
-    """Every draw of a flight has its own random state: of reply times, of images, and of a noisy pilot."""
+def test_different_kinds_of_draws_never_share_a_random_state():
+    """Latency policies, image faults and the noisy pilot never start from the same random state."""
     streams: dict[str, set[Any]] = {}
     begun = np.random.default_rng
 
@@ -225,7 +225,7 @@ def policies(draw: Any) -> list[str]:
 
 
 @given(policies(), st.integers(0, 2**31 - 1), st.integers(0, 40), st.integers(0, 255))
-def test_every_policy_within_its_bounds_is_read_and_charges_what_is_its_sum(words, seed, step, drone):
+def test_a_valid_policy_is_parsed_and_charges_the_sum_of_its_parts(words, seed, step, drone):
     text = "+".join(words)
     assert split_policy(text) == words
     policy, question, reply = LatencyPolicy.parse(text), Question((seed, 1), step, drone), Reply("abc", 1.0)
@@ -245,7 +245,7 @@ def test_every_policy_within_its_bounds_is_read_and_charges_what_is_its_sum(word
         ),
     )
 )  # fmt: skip
-def test_any_text_is_rejected_or_a_policy_that_charges(text):
+def test_any_text_is_rejected_or_gives_a_nonnegative_charge(text):
     try:
         policy = LatencyPolicy.parse(text)
     except UsageError:
@@ -267,7 +267,7 @@ def test_errors_in_a_policy_are_named():
         assert word in refusal(LatencyPolicy.parse, text)
 
 
-def test_a_trace_that_is_another_or_none_is_refused():
+def test_a_different_empty_or_invalid_trace_is_rejected():
     for trace, word in (((0.4,), trace_name((0.4,))), ((), "10,000"), ((301.0,), "300"), ((math.nan,), "300")):
         assert word in refusal(LatencyPolicy.parse, TRACE, trace)
     assert "latency_trace" in refusal(LatencyPolicy.parse, "fixed:1", RECORDED)

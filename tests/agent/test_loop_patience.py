@@ -1,4 +1,4 @@
-"""A hanging camera or model does not keep a vehicle in the air for longer than the pilot's patience."""
+"""A hanging camera does not keep a vehicle in the air for longer than the pilot's patience (`patience_s`)."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""A pitched camera: the pixel of a known place leads back to that place."""
+"""A pitched camera: projection of a place and back-projection of its pixel are inverse."""
 
 import math
 
@@ -29,7 +29,7 @@ def picture_of(forward, right, down, pitch_deg, camera):
 
 
 @given(ANGLES, st.floats(2.0, 50.0), st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
-def test_a_pixel_and_its_depth_give_the_place_back(pitch_deg, forward, right, down):
+def test_back_projection_of_pixel_and_depth_returns_the_place(pitch_deg, forward, right, down):
     camera = CameraModel(pitch_deg=pitch_deg)
     ahead, go = picture_of(forward, right, down, pitch_deg, camera)
     if ahead < 0.5:
@@ -37,7 +37,7 @@ def test_a_pixel_and_its_depth_give_the_place_back(pitch_deg, forward, right, do
     assert displacement(go, camera) == pytest.approx((right, forward, -down), abs=1e-6)
 
 
-def test_a_target_below_is_flown_to_downwards_and_one_at_eye_level_is_not():
+def test_the_vehicle_descends_to_a_target_below_but_not_to_a_level_target():
     camera = CameraModel(pitch_deg=-30.0)
     _, below = picture_of(20.0, 0.0, 10.0, -30.0, camera)
     (move,) = plan(below, camera)
@@ -50,7 +50,7 @@ def test_a_target_below_is_flown_to_downwards_and_one_at_eye_level_is_not():
 
 
 @given(ANGLES, st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.booleans())
-def test_the_steady_agent_names_the_same_place_and_point(pitch_deg, roll, pitch, gimballed):
+def test_the_steady_agents_projection_matches_the_mounted_camera(pitch_deg, roll, pitch, gimballed):
     mount = CameraMount(pitch_deg=pitch_deg, gimbal=GimbalLimits() if gimballed else None)
     camera, angle = camera_on(mount), math.radians(pitch_deg) if gimballed else None
     sight = PicturePose((10.0, -5.0, -3.0), 0.7, roll, pitch, angle)

@@ -64,7 +64,7 @@ values = st.recursive(
 
 
 @given(values.map(json.dumps) | st.text(max_size=200), st.integers(1, 8))
-def test_any_reply_is_orders_for_drones_that_there_are_or_an_error(reply, drones):
+def test_any_reply_gives_orders_for_existing_drones_or_an_error(reply, drones):
     try:
         read = parse_orders(reply, drones)
     except OrdersError:
@@ -77,7 +77,7 @@ def test_any_reply_is_orders_for_drones_that_there_are_or_an_error(reply, drones
 
 
 @pytest.mark.parametrize("reply", ["{" * 10**6, '{"a":' * 10**5, '{"confirm":[' * 10**5, "{}" * 10**6])
-def test_a_reply_without_end_is_read_in_part(reply):
+def test_a_reply_is_parsed_only_up_to_the_length_limit(reply):
     with pytest.raises(OrdersError):
         parse_orders(reply, 4)
     with pytest.raises(OrdersError):  # text beyond the limit is not read

@@ -1,4 +1,4 @@
-"""Images that are late, lost, stale or rare: the image that a decider gets, and when, on a simulated clock."""
+"""Late, lost, stale or rare images: which image a decider gets, and at which time of a simulated clock."""
 
 import itertools
 from collections import Counter
@@ -21,7 +21,7 @@ GREY = np.zeros((1, 1, 3), np.uint8)
 
 
 class Watch:
-    """A clock, and a camera with the image of every time of it. The episode begins at 2 s."""
+    """A clock, and a camera with an image for every past time. The episode begins at 2 s."""
 
     T0_US = 2_000_000
 
@@ -74,14 +74,14 @@ def taken_s(frame):
     return (frame.time_us - Watch.T0_US) / 1e6
 
 
-def test_a_delayed_picture_is_had_so_much_later_and_keeps_its_own_time(tmp_path):
+def test_a_delayed_image_arrives_later_and_keeps_its_capture_time(tmp_path):
     for frames, asked_s, had_s in questions(tmp_path, 20, delay_s=0.7):
         assert taken_s(frames[0]) == asked_s
         assert had_s - asked_s == pytest.approx(0.7, abs=TICK_S + 1e-6)
 
 
 @pytest.mark.parametrize(("rate_hz", "delay_s"), [(2.0, 0.0), (0.4, 1.3), (30.0, 2.0)])
-def test_at_a_rate_the_newest_that_has_come_is_had_at_once(tmp_path, rate_hz, delay_s):
+def test_with_a_frame_rate_the_newest_received_image_is_used_at_once(tmp_path, rate_hz, delay_s):
     period_s = 1.0 / rate_hz
     for frames, asked_s, had_s in questions(tmp_path, 30, rate_hz=rate_hz, delay_s=delay_s, every_s=1.85)[3:]:
         age_s = had_s - taken_s(frames[0])
@@ -90,18 +90,18 @@ def test_at_a_rate_the_newest_that_has_come_is_had_at_once(tmp_path, rate_hz, de
         assert taken_s(frames[0]) / period_s == pytest.approx(round(taken_s(frames[0]) / period_s), abs=1e-4)
 
 
-def test_a_picture_of_a_rate_is_taken_once_however_often_it_is_the_newest(tmp_path):
+def test_with_a_frame_rate_each_image_is_taken_once(tmp_path):
     results = questions(tmp_path, 20, rate_hz=0.2, every_s=1.0)
     assert [frames[0].frame_id for frames, *_ in results] == [1 + step // 5 for step in range(20)]
 
 
-def test_before_the_first_picture_has_come_it_is_waited_for(tmp_path):
+def test_the_first_question_waits_for_the_first_image(tmp_path):
     (frames, _, had_s), *_ = questions(tmp_path, 1, rate_hz=1.0, delay_s=1.5)
     assert taken_s(frames[0]) == 0.0
     assert had_s == pytest.approx(1.5, abs=TICK_S)
 
 
-def test_so_many_questions_get_the_picture_of_the_question_before(tmp_path):
+def test_the_stale_fraction_of_questions_gets_the_previous_image(tmp_path):
     results = questions(tmp_path, 600, stale=0.3)
     stale = [later[0][0] is before[0][0] for before, later in itertools.pairwise(results)]
     assert stats.binomtest(sum(stale), len(stale), 0.3).pvalue > 0.003
@@ -110,7 +110,7 @@ def test_so_many_questions_get_the_picture_of_the_question_before(tmp_path):
 
 
 @pytest.mark.parametrize(("delay_s", "again_s"), [(0.0, 0.1), (0.5, 0.5)])
-def test_so_many_pictures_never_come_and_the_next_is_waited_for(tmp_path, delay_s, again_s):
+def test_the_dropped_fraction_of_images_is_lost_and_replaced_by_the_next(tmp_path, delay_s, again_s):
     results = questions(tmp_path, 500, dropped=0.25, delay_s=delay_s, every_s=60.0)
     lost = Counter(round((taken_s(frames[0]) - asked_s) / again_s) for frames, asked_s, _ in results)
     pictures = sum((count + 1) * times for count, times in lost.items())
@@ -120,7 +120,7 @@ def test_so_many_pictures_never_come_and_the_next_is_waited_for(tmp_path, delay_
         assert had_s - taken_s(frames[0]) == pytest.approx(delay_s, abs=TICK_S + 1e-6)
 
 
-def test_of_a_rate_a_lost_picture_is_followed_by_the_next(tmp_path):
+def test_with_a_frame_rate_a_lost_image_is_replaced_by_the_next(tmp_path):
     results = questions(tmp_path, 400, dropped=0.3, rate_hz=0.5, every_s=61.0)
     late_s = {taken_s(frames[0]) - 2.0 * int(asked_s / 2.0) for frames, asked_s, _ in results}
     assert {0.0, 2.0, 4.0} <= {round(delay_s, 6) for delay_s in late_s}
@@ -143,7 +143,7 @@ def test_image_faults_depend_only_on_question_and_drone():
     assert drawn[1][0::6] != drawn[1][2::6] != drawn[1][4::6]
 
 
-def test_of_a_fleet_each_drone_has_its_own_and_all_are_waited_for(tmp_path):
+def test_each_drone_of_a_fleet_has_its_own_image_and_the_question_waits_for_all(tmp_path):
     results = questions(tmp_path, 60, drones=(0, 1, 2), dropped=0.5, every_s=30.0)
     assert any(len({frame.time_us for frame in frames}) > 1 for frames, *_ in results)
     for frames, _, had_s in results:
@@ -151,7 +151,7 @@ def test_of_a_fleet_each_drone_has_its_own_and_all_are_waited_for(tmp_path):
         assert had_s == max(taken_s(frame) for frame in frames)
 
 
-def test_a_picture_that_comes_when_the_episode_is_over_is_none(tmp_path):
+def test_there_is_no_image_after_the_end_of_the_episode(tmp_path):
     results = questions(tmp_path, 3, delay_s=4.0, cap_s=10.0)
     assert [frames is None for frames, *_ in results] == [False, False, True]
     assert results[-1][2] == pytest.approx(10.0, abs=TICK_S)
@@ -166,8 +166,8 @@ def test_impossible_camera_faults_are_rejected():
             FrameFaults(**wrong)
 
 
-def test_delay_of_a_question_is_its_own():
-    """Deciders ask side by side, and one's late picture is no delay of another's."""
+def test_a_late_image_delays_only_its_own_question():
+    """Deciders ask concurrently. A late image of one decider does not delay another decider."""
     watch = Watch()
     pictures = PicturePath(delay_s=1.0, recall=watch.at)
 

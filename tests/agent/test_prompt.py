@@ -36,8 +36,8 @@ def test_prompt_fills_its_fields_and_nothing_else():
         assert action in text
 
 
-def test_the_prompt_says_what_a_think_is_worth_and_how_depths_make_strides():
-    """Content of the paper's prompt: a think is no wasted step, and far targets need large depths."""
+def test_the_prompt_explains_thinks_and_the_effect_of_depth_on_strides():
+    """As in the paper's prompt: a think does not waste a step, and far targets need large depths."""
     _, think, finished = (
         part.partition("\n# ")[0] for part in re.split('"(?:think|finished)"', Prompt.load().template)
     )
@@ -47,12 +47,12 @@ def test_the_prompt_says_what_a_think_is_worth_and_how_depths_make_strides():
     assert re.search(r"far .*large.*long strides.*close.*small.*short", " ".join(depth.split()).lower())
 
 
-def test_digest_is_of_the_template():
+def test_the_digest_depends_on_the_template():
     assert len(Prompt.load().digest) == 64
     assert Prompt("{instruction}{history}").digest != Prompt.load().digest
 
 
-def test_a_prompt_without_its_fields_is_refused(tmp_path):
+def test_a_prompt_without_its_fields_is_rejected(tmp_path):
     path = tmp_path / "prompt.txt"
     path.write_text("fly to {instruction}")
     with pytest.raises(UsageError, match=r"\{history\}"):
@@ -61,14 +61,14 @@ def test_a_prompt_without_its_fields_is_refused(tmp_path):
         Prompt.load(tmp_path / "missing.txt")
 
 
-def test_the_prompt_of_a_fleet_asks_for_an_array_and_labels_the_pictures():
+def test_the_prompt_of_a_fleet_asks_for_an_array_and_has_no_unfilled_field():
     text = Prompt.load().render("find the blue car", "Drone 1:\n1. THINK", 5, drones=4)
     assert re.search(r"array\D*4", text)
     assert "{" not in text.split("# Answer")[0]
 
 
 @pytest.mark.parametrize("drones", [1, 4])
-def test_the_prompt_keeps_to_itself_what_the_benchmark_measures(drones):
+def test_the_prompts_do_not_reveal_the_success_criteria(drones):
     """The prompt hides the radius, that one arrival ends a fleet's episode, and how a fleet should search."""
     prompts = [Prompt.load().render("go to the van", "(none)", 5, drones=drones), CommandPrompt.load().template]
     text = " ".join(" ".join(prompts).split()).lower()
@@ -77,7 +77,7 @@ def test_the_prompt_keeps_to_itself_what_the_benchmark_measures(drones):
     assert not re.search(forbidden, text)
 
 
-def test_not_six_words_in_a_row_are_the_papers():
+def test_the_prompts_share_no_six_consecutive_words_with_the_paper():
     of_commander = (CommandPrompt.load().template, *CAUSES.values())
     ours = rows("\n".join((Prompt.load().template, *SINGLE.values(), *FLEET.values(), *FRAMED, *of_commander)))
     assert len(paper_fingerprints()) > 800
@@ -110,7 +110,7 @@ def test_a_template_for_one_drone_asks_a_fleet_for_an_array(tmp_path):
 
 
 @pytest.mark.parametrize("knowing", ["{answer}", "You fly {drones} drones; answer with an array."])
-def test_a_template_that_knows_of_fleets_is_left_as_it_is(tmp_path, knowing):
+def test_a_template_with_fleet_fields_is_rendered_without_additions(tmp_path, knowing):
     path = tmp_path / "prompt.txt"
     path.write_text(knowing + "\n{instruction}\n{history}")
     text = Prompt.load(path).render("find it", "Drone 1:\n1. THINK", 5, drones=4)
@@ -122,7 +122,7 @@ def test_a_template_that_knows_of_fleets_is_left_as_it_is(tmp_path, knowing):
     ("field", "hint"),
     [("{instrution}", "{instruction}"), ("{point_format}", "{point_fmt}"), ("{wind}", "history_len")],
 )
-def test_a_field_that_there_is_not_is_refused(tmp_path, field, hint):
+def test_an_unknown_field_is_rejected_with_a_hint(tmp_path, field, hint):
     path = tmp_path / "prompt.txt"
     path.write_text("{instruction} {history} " + field)
     with pytest.raises(UsageError, match=re.escape(field)) as refused:

@@ -1,4 +1,4 @@
-"""The prompt's listing in a LaTeX source: it is identified and returned unchanged."""
+"""The prompt's listing in a LaTeX source is identified and returned unchanged."""
 
 import pytest
 
@@ -26,7 +26,7 @@ def paper(*listings):
     "options",
     ["", "[style=promptstyle]", "[caption={Braces around \\texttt{action} are [literal] JSON.}, label={lst:prompt}]"],
 )
-def test_the_listing_with_the_prompts_fields_is_returned_unaltered(options):
+def test_the_listing_with_the_prompts_fields_is_returned_unchanged(options):
     source = paper(listing(REQUEST), listing(TEMPLATE, options), listing(REQUEST))
     assert prompt_listing(source, "paper.tex") == TEMPLATE
 
@@ -36,7 +36,7 @@ def test_other_verbatim_environments_and_line_ends_are_read():
     assert prompt_listing(source, "paper.tex") == TEMPLATE
 
 
-def test_a_listing_in_a_comment_is_none():
+def test_a_commented_listing_is_ignored():
     commented = "".join(f"% {line}\n" for line in listing(TEMPLATE).splitlines())
     assert prompt_listing(paper(commented, listing(TEMPLATE)), "paper.tex") == TEMPLATE
 
@@ -51,7 +51,7 @@ def test_a_listing_in_a_comment_is_none():
         ([TEMPLATE.replace("{point_fmt}", "{point_format}")], "point_fmt"),
     ],
 )
-def test_a_source_without_exactly_one_prompt_is_refused(listings, words):
+def test_a_source_without_exactly_one_prompt_is_rejected(listings, words):
     with pytest.raises(UsageError) as refused:
         prompt_listing(paper(*map(listing, listings)), "paper.tex")
     assert words in str(refused.value)

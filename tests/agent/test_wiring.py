@@ -30,14 +30,14 @@ def no_keys(monkeypatch):
         (["hm", THINK, TURN], [False, False, True]),
     ],
 )
-def test_think_lifts_the_next_call_and_no_other_whatever_comes_back(tmp_path, replies, expected):
+def test_a_think_enables_reasoning_for_the_next_call_only(tmp_path, replies, expected):
     with Endpoint(replies) as endpoint:
         decisions, *_ = fly(endpoint, tmp_path, steps=len(replies))
     assert [body["reasoning"] for body in endpoint.bodies] == [{"enabled": on} for on in expected]
     assert [d["thinking"] for d in decisions] == expected
 
 
-def test_any_drone_of_a_fleet_lifts_the_next_call_that_answers_for_all(tmp_path):
+def test_a_think_of_any_drone_enables_reasoning_for_the_fleets_next_call(tmp_path):
     thoughts = [f"[{TURN},{THINK},{DONE}]", f"[{TURN},{TURN},{DONE}]", f"[{GO},{TURN},{THINK}]"]
     replies = [*thoughts, "nothing", f"[{TURN}]", ""]
     with Endpoint(replies) as endpoint:
@@ -49,7 +49,7 @@ def test_any_drone_of_a_fleet_lifts_the_next_call_that_answers_for_all(tmp_path)
 @pytest.mark.parametrize(
     ("provider", "quick", "slow"),
     [
-        ("openai", {}, {}),  # models of OpenAI differ: their rows define how each reasons
+        ("openai", {}, {}),  # OpenAI's models differ: each row has its own reasoning options
         ("openrouter", {"reasoning": {"enabled": False}}, {"reasoning": {"enabled": True}}),
         ("vllm", *({"chat_template_kwargs": {"enable_thinking": on}} for on in (False, True))),
         ("local", {}, {}),
@@ -110,7 +110,7 @@ def test_prompt_and_parser_use_the_same_axis_order(tmp_path, order, shown, pixel
     ("width", "height", "sent"),
     [(1280, 720, (640, 360)), (641, 480, (640, 479)), (640, 360, (640, 360)), (320, 200, (320, 200))],
 )
-def test_a_picture_is_reduced_to_640_px_and_never_enlarged_at_quality_85(tmp_path, width, height, sent):
+def test_an_image_is_reduced_to_640_px_never_enlarged_and_encoded_at_quality_85(tmp_path, width, height, sent):
     with Endpoint([TURN]) as endpoint:
         _, views, _ = fly(endpoint, tmp_path, steps=1, views=Views(height, width))
     ((jpeg,),) = endpoint.jpegs

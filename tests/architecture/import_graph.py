@@ -1,6 +1,6 @@
-"""The import graph of the files: imports at the top, in a function, or for a type checker only.
+"""The import graph of the modules: imports at the top, in a function, or for a type checker only.
 
-A module that is named in a string, as a child process is, counts as imported by the file that names it.
+A file also imports each module that it names in a string, for example as a child process.
 """
 
 import ast
@@ -11,7 +11,7 @@ ROOMS = ("dronecats", "autopilot", "vehicles", "episodes", "hil", "foundation")
 
 
 def modules(root: Path = ROOT, rooms: tuple[str, ...] = ROOMS) -> dict[str, Path]:
-    """Return module → file of every module of the rooms."""
+    """Return module → file of every module of the rooms (top-level packages)."""
     paths = {}
     for room in rooms:
         for path in sorted((root / room).rglob("*.py")):
@@ -39,7 +39,7 @@ def _imported(path: Path, modules_by_name: dict[str, Path]) -> set[str]:
 
 
 def circles(edges: dict[str, set[str]]) -> list[list[str]]:
-    """Return the sets of modules that reach one another, sorted. (Tarjan's strongly connected components.)"""
+    """Return the sets of modules that import one another, sorted (Tarjan's strongly connected components)."""
     index: dict[str, int] = {}
     low: dict[str, int] = {}
     stack: list[str] = []

@@ -1,4 +1,4 @@
-"""No file needs itself through other files, however late it imports them. Nothing of ours is outside the rooms."""
+"""There are no import cycles, late imports included, and no package outside the listed rooms."""
 
 from functools import cache
 from importlib.util import find_spec
@@ -8,16 +8,16 @@ import pytest
 
 from tests.architecture.import_graph import ROOMS, ROOT, circles, graph, modules
 
-BESIDE = {"tests", "benchmarks", "examples", "docs"}  # top-level packages that no room imports
+BESIDE = {"tests", "benchmarks", "examples", "docs"}  # top-level packages that no room (package of the product) imports
 
 
 @cache
 def edges() -> dict[str, set[str]]:
-    """Return our modules with the modules that each imports or names."""
+    """Return module → the modules that it imports or names, for all of our modules."""
     return graph(modules())
 
 
-def test_no_file_is_in_a_circle_of_imports():
+def test_there_are_no_import_cycles():
     assert circles(edges()) == []
 
 
@@ -31,7 +31,7 @@ def test_no_file_is_in_a_circle_of_imports():
     ],
     ids=["at the top", "late", "for a type checker", "by its name"],
 )
-def test_every_kind_of_circle_is_found(line, tmp_path):
+def test_every_kind_of_import_cycle_is_detected(line, tmp_path):
     (tmp_path / "foundation").mkdir()
     for name, text in (("__init__", ""), ("first", line), ("second", "import foundation.first")):
         (tmp_path / "foundation" / f"{name}.py").write_text(text)
@@ -39,7 +39,7 @@ def test_every_kind_of_circle_is_found(line, tmp_path):
     assert cycles == [["foundation.first", "foundation.second"]]
 
 
-def test_no_room_imports_tests_or_benchmarks_and_no_package_stands_outside_the_rooms():
+def test_no_package_imports_tests_or_benchmarks_and_every_package_is_listed():
     packages = {path.parent.name for path in ROOT.glob("*/__init__.py")}
     assert packages - BESIDE == set(ROOMS)
     for path in modules().values():
@@ -47,7 +47,7 @@ def test_no_room_imports_tests_or_benchmarks_and_no_package_stands_outside_the_r
         assert not any(f"\n{verb} {name}" in text for verb in ("from", "import") for name in BESIDE), path
 
 
-def test_children_that_are_named_can_be_imported():
+def test_child_process_modules_named_in_strings_can_be_imported():
     module_paths = modules()
     named = {name for needed in edges().values() for name in needed if name.endswith(("_process", ".worker"))}
     assert {"dronecats.flight.sitl.simulator_process", "dronecats.bench.worker"} <= named
@@ -55,14 +55,14 @@ def test_children_that_are_named_can_be_imported():
     assert Path(module_paths["dronecats.bench.worker"]).is_file()
 
 
-def test_a_model_is_opened_in_one_place():
+def test_only_one_module_uses_the_wire_format_classes():
     """Callers give a `ModelSpec` to `open_model`. No other module uses the classes of the wire formats."""
     formats = ("ChatModel", "GeminiModel", "AnthropicModel")
     users = {name for name, path in modules().items() if any(f in path.read_text(encoding="utf-8") for f in formats)}
     assert users == {"dronecats.agent.models.wire_formats"}
 
 
-def test_only_the_command_line_reads_a_command_line():
-    """And the fits of the vision pilot, which are outside the command line: developers run them from a clone."""
+def test_only_the_cli_and_the_fitting_tool_import_argparse():
+    """The fits of the vision pilot are not part of the CLI. Developers run them from a clone."""
     reading = {name for name, path in modules().items() if "import argparse" in path.read_text(encoding="utf-8")}
     assert {name for name in reading if not name.startswith("dronecats.cli.")} == {"dronecats.pilots.fitting.__main__"}

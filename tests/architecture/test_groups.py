@@ -1,4 +1,4 @@
-"""The slow tests of one file run in one worker, since they share flights."""
+"""The slow tests of one file run in one pytest-xdist worker, because they share flights."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""The walls between the rooms, and the modules that a base install without the simulator must import."""
+"""The import contracts between packages, and the modules that a base install without the simulator must import."""
 
 import subprocess
 import sys
@@ -13,8 +13,8 @@ def test_import_contracts_hold():
     assert run.returncode == 0, run.stdout
 
 
-def test_a_base_install_imports_agent_link_logger_and_verifier_without_the_simulator():
-    """numba, embreex and matplotlib belong to [sim]; a Raspberry Pi does not need our use of them."""
+def test_a_base_install_imports_agent_link_logger_and_judge_without_the_simulator():
+    """numba, embreex and matplotlib belong to the extra [sim], which a Raspberry Pi does not need."""
     code = """
 import importlib.abc, sys
 class Refuse(importlib.abc.MetaPathFinder):

@@ -1,4 +1,4 @@
-"""The cache of compiled kernels is named after every file that a kernel can depend on."""
+"""The name of the kernel cache depends on every file that a compiled kernel can use."""
 
 import ast
 import re
@@ -14,7 +14,7 @@ def file_of(module):
 
 
 def imported(path):
-    """Return the files of ours that a file imports at its top level."""
+    """Return our files that a file imports at its top level."""
     files = set()
     for node in ast.parse(path.read_text()).body:
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in ROOMS:
@@ -25,7 +25,7 @@ def imported(path):
     return files
 
 
-def test_whatever_a_kernel_names_is_in_the_name_of_the_cache():
+def test_the_kernel_cache_name_covers_every_file_that_a_kernel_imports():
     kernels = [
         path
         for room in ROOMS

@@ -1,4 +1,4 @@
-"""The check of test natures stops a test that exceeds its nature."""
+"""A test may only do what its nature (the marker unit, flight or process) allows."""
 
 import socket
 import subprocess
@@ -25,21 +25,21 @@ def render():
 
 @pytest.mark.unit
 @pytest.mark.parametrize("action", [run_process, open_socket, render])
-def test_a_unit_test_is_stopped(action):
+def test_a_unit_test_may_not_start_a_process_open_a_socket_or_render(action):
     with pytest.raises(NatureError):
         action()
 
 
 @pytest.mark.flight
-def test_a_flight_starts_no_process_and_may_render():
+def test_a_flight_test_may_render_but_not_start_a_process():
     with pytest.raises(NatureError):
         run_process()
-    with pytest.raises(AttributeError):  # of a scene that is None
+    with pytest.raises(AttributeError):  # the scene is None; rendering itself is allowed
         render()
 
 
 @pytest.mark.process
-def test_a_process_starts_no_browser():
+def test_a_process_test_may_not_start_a_browser():
     run_process()
     with pytest.raises(NatureError):
         subprocess.run(["/nowhere/chromedriver"], check=True)

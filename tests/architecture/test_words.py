@@ -1,4 +1,4 @@
-"""One meaning a word: a public class or type of the rooms has a unique name."""
+"""Every public class or type alias of our packages has a unique name."""
 
 import ast
 from collections import defaultdict
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tests.architecture.import_graph import modules
 
-# name → the reason why two may have it
+# name → the reason why two types may have it
 EXCEPTIONS: dict[str, str] = {}
 
 
@@ -51,7 +51,7 @@ def test_no_two_public_types_share_a_name():
     assert shared.keys() >= EXCEPTIONS.keys(), "an exception that excepts nothing"
 
 
-def test_a_second_meaning_is_seen(tmp_path):
+def test_two_types_with_one_name_are_detected(tmp_path):
     (tmp_path / "a.py").write_text("class Stage: ...\nPoint = tuple[float, float]\nPoints = list[Point]\n")
     (tmp_path / "b.py").write_text("class Stage: ...\nPoint = tuple[float, float, float]\nPoints = list[Point]\n")
     files = {"a": tmp_path / "a.py", "b": tmp_path / "b.py"}

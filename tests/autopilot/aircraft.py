@@ -1,4 +1,4 @@
-"""An autopilot with everything under it: the real physics, sensors, estimator and cascade, in lockstep."""
+"""An autopilot with the real physics, sensors, estimator and cascade, in lockstep."""
 
 from collections.abc import Callable
 from typing import Any

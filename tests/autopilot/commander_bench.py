@@ -1,4 +1,4 @@
-"""A bench for the commander: a scripted MAVLink client in memory, a kinematic stand-in for core and vehicle."""
+"""A test bench for the commander: a MAVLink client in memory and a kinematic stand-in for core and vehicle."""
 
 import math
 from collections.abc import Callable
@@ -110,7 +110,7 @@ class Client:
         self.inbox.clear()
 
     def command(self, command: int, *p: float, target: tuple[int, int] = (1, 1)) -> int | None:
-        """Send COMMAND_LONG; return the result of its acknowledgement, None when there is none."""
+        """Send COMMAND_LONG; return the result of its acknowledgement, None without one."""
         self.forget()
         params = [*p, *[math.nan] * (7 - len(p))]
         self.send(dialect.MAVLink_command_long_message(*target, command, 0, *params))
@@ -170,7 +170,7 @@ class Timed:
         raise NotImplementedError
 
     def until(self, condition: Callable[[], bool], seconds: float, each_50ms: Callable[[], None] | None = None) -> None:
-        """Let time pass until the condition holds; fail when it does not within `seconds`."""
+        """Let time pass until the condition holds; fail if it does not hold within `seconds`."""
         for _ in range(round(seconds * 10)):
             if condition():
                 return
@@ -244,5 +244,5 @@ def put(bench: Bench, **parameters: float) -> None:
 
 
 def sticks(bench: Bench, x: int = 0, y: int = 0, z: int = 500, r: int = 0) -> None:
-    """Send one message of a hand on the sticks, thousandths; z is thrust, 500 in the middle."""
+    """Send one MANUAL_CONTROL message. Axes are in thousandths; z is thrust, and its centre is 500."""
     bench.client.send(dialect.MAVLink_manual_control_message(1, x, y, z, r, 0))

@@ -5,5 +5,5 @@ from tests.autopilot.commander_bench import Bench
 
 @pytest.fixture
 def bench() -> Bench:
-    """A vehicle on the ground, ready to arm, and a client of few streams."""
+    """A vehicle on the ground, ready to arm, and a client with few telemetry streams."""
     return Bench(profile="minimal")

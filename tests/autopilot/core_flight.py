@@ -49,7 +49,7 @@ class Flight:
         return self.core.estimate
 
     def run(self, seconds):
-        """Fly on; return the first new row's index."""
+        """Let time pass; return the index of the first new row."""
         first = len(self.rows)
         for _ in range(round(1000 * seconds / self._row_ms)):
             fly(self._row_ms, *self._args, self.sensors, self.upset)

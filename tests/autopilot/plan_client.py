@@ -1,4 +1,4 @@
-"""A client with plans: items around the bench's home, and the dialogues for their upload and download."""
+"""Mission items around the bench's home, and functions that upload and download them."""
 
 import math
 
@@ -17,7 +17,7 @@ def item(seq: int, command: int = 16, *, frame: int = 6, p: tuple[float, ...] = 
 
 
 def upload(client: Client, items: list[dialect.MAVLink_message], kind: int = 0) -> int:
-    """Upload as a well-behaved client; return the result of the MISSION_ACK."""
+    """Upload the items in the order of the requests; return the result of the MISSION_ACK."""
     client.forget()
     client.send(dialect.MAVLink_mission_count_message(1, 1, len(items), kind))
     for _ in range(2 * len(items) + 2):

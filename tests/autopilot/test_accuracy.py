@@ -1,4 +1,4 @@
-"""COM_POS_FS_EPH and COM_VEL_FS_EVH in flight: an estimate that grows too uncertain is lost, and found again."""
+"""COM_POS_FS_EPH and COM_VEL_FS_EVH in flight: an estimate above the limit becomes invalid, and later valid again."""
 
 import math
 
@@ -24,7 +24,7 @@ def lost(bench: Bench) -> bool:
     return any("Failsafe: position lost" in text for text in bench.client.texts())
 
 
-def test_an_estimate_in_use_may_be_two_and_a_half_times_as_uncertain(bench: Bench) -> None:
+def test_position_in_use_is_lost_beyond_two_and_a_half_times_the_limit(bench: Bench) -> None:
     bench.core.estimate["position_std_h"] = 12.4  # COM_POS_FS_EPH is 5 m
     bench.run(3.0)
     assert not bench.commander.in_failsafe
@@ -35,18 +35,18 @@ def test_an_estimate_in_use_may_be_two_and_a_half_times_as_uncertain(bench: Benc
     height = bench.height
     bench.run(2.0)
     assert bench.height < height - 0.5
-    assert all(math.isnan(x) for x in bench.core.setpoint["position_ned"][:2])  # no position is trusted for a hold
+    assert all(math.isnan(x) for x in bench.core.setpoint["position_ned"][:2])  # without a valid position, none is held
 
 
-def test_a_lost_estimate_must_be_good_for_a_second(bench: Bench) -> None:
+def test_a_lost_position_is_valid_again_after_a_second_within_the_limit(bench: Bench) -> None:
     estimate = bench.core.estimate
     estimate["position_std_h"] = 20.0
     bench.run(0.5)
     assert bench.commander.mode == "LAND"
-    estimate["position_std_h"] = 6.0  # good enough to stay, not to come back
+    estimate["position_std_h"] = 6.0  # good enough to stay valid, not to become valid again
     bench.run(3.0)
     assert bench.commander.mode == "LAND"
-    for _ in range(4):  # a second without interruption
+    for _ in range(4):  # the second must not be interrupted
         estimate["position_std_h"] = 4.0
         bench.run(0.7)
         estimate["position_std_h"] = 6.0
@@ -59,18 +59,18 @@ def test_a_lost_estimate_must_be_good_for_a_second(bench: Bench) -> None:
     assert bench.commander.mode == "HOLD"
 
 
-def test_the_same_for_the_velocity(bench: Bench) -> None:
+def test_velocity_in_use_is_lost_beyond_two_and_a_half_times_the_limit(bench: Bench) -> None:
     bench.core.estimate["velocity_std_h"] = 2.4  # COM_VEL_FS_EVH is 1 m/s
     bench.run(1.0)
     assert bench.autopilot.state.velocity_valid
     bench.core.estimate["velocity_std_h"] = 2.6
     bench.run(0.3)
-    assert bench.autopilot.state.velocity_valid  # as after a blow; the next fix corrects it
+    assert bench.autopilot.state.velocity_valid  # tolerated, as after a collision; the next fix corrects it
     bench.run(0.4)
     assert not bench.autopilot.state.velocity_valid
 
 
-def test_a_position_setpoint_is_no_offboard_signal_without_a_position(bench: Bench) -> None:
+def test_position_setpoints_do_not_keep_offboard_active_without_a_position(bench: Bench) -> None:
     def stream() -> None:
         bench.client.send(
             dialect.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0xDF8, 0, 0, -5, 0, 0, 0, 0, 0, 0, 0, 0)
@@ -86,7 +86,7 @@ def test_a_position_setpoint_is_no_offboard_signal_without_a_position(bench: Ben
     assert bench.commander.mode == "LAND"
 
 
-def test_a_negative_parameter_switches_it_off(bench: Bench) -> None:
+def test_a_negative_parameter_disables_the_check(bench: Bench) -> None:
     bench.autopilot.parameters.set("COM_POS_FS_EPH", -1.0)
     bench.core.estimate["position_std_h"] = 400.0
     bench.run(2.0)
@@ -94,7 +94,7 @@ def test_a_negative_parameter_switches_it_off(bench: Bench) -> None:
     assert required(bench.autopilot.parameters, "COM_POS_FS_EPH") == math.inf
 
 
-def test_a_landed_vehicle_is_judged_afresh(bench: Bench) -> None:
+def test_the_hysteresis_is_reset_after_landing(bench: Bench) -> None:
     bench.core.estimate["position_std_h"] = 20.0
     bench.until(lambda: not bench.commander.armed, 60)
     bench.core.estimate["position_std_h"] = 0.3
@@ -102,13 +102,13 @@ def test_a_landed_vehicle_is_judged_afresh(bench: Bench) -> None:
     assert bench.client.mode(4, 3) == 0
     assert bench.client.arm() == 0
     bench.client.disarm(force=True)
-    bench.core.estimate["position_std_h"] = 5.1  # on the ground it must be good from the beginning
+    bench.core.estimate["position_std_h"] = 5.1  # on the ground the limit applies without hysteresis
     bench.run(0.1)
     assert bench.client.arm() == dialect.MAV_RESULT_TEMPORARILY_REJECTED
 
 
 @pytest.mark.parametrize("demanded", [0.2, 5.0])
-def test_without_a_receiver_the_smaller_of_accuracy_and_timeout_decides(demanded: float) -> None:
+def test_without_gnss_the_position_is_lost_at_the_accuracy_limit_or_the_timeout(demanded: float) -> None:
     vehicle = SimulatedVehicle(
         0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=1, origin=(47.4, 8.5, 488.0)
     )
@@ -135,7 +135,7 @@ def test_without_a_receiver_the_smaller_of_accuracy_and_timeout_decides(demanded
     if demanded < 1.0:
         assert deviation == pytest.approx(HYSTERESIS_FACTOR * demanded, rel=0.1)
         assert 1.0 < after_s < 4.5
-        assert vehicle.core.estimate["position_valid"]  # the estimator itself has not given up yet
+        assert vehicle.core.estimate["position_valid"]  # the estimator itself still reports it as valid
     else:
         assert after_s == pytest.approx(5.0, abs=0.3)  # EKF2_NOAID_TOUT
         assert deviation < HYSTERESIS_FACTOR * demanded

@@ -1,4 +1,4 @@
-"""DO_ORBIT and DO_REPOSITION flown to their end over the real physics, measured by the truth."""
+"""Flies DO_ORBIT and DO_REPOSITION to the end with simulated physics, and compares them with the truth."""
 
 import math
 
@@ -26,7 +26,7 @@ def craft() -> Aircraft:
 
 
 def order(craft: Aircraft, command: int, p: tuple[float, ...], north: float, east: float, height: float) -> int | None:
-    """Send a COMMAND_INT with a place, given in NED metres about the origin."""
+    """Send a COMMAND_INT with a position: north, east and height in metres from the origin."""
     lat, lon, alt = ned_to_geodetic(*ORIGIN, north, east, -height)
     return craft.client.command_int(command, p, round(lat * 1e7), round(lon * 1e7), alt)
 
@@ -44,18 +44,18 @@ def circle_through(places: np.ndarray) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize(("radius", "speed"), [(12.0, 3.0), (-12.0, 3.0), (8.0, 4.0)])
-def test_a_whole_circle_is_flown(craft: Aircraft, radius: float, speed: float) -> None:
+def test_do_orbit_flies_a_full_circle(craft: Aircraft, radius: float, speed: float) -> None:
     assert order(craft, dialect.MAV_CMD_DO_ORBIT, (radius, speed, 0, math.nan), NORTH, EAST, HEIGHT) == 0
     craft.run(25.0)
     places, speeds, headings = [], [], []
-    for _ in range(round(22.0 * math.pi * abs(radius) / speed)):  # 1.1 of the circle
+    for _ in range(round(22.0 * math.pi * abs(radius) / speed)):  # 1.1 circles
         craft.run(0.1)
         places.append(craft.truth["position_ned"].copy())
         speeds.append(math.hypot(*craft.truth["velocity_ned"][:2]))
         headings.append(heading(craft))
     track = np.array(places)
     n, e, r = circle_through(track)
-    assert (n, e) == pytest.approx((NORTH, EAST), abs=1.5)  # the receiver's error
+    assert (n, e) == pytest.approx((NORTH, EAST), abs=1.5)  # the GNSS receiver's error
     assert r == pytest.approx(abs(radius), abs=0.25)
     assert np.hypot(track[:, 0] - n, track[:, 1] - e) == pytest.approx(np.full(len(track), r), abs=0.3)
     assert speeds == pytest.approx([speed] * len(speeds), rel=0.07)
@@ -71,7 +71,7 @@ def test_a_whole_circle_is_flown(craft: Aircraft, radius: float, speed: float) -
 @pytest.mark.parametrize(
     ("north", "east", "height", "yaw", "speed"), [(-20.0, 15.0, 9.0, 2.0, 4.0), (5.0, 0.0, 5.0, math.nan, -1.0)]
 )
-def test_a_place_is_reached_and_held(
+def test_do_reposition_reaches_and_holds_the_position(
     craft: Aircraft, north: float, east: float, height: float, yaw: float, speed: float
 ) -> None:
     kept = heading(craft)
@@ -83,7 +83,7 @@ def test_a_place_is_reached_and_held(
         if math.dist(craft.truth["position_ned"], (north, east, -height)) < 1.5:
             break
     craft.run(5.0)
-    assert craft.truth["position_ned"] == pytest.approx((north, east, -height), abs=1.5)  # the receiver's error
+    assert craft.truth["position_ned"] == pytest.approx((north, east, -height), abs=1.5)  # the GNSS receiver's error
     assert math.hypot(*craft.truth["velocity_ned"]) < 0.3
     assert abs(wrap_pi(heading(craft) - (kept if math.isnan(yaw) else yaw))) < math.radians(5.0)
     limit = speed if speed > 0.0 else craft.autopilot.parameters["MPC_XY_CRUISE"]

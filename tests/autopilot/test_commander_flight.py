@@ -1,4 +1,4 @@
-"""One whole flight over the real physics, sensors, estimator and cascade, commanded by MAVLink alone."""
+"""Complete flights with simulated physics, sensors, estimator and cascade, commanded over MAVLink only."""
 
 import math
 
@@ -14,7 +14,7 @@ def ground_speed(aircraft: Aircraft) -> float:
 
 
 @pytest.mark.parametrize("name", ["x500", "racer250", "nano", "hexa"])
-def test_a_flight_over_the_real_physics(name: str) -> None:
+def test_a_mavlink_client_flies_take_off_offboard_hold_and_landing(name: str) -> None:
     craft = Aircraft(name, seed=3)
     client = craft.client
     start = craft.truth["position_ned"].copy()
@@ -48,7 +48,7 @@ def test_a_flight_over_the_real_physics(name: str) -> None:
     assert ground_speed(craft) < 0.3
     assert client.command(dialect.MAV_CMD_NAV_LAND) == 0
     craft.until(lambda: craft.commander.landed, 20.0)
-    assert abs(craft.truth["position_ned"][2] - start[2]) < 0.1  # on the ground in truth, not in belief
+    assert abs(craft.truth["position_ned"][2] - start[2]) < 0.1  # on the ground in the truth, not only in the estimate
     craft.run(2.5)
     assert not craft.commander.armed
     craft.run(1.0)
@@ -58,7 +58,7 @@ def test_a_flight_over_the_real_physics(name: str) -> None:
     assert client.port.lost == 0
 
 
-def test_lost_setpoints_bring_it_down() -> None:
+def test_the_vehicle_lands_and_disarms_after_setpoint_loss() -> None:
     craft = Aircraft("x500", seed=5)
     client = craft.client
     craft.until(lambda: not craft.commander.arming_failures(), 15.0)

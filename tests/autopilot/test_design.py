@@ -1,4 +1,4 @@
-"""Gains from constants: margins for every airframe, checked by python-control."""
+"""Stability margins of the designed gains of every airframe, checked against python-control."""
 
 import math
 from dataclasses import replace
@@ -43,8 +43,8 @@ def test_outer_loops_are_slower_than_inner_ones(name):
         assert margins[f"{axis} position"].crossover < margins[f"{axis} velocity"].crossover / 1.5
 
 
-def test_margin_of_a_loop_known_on_paper():
-    """k / (s (s + 1) (s + 2)) turns at √2 rad/s, where its gain is k / 6."""
+def test_margins_match_an_analytic_example():
+    """k / (s (s + 1) (s + 2)) has its phase crossover at √2 rad/s, where its gain is k / 6."""
     margins = margin(lambda s: 1.0 / (s * (s + 1.0) * (s + 2.0)), np.geomspace(0.01, 100.0, 4000))
     assert margins.gain_db == pytest.approx(20.0 * math.log10(6.0), abs=0.01)
     assert margins.phase_deg == pytest.approx(53.41, abs=0.05)
@@ -57,6 +57,6 @@ def test_slow_rotors_get_slower_loops():
     assert design(slow).attitude_p[0] <= design(x500).attitude_p[0]
 
 
-def test_an_airframe_that_cannot_hover_is_refused():
+def test_an_airframe_that_cannot_hover_is_rejected():
     with pytest.raises(UsageError, match="lead"):
         design(replace(load("x500"), name="lead", mass_kg=4.0))

@@ -1,4 +1,4 @@
-"""The estimator in flight: against the truth of the real physics and sensors."""
+"""The estimator in flight, compared with the truth of the simulated physics."""
 
 import numpy as np
 import pytest
@@ -11,8 +11,8 @@ from tests.autopilot.core_flight import Flight
 def errors(flight, start):
     """Return (position, velocity, attitude in degrees) errors of the rows from `start` on, each (n, 3).
 
-    The local frame's origin is where the first fixes put it; their error is that of the receiver, not of the filter's
-    motion estimate, and is part of what is compared.
+    The first fixes set the origin of the local frame. Their error comes from the receiver, not from the filter's motion
+    estimate, and is part of the position error.
     """
     position = flight.column("position", start) - flight.column("truth_position", start)
     velocity = flight.column("velocity", start) - flight.column("truth_velocity", start)
@@ -39,7 +39,7 @@ def test_converges_from_rest_within_ten_seconds(yaw):
     assert np.linalg.norm(estimate["accel_frd"] - [0.0, 0.0, -GRAVITY]) < 0.2
 
 
-def test_nothing_is_valid_before_the_sensors_have_spoken():
+def test_attitude_and_position_are_invalid_after_half_a_second():
     flight = Flight()
     flight.run(0.5)
     assert flight.estimate["attitude_valid"] == 0
@@ -47,7 +47,7 @@ def test_nothing_is_valid_before_the_sensors_have_spoken():
 
 
 @pytest.mark.parametrize("seed", [5, 6])
-def test_accuracy_over_two_mixed_minutes(seed):
+def test_errors_are_small_over_two_minutes_of_random_flight(seed):
     flight = Flight(seed=seed).hover(12.0)
     rng = np.random.default_rng(seed)
     start = len(flight.rows)
@@ -62,12 +62,12 @@ def test_accuracy_over_two_mixed_minutes(seed):
     assert rms(attitude) < 1.0
     assert rms(velocity) < 0.15
     assert rms(position[:, :2]) < 1.0
-    assert rms(position) < 1.5  # the receiver's altitude at the origin is part of it
+    assert rms(position) < 1.5  # includes the receiver's altitude error at the origin
     assert flight.core.filter_state["resets"] == 0
     assert flight.core.filter_state["rejected"] <= 5
 
 
-def test_a_jump_of_the_receiver_is_rejected_and_forgotten():
+def test_a_short_jump_of_the_receiver_is_rejected():
     flight = Flight(seed=8).hover()
     before = flight.estimate["position_ned"].copy()
     flight.upset["gps_north_deg"] = 40.0 / 111_195.0  # 40 m
@@ -82,7 +82,7 @@ def test_a_jump_of_the_receiver_is_rejected_and_forgotten():
     assert np.linalg.norm(flight.estimate["position_ned"] - before) < 1.5
 
 
-def test_a_jump_that_stays_is_accepted_after_the_timeout():
+def test_a_lasting_jump_is_accepted_after_the_timeout():
     flight = Flight(seed=8).hover()
     before = flight.estimate["position_ned"].copy()
     flight.upset["gps_north_deg"] = 40.0 / 111_195.0
@@ -94,7 +94,7 @@ def test_a_jump_that_stays_is_accepted_after_the_timeout():
     assert flight.estimate["position_ned"][0] - before[0] > 30.0
 
 
-def test_losing_the_receiver_ends_position_and_velocity_but_not_attitude():
+def test_losing_the_receiver_invalidates_position_and_velocity_but_not_attitude():
     flight = Flight(seed=4).hover()
     flight.upset["gps_fix_type"] = 1
     flight.run(6.0)
@@ -111,7 +111,7 @@ def test_losing_the_receiver_ends_position_and_velocity_but_not_attitude():
     assert np.abs(position[-100:, :2]).max() < 3.0
 
 
-def test_samples_that_are_not_numbers_are_left_out():
+def test_nan_samples_are_skipped():
     flight = Flight(seed=2).hover()
     flight.upset["imu_nan_until_us"] = flight.sensors["time_us"] + 10_000
     flight.run(3.0)
@@ -121,7 +121,7 @@ def test_samples_that_are_not_numbers_are_left_out():
     assert abs(flight.vehicle.truth["position_ned"][2] + 10.0) < 2.0
 
 
-def test_a_poisoned_filter_aligns_anew():
+def test_the_filter_realigns_after_a_nan_covariance():
     flight = Flight(seed=2)
     flight.run(10.0)
     flight.core.covariance[:] = np.nan

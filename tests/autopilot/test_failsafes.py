@@ -1,4 +1,4 @@
-"""Each failsafe is triggered: the vehicle's action, its time, and its message."""
+"""Triggers each failsafe and checks the vehicle's action, its time and its message."""
 
 import math
 
@@ -25,7 +25,7 @@ def fence_healthy(bench: Bench) -> bool:
 
 
 def after_delay(bench: Bench, mode: str, cause: str, name: str) -> None:
-    """The vehicle holds for COM_FAIL_ACT_T, then acts; both are reported."""
+    """Assert that the vehicle holds for COM_FAIL_ACT_T, then acts, and that it reports both."""
     bench.until(lambda: bench.commander.in_failsafe, 3)
     began = bench.time_us
     assert bench.commander.mode == "HOLD"
@@ -38,7 +38,7 @@ def after_delay(bench: Bench, mode: str, cause: str, name: str) -> None:
 
 
 @pytest.mark.parametrize(("choice", "mode", "name"), [(2, "RETURN", "Return"), (3, "LAND", "Land")])
-def test_manual_control_loss(bench: Bench, choice: int, mode: str, name: str) -> None:
+def test_manual_control_loss_triggers_the_configured_action(bench: Bench, choice: int, mode: str, name: str) -> None:
     put(bench, NAV_RCL_ACT=choice)
     sticks(bench)
     bench.client.arm()
@@ -51,7 +51,7 @@ def test_manual_control_loss(bench: Bench, choice: int, mode: str, name: str) ->
 
 
 @pytest.mark.parametrize("exception", [{"COM_RCL_EXCEPT": 2}, {"COM_RC_IN_MODE": 4}, {"NAV_RCL_ACT": 0}])
-def test_manual_control_loss_that_does_not_matter(bench: Bench, exception: dict[str, float]) -> None:
+def test_parameters_can_disable_the_manual_control_loss_failsafe(bench: Bench, exception: dict[str, float]) -> None:
     put(bench, **exception)
     sticks(bench)
     bench.client.arm()
@@ -61,7 +61,7 @@ def test_manual_control_loss_that_does_not_matter(bench: Bench, exception: dict[
     assert not bench.commander.in_failsafe
 
 
-def test_a_lost_link_lets_a_take_off_finish(bench: Bench) -> None:
+def test_manual_control_loss_acts_only_after_the_take_off(bench: Bench) -> None:
     put(bench, MIS_TAKEOFF_ALT=6)
     sticks(bench)
     bench.client.arm()
@@ -71,14 +71,14 @@ def test_a_lost_link_lets_a_take_off_finish(bench: Bench) -> None:
     assert has_text(bench, "manual control lost")
 
 
-def test_sticks_that_were_never_there_are_not_missed(bench: Bench) -> None:
+def test_a_vehicle_without_sticks_has_no_manual_control_loss(bench: Bench) -> None:
     bench.fly()
     bench.run(3.0)
     assert not bench.commander.in_failsafe
 
 
 @pytest.mark.parametrize(("choice", "mode"), [(5, "TERMINATION"), (6, None)])
-def test_terminating_and_disarming_wait_for_nothing(bench: Bench, choice: int, mode: str | None) -> None:
+def test_termination_and_disarming_act_without_delay(bench: Bench, choice: int, mode: str | None) -> None:
     put(bench, NAV_DLL_ACT=choice)
     bench.fly()
     bench.client.send(HEARTBEAT)
@@ -91,7 +91,7 @@ def test_terminating_and_disarming_wait_for_nothing(bench: Bench, choice: int, m
         assert bench.core.setpoint["kind"] == 0
 
 
-def test_ground_station_loss_returns(bench: Bench) -> None:
+def test_ground_station_loss_triggers_return(bench: Bench) -> None:
     put(bench, NAV_DLL_ACT=2)
     bench.fly()
     bench.client.send(HEARTBEAT)
@@ -108,7 +108,9 @@ def test_ground_station_loss_returns(bench: Bench) -> None:
     [(2, 0.06, "LAND", "battery at critical level", "Land"), (3, 0.06, "RETURN", "battery at critical level", "Return"),
      (3, 0.04, "LAND", "battery at emergency level", "Land")],
 )  # fmt: skip
-def test_battery(bench: Bench, choice: int, level: float, mode: str, cause: str, name: str) -> None:
+def test_low_battery_triggers_the_configured_action(
+    bench: Bench, choice: int, level: float, mode: str, cause: str, name: str
+) -> None:
     put(bench, COM_LOW_BAT_ACT=choice)
     bench.fly()
     bench.sensors["battery_remaining"] = 0.12
@@ -119,7 +121,7 @@ def test_battery(bench: Bench, choice: int, level: float, mode: str, cause: str,
     after_delay(bench, mode, cause, name)
 
 
-def test_flight_time(bench: Bench) -> None:
+def test_the_flight_time_limit_triggers_return(bench: Bench) -> None:
     put(bench, COM_FLT_TIME_MAX=12)
     bench.fly()
     bench.until(lambda: bench.commander.in_failsafe, 15)
@@ -128,7 +130,7 @@ def test_flight_time(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("action", "mode"), [(2, "HOLD"), (3, "RETURN"), (5, "LAND"), (4, "TERMINATION")])
-def test_geofence_by_distance(bench: Bench, action: int, mode: str) -> None:
+def test_leaving_the_geofence_distance_triggers_the_configured_action(bench: Bench, action: int, mode: str) -> None:
     put(bench, GF_ACTION=action, GF_MAX_HOR_DIST=20)
     bench.fly()
     assert fence_healthy(bench)
@@ -149,7 +151,7 @@ def test_geofence_action_lasts_until_another_mode_is_chosen(bench: Bench) -> Non
     bench.client.mode(6)
     bench.until(lambda: bench.commander.mode == "RETURN", 25, lambda: bench.client.velocity(6.0, 0.0, 0.0))
     bench.until(lambda: bench.core.estimate["position_ned"][0] < 15.0, 25)
-    assert bench.commander.mode == "RETURN"  # inside again
+    assert bench.commander.mode == "RETURN"  # although it is inside again
     assert fence_healthy(bench)
     assert bench.client.mode(4, 3) == 0
     bench.run(1.0)
@@ -157,7 +159,7 @@ def test_geofence_action_lasts_until_another_mode_is_chosen(bench: Bench) -> Non
     assert not bench.commander.in_failsafe
 
 
-def test_geofence_polygon_with_a_hole(bench: Bench) -> None:
+def test_breaches_of_a_geofence_polygon_with_a_hole_are_detected(bench: Bench) -> None:
     put(bench, GF_ACTION=1)
     corners = [(-30, -30), (30, -30), (30, 30), (-30, 30)]
     plan = [item(i, 5001, p=(4, 0, 0, 0), north=n, east=e, kind=1) for i, (n, e) in enumerate(corners)]
@@ -177,7 +179,7 @@ def test_geofence_polygon_with_a_hole(bench: Bench) -> None:
     assert warned
 
 
-def test_arming_outside_the_geofence_is_refused(bench: Bench) -> None:
+def test_arming_outside_the_geofence_is_rejected(bench: Bench) -> None:
     put(bench, GF_ACTION=3)
     assert upload(bench.client, [item(0, 5003, p=(10, 0, 0, 0), north=50.0, kind=1)], 1) == 0
     assert bench.client.arm() == dialect.MAV_RESULT_TEMPORARILY_REJECTED
@@ -187,7 +189,7 @@ def test_arming_outside_the_geofence_is_refused(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("attitude", "axis"), [((0.0, 1.0, 0.0, 0.0), "roll"), ((0.8, 0.0, 0.6, 0.0), "pitch")], ids=["back", "nose"]
 )
-def test_a_vehicle_that_lies_is_not_fit(bench: Bench, attitude: tuple[float, ...], axis: str) -> None:
+def test_a_vehicle_that_is_not_upright_cannot_arm(bench: Bench, attitude: tuple[float, ...], axis: str) -> None:
     bench.core.estimate["attitude"] = attitude
     bench.run(0.1)
     assert bench.client.arm() == dialect.MAV_RESULT_TEMPORARILY_REJECTED
@@ -200,7 +202,7 @@ def test_a_vehicle_that_lies_is_not_fit(bench: Bench, attitude: tuple[float, ...
     assert bench.client.arm() == 0
 
 
-def test_position_loss_lands(bench: Bench) -> None:
+def test_position_loss_triggers_landing(bench: Bench) -> None:
     bench.fly()
     bench.core.estimate["position_valid"] = 0
     bench.run(0.5)
@@ -208,7 +210,7 @@ def test_position_loss_lands(bench: Bench) -> None:
     assert has_text(bench, "Failsafe: position lost")
 
 
-def test_position_loss_leaves_the_pilot_the_altitude(bench: Bench) -> None:
+def test_position_loss_with_sticks_falls_back_to_altctl_then_stabilized(bench: Bench) -> None:
     bench.fly()
     sticks(bench)
     assert bench.client.mode(3) == 0
@@ -231,7 +233,9 @@ def tilt(bench: Bench, degrees: float) -> None:
 
 
 @pytest.mark.parametrize(("breaker", "outcome"), [(0, "TERMINATION"), (121212, "HOLD")])
-def test_attitude_failure_in_flight(bench: Bench, breaker: int, outcome: str) -> None:
+def test_attitude_failure_in_flight_terminates_unless_the_breaker_is_set(
+    bench: Bench, breaker: int, outcome: str
+) -> None:
     put(bench, CBRK_FLIGHTTERM=breaker)
     bench.fly()
     tilt(bench, 70.0)
@@ -252,7 +256,7 @@ def test_attitude_failure_on_take_off_disarms(bench: Bench) -> None:
     assert has_text(bench, "Disarmed by failsafe: attitude failure")
 
 
-def test_no_delay_when_it_is_switched_off(bench: Bench) -> None:
+def test_a_failsafe_acts_at_once_with_zero_delay(bench: Bench) -> None:
     put(bench, COM_LOW_BAT_ACT=2, COM_FAIL_ACT_T=0)
     bench.fly()
     bench.sensors["battery_remaining"] = 0.06
@@ -271,7 +275,7 @@ def test_a_failsafe_on_the_ground_never_takes_off(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("choice", "mode"), [(1, "POSCTL"), (0, "HOLD"), (2, "HOLD")])
-def test_the_pilot_takes_over_by_the_sticks(bench: Bench, choice: int, mode: str) -> None:
+def test_stick_movement_takes_over_only_if_enabled(bench: Bench, choice: int, mode: str) -> None:
     put(bench, COM_RC_OVERRIDE=choice)
     bench.fly()
     bench.run(1.0, lambda: sticks(bench, x=100))
@@ -283,7 +287,7 @@ def test_the_pilot_takes_over_by_the_sticks(bench: Bench, choice: int, mode: str
     assert has_text(bench, "Pilot took over") is (mode == "POSCTL")
 
 
-def test_the_sticks_wait_while_a_failsafe_counts_down(bench: Bench) -> None:
+def test_stick_movement_is_ignored_during_the_failsafe_delay(bench: Bench) -> None:
     put(bench, COM_LOW_BAT_ACT=3)
     bench.fly()
     bench.run(0.5, lambda: sticks(bench))
@@ -332,7 +336,7 @@ def test_impossible_failsafe_actions_fall_back() -> None:
     assert reaction(hold, "OFFBOARD", sticks=False, position=False, home=True) == ("LAND", "DESCEND")
 
 
-def test_sticks_that_rest_where_they_were_left_do_not_end_the_next_mode(bench: Bench) -> None:
+def test_sticks_at_rest_do_not_end_the_next_mode(bench: Bench) -> None:
     bench.fly()
     bench.run(1.0, lambda: sticks(bench))
     bench.run(1.0, lambda: sticks(bench, z=1000))
@@ -345,7 +349,7 @@ def test_sticks_that_rest_where_they_were_left_do_not_end_the_next_mode(bench: B
     assert bench.commander.mode == "POSCTL"
 
 
-def test_a_throttle_that_is_not_fitted_is_neither_up_nor_down(bench: Bench) -> None:
+def test_a_missing_throttle_neither_climbs_nor_descends(bench: Bench) -> None:
     bench.fly(20.0)
     sticks(bench, z=32767)
     bench.client.mode(3, 0)

@@ -27,14 +27,14 @@ def test_parameters_set_by_a_client_survive_a_restart(tmp_path: Path) -> None:
     again = Bench(profile="minimal", parameter_file=file)
     parameters = again.autopilot.parameters
     assert [parameters[n] for n in ("MIS_TAKEOFF_ALT", "MC_ROLLRATE_P", "COM_RCL_EXCEPT")] == [12.5, 0.25, 4]
-    assert ("MC_ROLLRATE_P", 0.25) in again.core.parameter_changes  # the inner loop gets it as well
+    assert ("MC_ROLLRATE_P", 0.25) in again.core.parameter_changes  # the inner loop receives it as well
     parameters.reset()
     assert ParameterTable(file=file)["MIS_TAKEOFF_ALT"] == DEFAULTS["MIS_TAKEOFF_ALT"]
 
 
 @given(values=st.dictionaries(st.sampled_from(sorted(DEFAULTS)), st.integers(-1000, 1000), max_size=20))
 @settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_set_of_changes_comes_back(tmp_path: Path, values: dict[str, int]) -> None:
+def test_any_changes_are_restored_from_the_file(tmp_path: Path, values: dict[str, int]) -> None:
     file = tmp_path / "parameters.json"
     file.unlink(missing_ok=True)
     parameters = ParameterTable(file=file)
@@ -44,7 +44,7 @@ def test_any_set_of_changes_comes_back(tmp_path: Path, values: dict[str, int]) -
     assert {name: again[name] for name in again.names} == {name: parameters[name] for name in parameters.names}
 
 
-def test_a_kill_while_writing_leaves_the_last_file_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kill_while_writing_keeps_the_previous_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "parameters.json"
     parameters = ParameterTable(file=file)
     parameters.set("MIS_TAKEOFF_ALT", 7.0)
@@ -62,7 +62,7 @@ def test_a_kill_while_writing_leaves_the_last_file_whole(tmp_path: Path, monkeyp
     assert ParameterTable(file=file)["MIS_TAKEOFF_ALT"] == 7.0
 
 
-def test_reading_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loading_does_not_modify_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "parameters.json"
     file.write_text(json.dumps({"MIS_TAKEOFF_ALT": 7.0, "RTL_RETURN_ALT": 20.0, "GONE_SINCE": 1}))
     before = file.read_bytes()
@@ -71,7 +71,7 @@ def test_reading_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert [path.name for path in tmp_path.iterdir()] == ["parameters.json"]
 
 
-def test_a_file_that_cannot_be_meant_is_refused(tmp_path: Path) -> None:
+def test_an_invalid_file_is_rejected(tmp_path: Path) -> None:
     for text in (
         "", "[]", "{", '{"MIS_TAKEOFF_ALT": "high"}', '{"MIS_TAKEOFF_ALT": NaN}', '{"COM_RCL_EXCEPT": 1e12}', "\0",
     ):  # fmt: skip
@@ -80,7 +80,7 @@ def test_a_file_that_cannot_be_meant_is_refused(tmp_path: Path) -> None:
         assert "parameters.json" in refusal(ParameterTable, file=file), text
 
 
-def test_a_disk_that_refuses_is_told_and_does_not_stop_the_flight(tmp_path: Path) -> None:
+def test_a_write_error_is_reported_and_the_parameter_is_still_set(tmp_path: Path) -> None:
     folder = tmp_path / "folder"
     folder.mkdir()
     bench = Bench(profile="minimal", parameter_file=folder / "parameters.json")

@@ -1,4 +1,4 @@
-"""The filter alone, with the noise that it assumes: consistency, and references for its parts."""
+"""The filter alone, with the noise that it assumes: its consistency, and its parts compared with references."""
 
 import math
 from collections.abc import Callable
@@ -51,7 +51,7 @@ class Filter:
         self.state["baro_reference_m"] = ORIGIN[2]
         for name in ("position", "velocity", "baro", "mag"):
             self.state[f"{name}_fused_us"] = 1
-        self.covariance = np.zeros((STATES, STATES))  # its magnetometer has no hard iron
+        self.covariance = np.zeros((STATES, STATES))  # no hard-iron offset of the magnetometer
         self.covariance[:MOTION, :MOTION] = np.diag(STD0**2)
         self.params["mag_bias_std"] = 0.0
         self.history = np.zeros((HISTORY, 7))
@@ -80,10 +80,10 @@ def world(
     truth,
     past,
 ):
-    """Fly `steps` milliseconds of a known motion and let the filter watch; noise scales everything random.
+    """Simulate `steps` milliseconds of a known motion and update the filter. `noise` scales all random terms.
 
-    truth is advanced in place; past (1000, 6) keeps velocity and position for the receiver's latency. Returns the mean
-    normalised innovation squared of barometer and compass over the second half.
+    `truth` is advanced in place. `past` (1000, 6) stores velocity and position for the receiver's latency. Returns the
+    mean normalised innovations squared of barometer and compass after the first 10 s.
     """
     if seed >= 0:
         np.random.seed(seed)
@@ -167,7 +167,7 @@ def world(
 
 
 def error_of(filter_, truth):
-    """Return the 15 errors, truth against estimate, in the filter's order; attitude as a rotation vector in NED."""
+    """Return the 15 errors (truth minus estimate) in the filter's order. Attitude is a rotation vector in NED."""
     state = filter_.state
     q = frames.quat_multiply(tuple(truth["q"]), frames.quat_conjugate(tuple(state["attitude"])))
     turn = 2.0 * np.array(q[1:]) * math.copysign(1.0, q[0])
@@ -190,7 +190,7 @@ def fresh_truth():
 
 @pytest.mark.parametrize("manoeuvre", [0.0, 1.0])
 def test_normalised_errors_are_consistent(manoeuvre):
-    """Mean NEES of 40 flights lies where χ² with 15 degrees of freedom puts it, hovering and under way."""
+    """The mean NEES of 40 flights lies within the 99.8 % interval of χ² with 15 degrees of freedom."""
     flights, scores, baro, mag = 40, [], [], []
     for seed in range(flights):
         filter_, truth, past = Filter(), fresh_truth(), np.zeros((1000, 6))
@@ -219,8 +219,8 @@ def test_normalised_errors_are_consistent(manoeuvre):
     ("velocity", "force"), [((10.0, -4.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.0, 0.0), (2.0, 1.0, 0.0))]
 )
 @pytest.mark.parametrize("latency_ms", [0, 100, 200])
-def test_a_late_fix_is_held_against_its_own_instant(velocity, force, latency_ms):
-    """Neither constant speed nor constant acceleration leaves a bias, for any delay of the fixes."""
+def test_a_delayed_fix_is_compared_with_the_state_at_its_own_time(velocity, force, latency_ms):
+    """Delayed fixes cause no bias at constant speed or at constant acceleration."""
     filter_, truth, past = Filter(), fresh_truth(), np.zeros((1000, 6))
     truth["v"], truth["force"] = velocity, force
     filter_.state["velocity"] = velocity
@@ -231,13 +231,13 @@ def test_a_late_fix_is_held_against_its_own_instant(velocity, force, latency_ms)
 
 
 def test_vertical_channel_equals_a_textbook_filter():
-    """With attitude and biases known, z and its speed are a two-state Kalman filter on the barometer."""
+    """With known attitude and biases, z and its velocity form a two-state Kalman filter with the barometer."""
     filter_ = Filter()
     filter_.params["gyro_noise"] = filter_.params["gyro_bias_walk"] = filter_.params["accel_bias_walk"] = 0.0
     variance = np.zeros(STATES)
     variance[5], variance[8] = 0.25, 1.0
     filter_.covariance[:] = np.diag(variance)
-    filter_.state["velocity_fused_us"] = 10**12  # never without aid: no stillness is assumed
+    filter_.state["velocity_fused_us"] = 10**12  # aiding never times out, so the filter never assumes standstill
     dt = 0.004
     reference = KalmanFilter(dim_x=2, dim_z=1, dim_u=1)
     reference.x = np.zeros((2, 1))
@@ -285,11 +285,11 @@ def test_sparse_propagation_equals_the_dense_product():
     assert after == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
-def test_hard_iron_is_told_from_heading_by_turning():
-    """A body-fixed magnetometer offset misleads the first heading. A turn on the spot corrects both."""
+def test_a_turn_separates_hard_iron_from_heading():
+    """A body-fixed magnetometer offset makes the first heading wrong. A turn on the spot corrects both."""
     filter_, truth = Filter(), fresh_truth()
     filter_.params["mag_bias_std"] = 0.01
-    iron = (0.006, -0.005)  # gauss: a heading that is off by 1.3° facing north
+    iron = (0.006, -0.005)  # gauss; the heading error is 1.3° when facing north
     heading = DECLINATION - math.atan2(FIELD[1] + iron[1], FIELD[0] + iron[0])
     filter_.state["attitude"] = frames.quat_from_euler(0.0, 0.0, heading)
     filter_.covariance[:] = np.diag(np.append(np.repeat([0.01, 0.1, 0.5, 0.002, 0.02], 3), [0.0, 0.0]) ** 2)
@@ -320,13 +320,13 @@ def test_fast_attitude_step_equals_the_exact_one():
         assert quat_advance(q, *turn) == pytest.approx(frames.quat_integrate(q, tuple(turn)), abs=1e-9)
 
 
-def test_vibration_is_the_smoothed_change_from_look_to_look() -> None:
+def test_vibration_is_the_smoothed_change_between_samples() -> None:
     vehicle = Filter()
 
     def feel(milliseconds: int, accel_down: Callable[[int], float]) -> None:
         for i in range(milliseconds):
             vehicle.sensors["imu_time_us"] += 1000
-            vehicle.sensors["accel_frd"] = (0.0, 0.0, accel_down(i // 20))  # it looks every 20 ms
+            vehicle.sensors["accel_frd"] = (0.0, 0.0, accel_down(i // 20))  # the filter samples vibration every 20 ms
             ekf.update(*vehicle.args)
 
     feel(1000, lambda look: -GRAVITY)

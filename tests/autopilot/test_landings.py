@@ -1,4 +1,4 @@
-"""A landing that does not end, or does not end upright, is explained to the pilot."""
+"""The pilot gets a message if a landing does not end, or does not end upright."""
 
 import math
 
@@ -9,7 +9,7 @@ from tests.autopilot.commander_bench import Bench
 
 
 def landing(monkeypatch, lean_deg, *, carried):
-    """Return a bench with an order to land, leaning so much; `carried`: something holds it in place."""
+    """Return a bench that lands with a tilt of `lean_deg`. With `carried`, an obstacle keeps it at its height."""
     bench = Bench()
     bench.fly(3.0)
     step, height = bench.core.step, bench.core.estimate["position_ned"][2]
@@ -27,7 +27,7 @@ def landing(monkeypatch, lean_deg, *, carried):
     return bench
 
 
-def test_a_landing_that_is_blocked_says_so_once(monkeypatch):
+def test_a_blocked_landing_is_reported_once(monkeypatch):
     bench = landing(monkeypatch, 40.0, carried=True)
     bench.run(30.0)
     assert bench.commander.armed
@@ -38,7 +38,7 @@ def test_a_landing_that_is_blocked_says_so_once(monkeypatch):
 
 
 @pytest.mark.parametrize(("lean_deg", "is_told"), [(0.0, False), (15.0, False), (45.0, True)])
-def test_a_vehicle_that_has_landed_leaning_says_how_far(monkeypatch, lean_deg, is_told):
+def test_a_large_tilt_after_landing_is_reported(monkeypatch, lean_deg, is_told):
     bench = landing(monkeypatch, lean_deg, carried=False)
     bench.run(30.0)
     assert not bench.commander.armed

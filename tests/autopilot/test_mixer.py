@@ -1,4 +1,4 @@
-"""From demands to rotor thrusts: the inverse holds inside the range, the priorities at its border."""
+"""The mixer turns demands into rotor thrusts: exactly within the range, by priority at its limits."""
 
 from dataclasses import replace
 
@@ -18,11 +18,11 @@ SHARES = {name: allocation(airframe) for name, airframe in AIRFRAMES.items()}
 airframe_names = st.sampled_from(sorted(AIRFRAMES))
 torques = st.floats(-1.0, 1.0)
 FLOOR = 0.02
-unhurried = settings(deadline=None)  # the first example pays for the compilation
+unhurried = settings(deadline=None)  # the first example includes the compilation
 
 
 def distribute(name, roll, pitch, yaw, thrust, airmode=0):
-    """Return ((share, turn, collective), rotor fractions, (torques normalised, collective) that the rotors make)."""
+    """Return ((share, turn, collective), rotor fractions, normalised torques and collective of the rotors)."""
     count = len(AIRFRAMES[name].rotors)
     fractions = np.zeros(MAX_ROTORS)
     share = SHARES[name]
@@ -34,7 +34,7 @@ def distribute(name, roll, pitch, yaw, thrust, airmode=0):
 
 @unhurried
 @given(airframe_names, st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(0.35, 0.65))
-def test_a_demand_within_range_is_made_exactly(name, roll, pitch, yaw, thrust):
+def test_a_demand_within_range_is_produced_exactly(name, roll, pitch, yaw, thrust):
     result, _, made = distribute(name, roll, pitch, yaw, thrust)
     assert result == pytest.approx((1.0, 1.0, thrust))
     assert made == pytest.approx([roll, pitch, yaw, thrust], abs=1e-9)
@@ -52,7 +52,7 @@ def test_every_rotor_stays_in_range(name, roll, pitch, yaw, thrust, airmode):
 
 @unhurried
 @given(airframe_names, st.floats(-0.5, 0.5), st.floats(-0.3, 0.3), torques)
-def test_at_full_thrust_roll_and_pitch_take_from_the_collective(name, roll, pitch, yaw):
+def test_at_full_thrust_roll_and_pitch_reduce_the_collective(name, roll, pitch, yaw):
     (share, _, collective), _, made = distribute(name, roll, pitch, yaw, 1.0)
     assert share == pytest.approx(1.0)
     assert made[:2] == pytest.approx([roll, pitch], abs=1e-9)
@@ -62,7 +62,7 @@ def test_at_full_thrust_roll_and_pitch_take_from_the_collective(name, roll, pitc
 
 @unhurried
 @given(airframe_names, torques, torques, torques, st.floats(0.0, 1.0), st.integers(0, 1))
-def test_yaw_never_costs_roll_pitch_or_thrust(name, roll, pitch, yaw, thrust, airmode):
+def test_yaw_never_reduces_roll_pitch_or_thrust(name, roll, pitch, yaw, thrust, airmode):
     with_yaw, _, made = distribute(name, roll, pitch, yaw, thrust, airmode)
     without, _, plain = distribute(name, roll, pitch, 0.0, thrust, airmode)
     assert (with_yaw[0], with_yaw[2]) == (without[0], without[2])
@@ -86,7 +86,7 @@ def test_limited_demands_keep_their_direction(name, roll, pitch, yaw, thrust):
     assert made == pytest.approx([share * roll, share * pitch, turn * yaw, collective], abs=1e-9)
 
 
-def test_geometry_that_cannot_fly_is_refused():
+def test_geometry_that_cannot_fly_is_rejected():
     x500 = AIRFRAMES["x500"]
     in_line = tuple(Rotor((0.1 * k, 0.0, 0.0), 1 if k % 2 else -1) for k in range(-2, 3))
     with pytest.raises(UsageError, match="independent"):

@@ -1,4 +1,4 @@
-"""Mission, follow-me, orbit, sticks and a geofence over the real physics, sensors and estimator."""
+"""Mission, follow-me, orbit, sticks and a geofence with simulated physics, sensors and the estimator."""
 
 import math
 
@@ -37,17 +37,17 @@ def take_off(craft: Aircraft, height: float) -> None:
     craft.until(lambda: craft.commander.mode == "HOLD", 30.0)
 
 
-def test_the_mission_ends_where_it_began(landed_craft: Aircraft) -> None:
+def test_the_mission_ends_at_home(landed_craft: Aircraft) -> None:
     assert math.hypot(*landed_craft.truth["position_ned"][:2]) < 2.0
     assert [m.seq for m in landed_craft.client.of("MISSION_ITEM_REACHED")] == [0, 1, 2, 3, 4]
     assert not any("Failsafe" in text for text in landed_craft.client.texts())
 
 
-def test_a_mission_from_mavproxy_is_flown_to_its_end(landed_craft: Aircraft) -> None:
-    """MAVProxy 1.8.75's messages for `wp load`, `arm throttle` and `long MISSION_START`; item 0 is the file's home."""
+def test_a_mission_from_mavproxy_is_completed(landed_craft: Aircraft) -> None:
+    """Sends MAVProxy 1.8.75's messages for `wp load`, `arm throttle`, `long MISSION_START`. Item 0 is the home."""
     craft, client = landed_craft, Client(landed_craft.autopilot.open_port("gcs"), 255, 230)
     start = craft.truth["position_ned"].copy()
-    zeros = (0.0, 0.0, 0.0, 0.0)  # MAVProxy gives each item a yaw, north
+    zeros = (0.0, 0.0, 0.0, 0.0)  # MAVProxy sets the yaw of each item to north
     plan = [item(0, 16, frame=0, p=zeros, z=ORIGIN[2]), item(1, 22, frame=3, p=zeros, z=6.0),
             item(2, 16, frame=3, p=zeros, north=25.0, z=8.0),
             item(3, 16, frame=3, p=zeros, north=25.0, east=20.0, z=8.0),
@@ -74,7 +74,7 @@ def test_a_mission_from_mavproxy_is_flown_to_its_end(landed_craft: Aircraft) -> 
     craft.autopilot.close_port(client.port)
 
 
-def test_orbit_then_follow_then_sticks_then_fence(landed_craft: Aircraft) -> None:
+def test_orbit_follow_sticks_and_geofence_in_one_flight(landed_craft: Aircraft) -> None:
     craft, client = landed_craft, landed_craft.client
     take_off(craft, 8.0)
     here = craft.truth["position_ned"][:2].copy()
@@ -136,7 +136,7 @@ def test_orbit_then_follow_then_sticks_then_fence(landed_craft: Aircraft) -> Non
     assert any("geofence breached" in text for text in client.texts())
 
 
-def test_a_setpoint_a_thousand_kilometres_away_is_flown_towards(landed_craft: Aircraft) -> None:
+def test_the_vehicle_flies_towards_a_setpoint_a_thousand_kilometres_away(landed_craft: Aircraft) -> None:
     craft, client = landed_craft, landed_craft.client
     craft.autopilot.parameters.set("GF_ACTION", 0)
     take_off(craft, 8.0)

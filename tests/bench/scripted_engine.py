@@ -1,4 +1,4 @@
-"""An engine that flies nothing: it writes the folders of flights from a script."""
+"""An engine without simulation: it writes the folders of flights from a script."""
 
 import json
 from collections import deque
@@ -12,17 +12,17 @@ from tests.judge.episode_logs import BEGIN, END, decision, frame, pose, write
 STUCK, NEAR, MOVED, SOLVED, BROKEN, SPENT = "stuck", "stuck and solved", "moved", "solved", "broken", "spent"
 REJECTED = "rejected"
 REASONS = {BROKEN: "error", SPENT: "budget", REJECTED: "rejected"}
-Script = Callable[[Sortie, int], str]  # (a flight, its count among those of its episode and run) → the result
+Script = Callable[[Sortie, int], str]  # (flight, number of the attempt at its episode in its run, from 1) → result
 
 
 class ScriptedEngine:
-    """Lands flights last in, first out, so no test relies on an order."""
+    """Ends flights in last-in, first-out order, so that no test relies on an order."""
 
     def __init__(self, script: Script) -> None:
         self._script = script
         self._up: deque[Sortie] = deque()
-        self.flown: list[str] = []  # RUN/EPISODE of each, in the order in which they began
-        self.most = 0  # in the air at a time
+        self.flown: list[str] = []  # RUN/EPISODE of each flight, in the order of their start
+        self.most = 0  # largest number of flights in the air at the same time
         self.closed = False
 
     def begin(self, sortie: Sortie) -> None:
@@ -40,7 +40,7 @@ class ScriptedEngine:
 
 
 def fly(sortie: Sortie, what: str) -> Result:
-    """Leave the folder of a flight with this result, and return the result."""
+    """Write the folder of a flight with this result, and return the result."""
     assert not list(sortie.folder.glob("*.jpg"))
     (sortie.folder / "episode.json").write_text(json.dumps(sortie.flight.record))
     if what in REASONS:

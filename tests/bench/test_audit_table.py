@@ -1,4 +1,4 @@
-"""The audit's table against a second way of counting, its floor, and the shipped blind flights."""
+"""The audit table compared with an independent count, its floor, and the shipped flights of blind pilots."""
 
 import dataclasses
 import json
@@ -25,7 +25,7 @@ IDS = catalogue.ids()
 
 @st.composite
 def results(draw: st.DrawFn) -> list[dict[str, object]]:
-    """Draw flights as the runner returns them."""
+    """Draw flights with the fields that the runner returns."""
     flights = []
     for episode in draw(st.lists(st.sampled_from(IDS), unique=True, max_size=12)):
         true = draw(st.integers(0, 4))
@@ -55,7 +55,7 @@ def made(flights: list[dict[str, object]]) -> list[Result]:
 
 @settings(deadline=None, max_examples=60)
 @given(results())
-def test_the_table_counts_what_a_second_count_counts(flights: list[dict[str, object]]) -> None:
+def test_the_table_matches_an_independent_count(flights: list[dict[str, object]]) -> None:
     lines = {name: score_row(name, members) for name, members in groups(made(flights)).items()}
     for name, line in lines.items():
         if name == "all":
@@ -108,7 +108,7 @@ def a_flight(**values: Any) -> BlindFlight:
     return dataclasses.replace(BlindFlight(False, False, False, 9, 9, 50), **values)
 
 
-def test_the_floor_is_the_best_of_those_that_flew_all_of_a_line() -> None:
+def test_the_floor_is_the_best_pilot_that_flew_every_episode_of_the_row() -> None:
     two = IDS[:2]
     late, soon = a_flight(success=True, false_declarations=8), BlindFlight(True, False, True, 4, 3, 20)
     flights = {
@@ -132,7 +132,7 @@ def test_the_floor_is_the_best_of_those_that_flew_all_of_a_line() -> None:
 
 @settings(deadline=None, max_examples=60)
 @given(results())
-def test_kept_flights_make_the_rows_that_were_flown(flights: list[dict[str, object]]) -> None:
+def test_stored_blind_flights_reproduce_the_scored_rows(flights: list[dict[str, object]]) -> None:
     scored = [f for f in flights if f["outcome"] != "error"]
     kept = merged({}, "blind:any", blind_flights(made(flights)), IDS)
     read = {"blind:any": {episode: BlindFlight(**one) for episode, one in kept["blind:any"].items()}}
@@ -160,7 +160,7 @@ def test_invalid_tables_are_rejected(tmp_path: Path) -> None:
         assert load_blind(tmp_path / "none.json") == {}, wrong
 
 
-def test_only_a_blind_pilots_flights_are_kept_as_such(capsys: pytest.CaptureFixture[str]) -> None:
+def test_write_blind_requires_a_blind_pilot(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["episodes", "audit", "--write-blind"]) == 2
     assert "--pilot" in capsys.readouterr().err
     assert main(["episodes", "audit", "--pilot", "vision", "--write-blind"]) == 2
@@ -176,8 +176,8 @@ flown_yet = pytest.mark.skipif(
 )
 
 
-def test_a_pattern_has_flown_the_whole_of_a_cell_or_nothing_of_it() -> None:
-    """A gap would drop a pilot from the floor without notice."""
+def test_a_blind_pilot_has_all_flights_of_a_cell_or_none() -> None:
+    """A gap would silently remove a pilot from the floor."""
     for pilot, flights in KEPT.items():
         assert pilot.removeprefix("blind:") in PATTERNS
         assert set(flights) <= set(catalogue.all_ids())
@@ -187,7 +187,7 @@ def test_a_pattern_has_flown_the_whole_of_a_cell_or_nothing_of_it() -> None:
 
 
 @flown_yet
-def test_every_cell_has_its_floor() -> None:
+def test_every_cell_has_a_floor() -> None:
     for cell in CELLS:
         of_cell = made([{"episode": name} for name in IDS if name.rpartition("-")[0] == cell])
         assert floor(KEPT, cell, of_cell) is not None, cell
@@ -196,8 +196,8 @@ def test_every_cell_has_its_floor() -> None:
 def too_good(table: BlindTable, cell: str) -> list[str]:
     """Return the unaware pilots above SR₃ 10 % in a cell, or above SR 20 % without a sweep.
 
-    The flights of all random patterns count together. They are a sample, so the lower end of the 95 % interval of
-    their rate counts. The other patterns always fly the same way, so their rate counts.
+    All random patterns are pooled. They are a sample, so the lower end of the 95 % interval of their rate is compared.
+    The other patterns always fly the same way, so their rate itself is compared.
     """
     of_cell = made([{"episode": name} for name in IDS if name.rpartition("-")[0] == cell])
     solved_rows: dict[str, list[ScoreRow]] = defaultdict(list)
@@ -208,20 +208,20 @@ def too_good(table: BlindTable, cell: str) -> list[str]:
     for name, lines in solved_rows.items():
         flown, solved = sum(row.flown for row in lines), sum(row.solved for row in lines)
         within_three = sum(row.solved_within_three or 0 for row in lines)
-        sweeps = PATTERNS[name].sweeps or cell.endswith("commanding")  # four drones that fan out are a sweep
+        sweeps = PATTERNS[name].sweeps or cell.endswith("commanding")  # four drones that spread out count as a sweep
         rates = [wilson(count, flown)[0] if name == RANDOM else count / flown for count in (within_three, solved)]
         if rates[0] > 0.10 or (rates[1] > 0.20 and not sweeps):
             pilots.append(name)
     return pilots
 
 
-def test_patterns_unaware_of_the_draw_score_at_most_the_floor() -> None:
-    """The docs describe the patterns that know the 16 m. No draw of residential records can keep them at the floor."""
+def test_patterns_unaware_of_the_draw_stay_below_the_allowed_rates() -> None:
+    """Patterns that know the 16 m are left out: no draw of residential records keeps them at the floor (see docs)."""
     for cell in CELLS:
         assert too_good(KEPT, cell) == [], cell
 
 
-def test_a_floor_that_rises_is_noticed() -> None:
+def test_pilots_above_the_allowed_rates_are_detected() -> None:
     cell = "campus-searching"
     of_cell = [name for name in IDS if name.rpartition("-")[0] == cell]
     luck = [BlindFlight(True, False, True, 9, 8, 50), BlindFlight(True, False, False, 9, 8, 50), a_flight()]
@@ -241,7 +241,7 @@ def test_a_floor_that_rises_is_noticed() -> None:
 
 @flown_yet
 @pytest.mark.slow
-def test_the_flights_that_ship_are_flown_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_the_shipped_blind_flights_are_reproducible(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     chosen = ["residential-approaching-01", "residential-searching-01", "campus-tracking-01"]
     pilot = "blind:straight"
     arguments = [*chosen, "--pilot", pilot, "--jobs", "1", "--out", str(tmp_path / "run"), "--json"]

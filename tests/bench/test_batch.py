@@ -1,4 +1,4 @@
-"""A run of many episodes on disk: it resumes, never mixes settings, and throws nothing away."""
+"""The folder of a run of many episodes: it resumes, never mixes settings, and deletes nothing."""
 
 import dataclasses
 import json
@@ -25,7 +25,7 @@ def judged(batch, episode, outcome):
     return folder
 
 
-def test_only_what_was_scored_is_done(tmp_path):
+def test_only_scored_episodes_are_done(tmp_path):
     batch = Batch(tmp_path / "run", {"pilot": "oracle"})
     broken, torn, nested, empty, absent = OTHERS[:5]
     judged(batch, FIRST, "success")
@@ -39,7 +39,7 @@ def test_only_what_was_scored_is_done(tmp_path):
     assert again.left([FIRST, SECOND, *OTHERS[:5]]) == [broken, torn, nested, empty, absent]
 
 
-def test_a_file_is_kept_under_the_id_in_it_and_is_done_as_long_as_it_is_the_same(tmp_path):
+def test_an_episode_file_is_stored_under_its_id_and_flown_again_after_a_change(tmp_path):
     file = tmp_path / "mine.json"
     file.write_text(catalogue.load(FIRST).to_json())
     batch = Batch(tmp_path / "run", {})
@@ -62,20 +62,20 @@ def test_a_second_attempt_keeps_the_first(tmp_path):
     assert (tmp_path / "run" / FIRST / "decisions.jsonl").read_text() == "three"
 
 
-def test_a_run_of_other_settings_is_not_gone_on_with(tmp_path):
+def test_a_run_with_other_settings_is_not_resumed(tmp_path):
     Batch(tmp_path / "run", {"pilot": "oracle", "seed": 0}).close()
     with pytest.raises(UsageError, match=r"\bseed\b"):
         Batch(tmp_path / "run", {"pilot": "oracle", "seed": 1})
 
 
-def test_settings_are_compared_as_they_stand_in_the_file(tmp_path):
+def test_settings_are_compared_in_their_json_form(tmp_path):
     Batch(tmp_path / "run", {"envelope": {"exclusions": ((1.0, 2.0),)}}).close()
     Batch(tmp_path / "run", {"envelope": {"exclusions": ((1.0, 2.0),)}}).close()
     with pytest.raises(UsageError, match=r"\benvelope\b"):
         Batch(tmp_path / "run", {"envelope": {"exclusions": ()}})
 
 
-def test_a_run_is_flown_by_one_process_at_a_time(tmp_path):
+def test_a_run_folder_cannot_be_opened_twice(tmp_path):
     first = Batch(tmp_path / "run", {})
     with pytest.raises(UsageError, match=f"{tmp_path}/run"):
         Batch(tmp_path / "run", {})
@@ -83,13 +83,13 @@ def test_a_run_is_flown_by_one_process_at_a_time(tmp_path):
     Batch(tmp_path / "run", {}).close()
 
 
-def test_a_folder_of_something_else_is_left_alone(tmp_path):
+def test_a_folder_with_other_content_is_rejected(tmp_path):
     (tmp_path / "thesis.txt").write_text("three years of work")
     with pytest.raises(UsageError, match=r"run\.json"):
         Batch(tmp_path, {})
 
 
-def test_a_folder_that_cannot_be_is_a_sentence(tmp_path):
+def test_the_error_for_an_impossible_folder_names_it(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match=f"{tmp_path}/file"):
         Batch(tmp_path / "file" / "run", {})
@@ -104,7 +104,7 @@ def results():
     return [Result(episode=f"{g}-{k:02d}", outcome=o, steps=s) for k, (g, o, s) in enumerate(rows, 1)]
 
 
-def test_errors_are_nobodys_score():
+def test_errors_are_not_scored():
     rows = {name: score_row(name, members) for name, members in groups(results()).items()}
     assert (rows["residential-tracking"].solved, rows["residential-tracking"].flown) == (1, 1)
     assert rows["residential-tracking"].errors == 1
@@ -112,12 +112,12 @@ def test_errors_are_nobodys_score():
     assert rows["all"].median_steps == 6.5
 
 
-def test_cells_stand_in_the_order_of_the_paper_and_keep_apart():
+def test_cells_are_separate_rows_in_the_order_of_the_paper():
     rows = [score_row(name, members) for name, members in groups(results()).items()]
     names = [row.name for row in rows]
     assert names[:3] == ["campus-approaching", "residential-tracking", "residential-search-and-track"]
     assert re.search(r"\b1 error\b", as_terminal(audit_table(rows, {})))
 
 
-def test_pars_are_of_solved_episodes_only():
+def test_only_solved_episodes_have_a_par():
     assert solved_steps(results()) == {"residential-tracking-01": 4, "residential-search-and-track-02": 9}

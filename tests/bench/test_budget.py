@@ -1,4 +1,4 @@
-"""A run with a spent budget resumes under a greater one. Earlier costs count."""
+"""A run that has spent its budget resumes under a higher one. Earlier costs count."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ EASY = "residential-approaching-01"
 
 
 @pytest.mark.slow
-def test_an_episode_that_cost_too_much_is_flown_again_under_a_greater_limit(tmp_path):
+def test_an_episode_over_budget_is_flown_again_under_a_higher_limit(tmp_path):
     server = PilotServer(roster.answer("vision"), "vision").start()
     model = ModelSpec(provider="local", name="vision", base_url=server.base_url)
     spec = FlightSpec(

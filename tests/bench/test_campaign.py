@@ -1,4 +1,4 @@
-"""The order, the retries and the end of a campaign, over folders as flights leave them."""
+"""Order, retries and end of a campaign, with an engine that writes the folders of flights from a script."""
 
 import json
 import shutil
@@ -41,7 +41,7 @@ def fly(opened, script, jobs=2, retry=True):
     return engine, ending, came
 
 
-def test_every_flight_is_flown_once_and_no_more_at_a_time_than_asked(tmp_path):
+def test_every_flight_is_flown_once_and_jobs_limits_those_in_the_air(tmp_path):
     opened = bench(tmp_path / "b", flights=2)
     engine, ending, came = fly(opened, lambda sortie, time: MOVED, jobs=3)
     assert ending == "flown"
@@ -67,7 +67,7 @@ def test_broken_flights_are_repeated_and_failed_ones_are_kept(tmp_path):
 
 
 def test_flights_that_did_not_move_are_retried_once(tmp_path):
-    """The first is stuck twice; the second moves in its second flight."""
+    """The first episode is stuck twice. The second episode moves in its second flight."""
     opened = bench(tmp_path / "b")
 
     def script(sortie, time):
@@ -91,7 +91,7 @@ def test_flights_that_did_not_move_are_retried_once(tmp_path):
     again.close()
 
 
-def test_without_the_rule_it_stands_at_once_and_may_be_retried_later(tmp_path):
+def test_without_retry_a_stuck_flight_counts_and_can_be_retried_later(tmp_path):
     opened = bench(tmp_path / "b", retry=False)
     engine, _, _ = fly(opened, lambda sortie, time: STUCK, retry=False)
     assert len(engine.flown) == 4
@@ -102,8 +102,8 @@ def test_without_the_rule_it_stands_at_once_and_may_be_retried_later(tmp_path):
     later.close()
 
 
-def test_a_retry_that_breaks_is_no_second_retry(tmp_path):
-    """A kill between the move of the first flight and the landing of the second: the second is flown, and no third."""
+def test_an_interrupted_retry_is_flown_again_without_a_second_retry(tmp_path):
+    """The run is killed during the retry. The next run flies the retry, and no third flight."""
     opened = bench(tmp_path / "b", FOUR[:1])
 
     def script(sortie, time):
@@ -124,11 +124,11 @@ def test_a_retry_that_breaks_is_no_second_retry(tmp_path):
     again.close()
 
 
-def test_a_spent_budget_begins_nothing_more(tmp_path):
+def test_no_flight_begins_after_the_budget_is_spent(tmp_path):
     opened = bench(tmp_path / "b")
     engine, ending, came = fly(opened, lambda sortie, time: SPENT if sortie.folder.name == FOUR[1] else STUCK)
     assert ending == "budget"
-    assert len(engine.flown) == 2  # those in the air together; no remaining flight begins, and no retry either
+    assert len(engine.flown) == 2  # the two in the air; no other flight and no retry begins
     assert not [each for each in came if each.again]
     opened.close()
     again = bench(tmp_path / "b")
@@ -136,7 +136,7 @@ def test_a_spent_budget_begins_nothing_more(tmp_path):
     again.close()
 
 
-def test_a_model_whose_endpoint_rejects_it_flies_no_more_and_others_do(tmp_path):
+def test_a_model_rejected_by_its_endpoint_is_dropped_and_the_others_fly(tmp_path):
     models = [ModelSpec(provider="local", name=name, base_url="http://h/v1") for name in ("wrong", "right")]
     runs = [
         OpenRun(
@@ -155,14 +155,14 @@ def test_a_model_whose_endpoint_rejects_it_flies_no_more_and_others_do(tmp_path)
 
 
 @given(st.lists(st.integers(0, 999), unique=True, max_size=40), st.integers(1, 7), st.none() | st.integers(1, 50))
-def test_the_parts_hold_each_episode_once(numbers, parts, limit):
+def test_shards_contain_each_episode_once(numbers, parts, limit):
     episodes = [str(number) for number in numbers]
     shards = [part_of(episodes, limit, (k + 1, parts)) for k in range(parts)]
     assert sorted(name for part in shards for name in part) == sorted(episodes[:limit])
     assert max(map(len, shards)) - min(map(len, shards)) <= 1
 
 
-def test_shards_flown_apart_are_one_benchmark_when_they_are_put_together(tmp_path):
+def test_merged_shard_folders_form_one_benchmark(tmp_path):
     for k in (1, 2):
         part = bench(tmp_path / str(k), flights=2, shard=(k, 2))
         engine, _, _ = fly(part, lambda sortie, time: MOVED)
@@ -182,7 +182,7 @@ def test_shards_flown_apart_are_one_benchmark_when_they_are_put_together(tmp_pat
     whole.close()
 
 
-def test_a_matrix_is_every_pilot_under_every_latency_and_command():
+def test_the_matrix_combines_every_pilot_latency_and_command():
     latencies = [LatencyPolicy.parse(text) for text in ("fixed:0.5", "rate:2")]
     suite = choose_suite([*FOUR, FLEET], [])
     two = [("oracle", ORACLE), ("vision", FlightSpec(pilot="vision", simulated=Simulated(speed=None), seed=7))]
@@ -211,7 +211,7 @@ def test_a_matrix_is_every_pilot_under_every_latency_and_command():
         entries(two, suite, commands=("loud",), latencies=POLICY)
 
 
-def test_a_suite_is_told_by_its_records_and_not_by_what_is_flown_of_it():
+def test_a_suite_is_identified_by_its_records():
     quick = choose_suite([], ["quick"])
     assert list(quick.records) == catalogue.suite_ids("quick")
     assert quick.identity.name == "quick"
@@ -221,7 +221,7 @@ def test_a_suite_is_told_by_its_records_and_not_by_what_is_flown_of_it():
         choose_suite([], [])
 
 
-def test_other_pilots_join_a_folder_and_other_episodes_or_settings_do_not(tmp_path):
+def test_a_folder_accepts_other_pilots_but_not_other_episodes_or_settings(tmp_path):
     bench(tmp_path / "b").close()
     suite = choose_suite(FOUR, [])
     blind = FlightSpec(pilot="blind:fan", simulated=Simulated(speed=None, rendered=False))
@@ -240,7 +240,7 @@ def test_other_pilots_join_a_folder_and_other_episodes_or_settings_do_not(tmp_pa
         bench(tmp_path / "thesis")
 
 
-def test_a_run_says_of_which_suite_it_is(tmp_path):
+def test_a_run_records_its_suite(tmp_path):
     opened = bench(tmp_path / "b")
     record = json.loads((opened.runs[0].batch.run / "run.json").read_text())
     assert record["suite"]["sha256"] == choose_suite(FOUR, []).identity.sha256
@@ -255,8 +255,8 @@ def at(t, north_m, drone=0):
     return Pose(t=t, drone=drone, position_ned=(north_m, 0.0, -2.0), distance_m=1.0, visible=True)
 
 
-def test_a_hover_is_stuck_however_long_and_one_drone_of_four_that_moves_is_none():
-    hover = [at(t / 2, 0.02 * (t % 2)) for t in range(601)]  # 12 m to and fro
+def test_a_hover_is_stuck_and_a_fleet_with_one_moving_drone_is_not():
+    hover = [at(t / 2, 0.02 * (t % 2)) for t in range(601)]  # 12 m in total, back and forth
     assert is_stuck(hover)
     assert track_m(hover) == 0.0
     assert is_stuck([*hover, at(300.0, 4.999)])
@@ -268,13 +268,13 @@ def test_a_hover_is_stuck_however_long_and_one_drone_of_four_that_moves_is_none(
     assert track_m([]) is None
 
 
-def test_a_drone_that_flies_to_and_fro_has_moved():
+def test_a_drone_that_flies_back_and_forth_is_not_stuck():
     swing = [at(t / 2, 3.0 * (t % 12 < 6)) for t in range(601)]
     assert track_m(swing) == pytest.approx(3.0 * 100)
     assert not is_stuck(swing)
 
 
-def test_a_success_is_not_flown_again_though_the_target_came_to_the_drone(tmp_path):
+def test_a_success_without_movement_is_not_retried(tmp_path):
     opened = bench(tmp_path / "b", FOUR[:1])
     engine, _, _ = fly(opened, lambda sortie, time: NEAR)
     assert len(engine.flown) == 1

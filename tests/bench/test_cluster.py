@@ -1,4 +1,4 @@
-"""A real Ray cluster of two nodes on this machine: the same bytes as here. A dead node loses its flights in the air."""
+"""A real Ray cluster of two nodes on this machine. It writes the same bytes as a local run."""
 
 import dataclasses
 import os
@@ -29,7 +29,7 @@ LONG = dataclasses.replace(FLIGHT, seconds=300.0)
 
 @pytest.fixture
 def cluster(monkeypatch):
-    """Two nodes of one core each; the second can be taken away."""
+    """Two nodes of one core each. The second can be removed."""
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([os.getcwd(), os.environ.get("PYTHONPATH", "")]))
     nodes = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
@@ -62,13 +62,13 @@ def logs(run, episode):
 
 
 def flying():
-    """Return the processes of this test's cluster in which a worker flies."""
+    """Return the worker processes of this test's cluster."""
     own = {process.pid for process in psutil.Process().children(recursive=True)}
     named = [p for p in psutil.process_iter(["cmdline"]) if p.pid in own and p.info["cmdline"]]
     return [p for p in named if p.info["cmdline"][0].startswith("ray::ClusterWorker")]
 
 
-def test_it_flies_what_this_machine_flies_byte_for_byte(cluster, tmp_path):
+def test_a_cluster_writes_the_same_bytes_as_a_local_run(cluster, tmp_path):
     here = fly(tmp_path / "here", LocalEngine(tmp_path / "worker.log", 2))
     there = fly(tmp_path / "there", ClusterEngine(4, None, cluster.address))
     assert {name: each.outcome for name, each in here.items()} == {name: each.outcome for name, each in there.items()}
@@ -81,7 +81,7 @@ def test_it_flies_what_this_machine_flies_byte_for_byte(cluster, tmp_path):
     assert not alive
 
 
-def test_a_worker_that_is_killed_costs_what_it_had_in_the_air(cluster, tmp_path):
+def test_a_killed_worker_loses_only_its_flights_in_the_air(cluster, tmp_path):
     killed: list[int] = []
 
     def kill_one(came):
@@ -102,7 +102,7 @@ def test_a_worker_that_is_killed_costs_what_it_had_in_the_air(cluster, tmp_path)
     assert all(each.outcome in ("success", "failure") for each in again.values())
 
 
-def test_a_node_that_goes_costs_what_it_had_in_the_air(cluster, tmp_path):
+def test_a_removed_node_loses_only_its_flights_in_the_air(cluster, tmp_path):
     gone: list[bool] = []
 
     def take_it_away(came):
@@ -133,7 +133,7 @@ def test_one_ledger_and_one_limiter_serve_the_whole_cluster(cluster, tmp_path):
         return limiter.claim(10)
 
     waits = ray.get([book.remote(engine._ledger) for _ in range(4)])
-    assert all(wait_s > 0.0 for wait_s in waits)  # the hold that one worker received applies to all
+    assert all(wait_s > 0.0 for wait_s in waits)  # the hold of one worker applies to all
     engine.close()
     ledger = Ledger(tmp_path / "ledger.sqlite")
     spent = ledger.spent()
@@ -141,6 +141,6 @@ def test_one_ledger_and_one_limiter_serve_the_whole_cluster(cluster, tmp_path):
     ledger.close()
 
 
-def test_a_cluster_that_is_not_there_is_told(tmp_path):
+def test_the_error_for_an_unreachable_cluster_names_its_address(tmp_path):
     with pytest.raises(UsageError, match=r"127.0.0.1:1"):
         ClusterEngine(1, None, "127.0.0.1:1")

@@ -1,4 +1,4 @@
-"""The cost of a benchmark: estimated first, then measured on the flights that have ended."""
+"""The cost of a benchmark is estimated first, then derived from the flights that have ended."""
 
 import json
 from dataclasses import replace
@@ -30,7 +30,7 @@ def run(tmp_path):
 
 
 def ended(run, episode, outcome, tokens):
-    """Leave the log of a flight of two steps with so many tokens in each, and return its result."""
+    """Write the log of a flight of two steps with `tokens` input tokens each, and return its result."""
     folder = run.batch.run / episode
     folder.mkdir(parents=True)
     decisions = [decision(k, k, 2.0 * k, tokens_in=tokens, tokens_out=tokens // 10) for k in range(2)]
@@ -38,12 +38,12 @@ def ended(run, episode, outcome, tokens):
     return Result(episode=episode, outcome=outcome)
 
 
-def test_the_median_of_the_failed_flights_is_what_each_that_is_left_is_going_to_cost(run):
+def test_each_remaining_flight_is_estimated_at_the_median_cost_of_failed_flights(run):
     estimate = CostEstimate([run], [("run-f1", episode) for episode in IDS])
     before = estimate.left_usd()
     assert before == pytest.approx(sum(foreseen_usd(FLIGHT, run.batch.record(episode)) for episode in IDS))
     estimate.add(run, ended(run, IDS[0], "success", 1000))
-    assert estimate.flights == 3  # while no flight has failed
+    assert estimate.flights == 3  # as long as no flight has failed, the successful ones count
     assert estimate.left_usd() == pytest.approx(3 * 0.004)
     estimate.add(run, ended(run, IDS[1], "failure", 5000))
     assert estimate.flights == 2
@@ -53,14 +53,14 @@ def test_the_median_of_the_failed_flights_is_what_each_that_is_left_is_going_to_
     assert estimate.left_usd() == pytest.approx(0.020)
 
 
-def test_a_flight_that_is_flown_once_more_is_left(run):
+def test_a_flight_to_be_retried_counts_as_remaining(run):
     estimate = CostEstimate([run], [("run-f1", IDS[0])])
     estimate.add(run, ended(run, IDS[0], "failure", 1000), again=True)
     assert estimate.flights == 1
     assert estimate.left_usd() == pytest.approx(0.004)
 
 
-def test_more_drones_longer_replies_and_no_price(run):
+def test_the_estimate_depends_on_drones_latency_and_price(run):
     record = run.batch.record(IDS[0])
     four = {**record, "starts": record["starts"] * 4}
     one = foreseen_usd(FLIGHT, record)
@@ -75,7 +75,7 @@ def test_more_drones_longer_replies_and_no_price(run):
     assert CostEstimate([pilot], [("run-f1", IDS[0])]).flights == 0
 
 
-def test_a_commander_costs_too(run):
+def test_the_estimate_includes_the_commander(run):
     record = run.batch.record(IDS[0])
     fleet = {**record, "starts": record["starts"] * 4}
     below = replace(FLIGHT, command="hierarchical")
@@ -96,7 +96,7 @@ def test_a_commander_costs_too(run):
     assert estimate.left_usd() == pytest.approx(3 * 0.002)
 
 
-def test_the_line_on_the_way_tells_what_it_comes_to():
+def test_the_progress_line_shows_the_estimated_total_cost():
     line = Progress(total=8).line(1.0, Spent(3, 1000, 234, 1.5), left_usd=2.25)
     assert "$1.50 of about $3.75" in line
     assert "about" not in Progress(total=8).line(1.0, Spent(3, 1000, 234, 1.5), left_usd=None)

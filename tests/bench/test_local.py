@@ -30,7 +30,7 @@ from tests.support.command_line import last_object
 ORACLE = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
 SHORT = dataclasses.replace(ORACLE, seconds=2.0, full=True)
 EASY = "residential-approaching-01"
-TWO = ("blocks-commanding-01", "blocks-commanding-02")  # each worker builds its map, and blocks is built at once
+TWO = ("blocks-commanding-01", "blocks-commanding-02")  # each worker builds its map, and the map blocks builds quickly
 
 
 def audit(out, *arguments):
@@ -58,7 +58,7 @@ def fly(batch, flight, episodes, jobs=1, engine=LocalEngine, **how):
 
 
 def workers():
-    """Return this process's children that fly, or start to."""
+    """Return the child processes that are workers."""
     return children("dronecats.flight.processes.child")
 
 
@@ -66,7 +66,7 @@ def flown_bytes(folder):
     return {name: (folder / name).read_bytes() for name in ("truth.jsonl", "decisions.jsonl", "verdict.json")}
 
 
-def test_the_oracle_solves_an_episode_and_it_is_not_flown_twice(tmp_path, capsys):
+def test_an_episode_solved_by_the_oracle_is_not_flown_again(tmp_path, capsys):
     def report_of(*episodes):
         assert main(["episodes", "audit", "--json", "--out", str(tmp_path / "run"), *episodes]) == 0
         return last_object(capsys.readouterr().out)
@@ -83,7 +83,7 @@ def test_the_oracle_solves_an_episode_and_it_is_not_flown_twice(tmp_path, capsys
 
 
 @pytest.mark.slow("flights with pictures, together and alone")
-def test_flights_that_share_a_worker_are_those_flown_alone(tmp_path):
+def test_flights_that_share_a_worker_equal_flights_flown_alone(tmp_path):
     """State that a process keeps for all flights must not change any of them."""
     seen = FlightSpec(
         pilot="vision",
@@ -110,7 +110,7 @@ def test_flights_that_share_a_worker_are_those_flown_alone(tmp_path):
         assert flown_bytes(together.folder(episode)) == flown_bytes(alone.folder(episode))
 
 
-def test_a_pinned_rate_is_a_charge_to_the_byte(fly_once):
+def test_a_pinned_rate_equals_a_fixed_latency_byte_for_byte(fly_once):
     alone = dataclasses.replace(SHORT, episode=TWO[0], drones=1, seconds=3.0)
     pinned, charged = (
         dataclasses.replace(alone, latency=LatencyPolicy.parse(policy)) for policy in ("rate:2", "fixed:0.5")
@@ -120,7 +120,7 @@ def test_a_pinned_rate_is_a_charge_to_the_byte(fly_once):
     assert b'"latency_s": 0.5' in two[0]["decisions.jsonl"]
 
 
-def test_a_flight_that_cannot_be_looked_up_costs_itself_alone(tmp_path):
+def test_a_flight_with_an_unknown_map_fails_alone(tmp_path):
     """The other flights of its worker go on, since no process has died."""
     batch = batch_of(tmp_path / "run", SHORT)
     lost = TWO[1]
@@ -131,11 +131,11 @@ def test_a_flight_that_cannot_be_looked_up_costs_itself_alone(tmp_path):
     assert "nowhere" in str(results[lost].error)
 
 
-def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
+def test_a_killed_worker_loses_only_its_episode(tmp_path):
     batch, killed = batch_of(tmp_path / "run", SHORT), []
 
     class Fragile(LocalEngine):
-        """The worker of its second episode dies right after the order to fly."""
+        """Kills the worker of the second episode when its flight starts."""
 
         def _turn(self, worker, fresh, flying):
             if [each for each in fresh if each.folder.name == TWO[1]]:
@@ -152,8 +152,8 @@ def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_worker_that_hangs_is_not_waited_for(tmp_path):
-    """A stopped process answers nothing, and stays alive for ever."""
+def test_a_worker_that_hangs_is_killed_and_its_flight_is_an_error(tmp_path):
+    """A stopped process does not answer and does not end."""
     batch = batch_of(tmp_path / "run", SHORT)
     stopped: list[int] = []
 
@@ -173,8 +173,8 @@ def test_a_worker_that_hangs_is_not_waited_for(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_path):
-    """A model that never answers: its client waits for 300 s, but the campaign's patience is shorter."""
+def test_a_flight_that_hangs_is_an_error_although_its_worker_answers(tmp_path):
+    """The model never replies. Its client waits for 300 s, but the limit of the campaign is shorter."""
     sockets, was_asked = [], threading.Event()
 
     server = socket.create_server(("127.0.0.1", 0))
@@ -185,7 +185,7 @@ def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_pat
                 connection, _ = server.accept()
             except OSError:
                 return
-            sockets.append(connection)  # taken, and never answered
+            sockets.append(connection)  # accepted, and never answered
             was_asked.set()
 
     threading.Thread(target=swallow, daemon=True).start()
@@ -195,7 +195,7 @@ def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_pat
     batch = batch_of(tmp_path / "run", flight)
 
     class Impatient(LocalEngine):
-        """Impatient once the model was asked: on a busy machine the start of a flight is silent for long, too."""
+        """Sets a short limit after the first request, because the start of a flight can also be silent for long."""
 
         def _turn(self, worker, fresh, flying):
             if was_asked.is_set():
@@ -228,7 +228,7 @@ def test_no_worker_outlives_the_run(tmp_path, how):
         assert f"--out {folder}" in errors
 
 
-def test_a_run_folder_that_takes_nothing_ends_the_run(tmp_path):
+def test_an_unwritable_run_folder_ends_the_run(tmp_path):
     batch = batch_of(tmp_path / "run", ORACLE)
     batch.fresh(EASY)
     (tmp_path / "run" / layout.UNFINISHED).write_text("a file where what was broken off has to be moved to")
@@ -237,8 +237,8 @@ def test_a_run_folder_that_takes_nothing_ends_the_run(tmp_path):
     assert not workers()
 
 
-def test_a_mistake_in_what_watches_a_worker_ends_the_run(tmp_path):
-    """Instead of waiting for flights that no worker will report."""
+def test_an_exception_in_the_engine_ends_the_run(tmp_path):
+    """The run does not wait for flights that no worker will report."""
 
     class Mistaken(LocalEngine):
         def _turn(self, worker, fresh, flying):
@@ -257,7 +257,7 @@ def test_a_worker_that_cannot_be_started_ends_the_run(tmp_path, monkeypatch):
         fly(batch, ORACLE, [EASY])
 
 
-def test_a_worker_that_starts_after_the_end_ends_too(tmp_path):
+def test_a_worker_that_starts_after_close_is_killed(tmp_path):
     engine = LocalEngine(tmp_path / "log", jobs=1)
     engine.close()
     with pytest.raises(InfrastructureError, match="SIGKILL"):
@@ -265,7 +265,7 @@ def test_a_worker_that_starts_after_the_end_ends_too(tmp_path):
     assert not workers()
 
 
-def test_an_engine_that_is_closed_in_the_middle_of_a_start_leaves_nothing(tmp_path):
+def test_an_engine_closed_during_a_start_leaves_no_worker_or_thread(tmp_path):
     engine = LocalEngine(tmp_path / "log", jobs=2)
     batch = batch_of(tmp_path / "run", SHORT)
     for episode in TWO:
@@ -278,7 +278,7 @@ def test_an_engine_that_is_closed_in_the_middle_of_a_start_leaves_nothing(tmp_pa
     assert not workers()
 
 
-def test_impossible_flights_are_rejected_at_once(tmp_path, capsys):
+def test_invalid_audit_arguments_are_rejected_in_one_sentence(tmp_path, capsys):
     like = tmp_path / "like.json"
     like.write_text(dataclasses.replace(catalogue.load(EASY), instruction="go home").to_json())
     for arguments, sentence in (

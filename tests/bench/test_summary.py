@@ -1,4 +1,4 @@
-"""The table of a benchmark and its progress line, against a second way of counting."""
+"""The table of a benchmark and its progress line, compared with an independent count."""
 
 import json
 import re
@@ -27,7 +27,7 @@ IDS = ["residential-approaching-01", "residential-approaching-02", "campus-track
 
 @st.composite
 def scores(draw):
-    """Draw flights, several of an episode."""
+    """Draw flights. An episode may have several."""
     one = st.builds(
         EpisodeScore,
         setting=st.sampled_from(["a", "b"]),
@@ -44,7 +44,7 @@ def scores(draw):
 
 @settings(deadline=None)
 @given(scores(), st.booleans())
-def test_the_table_counts_what_a_second_count_counts(flights, drop):
+def test_the_table_matches_an_independent_count(flights, drop):
     lines = bench_rows(flights, drop_stalled=drop)
     settings_flown = {each.setting for each in flights}
     assert [line.setting for line in lines if line.group == "all"] == list(dict.fromkeys(e.setting for e in flights))
@@ -71,14 +71,14 @@ def test_the_table_counts_what_a_second_count_counts(flights, drop):
         json.dumps(asdict(line))
     text = as_terminal(bench_table(lines))
     explained = any(line.unreadable for line in lines)
-    assert len(text.splitlines()) == len(lines) + len(settings_flown) + 4 + explained  # three lines are heads
+    assert len(text.splitlines()) == len(lines) + len(settings_flown) + 4 + explained  # three lines are headers
     assert ("cut off" in text) == explained
 
 
 FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency=LatencyPolicy.parse("rate:2"))
 
 
-def test_a_score_is_what_its_folder_says(tmp_path):
+def test_a_score_is_computed_from_the_logs_in_its_folder(tmp_path):
     decisions = [
         decision(0, 1, 1.0, latency_s=0.5, rate_hz=None),
         decision(1, 2, 4.0, latency_s=0.5, rate_hz=0.333333),
@@ -95,14 +95,14 @@ def test_a_score_is_what_its_folder_says(tmp_path):
     assert score("x", FLIGHT, tmp_path, result, retried=False).rates_hz == ()
 
 
-def test_unreadable_replies_are_counted_by_their_reasons(tmp_path):
+def test_unreadable_replies_are_counted_by_reason(tmp_path):
     decisions = [
         decision(0, 1, 1.0),
         decision(1, 2, 2.0, action=None, error="no JSON"),
         decision(2, 3, 3.0, action=None, error="no JSON", finish="refusal"),
         decision(3, 4, 4.0, action=None, error="no JSON", finish="filtered"),
         decision(4, 5, 5.0, action=None, error="no JSON", finish="length"),
-        decision(5, 6, 6.0, finish="length"),  # an action that is readable all the same
+        decision(5, 6, 6.0, finish="length"),  # the action is readable although the reply was cut off
     ]
     (tmp_path / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
     scored = score("x", FLIGHT, tmp_path, Result(episode=IDS[0], outcome="failure"), retried=False)
@@ -110,7 +110,7 @@ def test_unreadable_replies_are_counted_by_their_reasons(tmp_path):
     assert re.search(r"\b4 +2 +1\b", as_terminal(bench_table(bench_rows([scored]))))
 
 
-def test_the_interval_on_the_way_is_that_of_the_table():
+def test_the_progress_line_has_the_same_interval_as_the_table():
     outcomes = [("a", True), ("a", True), ("a", True), ("b", False), ("b", False), ("b", False)]
     progress = Progress(total=9)
     for episode, won in outcomes:
@@ -120,7 +120,7 @@ def test_the_interval_on_the_way_is_that_of_the_table():
     assert (interval.low, interval.high) != wilson(3, 6)
 
 
-def test_a_pinned_rate_is_a_charge_and_what_keeps_it_breaks_nothing():
+def test_a_pinned_rate_charges_its_period_and_later_replies_break_the_pin():
     policy = LatencyPolicy.parse("rate:3")
     charged_s = policy.charge_s(Question((0,), 0, 0), Circumstance(Reply("", 17.0)))
     assert charged_s == pytest.approx(1 / 3)
@@ -128,18 +128,18 @@ def test_a_pinned_rate_is_a_charge_and_what_keeps_it_breaks_nothing():
     assert broken_pins(policy, [kept]) == 0
     late = replace(kept, latency_s=0.5)
     assert broken_pins(policy, [kept, late]) == 1
-    assert broken_pins(policy, [late, replace(late, drone=1), replace(late, step=1)]) == 2  # a joint reply is one
+    assert broken_pins(policy, [late, replace(late, drone=1), replace(late, step=1)]) == 2  # a joint reply counts once
     assert broken_pins(LatencyPolicy.parse("rate:3+stall:0.1,5"), [kept, replace(kept, latency_s=0.5)]) == 0
     for wrong in ("rate:0", "rate:-1", "rate:21", "rate:nan", "rate:", "rate:1,2"):
         with pytest.raises(UsageError, match="--latency rate:HZ"):
             LatencyPolicy.parse(wrong)
 
 
-def test_the_line_says_how_far_it_is_and_what_it_has_cost():
+def test_the_progress_line_shows_progress_and_cost():
     progress = Progress(total=8)
     assert re.findall(r"[\d.]+", progress.line(0.0)) == ["0", "8", "0", "0", "0"]
     progress.stored(Result(episode="z", outcome="success"))
-    assert progress.left_s(10.0) is None  # earlier flights do not count for the pace
+    assert progress.left_s(10.0) is None  # flights of an earlier run do not count for the pace
     progress.add(Result(episode="a", outcome="failure"), again=True)
     progress.add(Result(episode="a", outcome="failure"), again=False)
     progress.add(Result(episode="b", outcome="error"), again=False)

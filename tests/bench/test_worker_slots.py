@@ -13,7 +13,7 @@ def shared_out(jobs, workers, maps):
     return [berths.take(Path(str(k)), name) for k, name in enumerate(maps)]
 
 
-def test_flights_of_one_map_are_shared_out_evenly():
+def test_flights_of_one_map_are_distributed_evenly():
     for jobs, workers, flights, expected in (
         (1, 2, 1, [1]), (2, 2, 2, [1, 1]), (16, 2, 16, [8, 8]), (16, 2, 1, [1]), (5, 2, 5, [3, 2]),
         (3, 8, 3, [1, 1, 1]),
@@ -22,7 +22,7 @@ def test_flights_of_one_map_are_shared_out_evenly():
         assert [slots.count(k) for k in sorted(set(slots))] == expected, (jobs, workers, flights)
 
 
-def test_every_worker_has_one_map_where_that_comes_out_even():
+def test_every_worker_has_one_map_if_the_load_stays_even():
     for maps in ([C] * 4 + [R] * 4, [C, R] * 4, [C, C, R, R] * 2):
         slots = shared_out(8, 2, maps)
         assert {name: {k for k, each in zip(slots, maps, strict=True) if each == name} for name in (C, R)} == {
@@ -30,7 +30,7 @@ def test_every_worker_has_one_map_where_that_comes_out_even():
         }, maps  # fmt: skip
 
 
-def test_no_worker_stands_idle_for_the_sake_of_a_map():
+def test_an_even_load_is_preferred_to_one_map_per_worker():
     slots = shared_out(8, 2, [C] * 7 + [R])
     assert slots.count(0) == slots.count(1) == 4
 

@@ -1,4 +1,4 @@
-"""Flights of one worker wait for their models side by side, though one computes at a time."""
+"""Flights of one worker wait for their models at the same time, although only one computes at a time."""
 
 import dataclasses
 import json
@@ -19,8 +19,8 @@ from dronecats.flight.spec.spec_file import as_json, as_redacted_json
 from foundation.run_folder.folder import prepare
 from foundation.threads import COMPUTING
 
-EPISODES = ("blocks-commanding-01", "blocks-commanding-02")  # the map that is built at once
-PATIENCE_S = 60.0  # s for the other flight's question; flights that block each other never ask together
+EPISODES = ("blocks-commanding-01", "blocks-commanding-02")  # a map that builds quickly
+PATIENCE_S = 60.0  # to wait for the other flight's request; flights that block each other never have two
 REPLY = {
     "choices": [{"message": {"content": '{"action": "rotate", "angle_deg": 5}'}}],
     "usage": {"prompt_tokens": 90, "completion_tokens": 10},
@@ -28,7 +28,7 @@ REPLY = {
 
 
 class Together(ThreadingHTTPServer):
-    """A model that answers its first question once another one waits, too, and every later one at once."""
+    """A model server that answers the first request when the second arrives, and later requests at once."""
 
     daemon_threads = True
 
@@ -71,9 +71,9 @@ class Question(BaseHTTPRequestHandler):
         pass
 
 
-# with a foreseen reply time the hold is flown meanwhile; otherwise nothing is
+# if the reply time is known in advance, the flight computes the hold meanwhile; otherwise it only waits
 @pytest.mark.parametrize("latency", ["fixed:1", "tokens:0.5,100"], ids=["beside", "inline"])
-def test_two_flights_of_a_worker_ask_at_the_same_time(tmp_path, latency):
+def test_two_flights_of_a_worker_wait_for_their_models_at_the_same_time(tmp_path, latency):
     server = Together()
     flight = FlightSpec(
         model=server.spec, simulated=Simulated(speed=None), latency=LatencyPolicy.parse(latency), seconds=3.0, drones=1
@@ -107,7 +107,7 @@ def test_a_flight_in_lockstep_waits_for_its_turn(tmp_path):
     assert "nowhere" in str(results[0]["fault"])
 
 
-def test_a_flight_that_waits_for_its_first_turn_hangs_only_if_all_stand_still(tmp_path, monkeypatch):
+def test_a_flight_that_waits_for_its_first_turn_hangs_only_if_no_flight_advances(tmp_path, monkeypatch):
     now, flying = [0.0], []
     monkeypatch.setattr("dronecats.bench.engine.time.monotonic", lambda: now[0])
     for name in ("flies", "waits"):
@@ -123,8 +123,8 @@ def test_a_flight_that_waits_for_its_first_turn_hangs_only_if_all_stand_still(tm
     assert local._hanging(flying[1:], 100.0) is flying[1]  # alone it waits for no other flight
 
 
-def test_a_flight_that_hangs_before_its_first_line_is_found_while_others_go_on(tmp_path, monkeypatch):
-    """It had its turn, since its record exists. It builds its map for ever."""
+def test_a_hang_before_the_first_log_line_is_detected_while_others_advance(tmp_path, monkeypatch):
+    """The record exists, so the flight has had its turn. Its map build never ends."""
     now, flying = [0.0], []
     monkeypatch.setattr("dronecats.bench.engine.time.monotonic", lambda: now[0])
     for name in ("flies", "hangs"):

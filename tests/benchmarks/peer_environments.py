@@ -1,11 +1,11 @@
-"""Environments of foreign programs, faked by the one file that a benchmark starts."""
+"""Fakes the virtual environments of other programs. Only the file that a benchmark starts exists."""
 
 import sys
 from pathlib import Path
 
 
 def make_environments(folder: Path, scripts: dict[str, str]) -> None:
-    """Create for each name a `bin/python` below `folder` that behaves like its script, for any arguments."""
+    """Create `folder/NAME/bin/python` for each name. It always runs the script of that name."""
     for name, script in scripts.items():
         python = folder / name / "bin" / "python"
         python.parent.mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""The benchmark of other simulators: one that fails the task is not compared, a missing one is reported."""
+"""The benchmark of other simulators: one that fails the task is not timed, and a missing one is reported."""
 
 import json
 
@@ -9,7 +9,7 @@ from tests.benchmarks.peer_environments import make_environments
 
 
 class Vehicle:
-    """A point that follows its target with a lag, or does not."""
+    """A point that follows its target with a lag and a constant offset."""
 
     def __init__(self, dt, lag_s, offset=(0.0, 0.0, 0.0)):
         self.dt, self.share, self.offset = dt, dt / lag_s, offset
@@ -22,7 +22,7 @@ class Vehicle:
         return tuple(self.place)
 
 
-def test_a_flight_is_timed_from_its_first_hover_on_without_a_gap():
+def test_a_flight_is_stepped_without_a_gap_and_timed():
     vehicle = Vehicle(0.02, 0.3)
     timing = peers.timed(vehicle.step, 0.02, 8.0)
     assert vehicle.calls == list(range(round((peers.UNTIMED_S + peers.REPEAT * 8.0) / 0.02)))
@@ -39,7 +39,7 @@ def test_peers_that_fail_the_task_are_not_timed(lag_s, offset):
         peers.timed(Vehicle(0.02, lag_s, offset).step, 0.02, 8.0)
 
 
-def test_a_peer_that_is_absent_or_breaks_is_a_note_and_the_rest_are_ratios(tmp_path, monkeypatch):
+def test_absent_or_broken_peers_get_a_note_and_the_others_get_ratios(tmp_path, monkeypatch):
     answer = {"rtf": 4.0, "rtf_cpu": 5.0, "control_hz": 100}
     monkeypatch.setattr(peers, "PEERS", dict.fromkeys(("works", "breaks", "absent")))
     scripts = {"works": f"print({json.dumps(json.dumps(answer))})", "breaks": "raise ValueError('no rotors')"}

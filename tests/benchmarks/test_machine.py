@@ -3,7 +3,7 @@
 from benchmarks import machine
 
 
-def test_a_speed_in_loops_tells_nothing_of_the_machine(monkeypatch):
+def test_figures_per_reference_loop_do_not_depend_on_the_machine(monkeypatch):
     for slower in (1.0, 3.0):
         monkeypatch.setattr(machine, "python_loop_ms", lambda slower=slower: 20.0 * slower)
         here = machine.Machine()

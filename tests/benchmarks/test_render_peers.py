@@ -1,4 +1,4 @@
-"""The benchmark of other renderers: they get our scene. One that draws something else is not compared."""
+"""The benchmark of other renderers: they get our scene, and one that draws another scene is not timed."""
 
 import json
 import math
@@ -37,7 +37,7 @@ def corners_of(folder, piece):
     return (v @ np.array([(c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)]) + piece["position"])[faces]
 
 
-def test_every_triangle_stands_where_ours_does_and_faces_outwards(exported):
+def test_exported_triangles_have_our_positions_and_face_outwards(exported):
     folder, document, scene, _ = exported
     assert document["triangles"] == sum(len(i.mesh.triangles) for i in scene.instances) == 24
     assert len({piece["file"] for piece in document["pieces"]}) == 1
@@ -54,8 +54,8 @@ def test_a_texture_becomes_its_mean_colour(exported):
     assert green == blue == 0.0
 
 
-def test_projecting_through_the_exported_view_covers_what_we_cover(exported):
-    """A pinhole from the view's axes and field of view sees the corners at the borders of our ids."""
+def test_the_exported_view_projects_the_box_to_our_pixels(exported):
+    """A pinhole camera with the exported axes and field of view projects the corners to the border of our ids."""
     folder, document, scene, poses = exported
     view = document["views"][0]
     away = corners_of(folder, document["pieces"][0]).reshape(-1, 3) - view["eye"]
@@ -70,7 +70,7 @@ def test_projecting_through_the_exported_view_covers_what_we_cover(exported):
     assert document["covered"][0] == pytest.approx((ids > 0).mean(), abs=0.005)
 
 
-def test_a_peer_that_sees_another_scene_is_not_timed():
+def test_a_peer_that_draws_another_scene_is_not_timed():
     scene = {"covered": [0.5, 0.6], "views": [{}, {}]}
     drawn = []
     figures = peers.timed(lambda view, size: drawn.append((view, size)), lambda view: (0.51, 0.59)[view], scene)
@@ -80,7 +80,7 @@ def test_a_peer_that_sees_another_scene_is_not_timed():
         peers.timed(lambda view, size: None, lambda view: (0.51, 0.0)[view], scene)
 
 
-def test_an_absent_or_broken_peer_is_a_note_and_the_rest_are_ratios(tmp_path, monkeypatch):
+def test_absent_or_broken_peers_get_a_note_and_the_others_get_ratios(tmp_path, monkeypatch):
     kept = tmp_path / "exported"
     kept.mkdir()
     answer = {"ms_1280x720": 500.0, "ms_640x360": 90.0}

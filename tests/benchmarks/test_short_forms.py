@@ -1,4 +1,4 @@
-"""Every benchmark runs and prints its figures. The benchmarks on a quiet machine judge their values."""
+"""Every benchmark runs and prints its figures. Only benchmarks on a quiet machine judge the values."""
 
 import json
 import math
@@ -13,14 +13,14 @@ from tests.needs import needs
 
 pytestmark = pytest.mark.slow("whole benchmark commands")
 ROOT = Path(__file__).parents[2]
-# the base of the others, not a command
+# modules that the benchmarks share, not commands
 PARTS = {"machine", "stand_in", "page_client", "flight_peers", "render_peers", "render_export"}
 SPEEDS = {f"{name}_{of}" for name in ("core", "mavlink", "mavlink_onboard", "fleet4") for of in ("rtf", "rtf_x_loop")}
 MILLISECONDS = {f"ms_{size}" for size in ("1280x720", "640x360", "agent", "fleet4_agent")}
 
 
 def printed(module: str, *arguments: str) -> list[dict[str, Any]]:
-    """Return the objects that the short form of a benchmark prints, a line each."""
+    """Return the objects that the short form of a benchmark prints, one per line."""
     command = [sys.executable, "-m", f"benchmarks.{module}", "--short", "--json", *arguments]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
@@ -42,7 +42,7 @@ def assert_figures(output: dict[str, Any], names: set[str]) -> None:
     assert all(map(math.isfinite, numbers(output)))
 
 
-def test_every_benchmark_is_looked_at_here():
+def test_every_benchmark_has_a_test_here():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
     assert {path.stem for path in (ROOT / "benchmarks").glob("[a-z]*.py")} - PARTS <= tested
 

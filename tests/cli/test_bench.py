@@ -105,7 +105,7 @@ def test_a_file_is_equivalent_to_options(tmp_path, monkeypatch):
     assert (kept["name"], kept["base_url"], kept["axis_order"]) == ("b", "http://h:1/v1", "yx")
 
 
-def test_rows_of_one_model_may_differ_in_how_it_is_asked(tmp_path, monkeypatch):
+def test_rows_of_one_model_may_have_different_request_settings(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     row = '{{ name = "openrouter/maker/m", base_url = "http://h:1/v1", {}, called = "{}" }}'
     settings = {"low": 'reasoning = "low", max_tokens = 512', "high": 'reasoning = "high", top_p = 0.5'}
@@ -118,7 +118,7 @@ def test_rows_of_one_model_may_differ_in_how_it_is_asked(tmp_path, monkeypatch):
     assert (high.quick, high.max_tokens, high.top_p) == ({"reasoning": {"effort": "high"}}, 8192, 0.5)
 
 
-def test_several_agents_fly_runs_of_their_own(tmp_path, monkeypatch):
+def test_each_agent_gets_its_own_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     both = ["--suite", "quick", "--pilot", "oracle", "--agent", "paper", "steady", "mine.own:agent", "paper"]
     _, all_runs = runs(*both)
@@ -145,7 +145,7 @@ def test_the_command_line_goes_before_the_file(tmp_path, monkeypatch):
     assert {run.flight.parser for run in file_runs} == {"strict"}
 
 
-def test_a_file_that_says_something_else_is_refused(tmp_path, monkeypatch, capsys):
+def test_invalid_spec_files_are_rejected_in_one_sentence(tmp_path, monkeypatch, capsys):
     for text, parts in (
         ("flihgts = 2", "'flihgts' .*flights"),
         ("flights = 2.5", "flights .*2.5"),
@@ -187,8 +187,8 @@ def finished(process):
 
 
 @pytest.mark.slow
-def test_one_budget_is_for_all_flights_and_ends_the_run(tmp_path):
-    """Two runs of a model that rotates at every question. The budget ends in the first steps of the first run."""
+def test_one_budget_covers_all_flights_and_ends_the_run(tmp_path):
+    """Two runs of a model that always rotates. The budget ends in the first steps of the first run."""
     with PilotServer(lambda prompt, pictures: '{"action": "rotate", "angle_deg": 90}', "turns") as server:
         words = [*THREE[:2], "--model", "local/turns", "--base-url", server.base_url, "--flights", "2", "--jobs", "2"]
         status, out, errors = finished(bench(tmp_path / "b", *words, "--token-limit", "3000", "--json"))
@@ -199,7 +199,7 @@ def test_one_budget_is_for_all_flights_and_ends_the_run(tmp_path):
         assert result["spent"]["tokens"] >= 3000
         assert "3,000 tokens" in errors
         again, out, errors = finished(bench(tmp_path / "b", *words, "--token-limit", "3000", "--json"))
-        assert again == 3  # no budget is left, and the command says so without a flight
+        assert again == 3  # no budget is left, so the command ends without a flight
         assert json.loads(out.splitlines()[-1])["spent"] == result["spent"]
     assert len(list(tmp_path.glob("b/**/ledger.sqlite"))) == 1
     kept = json_object(tmp_path / "b" / "bench.json")
@@ -223,7 +223,7 @@ def in_the_air(out, process):
 
 
 @pytest.mark.slow("a run is killed and resumed several times")
-def test_the_same_command_after_any_kill_ends_with_the_same_bytes(tmp_path):
+def test_a_killed_run_resumes_and_ends_with_the_same_bytes(tmp_path):
     words = [*THREE, "--pilot", "oracle", "--flights", "2", "--jobs", "2"]
     status, _, errors = finished(bench(tmp_path / "whole", *words))
     assert status == 0, errors
@@ -233,7 +233,7 @@ def test_the_same_command_after_any_kill_ends_with_the_same_bytes(tmp_path):
     for what in ("worker", "parent", "worker", "parent"):
         process, flying = bench(out, *words), []
         if in_the_air(out, process):
-            time.sleep(draw.uniform(0.0, 3.0))  # any moment is fine
+            time.sleep(draw.uniform(0.0, 3.0))  # a random moment
             flying = children("dronecats.bench.worker", process.pid)
             victim = psutil.Process(process.pid) if what == "parent" or not flying else draw.choice(flying)
             with contextlib.suppress(psutil.NoSuchProcess):  # it may have ended by itself
@@ -250,6 +250,6 @@ def test_the_same_command_after_any_kill_ends_with_the_same_bytes(tmp_path):
     assert status == 0, errors
     assert killed >= 2
     assert deterministic_logs(out) == expected
-    status, output, errors = finished(bench(out, *words))  # flies nothing more
+    status, output, errors = finished(bench(out, *words))  # no flight remains
     assert (status, "6/6" in errors) == (0, True)
     assert "6/6" in output

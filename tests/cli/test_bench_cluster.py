@@ -16,7 +16,7 @@ from dronecats.cli.main import main
         (["--engine", "ray", "--address", "127.0.0.1:{free}"], "--address .*127.0.0.1"),
     ],
 )
-def test_an_unreachable_cluster_is_reported_in_one_sentence(words, parts, tmp_path, capsys):
+def test_invalid_cluster_options_and_unreachable_addresses_are_rejected(words, parts, tmp_path, capsys):
     with socket.create_server(("127.0.0.1", 0)) as held:
         free = held.getsockname()[1]
     words = [word.format(free=free) for word in words]

@@ -23,7 +23,7 @@ def mjpeg():
     server.close()
 
 
-def test_check_says_how_often_and_how_old(mjpeg, tmp_path, capsys):
+def test_check_reports_the_rate_and_age_of_frames(mjpeg, tmp_path, capsys):
     saved = tmp_path / "frame.png"
     assert main(["camera", "check", mjpeg.url(), "--seconds", "1", "--save", str(saved), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
@@ -36,7 +36,7 @@ def test_check_says_how_often_and_how_old(mjpeg, tmp_path, capsys):
     assert pictures.read(saved).shape == (144, 256, 3)
 
 
-def test_check_tells_repeated_and_missing_pictures(tmp_path, capsys):
+def test_check_counts_repeated_frames(tmp_path, capsys):
     """A recording of 1.5 s at 20 Hz in which every second image repeats the first."""
     for number in range(30):
         (tmp_path / f"{number:03d}.jpg").write_bytes(jpeg(number // 2))
@@ -46,14 +46,14 @@ def test_check_tells_repeated_and_missing_pictures(tmp_path, capsys):
     assert report["repeated"] == pytest.approx(15, abs=2)
 
 
-def test_check_for_a_person(mjpeg, capsys):
+def test_check_prints_text_without_the_password(mjpeg, capsys):
     assert main(["camera", "check", mjpeg.url(user="pilot:hush"), "--seconds", "0.5"]) == 0
     output = capsys.readouterr().out
     assert re.search("256×144 px, 90.0°", output)
     assert "hush" not in output
 
 
-def test_check_of_a_snapshot_is_at_the_rate_of_asking(capsys):
+def test_check_marks_a_snapshot_url_as_polled(capsys):
     server = HttpServer(lambda handler: reply(handler, 200, jpeg(1)))
     assert main(["camera", "check", server.url(), "--seconds", "0.5", "--json"]) == 0
     server.close()
@@ -62,7 +62,7 @@ def test_check_of_a_snapshot_is_at_the_rate_of_asking(capsys):
     assert report["repeated"] == report["frames"] - 1
 
 
-def test_check_of_a_camera_with_the_vehicles_clock_leaves_the_age_unknown(capsys):
+def test_check_reports_no_age_for_frames_with_vehicle_timestamps(capsys):
     """A simulated camera stamps its frames. The host's clock can be hours ahead of the vehicle's."""
     stamps = {"X_Frame_Id": "7", "X_Frame_Time_Us": "1000"}
     server = HttpServer(lambda handler: reply(handler, 200, jpeg(1), **stamps))
@@ -71,7 +71,7 @@ def test_check_of_a_camera_with_the_vehicles_clock_leaves_the_age_unknown(capsys
     assert json.loads(capsys.readouterr().out)["age_ms"] is None
 
 
-def test_calibrate_and_check_with_the_result(tmp_path, capsys):
+def test_check_uses_the_result_of_calibrate(tmp_path, capsys):
     out = tmp_path / "camera.yml"
     boards = tmp_path / "boards"
     boards.mkdir()
@@ -89,7 +89,7 @@ def test_calibrate_and_check_with_the_result(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_calibrate_live_takes_different_views_only(tmp_path, capsys):
+def test_live_calibration_uses_each_view_once(tmp_path, capsys):
     """The camera shows each board several times."""
     out = tmp_path / "camera.json"
     shown = [cv2.imencode(".png", picture)[1].tobytes() for picture in views()]
@@ -103,7 +103,7 @@ def test_calibrate_live_takes_different_views_only(tmp_path, capsys):
     assert load(out).matrix[0][0] == pytest.approx(LENS.matrix[0][0], rel=0.01)
 
 
-def test_errors_have_a_sentence_and_a_status(tmp_path, capsys, mjpeg):
+def test_errors_name_the_cause_and_set_the_exit_status(tmp_path, capsys, mjpeg):
     empty, other, words = tmp_path / "empty", tmp_path / "other.yml", tmp_path / "words.yml"
     empty.mkdir()
     save(LENS, other)
@@ -127,13 +127,13 @@ def test_errors_have_a_sentence_and_a_status(tmp_path, capsys, mjpeg):
         assert "hush" not in error
 
 
-def test_pictures_of_several_sizes_are_refused(tmp_path, capsys):
+def test_calibration_images_of_different_sizes_are_rejected(tmp_path, capsys):
     for number, size in enumerate([(480, 640, 3), (240, 320, 3)]):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.zeros(size, np.uint8))
     assert main(["camera", "calibrate", str(tmp_path), "--square", "0.1", "--out", str(tmp_path / "x.yml")]) == 2
     assert "1.png" in capsys.readouterr().err
 
 
-def test_help_is_quick_to_import():
+def test_the_command_module_imports_no_heavy_packages():
     code = "import sys, dronecats.cli.camera; sys.exit(any(m in sys.modules for m in ('cv2', 'numpy', 'httpx')))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

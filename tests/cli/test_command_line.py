@@ -17,7 +17,7 @@ CONNECT = ["fly", "--connect", "udpin://127.0.0.1:0", "--instruction", "go to th
 MODEL = ["--model", "local/m", "--base-url", "http://127.0.0.1:1/v1"]
 
 
-def test_wrong_usage_is_one_sentence_and_status_2(capsys, tmp_path, monkeypatch):
+def test_invalid_usage_prints_one_sentence_and_exits_with_2(capsys, tmp_path, monkeypatch):
     for arguments, parts in (
         (["fly"], "--sitl .*--connect"),
         (["fly", "--sitl", "--connect", "udpin://127.0.0.1:0"], "--sitl .*--connect"),
@@ -89,7 +89,7 @@ def test_each_verb_is_described_in_its_own_help_and_in_the_main_help(capsys):
             assert VERBS[verb][1:] in " ".join(capsys.readouterr().out.split()), verb
 
 
-def test_each_example_can_be_parsed_and_each_verb_has_two(capsys):
+def test_each_example_can_be_parsed_and_each_verb_has_examples(capsys):
     examples = [shlex.split(line) for line in EXAMPLES.read_text().splitlines()]
     for program, *words in examples:
         assert program == "dronecats"
@@ -103,7 +103,7 @@ def test_each_example_can_be_parsed_and_each_verb_has_two(capsys):
         assert all(line.startswith(f"  dronecats {' '.join(words)} ") for line in text.splitlines())
 
 
-def test_an_api_key_that_is_missing_is_asked_for_by_its_variable(capsys, monkeypatch):
+def test_the_error_for_a_missing_api_key_names_its_variable(capsys, monkeypatch):
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     assert main(["fly", "--sitl", "--model", "openai/gpt-5"]) == 2
     assert "OPENAI_API_KEY" in capsys.readouterr().err
@@ -125,7 +125,7 @@ def test_a_camera_without_frames_is_reported_before_the_start(capsys, tmp_path):
     assert "http://127.0.0.1:1/frame.jpg" in capsys.readouterr().err
 
 
-def test_a_malformed_episode_file_names_field_and_reason(capsys, tmp_path):
+def test_the_error_for_a_malformed_episode_file_names_file_and_field(capsys, tmp_path):
     record = tmp_path / "mine.json"
     record.write_text(json.dumps({"version": 1, "id": "mine"}))
     assert main(["fly", "--sitl", "--episode", str(record)]) == 2
@@ -133,7 +133,7 @@ def test_a_malformed_episode_file_names_field_and_reason(capsys, tmp_path):
     assert re.search(r"mine\.json.*'\w+'", error)
 
 
-def test_episodes_list_and_help_are_quick_and_complete(capsys):
+def test_episodes_list_works_and_help_imports_no_heavy_packages(capsys):
     assert main(["episodes", "list", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["episodes"]
     assert "residential-approaching-01" in {row["id"] for row in rows}
@@ -143,7 +143,7 @@ def test_episodes_list_and_help_are_quick_and_complete(capsys):
     assert out.strip().endswith("[]")
 
 
-def test_a_terminal_that_knows_few_characters_gets_what_it_can_show():
+def test_an_ascii_terminal_gets_replacement_characters():
     command = [*DRONECATS, "episodes", "show", "blocks-commanding-01"]
     shown = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert shown.returncode == 0, shown.stderr
@@ -185,7 +185,7 @@ def test_a_terminal_that_knows_few_characters_gets_what_it_can_show():
         (["export", "runs", "--to", "mcp"], "'mcap'"),
     ],
 )
-def test_a_mistyped_name_is_answered_with_the_nearest(words, near, capsys, tmp_path, monkeypatch):
+def test_a_mistyped_name_gets_a_suggestion(words, near, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("typo.toml").write_text('pilto = ["oracle"]\n\n')
     Path("optics.toml").write_text("[hase]\n")

@@ -20,7 +20,7 @@ WORDS = ["--frame-delay", "0.5", "--frame-drop", "0.1", "--frame-stale", "0.2", 
 FRAME = FrameFaults(delay_s=0.5, dropped=0.1, stale=0.2, rate_hz=4.0)
 
 
-def test_fly_and_bench_and_a_file_say_the_same(tmp_path, monkeypatch):
+def test_fly_options_bench_options_and_spec_files_give_the_same_disturbances(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     spec = spec_of(parse(["fly", "--sitl", "--pilot", "oracle", *WORDS]))
     assert spec.disturbances == Disturbances(frame=FRAME)
@@ -36,7 +36,7 @@ def test_fly_and_bench_and_a_file_say_the_same(tmp_path, monkeypatch):
     assert from_json(json.loads(json.dumps(as_json(spec))), "here") == spec
 
 
-def test_light_and_season_are_words_and_numbers(tmp_path, monkeypatch):
+def test_light_and_season_options_are_parsed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("my.toml").write_text(
         'suite = "quick"\npilot = "oracle"\nsun = "270,15"\nsky = "overcast"\nseason = "autumn"\n'
@@ -51,7 +51,7 @@ def test_light_and_season_are_words_and_numbers(tmp_path, monkeypatch):
     assert plain == spec_of(parse(["fly", "--sitl"]))
 
 
-def test_every_option_is_in_the_help_and_on_its_page():
+def test_every_option_has_a_help_text_and_is_on_the_docs_page():
     page = (Path(__file__).parents[2] / "docs" / "disturbances.md").read_text(encoding="utf-8")
     for option in OPTIONS:
         assert option.help
@@ -74,14 +74,14 @@ def test_invalid_values_are_rejected_in_one_sentence(capsys):
         assert len(error.splitlines()) == 1, words
 
 
-def test_a_file_of_words_is_checked_too(tmp_path, monkeypatch, capsys):
+def test_invalid_values_in_a_spec_file_are_rejected(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("my.toml").write_text('suite = "quick"\npilot = "oracle"\nframe_delay = "late"\n')
     assert main(["bench", "my.toml"]) == 2
     assert "frame_delay" in capsys.readouterr().err
 
 
-def test_a_replay_keeps_the_disturbances_of_its_run_except_for_options(tmp_path, capsys):
+def test_a_replay_uses_the_disturbances_of_its_run_unless_options_override_them(tmp_path, capsys):
     spec = replace(FLOWN, disturbances=Disturbances(frame=FRAME))
     kept = folder(tmp_path / "run", spec)
     words = ["--sitl", "--model", f"replay:{kept}"]
@@ -93,7 +93,7 @@ def test_a_replay_keeps_the_disturbances_of_its_run_except_for_options(tmp_path,
     assert "--frame-delay" in capsys.readouterr().err
 
 
-def test_a_connected_vehicle_has_disturbances_of_its_own():
+def test_disturbances_are_rejected_with_a_connected_vehicle():
     from dronecats.flight.spec.flight_spec import Connected
 
     with pytest.raises(UsageError, match=r"disturbances .*--sitl"):
@@ -102,7 +102,7 @@ def test_a_connected_vehicle_has_disturbances_of_its_own():
         )
 
 
-def test_the_description_has_every_value():
+def test_the_description_contains_every_value():
     assert UNDISTURBED.words is None
     for disturbances, values in (
         (Disturbances(frame=FRAME), ["4", "0.5", "10", "20"]),
@@ -112,7 +112,7 @@ def test_the_description_has_every_value():
         assert re.findall(r"-?\d[\d.]*", disturbances.words or "") == values
 
 
-def test_a_trace_that_a_bench_flies_is_named_after_its_numbers(tmp_path, monkeypatch):
+def test_bench_names_a_latency_trace_after_its_values(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("x.csv").write_text("0.5\n1.5\n")
     args = bench_spec.with_file(

@@ -1,4 +1,4 @@
-"""The command `dronecats doctor` checks everything and hides every key. Its exit status tells if a flight can run."""
+"""The command `dronecats doctor`: its findings, its exit status, and hidden API keys."""
 
 import json
 import re
@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def hide(monkeypatch, *modules):
-    """Make modules look as if they were not installed."""
+    """Make modules appear as not installed."""
     monkeypatch.setattr(doctor, "is_installed", lambda module: module not in modules and is_installed(module))
 
 
@@ -45,7 +45,7 @@ def test_every_base_package_and_every_extra_is_listed(capsys):
 
 
 @pytest.mark.parametrize("extra", EXTRAS, ids=lambda extra: extra.name)
-def test_an_extra_without_one_of_its_packages_is_missing_and_only_sim_is_an_obstacle(extra, monkeypatch):
+def test_an_incomplete_extra_is_an_obstacle_only_if_it_is_sim(extra, monkeypatch):
     for module in extra.modules:
         hide(monkeypatch, module)
         finding = doctor._extra(extra)
@@ -74,7 +74,7 @@ def test_a_missing_base_package_is_an_obstacle(monkeypatch, capsys):
     assert [f["name"] for f in report["findings"] if f["state"] == doctor.MISSING] == ["no-such-distribution"]
 
 
-def test_the_page_names_each_missing_extra_with_its_command(monkeypatch, capsys):
+def test_the_text_output_names_each_missing_extra_with_its_command(monkeypatch, capsys):
     hide(monkeypatch, "viser", "duckdb")
     assert main(["doctor"]) == 0
     printed = capsys.readouterr().out.splitlines()
@@ -84,7 +84,7 @@ def test_the_page_names_each_missing_extra_with_its_command(monkeypatch, capsys)
 
 
 @pytest.mark.parametrize("flag", [[], ["--json"]])
-def test_keys_are_named_and_never_shown(monkeypatch, capsys, flag):
+def test_api_keys_are_named_but_their_values_are_never_shown(monkeypatch, capsys, flag):
     monkeypatch.setenv("OPENAI_API_KEY", "sk-top-secret")
     main(["doctor", *flag])
     printed = capsys.readouterr().out
@@ -92,7 +92,7 @@ def test_keys_are_named_and_never_shown(monkeypatch, capsys, flag):
     assert "sk-top-secret" not in printed
 
 
-def test_only_keys_that_a_provider_uses_are_offered(monkeypatch):
+def test_only_keys_that_a_provider_uses_are_listed(monkeypatch):
     used = {provider.key_variable for provider in PROVIDERS.values()} - {None}
     for name in used:
         monkeypatch.delenv(name, raising=False)
@@ -107,7 +107,7 @@ def test_only_keys_that_a_provider_uses_are_offered(monkeypatch):
     assert set(re.findall(r"[A-Z]+_API_KEY", finding.detail)) == used
 
 
-def test_a_taken_port_is_a_note_and_no_obstacle():
+def test_a_port_in_use_is_a_note_and_not_an_obstacle():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind(("127.0.0.1", 0))
         finding = doctor.port(holder.getsockname()[1], "a test")

@@ -23,7 +23,7 @@ def output_of(capsys: pytest.CaptureFixture[str], *arguments: str, status: int =
     return capsys.readouterr().out
 
 
-def test_list_has_a_row_for_every_episode_and_can_be_narrowed_to_a_suite(capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_has_a_row_for_every_episode_and_can_filter_by_suite(capsys: pytest.CaptureFixture[str]) -> None:
     rows = json.loads(output_of(capsys, "list", "--json"))["episodes"]
     assert [row["id"] for row in rows] == catalogue.ids()
     assert set(rows[0]) == {"id", "map", "cell", "suites", "drones", "par", "instruction"}
@@ -33,14 +33,14 @@ def test_list_has_a_row_for_every_episode_and_can_be_narrowed_to_a_suite(capsys:
     assert names >= set(catalogue.ids())
 
 
-def test_an_unknown_suite_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_suite_is_rejected(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["episodes", "list", "--suite", "comanding"]) == 2
     assert "commanding" in capsys.readouterr().err
     with pytest.raises(UsageError):
         catalogue.suite_ids("")
 
 
-def test_suites_part_the_catalogue() -> None:
+def test_the_suites_one_drone_and_commanding_partition_the_catalogue() -> None:
     everything = set(catalogue.suite_ids("all"))
     assert set(catalogue.suite_ids("one-drone")) | set(catalogue.suite_ids("commanding")) == everything
     assert not set(catalogue.suite_ids("one-drone")) & set(catalogue.suite_ids("commanding"))
@@ -48,7 +48,7 @@ def test_suites_part_the_catalogue() -> None:
     assert catalogue.suites_of("mine") == ()
 
 
-def test_show_tells_and_draws(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_show_prints_the_episode_and_saves_its_picture(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     picture = tmp_path / "first.png"
     text = output_of(capsys, "show", catalogue.DEFAULT, "--picture", str(picture))
     for part in ("residential", "approaching", "one-drone, quick, all", "cyan suv", SHIPPED.instruction):
@@ -61,7 +61,7 @@ def test_show_tells_and_draws(capsys: pytest.CaptureFixture[str], tmp_path: Path
     assert shown["drones"] == 1
 
 
-def test_only_what_ships_is_in_a_suite(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_only_shipped_episodes_belong_to_a_suite(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     same, other = tmp_path / "same.json", tmp_path / "other.json"
     same.write_text(SHIPPED.to_json())
     other.write_text(replace(SHIPPED, seed=SHIPPED.seed - 1).to_json())
@@ -71,12 +71,12 @@ def test_only_what_ships_is_in_a_suite(capsys: pytest.CaptureFixture[str], tmp_p
     assert shown["par"] is None
 
 
-def test_show_refuses_a_picture_of_no_kind(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_show_rejects_an_unknown_picture_format(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["episodes", "show", catalogue.DEFAULT, "--picture", str(tmp_path / "first.gif")]) == 2
     assert ".png" in capsys.readouterr().err
 
 
-def test_check_accepts_and_rejects(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_check_accepts_valid_and_rejects_invalid_episodes(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     house = next(i.position_ned for i in build("residential", 1).instances if i.kind == "house")
     walled = tmp_path / "walled.json"
     walled.write_text(replace(SHIPPED, id="walled", target=replace(SHIPPED.target, position_ned=house)).to_json())
@@ -93,7 +93,7 @@ def test_check_accepts_and_rejects(capsys: pytest.CaptureFixture[str], tmp_path:
     assert re.search(r"\b1 checked.*\b1 rejected", text)
 
 
-def test_no_reason_is_lost_where_files_hold_the_same_id(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_check_reports_every_file_even_with_the_same_id(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     files = [tmp_path / "one.json", tmp_path / "two.json"]
     for file, distance in zip(files, (3.0, 4.0), strict=True):
         file.write_text(replace(SHIPPED, start_distance_m=distance).to_json())
@@ -103,12 +103,12 @@ def test_no_reason_is_lost_where_files_hold_the_same_id(capsys: pytest.CaptureFi
     assert set(answer["rejected"]) == set(paths)
 
 
-def test_check_asks_for_a_record_that_exists(capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_suggests_the_nearest_episode_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["episodes", "check", "residential-aproaching-01"]) == 2
     assert "residential-approaching-01" in capsys.readouterr().err
 
 
-def test_par_is_a_table_of_shipped_episodes(tmp_path: Path) -> None:
+def test_the_par_table_has_only_shipped_episodes_and_valid_values(tmp_path: Path) -> None:
     assert set(load_par()) <= set(catalogue.all_ids())
     assert load_par(tmp_path / "none.json") == {}
     file = tmp_path / "par.json"
@@ -120,14 +120,16 @@ def test_par_is_a_table_of_shipped_episodes(tmp_path: Path) -> None:
             load_par(file)
 
 
-def test_recorded_numbers_are_short(tmp_path: Path) -> None:
-    """Millimetres and tenths of degrees. A redraw uses the written numbers."""
+def test_recorded_start_positions_are_rounded_to_millimetres(tmp_path: Path) -> None:
+    """Records store millimetres and tenths of degrees. A redraw uses the stored numbers."""
     for name in catalogue.ids():
         for start in catalogue.load(name).starts:
             assert all(math.isclose(v, round(v, 3), abs_tol=1e-12) for v in start.position_ned)
 
 
-def test_sheet_draws_what_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sheet_draws_the_named_objects_and_rejects_invalid_arguments(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "sheet.jpg"
     output_of(capsys, "sheet", "suv", "--out", str(file))
     single = pictures.read(file)

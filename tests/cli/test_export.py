@@ -15,7 +15,7 @@ def place(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_an_episode_is_a_file(place, capsys):
+def test_each_episode_is_exported_to_its_own_file(place, capsys):
     assert main(["export", "made", "--to", "geojson", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert set(result["files"]) == {f"made-geojson/residential-searching-0{n}.geojson" for n in (1, 2)}
@@ -34,13 +34,13 @@ def test_existing_files_are_not_overwritten_without_the_option(place, capsys):
     assert file.read_text() != "mine"
 
 
-def test_tables_are_not_written_over_either(place, capsys):
+def test_existing_tables_are_not_overwritten(place, capsys):
     assert main(["export", "made", "--to", "csv", "--out", "out"]) == 0
     assert main(["export", "made", "--to", "csv", "--out", "out"]) == 2
     assert main(["export", "made", "--to", "parquet", "--out", "out"]) == 0
 
 
-def test_an_unfinished_or_damaged_episode_is_named_and_the_others_are_written(place, capsys):
+def test_unfinished_or_damaged_episodes_are_named_and_the_others_exported(place, capsys):
     truth = place / "made" / "residential-searching-01" / "truth.jsonl"
     truth.write_text("".join(line for line in truth.open() if '"end"' not in line))
     assert main(["export", "made", "--to", "geojson", "--out", "out"]) == 0
@@ -51,7 +51,7 @@ def test_an_unfinished_or_damaged_episode_is_named_and_the_others_are_written(pl
     assert "truth.jsonl line 1 " in capsys.readouterr().err
 
 
-def test_runs_of_the_same_episode_do_not_meet(place, capsys):
+def test_runs_of_the_same_episode_get_separate_files(place, capsys):
     run_folder(place / "other", {"residential-searching-01": "find it"}, seed=1)
     assert main(["export", "made", "other", "--to", "geojson", "--out", "out"]) == 0
     assert len(list((place / "out").glob("*/residential-searching-01.geojson"))) == 2

@@ -35,7 +35,7 @@ def test_incidents_are_printed_once(printed):
     assert "4.0 s" in resets
 
 
-def test_a_flight_without_them_says_nothing_of_them(printed):
+def test_a_flight_without_incidents_prints_no_incident_lines(printed):
     calm, rough = printed(), printed(*INCIDENTS)
     assert len(rough) == len(calm) + 2
     assert [line for line in rough if line in calm] == calm

@@ -24,7 +24,7 @@ def after_one_line(command, **streams):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stderr", [subprocess.PIPE, subprocess.STDOUT])
-def test_a_flight_goes_on_when_its_reader_goes(tmp_path, stderr):
+def test_a_flight_continues_when_its_output_reader_exits(tmp_path, stderr):
     process = after_one_line([*FLY, str(tmp_path / "run")], stderr=stderr)
     error_output = process.stderr.read() if process.stderr else None
     assert process.wait(300) == 0
@@ -34,19 +34,19 @@ def test_a_flight_goes_on_when_its_reader_goes(tmp_path, stderr):
         assert len(error_output.splitlines()) == 1
 
 
-def test_a_shell_sees_the_status_of_what_it_started():
+def test_a_shell_pipeline_gets_the_exit_status_of_the_command():
     line = f"{shlex.join(DRONECATS)} judge /nowhere 2>&1 | head -0; exit ${{PIPESTATUS[0]}}"
     assert subprocess.run(["bash", "-c", line], timeout=300, check=False).returncode == 2
 
 
-def test_an_interrupted_flight_without_a_reader_is_an_interrupted_flight(tmp_path):
+def test_an_interrupted_flight_without_a_reader_exits_with_130(tmp_path):
     process = after_one_line([*FLY, str(tmp_path / "run"), "--full"])
     assert process.stderr.readline()
     process.send_signal(signal.SIGINT)
     assert process.wait(300) == 130
 
 
-def test_a_ctrl_c_while_a_class_is_made_is_an_interruption_like_any_other(tmp_path):
+def test_a_keyboard_interrupt_inside_exec_exits_with_130(tmp_path):
     (tmp_path / "verb.py").write_text(
         "import sys\n"
         "from dronecats.cli.exit_status import exit_status\n"
@@ -56,7 +56,7 @@ def test_a_ctrl_c_while_a_class_is_made_is_an_interruption_like_any_other(tmp_pa
     assert (done.returncode, done.stderr) == (130, "verb: interrupted\n")
 
 
-def test_a_list_ends_well_and_quietly_when_its_reader_has_enough():
+def test_a_list_exits_with_0_and_no_error_output_when_its_reader_exits():
     process = after_one_line([*DRONECATS, "episodes", "list"])
     assert process.stderr.read() == ""
     assert process.wait(60) == 0
@@ -68,7 +68,7 @@ def test_a_command_with_closed_output_keeps_its_exit_status(closed):
     assert subprocess.run(["bash", "-c", line], timeout=60, check=False).returncode == 2
 
 
-def test_an_output_that_cannot_be_written_is_not_done():
+def test_an_output_write_error_exits_with_3():
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [*DRONECATS, "episodes", "list"], stdout=full, stderr=subprocess.PIPE, text=True, check=False

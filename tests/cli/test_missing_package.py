@@ -49,7 +49,7 @@ def normalized(distribution):
 
 
 def declared():
-    """Return extra → the names of its distributions, without the extras of `dronecats[…]` itself."""
+    """Map each extra to the names of its distributions, without `dronecats[…]` itself."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     names = {
         extra: [re.split(r"[^\w.-]", requirement)[0] for requirement in requirements]
@@ -63,7 +63,7 @@ def declared():
 
 @cache
 def installed_modules():
-    """Return distribution → its top-level modules."""
+    """Map each distribution to its top-level modules."""
     modules: dict[str, set[str]] = {}
     for module, distributions in metadata.packages_distributions().items():
         for name in distributions:
@@ -73,7 +73,7 @@ def installed_modules():
 
 @pytest.fixture
 def absent(monkeypatch):
-    """Return a function that hides packages, for modules imported after the call."""
+    """Return a function that hides packages from later imports."""
     names: set[str] = set()
 
     class Absent(MetaPathFinder):
@@ -117,12 +117,12 @@ def test_a_module_belongs_to_the_extra_that_adds_its_package(module):
 
 
 @pytest.mark.parametrize("module", ["google.protobuf", "cv2", "rerunning"])
-def test_a_package_of_no_extra_has_none(module):
+def test_a_module_of_a_foreign_package_belongs_to_no_extra(module):
     assert extra_of(module) is None
     assert "dronecats[" not in (missing_package(ModuleNotFoundError(module, name=module)) or "")
 
 
-def test_extras_are_those_of_pyproject():
+def test_extras_match_pyproject():
     assert {extra.name for extra in EXTRAS} == declared().keys() - {"all"}
 
 
@@ -133,7 +133,7 @@ def test_all_installs_every_extra_of_the_commands():
 
 
 @pytest.mark.parametrize("extra", EXTRAS, ids=lambda extra: extra.name)
-def test_modules_of_an_extra_are_those_of_its_distributions(extra):
+def test_modules_of_an_extra_match_its_distributions(extra):
     """Only installed distributions are compared."""
     distributions = declared()[extra.name]
     brought = installed_modules()
@@ -147,7 +147,7 @@ def test_modules_of_an_extra_are_those_of_its_distributions(extra):
 @pytest.mark.parametrize(
     "error", [ImportError("libGL.so.1: cannot open", name="cv2"), ImportError("half a package")], ids=["named", "not"]
 )
-def test_a_damaged_package_is_a_fault_of_the_environment(error, capsys):
+def test_a_damaged_package_exits_with_2_and_prints_its_error(error, capsys):
     def load():
         raise error
 
@@ -167,7 +167,7 @@ def test_a_missing_module_of_this_project_keeps_its_traceback(name):
 @pytest.mark.parametrize(
     ("error", "status"), [(UsageError("no"), 2), (InfrastructureError("no"), 3), (KeyboardInterrupt(), 130)]
 )
-def test_a_fault_is_one_sentence_and_a_status(error, status, capsys):
+def test_an_error_prints_one_line_and_sets_the_exit_status(error, status, capsys):
     def work():
         raise error
 

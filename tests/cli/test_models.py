@@ -36,12 +36,12 @@ def house(monkeypatch, tmp_path):
     return path
 
 
-def test_the_list_names_every_row_its_file_and_whether_its_key_is_set(monkeypatch, capsys, house):
+def test_the_list_shows_each_row_with_its_file_and_the_presence_of_its_key(monkeypatch, capsys, house):
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
     assert main(["models", "list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    of = {line.split()[0]: line for line in lines[2:]}  # below the heads and their rule
+    of = {line.split()[0]: line for line in lines[2:]}  # below the header and its rule
     assert of.keys() == rows().keys()
     assert of["house"].endswith(str(house))
     assert "[y, x]" in of["house"]
@@ -81,7 +81,7 @@ def test_show_prints_the_sent_request_and_needs_no_key(monkeypatch, capsys, name
 
 
 def outline(value):
-    """Return a request's values without long texts: prompts and images."""
+    """Return a request without its long texts (prompts and images)."""
     if isinstance(value, dict):
         return {key: outline(inner) for key, inner in value.items()}
     if isinstance(value, list):
@@ -89,12 +89,12 @@ def outline(value):
     return "…" if isinstance(value, str) and ("JPEG" in value or len(value) > 100) else value
 
 
-def test_a_lifted_request_is_shown_too(capsys):
+def test_show_lifted_prints_the_request_with_reasoning_on(capsys):
     main(["models", "show", "gpt-5", "--json", "--lifted"])
     assert json.loads(capsys.readouterr().out)["request"]["body"]["reasoning_effort"] == "medium"
 
 
-def test_an_address_with_a_secret_is_shown_without_it(capsys):
+def test_show_removes_secrets_from_the_address(capsys):
     url = "http://me:hush-hush@127.0.0.1:9/v1?key=topsecretkey123456"
     assert main(["models", "show", "local/x", "--base-url", url]) == 0
     output = capsys.readouterr().out
@@ -103,7 +103,7 @@ def test_an_address_with_a_secret_is_shown_without_it(capsys):
     assert "topsecret" not in output
 
 
-def test_a_check_says_what_came_back_and_that_it_can_fly(capsys, house):
+def test_a_check_reports_the_replies_and_that_the_model_can_fly(capsys, house):
     with Recording(Pointer("always [y, x]", enforces=True)) as server:
         assert main(["models", "check", "house", "--base-url", server.url + "/v1"]) == 0
     output = capsys.readouterr().out
@@ -112,7 +112,7 @@ def test_a_check_says_what_came_back_and_that_it_can_fly(capsys, house):
         assert re.search(part, output), part
 
 
-def test_a_check_says_why_a_reply_was_cut_off(capsys):
+def test_a_check_reports_why_a_reply_is_unfinished(capsys):
     def cut_off(sent):
         reply = wrapped("openai", '{"acti', 100, 8192)
         reply["choices"][0]["finish_reason"] = "length"
@@ -139,7 +139,7 @@ def test_a_model_with_the_wrong_axis_order_cannot_fly_and_the_remedy_is_shown(ca
     assert report["cost_usd"] is None
 
 
-def test_a_check_that_the_endpoint_fails_is_an_error_of_the_infrastructure(monkeypatch, capsys):
+def test_a_failing_endpoint_makes_check_exit_with_3(monkeypatch, capsys):
     monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
     with Recording(f"wrong key {KEY}".encode(), 401) as server:
         assert main(["models", "check", "claude-opus-5-5", "--base-url", server.url + "/v1"]) == 3
@@ -165,13 +165,13 @@ def test_wrong_words_are_one_sentence_and_status_2(monkeypatch, capsys):
         assert captured.out == "", words
 
 
-def test_the_doctor_counts_the_models(capsys, house):
+def test_doctor_counts_the_models(capsys, house):
     main(["doctor", "--json"])
     findings = {finding["name"]: finding for finding in json.loads(capsys.readouterr().out)["findings"]}
     assert re.search(rf"\b{len(rows())} .*\b1 .*{house}", findings["models"]["detail"])
 
 
-def test_a_wrong_file_of_ones_own_stops_what_opens_a_model_and_is_the_doctors_finding(capsys, house):
+def test_an_invalid_models_file_stops_model_commands_and_doctor_reports_it(capsys, house):
     house.write_text('[house]\nprovidr = "vllm"\n', encoding="utf-8")
     for words in (["models", "list"], ["models", "check", "gpt-5"], ["fly", "--sitl", "--model", "gpt-5"]):
         assert main(words) == 2
@@ -198,7 +198,7 @@ def test_a_flight_uses_the_row_and_options_override_it(house):
     assert model_of("--model", "gpt-5", "--temperature", "1").temperature == 1.0
 
 
-def test_a_flight_once_more_needs_no_file_of_models(monkeypatch, tmp_path, house):
+def test_a_repeated_flight_does_not_need_the_models_file(monkeypatch, tmp_path, house):
     spec = spec_of(parse(["fly", "--sitl", "--model", "house"]))
     (tmp_path / "run.json").write_text(json.dumps({"versions": {}, "flight": as_redacted_json(spec)}))
     monkeypatch.setenv(OWN_FILE, str(tmp_path / "gone.toml"))
@@ -212,14 +212,14 @@ def test_model_options_need_a_model(capsys):
         assert re.search(f"{option[0]} .*--model", capsys.readouterr().err), option
 
 
-def test_a_flight_says_how_its_model_is_asked(capsys, house):
+def test_a_flight_prints_the_request_options_of_its_model(capsys, house):
     assert main(["fly", "--sitl", "--speed", "max", "--model", "local/x", "--axis", "yx", "--temperature", "none"]) == 2
     captured = capsys.readouterr()
     assert re.search(r"local/x\b.*\[y, x\].*schema.*temperature", captured.out)
     assert "--base-url" in captured.err
 
 
-def test_the_first_step_is_shown_as_the_agent_asks_it(capsys, tmp_path):
+def test_show_prints_the_request_of_the_agents_first_step(capsys, tmp_path):
     with Endpoint(['{"action": "think"}']) as endpoint:
         first_step(endpoint, tmp_path / "flight", steps=1)
         assert main(["models", "show", "openrouter/maker/model-1", "--json"]) == 0
@@ -240,7 +240,7 @@ SENT: dict[str, dict[str, object]] = {
 
 
 @pytest.mark.parametrize("name", SENT)
-def test_an_effort_of_the_reasoning_is_sent_as_each_vendor_has_it(capsys, name):
+def test_reasoning_effort_uses_the_request_field_of_each_vendor(capsys, name):
     def shown(*words):
         assert main(["models", "show", name, "--json", *words]) == 0
         return json.loads(capsys.readouterr().out)["request"]["body"]
@@ -250,7 +250,7 @@ def test_an_effort_of_the_reasoning_is_sent_as_each_vendor_has_it(capsys, name):
     assert shown("--reasoning-effort", "low", "--lifted") == shown("--lifted")
 
 
-def test_gemini_has_a_level_in_capitals_beside_the_length_and_the_sampling(capsys):
+def test_gemini_gets_an_uppercase_thinking_level_with_max_tokens_and_top_p(capsys):
     words = ["--reasoning-effort", "low", "--max-tokens", "512", "--top-p", "0.5"]
     assert main(["models", "show", "gemini-3.7-flash", "--json", *words]) == 0
     config = json.loads(capsys.readouterr().out)["request"]["body"]["generationConfig"]
@@ -272,12 +272,12 @@ def test_invalid_request_options_are_rejected(capsys, words, parts):
     assert re.search(parts, capsys.readouterr().err)
 
 
-def test_a_check_reads_as_the_flight_will(capsys):
+def test_a_check_uses_the_parser_option(capsys):
     def fenced(sent):
         text, jpeg, _ = FORMATS["openai"](sent.body)
         x, y = mark(jpeg)
         point = [round(x), round(y)] if '"point": [x, y]' in text else [round(y), round(x)]
-        reply_text = json.dumps({"action": "go", "point": point, "depth_m": "5"})  # a text in place of a number
+        reply_text = json.dumps({"action": "go", "point": point, "depth_m": "5"})  # a string instead of a number
         return 200, json.dumps(wrapped("openai", reply_text, 10, 5)).encode()
 
     with Recording(fenced) as server:
@@ -298,7 +298,7 @@ def test_the_models_of_a_server_are_listed(capsys, listed):
     assert "maker/model-1" in json.loads(capsys.readouterr().out)["models"]
 
 
-def test_a_server_that_lists_none_is_one_sentence(capsys):
+def test_a_server_without_a_model_list_prints_one_error_and_exits_with_3(capsys):
     for server in (Recording(), Recording(listed=b"<html>")):
         with server:
             assert main(["models", "list", "--endpoint", server.url + "/v1"]) == 3

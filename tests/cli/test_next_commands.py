@@ -1,4 +1,4 @@
-"""The commands printed at the end of a command. Each can be pasted. Pipes and JSON output do not get them."""
+"""The suggested next commands that a command prints at its end. Pipes and JSON output do not get them."""
 
 import ast
 import re
@@ -15,8 +15,8 @@ from dronecats.cli.next_commands import NEXT, next_commands, print_next
 from tests.support.command_line import DRONECATS
 from tests.support.terminal import in_terminal, screen
 
-AWKWARD = "it's a $folder"  # a name that a shell splits unless it is quoted
-LATENCY = {"latency": "trace:it's a $folder"}  # it has a syntax of its own
+AWKWARD = "it's a $folder"  # a shell splits this name unless it is quoted
+LATENCY = {"latency": "trace:it's a $folder"}  # this option has its own syntax
 
 
 def fields(made_by):
@@ -24,7 +24,7 @@ def fields(made_by):
 
 
 @pytest.mark.parametrize("made_by", NEXT)
-def test_each_next_command_is_parsed_with_the_names_that_were_made(made_by):
+def test_each_next_command_can_be_parsed_when_its_names_need_quoting(made_by):
     made = {name: LATENCY.get(name, AWKWARD) for name in fields(made_by)}
     commands = [shlex.split(line) for line in next_commands(made_by, **made)]
     assert 1 <= len(commands) <= 3
@@ -34,12 +34,12 @@ def test_each_next_command_is_parsed_with_the_names_that_were_made(made_by):
         assert len(re.findall(r"\{\w+\}", template)) == sum(AWKWARD in word for word in words)
 
 
-def test_several_words_stay_several():
+def test_paths_with_spaces_stay_separate_arguments():
     (line,) = next_commands("compare", flights=["runs/a b", "runs/c"])
     assert list(map(str, parse(shlex.split(line)[1:]).runs)) == ["runs/a b", "runs/c"]
 
 
-def test_the_commands_of_the_program_fill_every_declared_name():
+def test_print_next_calls_fill_every_declared_field():
     calls = [
         (made_by.value, {keyword.arg for keyword in node.keywords if keyword.arg})
         for file in Path(cli.__file__).parent.glob("*.py")
@@ -52,7 +52,7 @@ def test_the_commands_of_the_program_fill_every_declared_name():
     assert [call for call in calls if call[0] != "study rate" and call[1] != fields(call[0])] == []
 
 
-def test_nothing_is_printed_into_a_pipe_or_file(capsys, monkeypatch):
+def test_next_commands_are_printed_only_to_a_terminal(capsys, monkeypatch):
     print_next("doctor")
     assert capsys.readouterr().out == ""
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
@@ -61,7 +61,7 @@ def test_nothing_is_printed_into_a_pipe_or_file(capsys, monkeypatch):
 
 
 @pytest.mark.parametrize(("form", "printed"), [([], True), (["--json"], False)])
-def test_a_command_ends_with_the_next_in_a_terminal_but_not_as_json(form, printed):
+def test_a_command_in_a_terminal_prints_next_commands_unless_it_prints_json(form, printed):
     status, received = in_terminal([*DRONECATS, "tune", "x500", *form], columns=100)
     assert status == 0
     assert ("dronecats tune x500 --out " in screen(received)[-2]) == printed

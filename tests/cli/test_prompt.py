@@ -20,13 +20,13 @@ def source(tmp_path):
     return path
 
 
-def test_the_listing_is_written_and_can_be_flown(source, tmp_path, capsys):
+def test_the_extracted_listing_is_a_valid_prompt_file(source, tmp_path, capsys):
     out = tmp_path / "paper.txt"
     assert main(["prompt", "extract", str(source), "--out", str(out)]) == 0
     assert f"--prompt {out}" in capsys.readouterr().out
     assert out.read_text() == TEMPLATE == Prompt.load(out).template
     assert parse(["fly", "--sitl", "--prompt", str(out)]).prompt == out
-    assert main(["prompt", "extract", str(source), "--out", str(out)]) == 0  # the same command again succeeds
+    assert main(["prompt", "extract", str(source), "--out", str(out)]) == 0  # a repeated command succeeds
 
 
 def test_unreadable_sources_and_existing_files_are_rejected(source, tmp_path, capsys):
@@ -40,7 +40,7 @@ def test_unreadable_sources_and_existing_files_are_rejected(source, tmp_path, ca
     assert out.read_text() == "mine"
 
 
-def test_a_run_says_which_prompt_it_flew(monkeypatch):
+def test_a_run_records_the_name_of_its_prompt(monkeypatch):
     def name(template):
         flight = look_up(FlightSpec(pilot="vision", simulated=Simulated(), prompt=template))
         return settings(flight, flight.camera)["prompt_name"]

@@ -20,7 +20,7 @@ def place(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_runs_are_looked_for_in_runs_and_printed_as_a_table(place, capsys):
+def test_query_reads_the_folder_runs_and_prints_a_table(place, capsys):
     assert main(["query", SQL]) == 0
     head, _, *rows = capsys.readouterr().out.splitlines()
     assert head.split() == ["episode", "success", "ne_m", "list", "nan", "none"]
@@ -36,7 +36,7 @@ def test_json_is_one_object(place, capsys):
     }  # fmt: skip
 
 
-def test_csv_goes_to_a_file_or_to_the_standard_output(place, capsys):
+def test_csv_is_written_to_a_file_or_to_standard_output(place, capsys):
     assert main(["query", SQL, "--csv", "-"]) == 0
     printed = capsys.readouterr().out
     assert main(["query", SQL, "--csv", "answer.csv"]) == 0
@@ -45,7 +45,7 @@ def test_csv_goes_to_a_file_or_to_the_standard_output(place, capsys):
     assert list(csv.reader(io.StringIO(printed)))[1] == ["campus-searching-01", "true", "1.5", "[1, 2]", "nan", ""]
 
 
-def test_parquet_is_a_file_of_its_own(place, capsys):
+def test_parquet_is_written_to_a_file(place, capsys):
     assert main(["query", SQL, "--parquet", "answer.parquet"]) == 0
     assert capsys.readouterr().out == ""
     assert (place / "answer.parquet").read_bytes()[:4] == b"PAR1"
@@ -82,7 +82,7 @@ def test_wrong_usage_is_one_sentence(place, capsys):
         assert len(error.splitlines()) == 1, arguments
 
 
-def test_the_export_is_an_action_of_bench(place, capsys):
+def test_bench_export_parquet_writes_the_tables(place, capsys):
     assert main(["bench", "export-parquet", "runs", "--out", "out", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rows"]["episodes"] == 2
     assert len(list((place / "out").glob("*.parquet"))) == 5

@@ -18,7 +18,7 @@ IDS = ("campus-searching-01", "residential-approaching-01", "residential-approac
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """Return a folder of two runs. Reports on them have no figures, which take most of the time."""
+    """Return a folder of two runs and disable the figures of reports, which take most of the time."""
     monkeypatch.setattr(drawing, "draw", lambda data, made, out: {})
     monkeypatch.chdir(tmp_path)
     write_run(tmp_path / "runs" / "oracle", IDS)
@@ -45,7 +45,7 @@ def test_a_folder_of_runs_becomes_tables_and_figures(place, capsys, monkeypatch)
         assert all((place / "report" / "figures" / f"{figure}.{kind}").exists() for kind in ("svg", "pdf", "png"))
 
 
-def test_json_is_the_tables(place, capsys):
+def test_json_output_contains_the_tables(place, capsys):
     assert main(["report", "runs/oracle", "runs/silent", "--out", "report", "--no-page", "--json"]) == 0
     result = last_object(capsys.readouterr().out)
     assert result["report"] == "report/report.md"
@@ -54,7 +54,7 @@ def test_json_is_the_tables(place, capsys):
     assert len({row["block"] for row in result["tables"]["failures"]}) == 1
 
 
-def test_the_page_is_written_beside(place, capsys, monkeypatch):
+def test_the_html_page_is_written_next_to_the_report(place, capsys, monkeypatch):
     monkeypatch.setattr("dronecats.report.page.pictures.GROUND_PX", 100)
     assert main(["report", "runs/oracle", "--out", "report"]) == 0
     assert re.search(r"report/report\.md\b.* report/index\.html\n$", capsys.readouterr().out)
@@ -62,7 +62,7 @@ def test_the_page_is_written_beside(place, capsys, monkeypatch):
 
 
 @pytest.mark.parametrize("metric", ["hits", "estimator_resets"])
-def test_flights_with_incidents_have_a_table_and_can_be_left_out(place, metric):
+def test_incidents_have_a_table_and_their_flights_can_be_excluded(place, metric):
     tell_incidents(place / "runs" / "oracle" / IDS[0], hit(2.0), hit(8.0), clear(10.0, 1.5), reset(4.0))
     tell_incidents(place / "runs" / "oracle" / IDS[1])
     command = ["report", "runs/oracle", "--out", "report", "--no-page"]
@@ -81,7 +81,7 @@ def test_flights_with_incidents_have_a_table_and_can_be_left_out(place, metric):
     assert f"1 of 3 flights: {metric} above 0" in page.replace("\\", "")
 
 
-def test_another_radius_judges_anew_and_is_printed(place):
+def test_delta_recomputes_the_verdicts_and_is_printed(place):
     assert main(["report", "runs", "--out", "report", "--no-page", "--delta", "0.5"]) == 0
     assert set(rates(place / "report").values()) == {"0.0"}
     text = (place / "report" / "report.md").read_text(encoding="utf-8")
@@ -101,7 +101,7 @@ def test_runs_of_different_kinds_are_rejected_unless_pool_anyway_is_set(place, c
     assert "--pool-anyway" in text
 
 
-def test_a_run_that_differs_from_a_benchmark_is_named_with_the_remedy(place, capsys):
+def test_the_error_names_the_run_that_differs_from_a_benchmark_and_a_remedy(place, capsys):
     suite = {"suite": {"name": "quick", "version": 1, "sha256": "5" * 64}}
     for k in (1, 2):
         write_run(place / "runs" / "bench" / f"f{k}", IDS, pilot="vision", seed=k)
@@ -113,13 +113,13 @@ def test_a_run_that_differs_from_a_benchmark_is_named_with_the_remedy(place, cap
     assert re.search(r"runs/alone differs .*bench.*[Ll]eave \S*runs/alone out.*--pool-anyway", error), error
 
 
-def test_a_copy_of_a_run_is_no_second_flight(place, capsys):
+def test_a_copied_run_is_rejected(place, capsys):
     shutil.copytree(place / "runs" / "oracle", place / "runs" / "copy")
     assert main(["report", "runs", "--out", "report", "--no-page"]) == 2
     assert re.search("runs/copy/.*runs/oracle/.*seed 0", capsys.readouterr().err)
 
 
-def test_an_episode_of_another_record_is_refused_though_its_id_is_the_same(place, capsys):
+def test_one_episode_id_with_different_records_is_rejected(place, capsys):
     record = place / "runs" / "silent" / IDS[0] / "episode.json"
     record.write_text(json.dumps({**json.loads(record.read_text()), "instruction": "go elsewhere"}))
     assert main(["report", "runs", "--out", "report", "--no-page", "--pool-anyway"]) == 2
@@ -140,7 +140,7 @@ METRICS = (
 """
 
 
-def test_metrics_of_ones_own_stand_in_a_table(place, capsys):
+def test_custom_metrics_have_a_table(place, capsys):
     (place / "mine.py").write_text(OWN)
     assert main(["report", "runs", "--out", "report", "--no-page", "--metric", "mine.py", "--json"]) == 0
     lost, solved = last_object(capsys.readouterr().out)["tables"]["own"][::-1]
@@ -155,7 +155,7 @@ def test_metrics_of_ones_own_stand_in_a_table(place, capsys):
     assert re.search("half .*campus-searching-01 .*ZeroDivisionError", capsys.readouterr().err)
 
 
-def test_one_damaged_episode_spoils_no_other(place):
+def test_a_damaged_episode_does_not_affect_other_episodes(place):
     (place / "runs" / "oracle" / IDS[1] / "truth.jsonl").write_text("{}\n{}\n")
     assert main(["report", "runs", "--out", "report", "--no-page"]) == 0
     text = (place / "report" / "report.md").read_text(encoding="utf-8")

@@ -18,11 +18,11 @@ OPEN_M = 30.0
 
 
 class StartError(Exception):
-    """A process received its configuration."""
+    """Raised when a process would start, after its configuration is recorded."""
 
 
 def configuration(monkeypatch, tmp_path, *words):
-    """Return the SimulatorConfig of a command line."""
+    """Return the SimulatorConfig that a command line produces."""
     configs = []
 
     def start(config):
@@ -36,7 +36,7 @@ def configuration(monkeypatch, tmp_path, *words):
 
 
 def camera_configuration(monkeypatch, tmp_path, *words):
-    """Return the CameraConfig of a command line."""
+    """Return the CameraConfig that a command line produces."""
     configs = []
 
     class Simulated:
@@ -60,7 +60,7 @@ def camera_configuration(monkeypatch, tmp_path, *words):
     return configs[0]
 
 
-def test_the_camera_is_where_the_documentation_looks_for_it_unless_a_port_is_named(monkeypatch, tmp_path):
+def test_the_camera_uses_the_documented_port_unless_a_port_is_set(monkeypatch, tmp_path):
     for words, port, or_next_free in (
         (["--camera"], 8080, True),
         (["--camera", "--instance", "2"], 8082, True),
@@ -69,10 +69,10 @@ def test_the_camera_is_where_the_documentation_looks_for_it_unless_a_port_is_nam
     ):
         config = camera_configuration(monkeypatch, tmp_path, *words)
         assert (config.port, config.or_next_free) == (port, or_next_free), words
-    assert options.PAGE_PORT - 8080 >= 10  # ten simulators' cameras are below the pages
+    assert options.PAGE_PORT - 8080 >= 10  # the camera ports of ten simulators are below the page ports
 
 
-def test_a_port_of_the_camera_that_is_none_is_refused(tmp_path, capsys):
+def test_an_invalid_camera_port_is_rejected(tmp_path, capsys):
     for port in ("-1", "70000"):
         assert main(["sitl", "--state", str(tmp_path), f"--camera={port}"]) == 2
         assert re.search(f"--camera {port} .*65535", capsys.readouterr().err)
@@ -85,7 +85,7 @@ def to_the_segment(point, a, b):
     return np.linalg.norm(point - a - share[:, None] * along, axis=1)
 
 
-def test_without_an_episode_ten_vehicles_have_open_level_ground_around_them(monkeypatch, tmp_path):
+def test_ten_vehicles_without_an_episode_start_on_open_level_ground(monkeypatch, tmp_path):
     config = configuration(monkeypatch, tmp_path, "--count", "10")
     world = load_world(config.episode)
     solid = obstacles(world.scene)
@@ -104,17 +104,17 @@ def test_without_an_episode_ten_vehicles_have_open_level_ground_around_them(monk
                 assert abs(world.ground_down(north, east) - below) < 0.01 * away
 
 
-def test_an_episode_that_is_named_is_the_start(monkeypatch, tmp_path):
+def test_episode_option_sets_the_start(monkeypatch, tmp_path):
     assert configuration(monkeypatch, tmp_path, "--episode", "campus-searching-01").episode == "campus-searching-01"
 
 
-def test_the_open_ground_is_a_start_and_no_episode_of_the_benchmark():
+def test_open_ground_is_loadable_but_is_not_a_benchmark_episode():
     assert catalogue.OPEN_GROUND not in catalogue.all_ids()
     assert not catalogue.is_shipped(catalogue.load(catalogue.OPEN_GROUND))
 
 
 @pytest.mark.parametrize("is_compiled", [True, False])
-def test_compiling_is_announced_only_where_it_happens(monkeypatch, tmp_path, capsys, is_compiled):
+def test_compiling_is_announced_only_when_it_is_necessary(monkeypatch, tmp_path, capsys, is_compiled):
     monkeypatch.setattr(compile_ahead, "is_compiled", lambda: is_compiled)
     configuration(monkeypatch, tmp_path)
     assert ("compil" in capsys.readouterr().out) is not is_compiled

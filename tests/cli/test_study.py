@@ -1,4 +1,4 @@
-"""The command `dronecats study`: rejected arguments, study files, and single flights of a study flown again."""
+"""The command `dronecats study`: rejected arguments, study files, and repeats of single flights of a study."""
 
 import json
 import os
@@ -174,7 +174,7 @@ def test_invalid_files_are_rejected(tmp_path, monkeypatch, capsys):
         assert not Path("runs").exists(), text
 
 
-def test_a_file_says_what_is_flown(tmp_path, monkeypatch):
+def test_a_study_file_sets_the_plan(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("my.toml").write_text(FILE)
     campaign_spec = study("run", "my.toml")
@@ -216,7 +216,7 @@ def test_the_command_line_goes_before_the_file(tmp_path, monkeypatch):
     assert campaign_spec.plan.study.flights == 1
 
 
-def test_jitter_is_around_a_rate_that_is_held(tmp_path):
+def test_study_jitter_holds_the_rate(tmp_path):
     args = parse(
         ["study", "jitter", "--rate", "4", "--cv", "0,1", "--rho", "0.5", "--cells", "tracking", "--pilot", "oracle"]
     )
@@ -225,7 +225,7 @@ def test_jitter_is_around_a_rate_that_is_held(tmp_path):
     assert {str(entry.flight.latency) for entry in made.plan.entries} == {"jitter:4,0,0.5", "jitter:4,1,0.5"}
 
 
-def test_a_pilot_may_be_a_factor():
+def test_pilot_can_be_a_held_factor():
     campaign_spec = study("latency", "--values", "0,1", "--episodes", TWO, "--hold", "pilot=vision")
     assert [entry.name for entry in campaign_spec.plan.entries] == ["latency-0-f1", "latency-1-f1"]
     assert all(e.flight.pilot == "vision" and e.flight.simulated.rendered for e in campaign_spec.plan.entries)
@@ -258,7 +258,7 @@ SMALL = ["study", "latency", "--values", "0,2", "--episodes", TWO, "--pilot", "o
 
 
 @pytest.mark.slow
-def test_a_study_is_flown_into_its_folder_and_any_flight_of_it_again_alone(tmp_path, monkeypatch, capsys):
+def test_a_study_flies_into_its_folder_and_each_flight_can_be_repeated_alone(tmp_path, monkeypatch, capsys):
     words = [*SMALL, "--limit", "1", "--out", "s"]
     status, output, errors = finished(dronecats(*words, "--jobs", "1", "--json", cwd=tmp_path))
     assert status == 0, errors
@@ -278,7 +278,7 @@ def test_a_study_is_flown_into_its_folder_and_any_flight_of_it_again_alone(tmp_p
     assert logs_of(first) == logs_of(out / "oracle-latency-2-f1" / first.name)
     assert logs_of(first) != logs_of(out / "oracle-latency-0-f1" / first.name)
     monkeypatch.chdir(tmp_path)
-    assert main(words) == 0  # flies nothing more
+    assert main(words) == 0  # all flights are complete; none is flown
     output, errors = capsys.readouterr()
     assert "2/2" in errors
     assert f"  {shlex.join(command)}" in output.splitlines()
@@ -289,7 +289,7 @@ def test_a_study_is_flown_into_its_folder_and_any_flight_of_it_again_alone(tmp_p
     assert errors.count("\n") == 1
 
 
-def test_a_process_may_hold_a_lock_for_each_run():
+def test_the_open_file_limit_is_raised_to_one_lock_per_run():
     before, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:
         resource.setrlimit(resource.RLIMIT_NOFILE, (campaign.SPARE_FILES, hard))
@@ -305,7 +305,7 @@ def test_a_process_may_hold_a_lock_for_each_run():
 
 
 @pytest.mark.slow
-def test_a_study_that_is_killed_ends_with_the_same_bytes(tmp_path):
+def test_a_killed_and_resumed_study_has_the_same_bytes(tmp_path):
     status, _, errors = finished(dronecats(*SMALL, "--jobs", "1", "--out", "whole", cwd=tmp_path))
     assert status == 0, errors
     process = dronecats(*SMALL, "--jobs", "1", "--out", "torn", cwd=tmp_path)
@@ -341,7 +341,7 @@ def test_a_study_on_a_cluster_has_the_same_bytes(tmp_path):
     assert (tmp_path / "here" / "study.json").read_bytes() == (tmp_path / "there" / "study.json").read_bytes()
 
 
-def test_a_factor_is_given_once_and_beside_the_factor_that_it_refines(tmp_path):
+def test_repeated_factors_and_factors_without_their_base_factor_are_rejected(tmp_path):
     for text, parts in (
         ("[factors]\nlatency = [0, 1]\n[held]\nlink_loss = 0.1\n'link-loss' = 0.2\n", r"\[held\] .*link_loss .*twice"),
         ("[factors]\nlink_loss = [0.1]\n'link-loss' = [0.2]\n", r"\[factors\] .*link_loss .*twice"),

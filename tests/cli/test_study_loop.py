@@ -8,7 +8,7 @@ import pytest
 from dronecats.cli.main import main
 
 
-def test_one_loop_on_a_page(tmp_path, capsys):
+def test_one_loop_gets_a_page_with_its_figures_and_margins(tmp_path, capsys):
     words = ["study", "loop", "--airframe", "nano", "--loops", "yaw attitude", "--part", "margins", "--json"]
     assert main([*words, "--out", str(tmp_path)]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -37,12 +37,12 @@ def test_one_loop_on_a_page(tmp_path, capsys):
         ["--out", __file__],
     ],
 )
-def test_unknown_names_are_wrong_usage(words, capsys):
+def test_invalid_arguments_are_rejected(words, capsys):
     assert main(["study", "loop", *words]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
-def test_a_px4_that_is_no_program_ends_it_before_anything_of_ours_is_flown(capsys):
+def test_a_missing_px4_program_is_rejected_before_any_flight(capsys):
     assert main(["study", "loop", "--airframe", "nano", "--px4", "./no-such-px4"]) == 2
     trying, *complaint = capsys.readouterr().err.strip().splitlines()
     assert "nano" in trying

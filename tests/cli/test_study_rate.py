@@ -39,7 +39,7 @@ def test_earlier_measurements_are_never_overwritten(capsys, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["chain.csv"]
 
 
-def test_it_is_the_rehearsal_of_fly_word_for_word():
+def test_study_rate_has_the_same_spec_as_a_dry_run_of_fly():
     more = [*MODEL, "--dry-run", "--patience", "9", "--instruction", "Go.", "--seconds", "20", "--agent", "steady"]
     spec = spec_of(parse(["fly", *RIG[2:], *more]))
     assert study_rate.rehearsal(parse([*RIG, *more])) == spec

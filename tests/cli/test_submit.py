@@ -19,7 +19,7 @@ def place(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_an_entry_goes_from_runs_to_the_page(place, capsys, monkeypatch):
+def test_submit_verify_and_leaderboard_turn_a_run_into_a_page(place, capsys, monkeypatch):
     monkeypatch.setenv("SOME_API_KEY", "residential-secret-77")
     assert main(["submit", "run", "--out", "a.tar.xz", "--partial", "--note", "residential-secret-77 was here"]) == 0
     output = capsys.readouterr().out
@@ -38,7 +38,7 @@ def test_an_entry_goes_from_runs_to_the_page(place, capsys, monkeypatch):
     assert sorted(path.name for path in place.iterdir()) == ["a.json", "a.tar.xz", "page.md", "run"]
 
 
-def test_a_difference_is_status_4(place, capsys):
+def test_a_forged_archive_exits_with_4_and_a_damaged_archive_with_2(place, capsys):
     assert main(["submit", "run", "--out", "a.tar.xz", "--partial"]) == 0
     data = bytearray((place / "a.tar.xz").read_bytes())
     from tests.report.results.archives import changed, in_manifest

@@ -12,7 +12,7 @@ WIDE = [["models", "list"], ["episodes", "list", "--suite", "quick"]]  # wider t
 
 
 @pytest.mark.parametrize("verb", WIDE, ids=" ".join)
-def test_no_line_is_wider_than_the_terminal_and_a_pipe_gets_a_line_per_row(verb):
+def test_tables_fit_the_terminal_and_are_not_wrapped_in_a_pipe(verb):
     status, received = in_terminal([*DRONECATS, *verb], columns=100)
     shown = screen(received)
     assert status == 0
@@ -23,5 +23,5 @@ def test_no_line_is_wider_than_the_terminal_and_a_pipe_gets_a_line_per_row(verb)
 
 
 def letters(lines):
-    """Count the letters of a table without its rule, whose length is the table's width."""
+    """Count the letters of a table without its rule, because the rule is as long as the table is wide."""
     return Counter("".join("".join(lines).split()).replace("─", ""))

@@ -23,7 +23,7 @@ STEERS = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
 
 
 def run(*words, **streams):
-    """Return what the program prints, standard error among it."""
+    """Run the program and return its exit status and its standard output and standard error as one text."""
     environment = {**os.environ, "PYTHONIOENCODING": "utf-8"}
     done = subprocess.run([*DRONECATS, *words], capture_output=True, env=environment, timeout=120, check=False)
     return done.returncode, (done.stdout + done.stderr).decode("utf-8")
@@ -34,7 +34,7 @@ def completion(text):
 
 
 @pytest.mark.parametrize("form", [[], ["--json"]])
-def test_the_words_of_a_model_that_is_checked(form):
+def test_model_replies_are_escaped(form):
     with Recording(completion(HOSTILE)) as server:
         status, output = run("models", "check", "local/m", "--base-url", server.url, *form)
     assert status == 1
@@ -43,7 +43,7 @@ def test_the_words_of_a_model_that_is_checked(form):
 
 
 @pytest.mark.parametrize("answered", [400, 200])
-def test_the_words_of_a_server_that_gives_no_answer(answered):
+def test_server_errors_are_escaped(answered):
     with Recording(HOSTILE.encode(), answered) as server:
         status, output = run("models", "check", "local/m", "--base-url", server.url)
     assert status == 3
@@ -52,7 +52,7 @@ def test_the_words_of_a_server_that_gives_no_answer(answered):
     assert not STEERS.search(output)
 
 
-def test_the_words_of_the_command_line_itself():
+def test_command_line_arguments_are_escaped():
     status, output = run("judge", f"x{HOSTILE}".replace("\x00", ""))
     assert status == 2
     assert r"\u001b[2J" in output
@@ -60,7 +60,7 @@ def test_the_words_of_the_command_line_itself():
 
 
 @given(st.lists(st.text()))
-def test_nothing_else_than_text_comes_through_an_output(texts):
+def test_an_output_stream_writes_no_control_characters(texts):
     raw = io.BytesIO()
     stream = Printing(raw, "utf-8", "backslashreplace")
     assert [stream.write(text) for text in texts] == [len(text) for text in texts]
@@ -69,7 +69,7 @@ def test_nothing_else_than_text_comes_through_an_output(texts):
     assert not STEERS.search(raw.getvalue().decode())
 
 
-def test_a_bar_of_our_own_may_go_back_on_its_line(monkeypatch):
+def test_only_progress_bars_may_write_a_carriage_return(monkeypatch):
     reading, writing = os.pipe()
     stream = Printing(io.BufferedWriter(Lossy(writing)), "utf-8")
     monkeypatch.setattr(sys, "stderr", stream)
@@ -80,7 +80,7 @@ def test_a_bar_of_our_own_may_go_back_on_its_line(monkeypatch):
         assert pipe.read() == b"\r50 %\\u000d50 %"
 
 
-def test_the_progress_of_a_long_run_stays_on_one_line_of_a_terminal(tmp_path):
+def test_progress_stays_on_one_terminal_line(tmp_path):
     (tmp_path / "verb.py").write_text(
         "from dronecats.cli.output import Live\n"
         "from dronecats.cli.output import Output\n"

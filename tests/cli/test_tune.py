@@ -1,4 +1,4 @@
-"""The command `dronecats tune`: the printed gains are those in flight, and its images exist."""
+"""The command `dronecats tune`: its printed gains and margins, and its images."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ from vehicles.airframe import load
 
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compute step responses from an eighth of the harmonics."""
+    """Reduce the number of harmonics of the step responses to an eighth, to save time."""
     monkeypatch.setattr(loop_pictures, "SAMPLES", loop_pictures.SAMPLES // 8)
 
 
@@ -32,18 +32,18 @@ def test_margins_are_printed_and_agree_with_python_control(capsys: pytest.Captur
 
 
 @pytest.mark.usefixtures("coarse")
-def test_pictures_and_a_table_for_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tune_writes_images_and_prints_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tune", "x500", "--out", str(tmp_path)]) == 0
     assert "horizontal velocity" in capsys.readouterr().out
     assert sorted(path.name for path in tmp_path.iterdir()) == ["x500-bode.png", "x500-steps.png"]
 
 
-def test_an_unknown_airframe_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_airframe_is_rejected(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tune", "x5000"]) == 2
     assert "x500" in capsys.readouterr().err
 
 
-def test_step_response_of_a_known_loop() -> None:
-    time, output = step_response(lambda s: 4.0 / s, 4.0)  # closed: 4 / (s + 4)
+def test_step_response_matches_a_first_order_loop() -> None:
+    time, output = step_response(lambda s: 4.0 / s, 4.0)  # closed loop: 4 / (s + 4)
     late = time > 0.02
     assert output[late] == pytest.approx(1.0 - np.exp(-4.0 * time[late]), abs=5e-3)

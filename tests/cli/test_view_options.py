@@ -1,4 +1,4 @@
-"""The option `--view` and its companions: rejected in one sentence before any flight, accepted by commands that fly."""
+"""The options `--view…`: flying commands accept them, and reject invalid combinations before any flight."""
 
 import re
 import subprocess
@@ -10,13 +10,13 @@ from dronecats.cli.options import page_of
 FLYING = (["fly", "--sitl"], ["sitl"], ["bench"], ["study", "run", "x.toml"], ["study", "latency"])
 
 
-def test_every_verb_that_flies_can_be_watched():
+def test_every_flying_command_accepts_view():
     for words in FLYING:
         args = parse([*words, "--view", "--view-port", "9000"])
         assert (args.view, args.view_port, args.view_stay) == (True, 9000, False), words
 
 
-def test_every_verb_with_a_page_takes_other_host_names_for_it():
+def test_every_command_with_a_page_accepts_more_host_names():
     for words, prefix in (*((words, "view-") for words in FLYING), (["replay", "run"], ""), (["edit"], "")):
         flag = [] if prefix == "" else ["--view"]
         args = parse([*words, *flag, f"--{prefix}host", "drone.example.org", f"--{prefix}host", "other"])
@@ -42,7 +42,7 @@ def test_incompatible_options_are_rejected(capsys, monkeypatch, tmp_path):
         assert list(tmp_path.iterdir()) == [], words
 
 
-def test_the_command_that_flies_does_not_load_what_draws():
+def test_a_flying_command_does_not_import_the_drawing_packages():
     """Opening a page loads neither viser nor the world in the flight's process."""
     code = (
         "import dronecats.view.live.opening, sys\n"

@@ -1,4 +1,4 @@
-"""Disturbances of wire and vehicle, as options of `fly` and of a bench.toml."""
+"""Disturbances of the link and the vehicle, as options of `fly` and of a bench.toml."""
 
 import argparse
 import re
@@ -81,12 +81,12 @@ def test_invalid_values_are_rejected_in_one_sentence() -> None:
         assert "\n" not in str(raised.value), words
 
 
-def test_a_host_cannot_stall_in_lockstep() -> None:
+def test_host_stalls_are_rejected_in_lockstep() -> None:
     with pytest.raises(UsageError, match=r"--host-stalls .*--speed"):
         spec_of(parse(["fly", "--sitl", "--speed", "max", "--host-stalls", "0.1,0.5"]))
 
 
-def test_the_description_has_the_values() -> None:
+def test_the_description_contains_the_values() -> None:
     for words, values in (
         (("--link", "delay=0.1,loss=0.05,baud=57600"), ["0.1", "5", "57600", "2048"]),
         (("--link", "to.jitter=0.1,from.reorder=0.2"), ["0.1", "20"]),
@@ -116,7 +116,7 @@ def test_each_disturbance_has_its_own_description() -> None:
     assert len(set(descriptions)) == 1 + 2 * len(wires) + len(faults)
 
 
-def test_a_declaration_is_an_option_a_word_of_a_file_a_factor_and_a_row_of_the_docs() -> None:
+def test_each_declaration_has_an_option_a_file_key_a_factor_and_a_documented_option() -> None:
     page = (Path(__file__).parents[2] / "docs" / "disturbances.md").read_text(encoding="utf-8")
     for part, field, declared in DECLARED:
         option, number = declared.option, declared.quantity

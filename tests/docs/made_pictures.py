@@ -1,4 +1,4 @@
-"""The documentation's pictures that this program draws: `make pictures` flies, captures and writes them anew."""
+"""Generates pictures of the documentation. `make pictures` flies the episodes and rewrites the pictures."""
 
 import socket
 import sys
@@ -40,15 +40,15 @@ PATIENCE_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class MadePicture:
-    """One of the pictures, and the required properties of the committed file."""
+    """A generated picture, and the required properties of its committed file."""
 
     name: str
     size: tuple[int, int]  # px, width and height
-    colors: tuple[tuple[int, int, int], ...]  # sRGB, of the marks in its caption
+    colors: tuple[tuple[int, int, int], ...]  # sRGB, of the marks that its caption describes
 
 
 def rgb_of(color: str) -> tuple[int, int, int]:
-    """Return a colour written as #rrggbb."""
+    """Parse a colour written as #rrggbb."""
     red, green, blue = ImageColor.getrgb(color)[:3]
     return red, green, blue
 
@@ -62,7 +62,7 @@ MADE = (FLIGHT_PICTURE, REPLAY_PICTURE, LIVE_PICTURE, REPORT_PICTURE)
 
 
 class Standing:
-    """A flight that stays at one moment, followed like one in the air."""
+    """A recorded flight that stays at one moment, with the interface of a live flight."""
 
     def __init__(self, flight: FlightMoments, t_s: float) -> None:
         self._moment = flight.moment(t_s)
@@ -72,7 +72,7 @@ class Standing:
 
 
 def fly_episode(folder: Path, episode: str, pilot: str) -> Path:
-    """Fly an episode in lockstep with pictures and return its folder."""
+    """Fly an episode in lockstep with rendered camera images and return its folder."""
     from dronecats.flight.run.fly import fly
 
     fly(FlightSpec(pilot=pilot, episode=episode, simulated=Simulated(speed=None)), folder / pilot, print)
@@ -80,13 +80,16 @@ def fly_episode(folder: Path, episode: str, pilot: str) -> Path:
 
 
 def flight_picture(folder: Path) -> NDArray[np.uint8]:
-    """Return the flight picture of a run folder, (H, W, 3) RGB, as large as the committed one."""
+    """Return the flight picture of a run folder, (H, W, 3) RGB, resized to the size of the committed file."""
     drawn: Any = cv2.imread(str(folder / layout.PICTURE))
     return np.asarray(cv2.resize(drawn, FLIGHT_PICTURE.size, interpolation=cv2.INTER_AREA)[..., ::-1], np.uint8)
 
 
 def few_colors(picture: NDArray[np.uint8], marks: tuple[tuple[int, int, int], ...]) -> Any:
-    """Return a picture of 256 colours that include the marks' own: a palette of the frequent ones turns marks grey."""
+    """Reduce a picture to 256 colours that include those of the marks.
+
+    A palette of only the most frequent colours turns the marks grey.
+    """
     image = Image.fromarray(picture)
     frequent = image.quantize(PALETTE - len(marks), method=Image.Quantize.MEDIANCUT).getpalette() or []
     palette = Image.new("P", (1, 1))
@@ -96,7 +99,7 @@ def few_colors(picture: NDArray[np.uint8], marks: tuple[tuple[int, int, int], ..
 
 @contextmanager
 def shown(url: str, size: tuple[int, int]) -> Iterator[Any]:
-    """Yield a browser of this size on a page."""
+    """Yield a browser (a Selenium driver) of this size that shows a page."""
     with tempfile.TemporaryDirectory() as profile, chromium(Path(profile), *SOFTWARE) as driver:
         metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": False}
         driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
@@ -105,13 +108,13 @@ def shown(url: str, size: tuple[int, int]) -> Iterator[Any]:
 
 
 def standing(driver: Any) -> NDArray[np.uint8]:
-    """Return the browser's picture, (H, W, 3) BGR, once it was the same six times in a row."""
+    """Return a screenshot, (H, W, 3) BGR, after six identical screenshots in a row."""
     from selenium.webdriver.support.ui import WebDriverWait
 
     seen: list[bytes] = []
 
     def is_still(_: Any) -> bool:
-        # the note about the missing graphics card belongs to the machine, not to the page
+        # Remove notifications: one reports that this machine has no graphics card.
         driver.execute_script(
             "document.querySelectorAll('.mantine-Notification-root').forEach((each) => each.remove())"
         )
@@ -147,14 +150,14 @@ def live_picture(folder: Path) -> NDArray[np.uint8]:
         live.turn()
         with shown(server.url, LIVE_PICTURE.size) as driver:
             standing(driver)
-            live.turn()  # the browser that has come meanwhile is brought to the drone
+            live.turn()  # moves the camera of the newly connected browser to the drone
             return standing(driver)
     finally:
         server.stop()
 
 
 def report_picture(run: Path, out: Path) -> NDArray[np.uint8]:
-    """Return a step of a flight in the page of a report, (H, W, 3) BGR. The report is written to `out`."""
+    """Write a report to `out` and return its page at one step of a flight, (H, W, 3) BGR."""
     from dronecats.cli.main import main
 
     assert main(["report", str(run), "--out", str(out)]) == 0
@@ -169,7 +172,7 @@ def save_jpeg(picture: NDArray[np.uint8], path: Path) -> None:
 
 
 def write(folder: Path) -> None:
-    """Write the pictures into a folder."""
+    """Fly the episodes and write all pictures into a folder."""
     with tempfile.TemporaryDirectory() as runs:
         picture = flight_picture(fly_episode(Path(runs) / "flight", FLIGHT, "vision"))
         few_colors(picture, FLIGHT_PICTURE.colors).save(folder / FLIGHT_PICTURE.name, optimize=True)

@@ -1,6 +1,6 @@
 """The pages of the documentation and their blocks of code.
 
-A marker on the line above a block says what the tests do with it: `<!-- test: KIND -->`, with a KIND of `KINDS`.
+A marker on the line above a block tells the tests how to treat it: `<!-- test: KIND -->`, with a KIND of `KINDS`.
 """
 
 import re
@@ -22,7 +22,7 @@ KINDS = {
     "setup": "installs software, changes the checkout, or starts a program of another project",
 }
 MARKER = "<!-- test:"
-# `dronecats report` and `dronecats study` write these pages; the blocks are the commands that made them.
+# `dronecats report` and `dronecats study` generate these pages. Their blocks are the commands that generate them.
 GENERATED = re.compile(r"docs/(reports|studies)/[\w-]+/report\.md|docs/studies/host-load\.md")
 BLOCK = re.compile(
     rf"(?:^{MARKER} (?P<kind>\S+)(?: (?P<file>\S+))? -->\n)?^```(?P<language>\S*)\n(?P<code>.*?)^```$",
@@ -46,7 +46,7 @@ class Block:
 
     @property
     def script(self) -> str:
-        """The commands of a shell block. A console block shows output as well, which is left out."""
+        """The commands of a shell block, without the output that a console block also shows."""
         prompted = re.findall(r"^\$ ((?:.*\\\n)*.*\n)", self.code, re.MULTILINE)
         return "".join(prompted) if self.language == "console" else self.code
 

@@ -17,8 +17,8 @@ from tests.docs.pages import BLOCK, KINDS, MARKER, PAGES, ROOT, Block, blocks
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 RUNNING = sorted({block.page for block in BLOCKS if block.kind == "run"} - {"docs/README.md"})  # `demo` runs that block
 SHELL = ("sh", "console")
-COMMAND = re.compile(r"(    )?(\$ )?(dronecats|python3?|make|pip|pytest) (?!\S*: )")  # `dronecats fly: …` is an output
-# `dronecats` and `python` are those of this test, also where nothing is installed.
+COMMAND = re.compile(r"(    )?(\$ )?(dronecats|python3?|make|pip|pytest) (?!\S*: )")  # `dronecats fly: …` is output
+# Runs `dronecats` and `python` with the interpreter and the checkout of this test, even if nothing is installed.
 PRELUDE = 'set -eo pipefail; dronecats() { python -m dronecats.cli.main "$@"; }; python() { "$PYTHON" "$@"; }\n'
 
 
@@ -38,12 +38,12 @@ def prose(page: Path) -> str:
 
 
 def spans(page: Path) -> list[str]:
-    """Return the commands with options that a page has as code within its sentences."""
+    """Return the commands with options that are inline code in the sentences of a page."""
     return [" ".join(span.split()) for span in re.findall(r"`(dronecats\s[^`]*\s\[?-[^`]*)`", prose(page))]
 
 
 def shell(script: str, folder: Path) -> None:
-    """Run a script in a folder. Raises AssertionError when a command of it fails."""
+    """Run a script in a folder. Raises AssertionError if one of its commands fails."""
     environment = {**os.environ, "PYTHON": sys.executable, "PYTHONPATH": str(ROOT), "DRONECATS_MAPS": f"{folder}/maps"}
     command = ["bash", "-c", PRELUDE + script]
     done = subprocess.run(
@@ -84,7 +84,7 @@ def test_commands_within_sentences_can_be_parsed(page):
 
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory) -> Path:
-    """A folder with the run that the pages call `runs/demo`, made as docs/README.md says."""
+    """A folder with the run `runs/demo`, made with the commands in docs/README.md."""
     folder = tmp_path_factory.mktemp("docs")
     for block in blocks(ROOT / "docs" / "README.md"):
         run_block(block, folder)
@@ -96,7 +96,7 @@ def demo(tmp_path_factory) -> Path:
 @pytest.mark.slow("whole commands, with their flights")
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("page", [pytest.param(page, marks=pytest.mark.xdist_group(page)) for page in RUNNING])
-def test_the_blocks_of_a_page_run(page, demo, tmp_path):
+def test_the_code_blocks_of_a_page_run(page, demo, tmp_path):
     shutil.copytree(demo, tmp_path, dirs_exist_ok=True)
     shutil.copytree(ROOT / "docs", tmp_path / "docs", ignore=shutil.ignore_patterns("*.jpg", "*.png", "*.svg", "*.pdf"))
     (tmp_path / "benchmarks").symlink_to(ROOT / "benchmarks")
@@ -105,7 +105,7 @@ def test_the_blocks_of_a_page_run(page, demo, tmp_path):
 
 
 def run_block(block: Block, folder: Path) -> None:
-    """Write a block that is a file, run one marked `run`, and skip all others."""
+    """Write a block marked `file` to its file, run a block marked `run`, and skip all others."""
     if block.file:
         (folder / block.file).write_text(block.code, encoding="utf-8")
     elif block.kind == "run":

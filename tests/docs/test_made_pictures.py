@@ -8,8 +8,8 @@ import pytest
 
 from tests.docs.made_pictures import FOLDER, MADE, few_colors
 
-NEAR = 24  # of 255, in each channel: changes by JPEG and by a smaller size
-PIXELS = 40  # of a mark, at least
+NEAR = 24  # tolerance of each channel, of 255: JPEG compression and resizing change colours
+PIXELS = 40  # minimum number of pixels in the colour of a mark
 
 
 @pytest.mark.parametrize("made", MADE, ids=lambda made: made.name)
@@ -21,7 +21,7 @@ def test_a_committed_picture_has_the_size_and_the_colours_of_its_marks(made):
         assert (np.abs(rgb - color).max(axis=2) <= NEAR).sum() >= PIXELS, color
 
 
-def test_few_colours_keep_those_of_small_marks():
+def test_color_reduction_keeps_the_colors_of_small_marks():
     shades = np.random.default_rng(0).integers(60, 200, (200, 200, 1), np.uint8)
     picture = np.repeat(shades, 3, axis=2)
     picture[:4, :4] = (255, 47, 214)

@@ -1,4 +1,4 @@
-"""The files that pages and code name are in the repository. `make docs` checks the links of the pages."""
+"""Files named in pages and in code exist in the repository. `make docs` checks the links of the pages."""
 
 import re
 
@@ -8,13 +8,13 @@ from tests.docs.pages import PAGES, ROOT
 from tests.support.unused_parameters import section
 
 ROOMS = ("autopilot", "benchmarks", "docs", "dronecats", "episodes", "foundation", "hil", "tests", "vehicles")
-NAMED = re.compile(rf"(?<![\w/.])((?:{'|'.join(ROOMS)})(?:/[\w.-]*\w)+)")  # a path of ours, from the root
-NO_PATHS = ("dronecats/dronecats",)  # the task, as Inspect names it
-SOURCE = re.compile(r"`([\w/-]+\.py)`")  # a source file, by its path or by its name alone
+NAMED = re.compile(rf"(?<![\w/.])((?:{'|'.join(ROOMS)})(?:/[\w.-]*\w)+)")  # a path from the repository's root
+NO_PATHS = ("dronecats/dronecats",)  # the name of the task in Inspect
+SOURCE = re.compile(r"`([\w/-]+\.py)`")  # a source file, as a path or as a name alone
 
 
 def missing(text: str) -> list[str]:
-    """Return the files of ours in a text that do not exist."""
+    """Return the project files that a text names and that do not exist."""
     wrong = [name for name in NAMED.findall(text) if name not in NO_PATHS and not (ROOT / name).exists()]
     return wrong + [name for name in SOURCE.findall(text) if name not in wrong and not _is_there(name)]
 
@@ -28,8 +28,8 @@ def test_files_named_on_a_page_exist(page):
     assert missing(page.read_text(encoding="utf-8")) == []
 
 
-def test_every_page_that_the_code_names_is_there():
-    """In help, in errors and in docstrings; PX4's own docs/en are another project's."""
+def test_every_page_named_in_the_code_exists():
+    """The search covers help, errors and docstrings. It skips docs/en, which belongs to PX4."""
     named = {
         (page, path.name)
         for room in ROOMS
@@ -45,7 +45,7 @@ def test_every_page_that_the_code_names_is_there():
     [
         ("see `vehicles/nothing.py`", ["vehicles/nothing.py"]),
         ("see `rotor.py` and `nothing.py`", ["nothing.py"]),
-        ("see `sitl/pace.py`", ["sitl/pace.py"]),  # from the root, or by its name alone
+        ("see `sitl/pace.py`", ["sitl/pace.py"]),  # a path must start at the root
         ("see tests/none/test_nothing.py.", ["tests/none/test_nothing.py"]),
     ],
 )
@@ -53,5 +53,5 @@ def test_missing_files_are_detected(text, wrong):
     assert missing(text) == wrong
 
 
-def test_the_page_names_every_parameter_without_effect():
+def test_compatibility_page_lists_the_parameters_without_effect():
     assert section() in (ROOT / "docs" / "compatibility.md").read_text(encoding="utf-8")

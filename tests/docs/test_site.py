@@ -1,4 +1,4 @@
-"""The pages that `make docs` makes from the repository, before Sphinx reads them."""
+"""The pages that `make docs` generates from the repository as the input of Sphinx."""
 
 import re
 from importlib.util import find_spec
@@ -28,18 +28,18 @@ PAGE = PurePosixPath("docs/sitl.md")
         ("[not there](nowhere.toml)", "[not there](nowhere.toml)"),  # Sphinx reports it
     ],
 )
-def test_links_of_the_repository_become_those_of_the_site(link, relinked):
+def test_repository_links_become_site_links(link, relinked):
     shown: set[PurePosixPath] = set()
     assert pages.relinked(link, PAGE, shown) == relinked
     assert len(shown) == ("files/" in relinked)
 
 
-def test_blocks_of_code_keep_their_text():
+def test_code_blocks_keep_their_text():
     text = "a\n```\na\n```\na\n```sh\na\n```\n"
     assert pages.outside_fences(text, str.upper) == "A\n```\na\n```\nA\n```sh\na\n```\n"
 
 
-def test_the_index_of_the_docs_is_the_navigation():
+def test_the_navigation_follows_the_docs_index():
     navigation = pages.navigation(["commands/index"])
     index = (ROOT / pages.INDEX).read_text(encoding="utf-8")
     assert [
@@ -51,7 +51,7 @@ def test_the_index_of_the_docs_is_the_navigation():
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_the_page_of_a_verb_has_all_words_of_its_help(verb):
+def test_the_page_of_a_command_has_all_options_and_examples_of_its_help(verb):
     page = "\n".join(commands.verb_page(verb))
     parser = commands.subparsers(command_parser(verb))[verb]
     for each in (parser, *commands.subparsers(parser).values()):
@@ -61,12 +61,12 @@ def test_the_page_of_a_verb_has_all_words_of_its_help(verb):
         assert [line for line in each.examples() if line not in section] == []
 
 
-def test_the_first_page_of_the_commands_leads_to_every_verb():
+def test_the_command_overview_links_every_command():
     text = "\n".join(commands.first_page())
     assert [verb for verb in VERBS if f"({verb}.md)" not in text or f"\n{verb}\n" not in text] == []
 
 
-def test_the_public_modules_are_there():
+def test_the_documented_modules_exist():
     assert [module for module in api.MODULES if find_spec(module) is None] == []
 
 

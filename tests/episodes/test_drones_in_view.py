@@ -1,4 +1,4 @@
-"""The drones of a fleet: drawn as large as solid, at their true places in pictures, and as obstacles to view."""
+"""The drones of a fleet: their drawn size is the collision size, they appear at true positions, and hide targets."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ from vehicles.collision import solids_record
 from vehicles.multirotor import Multirotor
 
 HALF = CameraModel(640, 360)
-RECORDS = ("v1-residential-commanding-01", "v1-blocks-commanding-01")  # squares that face their goals
+RECORDS = ("v1-residential-commanding-01", "v1-blocks-commanding-01")  # their squares of drones face the target
 
 
 @pytest.fixture(scope="module", params=RECORDS)
@@ -36,7 +36,7 @@ def renderer(world):
 
 
 def turned(roll, pitch, yaw):
-    """Return the (3, 3) matrix body FRD → NED from Euler's angles (rad), independent of `frames`."""
+    """Return the (3, 3) rotation from body FRD to NED of Euler angles (rad), computed without `foundation.frames`."""
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
     rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
@@ -45,7 +45,7 @@ def turned(roll, pitch, yaw):
 
 
 def projected(points, eye_place, eye_turned):
-    """Return the (N, 2) pixels of world points in a drone's picture, and their (N,) depths: an independent pinhole."""
+    """Return the pixels (N, 2) and depths (N,) of world points in a drone's picture, with a separate pinhole model."""
     eye = np.array(eye_place) + eye_turned @ np.array(HALF.offset_frd)
     local = (np.asarray(points) - eye) @ eye_turned
     focal = HALF.width / (2.0 * math.tan(math.radians(HALF.hfov_deg / 2)))
@@ -53,20 +53,20 @@ def projected(points, eye_place, eye_turned):
 
 
 def around(shape):
-    """Return the outermost points of a drone (N, 3): its discs' rims, feet and mast, and its camera."""
+    """Return the outermost points (N, 3) of a drone: the rims of its rotor discs, its feet, mast and camera."""
     angles = np.arange(0.0, 2.0 * math.pi, math.pi / 8)
     rims = [(x + shape.radius_m * math.cos(a), y + shape.radius_m * math.sin(a), z) for x, y, z in shape.hubs
             for a in angles]  # fmt: skip
     return np.array([*rims, *shape.touching, HALF.offset_frd])
 
 
-def test_the_default_drone_is_the_default_airframe():
+def test_the_default_outline_is_that_of_the_x500():
     assert outline(airframes.load("x500")) == X500
 
 
 @pytest.mark.parametrize("name", airframes.names())
-def test_the_drawn_body_is_the_solid_body(name):
-    """Every ball of the physics contains something drawn, and nothing is drawn outside them."""
+def test_the_drawn_body_matches_the_collision_body(name):
+    """Each collision ball contains drawn vertices, and all drawn vertices beyond the rotors are in a ball."""
     frame = airframes.load(name)
     mesh = multirotor(outline(frame))
     assert len(mesh.triangles) <= 1500
@@ -78,14 +78,14 @@ def test_the_drawn_body_is_the_solid_body(name):
     body = frame.curve.radius_m + max(math.hypot(*rotor.position_frd) for rotor in frame.rotors)
     far = np.linalg.norm(corners, axis=1) > body + 0.01
     assert (gaps[far].min(axis=1) < 0.0).all()  # the camera and its bumpers
-    for rotor in frame.rotors:  # blades reach to the rim
+    for rotor in frame.rotors:  # the blades reach the rim
         off = corners - np.array(rotor.position_frd)
         blade = np.abs(off[:, 2]) <= 0.02 * frame.curve.radius_m
         reach = np.linalg.norm(off[blade, :2], axis=1)
         assert np.abs(reach - frame.curve.radius_m).min() < 0.01 * frame.curve.radius_m
 
 
-def test_a_drone_is_no_target_and_no_candidate(world):
+def test_drones_are_separate_from_targets_and_candidates(world):
     assert "drone" not in assets.names()
     assert {one.kind for one in world.fleet.instances} == {"drone"}
     assert [one.name for one in world.fleet.instances] == ["drone-0", "drone-1", "drone-2", "drone-3"]
@@ -94,22 +94,22 @@ def test_a_drone_is_no_target_and_no_candidate(world):
     assert not any(one.kind == "drone" for one in world.scene.instances)
 
 
-def test_a_drone_alone_is_nowhere_and_its_scene_as_ever():
+def test_a_single_drone_is_not_drawn_and_leaves_the_scene_unchanged():
     alone = World(catalogue.load("residential-approaching-01"))
     assert alone.fleet.instances == ()
     assert alone.filmed.instances == alone.scene.instances
     assert alone.moved(0.0, {}) == {}
 
 
-def test_as_many_are_seen_as_fly():
+def test_a_fleet_has_one_instance_per_drone_but_none_for_a_single_drone():
     start = catalogue.load("residential-approaching-01").starts
     assert len(Fleet(start, 7, X500, 3).instances) == 3
     assert [one.id for one in Fleet(start, 7, X500, 3).instances] == [7, 8, 9]
     assert Fleet(catalogue.load(RECORDS[0]).starts, 7, X500, 1).instances == ()
 
 
-def test_every_drone_is_in_the_pictures_where_a_pinhole_has_it(world, renderer):
-    """Fleets at random, tilted places: ids against the projection of the airframe's points, pair by pair."""
+def test_drones_appear_at_their_pinhole_projections(world, renderer):
+    """Fleets have random, tilted poses. For each pair of drones, ids are compared with projected airframe points."""
     rng = np.random.default_rng(4)
     shape, checked, behind = around(X500), 0, 0
     for _ in range(12):
@@ -170,7 +170,7 @@ def test_rear_drones_see_front_drones_in_their_first_picture(world, renderer):
             assert pixels == 0
 
 
-def test_a_moved_drone_casts_a_shadow_and_one_that_is_not_there_none(world, renderer):
+def test_only_a_drone_with_a_pose_is_drawn_and_casts_a_shadow(world, renderer):
     above = world.fleet.starts[0].position_ned
     ground = world.ground_down(*above[:2])
     low = DronePose((above[0], above[1], ground - 0.6), (1.0, 0.0, 0.0, 0.0))
@@ -180,14 +180,17 @@ def test_a_moved_drone_casts_a_shadow_and_one_that_is_not_there_none(world, rend
     assert 200 < mine.sum() < 8000
     assert not (bare.ids == world.fleet.instances[1].id).any()
     darker = (bare.rgb.mean(axis=2) > shown.rgb.mean(axis=2) + 8.0) & ~mine
-    if bare.rgb[mine].mean() > 60.0:  # in the sun
+    if bare.rgb[mine].mean() > 60.0:  # the place is in the sun
         assert darker.sum() > 50
     again = renderer.render(eye, world.moved(0.0, {}))
     np.testing.assert_array_equal(again.rgb, bare.rgb)
 
 
 def before_the_lens(world, gap_m, aside_m=0.0):
-    """Return the poses of a drone that faces the target at 12 m, and of one with its hull `gap_m` before the lens."""
+    """Return the place and attitude of a drone that faces the target at 12 m, and the pose of another drone.
+
+    The other drone is `gap_m` in front of the first one's lens and `aside_m` to the side.
+    """
     goal = world.target_centre(0.0)
     start = np.array(world.record.starts[0].position_ned)
     way = np.array(goal) - start
@@ -200,7 +203,7 @@ def before_the_lens(world, gap_m, aside_m=0.0):
     return tuple(place.tolist()), attitude, DronePose(tuple(other.tolist()), attitude)
 
 
-def test_a_drone_before_the_lens_hides_the_target_in_rays_as_in_ids():
+def test_a_drone_before_the_lens_hides_the_target_equally_in_rays_and_ids():
     world = World(catalogue.load("v1-blocks-commanding-01"))  # its target is a sign, 1.2 m wide
     camera = CameraModel()
     drawn = Renderer(world.filmed, camera)
@@ -219,10 +222,10 @@ def test_a_drone_before_the_lens_hides_the_target_in_rays_as_in_ids():
     drawn.close()
     assert shares[0] == 0.0
     assert 0.05 < shares[1] < 0.9
-    assert shares[-2:] == [1.0, 1.0]  # beside the way, and behind the camera
+    assert shares[-2:] == [1.0, 1.0]  # beside the line of sight, and behind the camera
 
 
-def test_hovering_is_where_the_record_has_the_start(world):
+def test_fleet_starts_hover_at_the_recorded_starts(world):
     for start, pose in zip(world.record.starts, world.fleet.starts, strict=True):
         assert pose == hovering(start)
         assert pose.position_ned == start.position_ned

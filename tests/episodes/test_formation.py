@@ -1,4 +1,4 @@
-"""A commanding record for another number of drones: the first of its four, or more on the same lattice."""
+"""A commanding record with another number of drones: the first of its four starts, or more on the same lattice."""
 
 import itertools
 import math
@@ -16,14 +16,14 @@ from foundation.errors import UsageError
 BLOCKS = "blocks-commanding-01"
 
 
-def test_fewer_are_the_first_of_the_records_own():
+def test_up_to_four_drones_use_the_first_starts_of_the_record():
     for drones in (1, 2, 3, 4):
         record = catalogue.load(BLOCKS)
         assert with_drones(record, drones) == replace(record, starts=record.starts[:drones]), drones
 
 
 @pytest.mark.parametrize(("episode", "drones"), [(BLOCKS, 6), (BLOCKS, 8), ("residential-commanding-10", 8)])
-def test_more_stand_on_the_lattice_of_the_square_where_the_records_own_checks_pass(episode, drones):
+def test_more_drones_extend_the_lattice_and_fail_only_the_number_rule(episode, drones):
     record = catalogue.load(episode)
     more = with_drones(record, drones)
     assert parse(more.to_json(), "flown") == more
@@ -45,12 +45,12 @@ def test_more_stand_on_the_lattice_of_the_square_where_the_records_own_checks_pa
     assert red == ["the number of drones"]
 
 
-def test_more_are_the_same_every_time():
+def test_the_starts_of_more_drones_are_reproducible():
     record = catalogue.load(BLOCKS)
     assert with_drones(record, 8) == with_drones(record, 8)
 
 
-def test_no_place_is_ahead_of_the_square_and_none_is_in_it():
+def test_additional_places_are_outside_the_square_and_not_ahead_of_it():
     starts = catalogue.load(BLOCKS).starts
     ahead = [a - b for a, b in zip(starts[0].position_ned, starts[2].position_ned, strict=True)]
     places = list(formation.places(starts))
@@ -71,14 +71,14 @@ def test_impossible_formations_are_rejected_in_one_sentence():
             with_drones(catalogue.load(episode), drones)
 
 
-def test_starts_that_are_no_square_do_not_go_on():
+def test_starts_that_are_not_a_square_are_rejected():
     record = catalogue.load(BLOCKS)
     for starts in (record.starts[:3], (*record.starts[:3], replace(record.starts[3], position_ned=(0.0, 0.0, -1.5)))):
         with pytest.raises(UsageError, match="2 m"):
             with_drones(replace(record, starts=starts), 5)
 
 
-def test_where_there_is_no_room_it_says_for_how_many(monkeypatch):
+def test_the_error_states_how_many_drones_have_room(monkeypatch):
     record = catalogue.load(BLOCKS)
     wide = with_drones(record, 6)
     monkeypatch.setattr(formation, "has_room", lambda world, standing, place: place == wide.starts[4])

@@ -73,7 +73,7 @@ def test_a_native_target_is_listed_once_among_the_obstacles(world: World, thing:
         ({"yaw_deg": 91.0}, "target"),
     ],
 )
-def test_native_targets_that_do_not_match_the_map_are_rejected(thing: Instance, change: dict[str, Any], says: str) -> None:
+def test_targets_that_do_not_match_the_map_are_rejected(thing: Instance, change: dict[str, Any], says: str) -> None:
     record = record_of(thing)
     with pytest.raises(UsageError, match=says):
         World(replace(record, target=replace(record.target, **change)))

@@ -1,4 +1,4 @@
-"""Processes that start at once compile one after the other, so that all but the first find it done."""
+"""Processes that start together compile one after another: the first one compiles, the others load its cache."""
 
 import fcntl
 import math
@@ -14,14 +14,14 @@ from foundation.frames import wrap_pi
 
 
 @pytest.mark.skipif(not compiled.CAN_CACHE, reason="nothing is kept here")
-def test_one_at_a_time_compiles():
+def test_only_one_process_compiles_at_a_time():
     with compiled.compile_lock(), (compiled.cache_folder() / "turn").open() as turn, pytest.raises(BlockingIOError):
         fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
     with (compiled.cache_folder() / "turn").open() as turn:
         fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def test_only_a_kernel_that_says_so_makes_arrays():
+def test_a_kernel_may_allocate_arrays_only_with_allocates_set():
     def made(count):
         return np.zeros(count).sum()
 
@@ -31,5 +31,5 @@ def test_only_a_kernel_that_says_so_makes_arrays():
 
 
 @given(st.floats(-50.0, 50.0))
-def test_an_angle_within_a_revolution_is_wrapped_to_the_bits_of_a_division(angle):
+def test_wrap_pi_equals_the_modulo_formula_bit_for_bit(angle):
     assert wrap_pi(angle) == (angle + math.pi) % (2.0 * math.pi) - math.pi

@@ -1,4 +1,4 @@
-"""Values cached on disk: read from there, and computed anew after a change of the sources or damage."""
+"""Values cached on disk. They are computed again if a source file changes or the cache file is damaged."""
 
 import os
 from pathlib import Path
@@ -12,7 +12,7 @@ from foundation.kept_values import kept
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
-    """Return a function that requests a value, and the list of the computed ones."""
+    """Return a function that requests a value, and the list of computations so far."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(kept_values, "ROOT", tmp_path)
     (tmp_path / "source.py").write_text("a = 1")
@@ -29,14 +29,14 @@ def files(tmp_path):
     return sorted((tmp_path / "cache" / "dronecats" / "values").iterdir())
 
 
-def test_a_value_is_made_once(made, tmp_path):
+def test_a_value_is_computed_once(made, tmp_path):
     ask, made_numbers = made
     assert ask() == ask() == [0, 1, 2]
     assert made_numbers == [0]
     assert len(files(tmp_path)) == 1
 
 
-def test_another_source_makes_another_value(made, tmp_path):
+def test_a_changed_source_file_causes_a_new_computation(made, tmp_path):
     ask, _ = made
     ask()
     (tmp_path / "source.py").write_text("a = 2")
@@ -46,7 +46,7 @@ def test_another_source_makes_another_value(made, tmp_path):
 
 
 @pytest.mark.parametrize("data", [b"", b"no pickle", "half"])
-def test_a_damaged_file_is_made_anew(made, tmp_path, data):
+def test_a_damaged_cache_file_is_replaced(made, tmp_path, data):
     ask, _ = made
     ask()
     (file,) = files(tmp_path)
@@ -54,14 +54,14 @@ def test_a_damaged_file_is_made_anew(made, tmp_path, data):
     assert ask() == ask() == [1, 2, 3]
 
 
-def test_a_folder_that_cannot_be_written_costs_only_time(made, tmp_path):
+def test_without_a_writable_cache_folder_values_are_computed_each_time(made, tmp_path):
     ask, made_numbers = made
     (tmp_path / "cache").write_text("a file where the folder should be")
     ask(), ask()
     assert made_numbers == [0, 1]
 
 
-def test_a_folder_that_can_only_be_read_is_read(made, monkeypatch):
+def test_a_read_only_cache_folder_is_used(made, monkeypatch):
     ask, made_numbers = made
     ask()
 
@@ -73,7 +73,7 @@ def test_a_folder_that_can_only_be_read_is_read(made, monkeypatch):
     assert made_numbers == [0]
 
 
-def test_a_write_that_fails_leaves_no_file(made, tmp_path, monkeypatch):
+def test_a_failed_write_leaves_no_file(made, tmp_path, monkeypatch):
     ask, made_numbers = made
 
     def is_full(path, target):

@@ -1,4 +1,4 @@
-"""One thread reads the newest truth while another one feeds it."""
+"""One thread reads the newest truth while another thread feeds it."""
 
 import threading
 from collections import deque
@@ -13,7 +13,7 @@ ORIGIN = (47.397742, 8.545594, 488.0)
 
 
 class Watched(deque[TruthSample]):
-    """Records at each access whether another thread could change it meanwhile."""
+    """Records at each iteration whether another thread could acquire the lock."""
 
     truth: NewestTruth
     open: list[bool]
@@ -36,7 +36,7 @@ class Watched(deque[TruthSample]):
 
 
 @pytest.mark.parametrize("ask", ["together", "at", "before"])
-def test_nothing_is_read_in_while_somebody_looks_through_it(ask: str) -> None:
+def test_queries_hold_the_lock_while_they_iterate_over_the_samples(ask: str) -> None:
     truth = NewestTruth(ORIGIN)
     for drone in (0, 1):
         packer = Packer(drone + 1, 51)

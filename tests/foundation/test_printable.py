@@ -1,4 +1,4 @@
-"""Display of foreign text."""
+"""Text from outside is made safe to display on a terminal."""
 
 import json
 import re
@@ -13,20 +13,20 @@ ANY = st.text(st.characters() | st.characters(categories=["Cc", "Cf", "Cs", "Zl"
 
 
 @given(ANY)
-def test_nothing_steers(text):
+def test_the_result_contains_no_control_characters(text):
     shown = printable(text)
     assert all(each == "\n" or each.isprintable() or unicodedata.category(each) == "Zs" for each in shown)
     assert printable(shown) == shown
 
 
 @given(ANY.filter(lambda text: "\\" not in text))
-def test_nothing_is_lost(text):
+def test_the_original_text_can_be_restored(text):
     read = re.sub(r"(?:\\u[0-9a-f]{4})+", lambda spelt: str(json.loads(f'"{spelt[0]}"')), printable(text))
     assert read.encode("utf-16", "surrogatepass") == text.encode("utf-16", "surrogatepass")
 
 
 @given(st.recursive(ANY, lambda inner: st.lists(inner) | st.dictionaries(ANY, inner), max_leaves=4))
-def test_json_stays_the_json_that_it_is(value):
+def test_json_keeps_its_meaning(value):
     text = json.dumps(value, ensure_ascii=False, indent=1)
     assert json.dumps(json.loads(printable(text))) == json.dumps(json.loads(text))
 

@@ -1,4 +1,4 @@
-"""The protocol's numbers are the paper's, and are defined in one file."""
+"""The constants of the protocol equal those of the paper and are defined in one file."""
 
 import ast
 import contextlib
@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 NAMES = {name for name in vars(protocol) if name.isupper()}
 
 
-def test_they_are_the_papers():
+def test_protocol_constants_equal_those_of_the_paper():
     assert (protocol.CAP_S, protocol.RADIUS_M, protocol.POSE_PERIOD_S) == (300.0, 5.0, 1 / 2)
     assert (protocol.HISTORY_LENGTH, protocol.STEP_S, protocol.STRIDE_MAX_M, protocol.SPEED_MAX) == (5, 2.5, 3.0, 1.2)
     assert (protocol.BEARING_DEADBAND_DEG, protocol.CLIMB_DEADBAND, protocol.YAW_RATE_DEG) == (8.0, 0.15, 60.0)
@@ -19,7 +19,7 @@ def test_they_are_the_papers():
 
 
 def test_no_other_module_defines_a_protocol_number():
-    """No other module has the same name with the same value. A near plane called NEAR_M is not of the protocol."""
+    """No other module has a constant of the same name and value. The name alone may repeat."""
     again = {
         f"{path.relative_to(ROOT)}: {name}"
         for room in ("foundation", "dronecats", "autopilot", "vehicles", "episodes", "hil")
@@ -32,7 +32,7 @@ def test_no_other_module_defines_a_protocol_number():
 
 
 def constants(path):
-    """Yield the names of a module's plain constants with their values."""
+    """Yield name and value of each literal constant of a module."""
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
             with contextlib.suppress(ValueError):

@@ -1,4 +1,4 @@
-"""Fields of a numpy record as plain numbers: the same values, always the present ones."""
+"""A reader returns fields of a numpy record as plain Python numbers, with their current values."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ RECORD = np.dtype(
 )
 
 
-def test_the_fields_are_read_as_they_are_now():
+def test_the_reader_returns_current_values_as_plain_numbers():
     record = np.zeros(1, RECORD)[0]
     read = reader(record, "place", "turn", "count")
     record["place"], record["turn"], record["count"] = (1.5, -2.0, 0.1), ((1.0, 2.0), (3.0, 4.0)), 7
@@ -20,7 +20,7 @@ def test_the_fields_are_read_as_they_are_now():
     assert isinstance(read()[-1], int)
 
 
-def test_a_field_of_a_record_in_a_record_is_read():
+def test_a_field_of_a_nested_record_is_read():
     outer = np.zeros(1, np.dtype([("first", "f8"), ("inner", RECORD)]))[0]
     read = reader(outer["inner"], "time_us")
     outer["inner"]["time_us"] = 20_000

@@ -1,4 +1,4 @@
-"""No spelling of a key survives, and other text stays readable."""
+"""A key is masked in every encoding, and other text stays readable."""
 
 import base64
 import html
@@ -13,7 +13,7 @@ from foundation.redaction import hide_secrets, redacted, redacted_url, secrets_o
 HEX = "0123456789abcdef0123456789abcdef01234567"
 
 
-def test_an_address_is_shown_without_what_may_be_a_key():
+def test_possible_keys_are_masked_in_urls():
     for url, shown in [
         ("http://127.0.0.1:8000/v1", "http://127.0.0.1:8000/v1"),
         ("http://[::1]:80/v1/", "http://[::1]:80/v1/"),
@@ -50,14 +50,14 @@ SPELT = [
 
 @settings(deadline=None, max_examples=40)
 @given(KEYS, st.sampled_from(SPELT), st.sampled_from(["", "ä ", "%2", "\\"]), st.sampled_from(["", " z", "%41", "&"]))
-def test_a_key_is_found_in_every_spelling(key, spell, before, after):
+def test_a_key_is_masked_in_every_encoding(key, spell, before, after):
     assert spell(key) not in hide_secrets(before + spell(key) + after, key)
     assert hide_secrets(f"<{spell(key)}>", key) == "<***>"
 
 
 @settings(deadline=None, max_examples=40)
 @given(KEYS)
-def test_every_part_of_an_address_that_is_not_shown_is_a_secret_of_it(key):
+def test_masked_parts_of_a_url_count_as_secrets_in_other_text(key):
     key = HEX + key
     spelt = quote(key, safe="")
     for place in ("{}/v1", "v1?a=b&k={}", "v1?{}", "v1#{}"):
@@ -68,12 +68,12 @@ def test_every_part_of_an_address_that_is_not_shown_is_a_secret_of_it(key):
             assert spelt not in text
 
 
-def test_basic_authentication_is_a_secret_too():
+def test_the_basic_authentication_header_is_a_secret():
     header = "Basic " + base64.b64encode(b"pilot:hush-hush").decode()
     assert redacted(header, *secrets_of("http://pilot:hush-hush@h/v1")) == "Basic ***"
 
 
-def test_a_pilots_words_and_scraps_are_never_taken_for_keys():
+def test_action_words_and_short_strings_are_never_masked():
     url = "http://a:b@h/v1?mode=rotate&x=finished&n=500&d=depth_m&y=point"
     reply = '{"action":"rotate","point":[500,500],"depth_m":9} finished a b'
     assert hide_secrets(reply, *secrets_of(url)) == reply

@@ -1,4 +1,4 @@
-"""The file of a signing key: accepted contents, and errors that do not show it."""
+"""Signing key file: accepted contents, and error messages that do not show the key."""
 
 import pytest
 from hypothesis import given
@@ -13,7 +13,7 @@ KEY = bytes(range(200, 232))
 @pytest.mark.parametrize(
     "data", [KEY, KEY.hex().encode(), KEY.hex().upper().encode() + b"\n", b" " + KEY.hex().encode()]
 )
-def test_a_key_is_32_bytes_or_64_digits(tmp_path, data):
+def test_a_key_is_32_bytes_or_64_hexadecimal_digits(tmp_path, data):
     (tmp_path / "key").write_bytes(data)
     assert load_key(tmp_path / "key") == KEY
 
@@ -21,7 +21,7 @@ def test_a_key_is_32_bytes_or_64_digits(tmp_path, data):
 @pytest.mark.parametrize(
     "data", [b"", b"secret-word", bytes(32), KEY + b"\n", b"0" * 64, b"g" * 64, KEY.hex().encode()[:-1]]
 )
-def test_anything_else_is_refused_without_being_shown(tmp_path, data):
+def test_other_contents_are_rejected_and_not_shown_in_the_error(tmp_path, data):
     (tmp_path / "key").write_bytes(data)
     with pytest.raises(UsageError, match="64 hexadecimal digits") as refusal:
         load_key(tmp_path / "key")
@@ -31,7 +31,7 @@ def test_anything_else_is_refused_without_being_shown(tmp_path, data):
     assert refusal.value.__context__ is None
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path):
+def test_the_error_for_a_missing_file_names_it(tmp_path):
     with pytest.raises(UsageError, match="nothing-here"):
         load_key(tmp_path / "nothing-here")
 

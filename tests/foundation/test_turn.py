@@ -1,4 +1,4 @@
-"""One thread computes and the others wait, in the order of their requests. A lent turn lets others compute."""
+"""One thread computes; the others wait in the order of their requests. A thread can lend its turn to others."""
 
 import threading
 
@@ -21,13 +21,13 @@ def ended(threads):
 
 
 def asking(turn, seen, count):
-    """Wait until the queue has so many threads."""
+    """Wait until `count` threads are in the queue."""
     while len(turn._queue) < count:
         assert not seen.is_set()
         threading.Event().wait(0.001)
 
 
-def test_only_one_computes_and_in_the_order_of_asking():
+def test_one_thread_computes_at_a_time_in_order_of_requests():
     turn, order, inside, never = ComputingTurn(), [], [], threading.Event()
 
     def job(number):
@@ -47,7 +47,7 @@ def test_only_one_computes_and_in_the_order_of_asking():
     assert order == [0, 1, 2, 3, 4]
 
 
-def test_a_waiting_thread_lets_others_compute_and_then_queues_again():
+def test_a_thread_that_lends_its_turn_lets_others_compute_before_it_continues():
     turn, answered = ComputingTurn(), threading.Event()
 
     def answer():
@@ -74,7 +74,7 @@ def test_a_thread_without_the_turn_lends_nothing():
     assert ended(late)
 
 
-def test_an_error_gives_it_back():
+def test_an_exception_releases_the_turn():
     turn = ComputingTurn()
     with pytest.raises(ValueError, match="lent"), turn.taken(), turn.lent():
         raise ValueError("lent")
@@ -98,12 +98,12 @@ def test_a_thread_that_never_waits_yields_after_some_steps():
         assert not had.is_set()
         turn.step()
         assert had.is_set()
-        with turn.lent():  # a thread that has waited in between restarts its count
+        with turn.lent():  # lending the turn resets the step count
             pass
         threads += start(other)
         had.clear()
         asking(turn, had, 1)
         turn.step()
         assert not had.is_set()
-    turn.step()  # without the turn: no effect
+    turn.step()  # no effect for a thread without the turn
     assert ended(threads)

@@ -1,4 +1,4 @@
-"""Typed files: contents that match the annotations are read; others give one sentence with file, key and rule."""
+"""Typed files: contents must match the annotations. An error is one sentence with file, key and rule."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -40,7 +40,7 @@ WHEEL = {"place": [0, 1, 2], "radius_m": 0.3}
 CART = {"name": "cart", "wheels": [WHEEL]}
 
 
-def test_a_table_is_the_dataclass():
+def test_a_valid_table_becomes_the_dataclass():
     cart = typed({**CART, "loads": {"hay": 1}}, Cart, "cart.toml")
     assert cart == Cart(name="cart", wheels=(Wheel(place=(0.0, 1.0, 2.0), radius_m=0.3),), loads={"hay": 1.0})
     assert isinstance(cart.wheels[0].place[0], float)
@@ -97,7 +97,7 @@ values = st.recursive(
 
 
 @given(st.sampled_from([*Cart.__dataclass_fields__]), values)
-def test_any_value_is_read_or_refused_in_one_short_sentence(key, value):
+def test_any_value_is_accepted_or_rejected_with_one_short_sentence(key, value):
     try:
         read: Cart | str = typed({**CART, key: value}, Cart, "cart.toml")
     except UsageError as error:
@@ -108,7 +108,7 @@ def test_any_value_is_read_or_refused_in_one_short_sentence(key, value):
         assert len(read) < 300
 
 
-def test_a_file_that_cannot_be_parsed_is_refused_in_one_sentence(tmp_path):
+def test_an_unreadable_file_is_rejected_with_one_sentence(tmp_path):
     path = tmp_path / "cart"
     for data in (b"[m", b"\xff\xfe", b"a = " + b"9" * 5000, b"a = " + b"[" * 5000, b"#" * 1_000_001):
         path.write_bytes(data)

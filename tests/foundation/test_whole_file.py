@@ -1,4 +1,4 @@
-"""A file is the old one or the new one, and no draft remains."""
+"""A file is replaced atomically: it has the old or the new contents, and no draft remains."""
 
 import pytest
 
@@ -20,7 +20,7 @@ def test_an_interrupted_write_leaves_the_old_file_and_no_draft(tmp_path):
     assert path.read_text() == "old\n"
 
 
-def test_the_new_file_takes_the_place_of_the_old_one(tmp_path):
+def test_the_new_file_replaces_the_old_one(tmp_path):
     path = tmp_path / "table.csv"
     write_text(path, "old\n")
     with whole_file(path) as draft:
@@ -28,6 +28,6 @@ def test_the_new_file_takes_the_place_of_the_old_one(tmp_path):
     assert [each.read_text() for each in tmp_path.iterdir()] == ["new\n"]
 
 
-def test_a_folder_that_is_not_there_is_an_os_error(tmp_path):
+def test_a_missing_folder_raises_file_not_found_error(tmp_path):
     with pytest.raises(FileNotFoundError):
         write_text(tmp_path / "nowhere" / "table.csv", "new\n")

@@ -1,4 +1,4 @@
-"""Our MAVLink codec against pymavlink's, for every message of the dialect, and on invalid streams."""
+"""Compares our MAVLink codec with pymavlink, for every message of the dialect and for invalid streams."""
 
 import math
 import struct
@@ -18,7 +18,7 @@ BITS = {"8": 8, "16": 16, "32": 32, "64": 64}
 
 
 def element(kind: str) -> st.SearchStrategy[Any]:
-    """Return the values that one element of a field may have."""
+    """Return a strategy for the values of one element of a field."""
     if kind == "float":
         return st.floats(width=32)
     if kind == "double":
@@ -30,7 +30,7 @@ def element(kind: str) -> st.SearchStrategy[Any]:
 
 
 def message_of(kind: Any) -> st.SearchStrategy[Any]:
-    """Return the messages of a class; a trailing stretch of zeros is as likely as none."""
+    """Return a strategy for the messages of a class. Trailing zeros are frequent: the codec truncates them."""
     fields = []
     for name, type_name in zip(kind.fieldnames, kind.fieldtypes, strict=True):
         place = kind.ordered_fieldnames.index(name)
@@ -49,7 +49,7 @@ any_message = st.sampled_from(CLASSES).flatmap(message_of)
 
 
 class Reference:
-    """pymavlink alone."""
+    """Packs and parses with pymavlink."""
 
     def __init__(self, system: int = 0, component: int = 0) -> None:
         self.mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -69,7 +69,7 @@ class Reference:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Return whether two field values agree, nan with nan, also inside arrays, and in type."""
+    """Return whether two field values are equal and of one type, also inside arrays. NaN equals NaN."""
     if isinstance(a, list):
         return isinstance(b, list) and len(a) == len(b) and all(map(same, a, b))
     return type(a) is type(b) and (a == b or (a != a and b != b))
@@ -100,7 +100,7 @@ def assert_packed_and_parsed_as_pymavlink_does(message: Any) -> None:
     assert Packer(7, 191).pack(ours) == Reference(7, 191).pack(theirs), "what was parsed can be sent on"
 
 
-def test_every_message_is_packed_and_parsed_as_pymavlink_does() -> None:
+def test_every_message_is_packed_and_parsed_as_in_pymavlink() -> None:
     for kind in CLASSES:
         drawn = given(message_of(kind))(assert_packed_and_parsed_as_pymavlink_does)
         settings(max_examples=5, deadline=None)(drawn)()
@@ -116,7 +116,7 @@ def assert_its_fields_alone_are_packed_alike(message: Any) -> None:
     assert layout.payload_of(fields[:count]) == layout.payload(message), "those left out at the end are zero"
 
 
-def test_the_fields_of_a_message_alone_are_packed_alike() -> None:
+def test_packing_from_field_values_equals_packing_a_message() -> None:
     for kind in CLASSES:
         if "char" not in kind.fieldtypes:
             drawn = given(message_of(kind))(assert_its_fields_alone_are_packed_alike)
@@ -171,7 +171,7 @@ piece = st.one_of(
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(piece, max_size=8).map(b"".join), st.lists(st.integers(0, 600), max_size=6))
-def test_any_stream_in_any_chunks_gives_what_pymavlink_gives(stream: bytes, cuts: list[int]) -> None:
+def test_any_stream_in_any_chunks_is_parsed_as_in_pymavlink(stream: bytes, cuts: list[int]) -> None:
     ours, theirs = Parser(), Reference()
     places = [0, *sorted(cut % (len(stream) + 1) for cut in cuts), len(stream)]
     for start, stop in pairwise(places):
@@ -179,7 +179,7 @@ def test_any_stream_in_any_chunks_gives_what_pymavlink_gives(stream: bytes, cuts
         messages = ours.feed(chunk)
         try:
             wanted = theirs.feed(chunk)
-        except Exception:  # pymavlink cannot survive these; we have counted them
+        except Exception:  # pymavlink fails on these bytes; our parser counts them as bad
             assert ours.bad > 0
             return
         assert [bytes(m.get_msgbuf()) for m in messages] == [bytes(m.get_msgbuf()) for m in wanted]
@@ -208,7 +208,7 @@ def test_a_damaged_frame_is_counted_and_the_next_one_is_parsed() -> None:
     assert parser.bad == 1
 
 
-def test_the_sequence_number_counts_to_255_and_begins_again() -> None:
+def test_the_sequence_number_wraps_after_255() -> None:
     packer, parser = Packer(9, 8), Parser()
     ping = dialect.MAVLink_ping_message(0, 0, 0, 0)
     messages = parser.feed(b"".join(packer.pack(ping) for _ in range(300)))
@@ -216,7 +216,7 @@ def test_the_sequence_number_counts_to_255_and_begins_again() -> None:
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in messages} == {(9, 8)}
 
 
-def test_a_value_its_field_cannot_hold_is_refused_and_uses_no_number() -> None:
+def test_a_value_out_of_range_is_rejected_and_uses_no_sequence_number() -> None:
     packer = Packer(1, 1)
     with pytest.raises(struct.error):
         packer.pack(dialect.MAVLink_heartbeat_message(300, 0, 0, 0, 0, 3))
@@ -225,14 +225,14 @@ def test_a_value_its_field_cannot_hold_is_refused_and_uses_no_number() -> None:
 
 
 class TwoInOne(dialect.MAVLink_param_value_message):  # type: ignore[misc]
-    """PARAM_VALUE with an integer's bytes in place of the float."""
+    """PARAM_VALUE with the bytes of an integer instead of the float."""
 
     def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
         payload = struct.pack("<IHH16sB", 2, 1, 0, self._param_id_raw, 6)
         return bytes(self._pack(mav, self.crc_extra, payload))
 
 
-def test_a_message_with_a_packing_of_its_own_keeps_it() -> None:
+def test_a_message_class_with_its_own_pack_method_is_packed_by_it() -> None:
     packer = Packer(5, 6)
     first, second = (packer.pack(TwoInOne(b"N", 0.0, 6, 1, 0)) for _ in range(2))
     assert struct.unpack_from("<I", first, 10) == (2,)
@@ -246,7 +246,7 @@ def test_bad_data_is_not_packed() -> None:
         Packer(1, 1).pack(dialect.MAVLink_bad_data(b"x", "why"))
 
 
-def test_nan_and_infinity_travel() -> None:
+def test_nan_and_infinity_are_transmitted_unchanged() -> None:
     message = dialect.MAVLink_attitude_message(1, math.nan, math.inf, -math.inf, 0.0, 0.0, 0.0)
     (parsed,) = Parser().feed(Packer(1, 1).pack(message))
     assert math.isnan(parsed.roll)
@@ -258,7 +258,7 @@ def _heard(system: int, number: int) -> bytes:
 
 
 @given(st.lists(st.tuples(st.integers(1, 3), st.booleans()), max_size=40), st.integers(1, 5))
-def test_the_newest_frames_are_those_that_a_parser_finds_last(sources, count):
+def test_newest_keeps_the_last_frames_of_each_system(sources, count):
     frames, pings = [], list[tuple[int, int]]()
     heartbeat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
     for number, (system, ping) in enumerate(sources):
@@ -273,14 +273,14 @@ ODD = [b"\x00", b"\xfe\x00", b"\xfd", b"\xfd\x09\x01\x00\x00\x01\x01\x00\x00\x00
 
 
 @pytest.mark.parametrize("odd", ODD)
-def test_among_what_is_no_plain_frame_nothing_is_left_out(odd):
+def test_newest_keeps_all_data_if_it_contains_anything_but_plain_frames(odd):
     one = _heard(1, 7)
     for data in (odd + one, one + odd, one + one[:-3]):
         assert wire.newest(data, dialect.MAVLINK_MSG_ID_HEARTBEAT, 1) == data
 
 
 @given(st.lists(st.sampled_from(["ping", "odd", "cut"]), max_size=12))
-def test_frames_that_are_only_passed_on_are_those_of_the_messages(kinds):
+def test_frames_returns_the_bytes_of_the_messages_that_feed_parses(kinds):
     pieces = {"ping": _heard(1, 7), "odd": b"\xfe\x00\x13", "cut": _heard(2, 9)[:-4]}
     data = b"".join(pieces[kind] for kind in kinds)
     reference, passed = Parser(), Parser()

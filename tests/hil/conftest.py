@@ -7,7 +7,7 @@ from tests.hil.preflight.damaged_autopilot import Autopilot
 
 @pytest.fixture
 def meet():
-    """Return a function that starts an autopilot with something wrong and gives (autopilot, connected link)."""
+    """Return a function that starts an autopilot with the given faults and returns it with a connected link."""
     opened = []
 
     def start(**wrong):

@@ -1,4 +1,4 @@
-"""Logs of an episode as the agent and the logger write them, row by row."""
+"""Builds the logs of an episode row by row, as the agent and the logger write them."""
 
 import json
 from pathlib import Path
@@ -29,7 +29,7 @@ def pose(t, distance_m, visible=True, drone=0, place=None, **more):
 
 
 def logs(decisions=(), truth=(), begin=BEGIN, end=END, record=None) -> Logs:
-    """Return the logs that hold these rows, frames and poses in `truth`."""
+    """Return Logs with these rows. `truth` holds all rows of truth.jsonl except the first and the last."""
 
     def row(fields, kind):
         made, fault = parse_row(fields, kind)

@@ -1,4 +1,4 @@
-"""The commanding part of a verdict against a second implementation with homogeneous matrices (docs/commanding.md)."""
+"""Compares the commanding part of a verdict with a second implementation by matrices (docs/commanding.md)."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,10 @@ def go(x, y, depth_m):
 
 
 def flight(steps, record=RECORD):
-    """Return logs of steps. A step has (pose or None, action) per drone, a pose (north, east, down, yaw in °)."""
+    """Return logs of steps. A step is a list of (pose or None, action), one per drone.
+
+    A pose is (north, east, down, yaw in °).
+    """
     decisions, truth = [], []
     for step, drones in enumerate(steps):
         for drone, (pose, action) in enumerate(drones):
@@ -32,7 +35,7 @@ def flight(steps, record=RECORD):
 
 
 def projected(pose, action):
-    """Return the place in the world: invert the camera's matrix and chain homogeneous transforms."""
+    """Return the world position of an action's point, by the inverse camera matrix and homogeneous transforms."""
     point = np.array(action["point"]) * [1.28, 0.72]
     across = np.linalg.inv(PINHOLE) @ [point[0], point[1], 1.0] * action["depth_m"]  # right, down, ahead
     yaw = np.deg2rad(pose[3])
@@ -44,7 +47,7 @@ def projected(pose, action):
 
 
 def expected(steps, record):
-    """Yield (all have one point, spread, places, nears) per step. Near-ties are discarded."""
+    """Yield (identical_point, spread in m, places, nears) per step. Examples with near-ties are discarded."""
     things = np.array([record["target"]["position_ned"], *(c["position_ned"] for c in record["candidates"])])[:, :2]
     for drones in steps:
         gone = [action is not None and action["action"] == "go" for _, action in drones]
@@ -102,11 +105,11 @@ def test_every_step_matches_the_second_implementation(steps):
     spreads = [apart for _, apart, *_ in wanted if apart is not None]
     assert commanding["spread_m"] == (
         pytest.approx(np.median(spreads), abs=1.1e-3) if spreads else None
-    )  # rounded twice
+    )  # the value is rounded twice
     assert commanding["candidates_neared"] == len({n for *_, nears in wanted for n in nears} - {None})
 
 
-def test_one_answer_pasted_into_four_views_and_a_division():
+def test_identical_points_are_counted_and_divided_candidates_are_neared():
     start = [(0.0, 2.0 * k, -1.5, 0.0) for k in range(4)]
     pasted = [(pose, go(448, 357, 12)) for pose in start]
     divided = [(pose, go(x, 500, 20)) for pose, x in zip(start, (300, 500, 750, 751), strict=True)]
@@ -114,7 +117,7 @@ def test_one_answer_pasted_into_four_views_and_a_division():
     commanding = outcome(flight([pasted, divided, paired]))["commanding"]
     assert [row["identical_point"] for row in commanding["steps"]] == [True, False, False]
     assert commanding["identical_share"] == 0.3333
-    assert commanding["steps"][0]["spread_m"] == pytest.approx(20 / 6, abs=1e-3)  # as far apart as the drones are
+    assert commanding["steps"][0]["spread_m"] == pytest.approx(20 / 6, abs=1e-3)  # the spread of the drones themselves
     assert commanding["steps"][1]["nears"] == [2, 0, 1, 1]
     assert commanding["candidates_neared"] == 3
 
@@ -131,7 +134,7 @@ def test_verdicts_of_other_episodes_have_no_commanding_part(record):
     assert "commanding" not in outcome(flight([[((0, 0, 0, 0), go(1, 1, 1))]], record))
 
 
-def test_commanding_is_judged_from_the_folder_alone(tmp_path):
+def test_commanding_part_needs_a_valid_episode_record(tmp_path):
     folder = write(tmp_path / "x", [{**decision(0, 1, 5.0), "action": go(500, 500, 9)}], [])
     assert "commanding" not in judge_folder(folder)
     for text in ("{", '{"cell": "commanding"}', '{"cell": "commanding", "target": {"position_ned": [1, 2]}}'):

@@ -1,4 +1,4 @@
-"""Contradictory logs are not scored, but a certain success stands."""
+"""Tests that contradictory logs are not scored, unless a success is certain."""
 
 import json
 
@@ -18,14 +18,14 @@ def judge_logs(decisions, truth, **more):
 
 
 def test_a_decided_end_without_a_qualifying_declaration_is_an_error():
-    for decisions in ([], GO, [decision(0, 0, 5.0)]):  # empty, cut off, and one that does not qualify
+    for decisions in ([], GO, [decision(0, 0, 5.0)]):  # no decision, no declaration, one that does not qualify
         named, error = judge_logs(decisions, SEEN, end=DECIDED)
         assert named == "error", decisions
         assert "decisions.jsonl" in error, decisions
     assert judge_logs([decision(0, 0, 5.0)], [frame(0, 4.5, 4.0)], end=DECIDED)[0] == "success"
 
 
-def test_an_end_at_the_cap_long_before_it_is_an_error():
+def test_an_end_with_reason_cap_long_before_the_cap_is_an_error():
     for cap_s, end_s, good in (
         (None, 300.0, True), (None, 295.0, True), (None, 294.9, False), (45.0, 45.1, True), (45.0, 39.9, False),
     ):  # fmt: skip
@@ -63,11 +63,11 @@ POSITIONS = {"position_ned": [0.0, 0.0, -2.0], "target_ned": [3.0, 0.0, 2.0]}  #
 @pytest.mark.parametrize(
     "doubtful",
     [
-        frame(1, 8.6, 4.0),  # at another time than that of the decision
-        frame(1, 8.5, 4.0, **POSITIONS),  # nearer than its own positions
+        frame(1, 8.6, 4.0),  # its time differs from the decision's frame time
+        frame(1, 8.5, 4.0, **POSITIONS),  # its distance is less than that of its positions
     ],
 )
-def test_a_declaration_whose_measurement_contradicts_itself_was_not_measured(doubtful):
+def test_a_declaration_with_a_contradictory_measurement_is_unmeasured(doubtful):
     flight = logs([*GO, decision(1, 1, 9.0)], [*SEEN, doubtful])
     assert outcome(flight)["outcome"] == "error"
     assert len(log_contradictions(flight)) == 1
@@ -76,7 +76,7 @@ def test_a_declaration_whose_measurement_contradicts_itself_was_not_measured(dou
     assert log_contradictions(good) == []
 
 
-def test_a_pose_is_compared_with_its_positions():
+def test_the_distance_of_a_pose_must_match_its_positions():
     here = pose(1.0, 5.0, place=[0.0, 0.0, -2.0], target_ned=[3.0, 0.0, 2.0])
     assert log_contradictions(logs(GO, [*SEEN, here])) == []
     assert len(log_contradictions(logs(GO, [*SEEN, {**here, "distance_m": 5.01}]))) == 1
@@ -86,7 +86,7 @@ def replied(reply, action, drone=0):
     return {**decision(0, drone, 5.0, drone=drone), "reply": reply, "action": action}
 
 
-def test_the_action_is_that_of_the_reply():
+def test_the_logged_action_must_match_the_reply():
     go = {"action": "go", "point": [100.0, 900.0], "depth_m": 4.0}
     consistent = [
         replied('{"action": "finished"}', {"action": "finished"}),
@@ -101,7 +101,7 @@ def test_the_action_is_that_of_the_reply():
     assert len(reply_contradictions(logs([replied("I cannot", {"action": "finished"})]), reread)) == 1
 
 
-def test_each_drone_of_a_fleet_takes_its_own_action_of_the_reply():
+def test_each_drone_of_a_fleet_must_have_its_own_action_of_the_reply():
     reply = '[{"action": "think"}, {"action": "finished"}]'
     fleet = [replied(reply, {"action": "think"}), replied(reply, {"action": "finished"}, 1)]
     assert reply_contradictions(logs(fleet), reread) == []
@@ -109,7 +109,7 @@ def test_each_drone_of_a_fleet_takes_its_own_action_of_the_reply():
     assert len(reply_contradictions(logs(swapped), reread)) == 1
 
 
-def test_a_mended_reply_is_read_again_with_the_same_repairs():
+def test_a_repaired_reply_is_parsed_again_with_the_same_repairs():
     reply = "[{'drone': 2, 'action': 'think'}, {'drone': 1, 'action': 'finished'}]"
     fleet = [replied(reply, {"action": "finished"}), replied(reply, {"action": "think"}, 1)]
     mended = [{**row, "mended": ["single_quotes", "by_name"]} for row in fleet]
@@ -119,8 +119,8 @@ def test_a_mended_reply_is_read_again_with_the_same_repairs():
     assert len(reply_contradictions(logs(swapped), reread)) == 1
 
 
-def test_drones_that_are_asked_separately_have_their_own_replies():
-    """A commander's confirmation has no reply. Its drone's own replies are read as those of one drone."""
+def test_drones_with_separate_requests_have_their_own_replies():
+    """A commander's confirmation has no reply. The drone's own replies are parsed as replies for one drone."""
     rows = [{**replied('{"action": "think"}', {"action": "think"}, drone), "step": drone} for drone in range(3)]
     confirmed = {k: v for k, v in decision(3, 1, 6.0, drone=1).items() if k != "reply"}
     assert reply_contradictions(logs([*rows, {**confirmed, "confirmed_by": 0}]), reread) == []
@@ -128,13 +128,13 @@ def test_drones_that_are_asked_separately_have_their_own_replies():
     assert len(reply_contradictions(logs([*rows[:2], other]), reread)) == 1
 
 
-def test_a_step_with_one_row_after_a_kill_is_still_a_fleets():
+def test_a_fleet_step_cut_to_one_row_is_still_parsed_as_a_fleet_step():
     reply = '[{"action": "think"}, {"action": "finished"}]'
     complete = [replied(reply, {"action": "think"}), replied(reply, {"action": "finished"}, 1)]
     assert reply_contradictions(logs([*complete, {**complete[0], "step": 1}]), reread) == []
 
 
-def test_commander_declarations_match_its_log_and_damage_there_is_only_reported(tmp_path):
+def test_confirmed_declarations_must_match_the_commander_log_and_its_damage_is_only_reported(tmp_path):
     confirmed = {k: v for k, v in decision(0, 7, 5.0, drone=1, confirmed_by=2).items() if k != "reply"}
     folder = write(tmp_path / "a-01", [confirmed], [BEGIN, frame(7, 4.5, 4.0, drone=1), END])
     (missing,) = judge_folder(folder)["contradictions"]

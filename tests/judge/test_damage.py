@@ -1,4 +1,4 @@
-"""A damaged log is judged, or its damage is named in one sentence."""
+"""Tests that a damaged log is judged, or that its damage is reported in one sentence."""
 
 import json
 import re
@@ -40,7 +40,7 @@ def changed(rows, number, key, value):
 
 
 def judged(folder, place, value):
-    """Judge the logs with one key changed, by themselves and beside an undamaged episode."""
+    """Judge logs with one changed key, alone and next to an undamaged episode."""
     name, number, key = place
     decisions = changed(DECISIONS, number, key, value) if name == "decisions" else DECISIONS
     truth = changed(TRUTH, number, key, value) if name == "truth" else TRUTH
@@ -62,11 +62,11 @@ def judged(folder, place, value):
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=300)
 @given(st.sampled_from(PLACES), JSON)
-def test_any_value_at_any_place_is_judged_or_named(tmp_path, place, value):
+def test_any_value_of_any_key_is_judged_or_reported(tmp_path, place, value):
     judged(tmp_path, place, value)
 
 
-def test_any_missing_key_is_judged_or_named(tmp_path):
+def test_any_missing_key_is_judged_or_reported(tmp_path):
     for place in PLACES:
         verdict = judged(tmp_path, place, GONE)
         needed = place[2] not in ("reply", "error", "target_ned", "cap_s", "source") and not (
@@ -93,11 +93,11 @@ def test_impossible_values_are_damage(tmp_path):
         assert re.search(rf"{name}\.jsonl line {number + 1} .*\b{key}\b", error), place
 
 
-def test_a_fleets_frame_may_be_a_tick_younger_than_its_decision(tmp_path):
+def test_a_frame_may_be_one_tick_newer_than_its_decision(tmp_path):
     assert judged(tmp_path, ("decisions", 0, "t_decided"), 4.47)["error"] is None
 
 
-def test_a_damaged_last_line_is_not_a_torn_one(tmp_path):
+def test_a_damaged_last_line_is_an_error_and_a_torn_one_is_omitted(tmp_path):
     folder = write(tmp_path / "e", DECISIONS, TRUTH)
     (folder / "truth.jsonl").write_text((folder / "truth.jsonl").read_text() + json.dumps({**END, "t": None}))
     with pytest.raises(UsageError, match=r"truth\.jsonl.*\bt\b"):
@@ -106,7 +106,7 @@ def test_a_damaged_last_line_is_not_a_torn_one(tmp_path):
     assert outcome(read(folder))["outcome"] == "failure"
 
 
-def test_two_truths_of_one_frame_are_damage(tmp_path):
+def test_two_different_truth_rows_of_one_frame_are_damage(tmp_path):
     folder = write(tmp_path / "e", DECISIONS, [*TRUTH, frame(2, 11.5, 6.0)])
     assert outcome(read(folder))["outcome"] == "failure"
     write(folder, DECISIONS, [*TRUTH, frame(2, 11.5, 5.0)])

@@ -1,6 +1,6 @@
-"""The diagnostics against a second, naive implementation on a fine time grid, from docs/run-folder.md.
+"""Compares the diagnostics with a naive implementation of docs/run-folder.md on a fine time grid.
 
-Times are multiples of 1/16 s, which a float holds exactly.
+Times are multiples of 1/16 s, which a float represents exactly.
 """
 
 import math
@@ -27,7 +27,7 @@ between = st.sampled_from([8, 8, 8, 8, 4, 12, 13, 40])
 
 @st.composite
 def rows(draw, drone):
-    """Draw a drone's poses and frames, out of order: gaps, unmeasured parts, times near the beginning or the cap."""
+    """Draw a drone's poses and frames in any order, with gaps, unmeasured rows and times near the start or the cap."""
     drawn, at = [], draw(st.sampled_from([0, 1, 12, 13, CAP_TICKS - 40]))
     for spacing, d, v, position in draw(st.lists(st.tuples(between, distance, visible, place), max_size=12)):
         drawn.append(pose(at * TICK_S, d, v, drone, position))
@@ -47,7 +47,7 @@ def flights(draw):
 
 
 class Naive:
-    """One drone's diagnostics by the definition, tick by tick."""
+    """Computes one drone's diagnostics by the definition, tick by tick."""
 
     def __init__(self, flight, drone, delta_m, cap_s=300.0):
         everything = [r for r in (*flight.poses, *flight.frames.values()) if r.t <= cap_s]
@@ -69,7 +69,7 @@ class Naive:
         return row.distance_m is not None and row.distance_m <= self.delta_m
 
     def state(self, tick):
-        """Return the row that is valid at this tick, None in a gap."""
+        """Return the row that is valid at this tick, or None in a gap."""
         ticks = sorted({r.t / TICK_S for r in self.rows})
         before, after = [t for t in ticks if t <= tick], [t for t in ticks if t > tick]
         until = after[0] if after else self.end
@@ -146,16 +146,16 @@ def trace(until_s, seen=lambda t: True, distance_m=lambda t: 9.0, drone=0):
     return [pose(k / 2, distance_m(k / 2), seen(k / 2), drone) for k in range(int(2 * until_s) + 1)]
 
 
-def test_a_loss_that_never_ends_and_a_target_never_seen():
+def test_longest_loss_covers_a_target_that_stays_lost_or_is_never_seen():
     lost = drone_diagnostics(logs((), trace(300, lambda t: t < 10)))[0]
     assert lost.longest_loss_s == 290.0
     never = drone_diagnostics(logs((), trace(300, lambda t: False)))[0]
     assert (never.longest_loss_s, never.first_seen_s) == (300.0, None)
     late = drone_diagnostics(logs((), trace(300, lambda t: t >= 299.5)))[0]
-    assert late.longest_loss_s == 299.5  # almost never seen: almost the same value
+    assert late.longest_loss_s == 299.5  # visible only at the end: almost the value of a target that is never visible
 
 
-def test_one_drones_view_is_not_anothers():
+def test_losses_are_computed_per_drone_and_the_fleet_has_the_shortest():
     flight = logs((), trace(20, lambda t: t < 5) + trace(20, lambda t: t >= 5, drone=1), end={**END, "t": 20.0})
     by_drone = drone_diagnostics(flight)
     assert (by_drone[0].longest_loss_s, by_drone[1].longest_loss_s) == (15.0, 5.0)
@@ -164,7 +164,7 @@ def test_one_drones_view_is_not_anothers():
     assert fleet.longest_loss_s == 5.0
 
 
-def test_dwell_is_one_drones_and_not_the_fleets_together():
+def test_fleet_dwell_is_the_longest_of_one_drone_and_not_the_sum():
     both = trace(10, distance_m=lambda t: 3.0) + trace(10, distance_m=lambda t: 4.0, drone=1)
     fleet = fleet_diagnostics(drone_diagnostics(logs((), both, end={**END, "t": 10.0})))
     assert fleet is not None
@@ -174,7 +174,7 @@ def test_dwell_is_one_drones_and_not_the_fleets_together():
 def test_untraced_time_is_reported():
     flight = logs((), [row for row in trace(60) if not 10 < row["t"] < 40])
     diagnostics = drone_diagnostics(flight)[0]
-    assert diagnostics.untraced_s == 30.0 + 240.0  # in between, and from the last pose to the cap
+    assert diagnostics.untraced_s == 30.0 + 240.0  # the gap, and the time from the last pose to the cap
     assert diagnostics.path_m == pytest.approx(30.0)
 
 
@@ -183,7 +183,7 @@ def test_untraced_time_is_reported():
     st.lists(st.tuples(st.floats(0, 8), st.booleans(), st.sampled_from([10.0, 299.9, 300.0, 300.04])), min_size=1),
     st.floats(0.5, 9),
 )
-def test_a_success_is_an_oracle_success_and_was_seen(declared, delta_m):
+def test_a_success_is_an_oracle_success_with_a_visible_target(declared, delta_m):
     decisions = [
         {**decision(n, n, 0.0), "t_frame": t, "t_decided": min(t, 300.0)} for n, (_, _, t) in enumerate(declared)
     ]

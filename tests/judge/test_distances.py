@@ -1,4 +1,4 @@
-"""Verdicts of flights without a measured truth: estimated distances with their errors, and never a success."""
+"""Tests verdicts of flights without a measured truth: estimated distances with their errors, and never a success."""
 
 import json
 import re
@@ -25,7 +25,7 @@ def row(kind: str, t: float, distance_m: float | None, std_m: float | None, **mo
 def write_flight(
     folder: Path, estimate: list[dict[str, Any]], declared: list[int], *, source: str | None = "estimate", end="cap"
 ) -> Path:
-    """Write a flight with decision k on frame k at k seconds. The decisions in `declared` are declarations."""
+    """Write a flight whose decision k uses frame k at k seconds. The decisions in `declared` are declarations."""
     folder.mkdir(exist_ok=True)
     begin = {"kind": "begin", "t": 0.0, "t0_us": 0} | ({"source": source} if source else {})
     truth = [begin, {"kind": "end", "t": 300.0, "reason": end, "error": None}]
@@ -50,7 +50,7 @@ def frames(*estimates: tuple[float | None, float | None]) -> list[dict[str, Any]
         ((6.0, 0.5), None), ((6.01, 0.5), False), ((50.0, None), None), ((None, None), None),
     ],
 )  # fmt: skip
-def test_within_the_radius_takes_two_standard_deviations_and_is_never_a_success(tmp_path, distance, within) -> None:
+def test_within_radius_needs_two_standard_deviations_and_is_never_a_success(tmp_path, distance, within) -> None:
     verdict = judge_folder(write_flight(tmp_path / "e", [HEAD, *frames((9, 1), distance, (9, 1), (9, 1))], [1]))
     assert (verdict["outcome"], verdict["success"], verdict["ne_m"]) == ("distance only", None, None)
     (declared,) = verdict["distances"]["declarations"]
@@ -90,13 +90,13 @@ def test_a_measured_truth_is_judged_without_the_estimate(tmp_path: Path) -> None
     assert "distances" not in verdict
 
 
-def test_a_flight_that_broke_off_is_an_error_with_or_without_distances(tmp_path: Path) -> None:
+def test_an_interrupted_flight_is_an_error_and_keeps_its_distances(tmp_path: Path) -> None:
     verdict = judge_folder(write_flight(tmp_path / "e", [HEAD, *frames((1, 0.1))], [0], end="interrupted"))
     assert verdict["outcome"] == "error"
     assert verdict["distances"]["declarations"][0]["within"] is True
 
 
-def test_the_verdict_is_stored_and_derived_again(tmp_path: Path) -> None:
+def test_the_stored_verdict_equals_the_derived_one(tmp_path: Path) -> None:
     folder = write_flight(tmp_path / "e", [HEAD, *frames((9, 1), (2, 0.5), (1, 0.5))], [1, 2])
     stored = write_verdict(folder)
     assert judge_folder(folder)["stored_agrees"] is True
@@ -115,14 +115,14 @@ def test_the_verdict_is_stored_and_derived_again(tmp_path: Path) -> None:
         [HEAD, {"kind": "end", "reason": "cap"}, HEAD],
     ],
 )
-def test_a_damaged_estimate_is_an_error_of_its_own(tmp_path: Path, damaged: list[dict[str, Any]]) -> None:
+def test_a_damaged_estimate_is_an_error_that_names_its_file(tmp_path: Path, damaged: list[dict[str, Any]]) -> None:
     folder = write_flight(tmp_path / "e", damaged, [0])
     with pytest.raises(UsageError, match=r"estimate\.jsonl"):
         judge_folder(folder)
     assert judge_run(tmp_path)["e"]["outcome"] == "error"
 
 
-def test_dwell_omits_gaps_of_the_trace_and_takes_poses_in_the_order_of_time(tmp_path: Path) -> None:
+def test_dwell_omits_gaps_of_the_trace_and_sorts_poses_by_time(tmp_path: Path) -> None:
     poses = [row("pose", t, 3.0, 0.5) for t in (10.5, 0.0, 0.5, 1.0, 10.0)]
     measured = judge_folder(write_flight(tmp_path / "e", [HEAD, *poses, *frames((9, 1))], []))["distances"]
     assert measured["dwell_s"] == pytest.approx(1.5)

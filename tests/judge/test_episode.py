@@ -29,7 +29,7 @@ def folder(tmp_path):
     return lambda decisions, truth, name="e": write(tmp_path / name, decisions, truth)
 
 
-def test_measures_a_declaration_at_its_own_frame(folder):
+def test_a_declaration_is_measured_at_its_own_frame(folder):
     path = folder(
         [decision(0, 7, 10.0, "go"), decision(1, 8, 20.0)],
         [BEGIN, pose(0, 16), frame(7, 9.5, 12.0), frame(8, 19.5, 4.4), pose(20, 9.0), END],
@@ -42,7 +42,7 @@ def test_measures_a_declaration_at_its_own_frame(folder):
     assert verdict["diagnostics"]["start_distance_m"] == 16
 
 
-def test_seven_declarations_of_a_shutdown_change_nothing(folder):
+def test_declarations_after_the_cap_change_nothing(folder):
     late = [decision(i, i, 502.0 + 5 * i) for i in range(1, 8)]
     path = folder(
         [decision(0, 0, 299.0, "go"), *late],
@@ -55,7 +55,7 @@ def test_seven_declarations_of_a_shutdown_change_nothing(folder):
     assert verdict["declarations_after_cap"] == 7
 
 
-def test_the_radius_changes_without_flying_again(folder):
+def test_another_radius_changes_the_verdict_of_a_stored_flight(folder):
     path = folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 6.0), END])
     assert judge_folder(path)["outcome"] == "failure"
     assert judge_folder(path, 6.5)["outcome"] == "success"
@@ -72,7 +72,7 @@ def test_broken_flights_are_errors_and_never_failures(folder):
     assert judge_folder(folder([], []))["outcome"] == "error"
 
 
-def test_a_flight_without_decisions_is_a_failure_only_if_its_commander_was_asked(folder):
+def test_a_flight_without_decisions_is_a_failure_only_if_it_has_a_commander_request(folder):
     path = folder([], [BEGIN, pose(0, 16), END])
     assert judge_folder(path)["outcome"] == "error"
     question = {
@@ -91,12 +91,12 @@ def test_a_flight_without_decisions_is_a_failure_only_if_its_commander_was_asked
     assert judge_folder(path)["outcome"] == "failure"
 
 
-def test_a_success_stands_however_the_flight_ended(folder):
+def test_a_success_stands_without_an_end_row(folder):
     path = folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 3.0)])
     assert judge_folder(path)["outcome"] == "success"
 
 
-def test_pools_the_declarations_of_a_fleet(folder):
+def test_declarations_of_all_drones_of_a_fleet_count(folder):
     path = folder(
         [decision(0, 0, 5.0, drone=0), decision(0, 1, 5.0, "go", drone=1), decision(1, 3, 9.0, drone=1)],
         [BEGIN, frame(0, 4.5, 30.0, drone=0), frame(1, 4.5, 8.0, drone=1), frame(3, 8.5, 2.0, drone=1), END],
@@ -106,7 +106,7 @@ def test_pools_the_declarations_of_a_fleet(folder):
     assert verdict["deciding"]["drone"] == 1
 
 
-def test_is_readable_after_a_kill_at_any_byte(folder, tmp_path):
+def test_logs_that_end_at_any_byte_are_judged(folder, tmp_path):
     path = folder(
         [decision(0, 0, 5.0, "go"), decision(1, 1, 9.0)],
         [BEGIN, frame(0, 4.5, 9.0), pose(5.0, 8.0), frame(1, 8.5, 3.0), END],
@@ -140,7 +140,7 @@ JSON = st.recursive(
 @given(st.sampled_from(["step", "drone", "frame_id", "t_decided", "action"]), JSON,
        st.sampled_from(["kind", "t", "drone", "frame_id", "distance_m", "visible", "reason", "position_ned"]), JSON,
        st.integers(0, 3))  # fmt: skip
-def test_any_damage_is_judged_or_named(folder, key, value, truth_key, truth_value, row):
+def test_any_damage_is_judged_or_reported(folder, key, value, truth_key, truth_value, row):
     decisions = [decision(0, 0, 5.0, "go"), decision(1, 1, 9.0)]
     truth = [BEGIN, frame(0, 4.5, 9.0), pose(5.0, 8.0), END]
     decisions[row % 2][key] = value
@@ -150,8 +150,8 @@ def test_any_damage_is_judged_or_named(folder, key, value, truth_key, truth_valu
     json.dumps(verdict, allow_nan=False)
 
 
-def test_a_success_stands_though_later_steps_were_not_measured(folder):
-    """From a real flight: the logger was stopped after four good declarations, and the pilot went on."""
+def test_a_success_stands_if_later_steps_are_unmeasured(folder):
+    """Reproduces a real flight: the logger stopped after four good declarations, and the pilot continued."""
     good = [decision(n, n, 10.0 + n) for n in range(4)]
     later = [decision(4, 4, 20.0), decision(5, 5, 23.0, "go")]
     verdict = judge_folder(folder([*good, *later], [BEGIN, *(frame(n, 9.5 + n, 4.0 - n) for n in range(4))]))
@@ -174,27 +174,27 @@ def test_an_unmeasured_declaration_without_a_success_is_an_error(folder):
     assert "frame 0" in verdict["error"]
 
 
-def test_an_unmeasured_last_action_costs_the_navigation_error_and_not_the_verdict(folder):
+def test_an_unmeasured_last_action_leaves_only_the_navigation_error_unknown(folder):
     path = folder([decision(0, 0, 5.0), decision(1, 1, 9.0, "go")], [BEGIN, frame(0, 4.5, 6.0), END])
     verdict = judge_folder(path)
     assert (verdict["outcome"], verdict["success"], verdict["ne_m"]) == ("failure", False, None)
     assert "ne_m" in verdict["note"]
 
 
-def test_the_closest_of_a_fleets_last_step_is_unknown_if_one_was_not_measured(folder):
+def test_fleet_navigation_error_is_unknown_if_a_drone_of_the_last_step_is_unmeasured(folder):
     steps = [decision(0, 0, 5.0, "go"), decision(0, 1, 5.0, "go", drone=1)]
     measured = [frame(0, 4.5, 9.0), frame(1, 4.5, 7.0, drone=1)]
     assert judge_folder(folder(steps, [BEGIN, *measured, END]))["ne_m"] == 7.0
     assert judge_folder(folder(steps, [BEGIN, measured[0], END]))["ne_m"] is None
 
 
-def test_the_closest_last_action_counts_if_drones_have_their_own_steps(folder):
+def test_fleet_navigation_error_is_of_the_closest_last_action_if_drones_have_separate_steps(folder):
     steps = [decision(0, 0, 5.0, "go"), decision(1, 1, 6.0, "go", drone=1), decision(2, 2, 9.0, "go", drone=1)]
     measured = [frame(0, 4.5, 7.0), frame(1, 5.5, 6.0, drone=1), frame(2, 8.5, 9.0, drone=1)]
     assert judge_folder(folder(steps, [BEGIN, *measured, END]))["ne_m"] == 7.0
 
 
-def test_a_report_is_no_declaration_and_its_confirmation_is_one_at_its_own_frame(folder):
+def test_a_report_is_not_a_declaration_but_its_confirmation_is_one_at_its_own_frame(folder):
     report = decision(0, 0, 5.0, report=True)
     confirmed = {k: v for k, v in decision(1, 1, 9.0, confirmed_by=1).items() if k != "reply"}
     truth = [BEGIN, frame(0, 4.5, 4.0), frame(1, 8.5, 6.0)]
@@ -206,7 +206,7 @@ def test_a_report_is_no_declaration_and_its_confirmation_is_one_at_its_own_frame
     assert (verdict["outcome"], verdict["deciding"]["step"]) == ("success", 1)
 
 
-def test_a_flight_that_was_cut_off_is_no_failure_at_another_radius(folder):
+def test_a_flight_that_ended_early_is_censored_at_a_smaller_radius(folder):
     truth = [BEGIN, frame(0, 4.5, 9.0), frame(1, 8.5, 4.0)]
     declared = [decision(0, 0, 5.0), decision(1, 1, 9.0)]
     path = folder(declared, [*truth, DECIDED])
@@ -222,12 +222,12 @@ def test_a_flight_that_was_cut_off_is_no_failure_at_another_radius(folder):
     ]  # fmt: skip
 
 
-def test_the_current_folder_has_a_name(folder, monkeypatch):
+def test_the_current_folder_is_judged_under_its_real_name(folder, monkeypatch):
     monkeypatch.chdir(folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 3.0), END], "here"))
     assert list(judge_run(Path("."))) == ["here"]
 
 
-def test_stored_verdict_is_compared(folder):
+def test_the_stored_verdict_is_compared_with_the_derived_one(folder):
     path = folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 3.0), END])
     assert judge_folder(path)["stored_agrees"] is None
     stored = write_verdict(path)
@@ -238,7 +238,7 @@ def test_stored_verdict_is_compared(folder):
     assert judge_folder(path)["stored_agrees"] is False
 
 
-def test_a_run_is_all_its_episodes(folder, tmp_path):
+def test_all_episodes_of_a_run_are_judged_and_a_missing_run_is_an_error(folder, tmp_path):
     folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 3.0), END], "a")
     folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 9.0), END], "b")
     assert {k: v["outcome"] for k, v in judge_run(tmp_path).items()} == {"a": "success", "b": "failure"}
@@ -266,7 +266,7 @@ def test_declarations_after_a_custom_cap_do_not_count():
     assert "cap_s" not in judged_flight.outcome(flight).as_json()
 
 
-def test_a_flight_decided_after_another_cap_is_complete_to_that_cap():
+def test_a_flight_decided_after_a_shorter_cap_is_not_censored_at_that_cap():
     rows = [decision(0, 0, 199.0), decision(1, 1, 201.0)], [frame(0, 198.5, 9.0), frame(1, 200.5, 3.0)]
     decided = logs(*rows, end={**END, "reason": "decided", "t": 201.5})
     assert judged_flight.outcome(decided).outcome == "success"

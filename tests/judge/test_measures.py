@@ -1,4 +1,4 @@
-"""The measures beside the criterion match their definitions."""
+"""Tests that the measures besides the success criterion match their definitions."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,7 +26,7 @@ def test_declaring_everywhere_has_a_low_precision():
     assert measures([]) == Measures(False, False, None, 0)
 
 
-def test_a_fleets_first_is_the_first_by_time_then_step_then_drone():
+def test_the_first_declaration_of_a_fleet_is_by_time_then_step_then_drone():
     assert measures([at(2, 4, drone=0), at(1, 9, drone=3)]).success_at_first is False
     assert measures([at(1, 9, drone=1), at(1, 4, drone=0)]).success_at_first is True
     assert measures([at(1, 9, step=1), at(1, 4, step=0, drone=2)]).success_at_first is True
@@ -48,7 +48,7 @@ def test_a_share_with_unmeasured_declarations_is_unknown():
 
 
 @given(st.lists(declared, max_size=8), st.booleans())
-def test_a_measure_is_known_exactly_if_every_possible_truth_agrees(declarations, is_whole):
+def test_a_measure_has_a_value_exactly_if_all_possible_truths_agree(declarations, is_whole):
     result = measures(declarations, is_whole=is_whole)
     possibilities = [
         measures(filled, is_whole=is_whole)
@@ -66,7 +66,7 @@ def test_a_measure_is_known_exactly_if_every_possible_truth_agrees(declarations,
 
 
 def fill(declarations, distance_m, visible):
-    """Return the declarations with these values in place of the unmeasured ones."""
+    """Return the declarations with these values in place of unmeasured values."""
     return [
         Measured(
             d.step,

@@ -1,4 +1,4 @@
-"""verdict.json compared with the logs, and the exit status of `dronecats judge`."""
+"""Tests the comparison of verdict.json with the logs, and the exit status of `dronecats judge`."""
 
 import json
 
@@ -20,7 +20,7 @@ def folder(tmp_path):
 
 
 def leaves(value, path=()):
-    """Return the path of every number, text and truth value in a JSON value."""
+    """Return the path of every leaf in a JSON value: numbers, texts, booleans and null."""
     inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     paths = [leaf for key, child in inner for leaf in leaves(child, (*path, key))]
     return paths or ([path] if not isinstance(value, dict | list) else [])
@@ -63,7 +63,7 @@ def test_numbers_agree_within_their_rounding(folder):
     assert judge_folder(folder)["stored_differs"] == ["success"]
 
 
-def test_the_words_of_an_error_are_not_compared(folder):
+def test_the_text_of_an_error_is_not_compared(folder):
     (folder / "truth.jsonl").write_text("")  # nothing was measured
     write_verdict(folder)
     stored = json.loads((folder / "verdict.json").read_text())
@@ -79,7 +79,7 @@ OLD = {"outcome": "success", "success": True, "ne_m": 4.0, "delta_m": 5.0, "step
        "diagnostics": {"dwell_s": 0, "longest_loss_s": 0.5}}  # fmt: skip
 
 
-def test_verdicts_of_older_versions_are_compared_by_their_fields(folder, capsys):
+def test_verdicts_of_older_versions_are_compared_by_the_fields_that_they_have(folder, capsys):
     (folder / "verdict.json").write_text(json.dumps(OLD))
     assert main(["judge", str(folder)]) == 0
     (folder / "verdict.json").write_text(json.dumps({**OLD, "outcome": "error", "success": False}))
@@ -87,7 +87,7 @@ def test_verdicts_of_older_versions_are_compared_by_their_fields(folder, capsys)
     assert "outcome, success" in capsys.readouterr().out
 
 
-def test_a_cut_off_verdict_differs(folder):
+def test_a_truncated_verdict_file_differs(folder):
     (folder / "verdict.json").write_text('{"outcome": "succ')
     assert main(["judge", str(folder)]) == 4
 

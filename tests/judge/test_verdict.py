@@ -1,4 +1,4 @@
-"""Algorithm 1, and the audit cases of the paper's appendix."""
+"""Tests Algorithm 1 of the paper and the audit cases of its appendix."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -39,7 +39,7 @@ def test_proximity_without_a_declaration_fails_with_the_last_distance():
 
 
 @given(st.lists(measured, max_size=12), st.none() | measured)
-def test_agrees_with_the_definition(declarations, last):
+def test_the_verdict_agrees_with_the_definition(declarations, last):
     verdict = judge(declarations, last)
     qualifying = [d for d in declarations if d.t <= 300 and d.distance_m <= 5 and d.visible]
     assert verdict.success == bool(qualifying)
@@ -52,7 +52,7 @@ def test_agrees_with_the_definition(declarations, last):
         assert verdict.ne_m == (last.distance_m if last else None)
 
 
-# a drone takes each step once; judged_flight.gaps detects logs in which it does not
+# each drone has each step once; judged_flight.gaps detects other logs
 @given(st.lists(measured, max_size=12, unique_by=lambda d: (d.step, d.drone)), st.permutations(range(12)))
 def test_the_order_of_the_log_does_not_matter(declarations, order):
     shuffled = [declarations[i] for i in order if i < len(declarations)]
@@ -71,19 +71,19 @@ def test_unmeasured_declarations_cannot_undo_a_success():
         assert [d.t for d in verdict.unknown] == ([early] if early < late else [])
 
 
-def test_without_a_success_an_unmeasured_declaration_leaves_the_verdict_open():
+def test_without_a_success_an_unmeasured_declaration_makes_the_verdict_unknown():
     verdict = judge([at(10, 9.0), unmeasured(20)], at(60, 1.0))
     assert (verdict.success, verdict.ne_m) == (None, None)
     assert [d.t for d in verdict.unknown] == [20]
     assert judge([at(10, 9.0), unmeasured(301)], at(60, 1.0)).success is False
 
 
-def test_an_unmeasured_last_action_loses_only_the_navigation_error():
+def test_an_unmeasured_last_action_leaves_only_the_navigation_error_unknown():
     verdict = judge([at(10, 9.0)], unmeasured(60))
     assert (verdict.success, verdict.ne_m) == (False, None)
 
 
-def test_half_a_measurement_can_be_enough():
+def test_a_partial_measurement_can_rule_out_a_declaration():
     assert Measured(0, 0, 1.0, 9.0, None).qualifies() is False
     assert Measured(0, 0, 1.0, None, False).qualifies() is False
     assert Measured(0, 0, 1.0, 1.0, None).qualifies() is None

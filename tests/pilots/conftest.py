@@ -1,4 +1,4 @@
-"""Flights without dynamics: the agent's own rules, executed exactly, with real frames or the bare truth."""
+"""Flights without dynamics: the agent's rules are executed exactly, on rendered frames or on the truth alone."""
 
 import math
 from dataclasses import dataclass, field
@@ -32,7 +32,7 @@ class KinematicFlight:
 
 
 def fly(world, decide, cap_s=300.0, latency_s=0.3, start=None, stop_at_success=True):
-    """Fly `decide(prompt, position, yaw, t)` → reply text in a world until it succeeds or the time is over."""
+    """Fly in a world until a success or the end of the time. `decide(prompt, position, yaw, t)` returns a reply."""
     start = start or world.record.starts[0]
     position, yaw, t = list(start.position_ned), math.radians(start.yaw_deg), 0.0
     history, flight, prompt = History(CameraModel()), KinematicFlight(), Prompt.load()

@@ -1,4 +1,4 @@
-"""The pilots read the command and the histories from the prompt."""
+"""Tests how the pilots read the command and the histories from the prompt."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,7 +15,7 @@ def prompt(history, command="go to the cyan SUV"):
     return Prompt.load().render(command, history, 5)
 
 
-def test_command_and_history_come_back_as_the_agent_wrote_them():
+def test_command_and_history_are_parsed_as_the_agent_writes_them():
     history = History(CameraModel())
     for action in (Go(500, 600, 9.5), Rotate(-45), Think(), Finished()):
         history.append(action)
@@ -30,14 +30,14 @@ def test_the_first_step_has_no_history():
     assert actions.read_prompt(prompt(NONE_YET)).past(0) == ()
 
 
-def test_histories_of_several_drones_follow_the_lines_that_name_them():
+def test_each_drones_history_follows_the_line_with_its_number():
     text = "Command: x\nDrone 1:\n1. THINK\n2. FINISHED\nDrone 2:\n(none yet)\nDrone 3:\n1. ROTATE angle=60deg"
     parsed = actions.read_prompt(text)
     assert [[p.kind for p in parsed.past(k)] for k in range(4)] == [["think", "finished"], [], ["rotate"], []]
 
 
 def test_the_labels_of_pictures_do_not_change_the_histories():
-    """The server joins all texts of a message: a fleet's labels come after its prompt."""
+    """The server joins all texts of a message, so a fleet's picture labels come after its prompt."""
     histories = [
         f"Drone {k}:\n1. {past}  <- latest" for k, past in enumerate(("THINK", "FINISHED", "ROTATE angle=9deg"), 1)
     ]
@@ -54,7 +54,7 @@ def test_no_text_breaks_the_reader(text):
     assert len(parsed.history) >= 0
 
 
-def test_colour_and_noun_of_a_command():
+def test_colour_and_noun_are_read_from_a_command():
     for command, color, noun in (
         ("go to the cyan SUV", "cyan", "suv"),
         ("Fly to the red pickup truck next to the white house", "red", "pickup truck"),

@@ -1,4 +1,4 @@
-"""The pilots on the shipped episodes, flown by the agent's rules without dynamics."""
+"""Flies the pilots on the shipped episodes by the agent's rules, without dynamics."""
 
 import math
 from dataclasses import replace
@@ -32,9 +32,9 @@ def test_the_oracle_arrives_well_within_the_radius_and_declares_at_once(episode,
     flight = fly_kinematic(world, oracle_of(world, CameraModel()))
     assert flight.success
     assert [d for _, d, _ in flight.declared] == [pytest.approx(flight.distances[-1])]
-    assert flight.distances[-1] <= 4.5  # its rule: 4 m, or 4.5 m if the shortest stride is too long
-    assert flight.declared[0][0] < 90.0  # 48 m at 1.2 m/s, and turns
-    assert min(flight.clearances) > 0.5  # neither into the ground nor into the target
+    assert flight.distances[-1] <= 4.5  # the oracle's rule: 4 m, or 4.5 m if the shortest stride is too long
+    assert flight.declared[0][0] < 90.0  # 48 m at 1.2 m/s, plus turns
+    assert min(flight.clearances) > 0.5  # hits neither the ground nor the target
 
 
 @pytest.mark.parametrize("turn", [0.0, 90.0, 180.0, -135.0])

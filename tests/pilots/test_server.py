@@ -1,4 +1,4 @@
-"""The pilots' endpoint speaks the OpenAI chat format, rejects everything else, and keeps running."""
+"""Tests that the pilots' endpoint speaks the OpenAI chat format, rejects other requests, and keeps running."""
 
 import base64
 import contextlib
@@ -39,7 +39,7 @@ def client(server):
         yield running
 
 
-def test_the_pilot_gets_text_and_pictures_and_its_answer_comes_back_as_a_chat_completion(client):
+def test_the_pilot_gets_text_and_pictures_and_its_reply_is_a_chat_completion(client):
     answer = client.post("/chat/completions", json=request(images=4)).json()
     assert answer["object"] == "chat.completion"
     assert answer["choices"][0]["message"]["role"] == "assistant"
@@ -49,7 +49,7 @@ def test_the_pilot_gets_text_and_pictures_and_its_answer_comes_back_as_a_chat_co
     assert usage["total_tokens"] == usage["prompt_tokens"] + usage["completion_tokens"] > 4
 
 
-def test_same_request_same_bytes_on_one_kept_connection(client):
+def test_equal_requests_get_equal_bytes_on_a_persistent_connection(client):
     first, second = (client.post("/chat/completions", json=request()) for _ in range(2))
     assert first.content == second.content
     assert first.headers == second.headers
@@ -107,7 +107,7 @@ def test_a_body_over_the_limit_is_rejected_and_the_server_keeps_running(client):
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(max_size=200))
-def test_any_bytes_get_an_answer(client, body):
+def test_any_bytes_get_status_400(client, body):
     assert client.post("/chat/completions", content=body).status_code == 400
 
 
@@ -129,7 +129,7 @@ def test_any_json_is_read_or_rejected_with_a_usage_error(value):
         assert all(isinstance(image, bytes) for image in images)
 
 
-def test_the_server_listens_on_the_loopback_and_names_a_taken_port(server):
+def test_the_server_has_a_loopback_address_and_names_a_port_in_use(server):
     assert server.base_url.startswith("http://127.0.0.1:")
     with pytest.raises(UsageError, match=str(server.port)):
         PilotServer(blind.answer, "blind", port=server.port)

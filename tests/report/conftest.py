@@ -1,4 +1,4 @@
-"""Fixtures: a browser without a network that opens files, the runs of a page, and the page."""
+"""Fixtures: a browser that opens files without a network, the runs of a page, and the page."""
 
 import json
 from collections.abc import Callable
@@ -22,7 +22,7 @@ class Reader:
         self.driver = driver
 
     def open(self, page: Path, hash_: str = "") -> None:
-        """Open a page afresh at an address within it."""
+        """Load a page anew at an address within it."""
         self.driver.get("about:blank")
         self.driver.get(f"{page.as_uri()}{hash_}")
         self.until(lambda: self.script("return document.documentElement.dataset.ready !== undefined"))
@@ -32,7 +32,7 @@ class Reader:
         return self.driver.execute_script(text, *values)
 
     def until(self, condition: Callable[[], Any]) -> Any:
-        """Return the condition's first true answer. Raises AssertionError with the page's state after PATIENCE_S."""
+        """Return the condition's first true value. Raises AssertionError with the page's state after PATIENCE_S."""
         from selenium.common.exceptions import TimeoutException
         from selenium.webdriver.support.ui import WebDriverWait
 
@@ -42,14 +42,14 @@ class Reader:
             raise AssertionError(f"not within {PATIENCE_S:.0f} s; the page: {self.state()}") from None
 
     def state(self) -> dict[str, Any]:
-        """Return what explains a page that does not change: address, focus, open details, text and console."""
+        """Return the page's state for error messages: address, focus, open details, text and console."""
         script = """return {focus: document.activeElement.outerHTML.slice(0, 200), has_focus: document.hasFocus(),
                             open: [...document.querySelectorAll("[open]")].map((element) => element.className),
                             text: document.querySelector("main").innerText}"""
         return {"hash": self.hash, **self.script(script), "console": self.errors()}
 
     def all(self, css: str) -> list[Any]:
-        """Return the elements."""
+        """Return all elements that a CSS selector matches."""
         elements: list[Any] = self.driver.find_elements("css selector", css)
         return elements
 
@@ -70,7 +70,7 @@ class Reader:
             ActionChains(self.driver).send_keys(key).perform()
 
     def text(self, css: str = "main") -> str:
-        """Return the text of the first displayed element, as soon as there is one. One script, as pages re-render."""
+        """Return the text of the first displayed element, once there is one. Uses one script, as pages re-render."""
         seen = """const some = [...document.querySelectorAll(arguments[0])];
                   const found = some.find((each) => each.getClientRects().length);
                   return found ? [found.innerText] : null"""

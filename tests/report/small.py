@@ -30,7 +30,7 @@ def benchmark() -> Collection:
 
 
 def _commanded(run, seed):
-    """Return the flight of one commanding episode: seed 0 has one of four drones at the target, others none."""
+    """Return a commanding flight. With seed 0, one of four drones is at the target; with other seeds, none is."""
     drones = {"drones_found": 1, "drones_beside": 2, "drones_elsewhere": 0, "drones_silent": 1}
     lost = {"drones_found": 0, "drones_beside": 1, "drones_elsewhere": 1, "drones_silent": 2, "declared": True}
     won = seed == 0
@@ -46,19 +46,19 @@ def blind_table():
 
 
 def small(collection: Collection | None = None, **options: bool) -> ReportData:
-    """Return the data of its report."""
+    """Return the report data of a collection, by default of the synthetic benchmark."""
     rows = entrants(collection or benchmark(), **options)
     return ReportData(entrants=rows, blind=blind_table(), command=COMMAND)
 
 
 def line(table: ReportTable, name: str, nth: int = 0) -> dict[str, TableCell]:
-    """Return the nth row with that name, its cells by column name."""
+    """Return the cells, by column name, of the nth row whose entrant or first cell is `name`."""
     rows = [row for row in table.rows if name in (row.entrant, row.cells[0].value)]
     return {column.name: cell for column, cell in zip(table.columns, rows[nth].cells, strict=True)}
 
 
 def made(table: Callable[[ReportData], ReportTable | None], data: ReportData) -> ReportTable:
-    """Return the table, which must exist."""
+    """Compute a table, which must exist."""
     result = table(data)
     assert result is not None
     return result

@@ -17,7 +17,7 @@ def disturbed():
                      flights(late, {"campus-approaching": "sf"}))  # fmt: skip
 
 
-def test_a_disturbed_run_is_no_flight_of_the_undisturbed_line():
+def test_disturbed_and_undisturbed_flights_of_a_pilot_have_separate_rows():
     assert [entrant.label for entrant in entrants(disturbed())] == ["vision", f"vision, {LATE}"]
 
 

@@ -1,4 +1,4 @@
-"""The kit of all pages: one palette in CSS and in Python, light and dark, and the same bar on every page."""
+"""The shared style of all pages: the palettes of the light and dark themes, in CSS and in Python."""
 
 import re
 
@@ -20,13 +20,13 @@ def contrast(one: str, other: str) -> float:
 
 
 @pytest.mark.parametrize("theme", [palette.LIGHT, palette.DARK], ids=["light", "dark"])
-def test_text_can_be_read_on_paper_and_panel(theme):
+def test_text_has_a_contrast_of_at_least_4_5_on_paper_and_panel(theme):
     for ink in ("ink", "quiet", "link", "good", "bad", "odd"):
         for ground in ("paper", "panel"):
             assert contrast(theme[ink], theme[ground]) >= 4.5, (ink, ground)
 
 
-def test_both_themes_have_every_colour_and_styles_use_no_other():
+def test_both_themes_define_the_same_colours_and_styles_use_no_others():
     assert palette.LIGHT.keys() == palette.DARK.keys()
     for folder in ("dronecats.report.page", "dronecats.study.report"):
         html = "".join(page(PageContent(title="x", folder=folder, main="")))

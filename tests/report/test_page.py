@@ -1,4 +1,4 @@
-"""The page in a real browser, from disk and without a network: the effects of clicks and keys."""
+"""The report page in a real browser, opened from disk without a network: the effects of clicks and keys."""
 
 import re
 
@@ -9,7 +9,7 @@ from tests.support.json_lines import rows
 from tests.support.narrow_pages import PHONE, assert_rows_can_be_read_while_scrolling, sized
 
 
-def test_it_opens_without_a_network_and_asks_for_nothing(reader, page):
+def test_the_page_opens_without_a_network_and_requests_nothing(reader, page):
     reader.open(page)
     reader.open(page, "#qwen/yard-approaching-01/2")
     picture_is(reader, "qwen/yard-approaching-01/000002.jpg")
@@ -20,7 +20,7 @@ def test_it_opens_without_a_network_and_asks_for_nothing(reader, page):
 
 
 def test_network_requests_are_blocked(reader, page):
-    """The page's own policy also applies if there is a network."""
+    """The page's content security policy also applies if there is a network."""
     reader.open(page)
     reader.script("""const image = new Image(); image.src = "http://127.0.0.1:9/x.png"; document.body.append(image);
                      const script = document.createElement("script"); script.textContent = "window.hacked = 3";
@@ -37,13 +37,13 @@ def test_network_requests_are_blocked(reader, page):
     assert reader.script("return window.hacked") is None
 
 
-def test_on_a_phone_who_a_row_is_of_stays_in_sight_and_more_is_hinted_at(reader, page):
+def test_on_a_phone_row_heads_stay_visible_and_a_shadow_marks_hidden_columns(reader, page):
     sized(reader.driver, PHONE)
     reader.open(page)
     assert_rows_can_be_read_while_scrolling(reader.driver)
 
 
-def test_from_the_table_down_to_a_step_by_clicks(reader, page, runs):
+def test_clicks_lead_from_the_table_to_a_step_and_back(reader, page, runs):
     reader.open(page)
     top = reader.text("h1")
     reader.click("vllm/Qwen/Qwen3.5-9B")
@@ -69,7 +69,7 @@ def test_from_the_table_down_to_a_step_by_clicks(reader, page, runs):
     assert reader.errors() == []
 
 
-def test_from_the_table_down_to_a_step_by_keys(reader, page):
+def test_keys_lead_from_the_table_to_a_step_and_back(reader, page):
     from selenium.webdriver.common.keys import Keys
 
     reader.open(page)
@@ -111,8 +111,8 @@ def test_the_slider_moves_picture_and_ring(reader, page, runs):
         assert str(step) in reader.one("#time").get_attribute("aria-valuetext")
 
 
-def test_the_map_is_where_the_log_says(reader, page, runs):
-    """North is up: the drone's trace, the target and the circle of 5 m around it, in metres."""
+def test_the_map_shows_the_logged_positions(reader, page, runs):
+    """North is up. The map shows the drone's trace, the target and a circle of 5 m around it, in metres."""
     reader.open(page, "#qwen/yard-approaching-01/5")
     poses = rows(runs / "qwen/yard-approaching-01/truth.jsonl", "pose")
     ring, points = reader.script("""const at = (css, ...names) => names.map(
@@ -128,7 +128,7 @@ def test_the_map_is_where_the_log_says(reader, page, runs):
     assert middle[0] > middle[1]  # the drone starts in the south
 
 
-def test_an_address_leads_to_a_step(reader, page):
+def test_an_address_opens_its_step_and_an_unknown_one_is_reported(reader, page):
     reader.open(page, "#qwen-again/yard-searching-01/7")
     picture_is(reader, "qwen-again/yard-searching-01/000007.jpg")
     assert "7" in reader.text(".facts h2")
@@ -138,7 +138,7 @@ def test_an_address_leads_to_a_step(reader, page):
     assert "nobody" in reader.text()
 
 
-def test_two_runs_side_by_side(reader, page, runs):
+def test_two_runs_are_shown_side_by_side(reader, page, runs):
     from selenium.webdriver.support.ui import Select
 
     reader.open(page, "#qwen/yard-approaching-01/2")
@@ -161,7 +161,7 @@ def test_two_runs_side_by_side(reader, page, runs):
     assert reader.errors() == []
 
 
-def test_a_fleet_is_four_pictures_and_four_traces(reader, page, runs):
+def test_a_fleet_is_shown_with_four_pictures_and_four_traces(reader, page, runs):
     reader.open(page, "#fleet/yard-commanding-01/2")
     assert len(reader.all(".view")) == len(reader.all(".plan .trace.all")) == len(reader.all(".chart .curve")) == 4
     for drone in range(4):
@@ -176,14 +176,14 @@ def test_a_fleet_is_four_pictures_and_four_traces(reader, page, runs):
     assert reader.errors() == []
 
 
-def test_a_run_without_pictures_shows_where_it_went_all_the_same(reader, page, runs):
+def test_a_run_without_pictures_still_shows_its_view_and_ring(reader, page, runs):
     reader.open(page, "#oracle/yard-approaching-01/2")
     assert reader.text(".view")
     ring_is_at(reader, point_of(runs, "oracle/yard-approaching-01", 2))
     assert reader.errors() == []
 
 
-def test_the_prompt_is_there_when_it_is_unfolded_and_stays(reader, page):
+def test_an_unfolded_prompt_shows_the_text_of_each_step(reader, page):
     reader.open(page, "#qwen/yard-approaching-01/2")
     assert not reader.one("details.prompt").get_attribute("open")
     reader.one("details.prompt summary").click()
@@ -194,7 +194,7 @@ def test_the_prompt_is_there_when_it_is_unfolded_and_stays(reader, page):
 
 
 def test_a_prompt_unfolded_just_before_the_next_step_stays_unfolded(reader, page):
-    """The browser reports the unfolding later than the key arrives."""
+    """The key press arrives before the browser's event for the unfolding."""
     reader.open(page, "#qwen/yard-approaching-01/2")
     reader.script("""document.querySelector("details.prompt summary").click();
                      document.body.dispatchEvent(new KeyboardEvent("keydown", {key: "j", bubbles: true}))""")

@@ -1,4 +1,4 @@
-"""The files of the page: names, data, images, and the prompts that were sent."""
+"""The files of the report page: names, data, images and the sent prompts."""
 
 import json
 import re
@@ -35,14 +35,14 @@ def page_of(out, *runs, **how):
 
 
 def flight_in(path):
-    """Return the flight that a file of data/ registers."""
+    """Return the key and the flight that a file in data/ registers."""
     match = re.fullmatch(r"dronecatsFlight\((.*)\);\n", path.read_text(), re.DOTALL)
     assert match
     return json.loads(f"[{match[1]}]")
 
 
 @given(st.lists(st.text(max_size=12), max_size=8))
-def test_keys_are_apart_and_fit_for_a_file_anywhere(names):
+def test_keys_are_unique_and_are_valid_file_names_on_every_system(names):
     file_keys = keys(names)
     assert len({key.lower() for key in file_keys}) == len(names)
     assert all(re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9._-]*", key) and key not in ("of", "..") for key in file_keys)
@@ -54,7 +54,7 @@ def test_keys_are_apart_and_fit_for_a_file_anywhere(names):
         st.text() | st.none() | st.booleans(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)
     )
 )
-def test_a_text_stays_itself_and_cannot_end_a_script(value):
+def test_script_json_preserves_values_and_cannot_end_a_script(value):
     written = script_json(value)
     assert json.loads(written) == value
     assert written.isascii()
@@ -62,7 +62,7 @@ def test_a_text_stays_itself_and_cannot_end_a_script(value):
 
 
 def fly_paper_agent(folder, drones, groups, replies):
-    """Fly the paper's agent; return (decisions of the log, prompts that it sent)."""
+    """Fly the paper's agent; return (logged decisions, sent prompts)."""
     coming = iter(replies)
     model = hierarchy.FunctionModel(lambda request: next(coming))
     log, prompts = LineLog(folder / "decisions.jsonl"), PromptLog(folder / "prompts.jsonl")
@@ -88,7 +88,7 @@ def texts(folder, decisions):
     return [text for _, text in sorted({step: prompt.text for (_, step), prompt in prompts.items()}.items())]
 
 
-def test_the_prompts_are_those_that_were_sent(tmp_path):
+def test_the_logged_prompts_equal_the_sent_prompts(tmp_path):
     go = hierarchy.GO
     replies = [go, "nonsense", hierarchy.TURN, '{"action":"think"}', go, hierarchy.DONE, go, go]
     decisions, sent = fly_paper_agent(tmp_path, 1, None, replies)
@@ -96,28 +96,28 @@ def test_the_prompts_are_those_that_were_sent(tmp_path):
     assert texts(tmp_path, decisions) == sent
 
 
-def test_most_of_a_prompt_is_written_once(tmp_path):
+def test_prompts_after_the_first_take_little_space_in_the_log(tmp_path):
     fly_paper_agent(tmp_path, 1, None, [hierarchy.GO] * 8)
     first, *others = (tmp_path / "prompts.jsonl").read_text().splitlines()
     assert len(others) == 7
     assert all(len(line) < len(first) / 4 for line in others)
 
 
-def test_so_are_a_fleets(tmp_path):
+def test_the_logged_prompts_of_a_fleet_equal_the_sent_prompts(tmp_path):
     joint = [f"[{hierarchy.GO},{turn}]" for turn in (hierarchy.TURN, hierarchy.GO, "{}", hierarchy.DONE)]
     decisions, sent = fly_paper_agent(tmp_path, 2, None, joint)
     assert {decision.drone for decision in decisions} == {0, 1}
     assert texts(tmp_path, decisions) == sent
 
 
-def test_so_are_those_of_drones_that_decide_alone(tmp_path):
+def test_the_logged_prompts_of_drones_that_decide_alone_were_sent(tmp_path):
     replies = [hierarchy.GO, hierarchy.TURN, hierarchy.DONE] * 3
     decisions, sent = fly_paper_agent(tmp_path, 2, [[0], [1]], replies)
     assert len(decisions) >= 8
     assert Counter(texts(tmp_path, decisions)) <= Counter(sent)
 
 
-def test_so_are_those_under_a_commander_and_the_commanders(tmp_path):
+def test_the_logged_prompts_of_a_commander_and_its_drones_equal_the_sent_prompts(tmp_path):
     pilot = hierarchy.FunctionModel(
         lambda request: hierarchy.DONE if request.drone == 1 and request.step > 2 else hierarchy.GO
     )
@@ -138,7 +138,7 @@ def test_so_are_those_under_a_commander_and_the_commanders(tmp_path):
     assert [p.row.number for p in prompts if p.row.role == "commander"] == [exchange.number for exchange in exchanges]
 
 
-def test_a_flight_is_a_file_of_its_own_and_the_page_holds_none(tmp_path):
+def test_each_flight_has_its_own_file_and_the_page_contains_no_flight(tmp_path):
     run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go to the cyan car"})
     page = page_of(tmp_path / "report", run)
     key, flight = flight_in(tmp_path / "report/data/vision/yard-approaching-01.js")
@@ -160,7 +160,7 @@ def test_the_same_runs_give_the_same_page(tmp_path):
     assert page_of(tmp_path / "one", run).read_bytes() == second.read_bytes()  # over an older page
 
 
-def test_pictures_cost_no_space_where_the_file_system_has_links(tmp_path):
+def test_pictures_are_links_to_the_frames_of_the_run(tmp_path):
     run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go"})
     page_of(tmp_path / "report", run)
     there = tmp_path / "report/pictures/vision/yard-approaching-01"
@@ -168,7 +168,7 @@ def test_pictures_cost_no_space_where_the_file_system_has_links(tmp_path):
     assert all(path.samefile(run / "yard-approaching-01/frames" / path.name) for path in there.iterdir())
 
 
-def test_pictures_can_be_thinned_out_and_the_declared_ones_stay(tmp_path):
+def test_pictures_can_be_thinned_to_every_nth_step(tmp_path):
     run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go"}, steps=9)
     page_of(tmp_path / "report", run, every=4)
     selected_frames = sorted(path.name for path in (tmp_path / "report/pictures/vision/yard-approaching-01").iterdir())
@@ -189,13 +189,13 @@ def test_every_declaration_keeps_its_picture():
     assert selected_frames(decisions, 4) == {(drone, 2 * step + drone) for step in (0, 2, 4, 5) for drone in (0, 1)}
 
 
-def test_grey_frames_are_not_kept(tmp_path):
+def test_a_run_without_rendering_has_no_pictures_folder(tmp_path):
     run = run_folder(tmp_path / "runs/oracle", {"yard-approaching-01": "go"}, pictures=False)
     page_of(tmp_path / "report", run)
     assert not (tmp_path / "report/pictures").exists()
 
 
-def test_two_runs_of_one_name_are_two(tmp_path):
+def test_two_runs_with_the_same_name_have_separate_keys(tmp_path):
     runs = [
         run_folder(tmp_path / f"{k}/vision", {"yard-approaching-01": "go"}, seed=k, reply_text=f"said {k}")
         for k in (0, 1)
@@ -229,7 +229,7 @@ def test_an_unwritable_folder_is_an_error(tmp_path):
         page_of(tmp_path / "report", run)
 
 
-def test_the_program_fetches_nothing_and_makes_no_markup_of_texts():
+def test_the_script_fetches_nothing_and_never_inserts_text_as_markup():
     text = program("main", "dronecats.report.page")
     assert "import" not in re.findall(r"^\w+", text, re.MULTILINE)
     assert "export" not in re.findall(r"^\w+", text, re.MULTILINE)

@@ -23,7 +23,7 @@ def test_the_tables_show_their_values_and_link_to_lists(reader, page):
     reader.until(lambda: re.fullmatch("#of/.*/approaching", reader.hash))
 
 
-def test_a_list_can_be_sorted_and_narrowed(reader, page):
+def test_a_list_can_be_sorted_and_filtered(reader, page):
     from selenium.webdriver.support.ui import Select
 
     reader.open(page, "#of/oracle")
@@ -42,8 +42,7 @@ def test_a_list_can_be_sorted_and_narrowed(reader, page):
 NAMED = {"button", "link", "combobox", "slider", "textbox", "image", "checkbox", "option", "dialog", "columnheader"}
 
 
-def test_everything_that_can_be_used_has_a_name(reader, page):
-    """Every focusable element has a name, and images have a description."""
+def test_every_control_and_image_has_an_accessible_name(reader, page):
     for place in ("", "#of/oracle", "#fleet/yard-commanding-01/2"):
         reader.open(page, place)
         tree = reader.driver.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
@@ -55,7 +54,7 @@ def test_everything_that_can_be_used_has_a_name(reader, page):
 
 
 def test_model_output_is_never_markup(reader, tmp_path):
-    """In the separate files and in an embedded page: as reply, instruction, episode folder and model name."""
+    """The hostile text is a reply, an instruction and a model name, in separate files and in an embedded page."""
     model = {"provider": "vllm", "name": HOSTILE}
     folder = tmp_path / "runs/<b>run"
     run_folder(folder, {}, model=model)
@@ -71,7 +70,7 @@ def test_model_output_is_never_markup(reader, tmp_path):
         assert reader.errors() == []
 
 
-def test_embedded_it_is_one_file(reader, runs, tmp_path):
+def test_an_embedded_page_is_one_file_that_can_be_moved(reader, runs, tmp_path):
     written = write_page(collect([runs]), [TABLE], tmp_path / "report", embed=True)
     assert [path.name for path in written.parent.iterdir()] == ["index.html"]
     alone = tmp_path / "elsewhere.html"

@@ -16,7 +16,7 @@ from foundation.run_folder.reading import episode_folder
 def flight(
     folder: Path, place, *, seconds=120.0, yaw_deg=0.0, start=(0.0, 0.0, 0.0), drones=1, replies=("x",), decided=float
 ):
-    """Write the logs of a flight that is `place(t)` ahead, right, down of its start; return its folder."""
+    """Write the logs of a flight and return its folder. `place(t)` is (ahead, right, down) of the start, in m."""
     folder.mkdir(parents=True)
     c, s = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
     rows = [{"kind": "begin", "t": 0.0, "t0_us": 0}]
@@ -53,7 +53,7 @@ def compared(a: Path, b: Path, seconds: float = 60.0, *, by_step: bool = False, 
     return compare(logs_of(a), logs_of(b), seconds, by_step=by_step, **options)
 
 
-def test_the_same_path_from_another_place_and_heading_is_the_same(tmp_path: Path) -> None:
+def test_paths_that_differ_only_in_start_and_heading_are_equal(tmp_path: Path) -> None:
     a = flight(tmp_path / "a", lambda t: (t, math.sin(t / 9), -0.1 * t))
     b = flight(tmp_path / "b", lambda t: (t, math.sin(t / 9), -0.1 * t), yaw_deg=117.0, start=(400.0, -90.0, -12.0))
     (only,) = compared(a, b)
@@ -61,7 +61,7 @@ def test_the_same_path_from_another_place_and_heading_is_the_same(tmp_path: Path
     assert compared(a, b, keep_north=True)[0].first.max_m > 50.0
 
 
-def test_a_path_that_veers_off_is_as_far_away_as_it_is(tmp_path: Path) -> None:
+def test_the_distances_between_diverging_paths_are_correct(tmp_path: Path) -> None:
     a = flight(tmp_path / "a", straight)
     b = flight(tmp_path / "b", lambda t: (t, 0.01 * t, 0.0))
     (only,) = compared(a, b)
@@ -72,7 +72,7 @@ def test_a_path_that_veers_off_is_as_far_away_as_it_is(tmp_path: Path) -> None:
     assert only.final_m == pytest.approx(1.2, abs=1e-3)
 
 
-def test_one_that_comes_later_is_apart_but_not_beside(tmp_path: Path) -> None:
+def test_a_delay_along_the_same_path_is_no_lateral_distance(tmp_path: Path) -> None:
     a = flight(tmp_path / "a", straight)
     b = flight(tmp_path / "b", lambda t: straight(max(0.0, t - 0.5)))
     (only,) = compared(a, b)
@@ -80,8 +80,8 @@ def test_one_that_comes_later_is_apart_but_not_beside(tmp_path: Path) -> None:
     assert only.beside_m < 0.06
 
 
-def test_slower_replies_are_no_other_path_step_by_step(tmp_path: Path) -> None:
-    """Both fly a metre in the first second of each step and hold until the next reply: for 1 s, and for 1.5 s."""
+def test_alignment_by_step_ignores_slower_replies(tmp_path: Path) -> None:
+    """Both move 1 m in the first second of each step. Then they hold, one for 1 s and the other for 1.5 s."""
 
     def stepped(length_s: float):
         return lambda t: (t // length_s + min(1.0, t % length_s), 0.0, 0.0)
@@ -103,7 +103,7 @@ def test_every_drone_of_a_fleet_is_compared(tmp_path: Path) -> None:
     assert [c.drone for c in compared(a, b)] == [0, 1, 2]
 
 
-def test_agreeing_takes_the_whole_time_that_was_asked_for(tmp_path: Path) -> None:
+def test_a_flight_shorter_than_the_requested_time_does_not_agree(tmp_path: Path) -> None:
     a, short = flight(tmp_path / "a", straight), flight(tmp_path / "b", straight, seconds=30.0)
     result = figures(compared(a, short), within_m=1.0, seconds=60.0)
     assert not result["agree"]
@@ -111,7 +111,7 @@ def test_agreeing_takes_the_whole_time_that_was_asked_for(tmp_path: Path) -> Non
     assert figures(compared(a, short, 30.0), within_m=1.0, seconds=30.0)["agree"]
 
 
-def test_the_command_agrees_differs_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_reports_agreement_and_draws_a_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     a = flight(tmp_path / "a" / "episode", straight, replies=("go", "go", "think"))
     b = flight(tmp_path / "b" / "episode", lambda t: (t, 0.02 * t, 0.0), replies=("go", "rotate", "think"))
     picture = tmp_path / "paths.png"
@@ -138,10 +138,10 @@ def test_incomparable_paths_are_rejected(tmp_path: Path, capsys: pytest.CaptureF
 
 
 @pytest.mark.slow
-def test_the_same_decisions_on_another_vehicle_of_ours_agree(
+def test_replayed_decisions_with_another_seed_follow_the_same_path(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Another seed changes every sensor's errors. Repeated decisions still lead along the same path."""
+    """The other seed changes the errors of every sensor."""
 
     def fly(pilot: str, seed: str, out: Path) -> dict[str, Any]:
         arguments = ["fly", "--sitl", "--speed", "max", "--latency", "fixed:0.5", "--json"]
@@ -149,7 +149,7 @@ def test_the_same_decisions_on_another_vehicle_of_ours_agree(
         result_line: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
         return result_line
 
-    first = fly("oracle", "3", tmp_path / "a")  # the oracle touches nothing; after a contact the paths would differ
+    first = fly("oracle", "3", tmp_path / "a")  # the oracle has no contacts; after a contact the paths would differ
     decisions = Path(first["run_dir"]) / "decisions.jsonl"
     fly(f"recorded:{decisions}", "4", tmp_path / "b")
     seconds = str(math.floor(first["sim_seconds"]) - 2)

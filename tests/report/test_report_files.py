@@ -1,4 +1,4 @@
-"""The report's files: equal to the reviewed report, equal in two runs, and figures that agree with their tables."""
+"""The report's files equal the reviewed report and are reproducible. The figures agree with their tables."""
 
 import subprocess
 import sys
@@ -21,12 +21,12 @@ def files(folder):
     return {str(path.relative_to(folder)): path.read_text(encoding="utf-8") for path in folder.rglob("*.*")}
 
 
-def test_the_small_report_is_as_it_was_looked_at(tmp_path):
+def test_the_small_report_equals_the_reviewed_report(tmp_path):
     golden.report(tmp_path)
     assert files(tmp_path) == files(golden.FOLDER)
 
 
-def test_a_full_disk_is_reported(tmp_path):
+def test_a_file_in_place_of_the_tables_folder_is_reported(tmp_path):
     (tmp_path / "tables").write_text("a file where a folder should be")
     with pytest.raises(InfrastructureError, match=str(tmp_path)):
         write((), {}, (), tmp_path)
@@ -56,47 +56,47 @@ def drawn(figure):
     ]
 
 
-def test_failure_bars_stand_end_to_end_and_are_the_tables_shares():
+def test_failure_bars_are_stacked_and_equal_the_shares_of_the_table():
     bars = drawn(drawing.draw_failure_modes(report_tables()["failures"]))
     bar = [(left, width) for left, width, y in bars if y == bars[0][2] and width]
     assert bar == [(0, 25), (25, 25), (50, 25), (75, 25)]
 
 
-def test_the_numbers_in_failure_bars_are_the_tables():
+def test_the_numbers_in_failure_bars_equal_the_shares_of_the_table():
     table = report_tables(("success",) * 7 + ("declared",))["failures"]
     (axis,) = drawing.draw_failure_modes(table).axes
     shares = [cell.text(column) for cell, column in zip(table.rows[0].cells, table.columns, strict=True)][2:4]
     assert shares == ["88", "13"]
     written = [text.get_text() for text in axis.texts if text.get_text().isdigit()]
-    assert written == [shares[0], "100", shares[1]]  # part by part: m's and the oracle's successes come first
+    assert written == [shares[0], "100", shares[1]]  # the successes of m and of the oracle come first
 
 
-def test_drones_stand_end_to_end_and_the_diamond_at_the_episodes_won():
+def test_drone_bars_are_stacked_and_the_diamond_marks_the_success_rate():
     figure = drawing.draw_drone_outcomes(report_tables()["drones"])
     assert [bar[:2] for bar in drawn(figure) if bar[1]] == [(0, 25), (25, 50), (75, 25)]
     (axis,) = figure.axes
     assert [list(mark.get_xdata()) for mark in axis.lines if mark.get_marker() == "D"] == [[100.0]]
 
 
-def test_nested_bars_are_the_tables_rates():
+def test_nested_bars_equal_the_rates_of_the_table():
     table = report_tables()["approaching"]
     row = line(table, "vllm/m")
     widths = [width for _, width, _ in drawn(drawing.draw_reach_declare_succeed(table))]
     assert widths[0::2] == [row[column].value for column, _, _ in drawing.NESTED]
 
 
-def test_boxes_are_the_tables_quantiles():
+def test_boxes_equal_the_quantiles_of_the_table():
     (box,) = drawn(drawing.rates(report_tables()["served"]))
     assert box[:2] == (6.0, 10.0)
 
 
-def test_blocks_stay_apart():
+def test_models_and_built_in_pilots_are_in_separate_blocks_of_a_figure():
     lines, heads = style.lines(report_tables()["approaching"])
     assert [title for title, _ in heads] == [report_data.MODELS, report_data.BUILT_IN]
     assert lines[0].y < heads[1][1] < lines[1].y
 
 
-def test_every_figure_is_drawn_in_three_formats_and_the_same_twice(tmp_path, monkeypatch):
+def test_every_figure_is_drawn_in_three_formats_and_is_reproducible(tmp_path, monkeypatch):
     monkeypatch.setitem(style.SETTINGS, "savefig.dpi", 50)  # the time that a PNG takes grows with its pixels
     benchmark_data, all_tables = small(), report_tables()
     first = drawing.draw(benchmark_data, tuple(all_tables.values()), tmp_path / "a")
@@ -115,6 +115,6 @@ def test_every_figure_is_drawn_in_three_formats_and_the_same_twice(tmp_path, mon
                 assert data == again[name].with_suffix(f".{kind}").read_bytes(), f"{name}.{kind}"
 
 
-def test_nothing_is_drawn_at_the_import_of_the_verb():
+def test_importing_the_report_command_imports_no_matplotlib_and_no_numpy():
     code = "import sys, dronecats.cli.report; assert 'matplotlib' not in sys.modules and 'numpy' not in sys.modules"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,4 +1,4 @@
-"""Every table against counts by hand, on a synthetic benchmark."""
+"""Every table of a synthetic benchmark, compared with counts by hand."""
 
 import json
 import math
@@ -22,7 +22,7 @@ from tests.report.small import BAD, GOOD, benchmark, line, made, number, small
 from tests.support.scores import a_run, an_episode, collected, flights, named
 
 
-def test_rates_are_of_the_flights_that_were_scored_and_errors_stand_beside():
+def test_rates_cover_scored_flights_and_unscored_flights_have_their_own_column():
     table = made(outcomes.main, small())
     assert [column.group for column in table.columns[2:]] == ["Approaching"] * 2 + ["Tracking"] * 2 + ["All"] * 2 + [""]
     good = line(table, GOOD)
@@ -33,7 +33,7 @@ def test_rates_are_of_the_flights_that_were_scored_and_errors_stand_beside():
     assert (good["all_success_percent"].count, good["all_success_percent"].of) == (5, 9)
 
 
-def test_several_flights_of_an_episode_are_not_counted_as_so_many_episodes():
+def test_repeated_flights_of_an_episode_do_not_count_as_independent_episodes():
     sr = line(made(outcomes.main, small()), GOOD)["approaching_success_percent"]
     by_episode = [[True, True], [True, False], [False, False], [True, True]]
     expected = estimate_share(by_episode)
@@ -61,7 +61,7 @@ def test_models_and_built_in_pilots_never_share_a_block_and_notes_describe_the_p
     assert notes[1].startswith("blind:fan ")
 
 
-def test_the_best_is_marked_among_models_alone():
+def test_the_best_value_is_marked_among_models_only():
     table = made(outcomes.main, small())
     marked = [row.entrant for row in table.rows if any(cell.best for cell in row.cells)]
     assert marked == [GOOD]
@@ -82,7 +82,7 @@ def test_the_floor_of_blind_pilots_covers_the_same_episodes():
     assert table.blocks[-1].title == ""
 
 
-def test_by_map():
+def test_the_per_map_table_has_a_column_for_each_map_and_cell():
     table = made(outcomes.per_map, small())
     good = line(table, GOOD)
     texts = {name: cell.text(column) for (name, cell), column in zip(good.items(), table.columns, strict=True)}
@@ -92,7 +92,7 @@ def test_by_map():
     assert line(table, "oracle")["residential_approaching_success_percent"] == TableCell(value=None)
 
 
-def test_by_map_is_headed_by_no_percent_since_it_counts():
+def test_the_per_map_table_shows_counts_without_a_percent_sign():
     table = made(outcomes.per_map, small())
     assert "%" not in as_html(table)
     assert "<small>%</small>" in as_html(made(outcomes.main, small()))
@@ -126,7 +126,7 @@ def test_the_setup_table_shows_the_reasoning_switch():
     assert str(reasoning["vllm/c"]).startswith("nothing | ")
 
 
-def test_as_served_stands_only_where_it_differs_from_the_asked_name(tmp_path):
+def test_the_served_name_is_shown_only_if_it_differs_from_the_requested_name(tmp_path):
     served = {"same": ["same"], "other": ["other-2026", "other"], "silent": []}
     runs = []
     for name, answered in served.items():
@@ -141,13 +141,13 @@ def test_as_served_stands_only_where_it_differs_from_the_asked_name(tmp_path):
     assert served_names == {"vllm/same": None, "vllm/other": "other-2026", "vllm/silent": None}
 
 
-def test_a_deviation_says_of_how_many_flights_it_is():
+def test_a_standard_deviation_is_labelled_with_its_number_of_flights():
     table = made(comparison.variance, small())
     assert "s.d. of 2" in {row.cells[1].value for row in table.rows}
     assert [note for note in table.notes if "two flights" in note]
 
 
-def test_costs_tell_cached_and_reasoning_tokens_and_who_answered():
+def test_costs_show_cached_and_reasoning_tokens_and_the_endpoints():
     run = a_run("runs/a", model=named("a"))
     used = [
         Usage(questions=10, tokens_in=1000, tokens_out=100, cached=512, reasoning=60,
@@ -195,7 +195,7 @@ def test_declarations_pool_all_cells():
     assert (row["precision_percent"].value, row["precision_percent"].of) == (50.0, 1)
 
 
-def test_failure_modes_part_all_scored_one_drone_flights():
+def test_each_scored_flight_of_one_drone_has_one_failure_mode_or_succeeds():
     run = a_run("runs/a", model=named("a"))
     ended = ["success", "declared", "declared", "did not move", "timed out"]
     episodes = [an_episode(run, f"campus-searching-{k:02}", "success" if mode == "success" else "failure", mode=mode)
@@ -215,7 +215,7 @@ def test_failure_modes_part_all_scored_one_drone_flights():
     assert shares["declared_percent"] == 40.0
 
 
-def test_commanding_beside_one_drone():
+def test_the_commanding_table_shows_fleets_beside_single_drones():
     table = made(outcomes.commanding, small())
     good = line(table, GOOD)
     assert (good["approaching_success_percent"].count, good["approaching_success_percent"].of) == (5, 8)
@@ -225,7 +225,7 @@ def test_commanding_beside_one_drone():
     assert [row.entrant for row in table.rows] == [GOOD], "who flew no fleet has no line"
 
 
-def test_drones_are_counted_over_flights_and_part_them():
+def test_each_drone_of_each_fleet_flight_has_one_outcome():
     row = line(made(outcomes.drones, small()), GOOD)
     assert row["drones"].value == 8
     counts = [row[f"drones_{name}_percent"].count for name in ("found", "beside", "elsewhere", "silent")]
@@ -233,7 +233,7 @@ def test_drones_are_counted_over_flights_and_part_them():
     assert row["commanding_success_percent"].value == 50.0
 
 
-def test_variance_is_over_the_episodes_that_every_flight_scored():
+def test_variance_covers_the_episodes_that_every_flight_scored():
     table = made(comparison.variance, small())
     lines = {str(row.cells[1].value): row.cells for row in table.rows}
     assert list(lines) == ["1", "2", "mean", "s.d. of 2", "binomial", "by episode"]
@@ -248,12 +248,12 @@ def test_variance_is_over_the_episodes_that_every_flight_scored():
     assert comparison.variance(small(collected(flights(a_run(), {"campus-approaching": "sf"})))) is None
 
 
-def test_pairs_are_of_the_episodes_that_both_flew():
+def test_pairs_use_the_episodes_that_both_entrants_flew():
     table = made(comparison.comparison, small())
     models = table.blocks[0].rows
     assert len(models) == 1
     values = {column.name: cell.value for column, cell in zip(table.columns, models[0].cells, strict=True)}
-    # campus 01 s s, 02 s f, residential 01 f f, 02 s s, tracking 01 f, against f f f s f
+    # first: campus 01 s s, 02 s f, residential 01 f f, 02 s s, tracking 01 f; second: f f f s f
     assert values["episodes"] == 5
     assert (values["only_first"], values["only_second"]) == (2, 0)
     assert values["difference_points"] == pytest.approx(100 * (1 + 0.5) / 5)
@@ -303,7 +303,7 @@ def test_rates_are_quantiles_over_steps_and_host_stalls_are_separate():
     assert (row["stalled_steps_percent"].value, row["stalled_flights"].value) == (10.0, 1)
 
 
-def test_grounding_is_over_the_steps_that_tell():
+def test_grounding_uses_only_steps_with_a_value():
     run = a_run("runs/a", model=named("a"))
     steps = {"on_target": (True, None, False, True), "pointing_error_deg": (1.0, None, 9.0, 2.0),
              "depth_error_m": (-2.0, None, None, 6.0), "depth_error_abs_m": (2.0, None, None, 6.0),
@@ -317,7 +317,7 @@ def test_grounding_is_over_the_steps_that_tell():
     assert (row["rescaled_percent"].value, row["wide_percent"].value) == (50.0, 100.0)
 
 
-def test_a_think_is_compared_with_ordinary_steps_of_the_same_rate():
+def test_a_think_is_compared_with_other_steps_of_the_same_closing_rate():
     def step(think, closing_m=None, gained_m=None, stalled=None, broken=None, lost=None, regained=None):
         return StepOutlook(think, closing_m, gained_m, stalled, broken, lost, regained)
 

@@ -1,4 +1,4 @@
-"""Written tables read back as the same table: CSV to the last digit, Markdown and LaTeX with the same columns."""
+"""Written tables keep their content: CSV keeps every digit, Markdown and LaTeX keep the columns."""
 
 import csv
 import io
@@ -39,7 +39,7 @@ LARGEST = 1.7e308
 
 
 def cells(largest: float) -> st.SearchStrategy[TableCell]:
-    """Return cells of every kind, with numbers within these bounds."""
+    """Return a strategy for cells of every kind, with numbers of at most this magnitude."""
     return st.builds(
         TableCell,
         value=st.none() | texts | st.floats(-largest, largest) | st.integers(-9, 99),
@@ -65,7 +65,7 @@ def any_table(draw, largest=LARGEST):
 
 @settings(max_examples=40)
 @given(any_table())
-def test_csv_holds_all_of_every_cell(table):
+def test_csv_contains_every_field_of_every_cell(table):
     head, *lines = csv.reader(io.StringIO(as_csv(table), newline=""))
     blocks = [block.title for block in table.blocks for _ in block.rows]
     assert [line[0] for line in lines] == blocks
@@ -78,7 +78,7 @@ def test_csv_holds_all_of_every_cell(table):
                 assert values.get(f"{column.name}_{field}", "") == ("" if value is None else str(value))
 
 
-def test_the_reports_csv_reads_back_as_numbers():
+def test_numbers_in_the_csv_of_the_report_are_read_back_exactly():
     for table in MADE:
         for line, row in zip(csv.DictReader(io.StringIO(as_csv(table))), table.rows, strict=True):
             for column, cell in zip(table.columns, row.cells, strict=True):
@@ -88,7 +88,7 @@ def test_the_reports_csv_reads_back_as_numbers():
 
 @settings(max_examples=60)
 @given(any_table(1e6), st.integers(60, 120))
-def test_a_terminal_gets_no_line_that_is_too_wide_and_no_letter_is_lost(table, width):
+def test_terminal_output_has_no_line_wider_than_the_terminal_and_loses_no_letter(table, width):
     lines = as_terminal(table, width).splitlines()
     assert [line for line in lines if len(line) > width] == []
     texts = [table.title, table.caption, *(column.title for column in table.columns), *table.notes]
@@ -96,7 +96,7 @@ def test_a_terminal_gets_no_line_that_is_too_wide_and_no_letter_is_lost(table, w
     assert Counter("".join("".join(texts).split())) <= Counter("".join(lines))
 
 
-def test_columns_that_do_not_fit_continue_below_beside_the_names_of_their_rows():
+def test_columns_that_do_not_fit_continue_below_with_the_row_names_repeated():
     columns = [words("pilot"), *(numbers(f"measure {k}", group="Approaching") for k in range(12))]
     table = table_of(columns, [("oracle", *range(100, 112)), ("blind:ring", *range(200, 212))])
     lines = as_terminal(table, 60).splitlines()
@@ -121,7 +121,7 @@ def test_words_are_wrapped_within_their_column_at_blanks_slashes_and_hyphens():
     ]
 
 
-def test_html_says_what_the_cells_say_and_takes_no_text_for_markup():
+def test_html_contains_the_cells_and_escapes_their_text():
     column = TableColumn(name="sr", title="SR <b>", unit="%", better="more")
     cell = TableCell(value=62.5, low=20.0, high=90.0, count=5, of=8, best=True, link="#of/a&b")
     name = TableCell(value="<script>")
@@ -143,7 +143,7 @@ def test_markdown_has_links_and_code():
 
 @settings(max_examples=40)
 @given(any_table())
-def test_markdown_keeps_its_columns(table):
+def test_every_markdown_row_has_all_columns(table):
     lines = [line for line in as_markdown(table).splitlines() if line.startswith("| ")]
     bars = {len(re.findall(r"(?<!\\)\|", re.sub(r"\\\\", "", line))) for line in lines}
     assert bars == {len(table.columns) + 1}
@@ -159,7 +159,7 @@ def braces(text: str) -> int:
 
 
 def stray(text: str) -> list[str]:
-    """Return the characters with a LaTeX meaning. Inside $…$, _ and ^ are allowed."""
+    """Return the unescaped characters that LaTeX interprets. Inside $…$, _ and ^ are allowed."""
     characters, formula = [], False
     for sign in re.findall(r"\\(?:[a-zA-Z]+|.)|[&%#_^~$]", text):
         formula ^= sign == "$"
@@ -170,7 +170,7 @@ def stray(text: str) -> list[str]:
 
 @settings(max_examples=40)
 @given(any_table())
-def test_latex_closes_what_it_opens_and_fills_its_columns(table):
+def test_latex_closes_every_brace_and_environment_and_fills_every_column(table):
     text = latex.as_latex(table)
     assert braces("\n".join(line for line in text.splitlines() if not line.startswith("%"))) == 0
     opened = re.findall(r"(?m)^\\(begin|end)\{(\w+)\}", text)
@@ -184,11 +184,11 @@ def test_latex_closes_what_it_opens_and_fills_its_columns(table):
 
 
 @given(texts)
-def test_latex_escapes_what_it_would_take_for_a_command(text):
+def test_latex_escapes_every_special_character(text):
     assert stray(latex.latex_text(text)) == []
 
 
-def test_rules_stand_under_their_groups():
+def test_latex_rules_span_the_columns_of_their_groups():
     main = next(table for table in MADE if table.name == "main")
     text = latex.as_latex(main)
     assert r"\cmidrule(lr){3-4}\cmidrule(lr){5-6}\cmidrule(lr){7-8}" in text
@@ -196,13 +196,13 @@ def test_rules_stand_under_their_groups():
     assert r"\multicolumn{9}{@{}l}{\emph{Models}} \\" in text
 
 
-def test_numbers_are_rounded_as_people_do():
+def test_numbers_are_rounded_half_away_from_zero():
     assert [rounded(value, 0) for value in (12.5, 37.5, -12.5, 0.0, 66.666)] == ["13", "38", "-13", "0", "67"]
     assert rounded(0.125, 2) == "0.13"
     assert [rounded(value, 1) for value in (-1e-17, -0.04, -0.05)] == ["0.0", "0.0", "-0.1"]
 
 
-def test_a_line_has_a_cell_for_each_column():
+def test_a_row_with_a_wrong_number_of_cells_is_an_error():
     column = TableColumn(name="a", title="A")
     row = TableRow(cells=(TableCell(value=1), TableCell(value=2)))
     with pytest.raises(ValueError, match=r"2 .*1 "):
@@ -216,7 +216,7 @@ def nine():
     return small(collected(*(flights(run, outcomes) for run in runs)))
 
 
-def test_a_long_table_goes_on_under_its_number_and_loses_no_line():
+def test_a_long_table_continues_in_a_second_float_with_its_number_and_loses_no_row():
     table = made(comparison, nine())
     assert len(table.rows) == 72
     first, *more = latex.as_latex(table).split(r"\begin{table}")[1:]

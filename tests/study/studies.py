@@ -1,4 +1,4 @@
-"""Folders of studies as a campaign leaves them, written without flying. Success follows a given law."""
+"""Writes study folders as a campaign leaves them, without flights. Success follows a given law."""
 
 import json
 import math
@@ -26,14 +26,14 @@ RUN_FIELDS: dict[str, Any] = {
     "clock": "lockstep", "camera": {"width": 1280, "height": 720, "hfov_deg": 90.0},
     "protocol": {"RADIUS_M": 5.0, "CAP_S": 300.0}, "suite": {"name": "all", "version": 1, "sha256": "5" * 64},
 }  # fmt: skip
-SECONDS = 16.0  # of a log
-SPEED = 1.2  # m/s, of a target that is tracked
+SECONDS = 16.0  # s, duration of a log
+SPEED = 1.2  # m/s, of the target in a tracking episode
 
-Law = Callable[[str, Mapping[str, Level]], float]  # pilot and levels → log odds of the middle episode
+Law = Callable[[str, Mapping[str, Level]], float]  # pilot and levels → log odds of success in the median episode
 
 
 def falling(half: float = 1.2, slope: float = -1.5) -> Law:
-    """Return a law with half success at a latency of `half` s, and at twice that for the oracle."""
+    """Return a law with a success rate of 50 % at a latency of `half` s, and at twice that latency for the oracle."""
     return lambda pilot, levels: slope * (float(levels["latency"]) - half * (2.0 if pilot == "oracle" else 1.0))
 
 
@@ -52,7 +52,7 @@ def write_study(
     seed: int = 0,
     same_draws: bool = True,
 ) -> StudyPlan:
-    """Write the folder of a flown study, and return its plan.
+    """Write the folder of a completed study, and return its plan.
 
     Each episode has its own intercept. With `same_draws`, one draw decides a flight at every level, like one seed.
     Without it, each flight has its own draw. `errors` is the share of flights that the infrastructure broke.
@@ -86,7 +86,7 @@ def write_study(
 
 
 def write_flown(folder: Path, success: bool, latency_s: float = 0.5, broken: bool = False) -> None:
-    """Write an episode that was flown to its cap. Its target moves if its name says that it is tracked."""
+    """Write an episode that ends at its time cap. Its target moves if its cell is `tracking`."""
     cell = folder.name.partition("-")[2].rpartition("-")[0]
     period, speed = latency_s + 2.5, SPEED if cell == "tracking" else 0.0
     near = 3.0 if success else 8.0 + latency_s

@@ -1,4 +1,4 @@
-"""Properties of the designs: balance, orthogonality, one point in each part, and reproducible points."""
+"""Properties of the designs: balance, orthogonality, one point in each part of a range, and reproducible points."""
 
 import itertools
 import math
@@ -39,7 +39,7 @@ def test_a_full_design_has_every_combination_once(axes):
 
 
 @given(axes_of_levels)
-def test_one_at_a_time_leaves_the_others_at_their_first(axes):
+def test_one_at_a_time_keeps_the_other_factors_at_their_first_level(axes):
     points = one_at_a_time(axes).points
     assert len(points) == 1 + sum(len(axis.levels) - 1 for axis in axes)
     first = {axis.name: axis.levels[0] for axis in axes}
@@ -49,7 +49,7 @@ def test_one_at_a_time_leaves_the_others_at_their_first(axes):
 
 
 @given(axes_of_levels)
-def test_one_factor_at_a_time_has_crossed_factors_at_every_point(axes):
+def test_one_at_a_time_repeats_all_points_for_each_level_of_a_crossed_factor(axes):
     agents = Axis(name="agent", levels=("paper", "steady", "own"))
     alone = [tuple(point.items()) for point in one_at_a_time(axes).points]
     made = one_at_a_time([axes[0], agents, *axes[1:]], ("agent", "pilot"))
@@ -73,7 +73,7 @@ def fractions(draw):
 
 
 @given(fractions())
-@example((6, ["E = ABCD", "F = ABC"]))  # the product of its two words is the shortest
+@example((6, ["E = ABCD", "F = ABC"]))  # the product of its two defining words is the shortest word
 def test_a_fraction_is_balanced_and_orthogonal_up_to_its_resolution(drawn):
     """Every set of at most R − 1 columns has all combinations of signs equally often."""
     count, generators = drawn
@@ -97,7 +97,7 @@ def test_a_fraction_is_balanced_and_orthogonal_up_to_its_resolution(drawn):
         assert np.array_equal(signs[:, LETTERS.index(made)], -column if "-" in product else column), place
 
 
-def test_the_published_fractions_have_their_resolutions():
+def test_published_fractions_have_their_published_resolution():
     for count, generators, resolution in (  # NIST/SEMATECH e-Handbook of Statistical Methods, 5.3.3.4.7, table 3.17
         (3, ["C=AB"], "III"), (4, ["D=ABC"], "IV"), (5, ["E=ABCD"], "V"), (5, ["D=AB", "E=AC"], "III"),
         (6, ["F=ABCDE"], "VI"), (6, ["E=ABC", "F=BCD"], "IV"), (7, ["D=AB", "E=AC", "F=BC", "G=ABC"], "III"),
@@ -132,13 +132,13 @@ def test_invalid_fractions_are_rejected():
             fractional(two_levels(count), generators)
 
 
-def test_a_fraction_has_two_levels():
+def test_a_fraction_rejects_factors_with_more_than_two_levels():
     with pytest.raises(UsageError, match=r"f2 .*3"):
         fractional([*two_levels(2), Axis(name="f2", levels=(1, 2, 3))], ["C=AB"])
 
 
 @given(st.integers(2, 40), st.integers(0, 2**31), st.integers(1, 4))
-def test_each_part_of_a_range_has_one_point_of_a_latin_hypercube(points, seed, count):
+def test_a_latin_hypercube_has_one_point_in_each_part_of_a_range(points, seed, count):
     axes = [Axis(name=f"f{place}", low=10.0 * place, high=10.0 * place + 5.0) for place in range(count)]
     design = latin(axes, points, seed)
     assert design == latin(axes, points, seed)
@@ -151,7 +151,7 @@ def test_each_part_of_a_range_has_one_point_of_a_latin_hypercube(points, seed, c
 
 
 @given(st.integers(2, 40), st.integers(0, 2**31), levels)
-def test_the_levels_of_a_factor_come_equally_often_in_a_latin_hypercube(points, seed, own):
+def test_a_latin_hypercube_uses_the_levels_of_a_factor_about_equally_often(points, seed, own):
     axes = [
         Axis(name="x", low=0.0, high=1.0),
         Axis(name="levels", levels=own),
@@ -166,16 +166,16 @@ def test_the_levels_of_a_factor_come_equally_often_in_a_latin_hypercube(points, 
         assert all(abs(times[level] - points / len(allowed)) < 2 for level in allowed)
 
 
-def test_equal_points_are_flown_once():
+def test_equal_points_of_a_latin_hypercube_are_merged():
     drawn = latin([Axis(name="a", levels=("x", "y"))], 10, 1).points
     assert sorted(point["a"] for point in drawn) == ["x", "y"]
 
 
-def test_other_seeds_are_other_points():
+def test_another_seed_gives_other_points():
     axes = [Axis(name="x", low=0.0, high=1.0)]
     assert latin(axes, 5, 1).points != latin(axes, 5, 2).points
 
 
-def test_too_many_combinations_are_refused_before_they_are_made():
+def test_too_many_combinations_are_rejected():
     with pytest.raises(UsageError, match="10,000"):
         full([Axis(name=f"f{place}", levels=tuple(range(9))) for place in range(9)])

@@ -60,7 +60,7 @@ def flat(value, path=""):
     return {path: value}
 
 
-def test_a_factor_is_set_on_its_place_and_nowhere_else():
+def test_a_factor_changes_only_its_own_fields():
     for name in FACTORS:
         factor = FACTORS[name]
         base = at_levels(FLIGHT, NEEDS.get(name, {}))
@@ -78,7 +78,7 @@ def test_a_factor_is_set_on_its_place_and_nowhere_else():
 
 @st.composite
 def levels_twice(draw):
-    """Draw two choices of levels of the same factors. The factors are compatible."""
+    """Draw two sets of levels for the same compatible factors."""
     wanted = draw(st.lists(st.sampled_from(list(FACTORS)), min_size=1, max_size=5, unique=True))
     names: list[str] = []
     for name in (needed for factor in wanted for needed in (*NEEDS.get(factor, {}), factor)):
@@ -96,7 +96,7 @@ def level_of(draw, factor):
 
 
 def same_twice(name):
-    """Return the two ends of a factor, each with the factors that it needs."""
+    """Return the levels at both ends of a factor's range, each with the factors that it needs."""
     factor = FACTORS[name]
     ends = (factor.quantity.low, factor.quantity.high) if factor.quantity else OTHER_WORDS[name][:2]
     return tuple({**NEEDS.get(name, {}), name: factor.level(end)} for end in ends)
@@ -107,11 +107,11 @@ def same_twice(name):
 @example(({"wind": 0.0, "wind_towards": 90.0}, {"wind": 7.0, "wind_towards": 45.0}), FLIGHT)
 @example(({"frame_delay": 1.0, "frame_rate": 0.1}, {"frame_delay": 14.0, "frame_rate": 10.0}), FLIGHT)
 @example(({"rate_cap": 0.5, "reply_stall_share": 0.5}, {"rate_cap": 2.0, "reply_stall_share": 0.0}), FLIGHT)
-def test_new_levels_leave_nothing_of_the_earlier_ones(twice, flight):
+def test_new_levels_replace_the_earlier_levels_completely(twice, flight):
     check_nothing_is_left(twice, flight)
 
 
-def test_new_levels_of_one_factor_leave_nothing_of_the_earlier_ones():
+def test_a_new_level_of_any_single_factor_replaces_the_earlier_one_completely():
     for name in FACTORS:
         check_nothing_is_left(same_twice(name), FLIGHT)
 
@@ -128,20 +128,20 @@ def check_nothing_is_left(twice, flight):
     assert at_levels(at_first, second) == at_second
 
 
-def test_the_ends_of_a_range_can_be_flown_and_nothing_beyond():
+def test_levels_at_the_ends_of_a_range_are_accepted_and_levels_beyond_are_rejected():
     for factor in NUMBERS:
         assert factor.quantity
         low, high = factor.quantity.low, factor.quantity.high
         for end in (low, high):
             flight = at_levels(FLIGHT, {**NEEDS.get(factor.name, {}), factor.name: factor.level(end)})
-            assert LatencyPolicy.parse(str(flight.latency)) == flight.latency, factor.name  # it checks its own bounds
+            assert LatencyPolicy.parse(str(flight.latency)) == flight.latency, factor.name  # `parse` checks the bounds
         for beyond in (low - 0.01, high + 1, "much", None, True, [1], float("nan")):
             with pytest.raises(UsageError, match=f"^{factor.name} .*{re.escape(shown(high))}"):
                 factor.level(beyond)
 
 
 def test_the_ranges_of_the_registry_are_within_those_of_the_flight():
-    """The registry refuses all numbers that a flight refuses. No point of a design fails for its number alone."""
+    """The registry rejects every number that a flight rejects. No point of a design fails only by its number."""
     for factor in NUMBERS:
         for share in (0.0, 0.3, 0.7, 1.0):
             at_levels(FLIGHT, {**NEEDS.get(factor.name, {}), factor.name: between(factor, share)})
@@ -164,7 +164,7 @@ def test_reply_times_are_written_as_a_policy():
 
 @given(st.floats(0.1, 30.0), st.integers(0, 360))
 @example(30.0, 1)
-def test_a_wind_keeps_its_speed_wherever_it_blows(speed, towards):
+def test_the_wind_speed_is_the_same_in_every_direction(speed, towards):
     wind = at_levels(FLIGHT, {"wind_towards": float(towards), "wind": speed}).disturbances.vehicle.wind_ned
     assert sum(part**2 for part in wind) ** 0.5 == pytest.approx(speed, abs=3e-6)
     assert wind[2] == 0.0
@@ -172,7 +172,7 @@ def test_a_wind_keeps_its_speed_wherever_it_blows(speed, towards):
     assert east == (0.0, 5.0, 0.0)
 
 
-def test_pilots_that_look_get_pictures():
+def test_only_pilots_that_use_pictures_get_them_rendered():
     blind = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
     for name, seen in (("oracle", False), ("vision", True)):
         for before in (blind, at_levels(blind, {"pilot": "vision"})):  # after any other pilot
@@ -209,14 +209,14 @@ def test_two_factors_with_the_same_meaning_are_rejected(pair):
     check_together(["rate", "jitter_cv", "jitter_rho", "wind", "wind_towards"])
 
 
-def test_unknown_names_are_rejected_with_the_nearest():
+def test_an_unknown_factor_is_rejected_with_the_nearest_name():
     with pytest.raises(UsageError, match=r"'latancy'.*\blatency\b"):
         factor_of("latancy")
     assert factor_of("frame-delay") is FACTORS["frame_delay"]
 
 
 @given(st.floats(0.0, 300.0))
-def test_the_text_of_a_number_gives_the_number_back(number):
+def test_the_text_of_a_level_parses_to_the_same_number(number):
     assert float(level_text(number)) == pytest.approx(number, rel=1e-11)
 
 

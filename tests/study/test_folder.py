@@ -1,4 +1,4 @@
-"""A study resumes only as it began: a flight with other options does not count as done."""
+"""A study resumes only with its original options. A flight with other options does not count as done."""
 
 import re
 from dataclasses import replace
@@ -25,7 +25,7 @@ def begun(tmp_path_factory):
 GUSTY = replace(ORACLE, disturbances=Disturbances(vehicle=VehicleFaults(gusts_w20=5.0)))
 
 
-def test_other_flights_are_rejected_with_their_differences_for_another_pilot_too(begun):
+def test_a_resume_with_other_options_is_rejected_with_the_differences_for_any_pilot(begun):
     for changes, parts in (
         ({"seed": 6}, "seed, 5 .* 6 .*--out"),
         ({"seconds": 20.0}, "seconds, 300.0 .* 20.0 "),
@@ -47,7 +47,7 @@ def test_a_study_resumes_unchanged_or_with_other_pilots_or_more_flights(begun):
     assert len(folder.merge_earlier_runs(begun, planned(pilots=[("vision", vision)], flights=1)).runs) == 6
 
 
-def test_a_run_of_the_same_name_at_other_levels_is_refused(begun, tmp_path):
+def test_a_run_with_the_same_name_but_other_levels_is_rejected(begun, tmp_path):
     study = folder.read(begun)
     first, *others = study.runs
     folder.write(tmp_path, replace(study, runs=(replace(first, levels={"latency": 2.0}), *others)))
@@ -56,7 +56,7 @@ def test_a_run_of_the_same_name_at_other_levels_is_refused(begun, tmp_path):
         folder.merge_earlier_runs(tmp_path, planned(flights=1))
 
 
-def test_a_refused_study_flies_and_writes_nothing(begun):
+def test_a_rejected_resume_changes_no_file(begun):
     before = {path: path.read_bytes() for path in begun.rglob("*.json")}
     made = planned((LATENCY,), [("blind", replace(BLIND, seed=6))], flights=1)
     with pytest.raises(UsageError, match=r"seed, 5 .* 6 "):

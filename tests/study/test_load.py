@@ -1,4 +1,4 @@
-"""The effect of a busy host on flights, and the precision of its mark, against counts by hand."""
+"""The effect of a busy host on flights and the precision of the stall mark, compared with counts by hand."""
 
 import dataclasses
 import json
@@ -42,18 +42,18 @@ FLIGHTS = [
 ]
 
 
-def test_every_flight_is_compared_with_the_same_one_in_lockstep_on_the_idle_host():
+def test_each_flight_is_compared_with_its_lockstep_flight_on_the_idle_host():
     comparison = compare(FLIGHTS)
     rows = {(row.clock, row.busy): row for row in comparison.rows}
     assert [(row.flights, row.solved, row.moved, row.other_bytes) for row in rows.values()] == [
         (2, 1, 0, 0), (2, 1, 0, 2), (2, 1, 0, 1), (2, 1, 2, 2),
     ]  # fmt: skip
-    assert rows["real time", 4].ne_moved_m == pytest.approx(3.05)  # of 6 m and 0.1 m
+    assert rows["real time", 4].ne_moved_m == pytest.approx(3.05)  # mean of 6 m and 0.1 m
     assert rows["real time", 4].marked == 1
     assert (rows["real time", 4].stalled_steps, rows["real time", 4].steps) == (3, 20)
 
 
-def test_the_marks_precision_and_recall():
+def test_precision_and_recall_of_the_stall_mark_equal_counts_by_hand():
     comparison = compare(FLIGHTS)
     verdicts = comparison.of_verdicts
     assert (verdicts.moved, verdicts.marked, verdicts.both) == (2, 2, 1)
@@ -61,11 +61,11 @@ def test_the_marks_precision_and_recall():
     assert verdicts.recall is not None
     assert verdicts.precision[0] == verdicts.recall[0] == 0.5
     assert comparison.idle_error_m == pytest.approx(0.2)  # of 0.2 and 0.1 m
-    errors = comparison.of_errors  # of the busy host alone: 6 m off and marked, 0.1 m off and not
+    errors = comparison.of_errors  # busy host only: one flight is 6 m off and marked, one is 0.1 m off and unmarked
     assert (errors.moved, errors.marked, errors.both) == (1, 1, 1)
 
 
-def test_without_a_moved_or_a_marked_flight_there_is_no_share():
+def test_precision_and_recall_are_undefined_without_moved_or_marked_flights():
     comparison = compare([flight(), real(ne_m=None)])
     assert comparison.of_verdicts.precision is None
     assert comparison.of_verdicts.recall is None
@@ -74,16 +74,16 @@ def test_without_a_moved_or_a_marked_flight_there_is_no_share():
     assert not math.isnan(json.loads(json.dumps(comparison.as_json()))["rows"][0]["solved"])
 
 
-def test_busy_processes_compute_and_are_gone_afterwards():
+def test_busy_processes_use_the_cpu_and_end_with_the_block():
     with busy(2) as started:
-        assert len({os.getsid(0), *(os.getsid(process.pid) for process in started)}) == 3  # each with its own share
+        assert len({os.getsid(0), *(os.getsid(process.pid) for process in started)}) == 3  # each has its own session
         watched = [psutil.Process(process.pid) for process in started]
         while any(sum(process.cpu_times()[:2]) == 0.0 for process in watched):
             assert all(process.is_running() for process in watched)
     assert not any(process.is_running() for process in watched)
 
 
-def test_busy_processes_end_with_their_killed_starter():
+def test_busy_processes_end_if_their_parent_is_killed():
     script = textwrap.dedent("""
         import os, time
         from dronecats.study.host_load import busy

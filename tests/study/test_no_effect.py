@@ -1,4 +1,4 @@
-"""A factor without an effect on any flight is refused before the first flight. No other factor is refused."""
+"""A factor that has no effect on any flight is rejected before the first flight. No other factor is rejected."""
 
 import pytest
 
@@ -38,7 +38,7 @@ def test_factors_without_an_effect_are_rejected_with_a_reason():
             check(varied, held)
 
 
-def test_one_factor_at_a_time_keeps_the_refined_factor_at_its_first_level():
+def test_one_at_a_time_is_rejected_if_the_refined_factor_is_off_at_its_first_level():
     turning = {"wind": [0.0, 6.0], "wind_towards": [0.0, 90.0]}
     with pytest.raises(UsageError, match=r"wind_towards .*levels.* wind .*0 "):
         check(turning, made=design.one_at_a_time)
@@ -46,12 +46,12 @@ def test_one_factor_at_a_time_keeps_the_refined_factor_at_its_first_level():
     check(turning)  # some combinations have a wind with a direction
 
 
-def test_a_rate_cap_without_effect_is_accepted_beside_others():
+def test_a_rate_cap_without_effect_at_some_levels_is_accepted():
     check({"rate_cap": [0.1, 1.0, 4.0]}, {"rate": 1.0})
 
 
 def test_factors_with_an_effect_are_accepted():
-    """Alone or with the factor that it refines, at any level. Camera and link factors too, for a blind pilot."""
+    """Each factor is alone or with the factor that it refines. The oracle accepts camera and link factors too."""
     for name in [name for name, factor in FACTORS.items() if factor.quantity]:
         needs = {**NEEDS.get(name, {}), **({"stall_share": 0.1} if name == "stall_length" else {})}
         needs |= {"rate": 2.0} if name.startswith("jitter") else {"latency": 0.0} if name == "rate_cap" else {}

@@ -1,4 +1,4 @@
-"""docs/studies.md agrees with the registry, and its example is a study."""
+"""docs/studies.md agrees with the registry, and its example is a valid study."""
 
 import re
 from pathlib import Path
@@ -14,13 +14,13 @@ PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
 
 
 @pytest.mark.parametrize("name", ["studies.md", "disturbances.md"])
-def test_the_tables_are_made_from_the_declarations(name):
+def test_the_tables_of_the_docs_are_up_to_date(name):
     page = (PAGE.parent / name).read_text(encoding="utf-8")
     assert filled(page, tables(name)) == page, "run `make studies`"
     assert name != "studies.md" or all(f"| `{factor}` |" in page for factor in FACTORS)
 
 
-def test_the_example_is_a_study(tmp_path):
+def test_the_example_of_the_docs_is_a_valid_study(tmp_path):
     code = re.search(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert code
     (tmp_path / "my-study.toml").write_text(code[1], encoding="utf-8")
@@ -36,5 +36,5 @@ def test_the_published_studies_can_be_loaded(file):
     assert (file.parent / file.stem / "report.md").exists()
 
 
-def test_a_factor_has_numbers_or_words():
+def test_no_factor_has_both_a_range_and_words():
     assert not [name for name, factor in FACTORS.items() if factor.quantity and factor.words]

@@ -1,4 +1,4 @@
-"""A plan is paired: the same seed at every level, and the levels of a pair one after another, also in flight."""
+"""A plan is paired: all levels of a pair have the same seed and are flown one after another."""
 
 import json
 
@@ -50,7 +50,7 @@ def pair_of(made, name):
 
 
 @given(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3), st.integers(0, 9))
-def test_the_seeds_are_paired(flights, latencies, winds, seed):
+def test_all_levels_of_a_flight_number_have_the_same_seed(flights, latencies, winds, seed):
     axes = (Axis(name="latency", levels=LATENCY.levels[:latencies]), Axis(name="wind", levels=(0.0, 3.0, 6.0)[:winds]))
     base = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False), seed=seed)
     made = planned(axes, [("oracle", base), ("blind", BLIND)], flights)
@@ -63,17 +63,17 @@ def test_the_seeds_are_paired(flights, latencies, winds, seed):
     assert [seeds["oracle", number] for number in range(1, flights + 1)] == [{seed + k} for k in range(flights)]
 
 
-def test_flights_are_paired_at_any_stop_except_for_the_pair_in_the_air(tmp_path):
+def test_the_levels_of_a_pair_are_flown_one_after_another(tmp_path):
     made = planned(pilots=[("oracle", ORACLE), ("ring", BLIND)])
     flights = [(*pair_of(made, name.split("/")[0]), name.split("/")[1]) for name in fly(tmp_path / "s", made)]
     assert len(flights) == 3 * 2 * 2 * 2
     groups = [flights[place : place + 3] for place in range(0, len(flights), 3)]
     assert all(len(set(group)) == 1 for group in groups)  # three levels of one pair, then the next
     assert len({group[0] for group in groups}) == len(groups)
-    assert [group[0][1] for group in groups] == [1] * 4 + [2] * 4  # all first flights before a second
+    assert [group[0][1] for group in groups] == [1] * 4 + [2] * 4  # all first flights precede the second flights
 
 
-def test_remaining_flights_are_flown_in_the_same_order(tmp_path):
+def test_a_resume_flies_the_remaining_flights_in_the_same_order(tmp_path):
     made = planned(flights=1)
 
     class KilledError(Exception):
@@ -99,7 +99,7 @@ def test_stuck_flights_are_not_flown_again(tmp_path):
     assert fly(tmp_path / "s", made) == []
 
 
-def test_a_refused_resume_leaves_the_folder_as_it_was(tmp_path):
+def test_a_rejected_resume_leaves_the_folder_unchanged(tmp_path):
     out = tmp_path / "s"
     fly(out, planned(flights=1))
     before = contents(out)
@@ -118,7 +118,7 @@ def contents(folder):
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_a_resume_killed_while_it_opens_can_be_resumed(tmp_path, monkeypatch):
+def test_a_resume_that_is_killed_during_its_start_can_be_resumed(tmp_path, monkeypatch):
     class KilledError(BaseException):
         pass
 
@@ -138,7 +138,7 @@ def test_a_resume_killed_while_it_opens_can_be_resumed(tmp_path, monkeypatch):
     assert len(fly(tmp_path / "fresh", planned(flights=2))) == 12
 
 
-def test_a_run_name_has_the_pilot_the_levels_and_the_number():
+def test_a_run_name_has_the_pilot_the_levels_and_the_flight_number():
     made = planned((LATENCY, WIND), flights=1)
     assert [run.name for run in made.study.runs][:3] == [
         "oracle-latency-0-wind-0-f1", "oracle-latency-0-wind-6-f1", "oracle-latency-0.5-wind-0-f1",
@@ -151,7 +151,7 @@ def test_a_run_name_has_the_pilot_the_levels_and_the_number():
 
 def test_levels_without_a_distinct_name_are_numbered():
     awkward = Design(description="by hand", points=({"latency_policy": "fixed:1"}, {"latency_policy": "fixed-1"}))
-    with pytest.raises(UsageError, match=r"latency_policy .*fixed-1"):  # not a policy; run names come first
+    with pytest.raises(UsageError, match=r"latency_policy .*fixed-1"):  # fixed-1 is no policy; names come first
         plan("mine", [("oracle", ORACLE)], choose_suite(TWO, ()), awkward, held={}, flights=1)
     alike = Design(
         description="by hand", points=({"latency_policy": "lognormal:1,1"}, {"latency_policy": "lognormal:1,1.0"})
@@ -165,7 +165,7 @@ def test_levels_without_a_distinct_name_are_numbered():
             "o-latency-policy-lognormal-1-1-f1", "o-latency-policy-lognormal-1-1.0-f1"])  # fmt: skip
 
 
-def test_the_same_recorded_latencies_are_one_level(tmp_path):
+def test_two_files_with_the_same_latencies_are_rejected_as_two_levels(tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "t.csv").write_text("0.5\n")
@@ -177,14 +177,14 @@ def test_the_same_recorded_latencies_are_one_level(tmp_path):
     assert held.entries[0].flight.latency.trace == (0.5,)
 
 
-def test_held_levels_are_in_every_flight_and_in_no_run_level():
+def test_held_levels_apply_to_every_flight_and_are_not_levels_of_a_run():
     made = planned(held={"wind": 3.0}, flights=1)
     assert {entry.flight.disturbances.vehicle.wind_ned for entry in made.entries} == {(3.0, 0.0, 0.0)}
     assert made.study.held == {"wind": 3.0}
     assert all(set(run.levels) == {"latency"} for run in made.study.runs)
 
 
-def test_a_plan_that_contradicts_itself_is_refused():
+def test_a_contradictory_plan_is_rejected():
     for options, parts in (
         ({"held": {"latency": 1.0}}, "^latency .*held"),
         ({"held": {"rate": 1.0}}, "rate .*latency "),
@@ -197,7 +197,7 @@ def test_a_plan_that_contradicts_itself_is_refused():
             planned(**options)
 
 
-def test_study_json_is_read_back_as_it_was_written(tmp_path):
+def test_study_json_is_read_back_unchanged(tmp_path):
     made = planned((LATENCY, WIND), held={"gusts": 2.0})
     folder.write(tmp_path / "s", made.study)
     assert folder.read(tmp_path / "s") == made.study
@@ -229,7 +229,7 @@ def test_a_pilot_with_a_long_name_renames_no_other_run(tmp_path):
     assert len(folder.merge_earlier_runs(tmp_path, second).runs) == 64
 
 
-def test_the_folder_of_another_study_is_refused(tmp_path):
+def test_the_folder_of_another_study_is_rejected(tmp_path):
     folder.write(tmp_path, planned().study)
     other = plan("mine", [("o", ORACLE)], choose_suite(TWO, ()), design.one_at_a_time([WIND]), held={}, flights=1)
     with pytest.raises(UsageError, match=r"design, .*; factors, latency 0, 0\.5, 2 .*wind 0, 6 .*--out") as no:
@@ -243,7 +243,7 @@ def test_the_folder_of_another_study_is_refused(tmp_path):
         folder.merge_earlier_runs(tmp_path / "b", planned())
 
 
-def test_invalid_levels_are_reported_in_one_sentence(tmp_path):
+def test_invalid_levels_are_reported_in_one_line(tmp_path):
     for changes, parts in (
         ({"factors": [{"name": "wind", "unit": "m/s", "levels": []}]}, "wind .*level"),
         ({"factors": [{"name": "wind", "unit": "m/s", "levels": ["low", "high"]}]}, "wind .*0 to 30 .*'low'"),
@@ -261,7 +261,7 @@ def test_invalid_levels_are_reported_in_one_sentence(tmp_path):
         assert main(["study", "report", str(tmp_path)]) == 2, changes
 
 
-def test_invalid_study_files_are_reported_in_one_sentence(tmp_path):
+def test_invalid_study_files_are_reported_in_one_line(tmp_path):
     for text in ("", "[]", "{", '{"schema": 1}', '{"schema": 2, "name": "x"}'):
         (tmp_path / "study.json").write_text(text)
         with pytest.raises(UsageError, match=r"study\.json") as raised:
@@ -269,8 +269,8 @@ def test_invalid_study_files_are_reported_in_one_sentence(tmp_path):
         assert "\n" not in str(raised.value), text
 
 
-def test_a_folder_of_something_else_is_refused(tmp_path):
-    """A study.json may exist without a bench.json: a study killed between the two writes resumes."""
+def test_a_folder_with_unknown_files_is_rejected(tmp_path):
+    """A study.json without a bench.json is accepted: a study that was killed between the two writes resumes."""
     made = planned(flights=1)
     folder.write(tmp_path / "s", made.study)
     assert len(fly(tmp_path / "s", made)) == 6

@@ -1,4 +1,4 @@
-"""A pytest plugin: headless real browsers, one of each kind a session."""
+"""A pytest plugin: headless Chromium browsers, one of each kind per session."""
 
 import shutil
 from collections.abc import Iterator
@@ -21,13 +21,13 @@ FLAGS = (
 )
 # draws without a graphics card
 SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1300,800")
-# every name leads nowhere; other requests go to a proxy that does not run
+# no host name resolves; other requests go to a proxy that does not run
 NO_NETWORK = ("--host-resolver-rules=MAP * ~NOTFOUND", "--proxy-server=127.0.0.1:9")
 
 
 @contextmanager
 def chromium(profile: Path, *flags: str) -> Iterator[Any]:
-    """Yield a driver of a headless Chromium with a profile of its own; without one the test is skipped."""
+    """Yield a driver of a headless Chromium with its own profile. Without a Chromium, the test is skipped."""
     binary = needs.chromium()
     if binary is None:
         pytest.skip(needs.reason("browser"))
@@ -54,10 +54,10 @@ def drawing_chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def browser(drawing_chromium: Any) -> Iterator[Any]:
-    """Yield that browser and leave its page afterwards: an open page goes on drawing and takes a core."""
+    """Yield the drawing browser and leave its page afterwards. An open page keeps drawing and uses a CPU core."""
     yield drawing_chromium
     drawing_chromium.get("about:blank")
-    drawing_chromium.get_log("browser")  # the page's messages at its server's end are not the next module's
+    drawing_chromium.get_log("browser")  # drops the page's messages about its stopped server
 
 
 @pytest.fixture(scope="session")

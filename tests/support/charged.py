@@ -1,4 +1,4 @@
-"""A latency policy of a test: any function of the question."""
+"""A latency policy for tests: the latency is any function of the question."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from dronecats.agent.latency import Circumstance, LatencyPolicy, Question
 
 @dataclass(frozen=True)
 class Charged(LatencyPolicy):
-    """Charges the result of a function of the question, after the reply has come."""
+    """Charges the result of a function of the question, computed after the reply arrives."""
 
     seconds: Callable[[Question], float] = lambda question: 0.0
 

@@ -1,4 +1,4 @@
-"""The processes that a program has started, looked up while they come and go."""
+"""Descendant processes of a program, which may start and end during the lookup."""
 
 import contextlib
 
@@ -6,10 +6,10 @@ import psutil
 
 
 def children(word: str, parent: int | None = None) -> list[psutil.Process]:
-    """Return the living descendants of process parent (None: this one) with word among the words of their command.
+    """Return the living descendants of process `parent` (None: this one) whose command contains the argument `word`.
 
-    One that ends while it is looked at is left out: its command can no longer be read (psutil tells a process that
-    nobody has waited for yet as a ZombieProcess, a kind of NoSuchProcess).
+    A process that ends during the lookup is omitted, because its command can no longer be read. psutil reports an
+    ended process that its parent has not waited for as a ZombieProcess, a kind of NoSuchProcess.
     """
     processes: list[psutil.Process] = []
     for child in psutil.Process(parent).children(recursive=True):

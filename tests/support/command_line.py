@@ -1,4 +1,4 @@
-"""The program as a user starts it, and the last object of its output."""
+"""The command that starts the program, and a reader of the last JSON object of its output."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""The small question to a model before take-off, answered separately from those of the flight."""
+"""The short question to a model before take-off, which tests answer separately from the flight's questions."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ Pilot = Callable[[str, list[bytes]], str]
 
 
 def is_first_question(text: str) -> bool:
-    """Return whether a question's text, or the JSON of a whole request, is the one before take-off."""
+    """Return whether the text of a question, or the JSON of a request, contains the question before take-off."""
     return TEXT in text or TEXT.replace('"', '\\"') in text
 
 
@@ -25,5 +25,5 @@ def after_first_question(pilot: Pilot) -> Pilot:
 def opened_without_pauses(
     spec: ModelSpec, patience: RetryPolicy | None = None, limiters: Limiters | None = None
 ) -> HttpModel:
-    """Open a model as `open_model` does, but retry without a pause, for any requested patience."""
+    """Open a model as `open_model` does, but retry without a pause. `patience` is ignored."""
     return open_model(spec, RetryPolicy(pause_s=0.0), limiters)

@@ -1,4 +1,4 @@
-"""Flights in this process, by the same command as a user's."""
+"""Flies in this process, with the command that a user gives."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,14 +11,14 @@ from tests.support.command_line import last_object
 
 
 def fly_simulated(capsys, out: Path, *arguments: str) -> tuple[dict[str, Any], Path]:
-    """Fly one episode into the run folder `out`, which must end with status 0; return its result and its folder."""
+    """Fly one episode into the run folder `out`; return its result and its folder. The status must be 0."""
     assert main(["fly", "--sitl", "--out", str(out), "--json", *arguments]) == 0
     result = last_object(capsys.readouterr().out)
     return result, out / result["episode"]
 
 
 def fly_beginning(out: Path, seconds: float, *arguments: str) -> Path:
-    """Fly the first seconds of the flight of the command with these arguments; return its folder."""
+    """Fly only the first seconds of the flight that these arguments describe; return its folder."""
     spec = replace(spec_of(parse(["fly", "--sitl", "--speed", "max", *arguments])), seconds=seconds, full=True)
     result = fly(spec, out, lambda line: None)
     assert result["status"] == 0, result["error"]

@@ -33,7 +33,7 @@ MOVING_S = 6.0  # s
 
 @pytest.fixture(scope="session")
 def fly_once(tmp_path_factory: pytest.TempPathFactory) -> FlyOnce:
-    """Return a function that flies specs into one run folder, once for all tests and workers that request the same."""
+    """Return a function that flies specs into one run folder. Tests and workers with the same specs share the run."""
     base = tmp_path_factory.getbasetemp()
     shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "flown"
     shared.mkdir(exist_ok=True)
@@ -58,7 +58,7 @@ def fly_once(tmp_path_factory: pytest.TempPathFactory) -> FlyOnce:
 
 @pytest.fixture(scope="session")
 def rendered_run(fly_once: FlyOnce) -> FlownOnce:
-    """The oracle's whole flights of ALONE and FLEET."""
+    """The oracle's complete flights of ALONE and FLEET."""
     from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 
     return fly_once(*[FlightSpec(pilot="oracle", episode=e, simulated=Simulated(speed=None)) for e in (ALONE, FLEET)])
@@ -76,7 +76,7 @@ def unrendered_runs(fly_once: FlyOnce) -> tuple[FlownOnce, FlownOnce]:
 
 @pytest.fixture(scope="module", autouse=True)
 def without_flight_picture(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Leave out flight.png, which takes longer than a short flight, unless the module sets FLIGHT_PICTURE."""
+    """Do not draw flight.png, which takes longer than a short flight, unless the module sets FLIGHT_PICTURE."""
     if natures.of_path(request.node.nodeid) == "unit" or getattr(request.module, "FLIGHT_PICTURE", False):
         yield
         return

@@ -1,4 +1,4 @@
-"""The logs of a run folder, read independently of the tested reader."""
+"""Reads the logs of a run folder, independently of the reader under test."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A client script of `examples/`, flown as its user would fly it."""
+"""Runs a client script of `examples/` as a user does."""
 
 import subprocess
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Onboard logs as a PX4 in our physics writes them, made from a flight's own tlog."""
+"""Writes the onboard log that a PX4 in this project's simulation writes, from the flight's own tlog."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,9 +19,9 @@ TURNED = "uint64_t timestamp;float[4] q"
 
 
 def with_onboard_log(folder: Path, off: Vec3 = (0.0, 0.0, 0.0)) -> FlightTrack:
-    """Write onboard.ulg into an episode's folder: its truth, and estimates that are off by so much (m).
+    """Write onboard.ulg into an episode's folder, and return the true track.
 
-    Return the true track.
+    The log has the true poses, and estimates whose position has the constant error `off` (m, NED).
     """
     flight = RecordedFlight.read(folder)
     map_origin, track = flight.map_origin, flight.tracks[0]

@@ -11,7 +11,7 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 
 def free_instance() -> int:
-    """Return an instance of PX4 with free ports."""
+    """Return the number of a PX4 instance whose ports are free."""
     from dronecats.flight.sitl.px4 import free_servers  # imports the flight core
     from hil.simulator import PORT
 

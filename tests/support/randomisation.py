@@ -1,4 +1,4 @@
-"""The randomisation test of a mean, by counting with fractions: a reference for the statistics."""
+"""An exact randomisation test of a mean, with fractions: the reference for the statistics under test."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from fractions import Fraction
 
 
 def randomised(differences: Sequence[Fraction | float]) -> float:
-    """Return the two-sided p: the share of all sign choices with a sum as far from 0, twice the lesser side."""
+    """Return the two-sided p value: twice the share of sign choices whose sum is at least the absolute actual sum."""
     sizes = [Fraction(each).limit_denominator(10_000) for each in differences]
     ways: dict[Fraction, int] = {Fraction(0): 1}
     for size in sizes:

@@ -35,9 +35,9 @@ def run_folder(
     reply_text: str | None = None,
     **configuration: Any,
 ) -> Path:
-    """Write a run of `episodes` (name → instruction), each of as many steps, declared at the last; return its folder.
+    """Write a run of `episodes` (name → instruction), and return its folder. Each declares at its last step.
 
-    `reply_text` replaces every reply, whatever the action is.
+    `reply_text` replaces the text of every reply. The actions stay the same.
     """
     folder.mkdir(parents=True)
     flight = {"pilot": None if model else pilot, "model": model, "seed": seed, "command": "flat",
@@ -67,7 +67,7 @@ def episode_folder(
     pictures: bool = True,
     reply_text: str | None = None,
 ) -> None:
-    """Write the folder of one episode, its name MAP-CELL-NUMBER."""
+    """Write the folder of one episode. The name of the folder is MAP-CELL-NUMBER."""
     folder.mkdir(parents=True)
     map_name, _, rest = folder.name.partition("-")
     (folder / layout.EPISODE).write_text(json.dumps({
@@ -109,7 +109,7 @@ def episode_folder(
 
 
 def action(step: int, drone: int, steps: int) -> dict[str, Any]:
-    """Return a drone's action: goes and turns, then a declaration; the others of a fleet think then."""
+    """Return a drone's action: gos and one rotation, then a declaration by drone 0, while other drones think."""
     if step == steps - 1:
         return {"action": "think" if drone else "finished"}
     if step == 1:

@@ -1,4 +1,4 @@
-"""Runs and scored episodes as values, made for tests."""
+"""Synthetic runs and scored episodes in memory, for tests."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -33,7 +33,7 @@ def a_run(
     flight: Mapping[str, Any] | None = None,
     **configuration: Any,
 ) -> RecordedRun:
-    """Return a run without flights; a model of the name `model` replaces the pilot."""
+    """Return a run without flights. The spec `model` replaces the pilot."""
     flight_fields = {"pilot": None if model else pilot, "model": model, "seed": seed, "command": "flat",
              "latency": "fixed:0.5", "parser": "strict", "replay": None, "accounts": {}, **(flight or {})}  # fmt: skip
     return RecordedRun(folder=Path(name), configuration={**TOLD, "flight": flight_fields, **configuration}, episodes=())
@@ -45,7 +45,7 @@ def named(name: str, **fields: Any) -> dict[str, Any]:
 
 
 def an_episode(run: RecordedRun, name: str, outcome: str = "failure", **fields: Any) -> ScoredEpisode:
-    """Return a flight of the episode MAP-CELL-NUMBER. Fields outside a scored episode belong to its verdict."""
+    """Return a flight of the episode MAP-CELL-NUMBER. Fields that `ScoredEpisode` lacks are fields of its verdict."""
     place, _, rest = name.partition("-")
     verdict = {key: fields.pop(key) for key in list(fields.keys() - ScoredEpisode.__dataclass_fields__)}
     success = outcome == "success"
@@ -65,7 +65,7 @@ def an_episode(run: RecordedRun, name: str, outcome: str = "failure", **fields: 
 
 
 def flights(run: RecordedRun, outcomes: Mapping[str, str], **fields: Any) -> list[ScoredEpisode]:
-    """Return an episode for each of `outcomes`, a string of s (success), f (failure) and e (error)."""
+    """Return an episode for each letter of `outcomes` (MAP-CELL → letters): s success, f failure, e error."""
     word = {"s": "success", "f": "failure", "e": "error"}
     return [
         an_episode(run, f"{group}-{number:02}", word[letter], **fields)

@@ -1,4 +1,4 @@
-"""A simulated vehicle in a process of its own, for links and clients of the tests."""
+"""A simulated vehicle in its own process, for the links and clients of tests."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ def start_vehicle(
 ) -> dict[str, Any]:
     """Start a vehicle at the start of `EPISODE`, `speed` times as fast as the wall clock; return its ports by name.
 
-    `state_dir` keeps its parameters, plans, logs and clients' files; None: nothing is kept.
+    `state_dir` keeps its parameters, plans, logs and clients' files. With None, nothing is kept.
     """
     folder = str(state_dir) if state_dir else None
     config = SimulatorConfig(episode=EPISODE, airframe=airframe, speed=speed, state_dir=folder)
@@ -26,7 +26,7 @@ def start_vehicle(
 
 @contextmanager
 def simulated_rig(folder: Path, speed: float = 1.0) -> Iterator[tuple[int, str]]:
-    """Yield the port of such a vehicle and the URL of its camera. Both work with any pilot."""
+    """Yield the agent's port of a vehicle and the URL of its camera, for any pilot."""
     supervisor = Supervisor(folder)
     try:
         ports = start_vehicle(supervisor, speed)
@@ -41,7 +41,7 @@ def simulated_rig(folder: Path, speed: float = 1.0) -> Iterator[tuple[int, str]]
 def simulated_vehicle(
     folder: Path, speed: float = 1.0, state_dir: Path | None = None, airframe: str = AIRFRAME
 ) -> Iterator[dict[str, Any]]:
-    """Yield the ports of such a vehicle; it ends with the block. Its log goes to `folder`."""
+    """Yield the ports of a vehicle by name. The vehicle ends with the block. Its log is in `folder`."""
     supervisor = Supervisor(folder)
     try:
         yield start_vehicle(supervisor, speed, state_dir, airframe)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def in_terminal(command: Sequence[str], columns: int = 80, cwd: Path | None = None) -> tuple[int, str]:
-    """Run a command in a terminal of this width; return its exit status and the terminal's received characters."""
+    """Run a command in a terminal of this width; return its exit status and the characters it printed."""
     reading, writing = os.openpty()
     fcntl.ioctl(writing, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
     with subprocess.Popen(command, stdin=writing, stdout=writing, stderr=writing, cwd=cwd) as process:
@@ -30,7 +30,7 @@ def _part(terminal: int) -> bytes:
 
 
 def screen(received: str) -> list[str]:
-    """Return the lines on the screen: a carriage return goes back to the beginning of the line and overwrites it."""
+    """Return the lines on the screen. Text after a carriage return overwrites the line from its beginning."""
     lines = []
     for line in received.replace("\r\n", "\n").split("\n"):
         shown = ""

@@ -17,7 +17,7 @@ INSTEAD = {
 
 
 def unused_parameters() -> list[str]:
-    """Return the names that appear in no code of the autopilot and the simulator except their table."""
+    """Return the parameters whose names the autopilot and the simulator use only in the parameter table."""
     sources = [p for folder in ("autopilot", "vehicles", "dronecats/flight") for p in (ROOT / folder).rglob("*.py")]
     read = {
         word

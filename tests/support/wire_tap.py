@@ -1,4 +1,4 @@
-"""The traffic between an agent and a vehicle, recorded on the wire between them."""
+"""Records the traffic between an agent and a vehicle."""
 
 import contextlib
 import socket
@@ -9,7 +9,7 @@ from foundation.mavlink import MODES, Packer, Parser, dialect
 
 
 class Tap(threading.Thread):
-    """A wire between an agent and a vehicle that records the traffic in order."""
+    """A relay between an agent and a vehicle that records the traffic in order."""
 
     def __init__(self, vehicle_port):
         super().__init__(daemon=True)
@@ -62,7 +62,7 @@ class Tap(threading.Thread):
             self.note(parser, data, "vehicle")
 
     def order(self, mode):
-        """Another client switches the mode, as a ground station does."""
+        """Switch the mode as another client, as a ground station does."""
         command = dialect.MAVLink_command_long_message(1, 1, 176, 0, 1, MODES[mode].main, MODES[mode].sub, 0, 0, 0, 0)
         self.far.send(self.packer.pack(command))
 
@@ -71,7 +71,7 @@ class Tap(threading.Thread):
             return [m for s, m in self.passed if s == side and m.get_type() == kind]
 
     def until(self, wanted, seconds=60.0, flight=None):
-        """Wait for something on the wire while its flight is alive."""
+        """Wait until `wanted` returns true. Fail after `seconds`, or if `flight` ends."""
         ends = time.monotonic() + seconds
         while not wanted():
             assert time.monotonic() < ends, "it never came"

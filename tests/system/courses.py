@@ -1,4 +1,4 @@
-"""A flight's motion against its replies, by the truth log alone: courses against pixels, turns against angles."""
+"""Compares the motion in the truth log with the replies: courses with pixels, and turns with angles."""
 
 import itertools
 import json
@@ -19,18 +19,18 @@ HALF_WIDTH = math.tan(math.radians(CameraModel().hfov_deg / 2))
 
 @dataclass(frozen=True)
 class Gone:
-    """A go, from the picture that it was decided on to the next."""
+    """The motion of a go, from the picture of its decision to the next picture."""
 
     step: int
     length_m: float  # over ground
-    off_deg: float  # course over ground less the direction of the pixel
-    across_m: float  # its end was so far beside the pixel's ray
-    held_up: bool = False  # the host stood still meanwhile, so setpoints came late: not the sender's fault
+    off_deg: float  # course over ground minus the direction of the pixel
+    across_m: float  # lateral distance of its end from the pixel's ray
+    held_up: bool = False  # the host stalled, so setpoints were late; not the sender's fault
 
 
 @dataclass(frozen=True)
 class Turned:
-    """A rotate, from picture to picture."""
+    """The motion of a rotate, from the picture of its decision to the next picture."""
 
     step: int
     off_deg: float  # the angle between the pictures minus the requested angle
@@ -45,7 +45,7 @@ def replies(seed, count):
     for _ in range(count):
         kind = draw.choices(("go", "rotate", "think", "finished", "nonsense"), (55, 30, 6, 6, 3))[0]
         if kind == "go":
-            across = draw.uniform(0, 1000) if draw.random() < 0.7 else draw.uniform(430, 570)  # no turn first
+            across = draw.uniform(0, 1000) if draw.random() < 0.7 else draw.uniform(430, 570)  # ahead: no turn first
             point, depth_m = [across, draw.uniform(470, 530)], draw.choice([2.1, 3.0, 4.0, 6.0, 20.0])
             made.append(json.dumps({"action": "go", "point": point, "depth_m": depth_m}))
         elif kind == "rotate":
@@ -85,12 +85,12 @@ def measured(folder):
 
 
 def holds(folder, share=0.95, across_m=0.15):
-    """Assert that every decision without a host stall was flown: gos within 3° of their pixels, turns of 2°.
+    """Assert that gos are within 3° of their pixels and turns within 2° of their angles, except during host stalls.
 
-    3° of the shortest stride are 6 cm. Our autopilot's place wanders by 3.5 cm (one σ) in the four seconds between two
-    pictures, with its satellites' velocity noise and reflections, and nothing on board sees that. So one go in twenty
-    may be beyond 3°, and among so few gos chance makes it more, though in not more than one flight of 200. None may end
-    more than `across_m` beside its ray and beyond 3°.
+    For the shortest go, 3° are 6 cm. The autopilot's position estimate drifts by 3.5 cm (1 σ) in the four seconds
+    between two pictures, because of GPS velocity noise and reflections. No sensor on board measures this drift. So one
+    go in twenty may exceed 3°. By chance there may be more among so few gos, but in at most one flight of 200. No go
+    may exceed 5°, or exceed 3° and end more than `across_m` beside its ray.
     """
     gone, turned = measured(folder)
     assert len(gone) >= 15
@@ -104,7 +104,7 @@ def holds(folder, share=0.95, across_m=0.15):
 
 
 def start_errors(folder):
-    """Return the first drone's distance from its record at the first frame: (m horizontally, m vertically, °)."""
+    """Return the error of the first drone's first pose to its recorded start: (m horizontal, m vertical, ° yaw)."""
     start = json.loads((folder / "episode.json").read_text())["starts"][0]
     first = next(row for row in rows(folder / "truth.jsonl", "pose") if row["drone"] == 0)
     north, east, down = (a - b for a, b in zip(first["position_ned"], start["position_ned"], strict=True))

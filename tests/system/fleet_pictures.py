@@ -16,9 +16,9 @@ from tests import pictures
 
 CAMERA = CameraModel()
 SIZE = (640, 360)  # px, of the stored pictures
-POINTS = np.array([*X500.touching, *X500.hubs, CAMERA.offset_frd])  # that enclose a drone
-DIFFERS = 40  # of 255: more than JPEG adds at an edge
-NEAR_M = 3.0  # nothing stands between drones so near to each other
+POINTS = np.array([*X500.touching, *X500.hubs, CAMERA.offset_frd])  # points that enclose a drone
+DIFFERS = 40  # of 255 levels: more than the JPEG error at an edge
+NEAR_M = 3.0  # m; no obstacle is between drones this near to each other
 
 
 def true_poses(folder: Path, world):
@@ -53,7 +53,7 @@ def shadow_of(points, world):
 
 
 def box_around(points, eye, axes):
-    """Return (left, top, right, bottom) px around points in a picture and their least depth; None beside the lens."""
+    """Return the box (left, top, right, bottom; px) around points, and their least depth. None beside the lens."""
     local = (points - eye) @ axes
     if (local[:, 0] < 0.2).any():
         return None
@@ -65,8 +65,8 @@ def box_around(points, eye, axes):
 def check(folder: Path, truth) -> tuple[int, int]:
     """Compare every picture of a flight with one without drones; return (drones seen, empty pictures).
 
-    Raises AssertionError when a near drone is not in the box that the truth gives it, or anything differs
-    outside these boxes and those of the drones' shadows.
+    Raises AssertionError if a near drone is not in its true box, or if the pictures differ outside the boxes of the
+    drones and of their shadows.
     """
     world = load_world(str(folder / "episode.json"))
     poses, bare = true_poses(folder, world), Renderer(world.scene, CameraModel(*SIZE), grain=GRAIN)

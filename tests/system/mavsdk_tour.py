@@ -1,6 +1,6 @@
-"""A MAVSDK 4 script: every telemetry stream, files, each kind of offboard setpoint, a mission to its end and home.
+"""A MAVSDK 4 script: it uses every telemetry stream, files, offboard setpoints, and a mission with a return home.
 
-Run with the connection URL. Prints what it saw as JSON.
+Argument: the connection URL. The script prints its observations as JSON.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ from mavsdk.plugins.mission import MissionItem, MissionPlan
 from mavsdk.plugins.offboard import Attitude, PositionNedYaw, VelocityNedYaw
 
 NAN = float("nan")
-SILENT = {  # streams of parts that the vehicle does not have, of the truth, and of messages that PX4 has given up
+SILENT = {  # streams of missing parts, of the truth, and of messages that PX4 no longer sends
     "actuator_control_target", "ground_truth", "raw_imu", "status_text", "wind",
 }  # fmt: skip
 ON_REQUEST = ("scaled_imu", "actuator_output_status")
@@ -52,7 +52,7 @@ async def silent_streams(telemetry):
 
 
 async def keep_a_file(files):
-    """Store a file on the vehicle, compare, and remove it. Return whether it was the same."""
+    """Store a file on the vehicle, compare it, and remove it. Return whether the copy was identical."""
     with tempfile.TemporaryDirectory() as folder:
         local = Path(folder) / "note.txt"
         local.write_text("kept")
@@ -71,7 +71,7 @@ def near(place, north, east, down):
 
 
 async def fly_offboard(telemetry, offboard):
-    """Fly a place, a velocity and an attitude, in this order."""
+    """Fly with a position, a velocity and an attitude setpoint, in this order."""
     here = (await first(telemetry.subscribe_position_velocity_ned())).position
     north, east, down = here.north_m + 3.0, here.east_m, here.down_m - 3.0
     await offboard.set_position_ned(PositionNedYaw(north, east, down, 90.0))
@@ -86,7 +86,7 @@ async def fly_offboard(telemetry, offboard):
 
 
 async def fly_mission(telemetry, mission):
-    """Fly three waypoints around home and return. Return the progress that was shown."""
+    """Fly three waypoints and return home. Return whether it finished, the downloaded items and the progress."""
     home = await first(telemetry.subscribe_home())
 
     def waypoint(north, east):

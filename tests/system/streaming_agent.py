@@ -1,8 +1,8 @@
-"""An agent to be killed in mid-step: takes off, then streams 1.2 m/s ahead through the link for ever.
+"""An agent that a test kills during a step. It takes off, then streams 1.2 m/s ahead through the link without end.
 
     python streaming_agent.py URL
 
-Says `streaming` on standard output once it is in offboard.
+It prints `streaming` on standard output when it is in offboard.
 """
 
 import sys

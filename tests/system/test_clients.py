@@ -1,4 +1,4 @@
-"""Foreign clients fly the simulator: MAVSDK 4, and pymavlink alone."""
+"""Third-party clients fly the simulator: MAVSDK 4, and pymavlink alone."""
 
 import subprocess
 import sys
@@ -36,7 +36,7 @@ def test_a_pymavlink_script_takes_off_flies_offboard_and_lands(agent_url):
 
 
 @pytest.mark.slow
-def test_a_mavsdk_script_sees_all_telemetry_and_flies_offboard_and_a_mission_to_its_end(tmp_path):
+def test_a_mavsdk_script_receives_all_telemetry_and_flies_offboard_and_a_mission(tmp_path):
     script = Path(__file__).with_name("mavsdk_tour.py")
     with simulated_vehicle(tmp_path, SPEED, state_dir=tmp_path / "state") as ports:
         run = subprocess.run(

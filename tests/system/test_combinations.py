@@ -1,4 +1,4 @@
-"""Combinations of two features, flown: a commander and a schema, a fleet and fences, a server and its death."""
+"""Flights with two combined features, e.g. a commander with a schema, or a fleet with fenced replies."""
 
 import json
 import re
@@ -63,7 +63,7 @@ def fly_model(out, wire, *, schema=None, notify=lambda line: None, **changes):
 
 
 def held(body):
-    """Answer like a server that enforces the question's schema, whatever the question is."""
+    """Answer every question like a server that enforces the question's schema."""
     prompt, images = read_request(body)
     schema = json.loads(body)["response_format"]["json_schema"]["schema"]
     reply = scripted_orders(prompt, images) if "orders" in schema.get("properties", {}) else '[{"action": "finished"}]'
@@ -72,7 +72,7 @@ def held(body):
 
 
 @pytest.mark.parametrize("drones", [1, 2])
-def test_a_commander_whose_model_is_held_to_a_schema_commands(tmp_path, serve, drones):
+def test_a_commander_works_with_a_server_that_enforces_the_schema(tmp_path, serve, drones):
     wire = serve(held, *AGAIN.values())
     result, folder = fly_model(
         tmp_path / "run", wire, schema="array", command="hierarchical", drones=drones, seconds=6.0, full=True
@@ -95,7 +95,7 @@ def logs(folder):
     return [(folder / name).read_bytes() for name in LOGS]
 
 
-def test_a_fleet_whose_model_fences_its_replies_flies_where_they_are_read_leniently(tmp_path, serve):
+def test_a_fleet_flies_with_fenced_replies_and_the_lenient_parser(tmp_path, serve):
     actions = [{"action": "rotate", "angle_deg": 20 * (k + 1)} for k in range(4)]
 
     def fenced(body):
@@ -114,7 +114,7 @@ def test_a_fleet_whose_model_fences_its_replies_flies_where_they_are_read_lenien
     assert turned == sorted(turned)
 
 
-def test_a_model_that_dies_in_flight_costs_that_flight_and_the_same_command_flies_it_again(tmp_path, serve, capsys):
+def test_a_flight_whose_server_fails_is_an_error_and_the_same_command_repeats_it(tmp_path, serve, capsys):
     dead = serve(vision)
     (whole,) = dead.script
     dead.script = [whole, whole, whole, reset]  # the first question, and two steps
@@ -141,7 +141,7 @@ def test_a_model_that_dies_in_flight_costs_that_flight_and_the_same_command_flie
     assert EASY in capsys.readouterr().err
 
 
-def test_unreadable_replies_end_a_flight_as_nobodys_score_where_that_is_asked_for(tmp_path, serve):
+def test_stop_unreadable_ends_a_flight_with_unreadable_replies_as_an_error(tmp_path, serve):
     def cut_off(body):
         prompt, images = read_request(body)
         reply = completion("m", body, prompt, images, '{"acti')
@@ -154,12 +154,12 @@ def test_unreadable_replies_end_a_flight_as_nobodys_score_where_that_is_asked_fo
     assert len(rows(folder / "decisions.jsonl")) == 2
 
 
-def test_the_time_of_a_slow_endpoint_is_charged_to_the_vehicle(tmp_path, serve):
+def test_measured_latency_includes_the_time_of_a_slow_endpoint(tmp_path, serve):
     def slow(body):
         time.sleep(0.7)
         return vision(body)
 
-    busy = say(answer(503, b"busy"))  # announces its close: else the next question may use a closing connection
+    busy = say(answer(503, b"busy"))  # announces its close; else the next question may use a closing connection
     result, folder = fly_model(
         tmp_path / "run", serve(slow, busy), episode=EASY, latency=LatencyPolicy.parse("measured"), seconds=9.0
     )
@@ -173,7 +173,7 @@ def test_the_time_of_a_slow_endpoint_is_charged_to_the_vehicle(tmp_path, serve):
 
 @pytest.mark.slow
 def test_two_flights_at_once_share_a_ledger_and_a_cache(tmp_path, serve):
-    """Processes of their own with the same questions: no reply is lost, none is booked twice, and both fly alike."""
+    """Two processes ask the same questions. No reply is lost or booked twice, and both flights are equal."""
     wire = serve(vision)
     model = ModelSpec(provider="local", name="m", base_url=wire.url, input_usd=1.0, output_usd=1.0)
     shared = Accounts(ledger=str(tmp_path / "ledger.sqlite"), cache=str(tmp_path / "cache.sqlite"), cost_limit_usd=9.0)
@@ -188,7 +188,7 @@ def test_two_flights_at_once_share_a_ledger_and_a_cache(tmp_path, serve):
     ledger = Ledger(tmp_path / "ledger.sqlite")
     spent = ledger.spent()
     ledger.close()
-    bodies = [body for body in wire.bodies if not is_first_question(body.decode())]  # no cache keeps it
+    bodies = [body for body in wire.bodies if not is_first_question(body.decode())]  # the cache omits it
     replies = len(set(bodies))
     assert spent.questions == wire.served == len(wire.bodies)
     assert results[0]["steps"] <= replies <= len(bodies) <= 2 * replies
@@ -197,7 +197,7 @@ def test_two_flights_at_once_share_a_ledger_and_a_cache(tmp_path, serve):
     db.close()
 
 
-def test_a_run_of_several_episodes_names_none_and_each_is_flown_again(tmp_path, serve, capsys):
+def test_a_run_of_several_episodes_names_no_episode_and_each_can_be_replayed(tmp_path, serve, capsys):
     wire, other = serve(vision), "residential-approaching-02"
     for episode in (EASY, other):
         result, _ = fly_model(tmp_path / "run", wire, episode=episode, seconds=4.0)
@@ -213,7 +213,7 @@ def test_a_run_of_several_episodes_names_none_and_each_is_flown_again(tmp_path, 
     assert wire.served == question_count
 
 
-def test_a_flight_that_its_budget_ended_is_flown_again_to_where_it_ended(tmp_path, serve, capsys):
+def test_a_replay_of_a_flight_that_its_budget_ended_ends_at_the_same_step(tmp_path, serve, capsys):
     limited = Accounts(token_limit=1500)
     result, folder = fly_model(tmp_path / "run", serve(vision), episode=EASY, accounts=limited)
     assert result["reason"] == "budget"

@@ -1,4 +1,4 @@
-"""`fly --connect` on a vehicle that was started elsewhere: arming, control, and a dry run."""
+"""`fly --connect` with a vehicle that another process started: arming, control, and a dry run."""
 
 import contextlib
 import json
@@ -26,7 +26,7 @@ SPEED = 2.0
 
 @pytest.fixture
 def field(tmp_path):
-    """A field for each flight: after a landing that leans on the SUV, the next flight cannot take off."""
+    """Each flight has a new vehicle. After a landing against the SUV, a vehicle cannot take off again."""
     with simulated_rig(tmp_path, SPEED) as rig:
         yield rig
 
@@ -38,7 +38,7 @@ def tap(field):
 
 
 def fly(tap, camera, tmp_path, *more):
-    (tmp_path / "envelope.toml").write_text("frame_s = 100\n")  # a busy machine draws slowly, and time runs fast here
+    (tmp_path / "envelope.toml").write_text("frame_s = 100\n")  # on a busy machine, frames are late at this speed
     command = [
         *DRONECATS, "fly", "--connect", tap.url, "--camera", camera,
         "--instruction", "Go to the cyan SUV.", "--out", str(tmp_path / "run"), "--json",
@@ -49,12 +49,12 @@ def fly(tap, camera, tmp_path, *more):
     )
 
 
-def test_an_armed_flight_from_a_typed_word_to_the_landing(field, tap, tmp_path):
+def test_typing_arm_starts_a_flight_that_holds_and_then_lands(field, tap, tmp_path):
     flight = fly(tap, field[1], tmp_path, "--arm", "--seconds", "25")
     out, err = flight.communicate("ARM\n", timeout=240)
     assert flight.returncode == 0, err
     result = last_object(out)
-    assert result["success"] is None  # nothing measured the truth
+    assert result["success"] is None  # no truth is measured
     assert result["steps"] > 1
     run = json.loads((tmp_path / "run" / "run.json").read_text())
     assert run["firmware"].startswith("PX4 ")
@@ -62,10 +62,10 @@ def test_an_armed_flight_from_a_typed_word_to_the_landing(field, tap, tmp_path):
     assert flight["envelope"]["ceiling_m"] == 30.0
     assert flight["connected"]["authority"] == {"arm": True, "then": "land", "dry": False}
     modes = [m.param2 * 100 + m.param3 for m in tap.of("agent", "COMMAND_LONG") if m.command == 176]
-    assert modes[-2:] == [403, 406]  # held before it landed
+    assert modes[-2:] == [403, 406]  # hold, then land
 
 
-def test_without_the_word_nothing_is_sent_at_all(field, tap, tmp_path):
+def test_without_the_typed_confirmation_nothing_is_sent(field, tap, tmp_path):
     flight = fly(tap, field[1], tmp_path, "--arm")
     _, err = flight.communicate("yes\n", timeout=60)
     assert flight.returncode == 2
@@ -74,7 +74,7 @@ def test_without_the_word_nothing_is_sent_at_all(field, tap, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_a_person_flies_hands_over_and_takes_back(field, tap, tmp_path):
+def test_a_person_hands_over_control_and_takes_it_back(field, tap, tmp_path):
     flight = fly(tap, field[1], tmp_path)
     tap.until(lambda: tap.of("vehicle", "SYS_STATUS"), flight=flight)
     tap.until(lambda: tap.of("vehicle", "SYS_STATUS")[-1].onboard_control_sensors_health & 0x10000000, flight=flight)
@@ -101,10 +101,10 @@ def test_a_person_flies_hands_over_and_takes_back(field, tap, tmp_path):
         and any(n.get_type() in ("HEARTBEAT", "CURRENT_MODE") and n.custom_mode == offboard
                 for s, n in passed[:i] if s == "vehicle")
     )  # fmt: skip
-    # one may have been on the wire already when the vehicle reported
+    # one setpoint may already have been on the wire when the vehicle reported
     after = [m for s, m in passed[shown:] if s == "agent" and m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
     assert len(after) <= 1
-    assert orders(tap) == {176}  # offboard, and no order ever after
+    assert orders(tap) == {176}  # only the mode command
     assert [m.param2 for m in tap.of("agent", "COMMAND_LONG") if m.command == 176] == [6.0]
     tap.order("LAND")
     tap.until(lambda: not tap.of("vehicle", "HEARTBEAT")[-1].base_mode & 128)
@@ -116,8 +116,8 @@ def simulator():
     return process
 
 
-def test_a_vehicle_that_stands_still_for_three_seconds_is_reported_and_marked(field, tap, tmp_path):
-    # no longer: near the SUV it may land on it
+def test_a_pause_of_the_vehicle_process_is_reported_and_marks_the_steps(field, tap, tmp_path):
+    # a longer flight may come near the SUV and land on it
     flight = fly(tap, field[1], tmp_path, "--arm", "--seconds", "25")
     flight.stdin.write("ARM\n")
     flight.stdin.flush()
@@ -133,7 +133,7 @@ def test_a_vehicle_that_stands_still_for_three_seconds_is_reported_and_marked(fi
     assert sum(map(delayed, decisions)) >= 1
 
 
-def test_a_vehicle_that_is_gone_ends_the_flight_within_fifteen_seconds(field, tap, tmp_path):
+def test_the_loss_of_the_vehicle_ends_the_flight_within_15_seconds(field, tap, tmp_path):
     flight = fly(tap, field[1], tmp_path, "--arm")
     flight.stdin.write("ARM\n")
     flight.stdin.flush()
@@ -148,7 +148,7 @@ def test_a_vehicle_that_is_gone_ends_the_flight_within_fifteen_seconds(field, ta
 
 
 class DeafModel(BaseHTTPRequestHandler):
-    """Lists its models, and never answers a question."""
+    """Lists its models, and answers only the question before take-off at once. Other replies take 60 s."""
 
     def do_GET(self):
         self.send_response(200)
@@ -161,14 +161,14 @@ class DeafModel(BaseHTTPRequestHandler):
         self.send_response(200)
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
-        with contextlib.suppress(OSError):  # it waited for long enough
+        with contextlib.suppress(OSError):  # the client has disconnected
             self.wfile.write(body)
 
     def log_message(self, *args):
         pass
 
 
-def test_a_model_that_hangs_leaves_the_vehicle_standing_and_then_landing(field, tap, tmp_path):
+def test_with_a_model_that_hangs_the_vehicle_holds_and_then_lands(field, tap, tmp_path):
     server = ThreadingHTTPServer(("127.0.0.1", 0), DeafModel)
     server.daemon_threads = True
     threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
@@ -178,13 +178,13 @@ def test_a_model_that_hangs_leaves_the_vehicle_standing_and_then_landing(field, 
     server.shutdown()
     assert flight.returncode == 3
     assert " 6 s" in err
-    assert all(m.coordinate_frame == 1 for m in setpoints(tap))  # places to hold; a velocity never
+    assert all(m.coordinate_frame == 1 for m in setpoints(tap))  # positions to hold, and no velocity
     modes = [m.param2 * 100 + m.param3 for m in tap.of("agent", "COMMAND_LONG") if m.command == 176]
     assert modes[-2:] == [403, 406]
     assert not tap.of("vehicle", "HEARTBEAT")[-1].base_mode & 128
 
 
-def test_a_dry_run_draws_and_moves_nothing(field, tap, tmp_path):
+def test_a_dry_run_draws_every_step_and_sends_no_commands(field, tap, tmp_path):
     flight = fly(tap, field[1], tmp_path, "--dry-run", "--seconds", "20")
     _, err = flight.communicate(timeout=120)
     assert flight.returncode == 0, err

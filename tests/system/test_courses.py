@@ -1,4 +1,4 @@
-"""The course of a go and the view of a rotate, against the truth, without a pilot that corrects at every step."""
+"""The course of a go and the turn of a rotate, compared with the truth, without a pilot that corrects each step."""
 
 import json
 
@@ -37,7 +37,7 @@ def fly(tmp_path, episode, seed, *words):
         pytest.param("fixed:4", 3, 300, marks=pytest.mark.slow),
     ],
 )
-def test_a_go_flies_to_its_pixel_and_a_rotate_shows_its_angle_whatever_came_before(
+def test_a_go_flies_to_its_pixel_and_a_rotate_turns_by_its_angle_after_any_action(
     high_up, tmp_path, latency, seed, seconds
 ):
     pilot = record(tmp_path / "replies.jsonl", seed)
@@ -46,14 +46,14 @@ def test_a_go_flies_to_its_pixel_and_a_rotate_shows_its_angle_whatever_came_befo
 
 
 @pytest.mark.slow
-def test_so_it_is_where_the_vehicle_tells_late_where_it_was(high_up, tmp_path):
-    """At the time of the picture, the newest known position and heading are half a second old."""
+def test_courses_and_turns_are_correct_with_delayed_telemetry(high_up, tmp_path):
+    """At the time of the picture, the newest received position and heading are half a second old."""
     words = ("--speed", "max", "--latency", "fixed:1", "--link", "from.delay=0.5", "--seed", "5")
     holds(fly(tmp_path, high_up, 5, *words))
 
 
 @pytest.mark.slow("flies five minutes at three times real time")
-def test_so_it_is_over_real_sockets_in_real_time(high_up, tmp_path):
+def test_courses_and_turns_are_correct_over_real_sockets(high_up, tmp_path):
     holds(fly(tmp_path, high_up, 4, "--latency", "real", "--speed", "3"), share=0.9)
 
 
@@ -61,10 +61,10 @@ BEGINNINGS = ("residential-approaching-01", "campus-searching-02", "campus-track
 
 
 @pytest.mark.parametrize(("seed", "episode"), list(enumerate(BEGINNINGS)))
-def test_an_episode_begins_where_its_record_says(tmp_path, episode, seed):
+def test_an_episode_begins_at_its_recorded_start(tmp_path, episode, seed):
     words = ("--pilot", "oracle", "--episode", episode, "--seed", str(seed))
     across_m, vertically_m, yaw_deg = start_errors(fly_beginning(tmp_path / "run", 1.0, *words))
     assert vertically_m <= 0.1
     assert yaw_deg <= 1.0
-    # only satellites give the position; their error wanders by 6 cm an axis until the episode begins
+    # only GPS gives the position; its error drifts by 6 cm per axis until the episode begins
     assert across_m <= 0.2

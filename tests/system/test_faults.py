@@ -1,4 +1,4 @@
-"""Possible faults of a model, and results that must never follow from them."""
+"""Faults of a model or of the program in flight do not leak secrets, and the flight ends in order."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ KEY = "sk-SECRET-1234567890"
 
 @pytest.fixture
 def fly(tmp_path, capsys):
-    """Fly with a pilot function behind the model interface; return (status, result, everything said and written)."""
+    """Fly with a pilot function behind the model interface; return (status, result, all output and written files)."""
 
     def run(pilot, *arguments):
         with PilotServer(after_first_question(pilot), "m") as server:
@@ -29,7 +29,7 @@ def fly(tmp_path, capsys):
     return run
 
 
-def test_a_model_that_breaks_in_flight_ends_it_with_status_3_and_leaks_nothing(fly, monkeypatch):
+def test_a_model_failure_in_flight_ends_it_with_status_3_and_leaks_no_secret(fly, monkeypatch):
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     calls = []
 
@@ -49,7 +49,7 @@ def test_a_model_that_breaks_in_flight_ends_it_with_status_3_and_leaks_nothing(f
     assert b"pw777" not in everything
 
 
-def test_unreadable_replies_are_the_models_failures_and_fly_on(fly, monkeypatch):
+def test_unreadable_replies_are_logged_as_errors_and_the_flight_continues(fly, monkeypatch):
     monkeypatch.setattr("dronecats.agent.models.endpoint.retry_after_s", lambda headers: 0.0)
     replies = ["\ud800 no json", "", '{"action":"land"}', '{"action":"go","point":[9],"depth_m":1}']
 
@@ -59,7 +59,7 @@ def test_unreadable_replies_are_the_models_failures_and_fly_on(fly, monkeypatch)
         return replies.pop(0)
 
     status, result, _ = fly(pilot)
-    assert status == 3  # it broke off at the end, after the four
+    assert status == 3  # the pilot fails after the four replies
     assert result["steps"] == 4
     decisions = rows(Path(result["run_dir"]) / "decisions.jsonl")
     assert [row["action"] for row in decisions] == [None] * 4
@@ -67,7 +67,7 @@ def test_unreadable_replies_are_the_models_failures_and_fly_on(fly, monkeypatch)
     assert decisions[0]["reply"] == "\ud800 no json"
 
 
-def test_a_mistake_of_ours_in_flight_still_lands_and_leaves_a_verdict(fly, monkeypatch):
+def test_an_internal_error_in_flight_lands_the_vehicle_and_is_reported(fly, monkeypatch):
     monkeypatch.setattr("dronecats.agent.controller.plan", lambda action, camera: 1 / 0)
     status, result, everything = fly(lambda prompt, images: '{"action":"think"}')
     assert status == 3

@@ -1,4 +1,4 @@
-"""Four drones from one context: one request with four pictures, one array of four actions, one verdict."""
+"""Four drones share one model context: one request with four pictures, one array of four actions, one verdict."""
 
 from typing import Any
 
@@ -40,12 +40,12 @@ def test_a_fleet_finds_the_named_candidate_in_lockstep(tmp_path, capsys, episode
         places = [p["position_ned"] for p in poses if p["drone"] == drone]
         assert max(abs(a - b) for place in places for a, b in zip(place, places[0], strict=True)) < 0.8
     seen, empty = check(tmp_path / "run" / episode, truth)
-    assert seen >= 2  # by the drones behind
-    assert empty >= 2  # of the drones in front
+    assert seen >= 2  # drones that those behind see
+    assert empty >= 2  # pictures of the drones in front
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.5])
-def test_no_reply_of_a_fleet_is_older_than_its_pictures(tmp_path, seconds):
+def test_each_decision_of_a_fleet_follows_its_picture_by_the_latency(tmp_path, seconds):
     words = ("--pilot", "oracle", "--episode", "blocks-commanding-02", "--latency", f"fixed:{seconds:g}")
     folder = fly_beginning(tmp_path / "run", 8.0, *words)
     decisions, truth = rows(folder / "decisions.jsonl"), rows(folder / "truth.jsonl")
@@ -58,9 +58,9 @@ def test_no_reply_of_a_fleet_is_older_than_its_pictures(tmp_path, seconds):
 
 
 @pytest.mark.slow("flies a fleet in real time")
-def test_a_fleet_flies_in_real_time_although_its_four_frames_take_a_while(tmp_path, capsys):
+def test_a_fleet_succeeds_in_real_time(tmp_path, capsys):
     result, decisions, truth = fly(capsys, tmp_path / "run", "--speed", "1", "--episode", "blocks-commanding-01")
     assert result["success"]
     seen, _ = check(tmp_path / "run" / "blocks-commanding-01", truth)
-    assert seen >= 1  # the first picture's; the others' progress in the second depends on the machine
+    assert seen >= 1  # in the first pictures; later positions depend on the machine
     assert {d["drone"] for d in decisions} == {0, 1, 2, 3}

@@ -1,4 +1,4 @@
-"""Flight logs come off an autopilot byte for byte, by the command, through MAVSDK."""
+"""`dronecats flightlog` copies logs from an autopilot byte for byte, through MAVSDK."""
 
 import json
 import re
@@ -21,7 +21,7 @@ from tests.hil.link import listening
 
 @pytest.fixture(scope="module")
 def autopilot(tmp_path_factory: pytest.TempPathFactory):
-    """Yield the port of a simulated vehicle with two logs, and their folder on board."""
+    """Yield the port of a simulated vehicle, and its log folder on board, which holds two logs."""
     folder = tmp_path_factory.mktemp("vehicle")
     supervisor = Supervisor(folder)
     config = SimulatorConfig(episode="residential-approaching-01", speed=4.0, state_dir=str(folder))
@@ -47,7 +47,7 @@ def command(*arguments: str) -> "subprocess.CompletedProcess[str]":
 
 
 @pytest.mark.slow
-def test_the_newest_is_fetched_as_it_lies_on_board(autopilot, tmp_path: Path) -> None:
+def test_fetch_copies_the_newest_log_byte_for_byte(autopilot, tmp_path: Path) -> None:
     port, on_board = autopilot
     url = f"udpout://127.0.0.1:{port}"
     listed = command("list", "--connect", url, "--json")
@@ -65,7 +65,7 @@ def test_the_newest_is_fetched_as_it_lies_on_board(autopilot, tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_a_named_one_is_fetched_and_an_unknown_one_refused(autopilot, tmp_path: Path) -> None:
+def test_a_chosen_log_is_fetched_and_an_unknown_number_is_rejected(autopilot, tmp_path: Path) -> None:
     port, on_board = autopilot
     with log_store(f"udpout://127.0.0.1:{port}") as store:
         first = store.entries()[0]

@@ -1,4 +1,4 @@
-"""A real-time flight whose processes are stopped on purpose, under a slow model."""
+"""A real-time flight with a slow model. The test stops the simulator and the camera for some seconds."""
 
 import json
 import os
@@ -18,20 +18,20 @@ from foundation.run_folder.reading import json_object, rows
 from foundation.run_folder.rows import Decision
 from tests.support.children import children
 
-SPEED = 0.5  # half of a busy machine's lost time is lost vehicle time
-STOPPED_S = 3.0  # wall s; the link takes 5 s for the end
-BLIND_S = 6.0  # wall s, from the decision on: the next picture is due after its action, 1 … 3 s later
-MODEL_S = 4.0  # wall s: in vehicle time eight times the host's allowance
+SPEED = 0.5  # at half speed, a host delay of 1 s is a vehicle delay of 0.5 s
+STOPPED_S = 3.0  # wall s; after 5 s of silence the link counts as lost
+BLIND_S = 6.0  # wall s, from the decision on; the next picture is due after the action, 1 … 3 s later
+MODEL_S = 4.0  # wall s; in vehicle time, eight times the delay that the host may have
 
 
 def part(name: str) -> psutil.Process:
-    """Return the child of this process with this role in the flight."""
+    """Return the child process with this role in the flight."""
     (child,) = children(f"dronecats.flight.sitl.{name}")
     return child
 
 
 def lag_and_wait(decision: Decision) -> float:
-    """Return the host's share of a step, s."""
+    """Return the longer of a step's host lag and frame wait, s."""
     assert isinstance(decision.host_lag_s, float)
     assert isinstance(decision.frame_wait_s, float)
     return max(decision.host_lag_s, decision.frame_wait_s)
@@ -72,7 +72,8 @@ def test_delays_of_host_and_camera_are_recorded_step_by_step(tmp_path):
     assert isinstance(decisions[4].frame_wait_s, float)
     assert decisions[4].frame_wait_s > 2.0 * STALL_S
     assert all(decision.latency_s is not None and decision.latency_s > SPEED * MODEL_S * 0.9 for decision in decisions)
-    # if the model's time counted as the host's, no step would be below it; a busy machine may delay one step
+    # If model time counted as host time, every step would exceed this limit.
+    # The test takes the minimum, because a busy machine may delay single steps.
     assert min(lag_and_wait(decision) for decision in decisions) < SPEED * MODEL_S * 0.9
     verdict = json_object(folder / "verdict.json")
     assert verdict is not None

@@ -1,4 +1,7 @@
-"""A key in the base URL or the environment is in no file of a run and on no terminal, whatever the endpoint echoes."""
+"""API keys of the base URL and the environment appear in no file of a run and in no terminal output.
+
+This also holds if the endpoint echoes them.
+"""
 
 import base64
 import contextlib
@@ -24,7 +27,7 @@ SECRETS = (IN_THE_PATH, IN_THE_QUERY, IN_THE_USER, "hush/hush", IN_THE_ENVIRONME
 
 
 class Echo(BaseHTTPRequestHandler):
-    """Echoes everything it received, in every spelling: in replies, in refusals, in redirect targets."""
+    """Echoes all it receives, and all keys, in several encodings: in replies, errors and redirect targets."""
 
     protocol_version = "HTTP/1.1"
     replies = 0
@@ -73,12 +76,12 @@ class RecordingEndpoint(ThreadingHTTPServer):
 
     def __init__(self, end: str) -> None:
         super().__init__(("127.0.0.1", 0), Echo)
-        self.end = end  # one of ENDS: its way of answering from the fourth call on
+        self.end = end  # key of ENDS: how it answers from the fourth call on
         self.paths: list[str] = []
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_a_key_in_the_address_appears_nowhere(tmp_path, monkeypatch, capfdbinary, end):
+def test_keys_of_url_and_environment_are_in_no_file_and_no_output(tmp_path, monkeypatch, capfdbinary, end):
     server = RecordingEndpoint(end)
     threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
     path = f"/{IN_THE_PATH}/v1"
@@ -108,7 +111,7 @@ def test_a_key_in_the_address_appears_nowhere(tmp_path, monkeypatch, capfdbinary
 
 
 class Looking(BaseHTTPRequestHandler):
-    """At a question, collects the publicly visible data of the processes that fly."""
+    """On a question, records the command line and environment of each child process of the flight."""
 
     def do_POST(self):
         prompt = self.rfile.read(int(self.headers["Content-Length"])).decode()
@@ -121,7 +124,7 @@ class Looking(BaseHTTPRequestHandler):
             self.wfile.write(body)
             return
         for child in psutil.Process(self.server.flying).children(recursive=True):
-            with contextlib.suppress(psutil.NoSuchProcess):  # it ended while it was looked at
+            with contextlib.suppress(psutil.NoSuchProcess):  # the process has ended meanwhile
                 command, environment = " ".join(child.cmdline()), " ".join(child.environ().values())
                 self.server.seen[command] = environment
         self.send_response(401)
@@ -138,14 +141,14 @@ class Looking(BaseHTTPRequestHandler):
 
 
 class Seen(ThreadingHTTPServer):
-    """Data of the processes: each child's environment by its command."""
+    """Stores the environment of each child process by its command line."""
 
     flying = 0  # pid
     seen: dict[str, str]
 
 
 @pytest.mark.slow("flies in real time")
-def test_a_child_that_asks_no_model_does_not_get_the_key(tmp_path):
+def test_child_processes_do_not_get_the_api_key(tmp_path):
     server = Seen(("127.0.0.1", 0), Looking)
     server.seen = {}
     threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()

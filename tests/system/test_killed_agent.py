@@ -1,6 +1,6 @@
-"""`kill -9` of the agent in mid-step: the vehicle's reaction, before and after `preflight --fix`.
+"""The vehicle's reaction to `kill -9` of its agent in flight, before and after `preflight --fix`.
 
-The vehicle is the simulator in real time, the agent a process of its own, and what is watched is the truth.
+The simulator runs in real time, and the agent in its own process. The tests measure the true motion.
 """
 
 import math
@@ -28,7 +28,7 @@ def simulator(tmp_path):
 
 
 def killed_in_flight(url, truth):
-    """Let the agent fly until it is steady, kill it; return the truth of the next six seconds."""
+    """Kill the agent in steady flight; return the last truth sample and all samples of the next 6 s."""
     agent = subprocess.Popen([sys.executable, AGENT, url], stdout=subprocess.PIPE)
     try:
         assert agent.stdout is not None
@@ -45,7 +45,7 @@ def killed_in_flight(url, truth):
 
 
 @pytest.mark.slow
-def test_after_fix_the_vehicle_stands_within_two_seconds(simulator, tmp_path):
+def test_after_fix_the_vehicle_stops_within_two_seconds(simulator, tmp_path):
     url, truth = simulator
     link = Link(connect(url))
     link.connect()
@@ -57,12 +57,12 @@ def test_after_fix_the_vehicle_stands_within_two_seconds(simulator, tmp_path):
     late = [sample for sample in after if sample.time_s > killed.time_s + WITHIN_S]
     assert max(sample.speed for sample in late) < STOPPED, profile
     gone = math.hypot(after[-1].north - killed.north, after[-1].east - killed.east)
-    assert 0.5 < gone < 2.0  # it flew on for half a second and braked: nothing else stopped it
+    assert 0.5 < gone < 2.0  # it flies on for half a second, then brakes; nothing else stops it
     assert abs(after[-1].height - killed.height) < 0.4
 
 
 @pytest.mark.slow
-def test_unchanged_parameters_let_the_vehicle_sink(simulator):
+def test_without_fix_the_vehicle_sinks(simulator):
     url, truth = simulator
     killed, after = killed_in_flight(url, truth)
     assert killed.height - after[-1].height > 1.0  # docs/preflight.md warns of this

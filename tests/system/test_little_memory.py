@@ -1,4 +1,4 @@
-"""A limit on the address space ends the program with one sentence before anything is loaded."""
+"""With too little address space, flying commands end with a one-line error before they load heavy modules."""
 
 import json
 import resource
@@ -43,14 +43,14 @@ def test_commands_that_need_little_memory_work():
     assert limited("models", "list").returncode == 0
 
 
-def test_the_doctor_says_so_too():
+def test_doctor_reports_the_memory_limit():
     done = limited("doctor", "--json")
     assert done.returncode == 1
     report = json.loads(done.stdout.splitlines()[0])
     assert "1.0 GB" in report["findings"][-1]["detail"]
 
 
-def test_commands_without_a_limit_are_not_refused(monkeypatch):
+def test_memory_check_rejects_only_a_need_above_the_limit(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda which: (resource.RLIM_INFINITY,) * 2)
     machine.check("a flight", 1e6)
     monkeypatch.setattr(resource, "getrlimit", lambda which: (10**9, resource.RLIM_INFINITY))
@@ -59,6 +59,6 @@ def test_commands_without_a_limit_are_not_refused(monkeypatch):
         machine.check("a flight", 5.0)
 
 
-def test_more_cores_reserve_more(monkeypatch):
+def test_more_cores_need_more_memory(monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 64)
     assert machine.on_this_machine(2.0) > 5.0

@@ -9,12 +9,12 @@ from dronecats.cli.main import main
 from tests.support.flight import fly_beginning, fly_simulated
 from tests.support.json_lines import rows
 
-FLIGHT_PICTURE = True  # one of the flights gets it
+FLIGHT_PICTURE = True  # keeps flight.png, which other test modules skip
 
 
 @pytest.fixture(scope="module")
 def fly(tmp_path_factory):
-    """Fly with the given arguments and return (result object, episode folder); each set of arguments flies once."""
+    """A function that flies with the given arguments and returns (result, episode folder). It caches flights."""
     flights = {}
 
     def run(capsys, *arguments, again=0):
@@ -30,7 +30,7 @@ def fly(tmp_path_factory):
 FIXED = ("--latency", "fixed:0.5", "--seed", "3")
 
 
-def test_the_vision_pilot_finds_the_cyan_suv_and_leaves_everything_a_run_folder_holds(fly, capsys):
+def test_vision_pilot_succeeds_and_writes_a_complete_run_folder(fly, capsys):
     result, folder = fly(capsys, "--pilot", "vision", *FIXED)
     assert result["success"]
     assert result["ne_m"] <= 5.0
@@ -47,7 +47,7 @@ def test_the_vision_pilot_finds_the_cyan_suv_and_leaves_everything_a_run_folder_
         assert decision["t_decided"] == pytest.approx(decision["t_frame"] + 0.5, abs=0.11)
 
 
-def test_the_verdict_is_derived_again_from_the_files(fly, capsys):
+def test_judge_recomputes_the_verdict_from_the_files(fly, capsys):
     result, folder = fly(capsys, "--pilot", "vision", *FIXED)
     assert main(["judge", str(folder.parent), "--json"]) == 0
     verdict = json.loads(capsys.readouterr().out)["episodes"][result["episode"]]
@@ -62,18 +62,18 @@ def test_the_verdict_is_derived_again_from_the_files(fly, capsys):
     assert json.loads(capsys.readouterr().out)["episodes"][folder.name]["outcome"] == "censored"
 
 
-def test_one_seed_gives_the_same_bytes_and_another_gives_others(tmp_path):
+def test_logs_are_identical_for_the_same_seed_and_differ_for_another(tmp_path):
     first, second, other = (
         fly_beginning(tmp_path / name, 8.0, "--pilot", "vision", "--seed", seed)
         for name, seed in (("first", "3"), ("second", "3"), ("other", "4"))
     )
-    assert json.loads((first.parent / "run.json").read_text())["flight"]["latency"] == "fixed:0.5"  # of lockstep
+    assert json.loads((first.parent / "run.json").read_text())["flight"]["latency"] == "fixed:0.5"  # the default
     for name in ("truth.jsonl", "decisions.jsonl"):
         assert (first / name).read_bytes() == (second / name).read_bytes()
         assert (first / name).read_bytes() != (other / name).read_bytes()
 
 
-def test_the_records_own_seed_is_behind_the_noise_of_its_flights(tmp_path):
+def test_the_seed_of_the_record_changes_the_flight(tmp_path):
     from episodes.records import catalogue
 
     record = json.loads(catalogue.load("residential-approaching-02").to_json())
@@ -86,7 +86,7 @@ def test_the_records_own_seed_is_behind_the_noise_of_its_flights(tmp_path):
     assert drawn[0] != drawn[1]
 
 
-def test_the_tlog_is_read_by_pymavlink_and_tells_the_flight(fly, capsys):
+def test_pymavlink_reads_the_complete_tlog(fly, capsys):
     from pymavlink import mavutil
 
     _, folder = fly(capsys, "--pilot", "vision", *FIXED)
@@ -96,7 +96,7 @@ def test_the_tlog_is_read_by_pymavlink_and_tells_the_flight(fly, capsys):
         messages.append(message)
         if (message.get_type(), message.get_srcComponent()) == ("HEARTBEAT", 1):
             modes.append(log.flightmode)
-    assert sum(8 + len(message.get_msgbuf()) for message in messages) == tlog.stat().st_size  # nothing is skipped
+    assert sum(8 + len(message.get_msgbuf()) for message in messages) == tlog.stat().st_size  # no byte is skipped
     counts = collections.Counter(message.get_type() for message in messages)
     assert counts.keys() >= {"HIL_STATE_QUATERNION", "ATTITUDE", "GLOBAL_POSITION_INT", "SYS_STATUS"}
     assert "BAD_DATA" not in counts
@@ -105,20 +105,20 @@ def test_the_tlog_is_read_by_pymavlink_and_tells_the_flight(fly, capsys):
     spent_s = times[-1] - times[0]
     assert counts["HIL_STATE_QUATERNION"] == pytest.approx(50.0 * spent_s, rel=0.02)
     assert counts["ATTITUDE"] == pytest.approx(5.0 * spent_s, rel=0.1)
-    assert spent_s <= counts["HEARTBEAT"] <= spent_s + 10  # one a second, and one at every change
-    assert list(dict.fromkeys(modes)) == ["LOITER", "TAKEOFF", "OFFBOARD", "LAND"]  # as MAVExplorer calls PX4's
+    assert spent_s <= counts["HEARTBEAT"] <= spent_s + 10  # one per second, and one at every change
+    assert list(dict.fromkeys(modes)) == ["LOITER", "TAKEOFF", "OFFBOARD", "LAND"]  # MAVExplorer's names of PX4's modes
 
 
 @pytest.mark.parametrize(
     "episode", ["residential-approaching-02", "residential-searching-01", "residential-search-and-track-01"]
 )
-def test_the_oracle_solves_every_cell(fly, capsys, episode):
+def test_the_oracle_succeeds_in_three_cells(fly, capsys, episode):
     result, _ = fly(capsys, "--pilot", "oracle", "--episode", episode)
     assert result["success"]
 
 
 @pytest.mark.slow
-def test_the_blind_pilot_flies_to_the_cap_and_fails(fly, capsys):
+def test_the_blind_pilot_flies_until_the_time_cap_and_fails(fly, capsys):
     result, folder = fly(capsys, "--pilot", "blind", "--latency", "fixed:0.5")
     assert not result["success"]
     assert result["outcome"] == "failure"

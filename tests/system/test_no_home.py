@@ -1,4 +1,4 @@
-"""A user without a home, as in many containers: shipped maps and kernels work, without a traceback."""
+"""A user without a home folder, as in many containers: shipped maps and kernels work without a traceback."""
 
 import os
 import pwd
@@ -40,14 +40,14 @@ def test_shipped_items_are_listed(words):
     assert done.stderr == ""
 
 
-def test_kernels_are_compiled_and_left_nowhere():
+def test_the_kernel_cache_is_off():
     code = HOMELESS.split("from dronecats")[0] + "from foundation import compiled; print(compiled.CAN_CACHE)"
     environment = {name: value for name, value in os.environ.items() if name not in FOLDERS}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "False", done.stderr
 
 
-def test_a_map_has_no_place_to_go(homeless, monkeypatch):
+def test_the_folder_of_user_maps_is_a_usage_error(homeless, monkeypatch):
     assert user.names() == []
     with pytest.raises(UsageError, match=user.FOLDER):
         user.folder()
@@ -56,5 +56,5 @@ def test_a_map_has_no_place_to_go(homeless, monkeypatch):
         user.folder()
 
 
-def test_an_archive_has_no_home_to_leave_out(homeless):
+def test_machine_folders_are_listed_without_a_home(homeless):
     assert list(submission._machine_folders([]))

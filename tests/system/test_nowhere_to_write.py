@@ -1,4 +1,8 @@
-"""A working folder or a home without write access: one sentence and status 2, or the same work without a cache."""
+"""Folders without write access.
+
+With such a working folder, a command ends with status 2 and a one-line error.
+With such a home, everything works without a cache.
+"""
 
 import os
 import re
@@ -18,7 +22,7 @@ NOWHERE = os.path.join(os.devnull, "nowhere")  # not even root can make a folder
 
 
 def run(*words, cwd, **variables):
-    """Return the result of a command line of this checkout, started in another folder."""
+    """Run Python in the folder `cwd`, with this checkout on its path; return the finished process."""
     environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
     return subprocess.run(
         [sys.executable, *words],
@@ -31,7 +35,7 @@ def run(*words, cwd, **variables):
 
 
 @pytest.mark.parametrize("words", ["fly --sitl --speed max", "episodes audit blocks-commanding-01"])
-def test_a_folder_that_takes_no_run_is_one_sentence(tmp_path, monkeypatch, capsys, words):
+def test_a_file_in_place_of_the_runs_folder_is_a_one_line_error(tmp_path, monkeypatch, capsys, words):
     (tmp_path / "runs").write_text("a file, where the folder would be")
     monkeypatch.chdir(tmp_path)
     assert main(words.split()) == 2
@@ -41,14 +45,14 @@ def test_a_folder_that_takes_no_run_is_one_sentence(tmp_path, monkeypatch, capsy
 
 
 @needs("user")
-def test_a_read_only_folder_is_one_sentence(tmp_path):
+def test_a_read_only_working_folder_is_an_error_with_a_hint(tmp_path):
     tmp_path.chmod(0o555)
     done = run("-m", "dronecats.cli.main", "fly", "--sitl", "--speed", "max", cwd=tmp_path)
     assert done.returncode == 2
     assert re.search("Permission denied.*--out", done.stderr)
 
 
-def test_without_a_home_kernels_are_compiled_and_left_nowhere(tmp_path):
+def test_without_a_home_kernels_compile_without_a_cache(tmp_path):
     code = """
 from foundation import compiled
 @compiled.njit()
@@ -62,7 +66,7 @@ print(double(1.5), compiled.CAN_CACHE, type(double._cache).__name__)
     assert not list(tmp_path.rglob("*.nb[ic]"))
 
 
-def test_the_doctor_says_where_compiled_work_is_kept(monkeypatch):
+def test_doctor_reports_a_missing_kernel_cache(monkeypatch):
     monkeypatch.setattr(compiled, "CAN_CACHE", True)
     assert doctor._compiler().state == doctor.OK
     monkeypatch.setattr(compiled, "CAN_CACHE", False)

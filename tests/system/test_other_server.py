@@ -1,6 +1,7 @@
-"""A third-party server: LiteLLM's proxy, if DRONECATS_LITELLM names its command. docs/models-reference.md.
+"""Flights through a third-party server, LiteLLM's proxy. See docs/models-reference.md.
 
-It stands between our client and a pilot of ours, so that what it makes of our requests and of the replies is flown.
+The tests run if DRONECATS_LITELLM names the command of the proxy.
+The proxy forwards the requests of our client to a built-in pilot, and the replies back.
 """
 
 import json
@@ -26,7 +27,7 @@ from tests.support.command_line import DRONECATS, last_object
 from tests.support.ports import free_port
 
 COMMAND = os.environ.get("DRONECATS_LITELLM")
-START_S = 300.0  # wall s; it imports for a quarter of a minute
+START_S = 300.0  # wall s; the proxy's imports take 15 s
 pytestmark = [
     pytest.mark.slow("starts LiteLLM's proxy and flies through it"),
     needs("litellm"),
@@ -35,7 +36,7 @@ pytestmark = [
 
 @dataclass(frozen=True)
 class Proxy:
-    """LiteLLM in front of an endpoint, which it calls `behind`."""
+    """LiteLLM's proxy for an endpoint. Its name for the endpoint's model is `behind`."""
 
     url: str  # without a path
     key: str
@@ -57,7 +58,7 @@ def proxy(folder: Path, behind: str) -> Iterator[Proxy]:
     config = folder / "config.yaml"  # JSON is YAML
     config.write_text(json.dumps({"model_list": [{"model_name": "behind", "litellm_params": entry}]}))
     port, key = free_port(socket.SOCK_STREAM), f"sk-{secrets.token_hex(24)}"
-    # its own environment, with the price list that came with it, so it sends no request to the network
+    # without our Python variables, and with its bundled price list, so it sends no request to the network
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     environment |= {"LITELLM_MASTER_KEY": key, "LITELLM_LOCAL_MODEL_COST_MAP": "True"}
     words = [COMMAND, "--config", str(config), "--host", "127.0.0.1", "--port", str(port)]
@@ -82,7 +83,7 @@ def alive(url: str) -> bool:
         return False
 
 
-def test_an_episode_is_flown_through_it_as_without_it(tmp_path):
+def test_a_flight_through_the_proxy_equals_a_direct_flight(tmp_path):
     with PilotServer(roster.answer("vision"), "behind") as pilot, proxy(tmp_path, pilot.base_url) as through:
         flights = {}
         for model, url in (("litellm/behind", through.url + "/v1"), ("local/behind", pilot.base_url)):
@@ -96,7 +97,7 @@ def test_an_episode_is_flown_through_it_as_without_it(tmp_path):
         )
     logs = [out / result["episode"] for result, out in flights.values()]
     assert all(result["success"] for result, _ in flights.values())
-    assert len({(log / "truth.jsonl").read_bytes() for log in logs}) == 1  # the very same flight
+    assert len({(log / "truth.jsonl").read_bytes() for log in logs}) == 1  # identical flights
     replies = [[json.loads(line)["reply"] for line in (log / "decisions.jsonl").open()] for log in logs]
     assert replies[0] == replies[1]
     assert refused.returncode == 3
@@ -107,8 +108,8 @@ def test_an_episode_is_flown_through_it_as_without_it(tmp_path):
 
 
 @pytest.mark.parametrize(("provider", "schema"), [("litellm", "array"), ("anthropic", "object")])
-def test_our_formats_are_ones_that_it_understands(tmp_path, provider, schema):
-    """Gemini's is not among them: its adapter knows `inline_data`, not `inlineData`, and leaves the picture out."""
+def test_the_proxy_understands_our_request_formats(tmp_path, provider, schema):
+    """Gemini's format is omitted: the proxy's adapter reads `inline_data`, not `inlineData`, and drops the picture."""
     with Recording(Pointer("as declared", enforces=True)) as server, proxy(tmp_path, server.url + "/v1") as through:
         words = ("check", f"{provider}/behind", "--base-url", through.url + "/v1", "--schema", schema, "--json")
         checked = through.dronecats("models", *words)

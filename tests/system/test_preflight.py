@@ -24,7 +24,7 @@ FAILS = {"COM_OBL_RC_ACT = 0", "COM_LOW_BAT_ACT = 0", "GF_MAX_HOR_DIST = 0", "GF
 
 @pytest.fixture(scope="module")
 def vehicle(tmp_path_factory):
-    """The URL of a simulated vehicle whose autopilot stands ready."""
+    """The URL of a simulated vehicle that is ready to arm."""
     with simulated_vehicle(tmp_path_factory.mktemp("simulator")) as ports:
         url = f"udpout://127.0.0.1:{ports['agent'][0]}"
         link = Link(connect(url))
@@ -46,7 +46,7 @@ def failed(report):
 
 
 @pytest.mark.slow
-def test_a_new_vehicle_passes_but_for_the_defaults_that_surprise(vehicle, tmp_path):
+def test_a_new_vehicle_fails_only_for_four_px4_defaults(vehicle, tmp_path):
     report = preflight("--connect", vehicle, "--json", folder=tmp_path)
     assert report.returncode == 1, report.stderr
     assert failed(report) == FAILS
@@ -60,21 +60,21 @@ def test_a_new_vehicle_passes_but_for_the_defaults_that_surprise(vehicle, tmp_pa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("typed", ["", "y\n"])
-def test_nothing_but_a_typed_yes_changes_anything(vehicle, typed, tmp_path):
+def test_fix_changes_nothing_without_a_typed_yes(vehicle, typed, tmp_path):
     report = preflight("--connect", vehicle, "--fix", "--json", typed=typed, folder=tmp_path)
     assert report.returncode == 1
     assert re.search(r"0\s+→ 5", report.stderr)
     assert failed(report) == FAILS
 
 
-def test_a_dead_port_is_the_links_fault_and_a_wrong_url_the_users(tmp_path):
+def test_a_dead_port_is_a_link_error_and_a_wrong_url_is_a_usage_error(tmp_path):
     assert preflight("--connect", "carrier-pigeon://loft", folder=tmp_path).returncode == 2
     assert preflight("--connect", "tcp://127.0.0.1:1", folder=tmp_path).returncode == 3
     assert preflight("--connect", "udpin://127.0.0.1:0", "--seconds", "0", folder=tmp_path).returncode == 2
 
 
 class SetpointsLost(Transport):
-    """A wire that passes everything except offboard setpoints."""
+    """A transport that drops offboard setpoints and passes everything else."""
 
     def __init__(self, url):
         self._transport = connect(url)
@@ -95,7 +95,7 @@ class SetpointsLost(Transport):
 
 
 @pytest.mark.slow
-def test_the_rehearsal_notices_setpoints_that_do_not_arrive(vehicle):
+def test_the_rehearsal_fails_if_setpoints_are_lost(vehicle):
     lossy = SetpointsLost(vehicle)
     link = Link(lossy)
     link.connect()
@@ -122,7 +122,7 @@ class Snapshot(http.server.BaseHTTPRequestHandler):
 
 
 @pytest.mark.slow
-def test_a_camera_is_looked_through_and_an_absent_one_fails(vehicle, tmp_path):
+def test_a_working_camera_passes_and_a_missing_one_fails(vehicle, tmp_path):
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Snapshot)
     threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
     url = f"http://127.0.0.1:{server.server_port}/picture.jpg"
@@ -137,7 +137,7 @@ def test_a_camera_is_looked_through_and_an_absent_one_fails(vehicle, tmp_path):
     assert "secret" not in gone.stdout + gone.stderr
 
 
-def test_the_disk(tmp_path):
+def test_the_disk_check_accepts_a_new_folder_and_rejects_one_below_a_file(tmp_path):
     assert ground_side.disk_row(tmp_path / "runs" / "later").passed
     file = tmp_path / "file"
     file.write_text("")
@@ -145,7 +145,7 @@ def test_the_disk(tmp_path):
 
 
 @pytest.mark.slow
-def test_yes_sets_the_proposal_and_the_table_is_clean(vehicle, tmp_path):
+def test_a_typed_yes_applies_all_proposed_changes(vehicle, tmp_path):
     report = preflight("--connect", vehicle, "--fix", typed="yes\n", folder=tmp_path)
     assert report.returncode == 0, report.stdout + report.stderr
     assert "COM_OBL_RC_ACT = 5" in report.stdout

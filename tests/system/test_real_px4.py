@@ -1,4 +1,7 @@
-"""A real PX4, if DRONECATS_PX4 names the command that starts one: with -d, and {instance} for its number."""
+"""Flights with a real PX4.
+
+The tests run if DRONECATS_PX4 names the command that starts PX4, with -d, and {instance} for its number.
+"""
 
 import contextlib
 import json
@@ -39,7 +42,7 @@ def dronecats(*words):
 def estimate_errors(tlog, since_us):
     """Return LOCAL_POSITION_NED minus the truth, (n, 3) m, from the episode's beginning on.
 
-    Not from boot: until it has its first fixes PX4's filter wanders by metres, and it does not arm so.
+    Earlier samples do not count: before the first fixes PX4's estimate wanders by metres, and PX4 does not arm.
     """
     truth: list[tuple[float, float, float, float]] = []
     positions: list[tuple[float, float, float, float]] = []
@@ -55,7 +58,7 @@ def estimate_errors(tlog, since_us):
     return estimate[:, 1:] - np.stack([np.interp(estimate[:, 0], times, places[:, i]) for i in range(3)], axis=1)
 
 
-def test_a_real_px4_flies_a_go_to_its_pixel_and_makes_its_turns(tmp_path):
+def test_px4_flies_towards_the_chosen_pixels_and_makes_the_turns(tmp_path):
     pilot, out = record(tmp_path / "replies.jsonl", 5), tmp_path / "run"
     episode = json.loads(catalogue.load("residential-approaching-01").to_json())
     episode["id"], episode["starts"][0]["position_ned"][2] = "high-up", -25.0
@@ -64,12 +67,12 @@ def test_a_real_px4_flies_a_go_to_its_pixel_and_makes_its_turns(tmp_path):
     fly = dronecats("fly", "--sitl", "--autopilot", "px4", "--speed", "max", "--full", "--out", str(out), *words)
     process = subprocess.run(fly, capture_output=True, text=True, timeout=800)
     assert process.returncode == 0, process.stderr + process.stdout
-    # between two pictures its estimate wanders by 4 to 5 cm, with sensors that let ours wander by 3 cm
+    # with the same sensors, PX4's estimate wanders by 4 to 5 cm between two pictures, and ours by 3 cm
     holds(out / "high-up", share=0.9, across_m=0.2)
 
 
 @pytest.mark.parametrize("speed", ["1", "max"])
-def test_a_real_px4_flies_an_episode_and_knows_where_it_is(tmp_path, speed):
+def test_px4_flies_an_episode_with_an_accurate_position_estimate(tmp_path, speed):
     out = tmp_path / "run"
     words = ["--pilot", "oracle", "--speed", speed, "--out", str(out), "--json"]
     process = subprocess.run(
@@ -87,7 +90,7 @@ def test_a_real_px4_flies_an_episode_and_knows_where_it_is(tmp_path, speed):
     assert np.abs(wandered[:, 2]).max() < 1.5
 
 
-def test_film_replay_and_the_estimate_read_the_log_that_px4_kept(tmp_path):
+def test_film_replay_and_estimate_use_the_log_on_board_px4(tmp_path):
     out = tmp_path / "run"
     words = ["--pilot", "oracle", "--speed", "max", "--keep-ulog", "--out", str(out), "--json"]
     fly = dronecats("fly", "--sitl", "--autopilot", "px4", *words)
@@ -95,7 +98,7 @@ def test_film_replay_and_the_estimate_read_the_log_that_px4_kept(tmp_path):
     assert process.returncode == 0, process.stderr + process.stdout
     folder = out / last_object(process.stdout)["episode"]
     streamed = RecordedFlight.read(folder).true_tracks[0]
-    (folder / layout.TLOG).unlink()  # so the log on board is the best one
+    (folder / layout.TLOG).unlink()  # the log on board is now the best source
 
     kept = RecordedFlight.read(folder)  # the positions that film and replay draw
     times = np.arange(0.5, kept.end_s - 0.5, 0.25)
@@ -112,11 +115,11 @@ def test_film_replay_and_the_estimate_read_the_log_that_px4_kept(tmp_path):
     assert trace.head.source == layout.onboard_log_name()
     assert len(trace.poses) > 20
     off = [np.array(pose.position_ned) - kept.tracks[0].at(pose.t).position_ned for pose in trace.poses]
-    assert np.abs(off - np.mean(off, axis=0)).max() < 1.5  # in PX4's frame, whose origin is its place at its first fix
+    assert np.abs(off - np.mean(off, axis=0)).max() < 1.5  # the origin of PX4's frame is the first fix
 
 
 def page(folder):
-    """Return the page of `replay`."""
+    """Return the HTML page that `replay` serves."""
     command = [*DRONECATS, "replay", str(folder), "--no-browser", "--port", str(free_port(socket.SOCK_STREAM))]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as replay:
         late = threading.Timer(120.0, replay.kill)
@@ -130,10 +133,10 @@ def page(folder):
     return content
 
 
-def test_the_same_decisions_fly_the_same_square(tmp_path):
+def test_px4_and_our_autopilot_fly_the_same_square(tmp_path):
     square = Path(__file__).parents[2] / "benchmarks" / "square.jsonl"
     words = ["--pilot", f"recorded:{square}", "--speed", "max", "--latency", "fixed:0.5", "--json"]
-    words += ["--episode", "v1-residential-searching-01"]  # nothing stands in the square's way here
+    words += ["--episode", "v1-residential-searching-01"]  # there is no obstacle on the square
     ours, px4 = tmp_path / "ours", tmp_path / "px4"
     subprocess.run([*DRONECATS, "fly", "--sitl", *words, "--out", str(ours)], check=True, timeout=300)
     fly = dronecats("fly", "--sitl", "--autopilot", "px4", *words, "--out", str(px4))
@@ -143,7 +146,7 @@ def test_the_same_decisions_fly_the_same_square(tmp_path):
     assert json.loads(compared.stdout)["agree"]
 
 
-def test_a_px4_that_dies_is_started_again_and_the_clock_goes_on(tmp_path):
+def test_a_killed_px4_is_restarted_and_the_clock_continues(tmp_path):
     state = tmp_path / "state"
     words = ["--autopilot", "px4", "--instance", str(free_instance()), "--speed", "4", "--state", str(state)]
     simulator = subprocess.Popen(dronecats("sitl", *words), stdout=subprocess.PIPE, text=True)
@@ -158,8 +161,8 @@ def test_a_px4_that_dies_is_started_again_and_the_clock_goes_on(tmp_path):
     try:
         first_s = until("is in step")
         running = psutil.Process(simulator.pid).children(recursive=True)
-        for process in running[1:]:  # the first is the leash
-            with contextlib.suppress(psutil.NoSuchProcess):  # one of PX4's start script's, which has ended since
+        for process in running[1:]:  # the first is the guard process
+            with contextlib.suppress(psutil.NoSuchProcess):  # a process of PX4's start script, which has ended
                 process.kill()
         gone_s = until("has gone")
         until("is restarted")

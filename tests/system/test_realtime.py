@@ -1,4 +1,4 @@
-"""Real processes, real sockets, and the effect of a killed process."""
+"""Flights with real processes and sockets, and the effects of killed and stopped processes."""
 
 import json
 import os
@@ -67,12 +67,12 @@ def test_a_flight_in_real_time_succeeds(fly):
     assert code == 0, errors
     result = last_object(out)
     assert result["success"]
-    assert result["real_time_factor"] < 3.2  # paced; the benchmark measures the pace on a busy machine
+    assert result["real_time_factor"] < 3.2  # paced; a benchmark measures the pace on a busy machine
 
 
 @pytest.mark.slow("flies in real time")
 @pytest.mark.parametrize("kind", ["logger", "camera", "pilot", "simulator"])
-def test_killing_a_part_in_flight_is_status_3_with_a_sentence(fly, kind):
+def test_a_killed_process_ends_the_flight_with_status_3_and_a_one_line_error(fly, kind):
     flight = fly("--speed", "3", "--pilot", "blind")
     flight.until("   0  t=")
     os.kill(flight.child(kind).pid, signal.SIGKILL)
@@ -88,7 +88,7 @@ def test_killing_a_part_in_flight_is_status_3_with_a_sentence(fly, kind):
 
 @pytest.mark.slow("waits until a child that hangs is given up")
 @pytest.mark.parametrize("kind", ["logger", "camera", "pilot", "simulator"])
-def test_a_part_that_hangs_in_flight_is_named_with_its_log_within_30_s(fly, kind):
+def test_a_hanging_process_is_reported_with_its_log_within_30_s(fly, kind):
     flight = fly("--speed", "3", "--pilot", "blind")
     flight.until("   0  t=")
     began_s = time.monotonic()
@@ -106,14 +106,14 @@ def test_a_part_that_hangs_in_flight_is_named_with_its_log_within_30_s(fly, kind
 
 @pytest.mark.slow("flies and lands in real time")
 @pytest.mark.parametrize("when", ["waiting until", "taking off", "flying to the start pose", "   1  t="])
-def test_ctrl_c_lands_closes_everything_and_leaves_a_readable_folder(fly, when):
+def test_ctrl_c_lands_and_ends_all_processes(fly, when):
     flight = fly("--speed", "3", "--pilot", "blind")
     flight.until(when)
     flight.process.send_signal(signal.SIGINT)
     code, out, errors = flight.ends()
     assert code == 130
     assert "interrupted" in errors
-    if when not in ("waiting until", "taking off"):  # before, it may be caught on the ground and disarmed
+    if when not in ("waiting until", "taking off"):  # earlier, the vehicle may still be on the ground and only disarm
         assert "landing" in out
     assert last_object(out)["outcome"] == "error"
 

@@ -1,6 +1,6 @@
-"""`fly --connect` on a real PX4 that simulates itself (SIH) and is killed in flight.
+"""`fly --connect` with a real PX4 that simulates itself (SIH). The test kills PX4 in flight.
 
-DRONECATS_PX4 names the command that starts a PX4, as in test_real_px4.py.
+DRONECATS_PX4 names the command that starts PX4, as in test_real_px4.py.
 """
 
 import json
@@ -23,21 +23,21 @@ pytestmark = [pytest.mark.slow, needs("px4")]
 
 
 class Vehicle:
-    """A PX4 in its own simulation, and a flight of it on one of our maps."""
+    """A PX4 that simulates itself, and its flight on one of our maps."""
 
     def __init__(self, folder):
         self.folder, self.instance = folder, free_instance()
         self.px4 = Px4Process(COMMAND, self.instance, folder / "px4", folder / "px4.log", 1.0)
 
     def send(self, number):
-        """Send a signal to PX4's own processes, beside the guard that watches them."""
+        """Send a signal to PX4's processes, but not to the guard that watches them."""
         (guard,) = children("dronecats.flight.processes.guard")
         for process in guard.children(recursive=True):
             process.send_signal(number)
 
     def fly(self, on_first_step, seconds):
         """Fly; return the exit status, the lines of the terminal and the result."""
-        (self.folder / "envelope.toml").write_text("frame_s = 100\n")  # a busy machine draws slowly
+        (self.folder / "envelope.toml").write_text("frame_s = 100\n")  # a busy machine renders slowly
         turns = [json.dumps({"step": k, "reply": '{"action": "rotate", "angle_deg": 30}'}) for k in range(100)]
         (self.folder / "turns.jsonl").write_text("\n".join(turns) + "\n")
         words = [
@@ -88,7 +88,7 @@ def vehicle(tmp_path, monkeypatch):
     vehicle.px4.close()
 
 
-def test_a_px4_that_is_killed_ends_the_flight_with_one_sentence(vehicle):
+def test_a_killed_px4_ends_the_flight_with_a_one_line_error(vehicle):
     status, lines, result = vehicle.fly(lambda vehicle: vehicle.send(signal.SIGKILL), 120.0)
     assert status == 3, lines
     assert result["outcome"] == "error"

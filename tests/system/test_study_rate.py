@@ -1,4 +1,4 @@
-"""`dronecats study rate` on a vehicle that was started elsewhere, compared with the notes of the model's server."""
+"""`dronecats study rate` on a running vehicle, compared with the times that the model's server records."""
 
 import csv
 import json
@@ -20,10 +20,10 @@ from tests.support.simulated_vehicle import simulated_rig
 from tests.support.wire_tap import Tap, orders, setpoints
 
 pytestmark = pytest.mark.slow
-TAKES_S = (0.05, 0.35, 0.12, 0.6, 0.2, 0.08)  # of the questions in their order
-BUSY = 2  # the question whose first attempt is turned away
-ROTATE = '{"action": "rotate", "angle_deg": 1}'  # is flown in a moment
-FINISHED = '{"action": "finished"}'  # is held for 2.5 s
+TAKES_S = (0.05, 0.35, 0.12, 0.6, 0.2, 0.08)  # reply times of the questions, in order
+BUSY = 2  # index of the question whose first attempt gets status 503
+ROTATE = '{"action": "rotate", "angle_deg": 1}'  # a short move
+FINISHED = '{"action": "finished"}'  # the step takes 2.5 s
 
 
 class KnownModel(ThreadingHTTPServer):
@@ -77,7 +77,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory):
-    """A vehicle that stands and never moves, so all tests may use its camera."""
+    """A vehicle at rest that never moves, so all tests can share its camera."""
     with simulated_rig(tmp_path_factory.mktemp("rig")) as rig:
         yield rig
 
@@ -89,7 +89,7 @@ def tap(rig):
 
 
 def measure(tap, camera, folder, *more):
-    (folder / "envelope.toml").write_text("frame_s = 100\n")  # a busy machine draws slowly
+    (folder / "envelope.toml").write_text("frame_s = 100\n")  # a busy machine renders slowly
     command = [
         *DRONECATS, "study", "rate", "--connect", tap.url, "--camera", camera, "--dry-run", "--json",
         "--envelope", str(folder / "envelope.toml"), "--out", str(folder / "run"), *more,
@@ -103,13 +103,13 @@ def questions(folder):
 
 
 def only_listened(tap):
-    """Return whether nothing but heartbeats and requests for telemetry was sent."""
+    """Return whether the agent sent only heartbeats and telemetry requests."""
     with tap.lock:
         kinds = {message.get_type() for side, message in tap.passed if side == "agent"}
     return kinds == {"HEARTBEAT", "COMMAND_LONG"} and orders(tap) == set() and setpoints(tap) == []
 
 
-def test_the_whole_chain_is_measured_and_nothing_is_moved_and_the_trace_is_flown(rig, tap, tmp_path):
+def test_the_study_measures_without_motion_and_its_trace_sets_the_latencies_of_a_flight(rig, tap, tmp_path):
     model = KnownModel()
     measuring = measure(tap, rig[1], tmp_path, *model.words, "--questions", "8")
     out, err = measuring.communicate(timeout=240)
@@ -120,7 +120,7 @@ def test_the_whole_chain_is_measured_and_nothing_is_moved_and_the_trace_is_flown
     assert report["questions"] == report["wanted"] == len(question_rows) == 8
     assert report["age_since"] == "capture"  # our camera stamps its pictures
 
-    # each reply took at least the time that its server reports; refused attempts are separate
+    # each measured time includes the server's time; failed attempts are separate
     assert len(model.took_s) == 8
     assert all(took_s <= row["model_s"] for took_s, row in zip(model.took_s, question_rows, strict=True))
     assert question_rows[BUSY]["failed_s"] >= 0.25
@@ -131,12 +131,12 @@ def test_the_whole_chain_is_measured_and_nothing_is_moved_and_the_trace_is_flown
         charged = row["encode_s"] + row["model_s"] + row["parse_s"]
         assert row["latency_s"] == pytest.approx(charged, abs=1e-5)
 
-    # the agent's own log agrees: vehicle time passes like the host's, in ticks
+    # the agent's log and the report agree with the rows
     decisions = list(rows(tmp_path / "run" / "connected" / "decisions.jsonl"))
     assert [d["frame_id"] for d in decisions] == [row["frame_id"] for row in question_rows]
     assert report["links"]["model_s"]["max"] == max(row["model_s"] for row in question_rows)
 
-    # a lockstep flight costs the measured latencies, to the µs, from a drawn place and round again
+    # the latencies of a lockstep flight are exactly the measured ones, in a cycle from a random row
     result = fly(
         FlightSpec(
             episode="residential-approaching-01", pilot="oracle", seconds=40.0,
@@ -153,7 +153,7 @@ def test_the_whole_chain_is_measured_and_nothing_is_moved_and_the_trace_is_flown
     assert cost == [charged[(first + step) % 8] for step in range(len(cost))]
 
 
-def test_a_model_that_fails_leaves_what_was_measured(rig, tap, tmp_path):
+def test_measurements_before_a_model_failure_are_kept(rig, tap, tmp_path):
     model = KnownModel(dies_after=6)
     measuring = measure(tap, rig[1], tmp_path, *model.words)
     out, err = measuring.communicate(timeout=240)
@@ -167,7 +167,7 @@ def test_a_model_that_fails_leaves_what_was_measured(rig, tap, tmp_path):
     assert only_listened(tap)
 
 
-def test_ctrl_c_ends_it_in_order_and_what_was_measured_is_written(rig, tap, tmp_path):
+def test_ctrl_c_ends_the_study_and_keeps_its_measurements(rig, tap, tmp_path):
     model = KnownModel()
     measuring = measure(tap, rig[1], tmp_path, *model.words)
     tap.until(lambda: len(model.took_s) >= 3, seconds=120.0, flight=measuring)
@@ -182,7 +182,7 @@ def test_ctrl_c_ends_it_in_order_and_what_was_measured_is_written(rig, tap, tmp_
     assert only_listened(tap)
 
 
-def test_a_time_that_is_too_short_is_wrong_input(rig, tap, tmp_path):
+def test_a_too_short_duration_is_a_usage_error(rig, tap, tmp_path):
     model = KnownModel(reply=FINISHED)
     measuring = measure(tap, rig[1], tmp_path, *model.words, "--seconds", "9.5")
     out, err = measuring.communicate(timeout=120)

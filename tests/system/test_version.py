@@ -1,4 +1,4 @@
-"""One version, `dronecats.__version__`, everywhere."""
+"""Every place that states the version states `dronecats.__version__`."""
 
 import json
 import re
@@ -22,18 +22,18 @@ def test_the_project_takes_its_version_from_the_package():
     assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "foundation.version.__version__"}
 
 
-def test_the_command_line_says_it(capsys):
+def test_the_version_option_prints_the_version(capsys):
     with pytest.raises(SystemExit):
         main(["--version"])
     assert capsys.readouterr().out == f"dronecats {__version__}\n"
 
 
-def test_the_doctor_says_it_and_where_the_package_lies():
+def test_doctor_reports_the_version_and_the_package_folder():
     version_finding = next(finding for finding in doctor.examine() if finding.name == "dronecats")
     assert version_finding.detail == f"{__version__} in {ROOT}"
 
 
-def test_a_run_keeps_it(tmp_path):
+def test_run_json_records_the_version(tmp_path):
     write_run(tmp_path, {})
     assert json.loads((tmp_path / "run.json").read_text())["versions"]["dronecats"] == __version__
 
@@ -45,7 +45,7 @@ def test_a_run_keeps_it(tmp_path):
         pytest.param("CITATION.cff", r"^version: (\S+)$", id="citation"),
     ],
 )
-def test_a_file_names_the_version(name: str, pattern: str):
+def test_changelog_and_citation_have_the_version(name: str, pattern: str):
     first = re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE)
     assert first, f"{name} has no line like {pattern}"
     assert first[1] == __version__

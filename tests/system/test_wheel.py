@@ -1,7 +1,7 @@
-"""The wheel and the sdist contain git's files of the six packages. The wheel alone flies.
+"""The wheel and the sdist contain git's files of the six packages. The installed wheel flies without the checkout.
 
-The build uses the pinned tools of requirements/dev.lock: with `--no-isolation`, pip asks no index for others.
-Built from a copy of the checkout: setuptools believes the list of files that an earlier build has left beside it.
+The build uses the pinned tools of requirements/dev.lock: with `--no-isolation`, pip fetches no others.
+It uses a copy of the checkout, because setuptools reuses the file list that an earlier build leaves there.
 """
 
 import json
@@ -46,7 +46,7 @@ def finished(*words, cwd, **variables):
 
 
 def build(kind, source, out):
-    """Return the result of `python -m build` on a source tree, `kind` being wheel or sdist."""
+    """Build a source tree with `python -m build`, and return the built file. `kind` is wheel or sdist."""
     finished(sys.executable, "-m", "build", "--no-isolation", f"--{kind}", "--outdir", out, source, cwd=out)
     (built,) = out.glob("*.whl" if kind == "wheel" else "*.tar.gz")
     return built
@@ -57,7 +57,7 @@ def in_rooms(names):
 
 
 def contents(wheel):
-    """Return the bytes of each file of a wheel by its name, without the folder that describes it."""
+    """Return {file name: bytes} of a wheel, without its .dist-info folder."""
     with zipfile.ZipFile(wheel) as archive:
         names = [name for name in archive.namelist() if not name.endswith("/") and ".dist-info/" not in name]
         return {name: archive.read(name) for name in names}
@@ -65,11 +65,11 @@ def contents(wheel):
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory):
-    """Return a copy of the files that git knows, or would know after `git add`."""
+    """Return a copy of all files that git tracks, or would track after `git add`."""
     copy = tmp_path_factory.mktemp("checkout")
     listed = subprocess.check_output(("git", "ls-files", "-z", "-co", "--exclude-standard"), cwd=ROOT, text=True)
     for name in filter(None, listed.split("\0")):
-        if (ROOT / name).is_file():  # git lists what has just been removed, too
+        if (ROOT / name).is_file():  # git also lists files that were just removed
             (copy / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / name, copy / name)
     return copy
@@ -77,7 +77,7 @@ def checkout(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def tracked(checkout):
-    """Return the bytes of each file of the six packages by its name, read before anything is built."""
+    """Return {file name: bytes} of the six packages, read before any build."""
     files = [path for room in sorted(ROOMS) for path in (checkout / room).rglob("*") if path.is_file()]
     return {str(path.relative_to(checkout)): path.read_bytes() for path in files}
 
@@ -96,7 +96,7 @@ def sdist(checkout, wheel, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Return the folder of the programs of a new environment that holds the wheel with [sim] and nothing else."""
+    """Install only the wheel with [sim] in a new environment; return the environment's bin folder."""
     folder = tmp_path_factory.mktemp("environment")
     finished(sys.executable, "-m", "venv", folder, cwd=folder)
     pip = (folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
@@ -106,7 +106,7 @@ def installed(wheel, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def elsewhere(tmp_path_factory):
-    """Return a working folder with a home beside it, both empty."""
+    """Return an empty working folder in an otherwise empty home."""
     (home := tmp_path_factory.mktemp("home")).joinpath("work").mkdir()
     return home / "work"
 
@@ -116,18 +116,18 @@ def dronecats(installed, elsewhere):
     return lambda *words: finished(installed / "dronecats", *words, cwd=elsewhere, HOME=str(elsewhere.parent))
 
 
-def test_the_wheel_holds_the_packages_to_the_byte_and_nothing_else(wheel, tracked):
+def test_the_wheel_contains_exactly_the_package_files(wheel, tracked):
     held = contents(wheel)
     assert set(tracked) - set(held) == set()
     assert set(held) - set(tracked) == set()
     assert held == tracked
 
 
-def test_every_package_says_that_it_is_typed(wheel):
+def test_every_package_has_a_py_typed_file(wheel):
     assert {f"{room}/py.typed" for room in ROOMS} <= set(contents(wheel))
 
 
-def test_the_wheel_describes_itself(wheel):
+def test_the_wheel_has_complete_metadata(wheel):
     with zipfile.ZipFile(wheel) as archive:
         metadata = Parser().parsestr(archive.read(f"dronecats-{__version__}.dist-info/METADATA").decode())
         top = archive.read(f"dronecats-{__version__}.dist-info/top_level.txt").decode().split()
@@ -142,7 +142,7 @@ def test_the_wheel_describes_itself(wheel):
     assert set(top) == ROOMS
 
 
-def test_the_sdist_holds_the_packages_and_what_builds_them(sdist, tracked):
+def test_the_sdist_contains_the_packages_and_the_build_files(sdist, tracked):
     with tarfile.open(sdist) as archive:
         names = {member.name.split("/", 1)[1] for member in archive.getmembers() if member.isfile()}
     assert in_rooms(names) == set(tracked)
@@ -159,13 +159,13 @@ def test_the_sdist_builds_the_same_wheel(sdist, wheel, tmp_path):
     assert contents(build("wheel", source, out)) == contents(wheel)
 
 
-def test_the_installed_packages_are_the_ones_that_run(installed, elsewhere):
+def test_python_imports_the_installed_packages(installed, elsewhere):
     code = f"import {', '.join(sorted(ROOMS))}, sys; print(*(sys.modules[r].__file__ for r in {sorted(ROOMS)}))"
     for file in finished(installed / "python", "-c", code, cwd=elsewhere).split():
         assert Path(file).is_relative_to(installed.parent)
 
 
-def test_the_wheel_says_what_it_can(dronecats):
+def test_the_installed_program_prints_version_help_and_episodes(dronecats):
     assert dronecats("--version") == f"dronecats {__version__}\n"
     assert "episode" in dronecats("--help")
     records = ROOT / "episodes" / "records"
@@ -174,20 +174,20 @@ def test_the_wheel_says_what_it_can(dronecats):
         assert {episode["id"] for episode in listed} == {path.stem for path in folder.glob("*.json")}
 
 
-def test_the_wheel_knows_models_by_name(dronecats):
+def test_the_installed_program_lists_the_shipped_models(dronecats):
     listed = json.loads(dronecats("models", "list", "--json"))["models"]
     assert {row["name"] for row in listed} == set(tomllib.loads((ROOT / MODELS).read_text(encoding="utf-8")))
     assert "base64>" in dronecats("models", "show", "gpt-5")
 
 
-def test_the_doctor_finds_nothing_missing(dronecats, installed):
+def test_doctor_finds_a_complete_installation(dronecats, installed):
     report = json.loads(dronecats("doctor", "--json"))
     assert report["can_simulate"]
     where = next(finding["detail"] for finding in report["findings"] if finding["name"] == "dronecats")
     assert Path(where.removeprefix(f"{__version__} in ")).is_relative_to(installed.parent)
 
 
-def test_the_wheel_flies_to_a_success_and_writes_nothing_where_it_is_installed(dronecats, installed, elsewhere):
+def test_the_installed_program_flies_and_does_not_change_its_environment(dronecats, installed, elsewhere):
     before = sorted(installed.parent.rglob("*"))
     result = json.loads(dronecats("fly", "--sitl", "--speed", "max", "--json").splitlines()[-1])
     assert result["success"] is True

@@ -1,4 +1,4 @@
-"""Whole flights in lockstep over a wire that breaks in every step, from a cache, and from their own recording."""
+"""Complete lockstep flights: over a connection that fails in every step, from a cache, and from a recording."""
 
 import json
 import re
@@ -69,9 +69,9 @@ def replayed(capsys, folder, out, *words):
     return last_object(output), out / folder.name
 
 
-def test_nothing_is_lost_on_a_wire_that_breaks_twice_in_every_step(serve, tmp_path, monkeypatch):
+def test_a_connection_that_fails_twice_per_step_does_not_change_the_flight(serve, tmp_path, monkeypatch):
     monkeypatch.setattr(accounts, "open_model", opened_without_pauses)
-    monkeypatch.setattr(turns, "SLOW_INTERVAL_S", 0.0)  # between questions to a server that was busy
+    monkeypatch.setattr(turns, "SLOW_INTERVAL_S", 0.0)  # pause between questions to a busy server
     result, whole = fly_spec(asking(serve()), tmp_path / "whole")
     broken = serve(*AGAIN.values())
     hurt, folder = fly_spec(asking(broken), tmp_path / "broken")
@@ -80,7 +80,7 @@ def test_nothing_is_lost_on_a_wire_that_breaks_twice_in_every_step(serve, tmp_pa
     assert broken.served == 3 * (1 + result["steps"]) >= 15  # the first question before take-off is one more
 
 
-def test_a_cached_flight_is_flown_again_without_a_question_and_so_is_its_recording(serve, tmp_path, capsys):
+def test_cache_and_recording_repeat_a_flight_without_model_calls(serve, tmp_path, capsys):
     wire = serve()
     spec = asking(
         wire,
@@ -91,7 +91,7 @@ def test_a_cached_flight_is_flown_again_without_a_question_and_so_is_its_recordi
     result, first = fly_spec(spec, tmp_path / "first")
     assert result["reason"] == "cap"
     question_count = wire.served
-    # one question comes before take-off, and a reply that is under way at the cap is in no log
+    # one question comes before take-off, and a reply that is pending at the cap is not logged
     assert question_count - result["steps"] in (1, 2)
     assert len({row["latency_s"] for row in rows(first / "decisions.jsonl")}) > 1
     wire.close()
@@ -118,20 +118,20 @@ def test_router_details_are_recorded_and_replayed(serve, tmp_path, capsys):
     assert logs(again) == logs(first)
 
 
-def test_a_recorded_flight_draws_the_same_latencies_again(tmp_path, capsys):
+def test_a_replay_has_the_recorded_latencies(tmp_path, capsys):
     _, first = fly_spec(
         replace(LOCKSTEP, latency=LatencyPolicy.parse("lognormal:1,0.5"), seconds=12.0, full=True), tmp_path / "first"
     )
     result, again = replayed(capsys, first, tmp_path / "again")
     assert logs(again) == logs(first)
     assert result["pilot"] == "replay of vision"
-    # it flies again from its own file, wherever the recording is
+    # the run file of a replay is enough to repeat it, even if the recording has moved
     first.rename(tmp_path / "elsewhere")
     assert main(["fly", "--spec", str(again.parent / "run.json"), "--out", str(tmp_path / "third")]) == 0
     assert logs(tmp_path / "third" / EASY) == logs(again)
 
 
-def test_four_drones_fly_again_what_was_recorded(tmp_path, capsys):
+def test_a_replay_of_four_drones_equals_the_recording(tmp_path, capsys):
     spec = replace(LOCKSTEP, episode="residential-commanding-02", seconds=4.0)
     _, first = fly_spec(spec, tmp_path / "first")
     assert {row["drone"] for row in rows(first / "decisions.jsonl")} == {0, 1, 2, 3}
@@ -140,7 +140,7 @@ def test_four_drones_fly_again_what_was_recorded(tmp_path, capsys):
 
 
 @pytest.mark.slow("a fleet flies for a minute, twice")
-def test_a_hierarchy_flies_again_with_the_replies_of_its_commander(tmp_path, capsys):
+def test_a_replay_of_a_hierarchical_fleet_equals_the_recording(tmp_path, capsys):
     unseen = Simulated(speed=None, rendered=False)
     spec = replace(LOCKSTEP, episode="residential-commanding-02", pilot="oracle", command="hierarchical", full=True)
     spec = replace(spec, simulated=unseen, seconds=60.0, latency=LatencyPolicy.parse("lognormal:1,0.5"))
@@ -152,8 +152,8 @@ def test_a_hierarchy_flies_again_with_the_replies_of_its_commander(tmp_path, cap
     assert (again / "commander.jsonl").read_bytes() == (first / "commander.jsonl").read_bytes()
 
 
-def test_a_replay_that_asks_what_was_not_recorded_is_nobodys_score(tmp_path, capsys):
-    _, first = fly_spec(LOCKSTEP, tmp_path / "first")  # to its declaration: a cap answers one question more
+def test_a_replay_beyond_its_recording_is_an_unscored_error(tmp_path, capsys):
+    _, first = fly_spec(LOCKSTEP, tmp_path / "first")  # it ends with a declaration; a cap needs one more reply
     log = first / "decisions.jsonl"
     log.write_bytes(b"".join(log.read_bytes().splitlines(keepends=True)[:2]))
     words = ["--latency", "fixed:0.4", "--full", "--out", str(tmp_path / "other"), "--json"]
@@ -165,7 +165,7 @@ def test_a_replay_that_asks_what_was_not_recorded_is_nobodys_score(tmp_path, cap
     assert re.search(r"step 2\b.*drone 1\b", result["error"])
 
 
-def test_a_flight_whose_budget_is_spent_lands_and_is_nobodys_score(serve, tmp_path, capsys):
+def test_a_flight_with_a_spent_budget_lands_and_is_not_scored(serve, tmp_path, capsys):
     notices: list[str] = []
     spec = asking(serve(), accounts=Accounts(token_limit=3500))
     result = fly(spec, tmp_path / "run", notices.append)
@@ -177,7 +177,7 @@ def test_a_flight_whose_budget_is_spent_lands_and_is_nobodys_score(serve, tmp_pa
     total = ledger.spent()
     ledger.close()
     of_steps = [row["tokens_in"] + row["tokens_out"] for row in decisions]
-    first = total.tokens - sum(of_steps)  # the question before take-off is paid for, too
+    first = total.tokens - sum(of_steps)  # the question before take-off also uses tokens
     assert 0 < first < of_steps[0]
     assert total.questions == 1 + len(decisions)
     assert total.tokens - of_steps[-1] < 3500 <= total.tokens
@@ -185,7 +185,7 @@ def test_a_flight_whose_budget_is_spent_lands_and_is_nobodys_score(serve, tmp_pa
     assert any("landing" in line for line in notices)
     usd = (total.tokens_in * 1.0 + total.tokens_out * 10.0) / 1e6
     assert any(line.endswith(f" {total.tokens:,} tokens, ${usd:.4f}") for line in notices)
-    # a flight that begins with nothing left starts nothing
+    # without a remaining budget, a flight starts no simulation
     again = fly(replace(spec, episode="residential-approaching-02"), tmp_path / "run", notices.append)
     assert (again["reason"], again["steps"], again["sim_seconds"]) == ("budget", 0, 0.0)
     assert json.loads((tmp_path / "run" / "run.json").read_text())["flight"]["accounts"]["token_limit"] == 3500

@@ -1,6 +1,7 @@
-"""`fly --connect --world --truth`: a foreign simulated vehicle flies our episodes and is judged.
+"""`fly --connect --world --truth`: an external simulated vehicle flies our episodes and is judged.
 
-Here that vehicle is our own simulator on another map, far away and heading elsewhere; of a real PX4 the same was seen.
+Here the vehicle is our own simulator on another map, with a distant position and another heading.
+A real PX4 gave the same results.
 """
 
 import json
@@ -20,7 +21,7 @@ HERE = "campus-approaching-01"
 
 @pytest.fixture
 def elsewhere(tmp_path):
-    """Return the addresses of a vehicle that simulates itself on another map: its link's and its truth's."""
+    """Yield the link URL and the truth URL of a vehicle that is simulated on another map."""
     with simulated_vehicle(tmp_path) as ports:
         yield f"udpout://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
 
@@ -32,7 +33,7 @@ def fly(out, *arguments, typed="ARM\n"):
 
 
 @pytest.mark.slow("flies in real time")
-def test_an_episode_is_flown_from_its_start_to_its_target_and_judged(elsewhere, tmp_path):
+def test_an_external_vehicle_flies_an_episode_and_is_judged(elsewhere, tmp_path):
     link, truth = elsewhere
     done, result = fly(
         tmp_path / "run", "--connect", link, "--truth", truth, "--world", HERE, "--pilot", "oracle", "--arm"
@@ -59,7 +60,7 @@ def test_an_episode_is_flown_from_its_start_to_its_target_and_judged(elsewhere, 
 
 
 @pytest.mark.slow("flies in real time")
-def test_a_map_is_flown_in_without_a_verdict(elsewhere, tmp_path):
+def test_a_flight_on_a_map_without_an_episode_has_no_verdict(elsewhere, tmp_path):
     link, truth = elsewhere
     done, result = fly(
         tmp_path / "run", "--connect", link, "--truth", truth, "--world", "blocks", "--instruction",
@@ -76,7 +77,7 @@ def test_a_map_is_flown_in_without_a_verdict(elsewhere, tmp_path):
 
 
 def test_invalid_world_flights_are_rejected_before_any_file_is_written(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("dronecats.flight.sitl.truth_bridge.SILENT_S", 0.3)  # the last one waits for a truth
+    monkeypatch.setattr("dronecats.flight.sitl.truth_bridge.SILENT_S", 0.3)  # the last case waits for truth data
     for arguments, part in (
         (["--world", HERE], "--truth"),
         (["--truth", "udpin://127.0.0.1:0"], "--world"),

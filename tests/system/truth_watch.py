@@ -1,4 +1,4 @@
-"""The true motion of a simulated vehicle: its truth bus, followed for the length of a test."""
+"""Records the true motion of a simulated vehicle from its truth bus during a test."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from foundation.mavlink import Parser, dialect
 class Motion:
     """One sample of the truth."""
 
-    time_s: float  # of the vehicle's clock
+    time_s: float  # vehicle clock
     speed: float  # m/s
     height: float  # m above mean sea level
     north: float  # m from the equator
@@ -20,7 +20,7 @@ class Motion:
 
 
 class TruthWatch:
-    """All truth samples since it was opened."""
+    """A subscription to the truth bus, with all samples since its start."""
 
     def __init__(self, port):
         self.samples = []
@@ -28,7 +28,7 @@ class TruthWatch:
         self._listener = Listener(f"udpout://127.0.0.1:{port}", self._feed)
 
     def until(self, reached, seconds):
-        """Listen until `reached(newest sample)`; at most for `seconds` of the vehicle's time."""
+        """Read until `reached(newest sample)` is true. Raises LinkError after `seconds` of vehicle time."""
         self.newest()
         end_s = self.samples[-1].time_s + seconds
         while not reached(self.samples[-1]):
@@ -38,7 +38,7 @@ class TruthWatch:
         return self.samples[-1]
 
     def newest(self):
-        """Take in all samples that have arrived and return the newest one."""
+        """Read all samples that have arrived, and return the newest one."""
         while self._listener.read(0.0) or not self.samples:
             if not self.samples:
                 self._read()

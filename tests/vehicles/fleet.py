@@ -18,7 +18,7 @@ def vehicle(name: str = "x500", seed: int = 1, **options: Any) -> Multirotor:
 
 
 def spin(craft: Multirotor, speed: float | np.ndarray) -> None:
-    """Let the rotors turn at `speed` (rad/s) now, and command them to keep it at a pack of nominal voltage."""
+    """Set the rotor speeds (rad/s), and the commands that hold them at nominal battery voltage."""
     rotors = len(craft.airframe.rotors)
     craft.state["rotor_speed"][:rotors] = speed
     craft.state["voltage"] = NOMINAL_CELL_V * craft.airframe.battery.cells

@@ -1,4 +1,4 @@
-"""Wind, gusts, the battery, and the streams of random numbers under them."""
+"""Wind, gusts, the battery, and their random numbers."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def _gusts(air, velocity, height, count):
     return out
 
 
-def test_normal_numbers_have_the_moments_and_tails_of_the_normal_law() -> None:
+def test_random_numbers_have_the_moments_and_tails_of_a_normal_distribution() -> None:
     x = _normals(noise.streams(5, 1), 2_000_000)
     assert np.mean(x) == pytest.approx(0.0, abs=0.003)
     assert np.var(x) == pytest.approx(1.0, abs=0.005)
@@ -38,7 +38,7 @@ def test_normal_numbers_have_the_moments_and_tails_of_the_normal_law() -> None:
     assert np.corrcoef(x[:-1], x[1:])[0, 1] == pytest.approx(0.0, abs=0.003)
 
 
-def test_dryden_gusts_have_the_standards_deviation() -> None:
+def test_dryden_gusts_have_the_deviation_and_correlation_of_the_standard() -> None:
     air = np.zeros(1, AIR)[0]
     air["w20"], air["mean"], air["rng"] = 15.0, (15.0, 0.0, 0.0), noise.streams(9, 1)
     samples = _gusts(air, np.zeros(3), 20.0, 1_000_000)
@@ -53,7 +53,7 @@ def test_dryden_gusts_have_the_standards_deviation() -> None:
     assert np.mean(u[:-lag] * u[lag:]) / np.var(u) == pytest.approx(np.exp(-1.0), abs=0.1)
 
 
-def test_gusts_are_off_by_default_and_on_when_asked() -> None:
+def test_gusts_are_off_by_default_and_on_if_configured() -> None:
     calm, rough = vehicle(position_ned=HIGH), vehicle(position_ned=HIGH, wind=Wind(w20=10.0))
     calm.advance(2000)
     rough.advance(2000)
@@ -61,15 +61,15 @@ def test_gusts_are_off_by_default_and_on_when_asked() -> None:
     assert np.linalg.norm(rough.air["gust"]) > 0.01
 
 
-def test_a_steady_wind_carries_a_falling_vehicle_with_it() -> None:
+def test_a_falling_vehicle_drifts_with_a_steady_wind() -> None:
     craft = vehicle(position_ned=(0.0, 0.0, -5000.0), wind=Wind(mean_ned=(0.0, 6.0, 0.0)))
     craft.advance(30_000)
     before = craft.truth["velocity_ned"][1]
     craft.advance(60_000)
-    assert 0.8 * 6.0 < before < craft.truth["velocity_ned"][1] < 6.0  # from below, ever slower
+    assert 0.8 * 6.0 < before < craft.truth["velocity_ned"][1] < 6.0  # it approaches the wind speed from below
 
 
-def test_the_pack_drains_by_the_charge_that_flows() -> None:
+def test_the_battery_charge_falls_by_the_integral_of_the_current() -> None:
     craft = vehicle(position_ned=HIGH)
     craft.actuators["armed"] = 1
     craft.actuators["command"][:4] = 0.75
@@ -96,7 +96,7 @@ def test_voltage_falls_with_charge_and_sags_with_current() -> None:
     assert rest - state["voltage"] == pytest.approx(state["current"] * 0.02, rel=1e-3)
 
 
-def test_a_low_pack_turns_the_rotors_slower_and_an_empty_one_stops_them() -> None:
+def test_rotors_turn_slower_on_a_low_battery_and_stop_on_an_empty_one() -> None:
     def speed(charge: float) -> float:
         craft = vehicle(position_ned=HIGH)
         craft.state["charge_ah"] = charge * 5.0

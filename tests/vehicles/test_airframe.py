@@ -1,4 +1,4 @@
-"""Airframe files: shipped ones can fly, invalid ones are rejected by name."""
+"""Airframe files: shipped ones can hover, and the error for an invalid one names its field."""
 
 import tomllib
 from pathlib import Path
@@ -20,11 +20,11 @@ def test_shipped_airframe_hovers_with_margin_and_balance(name: str) -> None:
     frame = airframe.load(name)
     assert 0.3 < frame.mass_kg * GRAVITY / frame.thrust_max < 0.6
     assert sum(rotor.spin for rotor in frame.rotors) == 0
-    for axis in (0, 1):  # equal speeds pull through the centre of mass, and their torques cancel
+    for axis in (0, 1):  # at equal speeds, the thrust acts on the centre of mass and the torques cancel
         assert sum(rotor.position_frd[axis] for rotor in frame.rotors) == pytest.approx(0.0, abs=1e-9)
         assert sum(rotor.spin * rotor.position_frd[axis] for rotor in frame.rotors) == pytest.approx(0.0, abs=1e-9)
     a, b, c = sorted(frame.inertia_frd)
-    assert a + b >= c  # a body of positive mass
+    assert a + b >= c  # holds for every rigid body
 
 
 @pytest.mark.parametrize("name", airframe.names())
@@ -34,7 +34,7 @@ def test_every_constant_names_its_source(name: str) -> None:
             assert "#" in line, line
 
 
-def test_quad_order_is_px4s() -> None:
+def test_quad_rotors_have_px4_order_and_spin() -> None:
     corners = [(r.position_frd[0] > 0, r.position_frd[1] > 0, r.spin) for r in airframe.load("x500").rotors]
     assert corners == [(True, True, 1), (False, False, 1), (True, False, -1), (False, True, -1)]
 
@@ -48,14 +48,14 @@ def test_unknown_name_suggests_the_nearest() -> None:
         airframe.load("missing.toml")
 
 
-def test_a_file_of_ones_own_is_loaded_by_path(tmp_path: Path) -> None:
+def test_a_user_file_loads_by_path(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text((FILES / "x500.toml").read_text(encoding="utf-8").replace("mass_kg = 2.0", "mass_kg = 1.5"))
     assert airframe.load(str(path)).mass_kg == 1.5
     assert airframe.load(str(path)).name == "mine"
 
 
-def test_a_malformed_field_is_named() -> None:
+def test_the_error_names_a_malformed_field() -> None:
     fields: list[tuple[str, object, str]] = [
         ("mass_kg", -1.0, "mass_kg"),
         ("mass_kg", float("nan"), "mass_kg"),
@@ -77,7 +77,7 @@ def test_a_malformed_field_is_named() -> None:
         assert named in refusal(airframe.parse, table, "broken")
 
 
-def test_a_mount_outside_its_gimbals_range_is_refused() -> None:
+def test_a_camera_pitch_outside_the_gimbal_range_is_rejected() -> None:
     table = tomllib.loads((FILES / "x500.toml").read_text(encoding="utf-8"))
     for gimbal in ({}, {"pitch_min_deg": 60.0, "pitch_max_deg": -60.0}):
         table["camera"] = {"pitch_deg": 45.0, "gimbal": gimbal}
@@ -86,7 +86,7 @@ def test_a_mount_outside_its_gimbals_range_is_refused() -> None:
     assert airframe.parse(table, "fine").camera.pitch_deg == 30.0
 
 
-def test_a_missing_field_is_named() -> None:
+def test_the_error_names_a_missing_field() -> None:
     table = tomllib.loads((FILES / "x500.toml").read_text(encoding="utf-8"))
     del table["curve"]["radius_m"]
     with pytest.raises(UsageError, match=r"curve\.radius_m"):
@@ -102,7 +102,7 @@ _VALUES = st.recursive(
 
 @settings(max_examples=200, deadline=None)
 @given(st.data())
-def test_any_replaced_value_is_loaded_or_refused_never_worse(data: st.DataObject) -> None:
+def test_any_field_value_loads_or_raises_a_usage_error(data: st.DataObject) -> None:
     table = tomllib.loads((FILES / "x500.toml").read_text(encoding="utf-8"))
     place = data.draw(st.sampled_from([table, table["curve"], table["battery"], table["rotors"][0]]))
     place[data.draw(st.sampled_from(sorted(place)))] = data.draw(_VALUES)

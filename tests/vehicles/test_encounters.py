@@ -1,4 +1,4 @@
-"""Drones of a fleet are solid to one another."""
+"""Collisions between the drones of a fleet."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def live(fleet: tuple[Multirotor, Multirotor], ticks: int) -> None:
 
 @pytest.mark.parametrize("name", names())
 @pytest.mark.parametrize("speed", [0.4, 1.0, 6.0])
-def test_two_that_meet_do_not_pass_through_and_share_what_they_had(name: str, speed: float) -> None:
+def test_colliding_drones_do_not_pass_through_and_conserve_momentum(name: str, speed: float) -> None:
     apart = 2.0 * bounding_radius(vehicle(name)) + 0.1
     fleet = pair(name, apart, 0.02, speed)
     live(fleet, round(100 * 0.05 / speed) + 20)
@@ -47,7 +47,7 @@ def test_two_that_meet_do_not_pass_through_and_share_what_they_had(name: str, sp
     if speed <= 1.0:
         assert fleet[1].state["velocity"][0] - fleet[0].state["velocity"][0] > -0.05  # no longer closing
     momentum = fleet[0].state["velocity"][0] + fleet[1].state["velocity"][0]
-    assert abs(momentum) < 0.35 * speed  # the rest comes from rotors that no longer point straight up
+    assert abs(momentum) < 0.35 * speed  # tilted rotors add the rest
     for craft in fleet:
         assert craft.state["hits"] >= 1
         assert craft.state["hit_owner"] == DRONE
@@ -55,7 +55,7 @@ def test_two_that_meet_do_not_pass_through_and_share_what_they_had(name: str, sp
         assert craft.state["crashed"] == (2.0 * speed > 1.0)
 
 
-def test_a_touch_beside_the_middle_turns_both_and_is_felt() -> None:
+def test_an_off_centre_contact_turns_both_drones_and_is_measured() -> None:
     fleet = pair("x500", 1.2, 0.3, 0.45)
     felt = 0.0
     encounters = Encounters(fleet)
@@ -68,7 +68,7 @@ def test_a_touch_beside_the_middle_turns_both_and_is_felt() -> None:
     assert all(abs(craft.state["rates"]).max() > 0.1 for craft in fleet)
 
 
-def test_those_who_keep_apart_feel_nothing() -> None:
+def test_drones_that_stay_apart_do_not_affect_each_other() -> None:
     fleet, alone = pair("x500", 3.0, 0.0, 0.0), pair("x500", 3.0, 0.0, 0.0)
     live(fleet, 100)
     for craft in alone:
@@ -76,7 +76,7 @@ def test_those_who_keep_apart_feel_nothing() -> None:
     assert [craft.state.tobytes() for craft in fleet] == [craft.state.tobytes() for craft in alone]
 
 
-def test_the_incident_is_printed_once_with_its_kind() -> None:
+def test_a_collision_is_reported_once_per_drone() -> None:
     fleet = pair("x500", 1.2, 0.0, 1.0)
     reports = [CollisionReport(craft) for craft in fleet]
     encounters, texts = Encounters(fleet), []
@@ -93,7 +93,7 @@ def test_the_incident_is_printed_once_with_its_kind() -> None:
     assert all(seconds is not None and seconds < 0.1 for seconds in ends)
 
 
-def test_drones_that_lean_on_one_another_say_so_once_it_has_lasted() -> None:
+def test_a_lasting_contact_is_reported_once_per_drone() -> None:
     fleet = pair("x500", 2.0 * bounding_radius(vehicle("x500")) + 0.01, 0.0, 0.04)
     reports = [CollisionReport(craft) for craft in fleet]
     encounters, timed_hits = Encounters(fleet), []
@@ -101,7 +101,7 @@ def test_drones_that_lean_on_one_another_say_so_once_it_has_lasted() -> None:
         encounters.part(TICK * 1e-3)
         for sign, craft, report in zip((-1.0, 1.0), fleet, reports, strict=True):
             craft.advance(TICK)
-            craft.state["velocity"] = (-sign * 0.04, 0.0, 0.0)  # held there by their autopilots
+            craft.state["velocity"] = (-sign * 0.04, 0.0, 0.0)  # as if their autopilots kept them there
             message = report.message()
             timed_hits += [(tick, hit_of(message.text))] if message else []
     assert not any(craft.state["hits"] for craft in fleet)
@@ -118,14 +118,14 @@ COORDINATE, SPEED = st.floats(-3.0, 3.0), st.floats(-40.0, 40.0)
     st.floats(0.05, 0.6),
     st.floats(0.05, 0.6),
 )
-def test_balls_that_may_not_touch_do_not(gap, speed, size, other_size):
+def test_balls_never_touch_if_may_touch_is_false(gap, speed, size, other_size):
     one = Ball(list(gap), list(speed), size)
     other = Ball([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], other_size)
     touches = _first_touch(gap, speed, size + other_size, TICK * 1e-3) >= 0.0
     assert one.may_touch(other, TICK * 1e-3) or not touches
 
 
-def test_a_fleet_that_stands_apart_costs_no_kernel():
+def test_distant_balls_may_touch_only_after_enough_time():
     one, other = Ball([0.0] * 3, [0.0] * 3, 0.4), Ball([2.0, 0.0, 0.0], [-1.0, 0.0, 0.0], 0.4)
     assert not one.may_touch(other, TICK * 1e-3)
     assert one.may_touch(other, 1.2)

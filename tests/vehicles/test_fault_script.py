@@ -1,4 +1,4 @@
-"""Fault scripts: the vehicle suffers the faults of a file. An invalid file is reported in one sentence."""
+"""Fault scripts: a vehicle has the faults of a file, and an invalid file is a one-line error."""
 
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ value = 0.5
 """
 
 
-def test_a_file_becomes_the_faults_it_lists(tmp_path: Path) -> None:
+def test_a_file_is_parsed_into_its_faults(tmp_path: Path) -> None:
     path = tmp_path / "script.toml"
     path.write_text(SCRIPT, encoding="utf-8")
     assert load(path, rotors=4) == [
@@ -43,7 +43,7 @@ def test_a_file_becomes_the_faults_it_lists(tmp_path: Path) -> None:
     ]
 
 
-def test_a_vehicle_suffers_what_the_file_says(tmp_path: Path) -> None:
+def test_a_vehicle_has_the_faults_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "script.toml"
     path.write_text(SCRIPT, encoding="utf-8")
     craft = vehicle(faults=load(path, rotors=4))
@@ -54,7 +54,7 @@ def test_a_vehicle_suffers_what_the_file_says(tmp_path: Path) -> None:
     assert int(craft.sensors["gps_time_us"]) > 1_200_000
 
 
-def test_a_wrong_entry_is_named_with_its_file_and_reason(tmp_path: Path) -> None:
+def test_the_error_for_a_wrong_entry_names_file_entry_and_reason(tmp_path: Path) -> None:
     for entry, word in [
         ('part = "wing"\nkind = "fail"', "fail of wing"),
         ('part = "rotor5"\nkind = "fail"', "fail of rotor5"),
@@ -78,7 +78,7 @@ def test_a_wrong_entry_is_named_with_its_file_and_reason(tmp_path: Path) -> None
         assert "\n" not in message, entry
 
 
-def test_a_file_that_is_no_script_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_script_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "bad.toml"
     assert "bad.toml" in refusal(load, path, rotors=4)  # the file does not exist yet
     for text in ["[[fault]", "fault = 3", "fault = [1]", "[fault]\npart = 'gps'", "wind = 3", "\xff"]:
@@ -86,7 +86,7 @@ def test_a_file_that_is_no_script_is_refused(tmp_path: Path) -> None:
         assert "bad.toml" in refusal(load, path, rotors=4), text
 
 
-def test_more_faults_than_the_vehicle_keeps_are_refused() -> None:
+def test_more_faults_than_a_vehicle_can_hold_are_rejected() -> None:
     with pytest.raises(UsageError, match="17"):
         parse({"fault": [{"part": "gps", "kind": "fail"}] * 17}, "long.toml", 4)
 
@@ -104,7 +104,7 @@ entries = st.dictionaries(st.sampled_from(["part", "kind", "from_s", "until_s", 
 
 @settings(deadline=None)  # the first vehicle may have to be compiled
 @given(st.lists(entries, max_size=4))
-def test_any_table_gives_faults_that_a_vehicle_takes_or_a_usage_error(listed: list[Any]) -> None:
+def test_any_table_gives_valid_faults_or_a_usage_error(listed: list[Any]) -> None:
     try:
         faults = parse({"fault": listed}, "any.toml", 4)
     except UsageError:

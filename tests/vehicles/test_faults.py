@@ -1,4 +1,4 @@
-"""The fault script: each kind of fault has its effect for its duration."""
+"""Faults: each kind has its effect for its duration."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ def test_a_failed_sensor_is_silent_until_it_recovers(part: str) -> None:
 
 
 @pytest.mark.parametrize("part", TIMES)
-def test_a_frozen_sensor_repeats_itself_with_new_times(part: str) -> None:
+def test_a_frozen_sensor_repeats_its_value_with_new_times(part: str) -> None:
     craft = vehicle(faults=[Fault(part, "freeze", **WHILE)])
     craft.advance(700)
     before = np.copy(craft.sensors[VALUES[part]])
@@ -57,7 +57,7 @@ def test_a_biased_sensor_is_off_by_the_value(part: str) -> None:
     assert biased.truth.tobytes() == sound.truth.tobytes()
 
 
-def test_a_biased_fix_moves_by_metres() -> None:
+def test_a_gps_bias_moves_the_fix_by_metres() -> None:
     craft = vehicle(suite=PERFECT, faults=[Fault("gps", "bias", value=(30.0, -20.0, 5.0))])
     craft.advance(500)
     fix = (craft.sensors["gps_lat_deg"], craft.sensors["gps_lon_deg"], craft.sensors["gps_alt_m"])
@@ -65,7 +65,7 @@ def test_a_biased_fix_moves_by_metres() -> None:
     assert offset == pytest.approx((30.0, -20.0, 5.0), abs=1e-3)
 
 
-def test_a_delayed_fix_is_late_and_fixes_never_overtake() -> None:
+def test_a_delayed_fix_is_late_and_fixes_stay_in_order() -> None:
     craft = vehicle(faults=[Fault("gps", "delay", value=(0.4, 0.0, 0.0), **WHILE)])
     ages: list[int] = []
     valid: list[int] = []
@@ -98,7 +98,7 @@ def test_a_rotor_recovers_when_its_fault_ends() -> None:
     assert craft.state["rotor_speed"][0] == pytest.approx(150.0, rel=1e-3)
 
 
-def test_a_fault_that_cannot_be_is_refused() -> None:
+def test_an_invalid_fault_is_rejected() -> None:
     for fault, word in [
         (Fault("sonar", "fail"), "fail of sonar"),
         (Fault("rotor5", "fail"), "fail of rotor5"),

@@ -1,4 +1,4 @@
-"""The ground: a vehicle at rest stays so, falls end, slopes hold and vehicles can tip over."""
+"""Ground contact: rest, falls, slopes, cliffs and tipping over."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def slope(grade: float) -> HeightField:
 
 
 @pytest.mark.parametrize("name", names())
-def test_rest_is_still_and_feels_gravity(name: str) -> None:
+def test_a_vehicle_at_rest_does_not_move_and_measures_gravity(name: str) -> None:
     craft = vehicle(name, yaw=0.7)
     start = craft.state["position"].copy()
     craft.advance(10_000)
@@ -34,7 +34,7 @@ def test_rest_is_still_and_feels_gravity(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", names())
-def test_rest_is_still_in_wind_and_with_idling_rotors(name: str) -> None:
+def test_a_vehicle_at_rest_does_not_move_in_wind_with_idling_rotors(name: str) -> None:
     craft = vehicle(name, wind=Wind(mean_ned=(1.0, 0.5, 0.0)))
     craft.actuators["armed"] = 1
     craft.advance(3000)
@@ -65,7 +65,7 @@ def test_a_drop_ends_at_rest(name: str, height: float) -> None:
 
 
 @pytest.mark.parametrize("name", names())
-def test_a_wild_tumble_into_the_ground_does_not_explode(name: str) -> None:
+def test_a_tumbling_impact_adds_no_energy(name: str) -> None:
     craft = vehicle(name, position_ned=(0.0, 0.0, -2.0))
     craft.state["rates"] = (25.0, -18.0, 9.0)
     craft.state["velocity"] = (6.0, 3.0, 8.0)
@@ -81,16 +81,16 @@ def test_a_wild_tumble_into_the_ground_does_not_explode(name: str) -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, 2.0])
-def test_a_vehicle_put_on_a_slope_is_not_thrown_off_it(yaw: float) -> None:
+def test_a_vehicle_placed_on_a_slope_is_not_thrown_off(yaw: float) -> None:
     craft = vehicle(terrain=slope(0.25), yaw=yaw)
     fastest = 0.0
     for _ in range(300):
         craft.advance(1)
         fastest = max(fastest, float(-craft.truth["velocity_ned"][2]))
-    assert fastest < 0.4  # m/s upwards: it drops by a few centimetres and settles, it does not leap
+    assert fastest < 0.4  # m/s upwards: it falls a few centimetres and settles without a jump
 
 
-def test_friction_holds_a_slope_that_is_gentle_and_lets_go_of_a_steep_one() -> None:
+def test_a_vehicle_holds_on_a_gentle_slope_and_slides_on_a_steep_one() -> None:
     def slid(grade: float) -> float:
         craft = vehicle(terrain=slope(grade))
         craft.state["attitude"] = quat_from_euler(0.0, np.arctan(grade), 0.0)
@@ -106,14 +106,14 @@ def test_friction_holds_a_slope_that_is_gentle_and_lets_go_of_a_steep_one() -> N
 def test_a_strong_push_tips_the_vehicle_over() -> None:
     craft = vehicle()
     weight = craft.airframe.mass_kg * GRAVITY
-    craft.state["external_torque"] = (1.3 * weight * 0.15, 0.0, 0.0)  # beyond the weight on the lever of the right feet
+    craft.state["external_torque"] = (1.3 * weight * 0.15, 0.0, 0.0)  # more than the weight on the right feet's lever
     craft.advance(1500)
     craft.state["external_torque"] = 0.0
     craft.advance(3000)
     assert abs(quat_to_euler(tuple(craft.truth["attitude"]))[0]) > 1.0
 
 
-def test_a_gentle_push_does_not() -> None:
+def test_a_gentle_push_does_not_tip_the_vehicle_over() -> None:
     craft = vehicle()
     weight = craft.airframe.mass_kg * GRAVITY
     craft.state["external_torque"] = (0.7 * weight * 0.15, 0.0, 0.0)
@@ -121,7 +121,7 @@ def test_a_gentle_push_does_not() -> None:
     assert abs(quat_to_euler(tuple(craft.truth["attitude"]))[0]) < 0.1
 
 
-def test_upside_down_is_noticed() -> None:
+def test_an_upside_down_vehicle_is_detected() -> None:
     craft = vehicle(position_ned=(0.0, 0.0, -1.0))
     craft.state["attitude"] = quat_from_euler(np.pi, 0.0, 0.0)
     craft.advance(3000)
@@ -131,7 +131,7 @@ def test_upside_down_is_noticed() -> None:
     assert down[2] < 0.0
 
 
-def test_the_surface_equals_the_borders_height_field() -> None:
+def test_the_compiled_surface_equals_the_height_field() -> None:
     rng = np.random.default_rng(3)
     terrain = HeightField(-7.0, 5.0, 2.5, rng.normal(size=(6, 9)))
     record = parameters(load("x500"), terrain)
@@ -139,7 +139,7 @@ def test_the_surface_equals_the_borders_height_field() -> None:
         assert ground.surface(record, terrain.down, north, east)[0] == pytest.approx(terrain.at(north, east), abs=1e-12)
 
 
-def test_a_vehicle_stands_on_its_hill_and_is_pushed_away_by_a_wall() -> None:
+def test_a_vehicle_stands_on_a_plateau_and_rebounds_from_its_cliff() -> None:
     down = np.zeros((41, 41))
     down[25:, :] = -8.0  # a cliff to the north, from 4 to 5 m
     craft = vehicle(terrain=HeightField(-20.0, -20.0, 1.0, down), position_ned=(10.0, 0.0, 0.0))
@@ -147,13 +147,13 @@ def test_a_vehicle_stands_on_its_hill_and_is_pushed_away_by_a_wall() -> None:
     craft = vehicle(terrain=HeightField(-20.0, -20.0, 1.0, down), position_ned=(2.0, 0.0, -4.0))
     craft.state["velocity"] = (4.0, 0.0, 0.0)
     craft.advance(700)
-    assert craft.state["position"][2] < -1.0  # not yet down
+    assert craft.state["position"][2] < -1.0  # still in the air
     assert craft.state["crashed"] == 1
     assert craft.state["velocity"][0] < 0.0
     assert craft.state["position"][0] < 4.6
 
 
-def test_landing_on_feet_is_no_crash_even_while_sliding() -> None:
+def test_a_sliding_landing_on_the_feet_is_no_crash() -> None:
     craft = vehicle(position_ned=(0.0, 0.0, -0.25))
     craft.state["velocity"] = (1.0, 0.0, 1.0)
     craft.advance(3000)
@@ -169,6 +169,6 @@ def test_full_thrust_leaves_the_ground() -> None:
     assert craft.state["height"] > 0.5
 
 
-def test_a_pose_that_is_no_number_is_refused() -> None:
+def test_a_nan_pose_is_rejected() -> None:
     with pytest.raises(UsageError, match="finite"):
         Multirotor(load("x500"), seed=1, origin=ORIGIN, position_ned=(float("nan"), 0.0, 0.0))

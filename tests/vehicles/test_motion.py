@@ -12,14 +12,14 @@ from vehicles.multirotor import Multirotor
 
 
 def steady(craft: Multirotor, speed: float | np.ndarray, steps: int) -> None:
-    """Advance with the rotors held at `speed`, whatever the pack's voltage."""
+    """Advance with the rotors held at `speed` (rad/s), independent of the battery voltage."""
     for _ in range(steps):
         spin(craft, speed)
         craft.advance(1)
 
 
 @pytest.mark.parametrize("name", names())
-def test_hover_thrust_equals_weight_and_stays_put(name: str) -> None:
+def test_hover_thrust_holds_the_vehicle_in_place(name: str) -> None:
     craft = vehicle(name, position_ned=HIGH)
     steady(craft, craft.airframe.hover_speed, 1000)
     assert craft.truth["position_ned"] == pytest.approx(HIGH, abs=2e-3)
@@ -27,7 +27,7 @@ def test_hover_thrust_equals_weight_and_stays_put(name: str) -> None:
     assert craft.truth["rates_frd"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
-def test_free_fall_without_air() -> None:
+def test_free_fall_without_drag_follows_gravity() -> None:
     craft = vehicle(position_ned=HIGH)
     craft.params["drag_linear"] = 0.0
     craft.params["drag_quadratic"] = 0.0
@@ -38,7 +38,7 @@ def test_free_fall_without_air() -> None:
 
 
 @pytest.mark.parametrize("name", names())
-def test_terminal_velocity_is_where_drag_equals_weight(name: str) -> None:
+def test_drag_equals_weight_at_terminal_velocity(name: str) -> None:
     craft = vehicle(name, position_ned=(0.0, 0.0, -5000.0))
     craft.advance(40_000)
     linear, quadratic = craft.airframe.drag_linear_frd[2], craft.airframe.drag_quadratic_frd[2]
@@ -93,7 +93,7 @@ def test_faster_counter_clockwise_rotors_yaw_clockwise(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", names())
-def test_motor_differences_roll_and_pitch_the_way_they_should(name: str) -> None:
+def test_motor_differences_roll_and_pitch_in_the_right_direction(name: str) -> None:
     craft = vehicle(name, position_ned=HIGH)
     left = np.array([-np.sign(r.position_frd[1]) for r in craft.airframe.rotors])
     steady(craft, craft.airframe.hover_speed * (1.0 + 0.02 * left), 50)
@@ -137,9 +137,9 @@ def test_spin_up_and_down_follow_their_time_constants(name: str) -> None:
     assert after(1000) == 0.0
 
 
-def test_a_rotor_that_speeds_up_turns_the_body_against_itself() -> None:
+def test_accelerating_rotors_turn_the_body_in_the_opposite_direction() -> None:
     craft = vehicle(position_ned=HIGH)
-    craft.params["torque_coefficient"] = 1e-20  # leaves the inertia of the rotors alone
+    craft.params["torque_coefficient"] = 1e-20  # so only the rotors' inertia has an effect
     craft.params["blade_drag"] = 0.0
     craft.actuators["armed"] = 1
     craft.actuators["command"][:2] = 0.6  # both counter-clockwise ones
@@ -149,7 +149,7 @@ def test_a_rotor_that_speeds_up_turns_the_body_against_itself() -> None:
     assert craft.truth["rates_frd"][2] == pytest.approx(momentum / craft.airframe.inertia_frd[2], rel=1e-3)
 
 
-def test_rotors_precess_the_body() -> None:
+def test_the_gyroscopic_torque_of_the_rotors_turns_the_body() -> None:
     craft = vehicle(position_ned=HIGH)
     craft.params["torque_coefficient"] = 1e-20
     craft.params["thrust_coefficient"] = 1e-20
@@ -170,7 +170,7 @@ def test_thrust_falls_with_climb_and_grows_with_descent() -> None:
     assert still == 1.0
     assert climbing < 1.0 < sinking
     assert climbing < torque < 1.0
-    # zero thrust where the air passes at the propeller's own pitch speed
+    # the thrust is zero if the inflow equals the propeller's pitch speed
     assert rotor.inflow_gain(0.65 * 700.0 * 0.127 / np.pi, 700.0, 0.127)[0] == pytest.approx(0.0, abs=1e-12)
 
 
@@ -181,7 +181,7 @@ def test_ground_effect_fades_with_height() -> None:
     assert rotor.ground_gain(0.0, 0.127) == rotor.ground_gain(0.5 * 0.127, 0.127)
 
 
-def test_blades_and_frame_slow_level_flight() -> None:
+def test_blade_and_frame_drag_slow_level_flight() -> None:
     craft = vehicle(position_ned=HIGH)
     craft.state["velocity"] = (8.0, 0.0, 0.0)
     speed = craft.airframe.hover_speed
@@ -192,13 +192,13 @@ def test_blades_and_frame_slow_level_flight() -> None:
     assert craft.truth["accel_frd"][0] == pytest.approx(-(blades + body) / frame.mass_kg, rel=0.01)
 
 
-def test_yaw_of_birth_is_kept() -> None:
+def test_the_initial_yaw_is_kept() -> None:
     craft = vehicle(position_ned=HIGH, yaw=1.2)
     craft.advance(10)
     assert quat_to_euler(tuple(craft.truth["attitude"])) == pytest.approx((0.0, 0.0, 1.2), abs=1e-9)
 
 
-def test_a_dead_rotor_tumbles_the_vehicle() -> None:
+def test_a_failed_rotor_makes_the_vehicle_tumble() -> None:
     craft = vehicle(position_ned=HIGH)
     craft.state["rotor_health"][0] = 0.0
     craft.actuators["armed"] = 1

@@ -16,7 +16,7 @@ def craft(payload_kg: float) -> Multirotor:
     return Multirotor(frame, seed=1, origin=ORIGIN, position_ned=HIGH, suite=PERFECT)
 
 
-def test_hovering_takes_thrust_by_the_ratio_of_the_masses() -> None:
+def test_hover_thrust_grows_in_proportion_to_the_mass() -> None:
     empty, full = craft(0.0), craft(0.5)
     assert full.airframe.hover_speed**2 / empty.airframe.hover_speed**2 == pytest.approx(2.5 / 2.0)
     for speed, lift in ((empty.airframe.hover_speed, 2.0 / 2.5 * GRAVITY), (full.airframe.hover_speed, GRAVITY)):
@@ -25,10 +25,10 @@ def test_hovering_takes_thrust_by_the_ratio_of_the_masses() -> None:
         assert full.truth["accel_frd"][2] == pytest.approx(-lift, rel=0.001)
 
 
-def test_it_turns_more_slowly_about_roll_and_pitch_and_not_about_yaw() -> None:
+def test_a_payload_slows_roll_and_pitch_but_not_yaw() -> None:
     frame = load("x500")
     heavy = with_payload(frame, 0.5)
-    # Steiner for both masses about their common centre of mass, the payload halfway down to the feet
+    # Steiner's theorem for both masses about their common centre; the payload is halfway down to the feet
     down = frame.standing_m / 2.0
     centre = 0.5 * down / 2.5
     expected = frame.inertia_frd[0] + 2.0 * centre**2 + 0.5 * (down - centre) ** 2

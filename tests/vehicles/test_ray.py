@@ -1,4 +1,4 @@
-"""The first hit of a ray: against every triangle, and as the rangefinder sees it."""
+"""The first hit of a ray, compared with a search over all triangles, and the rangefinder that uses it."""
 
 import math
 
@@ -15,7 +15,7 @@ MOST = 12.0
 
 
 def nearest(triangles, eye, way):
-    """Return the least distance by solving for plane coordinates, triangle by triangle; inf for none."""
+    """Return the least distance along the ray, solved for each triangle separately; inf without a hit."""
     shortest = math.inf
     for a, b, c in triangles:
         matrix = np.column_stack([b - a, c - a, -way])
@@ -31,7 +31,7 @@ def cast(craft, eye, way):
     return first_solid(craft.solids, craft.kernel_args[3], int(craft.state["time_us"]), tuple(eye), tuple(way), MOST)
 
 
-def test_the_first_of_all_triangles_is_found_from_anywhere():
+def test_the_first_hit_equals_a_search_over_all_triangles():
     rng = np.random.default_rng(3)
     stones = [block(tuple(rng.uniform(-9.0, 9.0, 3) - (0, 0, 8)), tuple(rng.uniform(0.2, 2.0, 3))) for _ in range(120)]
     scene = solid(*stones)
@@ -47,19 +47,19 @@ def test_the_first_of_all_triangles_is_found_from_anywhere():
     assert hits > 100
 
 
-def test_a_moving_box_is_met_where_it_is():
+def test_a_ray_hits_a_moving_box_at_its_current_position():
     craft = vehicle(obstacles=solid(block((40.0, 0.0, -1.0), (1.0, 1.0, 1.0)), moving=CAR))
     solids = craft.solids
     solids["box"], solids["box_half"] = 1, CAR.half_m
     solids["box_centre"], solids["box_velocity"], solids["box_yaw"] = (3.0, 0.0, -0.8), (2.0, 0.0, 0.0), math.pi / 2
-    craft.state["time_us"] = int(solids["box_time_us"]) + 500_000  # it is 1 m further north, and across
+    craft.state["time_us"] = int(solids["box_time_us"]) + 500_000  # it is now 1 m further north, turned by 90°
     assert cast(craft, (4.0, 0.0, -5.0), (0.0, 0.0, 1.0)) == pytest.approx(5.0 - 1.6)
     assert cast(craft, (0.0, 0.0, -0.8), (1.0, 0.0, 0.0)) == pytest.approx(4.0 - 0.9)
     assert cast(craft, (4.0, 2.1, -5.0), (0.0, 0.0, 1.0)) == math.inf
 
 
 @pytest.mark.parametrize(("north", "roll_deg", "expected"), [(0.0, 0.0, 2.0), (5.0, 0.0, 4.0), (0.0, 20.0, 2.128)])
-def test_the_rangefinder_measures_a_roof_and_beside_it_the_ground(north, roll_deg, expected):
+def test_the_rangefinder_measures_the_distance_to_the_roof_or_the_ground(north, roll_deg, expected):
     roof = solid(block((0.0, 0.0, -1.0), (3.0, 3.0, 1.0)))
     craft = vehicle(obstacles=roof, position_ned=(north, 0.0, -4.0), suite=PERFECT)
     craft.state["attitude"] = quat_from_euler(math.radians(roll_deg), 0.0, 0.0)

@@ -21,7 +21,7 @@ def record(craft: Multirotor, field: str, count: int, every: int = 1) -> np.ndar
     return np.array(values)
 
 
-def test_perfect_inertial_sensors_tell_the_truth() -> None:
+def test_perfect_inertial_sensors_equal_the_truth() -> None:
     craft = vehicle(suite=PERFECT)
     craft.advance(100)
     assert craft.sensors["accel_frd"] == pytest.approx((0.0, 0.0, -GRAVITY), abs=1e-6)
@@ -72,7 +72,7 @@ def test_each_sensor_keeps_its_rate() -> None:
 
 
 @pytest.mark.parametrize("latency", [0, 100_000, 250_000])
-def test_a_fix_arrives_late_and_says_when_it_was_valid(latency: int) -> None:
+def test_a_fix_arrives_late_with_the_time_of_its_position(latency: int) -> None:
     craft = vehicle(position_ned=HIGH, suite=replace(PERFECT, gps_latency_us=latency))
     craft.state["velocity"] = (5.0, -3.0, 0.0)
     positions = {0: craft.truth["position_ned"].copy()}
@@ -91,7 +91,7 @@ def test_a_fix_arrives_late_and_says_when_it_was_valid(latency: int) -> None:
     assert craft.sensors["gps_fix_type"] == 3
 
 
-def test_the_error_of_the_fix_is_correlated_and_as_large_as_configured() -> None:
+def test_the_gps_error_has_the_configured_size_and_correlation() -> None:
     suite = Suite()
     errors, velocities = [], []
     for seed in range(40):
@@ -140,7 +140,7 @@ def test_barometer_noise_is_as_configured() -> None:
     assert np.std(record(craft, "pressure_hpa", 1500, 20)) == pytest.approx(0.012, rel=0.1)
 
 
-def test_the_rangefinder_measures_along_the_body_and_ends_at_its_range() -> None:
+def test_the_rangefinder_measures_along_the_body_axis_up_to_its_range() -> None:
     craft = vehicle(position_ned=(0.0, 0.0, -6.0), suite=PERFECT)
     craft.state["attitude"] = quat_from_euler(0.4, 0.0, 0.0)
     craft.advance(6)
@@ -155,7 +155,7 @@ def test_the_rangefinder_measures_along_the_body_and_ends_at_its_range() -> None
     assert craft.sensors["range_time_us"] == 0
 
 
-def test_a_suite_that_cannot_be_is_refused() -> None:
+def test_an_invalid_suite_is_rejected() -> None:
     with pytest.raises(UsageError, match="imu_period_us"):
         Suite(imu_period_us=500)
     with pytest.raises(UsageError, match="gps_latency_us"):

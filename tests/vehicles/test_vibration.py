@@ -12,7 +12,7 @@ SECOND = 1000  # ms
 
 
 def shaken(craft: Multirotor, speed: float) -> np.ndarray:
-    """Return the specific force (n, 3) of every millisecond of a second with all rotors held at `speed`."""
+    """Hold all rotors at `speed` (rad/s) for 1 s; return the specific force of each millisecond, (n, 3)."""
     felt = np.empty((SECOND, 3))
     for k in range(SECOND):
         spin(craft, speed)
@@ -22,12 +22,12 @@ def shaken(craft: Multirotor, speed: float) -> np.ndarray:
 
 
 def shaking(name: str) -> Multirotor:
-    """Return a vehicle high up, with the imbalance of its airframe."""
+    """Return a vehicle high above the ground, with the rotor imbalance of its airframe."""
     return Multirotor(load(name), seed=1, origin=ORIGIN, position_ned=HIGH)
 
 
 @pytest.mark.parametrize("name", names())
-def test_a_hovering_frame_shakes_once_a_turn_and_stays_where_it_is(name: str) -> None:
+def test_a_hovering_frame_vibrates_at_the_rotor_frequency_and_stays_in_place(name: str) -> None:
     craft = shaking(name)
     frame, turns = craft.airframe, craft.state["rotor_turn"][: len(craft.airframe.rotors)].copy()
     felt = shaken(craft, frame.hover_speed)
@@ -43,12 +43,12 @@ def test_a_hovering_frame_shakes_once_a_turn_and_stays_where_it_is(name: str) ->
     assert craft.truth["position_ned"] == pytest.approx(HIGH, abs=0.05)
 
 
-def test_the_shaking_grows_with_the_square_of_the_speed() -> None:
+def test_vibration_grows_with_the_square_of_the_rotor_speed() -> None:
     craft = shaking("x500")
     slow, fast = (np.std(shaken(craft, share * craft.airframe.hover_speed)[:, 0]) for share in (0.5, 1.0))
     assert fast / slow == pytest.approx(4.0, rel=0.05)
 
 
-def test_balanced_rotors_do_not_shake() -> None:
+def test_balanced_rotors_do_not_vibrate() -> None:
     craft = Multirotor(load("x500").balanced(), seed=1, origin=ORIGIN, position_ned=HIGH)
     assert np.abs(shaken(craft, craft.airframe.hover_speed)[:, :2]).max() < 1e-9

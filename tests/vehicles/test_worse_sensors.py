@@ -1,4 +1,4 @@
-"""Sensors made worse on purpose: by the requested factor, with fixes older than their stamp."""
+"""Degraded sensors: noise that grows by a factor, and fixes that are older than their time stamp."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def sigma(craft: Multirotor, field: str, every: int) -> float:
 
 
 @pytest.mark.parametrize(("field", "every"), [("accel_frd", 1), ("gyro_frd", 1), ("mag_frd", 10), ("pressure_hpa", 20)])
-def test_noise_grows_by_its_factor_from_the_moment_on(field: str, every: int) -> None:
+def test_noise_grows_by_its_factor_after_the_change(field: str, every: int) -> None:
     craft = vehicle(position_ned=HIGH)
     assert sigma(craft, field, every) > 0.0
     before, after = vehicle(), vehicle()
@@ -30,7 +30,7 @@ def test_noise_grows_by_its_factor_from_the_moment_on(field: str, every: int) ->
     assert sigma(after, field, every) == pytest.approx(4.0 * sigma(before, field, every), rel=0.15)
 
 
-def test_a_fixs_errors_grow_by_their_factor_and_what_the_receiver_reports_stays() -> None:
+def test_gps_errors_grow_by_their_factor_but_the_reported_accuracy_does_not_change() -> None:
     spread, reported = [], []
     for factor in (1.0, 5.0):
         errors = []
@@ -47,8 +47,8 @@ def test_a_fixs_errors_grow_by_their_factor_and_what_the_receiver_reports_stays(
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 10.0])
 def test_wandering_errors_scale_at_once_by_their_factor(factor: float) -> None:
-    """Otherwise an error with a time constant of half an hour would grow throughout the flight."""
-    fixes: dict[float, list[np.ndarray]] = {0.5: [], 30.0: []}  # m, by the seconds since
+    """Otherwise, an error with a time constant of half an hour would grow for the rest of the flight."""
+    fixes: dict[float, list[np.ndarray]] = {0.5: [], 30.0: []}  # m, by seconds after the change
     drifts: dict[float, list[float]] = {0.5: [], 30.0: []}  # hPa
     for changed in (1.0, factor):
         for after_s in fixes:
@@ -72,7 +72,7 @@ def rms(errors: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
-def test_a_late_fix_is_of_a_place_before_the_moment_that_it_names() -> None:
+def test_a_delayed_fix_has_an_older_position_than_its_time_stamp() -> None:
     craft = vehicle(position_ned=HIGH, suite=PERFECT.degraded(gps_delay_s=0.3))
     craft.state["velocity"] = (5.0, -3.0, 0.0)
     places, seen = {}, set()
@@ -83,19 +83,19 @@ def test_a_late_fix_is_of_a_place_before_the_moment_that_it_names() -> None:
         if named == 0 or named in seen:
             continue
         seen.add(named)
-        assert craft.sensors["time_us"] - named == PERFECT.gps_latency_us  # as if it came in time
+        assert craft.sensors["time_us"] - named == PERFECT.gps_latency_us  # the stamp hides the extra delay
         fix = (craft.sensors["gps_lat_deg"], craft.sensors["gps_lon_deg"], craft.sensors["gps_alt_m"])
         assert geodetic_to_ned(*ORIGIN, *fix) == pytest.approx(places[named - 300_000], abs=1e-3)
-    assert len(seen) == 16  # of twenty, four are under way
+    assert len(seen) == 16  # of twenty fixes, four have not arrived yet
 
 
-def test_a_delay_beyond_the_fixes_under_way_is_refused() -> None:
+def test_a_too_long_gps_delay_is_rejected() -> None:
     Suite().degraded(gps_delay_s=1.4)
     with pytest.raises(UsageError, match="gps_late_us = 1600000"):
         Suite().degraded(gps_delay_s=1.6)
 
 
-def test_gusts_that_begin_later_are_as_fast_as_those_from_boot() -> None:
+def test_gusts_that_start_in_flight_update_every_10_ms() -> None:
     craft = vehicle(position_ned=(0.0, 0.0, -5000.0))
     craft.advance(2000)
     craft.set_wind(Wind((3.0, 0.0, 0.0), 10.0))
@@ -104,4 +104,4 @@ def test_gusts_that_begin_later_are_as_fast_as_those_from_boot() -> None:
     once = craft.air["filter"].copy()
     craft.advance(9)
     assert (once != before).any()
-    assert (craft.air["filter"] == once).all()  # one update a hundredth of a second, and none to catch up
+    assert (craft.air["filter"] == once).all()  # one update per 10 ms, and none to catch up

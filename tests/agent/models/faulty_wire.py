@@ -1,4 +1,4 @@
-"""A scripted TCP server that hangs, trickles, breaks off, floods or lies, connection by connection."""
+"""A scripted TCP server. Each connection gets the next response or fault (hang, trickle, reset) of the script."""
 
 import contextlib
 import json
@@ -29,7 +29,7 @@ class Wire:
 
     def __init__(self, *script):
         self.script, self.served = script, 0
-        self.bodies = []  # of the requests
+        self.bodies = []  # request bodies
         self._lock = threading.Lock()
         self.over, self.dropped = threading.Event(), threading.Event()
         self._socket = socket.create_server(("127.0.0.1", 0))
@@ -123,7 +123,7 @@ AGAIN = {
 
 
 def behind(reply, *faults):
-    """Return an act that answers every question by `reply(body)` after two of the faults, in turn."""
+    """Return an act: each question gets two of the faults, in turn, and then the answer `reply(body)`."""
     coming, request_counts = cycle(faults), Counter[bytes]()
 
     def act(wire, connection):

@@ -1,4 +1,4 @@
-"""Fake models with different ways of pointing, behind each vendor's format. They look at the image they receive."""
+"""Fake models with different ways of pointing, in each vendor's format. They detect the mark in the image."""
 
 import base64
 import json
@@ -32,7 +32,7 @@ MANNERS: dict[str, Point] = {
 
 
 class Pointer:
-    """Answers in one of the manners, in the format of the request."""
+    """A fake model that answers in one of `MANNERS`, in the vendor's format of the request."""
 
     def __init__(self, manner: str, enforces: bool = False) -> None:
         """With `enforces`, every reply follows the schema of the request."""
@@ -80,7 +80,7 @@ def wrapped(wire: str, reply: str, tokens_in: int, tokens_out: int) -> dict[str,
     return {**about, "choices": [choice], "usage": usage}
 
 
-Read = tuple[str, bytes, str | None]  # text, picture, and root of the schema
+Read = tuple[str, bytes, str | None]  # text, image bytes, root of the schema
 
 
 def _openai(body: Any) -> Read:

@@ -26,9 +26,9 @@ class Recording:
         status: int = 200,
         listed: bytes | None = None,
     ) -> None:
-        """Answer everything the same, or each request with the status and the body that a function returns for it.
+        """`answer`: the body of every response, or a function from a request to (status, body).
 
-        `listed`: what is answered where models are listed; None: 501.
+        `listed`: the body of the response to a GET request, which lists the models; None: status 501.
         """
         self.sent: list[Sent] = []
         sent = self.sent

@@ -37,7 +37,7 @@ def ask(response, request=REQUEST, status=200, **declared):
             model.close()
 
 
-def test_one_user_message_text_first_with_the_papers_sampling(monkeypatch):
+def test_request_is_one_user_message_with_text_first_and_the_papers_sampling(monkeypatch):
     monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
     _, sent = ask(answer(text("{}")), Request("text", (b"a", b"b"), thinking=False))
     assert sent.path == "/v1/messages"
@@ -50,7 +50,7 @@ def test_one_user_message_text_first_with_the_papers_sampling(monkeypatch):
     assert (sent.body["temperature"], sent.body["max_tokens"]) == (0.4, 8192)
 
 
-def test_no_sampling_goes_with_reasoning():
+def test_sampling_options_are_omitted_with_reasoning():
     _, sent = ask(answer(), LIFTED, top_p=0.9, top_k=40, thinking=BUDGET)
     assert sent.body.keys() == {"model", "messages", "max_tokens", "thinking"}
     adaptive = {"thinking": {"type": "adaptive"}, "output_config": {"effort": "high"}}
@@ -62,7 +62,7 @@ def test_no_sampling_goes_with_reasoning():
     assert (sent.body["temperature"], sent.body["top_p"], sent.body["top_k"]) == (0.4, 0.9, 40)
 
 
-def test_the_version_is_one_that_takes_what_is_declared():
+def test_api_version_depends_on_the_declared_temperature():
     assert ask(answer())[1].headers["anthropic-version"] == ANTHROPIC_SAMPLING_VERSION
     _, sent = ask(answer(), temperature=None)
     assert sent.headers["anthropic-version"] == ANTHROPIC_VERSION
@@ -131,13 +131,13 @@ def test_an_echoed_key_is_redacted(monkeypatch):
         ("thinking", {"thinking": {"type": "enabled", "budget_tokens": "x"}}, "budget_tokens"),
     ],
 )
-def test_reasoning_in_another_shape_than_the_vendors_is_refused_when_it_is_opened(field, value, key):
+def test_invalid_reasoning_options_are_rejected_when_the_model_is_opened(field, value, key):
     declared = ModelSpec(provider="anthropic", name="x", base_url="http://127.0.0.1:9/v1", **{field: value})
     with pytest.raises(UsageError, match=key):
         open_model(declared)
 
 
-def test_without_a_key_nothing_is_opened(monkeypatch):
+def test_opening_a_model_without_a_key_is_an_error(monkeypatch):
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
     with pytest.raises(UsageError, match="ANTHROPIC_API_KEY"):
         open_model(ModelSpec(provider="anthropic", name="claude-x"))

@@ -1,4 +1,4 @@
-"""Every wire fault in front of each format: retried within the attempts, final, or a reply with its finish reason."""
+"""Faults of an endpoint: each is retried within the attempts, is final, or gives a reply with a finish reason."""
 
 import json
 
@@ -76,7 +76,7 @@ REJECTED = {
 
 
 @pytest.mark.parametrize("fault", REJECTED.values(), ids=REJECTED)
-def test_faults_of_every_question_are_rejections_without_a_retry(serve, fault):
+def test_faults_that_affect_every_question_are_rejections_without_a_retry(serve, fault):
     wire = serve(say(fault))
     with pytest.raises(ModelRejectedError, match="/v1/chat/completions"):
         ask(wire)
@@ -86,13 +86,13 @@ def test_faults_of_every_question_are_rejections_without_a_retry(serve, fault):
 @pytest.mark.parametrize(
     "fault", [answer(400, b"too long"), answer(429, b"slow down", "Retry-After: 0"), answer(500, b"")]
 )
-def test_faults_of_one_question_are_no_rejections(serve, fault):
+def test_faults_of_one_question_are_not_rejections(serve, fault):
     with pytest.raises(ModelError) as refused:
         ask(serve(say(fault)))
     assert not isinstance(refused.value, ModelRejectedError)
 
 
-def test_a_drip_is_over_with_the_time_and_asked_no_more(serve):
+def test_a_trickling_response_times_out_without_a_retry(serve):
     wire = serve(trickle(b'HTTP/1.1 200 OK\r\nContent-Length: 900000\r\n\r\n{"choices"'))
     with pytest.raises(ModelError, match=r"0\.5 s"):
         ask(wire, patience=RetryPolicy(give_up_s=0.5, pause_s=0.0))
@@ -148,12 +148,12 @@ def message(stop, *texts):
         ("anthropic", message("max_tokens", '{"a'), ('{"a', "length")),
     ],
 )
-def test_so_it_is_in_the_other_formats(serve, provider, data, expected):
+def test_gemini_and_anthropic_replies_have_a_finish_reason(serve, provider, data, expected):
     reply = ask(serve(say(answer(200, data))), provider)
     assert (reply.text, reply.finish) == expected
 
 
-def test_the_delay_that_gemini_asks_for_stands_in_the_body(serve):
+def test_retry_delay_is_read_from_geminis_error_body(serve):
     details = [{"@type": "type.googleapis.com/google.rpc.Help"}, {"retryDelay": "0.4s"}]
     busy = answer(429, {"error": {"code": 429, "status": "RESOURCE_EXHAUSTED", "details": details}})
     assert ask(serve(say(busy), say(completion("x")))).waited_s >= 0.4
@@ -169,7 +169,7 @@ def test_the_delay_that_gemini_asks_for_stands_in_the_body(serve):
         assert delay_in(other) is None
 
 
-def test_an_answer_that_complains_of_nothing_has_no_fault():
+def test_answers_without_an_error_have_no_fault():
     answers: list[object] = [{}, [], {"error": None}, {"error": {}}, {"choices": []}, {"choices": [{"error": None}]}]
     for data in answers:
         assert fault_in(json.dumps(data).encode()) is None
@@ -192,7 +192,7 @@ JSON = st.recursive(
 
 
 @given(st.one_of(JSON.map(lambda value: json.dumps(value).encode()), st.binary(max_size=30)))
-def test_whatever_a_body_holds_its_fault_is_a_status_that_is_one(body):
+def test_any_body_gives_no_fault_or_a_valid_error_status(body):
     fault, delay_s = fault_in(body), delay_in(body)
     assert fault is None or 400 <= fault.status <= 599
     assert delay_s is None or 0.0 <= delay_s < 1e7

@@ -1,4 +1,4 @@
-"""The budget of a model: checked before each question, counted if the endpoint does not count, an error at its end."""
+"""The budget of a model is checked before each question. Missing token counts are estimated."""
 
 import threading
 from contextlib import nullcontext
@@ -49,7 +49,7 @@ def ledger(tmp_path):
     opened.close()
 
 
-def test_cost_is_tokens_by_their_prices_and_ends_with_the_question_that_reaches_the_limit(ledger):
+def test_cost_is_tokens_times_prices_and_the_limit_blocks_the_next_question(ledger):
     model = Fixed(Reply("x", 1.0, tokens_in=100_000, tokens_out=10_000))  # $0.20 and $0.08
     asking = BudgetedModel(model, PRICED, Budget(cost_usd=0.5), ledger)
     asking.ask(REQUEST)
@@ -61,7 +61,7 @@ def test_cost_is_tokens_by_their_prices_and_ends_with_the_question_that_reaches_
     BudgetedModel(model, PRICED, Budget(cost_usd=0.6), ledger).ask(REQUEST)  # a larger budget continues
 
 
-def test_tokens_that_an_endpoint_does_not_count_are_counted(ledger):
+def test_tokens_are_estimated_if_the_endpoint_reports_no_counts(ledger):
     asking = BudgetedModel(Fixed(Reply("y" * 40, 1.0)), PRICED, Budget(tokens=1000), ledger)
     asking.ask(REQUEST)
     assert ledger.spent() == Spent(1, 525, 10, (525 * 2.0 + 10 * 8.0) / 1e6)
@@ -71,7 +71,7 @@ def test_tokens_that_an_endpoint_does_not_count_are_counted(ledger):
 
 
 def test_question_without_a_reply_is_booked_once(ledger):
-    """The flight has ended, and its reply comes later or never."""
+    """The flight ends before the reply. A later reply is not booked again."""
     free = threading.Event()
 
     class Slow(Fixed):
@@ -93,7 +93,7 @@ def test_question_without_a_reply_is_booked_once(ledger):
     assert ledger.spent() == two
 
 
-def test_question_that_failed_is_not_open(ledger):
+def test_failed_question_is_not_booked_as_open(ledger):
     class Dead(Fixed):
         def ask(self, request):
             raise ModelError("nothing answers")

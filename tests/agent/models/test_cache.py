@@ -1,4 +1,4 @@
-"""The reply cache: an equal question is sent once, for any key. The file never contains a key."""
+"""The reply cache sends an equal question once, for any API key. The cache file never contains a key."""
 
 import re
 import sqlite3
@@ -35,7 +35,7 @@ def cached(spec, path):
     return CachedModel(served, served.fingerprint, ReplyCache(path))
 
 
-def test_a_question_is_sent_once_and_answered_with_everything_it_had(wire, tmp_path, monkeypatch):
+def test_an_equal_question_is_sent_once_and_gets_the_complete_stored_reply(wire, tmp_path, monkeypatch):
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     spec, path = ModelSpec(provider="openai", name="m", base_url=wire.url), tmp_path / "replies.sqlite"
     first = cached(spec, path).ask(REQUEST)
@@ -74,11 +74,11 @@ def test_different_requests_have_different_fingerprints():
 @pytest.mark.parametrize(
     "url", ["http://me:pw777@h/v1", f"http://h/v1?api_key={KEY}", f"http://h/v1?Access-Token={KEY}", "http://h/v1#top"]
 )
-def test_a_key_in_the_address_is_no_part_of_the_question(url):
+def test_credentials_and_fragments_in_the_url_do_not_change_the_fingerprint(url):
     assert open_model(replace(SPEC, base_url=url)).fingerprint(REQUEST) == open_model(SPEC).fingerprint(REQUEST)
 
 
-def test_of_two_that_asked_at_once_both_have_the_reply_that_is_kept(tmp_path):
+def test_concurrent_equal_questions_share_the_first_stored_reply(tmp_path):
     first_cache, second_cache = (ReplyCache(tmp_path / "replies.sqlite") for _ in range(2))
     assert first_cache.keep("q", "m", Reply("mine", 1.0)).text == "mine"
     assert second_cache.keep("q", "m", Reply("yours", 2.0)) == Reply("mine", 1.0)
@@ -103,7 +103,7 @@ def test_an_invalid_cache_and_an_invalid_stored_reply_are_errors(tmp_path):
 @pytest.mark.parametrize(
     "stored", ["{", "3", '{"text": "x"}', '{"text": 3, "latency_s": 1}', '{"text": "x", "latency_s": "1"}']
 )
-def test_a_kept_reply_that_is_none_is_refused(tmp_path, stored):
+def test_a_malformed_stored_reply_is_an_error(tmp_path, stored):
     cache = ReplyCache(tmp_path / "cache.sqlite")
     cache.keep("question", "model", Reply("x", 1.0))
     with sqlite3.connect(tmp_path / "cache.sqlite") as db:

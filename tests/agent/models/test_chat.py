@@ -52,7 +52,7 @@ def model(url, provider="openai"):
     return open_model(ModelSpec(provider=provider, name="m", base_url=url))
 
 
-def test_one_user_message_text_first_then_the_picture(endpoint, monkeypatch):
+def test_request_is_one_user_message_with_text_before_the_image(endpoint, monkeypatch):
     url, answers, seen = endpoint
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     answers.append((200, completion('{"action":"think"}', usage={"prompt_tokens": 7, "completion_tokens": 3}), {}))
@@ -69,7 +69,7 @@ def test_one_user_message_text_first_then_the_picture(endpoint, monkeypatch):
     assert body["temperature"] == 0.4
 
 
-def test_thinking_changes_the_request_and_nothing_else():
+def test_thinking_changes_only_the_reasoning_options_of_the_request():
     for provider in [p.name for p in PROVIDERS.values() if p.wire == "openai" and p.thinking]:
         chat = model("http://127.0.0.1:1/v1", provider)
         quick = chat.body(REQUEST)
@@ -96,14 +96,14 @@ def test_invalid_completions_are_model_errors(endpoint):
 
 
 @pytest.mark.parametrize("count", ["many", True, 1.5, -1_000_000, 10**30])
-def test_counts_that_are_no_numbers_of_tokens_are_left_out(endpoint, count):
+def test_invalid_token_counts_are_ignored(endpoint, count):
     url, answers, _ = endpoint
     answers.append((200, completion("x", usage={"prompt_tokens": count, "completion_tokens": count}), {}))
     reply = model(url, "local").ask(REQUEST)
     assert (reply.tokens_in, reply.tokens_out) == (None, None)
 
 
-def test_a_busy_endpoint_is_asked_again_and_the_wait_is_not_the_models(endpoint):
+def test_a_busy_endpoint_is_retried_and_the_wait_does_not_count_as_latency(endpoint):
     url, answers, seen = endpoint
     answers += [(429, b"slow down", {"Retry-After": "0.3"}), (200, completion("ok"), {})]
     reply = model(url, "local").ask(REQUEST)
@@ -124,7 +124,7 @@ def test_an_echoed_key_and_a_password_in_a_url_are_redacted(endpoint, monkeypatc
     assert "pw777" not in str(refused.value)
 
 
-def test_a_sampling_that_is_declared_is_sent_and_one_that_is_refused_is_not():
+def test_declared_sampling_is_sent_and_a_temperature_of_none_is_omitted():
     declared = ModelSpec(provider="local", name="m", base_url="http://127.0.0.1:1", top_p=0.9, top_k=20)
     body = ChatModel(declared).body(REQUEST)
     assert (body["temperature"], body["top_p"], body["top_k"]) == (0.4, 0.9, 20)
@@ -132,7 +132,7 @@ def test_a_sampling_that_is_declared_is_sent_and_one_that_is_refused_is_not():
     assert bare.body(REQUEST).keys() == {"model", "messages", "max_tokens"}
 
 
-def test_a_schema_goes_with_the_questions_that_it_describes():
+def test_a_schema_is_sent_only_with_questions_that_it_describes():
     for provider in ["openai", "gemini", "anthropic"]:
         for question, has_schema in [
             (REQUEST, True),
@@ -140,14 +140,14 @@ def test_a_schema_goes_with_the_questions_that_it_describes():
             (
                 Request("text", REQUEST.images_jpeg * 2, False, role="commander"),
                 True,
-            ),  # the commander has its own schema with an object
+            ),  # the commander's own schema is an object
         ]:
             spec = ModelSpec(provider=provider, name="m", base_url="http://127.0.0.1:1", schema="object")
             body = str(open_model(spec).body(question))
             assert ("additionalProperties" in body) == has_schema, (provider, question)
 
 
-def test_servers_of_ones_own_are_on_the_loopback_and_want_no_key(monkeypatch):
+def test_local_servers_use_the_loopback_and_need_no_key(monkeypatch):
     for provider in PROVIDERS.values():
         monkeypatch.delenv(provider.key_variable or "NONE", raising=False)
     own = [p for p in PROVIDERS.values() if (p.base_url or "").startswith("http://127.0.0.1:")]

@@ -1,4 +1,4 @@
-"""Endpoints that hang, trickle, break off or flood give an answer or an error within the stated time. Over real TCP."""
+"""Faulty endpoints (hang, trickle, reset, flood) give a reply or an error within the time limit. Over real TCP."""
 
 import gzip
 import re
@@ -49,7 +49,7 @@ def model(wire, patience=QUICK):
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
-def test_a_proxy_of_the_environment_is_not_asked_for_this_machine(serve, monkeypatch, host):
+def test_a_proxy_from_the_environment_is_not_used_for_this_machine(serve, monkeypatch, host):
     proxy = serve(say(answer(500, b"the proxy")))
     for name in ("http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
         monkeypatch.setenv(name, proxy.url)
@@ -61,7 +61,7 @@ def test_a_proxy_of_the_environment_is_not_asked_for_this_machine(serve, monkeyp
     assert client.ask(REQUEST).text == "here"
 
 
-def test_a_proxy_of_the_environment_is_asked_for_other_machines(serve, monkeypatch):
+def test_a_proxy_from_the_environment_is_used_for_other_machines(serve, monkeypatch):
     monkeypatch.setenv("http_proxy", serve(say(completion("through the proxy"))).url)
     client = open_model(ModelSpec(provider="local", name="m", base_url="http://models.example/v1"), QUICK)
     assert client.ask(REQUEST).text == "through the proxy"
@@ -71,7 +71,7 @@ def test_a_proxy_of_the_environment_is_asked_for_other_machines(serve, monkeypat
     ("act", "left"),
     [
         (hang, False),
-        (trickle(b"HTTP/1.1 200 OK\r\nX-Long: "), False),  # the header cannot be inspected, so the thread stays
+        (trickle(b"HTTP/1.1 200 OK\r\nX-Long: "), False),  # slow headers have no timeout: the connection stays
         (trickle(b"HTTP/1.1 200 OK\r\nContent-Length: 1000000\r\n\r\n"), True),
         (trickle(b"HTTP/1.1 503 Busy\r\nContent-Length: 1000000\r\n\r\n"), True),
     ],
@@ -85,7 +85,7 @@ def test_hanging_and_trickling_servers_time_out(serve, act, left):
     assert wire.dropped.wait(30.0 if left else 0.0) == left
 
 
-def test_pauses_and_attempts_are_within_that_time_too(serve):
+def test_a_retry_pause_beyond_the_time_limit_is_not_awaited(serve):
     wire = serve(say(b"HTTP/1.1 429 Busy\r\nRetry-After: 50\r\nContent-Length: 4\r\nConnection: close\r\n\r\nbusy"))
     with pytest.raises(ModelError, match="429"):
         model(wire).ask(REQUEST)
@@ -95,7 +95,7 @@ def test_pauses_and_attempts_are_within_that_time_too(serve):
 @pytest.mark.parametrize(
     "fault", [reset, say(b""), say(b"HTTP/1.1 200 OK\r\nContent-Length: 50\r\n\r\n{"), say(b"no HTTP at all\r\n\r\n")]
 )
-def test_a_connection_that_breaks_is_tried_again_within_the_same_attempts(serve, fault):
+def test_broken_connections_are_retried_within_the_attempts(serve, fault):
     wire = serve(fault, fault, say(completion("there")))
     reply = model(wire).ask(REQUEST)
     assert (reply.text, wire.served) == ("there", 3)
@@ -106,14 +106,14 @@ def test_a_connection_that_breaks_is_tried_again_within_the_same_attempts(serve,
     assert wire.served == 3
 
 
-def test_resets_and_refusals_share_the_attempts(serve):
+def test_resets_and_http_errors_share_the_attempts(serve):
     wire = serve(reset, say(b"HTTP/1.1 500 X\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"), reset)
     with pytest.raises(ModelError):
         model(wire).ask(REQUEST)
     assert wire.served == 3
 
 
-def test_a_redirect_is_not_followed_and_says_so(serve):
+def test_a_redirect_is_reported_and_not_followed(serve):
     there = serve(say(completion("stolen")))
     wire = serve(say(f"HTTP/1.1 307 Gone\r\nLocation: {there.url}\r\nContent-Length: 0\r\n\r\n".encode()))
     with pytest.raises(ModelError, match="307"):
@@ -122,7 +122,7 @@ def test_a_redirect_is_not_followed_and_says_so(serve):
 
 
 @pytest.mark.parametrize("encoding", ["gzip", "deflate"])
-def test_a_compressed_answer_is_read_and_a_bomb_is_not(serve, encoding, monkeypatch):
+def test_compressed_answers_are_read_and_decompression_bombs_are_rejected(serve, encoding, monkeypatch):
     pack = gzip.compress if encoding == "gzip" else zlib.compress
     body = pack(completion("small").partition(b"\r\n\r\n")[2])
     head = f"HTTP/1.1 200 OK\r\nContent-Encoding: {encoding}\r\nConnection: close\r\n\r\n".encode()
@@ -176,7 +176,7 @@ def test_retry_after_as_a_date():
     assert retry_after_s(httpx.Headers({})) is None
 
 
-def test_the_time_of_attempts_that_failed_is_no_latency(serve):
+def test_time_of_failed_attempts_does_not_count_as_latency(serve):
     busy = say(b"HTTP/1.1 429 Busy\r\nRetry-After: 0.2\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
     asking = PendingQuestion(
         model(serve(busy, say(completion("x")))), REQUEST, InlineExecutor(), LatencyPolicy.parse("real"), FIRST, 100.0
@@ -204,7 +204,7 @@ def flight(wire, folder, executor, patience_s=None, last_reply=True, patience=QU
 
 
 class Answering(DaemonExecutor):
-    """Real time. Images, and the first `count` replies, arrive before the vehicle's clock advances."""
+    """An executor in real time. Images and the first `count` replies arrive before the vehicle's clock advances."""
 
     def __init__(self, count):
         self.count = count
@@ -219,7 +219,7 @@ class Answering(DaemonExecutor):
 
 
 @pytest.mark.parametrize("executor", [InlineExecutor(), Answering(2)], ids=["lockstep", "real time"])
-def test_a_model_that_hangs_after_some_replies_is_a_fault_of_the_infrastructure(serve, tmp_path, executor):
+def test_a_model_that_hangs_after_some_replies_is_a_model_error(serve, tmp_path, executor):
     answer = say(completion('{"action":"rotate","angle_deg":9}'))
     agent = flight(serve(answer, answer, hang), tmp_path, executor)
     with pytest.raises(ModelError, match=r"0\.5 s"):
@@ -227,7 +227,7 @@ def test_a_model_that_hangs_after_some_replies_is_a_fault_of_the_infrastructure(
     assert agent.steps == 2
 
 
-def test_a_model_that_is_slow_at_the_end_has_only_come_too_late(serve, tmp_path):
+def test_a_last_reply_after_the_time_limit_has_no_effect_and_is_no_error(serve, tmp_path):
     late = threading.Event()
 
     def slow(wire, connection):
@@ -244,7 +244,7 @@ def test_a_model_that_is_slow_at_the_end_has_only_come_too_late(serve, tmp_path)
     assert agent.now_s > 31.0
 
 
-def test_a_vehicle_that_must_come_down_does_not_stay_for_the_last_reply(serve, tmp_path):
+def test_a_flight_can_end_without_waiting_for_the_last_reply(serve, tmp_path):
     answer = say(completion('{"action":"rotate","angle_deg":9}'))
     agent = flight(serve(answer, hang), tmp_path, Answering(1), last_reply=False)
     agent.fly(30.0)
@@ -254,7 +254,7 @@ def test_a_vehicle_that_must_come_down_does_not_stay_for_the_last_reply(serve, t
         agent.fly(30.0)
 
 
-def test_the_path_goes_before_the_query():
+def test_the_url_path_is_extended_before_the_query():
     def url(base):
         return str(Endpoint(base, None, (), QUICK).url("chat/completions"))
 
@@ -269,7 +269,7 @@ def test_the_path_goes_before_the_query():
 @pytest.mark.parametrize(
     "url", ["http://key:SECRET9/v1", "http://h:99999999/SECRET9?", "http://[SECRET9", "http://SECRET9:x@[::"]
 )
-def test_an_invalid_url_is_not_in_the_error(url):
+def test_the_error_about_an_invalid_url_does_not_contain_its_secrets(url):
     with pytest.raises(UsageError) as refused:
         open_model(ModelSpec(provider="local", name="m", base_url=url)).check()
     assert "SECRET9" not in str(refused.value)
@@ -283,13 +283,13 @@ def test_an_unusable_key_is_redacted(monkeypatch):
 
 
 @pytest.mark.parametrize("url", ["host/v1", "ftp://127.0.0.1/v1", "http:///v1", "http://"])
-def test_an_address_that_nothing_can_be_sent_to_is_refused_when_it_is_opened(url):
+def test_urls_without_http_or_host_are_rejected_when_the_model_is_opened(url):
     with pytest.raises(UsageError, match="http://"):
         open_model(ModelSpec(provider="local", name="m", base_url=url))
 
 
 @pytest.mark.parametrize("name", ["m\udcff", "m\n", "m\x1b[2J"])
-def test_a_name_that_no_file_can_hold_is_refused_when_it_is_opened(name):
+def test_model_names_with_invalid_characters_are_rejected_when_the_model_is_opened(name):
     with pytest.raises(UsageError, match="name"):
         open_model(ModelSpec(provider="local", name=name, base_url="http://127.0.0.1:1/v1"))
 

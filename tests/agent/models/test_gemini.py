@@ -31,7 +31,7 @@ def ask(response, request=REQUEST, status=200, name="gemini-x", **declared):
             model.close()
 
 
-def test_one_user_message_text_first_with_the_papers_sampling(monkeypatch):
+def test_request_is_one_user_message_with_text_first_and_the_papers_sampling(monkeypatch):
     monkeypatch.setenv("GEMINI_API_KEY", KEY)
     _, sent = ask(answer({"text": "{}"}), Request("text", (b"a", b"b"), thinking=False))
     assert sent.path == "/v1/models/gemini-x:generateContent"
@@ -58,7 +58,7 @@ def test_declared_options_override_the_providers_defaults(monkeypatch):
     assert config == {"topP": 0.5, "topK": 7, "maxOutputTokens": 8192, **level}
 
 
-def test_a_models_name_cannot_leave_its_place_in_the_address():
+def test_a_model_name_is_escaped_in_the_url():
     _, sent = ask(answer({"text": ""}), name="../x?key=y#z")
     assert sent.path == "/v1/models/..%2Fx%3Fkey%3Dy%23z:generateContent"
 
@@ -112,7 +112,7 @@ def test_an_echoed_key_is_redacted(monkeypatch):
     assert reply.text == "it is ***"
 
 
-def test_without_a_key_nothing_is_opened(monkeypatch):
+def test_opening_a_model_without_a_key_is_an_error(monkeypatch):
     monkeypatch.delenv("GEMINI_API_KEY", raising=False)
     with pytest.raises(UsageError, match="GEMINI_API_KEY"):
         open_model(ModelSpec(provider="gemini", name="gemini-x"))

@@ -38,7 +38,7 @@ def booking(path, times):
 
 
 def test_concurrent_writes_of_many_processes_are_complete(tmp_path):
-    path = tmp_path / "new" / "ledger.sqlite"  # they also create it at once
+    path = tmp_path / "new" / "ledger.sqlite"  # the processes also create the file concurrently
     children = [booking(path, 100) for _ in range(4)]
     assert [child.communicate()[0].split()[-1] for child in children] == ["done"] * 4
     ledger = Ledger(path)
@@ -48,7 +48,7 @@ def test_concurrent_writes_of_many_processes_are_complete(tmp_path):
     assert sorted(entry.name for entry in path.parent.iterdir()) == ["ledger.sqlite"]
 
 
-def test_a_process_that_is_killed_while_it_books_leaves_whole_questions_behind(tmp_path):
+def test_a_killed_process_leaves_only_complete_entries(tmp_path):
     path = tmp_path / "ledger.sqlite"
     Ledger(path).close()
     child = booking(path, 10**9)
@@ -115,10 +115,10 @@ def test_other_files_are_rejected_and_unchanged(tmp_path, make, pattern):
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file"]
 
 
-def test_a_refusal_to_one_holds_back_all_that_ask_there_and_no_others(tmp_path):
+def test_a_hold_applies_to_all_clients_of_that_address_only(tmp_path):
     now = [5000.0]
     path = tmp_path / "ledger.sqlite"
-    first_ledger, second_ledger = (Ledger(path, lambda: now[0]) for _ in range(2))  # of two processes
+    first_ledger, second_ledger = (Ledger(path, lambda: now[0]) for _ in range(2))  # as in two processes
     first_ledger.limiter("http://h/v1", "m").hold(20.0)
     assert second_ledger.limiter("http://h/v1", "m").claim(0) == pytest.approx(20.0)
     assert second_ledger.limiter("http://elsewhere/v1", "m").claim(0) == 0.0
@@ -128,11 +128,11 @@ def test_a_refusal_to_one_holds_back_all_that_ask_there_and_no_others(tmp_path):
     second_ledger.close()
 
 
-def test_a_client_that_is_sent_away_holds_back_another_one_over_http(tmp_path):
+def test_a_429_answer_to_one_client_holds_back_another_client(tmp_path):
     now = [5000.0]
     path = tmp_path / "ledger.sqlite"
     wire = Wire(say(answer(429, b"slow down", "Retry-After: 20")), say(completion("x")))
-    first_ledger, second_ledger = (Ledger(path, lambda: now[0]) for _ in range(2))  # of two processes
+    first_ledger, second_ledger = (Ledger(path, lambda: now[0]) for _ in range(2))  # as in two processes
     spec = ModelSpec(provider="local", name="m", base_url=wire.url)
     first, second = (
         open_model(spec, RetryPolicy(0.5, attempts=1), ledger.limiter) for ledger in (first_ledger, second_ledger)
@@ -171,7 +171,7 @@ print(granted)
 """
 
 
-def test_many_processes_together_are_granted_what_there_is_and_not_one_more(tmp_path):
+def test_concurrent_processes_are_granted_exactly_the_allowance(tmp_path):
     path = tmp_path / "ledger.sqlite"
     ledger = Ledger(path, lambda: 5000.0)
     ledger.limiter("http://h/v1", "m").update((Allowance("requests", 400.0, 400.0, 3600.0, steady=False),))

@@ -1,4 +1,4 @@
-"""The probe of a model with a marked image, against servers with each way of pointing in each format."""
+"""The probe of a model with a marked image, tested with every way of pointing in every vendor's format."""
 
 from itertools import product
 from typing import Any
@@ -35,13 +35,13 @@ def probed(answer, **declared) -> tuple[ProbeResult, Recording]:
             model.close()
 
 
-def test_the_mark_is_at_its_stated_place_and_not_at_the_mirrored_one():
+def test_the_mark_is_at_its_stated_place_and_far_from_the_mirrored_place():
     x, y = mark(marked_picture())
     assert (x, y) == pytest.approx(MARK, abs=5)
     assert abs(x - y) > 500
 
 
-def test_each_way_of_pointing_is_found():
+def test_each_way_of_pointing_is_detected():
     for case in product(WIRES, ["xy", "yx"], MANNERS):
         wire, axis, manner = case
         result, server = probed(Pointer(manner), provider=wire, axis_order=axis)
@@ -53,7 +53,7 @@ def test_each_way_of_pointing_is_found():
         assert result.tokens == (300, 60), case
 
 
-def test_one_of_the_questions_is_asked_as_after_a_think():
+def test_one_question_uses_the_reasoning_options():
     for wire in WIRES:
         lifted = {"some_field": {"deep": 1}}
         _, server = probed(Pointer("as declared"), provider=wire, thinking=lifted, quick={})
@@ -61,7 +61,7 @@ def test_one_of_the_questions_is_asked_as_after_a_think():
         assert [body.get("some_field") for body in bodies] == [None, None, {"deep": 1}], wire
 
 
-def test_a_schema_is_enforced_or_not():
+def test_schema_enforcement_is_detected():
     for enforces in [True, False]:
         for wire, root in [("openai", "object"), ("openai", "array"), ("gemini", "array"), ("anthropic", "object")]:
             result, server = probed(Pointer("as declared", enforces), provider=wire, schema=root)
@@ -70,7 +70,7 @@ def test_a_schema_is_enforced_or_not():
             assert result.pointing == "as declared", (wire, root, enforces)
 
 
-def test_the_cost_is_known_with_token_counts_and_prices():
+def test_the_cost_requires_token_counts_and_prices():
     priced = {"provider": "local", "input_usd": 2.0, "output_usd": 10.0}
     result, _ = probed(Pointer("as declared"), **priced)
     assert result.cost_usd == pytest.approx((300 * 2.0 + 60 * 10.0) / 1e6)
@@ -80,13 +80,13 @@ def test_the_cost_is_known_with_token_counts_and_prices():
     assert probed(untold, **priced)[0].tokens == (None, None)
 
 
-def test_a_context_that_is_too_small_is_found():
+def test_a_context_that_is_too_small_is_detected():
     assert not probed(Pointer("as declared"), provider="local")[0].too_long
     assert not probed(Pointer("as declared"), provider="local", context_tokens=8292)[0].too_long
     assert probed(Pointer("as declared"), provider="local", context_tokens=8291)[0].too_long
 
 
-def test_an_endpoint_that_fails_says_at_which_question():
+def test_an_endpoint_error_names_the_question():
     def refuses_the_second(sent):
         return (400, b"no [y, x] here") if '"point": [y, x]' in str(sent.body) else Pointer("as declared")(sent)
 
@@ -94,7 +94,7 @@ def test_an_endpoint_that_fails_says_at_which_question():
         probed(refuses_the_second, provider="local")
 
 
-def test_the_axis_order_of_a_reply():
+def test_the_axis_order_is_derived_from_a_reply():
     for reply, order in [
         ('{"action":"go","point":[800,250],"depth_m":5}', "xy"),
         ('{"action":"go","point":[250,800],"depth_m":5}', "yx"),
@@ -109,7 +109,7 @@ def test_the_axis_order_of_a_reply():
         assert order_of(reply) == order, reply
 
 
-def test_all_pairs_of_orders():
+def test_every_pair_of_axis_orders_has_a_pointing():
     pairs = {(a, b): pointing_of(a, b) for a in ("xy", "yx", None) for b in ("xy", "yx", None)}
     assert pairs == {
         ("xy", "yx"): "as declared",
@@ -119,7 +119,7 @@ def test_all_pairs_of_orders():
     } | {pair: "not at all" for pair in pairs if None in pair}
 
 
-def test_replies_that_satisfy_a_schema():
+def test_conformance_of_replies_to_a_schema():
     cases: list[tuple[str, Any, bool]] = [
         ('{"action":"think"}', "object", True),
         ('[{"action":"think"}]', "array", True),
@@ -130,7 +130,7 @@ def test_replies_that_satisfy_a_schema():
             '{"action":"go","point":null,"depth_m":null,"angle_deg":null}',
             "object",
             True,
-        ),  # no valid action, but in the schema
+        ),  # an invalid action that the schema allows
         ('{"action":"dance","point":null,"depth_m":null,"angle_deg":null}', "object", False),
         ('{"action":"go"}', "object", False),
         ('{"dance": 3}', "object", False),

@@ -1,4 +1,4 @@
-"""Rate-limit headers as the vendors document them, and arbitrary values."""
+"""Rate-limit headers are parsed, in the vendors' documented forms and with arbitrary values."""
 
 from datetime import UTC, datetime, timedelta
 from email.utils import format_datetime
@@ -11,7 +11,7 @@ from dronecats.agent.models.turns import LONGEST_S, Allowance, allowances, until
 NOW = datetime(2026, 3, 1, 12, 0, 0, tzinfo=UTC)
 
 
-def test_openais():
+def test_openai_headers_give_request_and_token_allowances():
     headers = {
         "x-ratelimit-limit-requests": "60", "x-ratelimit-remaining-requests": "59", "x-ratelimit-reset-requests": "1s",
         "x-ratelimit-limit-tokens": "150000", "x-ratelimit-remaining-tokens": "149984",
@@ -23,7 +23,7 @@ def test_openais():
     )
 
 
-def test_anthropics_moments_are_held_against_the_answers_own_clock():
+def test_anthropic_reset_times_are_relative_to_the_date_header():
     headers = {
         "date": format_datetime(NOW - timedelta(hours=1), usegmt=True),  # the server's clock or ours is wrong
         "anthropic-ratelimit-requests-limit": "50", "anthropic-ratelimit-requests-remaining": "49",
@@ -39,13 +39,13 @@ def test_anthropics_moments_are_held_against_the_answers_own_clock():
     )
 
 
-def test_openrouters_is_a_window_that_ends_at_a_moment():
+def test_openrouter_headers_give_a_window_with_an_end_time():
     ends = str(int((NOW + timedelta(seconds=42)).timestamp() * 1000))
     headers = {"x-ratelimit-limit": "20", "x-ratelimit-remaining": "0", "x-ratelimit-reset": ends}
     assert allowances(headers, NOW) == (Allowance("requests", 20.0, 0.0, 42.0, steady=False),)
 
 
-def test_times_until_a_reset():
+def test_reset_times_are_parsed_to_seconds():
     for text, seconds in [
         ("1s", 1.0), ("6m0s", 360.0), ("20ms", 0.02), ("1h2m3.5s", 3723.5), ("0s", 0.0), ("17", 17.0),
         ("2026-03-01T12:00:09+00:00", 9.0), ("2026-03-01T14:00:09+02:00", 9.0), ("2026-03-01T11:00:00Z", 0.0),

@@ -1,4 +1,4 @@
-"""models.toml: requests match each row, users can add rows, and errors in a file are one sentence."""
+"""models.toml: requests match each row, users can add rows, and an error in a file is one sentence."""
 
 import os
 import pwd
@@ -65,7 +65,7 @@ def own(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("lifted", [False, True], ids=["off", "lifted"])
 @pytest.mark.parametrize("name", TABLES)
-def test_each_row_is_sent_as_it_says(monkeypatch, name, lifted):
+def test_requests_contain_the_options_of_their_row(monkeypatch, name, lifted):
     table, provider = TABLES[name], PROVIDERS[TABLES[name]["provider"]]
     if provider.key_variable:
         monkeypatch.setenv(provider.key_variable, KEY)
@@ -84,7 +84,7 @@ def test_each_row_is_sent_as_it_says(monkeypatch, name, lifted):
         switch = provider.thinking if lifted else provider.quick
     assert {key: fields[key] for key in switch} == switch
     other = table.get("reasoning_off" if lifted else "reasoning_lifted", {})
-    assert all(fields.get(key) == switch.get(key) for key in other)  # and nothing of the other switch
+    assert all(fields.get(key) == switch.get(key) for key in other)  # no option of the other switch
     assert fields.get("temperature") == (None if table.get("temperature") == "none" else provider.temperature)
     schema = (
         fields.get("response_format")
@@ -100,8 +100,8 @@ def test_each_row_is_sent_as_it_says(monkeypatch, name, lifted):
 
 @pytest.mark.parametrize("lifted", [False, True], ids=["off", "lifted"])
 @pytest.mark.parametrize("provider", ["openai", "gemini", "anthropic"])
-def test_a_model_without_a_row_is_sent_what_each_row_of_its_provider_is(monkeypatch, provider, lifted):
-    """No row of a provider has a field that one of its generations rejects."""
+def test_a_model_without_a_row_is_sent_only_options_common_to_its_providers_rows(monkeypatch, provider, lifted):
+    """Some models of a provider reject fields of others. A model without a row gets only the common fields."""
     monkeypatch.setenv(str(PROVIDERS[provider].key_variable), KEY)
     request = Request("text", (b"\xff\xd8jpeg",), lifted)
 
@@ -120,14 +120,14 @@ def test_a_model_without_a_row_is_sent_what_each_row_of_its_provider_is(monkeypa
 
 
 @pytest.mark.parametrize(("provider", "temperature"), [("openai", None), ("anthropic", None), ("gemini", 0.4)])
-def test_a_row_that_says_no_temperature_has_its_providers(own, provider, temperature):
+def test_a_row_without_a_temperature_has_its_providers_temperature(own, provider, temperature):
     own(f'[mine]\nprovider = "{provider}"\nidentifier = "m"\n')
     assert model_of("mine").temperature == model_of(f"{provider}/other").temperature == temperature
     own(f'[mine]\nprovider = "{provider}"\nidentifier = "m"\ntemperature = 0.3\n')
     assert model_of("mine").temperature == 0.3
 
 
-def test_the_rows_of_the_page_are_rows(own):
+def test_the_example_row_of_the_documentation_is_valid(own):
     page = (Path(__file__).parents[3] / "docs" / "models.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     own(text)
@@ -136,7 +136,7 @@ def test_the_rows_of_the_page_are_rows(own):
     open_model(spec).close()
 
 
-def test_the_papers_nine_are_the_papers():
+def test_rows_of_the_papers_nine_models_match_the_paper():
     all_rows = rows()
     for name, (provider, identifier, schema) in PAPER.items():
         spec = all_rows[name].spec
@@ -145,14 +145,14 @@ def test_the_papers_nine_are_the_papers():
         assert (spec.temperature, spec.max_tokens) == (None if name == "gpt-5" else 0.4, 8192)
 
 
-def test_a_price_has_a_source_with_its_date_and_both_of_its_sides():
+def test_a_price_has_input_and_output_and_a_dated_source():
     for row in rows().values():
         prices = row.spec.input_usd, row.spec.output_usd
         assert (prices[0] is None) == (prices[1] is None) == (row.source is None)
         assert row.source is None or re.search(r"\w\.\w+/.* 20\d\d-\d\d-\d\d$", row.source)
 
 
-def test_a_name_or_an_identifier_is_the_row_and_any_other_has_none():
+def test_rows_are_looked_up_by_name_or_by_identifier():
     all_rows = rows()
     assert model_of("gpt-5") == model_of("openai/gpt-5") == all_rows["gpt-5"].spec
     assert model_of("openai/gpt-5").temperature is None
@@ -167,7 +167,7 @@ def test_a_name_or_an_identifier_is_the_row_and_any_other_has_none():
         model_of("opneai/gpt-5")
 
 
-def test_ones_own_file_adds_rows_and_changes_what_it_states(own):
+def test_a_users_file_adds_rows_and_overrides_the_stated_fields(own):
     path = own("""
         [house]
         provider = "vllm"
@@ -203,7 +203,7 @@ def test_ones_own_file_adds_rows_and_changes_what_it_states(own):
     assert all_rows["gpt-6-luna"].file == SHIPPED
 
 
-def test_two_rows_with_one_identifier_differ_by_name(own):
+def test_two_rows_with_one_identifier_are_selected_by_name(own):
     own('[careful]\nprovider = "openai"\nidentifier = "gpt-5"\nreasoning_off = {reasoning_effort = "high"}')
     assert model_of("careful").quick == {"reasoning_effort": "high"}
     assert model_of("gpt-5").quick == {"reasoning_effort": "minimal"}
@@ -211,7 +211,7 @@ def test_two_rows_with_one_identifier_differ_by_name(own):
         model_of("openai/gpt-5")
 
 
-def test_where_ones_own_file_is(monkeypatch, tmp_path):
+def test_location_of_the_users_file(monkeypatch, tmp_path):
     folder = tmp_path / "config" / "dronecats"
     folder.mkdir(parents=True)
     (folder / "models.toml").write_text('[mine]\nprovider = "local"\nidentifier = "m"\n')
@@ -228,7 +228,7 @@ def test_where_ones_own_file_is(monkeypatch, tmp_path):
         rows()
 
 
-def test_a_user_without_a_home_has_the_rows_that_ship(monkeypatch):
+def test_a_user_without_a_home_has_the_shipped_rows(monkeypatch):
     def nobody(uid):
         raise KeyError(uid)
 
@@ -287,7 +287,7 @@ def test_errors_in_a_file_are_one_sentence_with_file_row_and_key(own):
         assert "\n" not in message, text[:80]
 
 
-def test_a_file_that_is_no_text_is_refused(own):
+def test_a_binary_file_is_rejected(own):
     path = own("")
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(UsageError, match=re.escape(str(path))):
@@ -302,7 +302,7 @@ VALUES = st.recursive(
 
 
 @given(st.dictionaries(st.sampled_from([*KEYS, "other"]), VALUES, max_size=6))
-def test_any_row_is_valid_or_one_sentence(tmp_path_factory, fields):
+def test_any_row_is_valid_or_gives_a_one_line_error(tmp_path_factory, fields):
     path = tmp_path_factory.mktemp("rows") / "own.toml"
     path.write_text("[m]\n" + "".join(f"{key} = {value}\n" for key, value in fields.items()), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
@@ -318,7 +318,7 @@ def test_any_row_is_valid_or_one_sentence(tmp_path_factory, fields):
         assert outcome in PROVIDERS
 
 
-def test_a_file_in_a_home_that_nobody_has_is_not_passed_over(monkeypatch):
+def test_a_file_in_the_home_of_an_unknown_user_is_an_error(monkeypatch):
     monkeypatch.setenv(model_rows.OWN_FILE, "~nobody-has-this-name/models.toml")
     with pytest.raises(UsageError, match="~nobody-has-this-name"):
         rows()

@@ -1,4 +1,4 @@
-"""The served model name of a vendor is kept with the reply. It is more precise than the requested name."""
+"""Each reply has the name of the model that the vendor served. It is more precise than the requested name."""
 
 import json
 from typing import Any
@@ -33,7 +33,7 @@ KEY = "sk-SECRET-1234567890"
         ("gemini", CONTENT, None),
     ],
 )
-def test_the_name_and_the_version_are_the_vendors(
+def test_the_reply_has_the_served_model_name_and_version(
     provider: str, response: dict[str, Any], served: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OPENAI_API_KEY", KEY)

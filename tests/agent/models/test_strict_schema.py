@@ -71,7 +71,7 @@ def test_schemas_for_openai_satisfy_its_rules(provider):
     assert list(faults(reply_schema("array"))) == ["a root that is no object"]
 
 
-def test_the_bodies():
+def test_request_schemas_of_pilot_and_commander():
     number = {"type": ["number", "null"]}
     point = {
         "type": ["array", "null"],
@@ -113,7 +113,7 @@ def test_the_bodies():
     }
 
 
-def test_a_server_of_ones_own_is_sent_the_narrower_one():
+def test_local_servers_are_sent_the_narrower_schema():
     assert sent("vllm")["schema"] == action_schema()
 
 
@@ -130,7 +130,7 @@ WANTS = {"go": ("point", "depth_m"), "rotate": ("angle_deg",), "think": (), "fin
 
 
 @given(REPLIES, st.sampled_from(["xy", "yx"]), st.sampled_from(["strict", "lenient"]))
-def test_a_reply_that_keeps_to_it_is_one_of_the_four_whose_own_fields_are_there(reply, order, parser):
+def test_a_valid_reply_is_an_action_exactly_if_its_required_fields_are_not_null(reply, order, parser):
     jsonschema.validate(reply, flat_action_schema())
     (read,) = reading(json.dumps(reply), 1, order, parser)
     own = {name: reply[name] for name in WANTS[reply["action"]]}
@@ -155,14 +155,14 @@ def test_a_reply_that_keeps_to_it_is_one_of_the_four_whose_own_fields_are_there(
         }
     )
 )
-def test_orders_that_keep_to_it_are_read(reply):
+def test_orders_that_satisfy_the_schema_are_parsed(reply):
     jsonschema.validate(reply, orders_schema(4))
     read = parse_orders(json.dumps(reply), 4)
     assert [drone + 1 for drone, _ in read.goals] == [order["drone"] for order in reply["orders"]]
     assert {drone + 1 for drone in read.confirmed} == set(reply["confirm"])
 
 
-def test_openai_itself_is_asked_for_no_array(monkeypatch):
+def test_an_array_schema_is_rejected_for_openai_itself(monkeypatch):
     monkeypatch.setenv("OPENAI_API_KEY", "sk-SECRET-1234567890")
     with pytest.raises(UsageError, match="array"):
         open_model(ModelSpec(provider="openai", name="m", schema="array"))

@@ -1,4 +1,4 @@
-"""The same question from our client and from the vendor's client. The requests are equal, field by field.
+"""Our client and the vendor's client send equal requests for the same question, field by field.
 
 Importing the clients takes ten seconds, so these tests are slow, and each imports its own client.
 """
@@ -73,14 +73,14 @@ SWITCHES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }
 
 
-def test_openai(monkeypatch):
+def test_requests_equal_those_of_openais_client(monkeypatch):
     import openai
 
     for case in product(SWITCHES, PICTURES, LIFTED, [None, "array", "object"]):
         provider, pictures, thinking, schema = case
         question = request(pictures, thinking)
         roots = {"array": {"type": "array", "items": action_schema()}}
-        if pictures == 1:  # a single object is no fleet's reply
+        if pictures == 1:  # a single object cannot be a fleet's reply
             roots["object"] = flat_action_schema() if provider in ("openai", "openrouter") else action_schema()
         images: list[Any] = [
             {"type": "image_url", "image_url": {"url": "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()}}
@@ -98,7 +98,7 @@ def test_openai(monkeypatch):
                 **options,
             )
         (theirs,) = server.sent
-        if provider == "openai":  # models of OpenAI differ: a row defines how each reasons
+        if provider == "openai":  # OpenAI's models differ: each row has its own reasoning options
             switches = dict(zip(("quick", "thinking"), SWITCHES[provider], strict=True))
             sent = ours(
                 monkeypatch, question, "/v1", CHAT, provider=provider, name="maker/m", schema=schema, **switches
@@ -123,8 +123,8 @@ def camel(value: Any) -> Any:
     return [camel(inner) for inner in value] if isinstance(value, list) else value
 
 
-def test_gemini(monkeypatch):
-    """Without a row there is no reasoning option. The row is like a row of a model up to 2.5."""
+def test_requests_equal_those_of_geminis_client(monkeypatch):
+    """A request without a row has no reasoning option. The row is like the row of a Gemini model up to 2.5."""
     from google import genai
     from google.genai import types
 
@@ -154,7 +154,7 @@ def test_gemini(monkeypatch):
         switch = {"thinking" if thinking else "quick": budget} if row else {}
         sent = ours(monkeypatch, question, "/v1", CONTENT, provider="gemini", name="gemini-x", schema=root, **switch)
         expected = camel(theirs.body)
-        if schema:  # theirs goes as it is given; what the API does not know we leave out
+        if schema:  # our client removes keywords that the API does not support; the vendor's does not
             go = expected["generationConfig"]["responseJsonSchema"]["items"]["anyOf"][0]
             assert go["properties"]["depth_m"].pop("exclusiveMinimum") == 0, case
         assert (sent.body, sent.path) == (expected, theirs.path), case
@@ -165,8 +165,8 @@ def test_gemini(monkeypatch):
 MESSAGE = b'{"id":"1","type":"message","role":"assistant","model":"m","content":[{"type":"text","text":"{}"}],"stop_reason":"end_turn","usage":{"input_tokens":1,"output_tokens":1}}'  # noqa: E501
 
 
-def test_anthropic(monkeypatch):
-    """The vendor's client has no temperature any more. The test adds the paper's temperature by hand.
+def test_requests_equal_those_of_anthropics_client(monkeypatch):
+    """The vendor's client no longer has a temperature option. The test adds the paper's temperature as an extra field.
 
     Thinking is set as for older models, which have a temperature and a budget.
     """
@@ -185,7 +185,7 @@ def test_anthropic(monkeypatch):
         ]
         lifted: dict[str, Any] = {"thinking": {"type": "enabled", "budget_tokens": 4096}}
         options: dict[str, Any] = {**lifted} if thinking else {}
-        if schema and pictures == 1:  # a single object is no fleet's reply
+        if schema and pictures == 1:  # a single object cannot be a fleet's reply
             options["output_config"] = {"format": {"type": "json_schema", "schema": transform_schema(action_schema())}}
         if temperature is not None and not thinking:
             options["extra_body"] = {"temperature": temperature}
@@ -202,9 +202,8 @@ def test_anthropic(monkeypatch):
             temperature=temperature, thinking=lifted,
         )  # fmt: skip
         assert (bare(sent.body), sent.path) == (bare(theirs.body), theirs.path), case
-        assert sent.headers["x-api-key"] == KEY, (
-            case
-        )  # the API takes both; its documents show this one, the client sends a bearer
+        # The API accepts both headers. Its documentation shows x-api-key; the vendor's client sends a bearer token.
+        assert sent.headers["x-api-key"] == KEY, case
         assert theirs.headers["authorization"] == f"Bearer {KEY}", case
         assert KEY not in str({name: value for name, value in sent.headers.items() if name != "x-api-key"}), case
         if temperature is None:
@@ -226,8 +225,8 @@ def sent_for(monkeypatch: pytest.MonkeyPatch, name: str, question: Request, base
 
 @pytest.mark.parametrize("name", of("openai"))
 @pytest.mark.parametrize("thinking", LIFTED)
-def test_the_rows_of_openai(monkeypatch, name, thinking):
-    """The client rejects values unknown to its types. The test would find an effort with a wrong name."""
+def test_requests_of_openai_rows_equal_those_of_its_client(monkeypatch, name, thinking):
+    """The reasoning effort must be one of the values that the client's type allows."""
     import openai
     from openai.types.shared.reasoning_effort import ReasoningEffort
 
@@ -253,7 +252,7 @@ def test_the_rows_of_openai(monkeypatch, name, thinking):
 
 @pytest.mark.parametrize("name", of("gemini"))
 @pytest.mark.parametrize("thinking", LIFTED)
-def test_the_rows_of_gemini(monkeypatch, name, thinking):
+def test_requests_of_gemini_rows_equal_those_of_its_client(monkeypatch, name, thinking):
     from google import genai
     from google.genai import types
 
@@ -274,7 +273,7 @@ def test_the_rows_of_gemini(monkeypatch, name, thinking):
 
 @pytest.mark.parametrize("name", of("anthropic"))
 @pytest.mark.parametrize("thinking", LIFTED)
-def test_the_rows_of_anthropic(monkeypatch, name, thinking):
+def test_requests_of_anthropic_rows_equal_those_of_its_client(monkeypatch, name, thinking):
     import anthropic
     from anthropic.types.model import Model
 
@@ -297,8 +296,8 @@ def test_the_rows_of_anthropic(monkeypatch, name, thinking):
 
 
 @pytest.mark.parametrize("provider", ["openai", "vllm", "gemini", "anthropic"])
-def test_a_commander_is_held_to_its_own_reply(monkeypatch, provider):
-    """The commander's schema is sent for each root of the pilots' schema, in each vendor's place for a schema."""
+def test_a_commander_request_has_the_schema_of_orders(monkeypatch, provider):
+    """The schema is in the vendor's field for it, whichever root the pilots' schema has."""
     from anthropic import transform_schema
 
     question = replace(request(4, False), role="commander")

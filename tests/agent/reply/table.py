@@ -21,7 +21,7 @@ class Row:
     text: str
     drones: int
     axis_order: AxisOrder
-    strict: tuple[str, ...]  # per drone: an action's words, or ! and words of the error
+    strict: tuple[str, ...]  # per drone: the action as text, or ! and a part of the error
     lenient: tuple[str, ...]
     mended: tuple[tuple[Mend, ...], ...]  # per drone
 

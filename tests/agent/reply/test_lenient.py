@@ -1,4 +1,4 @@
-"""The lenient parser compared with the strict one: it reads more, never differently, and with bounded work."""
+"""The lenient parser accepts more than the strict one, never gives another action, and does bounded work."""
 
 import json
 from cProfile import Profile
@@ -37,7 +37,7 @@ def replies(draw):
 
 
 def compared(text, drones):
-    """Compare the two readings of a reply."""
+    """Assert that the strict and the lenient reading of a reply are consistent."""
     both = zip(reading(text, drones, "xy", "strict"), reading(text, drones, "xy", "lenient"), strict=True)
     for plain, lenient in both:
         assert (lenient.action is None) == (lenient.error is not None)
@@ -55,20 +55,20 @@ def test_lenient_agrees_with_strict_and_lists_every_repair(text, drones):
     compared(text, drones)
 
 
-def test_so_it_is_with_each_of_the_table():
+def test_lenient_agrees_with_strict_on_the_table():
     for row in rows():
         compared(row.text, row.drones)
 
 
 @settings(deadline=None)
 @given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("utf-8", "surrogateescape")))
-def test_any_text_is_read_by_both(text):
+def test_lenient_agrees_with_strict_on_any_text(text):
     compared(text, 1)
     compared(text, 3)
 
 
 @given(st.lists(ACTIONS, min_size=1, max_size=5))
-def test_written_actions_are_read_back(actions):
+def test_serialized_actions_are_parsed_back(actions):
     text = json.dumps([a.as_json() for a in actions] if len(actions) > 1 else actions[0].as_json())
     for parser in ("strict", "lenient"):
         read = reading(text, len(actions), "xy", parser)
@@ -77,13 +77,13 @@ def test_written_actions_are_read_back(actions):
 
 
 @given(st.lists(ACTIONS, min_size=2, max_size=5), st.randoms())
-def test_named_drones_get_their_own_in_whatever_order(actions, lots):
+def test_actions_with_drone_numbers_are_accepted_in_any_order(actions, lots):
     objects = [{"drone": place, **action.as_json()} for place, action in enumerate(actions, 1)]
     lots.shuffle(objects)
     assert [result.action for result in reading(json.dumps(objects), len(actions), "xy", "lenient")] == actions
 
 
-def test_a_kept_reply_is_read_again_in_the_other_way():
+def test_a_stored_reply_can_be_parsed_again_by_the_other_parser():
     """A stored `reply` is enough to parse it again: strictly for the score, leniently for the list of repairs."""
     text = "{'action': 'rotate', 'angle_deg': '30°'}"
     lenient_result = reading(text, 1, "xy", "lenient")[0]
@@ -93,14 +93,14 @@ def test_a_kept_reply_is_read_again_in_the_other_way():
 
 
 def calls(*arguments):
-    """Return the number of function calls of a reading, Python's own functions included."""
+    """Return the number of function calls during a reading, calls of built-in functions included."""
     profile = Profile()
     profile.runcall(reading, *arguments)
     return sum(entry.callcount for entry in profile.getstats())
 
 
-def test_no_reply_is_much_work(monkeypatch):
-    """Uses a tenth of the real limits, for a tenth of the time."""
+def test_parsing_work_is_proportional_to_the_reply_length(monkeypatch):
+    """The limits are a tenth of the real ones, to save time."""
     for module in (strict, tolerant):
         monkeypatch.setattr(module, "MAX_REPLY_CHARS", module.MAX_REPLY_CHARS // 10)
         monkeypatch.setattr(module, "MAX_VAIN_CHARS", module.MAX_VAIN_CHARS // 10)
@@ -118,7 +118,7 @@ def test_no_reply_is_much_work(monkeypatch):
         assert calls(text, 4, "xy", "lenient") < 40 * len(text), (head[:20], unit, tail)
 
 
-def test_every_code_is_in_the_page():
+def test_every_repair_code_is_documented():
     from tests.docs.pages import ROOT
 
     page = (ROOT / "docs" / "replies.md").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Both parsers read each reply of the table as stated there."""
+"""Both parsers give the result that the table states, for each of its replies."""
 
 from dronecats.agent.reply.mends import MENDS
 from dronecats.agent.reply.reading import reading
@@ -7,7 +7,7 @@ from tests.agent.reply.table import agrees, rows, words
 ROWS = rows()
 
 
-def test_both_read_it_as_the_table_says():
+def test_both_parsers_agree_with_the_table():
     for row in ROWS:
         strict = reading(row.text, row.drones, row.axis_order, "strict")
         lenient = reading(row.text, row.drones, row.axis_order, "lenient")
@@ -21,5 +21,5 @@ def test_both_read_it_as_the_table_says():
         assert tuple(result.mended for result in lenient) == row.mended, row
 
 
-def test_the_table_knows_every_code():
+def test_the_table_covers_every_repair_code():
     assert {code for row in ROWS for codes in row.mended for code in codes} == set(MENDS)

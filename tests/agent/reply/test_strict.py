@@ -12,7 +12,7 @@ from dronecats.agent.reply.strict import MAX_REPLY_CHARS, parse, parse_fleet
 from tests.support.refusal import refusal
 
 
-def test_says_what_is_wrong():
+def test_errors_name_the_fault():
     for reply, word in [
         ("", "JSON"),
         ("the car is ahead", "JSON"),
@@ -100,11 +100,11 @@ PIECES = ["{", "}", "[", "]", '"', ":", ",", " ", "\\", "a", "7", "\n", '"a":', 
 @example('{"a": "{" {"action":"think"}')
 @example('{"plan":[{"action":"think"},{"action":"rotate","angle_deg":9}')
 @example('{"say":"{\\"action\\":\\"think\\"}","action":"finished"}')
-def test_a_reply_is_searched_as_a_plain_search_would(reply):
+def test_parse_agrees_with_the_reference_search(reply):
     assert outcome(parse, reply) == outcome(plainly, reply)
 
 
-def test_the_inner_actions_of_a_long_reply_that_breaks_off_are_found():
+def test_an_action_inside_a_long_truncated_reply_is_parsed():
     reply = '{"plan":[' + '{"why":"' + "because " * 3000 + '"},' + '{"action":"rotate","angle_deg":9}'
     assert parse(reply) == Rotate(9)
 
@@ -138,7 +138,7 @@ def seconds(call):
         ("", "[{"),
     ],
 )
-def test_no_reply_takes_long_to_read(head, unit):
+def test_parse_time_is_bounded_for_adversarial_replies(head, unit):
     reply = (head + unit * MAX_REPLY_CHARS)[:MAX_REPLY_CHARS]
     valid = "[" + '{"a":{}},' * (MAX_REPLY_CHARS // 9 - 2) + "0]"
     once = seconds(lambda: json.loads(valid))

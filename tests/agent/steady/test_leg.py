@@ -1,4 +1,4 @@
-"""Legs are flown without stopping, fade if no decision arrives, and end when they are no longer valid."""
+"""Legs: the speed is constant until a decision is due, then fades, and is zero when the leg is no longer valid."""
 
 import math
 
@@ -21,7 +21,7 @@ def speed(command):
 
 
 @given(places, places, st.floats(0.0, 20.0), st.floats(0.0, 60.0), st.booleans(), st.booleans())
-def test_nothing_is_flown_faster_or_longer_than_it_may_be(goal, position, period_s, now_s, level, careful):
+def test_a_leg_never_exceeds_its_speed_and_validity(goal, position, period_s, now_s, level, careful):
     leg = leg_to(goal, NONE, HERE, 0.0, period_s, level=level, careful=careful)
     assert leg.due_s <= leg.ends_s <= 2.0 * max(STEP_S, period_s)
     command = steer(leg, position, now_s)
@@ -34,7 +34,7 @@ def test_nothing_is_flown_faster_or_longer_than_it_may_be(goal, position, period
         assert (command.setpoint.up is None) or not level
 
 
-def test_it_goes_at_full_pace_until_a_decision_is_due_and_fades_to_nothing():
+def test_a_leg_has_full_pace_until_a_decision_is_due_and_then_fades_to_zero():
     leg = leg_to(FAR, NONE, HERE, 10.0, 4.0, level=True)
     assert [leg.fade(t) for t in (10.0, 14.0, 15.0, 16.0, 18.0, 99.0)] == [1.0, 1.0, 0.75, 0.5, 0.0, 0.0]
     commands = [steer(leg, HERE, t) for t in (10.0, 14.0, 16.0)]
@@ -42,12 +42,12 @@ def test_it_goes_at_full_pace_until_a_decision_is_due_and_fades_to_nothing():
     assert steer(leg, HERE, 18.0) is None
 
 
-def test_a_step_that_covers_the_way_is_flown_as_slowly_as_the_papers():
+def test_a_short_leg_is_as_slow_as_the_papers_step():
     assert leg_to((2.4, 0.0, -2.0), NONE, HERE, 0.0, 0.5, level=True).pace == pytest.approx(2.4 / STEP_S)
     assert leg_to(FAR, NONE, HERE, 0.0, 0.5, level=True).pace == SPEED_MAX
 
 
-def test_a_goal_that_moves_is_flown_after_and_one_that_was_reached_is_left_until_it_has_gone():
+def test_a_moving_goal_is_followed_and_a_resting_vehicle_ignores_a_near_goal():
     leg = leg_to(FAR, (0.0, 0.5, 0.0), HERE, 0.0, 8.0, level=True)
     assert leg.goal(4.0) == pytest.approx((20.0, 2.0, -2.0))
     command = steer(leg, HERE, 4.0)
@@ -59,7 +59,7 @@ def test_a_goal_that_moves_is_flown_after_and_one_that_was_reached_is_left_until
     assert steer(still, near, 4.0, 0.0, resting=True) is None
 
 
-def test_a_goal_that_has_been_passed_turns_no_nose():
+def test_a_passed_goal_does_not_turn_the_vehicle():
     one = leg_to((1.0, 0.0, -2.0), NONE, HERE, 0.0, 2.5, level=True)
     assert steer(one, (1.5, 0.1, -2.0), 1.0, 0.0) is None
     beside = steer(one, (0.5, 0.4, -2.0), 1.0, 0.0)

@@ -1,4 +1,4 @@
-"""The filter against its closed form, and the sightings that begin a new track."""
+"""The pursuit filter agrees with its closed form, and outlying sightings begin a new track."""
 
 import numpy as np
 import pytest
@@ -21,8 +21,8 @@ def seen(places, times, lens=LENS):
 
 @settings(max_examples=30)
 @given(st.lists(st.floats(0.5, 9.0), min_size=2, max_size=6), st.integers(0, 2**31))
-def test_it_is_the_least_squares_over_all_sightings_and_the_prior(gaps, seed):
-    """Information form over all sightings: the state that best explains sightings, prior and accelerations."""
+def test_the_filter_equals_least_squares_over_all_sightings_and_the_prior(gaps, seed):
+    """Reference in information form: the state that best explains all sightings, the prior and the accelerations."""
     times = np.cumsum([0.0, *gaps])
     draw = np.random.default_rng(seed)
     places = [np.array([15.0 + 0.2 * t, 3.0 - 0.1 * t, -1.0]) + draw.normal(0.0, 0.3, 3) for t in times]
@@ -47,7 +47,7 @@ def test_it_is_the_least_squares_over_all_sightings_and_the_prior(gaps, seed):
     assert track._filter.x[:, 0] == pytest.approx(state, abs=2e-3)
 
 
-def test_the_process_noise_is_that_of_an_acceleration_that_lasts():
+def test_process_noise_is_that_of_a_piecewise_constant_acceleration():
     q = process_noise(2.0)
     assert q[0, 0] == pytest.approx(pursuit.ACCELERATION**2 * 2.0**4 / 4.0)
     assert q[0, 3] == pytest.approx(pursuit.ACCELERATION**2 * 2.0**3 / 2.0)
@@ -55,7 +55,7 @@ def test_the_process_noise_is_that_of_an_acceleration_that_lasts():
     assert q[0, 1] == q[0, 4] == 0.0
 
 
-def test_a_depth_is_worse_than_a_direction():
+def test_sighting_noise_along_and_across_the_line_of_sight():
     noise = sighting_noise(LENS, (10.0, 0.0, -2.0))
     assert noise[0, 0] == pytest.approx((pursuit.ALONG_M + 10.0 * pursuit.ALONG) ** 2)
     assert noise[1, 1] == noise[2, 2] == pytest.approx((pursuit.ACROSS_M + 10.0 * pursuit.ACROSS) ** 2)
@@ -70,7 +70,7 @@ def test_steady_motion_is_predicted_through_a_long_decision():
     assert now.place_ned == pytest.approx((12.0, -3.0 + 0.3 * 44.0, 0.0), abs=0.7)
 
 
-def test_a_standing_target_has_almost_no_velocity():
+def test_a_stationary_target_has_almost_no_velocity():
     """Depth errors of 20 % look like motion. The part of the estimate that can be noise is subtracted."""
     believed, raw, times = [], [], np.arange(0.0, 24.0, 4.0)
     for seed in range(20):
@@ -85,7 +85,7 @@ def test_a_standing_target_has_almost_no_velocity():
     assert np.median(believed) < 0.03
 
 
-def test_a_velocity_is_known_from_the_third_sighting_on():
+def test_velocity_is_zero_until_the_third_sighting():
     track, _ = seen([(12.0, 0.0, 0.0), (12.0, 3.0, 0.0)], [0.0, 4.0])
     now = track.at(4.0)
     assert now is not None
@@ -117,8 +117,8 @@ def test_a_target_not_seen_for_long_has_no_estimate():
 @settings(max_examples=30)
 @example([(0.0, 1), (0.0, 1), (1e-200, 1)])  # a speed whose square is 0
 @given(st.lists(st.tuples(st.floats(-9.0, 9.0), st.integers(1, 4)), min_size=1, max_size=5))
-def test_of_several_words_on_one_picture_the_last_counts_and_once(pictures):
-    """The others on that image have no effect, whether of the same thing, of another, or the first of all."""
+def test_only_the_last_sighting_of_one_image_counts(pictures):
+    """Earlier replies on the same image have no effect, also on another target and at the start of the track."""
     often, once = Pursuit(), Pursuit()
     for k, (east, words) in enumerate(pictures):
         for word in range(words, 0, -1):

@@ -1,4 +1,4 @@
-"""The steady agent with an ideal vehicle: when it asks, its motion in between, and its log."""
+"""The steady agent with an ideal vehicle: the times of its questions, the motion in between, and the log."""
 
 import itertools
 import json
@@ -31,7 +31,7 @@ class Follows:
 
     def __init__(self):
         self.time_us, self.position, self.yaw = 0, (0.0, 0.0, -2.0), 0.0
-        self.speeds: list[float] = []  # m/s, flown at each tick
+        self.speeds: list[float] = []  # m/s, at each tick
         self._stream, self._track = OffboardStream(), PoseHistory()
         self._tell(0.0)
 
@@ -128,7 +128,7 @@ def fly_steady(folder, model, policy, seconds=20.0, drones=1, groups=None):
 
 
 @pytest.mark.parametrize("slow_s", [0.5, 2.0, 4.0, 8.0])
-def test_a_go_is_flown_without_standing_still_once_replies_are_known(tmp_path, slow_s):
+def test_a_go_does_not_stop_once_reply_times_are_estimated(tmp_path, slow_s):
     decisions, (vehicle,), _ = fly_steady(
         tmp_path, Says(GO), LatencyPolicy.parse(f"fixed:{slow_s}"), seconds=20.0 * max(2.5, slow_s)
     )
@@ -142,24 +142,24 @@ def test_a_go_is_flown_without_standing_still_once_replies_are_known(tmp_path, s
 
 
 @pytest.mark.parametrize("slow_s", [0.5, 2.0, 4.0])
-def test_from_picture_to_picture_a_stride_is_flown_as_the_history_says(tmp_path, slow_s):
+def test_the_vehicle_flies_at_least_a_stride_between_images(tmp_path, slow_s):
     _, _, camera = fly_steady(tmp_path, Says(GO), LatencyPolicy.parse(f"fixed:{slow_s}"), seconds=40.0)
     strides = [math.dist(a, b) for (_, a, _), (_, b, _) in itertools.pairwise(camera.taken)]
     assert min(strides) >= 2.65
     assert strides[5:] == pytest.approx([1.2 * max(2.5, slow_s)] * len(strides[5:]), abs=0.25)
 
 
-def test_without_latency_it_asks_when_the_papers_agent_does(tmp_path):
+def test_without_latency_questions_have_the_papers_timing(tmp_path):
     decisions, _, _ = fly_steady(tmp_path, Says(GO, TURN, CAREFUL, THINK), LatencyPolicy.parse("fixed:0"))
     gaps = [b["t_decided"] - a["t_decided"] for a, b in itertools.pairwise(decisions)]
     assert gaps[0] == pytest.approx(2.5, abs=0.06)
-    assert gaps[1] == pytest.approx(1.0, abs=0.3)  # 60° at 60°/s, until the nose is there
+    assert gaps[1] == pytest.approx(1.0, abs=0.3)  # 60° at 60°/s, until the vehicle has that heading
     assert gaps[2] <= 2.56
     assert gaps[3:] == pytest.approx([2.5] * len(gaps[3:]), abs=0.06)
 
 
-def test_a_declaration_is_that_of_the_picture_it_was_asked_about(tmp_path):
-    """The vehicle continues for two seconds. The log has the frame of the question and its time, not the newest."""
+def test_a_declaration_refers_to_the_image_of_its_question(tmp_path):
+    """The vehicle moves on for 2 s. The log has the frame of the question and its time, not the newest frame."""
     decisions, (vehicle,), camera = fly_steady(
         tmp_path, Says(GO, GO, FINISHED), LatencyPolicy.parse("fixed:2"), seconds=14.0
     )
@@ -173,8 +173,8 @@ def test_a_declaration_is_that_of_the_picture_it_was_asked_about(tmp_path):
     assert max(vehicle.speeds[round(declaration["t_decided"] * 20) + 2 :]) < 0.7  # and holds from then on
 
 
-def test_a_place_stays_where_it_was_seen_after_later_motion(tmp_path):
-    """A short stride counts from its image. Motion since then is not flown again."""
+def test_a_place_does_not_move_with_later_motion_of_the_vehicle(tmp_path):
+    """A short stride is relative to the pose at capture. Motion since then counts as a part of it."""
     decisions, (vehicle,), camera = fly_steady(
         tmp_path, Says(GO, GO, CAREFUL, THINK), LatencyPolicy.parse("fixed:2"), seconds=12.0
     )
@@ -189,8 +189,8 @@ def decisions_place(vehicle, camera, decision):
     return vehicle.sight(round(decision["t_decided"] * 1e6)).position_ned[0]
 
 
-def test_the_end_of_a_short_stride_is_looked_at_before_the_next(tmp_path):
-    """Strides then add up; overlapping strides would not. The vehicle never passes a place that moves."""
+def test_the_next_image_is_taken_at_the_end_of_a_short_stride(tmp_path):
+    """Strides then add up without overlap, and the vehicle never flies past a moving place."""
     _, _, camera = fly_steady(tmp_path, Says(CAREFUL), LatencyPolicy.parse("fixed:2"), seconds=20.0)
     places = [place[0] for _, place, _ in camera.taken]
     assert len(places) >= 5
@@ -199,7 +199,7 @@ def test_the_end_of_a_short_stride_is_looked_at_before_the_next(tmp_path):
     assert all(1.1 <= stride <= 2.5 for stride in strides)
 
 
-def test_far_aside_it_turns_before_it_moves_and_else_on_the_way(tmp_path):
+def test_the_vehicle_turns_before_it_moves_only_for_large_bearings(tmp_path):
     for name, x, stands_s in (("aside", 900.0, 38.7 / 60.0), ("little", 650.0, 0.0)):  # 38.7° and 16.7° off
         (tmp_path / name).mkdir()
         _, (vehicle,), _ = fly_steady(
@@ -211,7 +211,7 @@ def test_far_aside_it_turns_before_it_moves_and_else_on_the_way(tmp_path):
         assert math.atan2(vehicle.position[1], vehicle.position[0]) == pytest.approx(expected, abs=0.03)
 
 
-def test_nothing_is_flown_for_longer_than_its_validity(tmp_path):
+def test_a_go_without_a_new_reply_fades_and_ends(tmp_path):
     """The second reply never arrives: the first go fades after 2.5 s and ends after 5 s."""
     policy = Charged((), lambda question: 0.0 if question.step == 0 else 200.0)
     _, (vehicle,), _ = fly_steady(tmp_path, Says(GO), policy, seconds=30.0)
@@ -223,7 +223,7 @@ def test_nothing_is_flown_for_longer_than_its_validity(tmp_path):
 
 
 @pytest.mark.parametrize("steered_s", [0.5, 2.0, 4.8, 9.0])
-def test_motion_stops_without_steering_before_the_leg_is_invalid(steered_s):
+def test_motion_stops_soon_after_steering_stops_and_at_the_end_of_the_leg(steered_s):
     """The stream's last setpoint is valid for half a second without a new one, and never beyond the leg's 5 s."""
     vehicle = Follows()
     drone = SteadyDrone(0, vehicle, CAMERA)
@@ -246,7 +246,7 @@ def test_a_search_turn_ends_before_the_next_question(tmp_path):
     assert all(b["t_decided"] - a["t_decided"] >= 3.0 for a, b in itertools.pairwise(decisions))
 
 
-def test_a_fleet_is_asked_about_together_or_each_alone(tmp_path):
+def test_a_fleet_has_one_question_for_all_drones_or_one_per_drone(tmp_path):
     for name, groups in (("flat", None), ("solo", [[0], [1], [2]])):
         (tmp_path / name).mkdir()
         model = Says(GO)
@@ -258,9 +258,9 @@ def test_a_fleet_is_asked_about_together_or_each_alone(tmp_path):
         assert aircraft[0].position[0] > 10.0
 
 
-def test_the_same_picture_again_is_seen_from_where_it_was_taken():
-    """Later turns and motion have no effect. An answer to the same image is not another sighting."""
-    vehicle, aside = Follows(), Go(970.0, 500.0, 8.0)  # 43° off the nose: the vehicle turns first
+def test_a_repeated_image_keeps_its_pose_and_is_one_sighting():
+    """Later turns and motion have no effect. A second reply to the same image is not another sighting."""
+    vehicle, aside = Follows(), Go(970.0, 500.0, 8.0)  # 43° off the heading: the vehicle turns first
     drone = SteadyDrone(0, vehicle, CAMERA)
     drone.see(0)
     place = seen_place(aside, vehicle.sight(0), CAMERA).place_ned
@@ -282,8 +282,8 @@ def test_the_same_picture_again_is_seen_from_where_it_was_taken():
     assert drone._pursuit.sightings == 1
 
 
-def test_a_turn_to_what_an_earlier_picture_shows_is_from_where_the_nose_is_now():
-    vehicle, aside = Follows(), Go(30.0, 500.0, 40.0)  # 43° left of where the nose was
+def test_a_turn_to_a_place_of_an_earlier_image_starts_from_the_current_heading():
+    vehicle, aside = Follows(), Go(30.0, 500.0, 40.0)  # 43° left of the heading at capture
     drone = SteadyDrone(0, vehicle, CAMERA)
     drone.see(0)
     for action in (Rotate(60.0), aside):

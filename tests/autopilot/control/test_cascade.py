@@ -1,4 +1,4 @@
-"""The cascade: step responses with the real physics, and its reaction to nonsense."""
+"""The control cascade: step responses with the real physics, and reactions to invalid input."""
 
 import itertools
 import math
@@ -18,7 +18,7 @@ from vehicles.airframe import load, names
 
 
 @pytest.mark.parametrize("name", names())
-def test_velocity_step_is_quick_and_calm(name):
+def test_velocity_step_is_fast_and_well_damped(name):
     """0 → 2 m/s, close to a real PX4 (reference/px4.md: 1.4 at 0.5 s, 1.8 at 1 s, 1.95 at 3 s)."""
     flight = Flight(name).hover()
     flight.ask(velocity_ned=(2.0, 0.0, 0.0), yaw_rate=0.0)
@@ -103,8 +103,8 @@ def test_attitude_and_rates_setpoints():
     assert flight.vehicle.truth["rates_frd"] == pytest.approx([0.0, 0.0, 0.6], abs=0.1)
 
 
-def test_velocity_that_is_not_a_number_stops():
-    """As in a real PX4, a NaN vx does not leave the mode; the vehicle brakes."""
+def test_a_nan_velocity_setpoint_stops_the_vehicle():
+    """As in a real PX4, a NaN vx does not end the mode. The vehicle brakes."""
     flight = Flight().hover()
     flight.ask(velocity_ned=(2.0, 1.0, 0.0), yaw=0.0)
     flight.run(3.0)
@@ -113,14 +113,14 @@ def test_velocity_that_is_not_a_number_stops():
     assert np.linalg.norm(flight.vehicle.truth["velocity_ned"]) < 0.2
 
 
-def test_battery_sag_is_taken_up_by_the_hover_estimate():
+def test_the_hover_thrust_estimate_compensates_battery_sag():
     flight = Flight().hover()
     flight.run(10.0)
     assert flight.estimate["hover_thrust"] == pytest.approx(flight.estimate["thrust_setpoint"], rel=0.05)
     assert abs(flight.core.state["velocity_integral"][2]) < 0.5
 
 
-def test_disarmed_and_idle_rotors_get_nothing():
+def test_disarmed_and_idle_rotors_get_no_command():
     flight = Flight().hover()
     flight.ask(KIND_IDLE, armed=1)
     flight.run(0.02)
@@ -132,7 +132,7 @@ def test_disarmed_and_idle_rotors_get_nothing():
     assert not flight.actuators["command"].any()
 
 
-def test_thrust_limit_of_a_take_off_ramp():
+def test_a_low_thrust_limit_keeps_the_vehicle_on_the_ground():
     flight = Flight()
     flight.run(10.0)
     flight.ask(velocity_ned=(0.0, 0.0, -1.0), yaw=0.0, thrust_limit=0.3)
@@ -194,8 +194,8 @@ def test_every_combination_of_uncontrolled_axes_gives_commands():
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
 @pytest.mark.parametrize("kind", [KIND_TRAJECTORY, KIND_ATTITUDE, KIND_RATES])
-def test_nonsense_never_reaches_a_rotor(kind, bad):
-    """Each number of setpoint and estimate in turn, then all at once; afterwards the vehicle flies normally."""
+def test_invalid_inputs_never_reach_a_rotor(kind, bad):
+    """Each field is invalid in turn, then all at once. After each single fault, the commands return to normal."""
     fields = [("estimate", n) for n in ("attitude", "rates_frd", "accel_frd", "velocity_ned", "position_ned")]
     fields += [
         ("setpoint", n) for n in ("position_ned", "velocity_ned", "acceleration_ned", "yaw", "yaw_rate", "attitude")
@@ -216,7 +216,7 @@ def test_nonsense_never_reaches_a_rotor(kind, bad):
                 if field != "time_us":
                     record[field] = good[name][field]
         records["setpoint"]["kind"] = KIND_IDLE
-        bench.run(300)  # the filters forget, the integrals are emptied
+        bench.run(300)  # resets the filters and the integrals
         records["setpoint"]["kind"] = kind
         return bench.run(20).copy()
 
@@ -234,7 +234,7 @@ def test_nonsense_never_reaches_a_rotor(kind, bad):
 
 
 @pytest.mark.parametrize("field", ["position_ned", "velocity_ned", "acceleration_ned", "yaw", "yaw_rate"])
-def test_an_infinite_setpoint_does_not_bring_it_down(field):
+def test_an_infinite_setpoint_does_not_crash_the_vehicle(field):
     flight = Flight().hover()
     flight.ask(**{"velocity_ned": (0.0, 0.0, 0.0), field: np.inf})
     start = flight.run(1.0)
@@ -244,7 +244,7 @@ def test_an_infinite_setpoint_does_not_bring_it_down(field):
     assert np.linalg.norm(flight.estimate["position_ned"] - [0.0, 0.0, -10.0]) < 0.5
 
 
-def test_parameters_by_their_px4_names():
+def test_parameters_are_set_and_read_by_their_px4_names():
     core = FlightCore(load("x500"), overrides={"MPC_XY_VEL_MAX": 5.0})
     defaults = core.parameter_defaults()
     assert defaults["MPC_XY_VEL_MAX"] == 12.0
@@ -260,8 +260,8 @@ def test_parameters_by_their_px4_names():
         core.set_parameter("MPC_XY_P", math.nan)
 
 
-def test_a_quick_flight_is_not_taken_for_a_push_against_a_wall():
-    """Drag that grows with speed needs more integral, and the error does not fall meanwhile."""
+def test_fast_flight_is_not_reported_as_an_obstacle():
+    """Drag grows with speed, so the integral grows, and the error does not fall meanwhile."""
     flight = Flight().hover()
     blocked = 0
     for speed in (5.0, -5.0, 0.0, 5.0):
@@ -284,7 +284,7 @@ def pushed(flight, force, rise_s, seconds=1.0):
 
 
 @pytest.mark.parametrize("way", [(-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)])
-def test_a_knock_is_told_from_a_gust(way):
+def test_a_collision_is_distinguished_from_a_gust(way):
     force = 25.0 * np.array(way)  # N, 1.3 times the weight: stops 1.2 m/s within 0.1 s
     flight = Flight().hover()
     flight.ask(velocity_ned=(0.0, 0.0, 0.0), yaw=0.0)

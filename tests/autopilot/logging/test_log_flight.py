@@ -1,4 +1,4 @@
-"""The flight log is a ULog that pyulog reads, from arming to disarming, in the vehicle's time."""
+"""The flight log is a ULog file from arming to disarming, in the vehicle's time. pyulog can read it."""
 
 import os
 import re
@@ -18,7 +18,7 @@ from tests.autopilot.commander_bench import AIRFRAME, Bench
 
 
 def fly_logged(folder: Path, **parameters: float) -> Bench:
-    """A short flight with a log; the rotors are shown as turning."""
+    """Fly a short flight with a log. The actuator outputs have fixed values for turning rotors."""
     actuators = np.zeros(1, ACTUATORS)[0]
     bench = Bench(profile="minimal", log_dir=folder, actuators=actuators)
     for name, value in parameters.items():
@@ -69,7 +69,7 @@ def test_every_topic_with_a_source_is_logged_at_its_rate(flight: tuple[Bench, UL
             assert 0.8 * topic.rate_hz * seconds - 30 <= count <= topic.rate_hz * seconds + 2, topic.name
 
 
-def test_values_are_what_the_vehicle_did(flight: tuple[Bench, ULog]) -> None:
+def test_logged_values_match_the_flight(flight: tuple[Bench, ULog]) -> None:
     _, log = flight
     position = data(log, "vehicle_local_position")
     assert position["z"].min() == pytest.approx(-5.0, abs=0.5)
@@ -86,14 +86,14 @@ def test_values_are_what_the_vehicle_did(flight: tuple[Bench, ULog]) -> None:
     assert log.msg_info_dict["ver_hw"] == AIRFRAME.name
 
 
-def test_texts_are_logged(flight: tuple[Bench, ULog]) -> None:
+def test_status_texts_are_logged(flight: tuple[Bench, ULog]) -> None:
     _, log = flight
     levels = {m.message: m.log_level_str() for m in log.logged_messages}
     assert levels == dict.fromkeys(levels, "INFO")
     assert any("isarmed" in text for text in levels)
 
 
-def test_px4_tools_accept_it(flight: tuple[Bench, ULog]) -> None:
+def test_px4_tools_accept_the_log(flight: tuple[Bench, ULog]) -> None:
     _, log = flight
     px4 = PX4ULog(log)
     px4.add_roll_pitch_yaw()
@@ -101,13 +101,13 @@ def test_px4_tools_accept_it(flight: tuple[Bench, ULog]) -> None:
     assert np.isfinite(data(log, "vehicle_attitude")["yaw"]).all()
 
 
-def test_same_flight_same_bytes(flight: tuple[Bench, ULog], tmp_path: Path) -> None:
+def test_equal_flights_give_equal_log_bytes(flight: tuple[Bench, ULog], tmp_path: Path) -> None:
     bench, _ = flight
     fly_logged(tmp_path)
     assert (tmp_path / "log001.ulg").read_bytes() == (bench.log.directory.folder / "log001.ulg").read_bytes()
 
 
-def test_readable_after_a_kill_at_any_byte(flight: tuple[Bench, ULog], tmp_path: Path) -> None:
+def test_a_log_cut_within_its_last_60_bytes_is_readable(flight: tuple[Bench, ULog], tmp_path: Path) -> None:
     whole = (flight[0].log.directory.folder / "log001.ulg").read_bytes()
     cut = tmp_path / "cut.ulg"
     for size in range(len(whole) - 60, len(whole), 7):
@@ -116,7 +116,7 @@ def test_readable_after_a_kill_at_any_byte(flight: tuple[Bench, ULog], tmp_path:
 
 
 @pytest.mark.parametrize(("mode", "logs"), [(-1, 0), (0, 2), (1, 1), (2, 1)])
-def test_modes_of_logging(tmp_path: Path, mode: int, logs: int) -> None:
+def test_sdlog_mode_selects_when_a_log_is_written(tmp_path: Path, mode: int, logs: int) -> None:
     bench = Bench(profile="minimal", log_dir=tmp_path)
     bench.autopilot.parameters.set("SDLOG_MODE", mode)
     bench.run(1.0)
@@ -133,7 +133,7 @@ def test_modes_of_logging(tmp_path: Path, mode: int, logs: int) -> None:
         assert ULog(str(log.path)).data_list
 
 
-def test_numbers_go_on_after_a_restart(tmp_path: Path) -> None:
+def test_log_numbers_continue_after_a_restart(tmp_path: Path) -> None:
     (tmp_path / "log007.ulg").write_bytes(b"old")
     (tmp_path / "notes.txt").write_bytes(b"not a log")
     bench = Bench(profile="minimal", log_dir=tmp_path)
@@ -143,7 +143,7 @@ def test_numbers_go_on_after_a_restart(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("most", "kept"), [(0, [1, 2, 3, 4]), (2, [3, 4]), (1, [4])])
-def test_the_oldest_logs_make_room_for_the_next(tmp_path: Path, most: int, kept: list[int]) -> None:
+def test_the_oldest_logs_are_deleted_for_new_logs(tmp_path: Path, most: int, kept: list[int]) -> None:
     (tmp_path / "notes.txt").write_bytes(b"not a log")
     bench = Bench(profile="minimal", log_dir=tmp_path)
     bench.autopilot.parameters.set("SDLOG_DIRS_MAX", most)
@@ -157,7 +157,7 @@ def test_the_oldest_logs_make_room_for_the_next(tmp_path: Path, most: int, kept:
     assert (tmp_path / "notes.txt").exists()
 
 
-def test_a_full_disk_costs_data_and_is_marked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_causes_a_marked_dropout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(profile="minimal", log_dir=tmp_path)
     bench.commander.arm()
     bench.run(0.6)
@@ -176,7 +176,7 @@ def test_a_full_disk_costs_data_and_is_marked(tmp_path: Path, monkeypatch: pytes
     assert 1500 <= log.dropouts[0].duration <= 3000
 
 
-def test_a_folder_that_vanishes_does_not_stop_the_flight(tmp_path: Path) -> None:
+def test_a_deleted_log_folder_does_not_stop_the_flight(tmp_path: Path) -> None:
     bench = Bench(profile="minimal", log_dir=tmp_path / "gone")
     (tmp_path / "gone").rmdir()
     bench.fly(3.0)
@@ -184,7 +184,7 @@ def test_a_folder_that_vanishes_does_not_stop_the_flight(tmp_path: Path) -> None
     assert bench.log.path is None
 
 
-def test_a_log_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
+def test_a_log_folder_that_is_a_file_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match=re.escape(str(tmp_path / "file"))):
         LogDirectory(tmp_path / "file")

@@ -1,7 +1,7 @@
-"""The bytes of a flight log, read by the letter of the ULog specification rather than by a forgiving parser.
+"""A strict ULog reader checks every byte of a flight log.
 
-A second reader written from the specification alone (docs.px4.io, ULog File Format): every offset, every size and
-every number's place is accounted for, so that readers that cast memory (PlotJuggler's) find what pyulog finds.
+The reader is written from the specification alone (docs.px4.io, ULog File Format). It checks every offset and size, so
+that readers that cast memory (PlotJuggler) get the same values as pyulog, which tolerates errors.
 """
 
 import re
@@ -31,7 +31,7 @@ DEFINITIONS, DATA = set("BFIMPQA"), set("ADRLCSOIMPQ")
 
 @dataclass
 class Read:
-    """The contents of a file, as a strict reader sees them."""
+    """The contents of a log file, as parsed by the strict reader."""
 
     start_us: int
     formats: dict[str, list[tuple[str, int, str]]] = field(default_factory=dict)  # name → (type, count, field)
@@ -88,7 +88,7 @@ def keyed(payload: bytes) -> tuple[str, str, bytes]:
 
 
 def messages(data: bytes) -> Iterator[tuple[str, bytes]]:
-    """Yield (type, payload) from the first byte after the header to the last of the file, without a gap."""
+    """Yield (type, payload) of every message from the end of the header to the end of the file."""
     at = 16
     while at < len(data):
         size, kind = struct.unpack_from("<HB", data, at)
@@ -134,7 +134,7 @@ def strictly(data: bytes) -> Read:
             (topic,) = struct.unpack_from("<H", payload)
             name = read.topics[topic]
             codes, _ = layout(read, name)
-            values = struct.unpack("<" + codes, payload[2:])  # exact: neither a byte too many nor one too few
+            values = struct.unpack("<" + codes, payload[2:])  # raises unless the size is exact
             for code, value in zip(codes, values, strict=True):
                 assert code != "B" or 0 <= value <= 255
             read.samples.setdefault(name, []).append(values)
@@ -149,7 +149,7 @@ def strictly(data: bytes) -> Read:
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory) -> Path:
-    """A flight of the whole simulated vehicle: arming, take-off, hold, landing, disarming."""
+    """The log of a flight of the complete simulated vehicle: arming, take-off, hold, landing, disarming."""
     folder: Path = tmp_path_factory.mktemp("log")
     vehicle = SimulatedVehicle(
         0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=5, origin=(47.4, 8.5, 488.0), state_dir=folder
@@ -167,14 +167,14 @@ def log(tmp_path_factory) -> Path:
     return path
 
 
-def test_every_byte_is_accounted_for(log: Path) -> None:
+def test_log_follows_the_ulog_specification(log: Path) -> None:
     read = strictly(log.read_bytes())
     assert len(read.topics) == len(read.formats) > 15
     assert len(read.samples) == len(read.formats)  # every topic of the table has rows in a flight
     assert len(read.parameters) > 100
 
 
-def test_time_runs_forward_in_every_topic_and_through_the_file(log: Path) -> None:
+def test_timestamps_increase_in_every_topic_and_through_the_file(log: Path) -> None:
     read = strictly(log.read_bytes())
     for name, samples in read.samples.items():
         stamps = np.array([sample[0] for sample in samples], np.int64)
@@ -183,7 +183,7 @@ def test_time_runs_forward_in_every_topic_and_through_the_file(log: Path) -> Non
     assert read.start_us <= read.stamps[0]
 
 
-def test_a_sample_is_no_younger_than_its_message(log: Path) -> None:
+def test_sample_time_is_not_after_the_message_time(log: Path) -> None:
     read = strictly(log.read_bytes())
     checked = 0
     for name, samples in read.samples.items():
@@ -226,7 +226,7 @@ def test_pyulog_reads_the_same_numbers(log: Path) -> None:
         lambda data: data.replace(b"vehicle_attitude:", b"vehicle_attitudi:", 1),
     ],
 )
-def test_the_strict_reader_is_strict(log: Path, damage) -> None:
+def test_the_strict_reader_rejects_damaged_logs(log: Path, damage) -> None:
     with pytest.raises((AssertionError, KeyError, struct.error)):
         strictly(damage(log.read_bytes()))
 

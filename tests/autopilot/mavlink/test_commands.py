@@ -44,14 +44,14 @@ ARM = dialect.MAV_CMD_COMPONENT_ARM_DISARM
         (dialect.MAV_CMD_GET_MESSAGE_INTERVAL, (dialect.MAVLINK_MSG_ID_ATTITUDE,), ACCEPTED),
     ],
 )
-def test_results_while_disarmed(bench: Bench, command: int, parameters: tuple[float, ...], result: int) -> None:
-    for _ in range(2):  # a client that missed the answer repeats the command
+def test_command_results_while_disarmed(bench: Bench, command: int, parameters: tuple[float, ...], result: int) -> None:
+    for _ in range(2):  # a client that missed the acknowledgement repeats the command
         assert bench.client.command(command, *parameters) == result
     assert not bench.commander.armed
 
 
 @pytest.mark.parametrize("command", [dialect.MAV_CMD_NAV_TAKEOFF, dialect.MAV_CMD_NAV_LAND, dialect.MAV_CMD_DO_ORBIT])
-def test_command_int_means_the_same(bench: Bench, command: int) -> None:
+def test_command_int_has_the_same_effect_as_command_long(bench: Bench, command: int) -> None:
     assert bench.client.command_int(command, (math.nan,) * 4, z=math.nan) == ACCEPTED
     assert bench.commander.mode in ("TAKEOFF", "LAND", "ORBIT")
 
@@ -65,7 +65,7 @@ def test_arming_and_disarming_are_idempotent(bench: Bench) -> None:
     assert not bench.commander.armed
 
 
-def test_commands_for_somebody_else_fail_and_broadcasts_stay_silent(bench: Bench) -> None:
+def test_commands_to_other_targets_fail_and_broadcasts_get_no_acknowledgement(bench: Bench) -> None:
     client = bench.client
     assert client.command(ARM, 1, target=(7, 1)) == FAILED
     assert client.command(ARM, 1, target=(1, 190)) == FAILED
@@ -76,7 +76,7 @@ def test_commands_for_somebody_else_fail_and_broadcasts_stay_silent(bench: Bench
     assert client.command(ARM, 1, target=(1, 0)) == ACCEPTED  # pymavlink addresses component 0
 
 
-def test_not_ready_means_rejected_with_a_reason() -> None:
+def test_a_vehicle_that_is_not_ready_rejects_arming_with_a_reason() -> None:
     bench = Bench(profile="minimal", converged=False)
     assert bench.client.arm() == REJECTED
     assert any(text.startswith("Arming denied: ") for text in bench.client.texts())
@@ -96,7 +96,7 @@ def test_an_empty_battery_cannot_arm(bench: Bench) -> None:
     assert any("battery" in text for text in bench.client.texts())
 
 
-def test_land_mode_chosen_on_the_ground_cannot_arm(bench: Bench) -> None:
+def test_land_mode_selected_on_the_ground_prevents_arming(bench: Bench) -> None:
     bench.client.command(dialect.MAV_CMD_NAV_LAND)
     assert bench.client.arm() == DENIED
     assert bench.client.mode(4, 3) == ACCEPTED
@@ -137,8 +137,10 @@ def test_every_mode_can_be_selected_while_disarmed(bench: Bench) -> None:
         ((88, 0, 0), ACCEPTED, "POSCTL"),
     ],
 )  # fmt: skip
-def test_a_mode_in_other_words(bench: Bench, parameters: tuple[int, int, int], result: int, mode: str) -> None:
-    """As measured on a PX4 1.15.4 on the ground: DO_SET_MODE, and SET_MODE with the same content."""
+def test_do_set_mode_and_set_mode_select_the_same_mode(
+    bench: Bench, parameters: tuple[int, int, int], result: int, mode: str
+) -> None:
+    """The expected results were measured on a PX4 1.15.4 on the ground."""
     base, main, sub = parameters
     assert bench.client.mode(4, 3) == ACCEPTED
     assert bench.client.command(dialect.MAV_CMD_DO_SET_MODE, base, main, sub) == result
@@ -153,8 +155,8 @@ def test_a_mode_in_other_words(bench: Bench, parameters: tuple[int, int, int], r
     assert bench.commander.mode == mode
 
 
-def test_a_mode_of_another_computer_is_shown_and_cannot_fly(bench: Bench) -> None:
-    """PX4 while no computer has registered the mode: `checkNonRegisteredModes` and `checkModeFallback`."""
+def test_an_unregistered_external_mode_is_shown_and_cannot_fly(bench: Bench) -> None:
+    """Same as PX4 while no computer has registered the mode: `checkNonRegisteredModes` and `checkModeFallback`."""
     client = bench.client
     assert client.mode(4, 11) == ACCEPTED
     assert client.of("HEARTBEAT")[-1].custom_mode == MODES["EXTERNAL1"].custom_mode
@@ -169,7 +171,7 @@ def test_a_mode_of_another_computer_is_shown_and_cannot_fly(bench: Bench) -> Non
     assert bench.commander.mode == "RETURN"
 
 
-def test_a_mode_of_another_computer_is_rejected_in_flight(bench: Bench) -> None:
+def test_an_unregistered_external_mode_is_rejected_in_flight(bench: Bench) -> None:
     bench.fly()
     mode = bench.commander.mode
     assert bench.client.mode(4, 11) == REJECTED
@@ -187,10 +189,10 @@ def test_the_heartbeat_shows_a_change_at_once(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in mavutil.px4_map if name not in ("RATTITUDE", "RTGS")])
-def test_a_mode_by_its_name_in_pymavlink(bench: Bench, name: str) -> None:
-    """pymavlink's `set_mode(NAME)` as sent to a PX4, and the name that it then shows."""
+def test_pymavlink_mode_names_select_the_mode_of_that_name(bench: Bench, name: str) -> None:
+    """Sends the command of pymavlink's `set_mode(NAME)`, and checks the name that pymavlink then shows."""
     assert bench.client.command(dialect.MAV_CMD_DO_SET_MODE, *mavutil.px4_map[name], 0, 0, 0, 0) == ACCEPTED
-    bench.run(1.1)  # a heartbeat, which the current mode does not send at once
+    bench.run(1.1)  # until the next heartbeat
     assert mavutil.mode_string_v10(bench.client.of("HEARTBEAT")[-1]) == name
 
 
@@ -213,7 +215,7 @@ def test_termination_stops_the_rotors_for_good(bench: Bench) -> None:
     assert bench.client.mode(4, 3) == REJECTED
 
 
-def test_auto_disarm_without_a_take_off(bench: Bench) -> None:
+def test_the_vehicle_disarms_when_no_take_off_follows(bench: Bench) -> None:
     assert bench.client.arm() == ACCEPTED
     bench.run(9.5)
     assert bench.commander.armed
@@ -221,7 +223,7 @@ def test_auto_disarm_without_a_take_off(bench: Bench) -> None:
     assert not bench.commander.armed
 
 
-def test_go_to_a_place(bench: Bench) -> None:
+def test_do_reposition_reaches_the_position(bench: Bench) -> None:
     bench.fly()
     lat, lon = ORIGIN[0] + 20.0 / 111194.9, ORIGIN[1]
     result = bench.client.command_int(
@@ -256,7 +258,7 @@ def test_home_can_be_moved(bench: Bench) -> None:
     assert (home.latitude, home.longitude, home.altitude) == (place[0], place[1], 500_000)
 
 
-def test_version_and_modes_on_request(bench: Bench) -> None:
+def test_version_and_modes_are_sent_on_request(bench: Bench) -> None:
     client = bench.client
     client.command(dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
     capabilities = client.of("AUTOPILOT_VERSION")[-1].capabilities
@@ -268,7 +270,7 @@ def test_version_and_modes_on_request(bench: Bench) -> None:
     assert {m.custom_mode for m in modes} >= {MODES["HOLD"].custom_mode, MODES["OFFBOARD"].custom_mode}
 
 
-def test_empty_services_answer_at_once(bench: Bench) -> None:
+def test_missions_logs_and_files_answer_at_once_when_empty(bench: Bench) -> None:
     client = bench.client
     for kind in (0, 1, 2):
         client.send(dialect.MAVLink_mission_request_list_message(1, 1, kind))
@@ -284,7 +286,7 @@ def test_empty_services_answer_at_once(bench: Bench) -> None:
     assert (payload[0], payload[3], payload[5], payload[12]) == (6, 129, 4, 10)
 
 
-def test_two_ports_live_apart(bench: Bench) -> None:
+def test_two_ports_have_their_own_streams_and_sequence_numbers(bench: Bench) -> None:
     second = Client(bench.autopilot.open_port("minimal"), 255, 0)
     interval = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
     assert second.command(interval, dialect.MAVLINK_MSG_ID_ATTITUDE, 100_000) == ACCEPTED
@@ -297,5 +299,5 @@ def test_two_ports_live_apart(bench: Bench) -> None:
         numbers = [m.get_seq() for m in client.inbox]
         assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(numbers))
     assert second.arm() == ACCEPTED
-    assert not bench.client.of("COMMAND_ACK")  # only the sender hears the answer
+    assert not bench.client.of("COMMAND_ACK")  # only the sender gets the acknowledgement
     assert bench.client.of("HEARTBEAT")[-1].base_mode & 128

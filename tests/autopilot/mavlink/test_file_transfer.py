@@ -1,4 +1,4 @@
-"""MAVLink FTP: readable and writable files, refusals, and no name outside the card and the log folder."""
+"""MAVLink FTP: reads, writes and errors. No path leads outside the memory card and the log folder."""
 
 import errno
 import struct
@@ -21,7 +21,7 @@ CONTENT = bytes(range(256)) * 300 + b"end"  # longer than one burst
 
 
 class Files:
-    """A client of the protocol, one request at a time."""
+    """An FTP client that sends one request at a time."""
 
     def __init__(self, client: Client) -> None:
         self.client = client
@@ -70,7 +70,7 @@ class Files:
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    """The log folder, with the memory card and a secret beside it."""
+    """The log folder. The memory card and a secret file are next to it."""
     (tmp_path / "secret").write_text("not yours")
     (tmp_path / "card").mkdir()
     folder = tmp_path / "log"
@@ -102,7 +102,7 @@ def read(files: Files, name: str) -> bytes:
     return data
 
 
-def test_the_tree_is_shown(files: Files) -> None:
+def test_directories_are_listed(files: Files) -> None:
     assert files.listed("/") == ["D@PARAM", "Dfs"]
     assert files.listed("fs/") == ["Dmicrosd"]
     assert files.listed("/fs/microsd") == ["Dlog"]
@@ -110,14 +110,14 @@ def test_the_tree_is_shown(files: Files) -> None:
     assert files.listed("/@PARAM")[0].startswith("Fparam.pck\t")
 
 
-def test_times_are_shown_on_request(files: Files, root: Path) -> None:
+def test_listing_with_time_includes_modification_times(files: Files, root: Path) -> None:
     (root / "folder").mkdir()
     folder, log = files.listed("/fs/microsd/log", ftp.LIST_DIRECTORY_WITH_TIME)
     assert folder.split("\t")[:2] == ["Dfolder", "0"]
     assert log == f"Flog001.ulg\t{len(CONTENT)}\t{int((root / 'log001.ulg').stat().st_mtime)}"
 
 
-def test_long_directories_come_in_parts(files: Files, root: Path) -> None:
+def test_a_long_directory_is_listed_in_several_replies(files: Files, root: Path) -> None:
     names = sorted(["log001.ulg", *(f"{i:03d}{'x' * (i % 200)}" for i in range(120)), "y" * 240])
     for name in names[:-2] + names[-1:]:
         (root / name).touch()
@@ -128,10 +128,10 @@ def test_long_directories_come_in_parts(files: Files, root: Path) -> None:
     ]
 
 
-def test_a_file_is_read_and_checked(files: Files) -> None:
+def test_a_file_is_read_and_its_checksum_is_computed(files: Files) -> None:
     assert read(files, LOG) == CONTENT
     (crc,) = struct.unpack("<I", files.done(ftp.CHECKSUM, LOG).data)
-    expected = 0  # bit by bit, as the protocol's description has it
+    expected = 0  # CRC-32 bit by bit, as in the description of the protocol
     for byte in CONTENT:
         expected ^= byte
         for _ in range(8):
@@ -163,7 +163,7 @@ def test_a_burst_streams_the_file_in_bounded_portions(files: Files, bench: Bench
     assert len(bench.autopilot.node.file_sessions) == 1
 
 
-def test_a_burst_at_the_end_says_so(files: Files, bench: Bench) -> None:
+def test_a_burst_at_the_end_of_the_file_returns_eof(files: Files, bench: Bench) -> None:
     session = files.done(ftp.OPEN_TO_READ, LOG).session
     head = struct.pack("<HBBBBBBI", 7, session, ftp.BURST_READ, 239, 0, 0, 0, len(CONTENT))
     files.client.forget()
@@ -208,7 +208,7 @@ def test_files_are_written_renamed_and_removed(files: Files, root: Path) -> None
     assert [path.name for path in root.iterdir()] == ["log001.ulg"]
 
 
-def test_a_client_keeps_files_on_the_card(files: Files, root: Path) -> None:
+def test_a_client_can_create_rename_and_remove_files_on_the_card(files: Files, root: Path) -> None:
     card = root.parent / "card"
     files.done(ftp.MAKE_FOLDER, "/fs/microsd/etc")
     session = files.done(ftp.CREATE, "/fs/microsd/etc/extras.txt").session
@@ -226,11 +226,11 @@ def test_a_client_keeps_files_on_the_card(files: Files, root: Path) -> None:
     assert list(card.iterdir()) == []
 
 
-def test_a_full_card_takes_nothing_more_but_gives_back(files: Files, root: Path) -> None:
+def test_a_full_card_rejects_writes_and_accepts_removals(files: Files, root: Path) -> None:
     session = files.done(ftp.CREATE, "/fs/microsd/first").session
     files.done(ftp.TERMINATE_SESSION, session=session)
     with (root.parent / "card" / "large").open("wb") as large:
-        large.truncate(CARD_BYTES)  # takes no place on the disk
+        large.truncate(CARD_BYTES)  # a sparse file
     full = bytes([2, errno.ENOSPC])
     for folder in ("/fs/microsd", "/fs/microsd/log"):
         assert files.refused(ftp.CREATE, f"{folder}/second") == full
@@ -245,7 +245,7 @@ def test_a_full_card_takes_nothing_more_but_gives_back(files: Files, root: Path)
     files.done(ftp.CREATE, "/fs/microsd/second")
 
 
-def test_refusals_have_their_codes(files: Files, root: Path) -> None:
+def test_errors_have_the_right_codes_and_change_nothing(files: Files, root: Path) -> None:
     (root / "link").symlink_to(root.parent / "secret")
     (root / "up").symlink_to(root.parent)
     (root.parent / "card" / "up").symlink_to(root.parent)
@@ -287,14 +287,14 @@ def test_refusals_have_their_codes(files: Files, root: Path) -> None:
         assert (root / "log001.ulg").read_bytes() == CONTENT, (opcode, data)
 
 
-def test_too_much_data_is_refused(files: Files) -> None:
+def test_too_much_data_is_rejected(files: Files) -> None:
     assert files.refused(ftp.OPEN_TO_READ, LOG, size=240) == b"\x03"
     session = files.done(ftp.CREATE, "/fs/microsd/log/new").session
-    assert files.refused(ftp.WRITE, b"x", session=session, offset=0xFFFFFFF0) == b"\x01"  # the disk cannot be filled
+    assert files.refused(ftp.WRITE, b"x", session=session, offset=0xFFFFFFF0) == b"\x01"  # no client can fill the disk
     assert files.refused(ftp.TRUNCATE, "/fs/microsd/log/new", offset=0xFFFFFFF0) == b"\x01"
 
 
-def test_a_repeated_request_is_not_carried_out_again(files: Files, root: Path, bench: Bench) -> None:
+def test_a_repeated_request_is_not_executed_again(files: Files, root: Path, bench: Bench) -> None:
     first = files.done(ftp.MAKE_FOLDER, "/fs/microsd/log/folder", sequence=10)
     assert files.done(ftp.MAKE_FOLDER, "/fs/microsd/log/folder", sequence=10) == first
     assert files.refused(ftp.MAKE_FOLDER, "/fs/microsd/log/folder", sequence=11) == b"\x08"
@@ -315,7 +315,7 @@ def test_sessions_belong_to_their_client_and_are_limited(files: Files, bench: Be
         files.done(ftp.OPEN_TO_READ, LOG)
     assert other.refused(ftp.OPEN_TO_READ, LOG) == b"\x05"
     bench.run(IDLE_US * 1e-6 + 1)
-    other.done(ftp.OPEN_TO_READ, LOG)  # a client that has gone does not hold its files for ever
+    other.done(ftp.OPEN_TO_READ, LOG)  # idle sessions of a client expire
     assert len(bench.autopilot.node.file_sessions) == MOST
 
 
@@ -329,7 +329,7 @@ def test_the_log_being_written_is_protected_but_readable(files: Files, bench: Be
     assert read(files, name).startswith(b"ULog")
 
 
-def test_the_parameter_file_says_what_the_parameters_are(files: Files, bench: Bench) -> None:
+def test_the_parameter_file_contains_the_current_values(files: Files, bench: Bench) -> None:
     bench.autopilot.parameters.set("MIS_TAKEOFF_ALT", 7.25)
     bench.autopilot.parameters.set("COM_RCL_EXCEPT", 4)
     parameters = bench.autopilot.parameters
@@ -344,7 +344,9 @@ NAME_PARTS = st.sampled_from(["fs", "microsd", "log", "..", ".", "", "a", "secre
 @given(parts=st.lists(NAME_PARTS | st.text(max_size=5), max_size=8), opcode=st.sampled_from(
     [ftp.CREATE, ftp.OPEN_TO_WRITE, ftp.MAKE_FOLDER, ftp.REMOVE_FILE, ftp.REMOVE_FOLDER]))  # fmt: skip
 @FUZZ
-def test_no_name_leads_outside(bench: Bench, root: Path, parts: list[str], opcode: int) -> None:
+def test_no_path_leads_outside_the_card_and_the_log_folder(
+    bench: Bench, root: Path, parts: list[str], opcode: int
+) -> None:
     for link in (root / "up", root.parent / "card" / "up"):
         if not link.is_symlink() and not link.exists():
             link.symlink_to(root.parent)
@@ -354,7 +356,7 @@ def test_no_name_leads_outside(bench: Bench, root: Path, parts: list[str], opcod
     assert bench.autopilot.node.handler_errors == 0
 
 
-def test_without_a_log_folder_there_are_still_parameters() -> None:
+def test_the_parameter_file_is_readable_without_a_log_folder() -> None:
     files = Files(Bench(profile="minimal").client)
     assert files.listed("/fs/microsd") == []
     assert files.refused(ftp.OPEN_TO_READ, LOG) == b"\x0a"
@@ -380,7 +382,7 @@ NAMES = st.sampled_from(
     )
 )  # fmt: skip
 @FUZZ
-def test_any_sequence_of_requests_is_answered_and_stays_inside(bench: Bench, root: Path, requests: list[Any]) -> None:
+def test_any_requests_are_answered_and_stay_inside_the_folders(bench: Bench, root: Path, requests: list[Any]) -> None:
     files = Files(bench.client)
     for opcode, session, offset, data, size in requests:
         if opcode == ftp.BURST_READ:
@@ -395,7 +397,7 @@ def test_any_sequence_of_requests_is_answered_and_stays_inside(bench: Bench, roo
 
 @given(payload=st.binary(min_size=251, max_size=251))
 @FUZZ
-def test_any_payload_is_survived(bench: Bench, payload: bytes) -> None:
+def test_no_payload_causes_a_handler_error(bench: Bench, payload: bytes) -> None:
     bench.client.send(dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, list(payload)))
     bench.run(0.1)
     bench.client.forget()

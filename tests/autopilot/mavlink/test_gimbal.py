@@ -20,7 +20,7 @@ NAN = math.nan
 
 
 class Moving(Bench):
-    """A bench whose gimbal moves with its clock."""
+    """A bench with a gimbal that moves at every tick."""
 
     def __init__(self) -> None:
         self.gimbal = Gimbal(LIMITS, -5.0)
@@ -46,7 +46,7 @@ def pitch_deg(bench: Moving) -> float:
     return math.degrees(pitch)
 
 
-def test_a_client_learns_what_the_gimbal_can(bench: Moving) -> None:
+def test_gimbal_information_has_limits_and_capabilities(bench: Moving) -> None:
     assert bench.client.command(REQUEST, dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION) == ACCEPTED
     (reported,) = bench.client.of("GIMBAL_MANAGER_INFORMATION")
     assert (math.degrees(reported.pitch_min), math.degrees(reported.pitch_max)) == pytest.approx((-80.0, 20.0))
@@ -55,7 +55,7 @@ def test_a_client_learns_what_the_gimbal_can(bench: Moving) -> None:
     assert reported.cap_flags & dialect.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_AXIS
 
 
-def test_it_goes_where_it_is_commanded_at_its_own_rate(bench: Moving) -> None:
+def test_the_gimbal_reaches_the_commanded_pitch_at_its_rate_limit(bench: Moving) -> None:
     assert pitch_deg(bench) == pytest.approx(-5.0, abs=1e-3)
     assert bench.client.command(POINT, -65.0, NAN, NAN, NAN, 12, 0, 0) == ACCEPTED
     bench.run(0.6)
@@ -73,7 +73,7 @@ def test_it_goes_where_it_is_commanded_at_its_own_rate(bench: Moving) -> None:
     assert pitch_deg(bench) == pytest.approx(-5.0, abs=1e-3)
 
 
-def test_only_who_is_in_control_commands_it(bench: Moving) -> None:
+def test_only_clients_in_control_can_command_the_gimbal(bench: Moving) -> None:
     other = Client(bench.autopilot.open_port("minimal"), system=250, component=191)
     assert other.command(POINT, -10.0, NAN, NAN, NAN, 12, 0, 0) == ACCEPTED  # no client is in control
     assert bench.client.command(CONFIGURE, -2, -2, -1, -1, 0, 0, 0) == ACCEPTED
@@ -83,13 +83,13 @@ def test_only_who_is_in_control_commands_it(bench: Moving) -> None:
     assert (status.primary_control_sysid, status.primary_control_compid) == (245, 190)
     assert other.command(POINT, -20.0, NAN, NAN, NAN, 12, 0, 0) == DENIED
     assert bench.client.command(POINT, -30.0, NAN, NAN, NAN, 12, 0, 0) == ACCEPTED
-    assert bench.client.command(CONFIGURE, -1, -1, 250, 191, 0, 0, 0) == ACCEPTED  # the other one, too
+    assert bench.client.command(CONFIGURE, -1, -1, 250, 191, 0, 0, 0) == ACCEPTED  # secondary control for the other
     assert other.command(POINT, -20.0, NAN, NAN, NAN, 12, 0, 0) == ACCEPTED
     assert bench.client.command(CONFIGURE, -3, -3, 0, 0, 0, 0, 0) == ACCEPTED
     assert Client(bench.autopilot.open_port("minimal"), 9, 9).command(POINT, 0, NAN, NAN, NAN, 12, 0, 0) == ACCEPTED
 
 
-def test_without_numbers_and_without_a_gimbal_it_is_refused(bench: Moving) -> None:
+def test_commands_without_angles_or_without_a_gimbal_are_rejected(bench: Moving) -> None:
     assert bench.client.command(POINT, NAN, NAN, NAN, NAN, 12, 0, 0) == DENIED
     assert bench.client.command(POINT, -10.0, NAN, NAN, NAN, 12, 0, 5) == UNSUPPORTED  # another device
     fixed = Bench()

@@ -1,4 +1,4 @@
-"""Calibrations, failure injection, vibration, sticks as channels, and heartbeats that pass from link to link."""
+"""Calibration, failure injection, vibration, sticks as RC channels, and heartbeats forwarded between links."""
 
 import math
 from typing import Any
@@ -31,7 +31,7 @@ def calibrated(bench: Bench, sensor: str) -> list[str]:
 
 
 @pytest.mark.parametrize("sensor", sorted(ASKED))
-def test_a_resting_vehicle_is_calibrated(bench: Bench, sensor: str) -> None:
+def test_calibration_of_a_vehicle_at_rest_succeeds(bench: Bench, sensor: str) -> None:
     texts = calibrated(bench, sensor)
     assert texts[0] == f"[cal] calibration started: 2 {sensor}"
     progress = [int(t.split("<")[1].rstrip(">")) for t in texts if "progress" in t]
@@ -46,18 +46,20 @@ def test_a_resting_vehicle_is_calibrated(bench: Bench, sensor: str) -> None:
     [("gyro", "gyro_frd", (0.3, 0, 0), "moves"), ("mag", "mag_frd", (0, 0, 0), "field"),
      ("accel", "accel_frd", (0, 0, -5.0), "gravity"), ("accel", "gyro_frd", (math.nan, 0, 0), "moves")],
 )  # fmt: skip
-def test_a_bad_sensor_fails(bench: Bench, sensor: str, field: str, value: tuple[float, ...], reason: str) -> None:
+def test_calibration_of_a_bad_sensor_fails_with_a_reason(
+    bench: Bench, sensor: str, field: str, value: tuple[float, ...], reason: str
+) -> None:
     bench.sensors[field] = value
     texts = calibrated(bench, sensor)
     assert texts[-1].startswith("[cal] calibration failed: ")
     assert reason in texts[-1]
 
 
-def test_one_calibration_at_a_time_and_none_in_flight(bench: Bench) -> None:
+def test_calibrations_do_not_overlap_and_are_rejected_while_armed(bench: Bench) -> None:
     client = bench.client
     assert client.command(CALIBRATE, *ASKED["gyro"]) == ACCEPTED
     bench.run(0.5)
-    assert client.command(CALIBRATE, *ASKED["gyro"]) == ACCEPTED  # the acknowledgement was lost
+    assert client.command(CALIBRATE, *ASKED["gyro"]) == ACCEPTED  # a repeat by a client that missed the acknowledgement
     assert client.command(CALIBRATE, *ASKED["mag"]) == REJECTED
     assert client.arm() == REJECTED
     client.command(dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HEARTBEAT)
@@ -87,7 +89,7 @@ def test_failure_injection_reaches_the_vehicle() -> None:
     assert injected == [(gps, off, 0), (dialect.FAILURE_UNIT_SENSOR_VIO, off, 2)]
 
 
-def test_without_a_simulator_nothing_can_be_broken(bench: Bench) -> None:
+def test_failure_injection_is_unsupported_without_a_simulator(bench: Bench) -> None:
     bench.autopilot.parameters.set("SYS_FAILURE_EN", 1)
     assert bench.client.command(INJECT, dialect.FAILURE_UNIT_SENSOR_GPS, dialect.FAILURE_TYPE_OFF) == UNSUPPORTED
 
@@ -98,7 +100,7 @@ def request(bench: Bench, kind: str) -> Any:
     return messages[-1] if messages else None
 
 
-def test_vibration_is_told(bench: Bench) -> None:
+def test_vibration_message_reports_the_estimate(bench: Bench) -> None:
     estimate = bench.core.estimate
     estimate["vibration_gyro"], estimate["vibration_accel"], estimate["clipped"] = 0.5, 6.0, (1, 2, 3)
     bench.tick()
@@ -107,7 +109,7 @@ def test_vibration_is_told(bench: Bench) -> None:
     assert (reported.clipping_0, reported.clipping_1, reported.clipping_2) == (1, 2, 3)
 
 
-def test_sticks_show_as_channels(bench: Bench) -> None:
+def test_sticks_are_reported_as_rc_channels(bench: Bench) -> None:
     assert request(bench, "RC_CHANNELS") is None
     bench.client.send(dialect.MAVLink_manual_control_message(1, 1000, -500, 250, 0, 0))
     bench.tick()
@@ -118,7 +120,7 @@ def test_sticks_show_as_channels(bench: Bench) -> None:
     assert request(bench, "RC_CHANNELS").rssi == 0
 
 
-def test_heartbeats_pass_to_the_other_links_and_not_back() -> None:
+def test_heartbeats_are_forwarded_to_other_links_and_not_back() -> None:
     bench = Bench(profile="onboard")
     station = Client(bench.autopilot.open_port("gcs"), 255, 190)
     log = Client(bench.autopilot.open_port("minimal"), 42, 1)
@@ -131,7 +133,7 @@ def test_heartbeats_pass_to_the_other_links_and_not_back() -> None:
     assert not [m for m in log.of("HEARTBEAT") if m.get_srcSystem() == 255]
     own = Packer(1, 1).pack(dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3))
     bench.client.forget()
-    station.port.receive(own)  # an echo of the vehicle itself goes nowhere
+    station.port.receive(own)  # an echo of the vehicle itself is not forwarded
     assert not bench.client.of("HEARTBEAT")
 
 
@@ -144,7 +146,7 @@ def test_every_selectable_mode_is_listed(bench: Bench) -> None:
     assert [m.mode_index for m in modes] == list(range(1, len(modes) + 1))
 
 
-def test_a_fast_stream_follows_every_tick() -> None:
+def test_a_fast_stream_sends_one_message_per_tick() -> None:
     bench = Bench(profile="onboard")
     bench.client.forget()
     bench.run(2.0)

@@ -1,6 +1,7 @@
-"""A ground station connects as QGroundControl does, on its own port. Every question gets an answer.
+"""A ground station connects on its own port as QGroundControl does, and gets a reply to every request.
 
-The order is that of QGroundControl's source (`src/Vehicle/InitialConnectStateMachine.cc`), which nobody ran here.
+The order of the requests is that of QGroundControl's source (`src/Vehicle/InitialConnectStateMachine.cc`).
+QGroundControl itself was not run.
 """
 
 import pytest
@@ -22,7 +23,7 @@ def requested(bench: Bench, message_id: int, parameter: float = 0.0) -> int | No
     return bench.client.command(dialect.MAV_CMD_REQUEST_MESSAGE, message_id, parameter)
 
 
-def test_a_heartbeat_says_that_it_is_a_px4_with_modes_of_its_own(bench: Bench) -> None:
+def test_heartbeat_identifies_a_px4_quadrotor_with_custom_modes(bench: Bench) -> None:
     bench.run(1.0)
     beat = bench.client.of("HEARTBEAT")[-1]
     assert (beat.get_srcSystem(), beat.get_srcComponent()) == (1, 1)
@@ -30,7 +31,7 @@ def test_a_heartbeat_says_that_it_is_a_px4_with_modes_of_its_own(bench: Bench) -
     assert beat.base_mode & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
-def test_all_that_is_asked_at_the_start_is_answered(bench: Bench) -> None:
+def test_every_request_of_the_initial_connection_gets_a_reply(bench: Bench) -> None:
     client = bench.client
     assert requested(bench, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == ACCEPTED
     assert client.of("AUTOPILOT_VERSION")[-1].flight_sw_version
@@ -43,7 +44,7 @@ def test_all_that_is_asked_at_the_start_is_answered(bench: Bench) -> None:
         assert mode.mode_index == index
         modes = mode.number_modes
     assert modes > 5
-    for description in (COMPONENT_METADATA, COMPONENT_INFORMATION):  # there is none, and the answer says so
+    for description in (COMPONENT_METADATA, COMPONENT_INFORMATION):  # there is none, so the request is denied
         assert requested(bench, description) == DENIED
     client.forget()
     client.send(dialect.MAVLink_param_request_list_message(1, 1))
@@ -57,7 +58,7 @@ def test_all_that_is_asked_at_the_start_is_answered(bench: Bench) -> None:
         assert (answer.count, answer.mission_type) == (0, kind)
 
 
-def test_then_it_has_all_that_is_shown_of_a_flight(bench: Bench) -> None:
+def test_the_gcs_profile_streams_the_messages_of_the_flight_display(bench: Bench) -> None:
     bench.client.forget()
     bench.run(5.0)
     for kind in ("ATTITUDE", "GLOBAL_POSITION_INT", "VFR_HUD", "GPS_RAW_INT", "SYS_STATUS", "BATTERY_STATUS",

@@ -1,4 +1,4 @@
-"""Nothing that arrives on a wire stops the flight."""
+"""No bytes that arrive on a link stop the autopilot."""
 
 import random
 import struct
@@ -29,7 +29,7 @@ def alive(bench: Bench) -> None:
 
 
 def with_payload(kind: str, payload: bytes) -> bytes:
-    """A valid frame of a message type around an arbitrary payload."""
+    """Return a valid frame of a message type with an arbitrary payload."""
     cls = CLASSES[kind]
     size = cls.unpacker.size
     message = object.__new__(cls)
@@ -40,14 +40,14 @@ def with_payload(kind: str, payload: bytes) -> bytes:
 
 @FUZZ
 @given(data=st.binary(max_size=600))
-def test_random_bytes(bench: Bench, data: bytes) -> None:
+def test_the_autopilot_survives_random_bytes(bench: Bench, data: bytes) -> None:
     bench.client.port.receive(data)
-    bench.client.port.receive(b"\0" * 300)  # ends any frame that the bytes have announced
+    bench.client.port.receive(b"\0" * 300)  # completes any frame that the bytes began
     alive(bench)
 
 
-@pytest.mark.parametrize("kind", sorted(set(HANDLERS) - {"SETUP_SIGNING"}))  # it makes the port deaf: test_signing
-def test_every_message_with_any_payload(bench: Bench, kind: str) -> None:
+@pytest.mark.parametrize("kind", sorted(set(HANDLERS) - {"SETUP_SIGNING"}))  # locks the port: see test_signing
+def test_the_autopilot_survives_every_message_with_any_payload(bench: Bench, kind: str) -> None:
     generator = random.Random(kind)
     size = CLASSES[kind].unpacker.size
     special = [struct.pack("<f", x) for x in (float("nan"), float("inf"), -float("inf"), 3.4e38, -0.0)]
@@ -66,7 +66,7 @@ def test_every_message_with_any_payload(bench: Bench, kind: str) -> None:
         bench.client.port.receive(with_payload(kind, bytes(payload)))
     alive(bench)
     bench.commander.disarm(force=True)
-    assert bench.autopilot.node.handler_errors == 0  # not even caught at the door
+    assert bench.autopilot.node.handler_errors == 0  # no handler raised an error, not even one that the node caught
 
 
 def _widths(kind: str) -> list[int]:
@@ -83,7 +83,7 @@ def _widths(kind: str) -> list[int]:
 @given(
     flips=st.lists(st.tuples(st.integers(0, 60), st.integers(1, 255)), min_size=1, max_size=4), cut=st.integers(0, 20)
 )
-def test_damaged_frames_are_dropped(bench: Bench, flips: list[tuple[int, int]], cut: int) -> None:
+def test_the_autopilot_survives_damaged_frames(bench: Bench, flips: list[tuple[int, int]], cut: int) -> None:
     frame = bytearray(Packer(245, 190).pack(dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)))
     for at, value in flips:
         frame[at % len(frame)] ^= value
@@ -93,7 +93,7 @@ def test_damaged_frames_are_dropped(bench: Bench, flips: list[tuple[int, int]], 
     bench.commander.disarm(force=True)
 
 
-def test_garbage_is_counted_and_said_once(bench: Bench) -> None:
+def test_garbage_is_counted_and_reported_once(bench: Bench) -> None:
     fresh = Bench(profile="minimal")
     fresh.client.forget()
     for _ in range(5):
@@ -103,7 +103,7 @@ def test_garbage_is_counted_and_said_once(bench: Bench) -> None:
     assert len([t for t in fresh.client.texts() if "Malformed" in t]) == 1
 
 
-def test_our_own_echo_is_ignored() -> None:
+def test_an_echo_of_the_vehicle_is_ignored() -> None:
     bench = Bench(profile="minimal")
     message = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
     bench.client.port.receive(Packer(1, 1).pack(message))

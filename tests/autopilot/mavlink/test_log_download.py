@@ -17,7 +17,7 @@ SIZES = (1000, 90 * 7, 0, 5000)
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Bench:
-    """Four logs of known bytes."""
+    """A bench with four logs of reproducible bytes."""
     generator = random.Random(1)
     for number, size in enumerate(SIZES, start=1):
         (tmp_path / f"log{number:03d}.ulg").write_bytes(generator.randbytes(size))
@@ -51,30 +51,30 @@ def downloaded(bench: Bench, number: int, offset: int = 0, count: int = EVERYTHI
     return data
 
 
-def test_the_list_tells_number_and_size(bench: Bench) -> None:
+def test_the_log_list_has_numbers_and_sizes(bench: Bench) -> None:
     listed = entries(bench)
     assert [(m.id, m.size, m.num_logs, m.last_log_num) for m in listed] == [(i, s, 4, 3) for i, s in enumerate(SIZES)]
     assert all(m.time_utc > 0 for m in listed)
     assert [m.id for m in entries(bench, 1, 2)] == [1, 2]
 
 
-def test_no_logs_is_an_answer_too() -> None:
+def test_an_empty_log_list_is_answered() -> None:
     assert [m.num_logs for m in entries(Bench(profile="minimal"))] == [0]
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_a_log_arrives_whole(bench: Bench, number: int) -> None:
+def test_a_log_is_downloaded_completely(bench: Bench, number: int) -> None:
     assert downloaded(bench, number) == content(bench, number)
-    assert bench.client.of("LOG_DATA")[-1].count < 90  # clients know by this that it is over
+    assert bench.client.of("LOG_DATA")[-1].count < 90  # a short message marks the end for clients
 
 
 @given(offset=st.integers(0, 6000), count=st.integers(0, 2000))
 @settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_stretch_can_be_asked_for(bench: Bench, offset: int, count: int) -> None:
+def test_any_byte_range_can_be_downloaded(bench: Bench, offset: int, count: int) -> None:
     assert downloaded(bench, 3, offset, count) == content(bench, 3)[offset : offset + count]
 
 
-def test_a_tick_sends_a_bounded_number_and_end_stops_it(bench: Bench) -> None:
+def test_a_tick_sends_a_limited_number_of_messages_and_log_request_end_stops_them(bench: Bench) -> None:
     bench.client.send(dialect.MAVLink_log_request_data_message(1, 1, 3, 0, EVERYTHING))
     bench.tick()
     assert len(bench.client.of("LOG_DATA")) == TRANSFERS_PER_TICK
@@ -83,7 +83,7 @@ def test_a_tick_sends_a_bounded_number_and_end_stops_it(bench: Bench) -> None:
     assert len(bench.client.of("LOG_DATA")) == TRANSFERS_PER_TICK
 
 
-def test_a_client_that_does_not_read_is_waited_for(bench: Bench) -> None:
+def test_a_download_waits_for_a_client_that_does_not_read(bench: Bench) -> None:
     path = bench.log.directory.folder / "log004.ulg"
     path.write_bytes(bytes(1_000_000))
     bench.client.send(dialect.MAVLink_log_request_data_message(1, 1, 3, 0, EVERYTHING))

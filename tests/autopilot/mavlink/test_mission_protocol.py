@@ -1,4 +1,4 @@
-"""Missions, fences and rally points up and down the wire, with losses, repeats and two clients."""
+"""Upload and download of missions, fences and rally points, with lost and repeated messages and two clients."""
 
 import math
 
@@ -12,7 +12,7 @@ from tests.autopilot.plan_client import ACCEPTED, PLANS, UNSUPPORTED, download, 
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])
-def test_an_uploaded_plan_is_downloaded_bit_by_bit(bench: Bench, kind: int) -> None:
+def test_a_downloaded_plan_equals_the_uploaded_plan(bench: Bench, kind: int) -> None:
     assert upload(bench.client, PLANS[kind], kind) == ACCEPTED
     back = download(bench.client, kind)
     assert len(back) == len(PLANS[kind])
@@ -25,13 +25,13 @@ def test_an_uploaded_plan_is_downloaded_bit_by_bit(bench: Bench, kind: int) -> N
         assert download(bench.client, other) == []
 
 
-def test_lost_requests_and_repeated_messages(bench: Bench) -> None:
+def test_an_upload_completes_despite_lost_and_repeated_messages(bench: Bench) -> None:
     client, items = bench.client, PLANS[0]
     client.send(dialect.MAVLink_mission_count_message(1, 1, 4, 0))
-    client.send(dialect.MAVLink_mission_count_message(1, 1, 4, 0))  # the client did not hear the first request
+    client.send(dialect.MAVLink_mission_count_message(1, 1, 4, 0))  # the client missed the first request
     client.forget()
     bench.run(0.5)
-    assert {m.seq for m in client.of("MISSION_REQUEST_INT")} == {0}  # asked again in vehicle time
+    assert {m.seq for m in client.of("MISSION_REQUEST_INT")} == {0}  # repeated by the vehicle's clock
     client.send(items[0])
     client.send(items[0])
     client.forget()
@@ -40,12 +40,12 @@ def test_lost_requests_and_repeated_messages(bench: Bench) -> None:
     for each in items[1:]:
         client.send(each)
     assert [m.type for m in client.of("MISSION_ACK")] == [ACCEPTED]
-    client.send(items[3])  # the acknowledgement was lost
+    client.send(items[3])  # a repeat by a client that missed the acknowledgement
     assert [m.type for m in client.of("MISSION_ACK")] == [ACCEPTED, ACCEPTED]
     assert len(download(client)) == 4
 
 
-def test_a_client_that_vanishes_changes_nothing(bench: Bench) -> None:
+def test_an_interrupted_upload_changes_nothing(bench: Bench) -> None:
     client = bench.client
     assert upload(client, PLANS[0]) == ACCEPTED
     client.send(dialect.MAVLink_mission_count_message(1, 1, 2, 0))
@@ -82,12 +82,12 @@ def test_two_clients_upload_at_once(bench: Bench) -> None:
         ([item(0, 16, kind=2)], 2, UNSUPPORTED),
     ],
 )
-def test_plans_that_cannot_be_taken(bench: Bench, items: list[dialect.MAVLink_message], kind: int, result: int) -> None:
+def test_invalid_plans_are_rejected(bench: Bench, items: list[dialect.MAVLink_message], kind: int, result: int) -> None:
     assert upload(bench.client, items, kind) == result
     assert download(bench.client, kind) == []
 
 
-def test_size_kind_and_missing_items(bench: Bench) -> None:
+def test_wrong_sizes_kinds_and_sequence_numbers_are_rejected(bench: Bench) -> None:
     client = bench.client
     client.send(dialect.MAVLink_mission_count_message(1, 1, 5000, 0))
     assert client.of("MISSION_ACK")[-1].type == dialect.MAV_MISSION_NO_SPACE
@@ -98,7 +98,7 @@ def test_size_kind_and_missing_items(bench: Bench) -> None:
         assert client.of("MISSION_ACK")[-1].type == UNSUPPORTED
 
 
-def test_clearing(bench: Bench) -> None:
+def test_clear_all_removes_one_plan_or_all_plans(bench: Bench) -> None:
     client = bench.client
     for kind, plan in PLANS.items():
         assert upload(client, plan, kind) == ACCEPTED
@@ -110,7 +110,7 @@ def test_clearing(bench: Bench) -> None:
     assert [len(download(client, kind)) for kind in (0, 1, 2)] == [0, 0, 0]
 
 
-def test_current_item(bench: Bench) -> None:
+def test_the_current_item_can_be_set(bench: Bench) -> None:
     client = bench.client
     upload(client, PLANS[0])
     current = client.of("MISSION_CURRENT")[-1]
@@ -128,7 +128,7 @@ def test_current_item(bench: Bench) -> None:
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 5), st.integers(0, 3), st.integers(0, 65535),
                           st.floats(width=32)), max_size=30))  # fmt: skip
-def test_any_order_of_messages_is_survived(script: list[tuple[int, int, int, int, float]]) -> None:
+def test_no_order_of_messages_causes_a_handler_error(script: list[tuple[int, int, int, int, float]]) -> None:
     client = BENCH.client
     makers = (
         lambda s, k, c, z: dialect.MAVLink_mission_count_message(1, 1, s, k),

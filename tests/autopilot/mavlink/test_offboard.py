@@ -26,7 +26,7 @@ def decode(mask: int, frame: int = 1, heading: float = 0.0, attitude: Quat | Non
     return trajectory(mask, frame, (1, 2, 3), (4, 5, 6), (7, 8, 9), 0.5, 0.6, q, heading)
 
 
-def test_masks_of_real_clients() -> None:
+def test_masks_of_real_clients_are_decoded() -> None:
     for mask, position, velocity, acceleration, yaw, yaw_rate in [
         (0x9C7, 0, 1, 0, 1, 0),
         (0x9F8, 1, 0, 0, 1, 0),
@@ -49,7 +49,7 @@ def test_masks_of_real_clients() -> None:
 
 def test_every_mask_gives_a_setpoint_or_a_reason() -> None:
     for mask, frame in itertools.product(range(0x1000), (1, 8)):
-        # in body axes a vector is there as a whole or not at all
+        # in body axes a vector must be complete or absent
         controlled = ~mask & 0x1FF if frame == 1 else not mask & 0x38 or not mask & 0x1C0
         if mask & 0x200 or not controlled:
             with pytest.raises(RejectedError):
@@ -70,17 +70,17 @@ def test_body_velocity_turns_with_the_heading_only() -> None:
     assert s.yaw_rate == 0.6
 
 
-def test_entering_needs_a_fresh_setpoint(bench: Bench) -> None:
+def test_entering_offboard_needs_a_recent_setpoint(bench: Bench) -> None:
     client = bench.client
     assert client.mode(6) == dialect.MAV_RESULT_TEMPORARILY_REJECTED
     client.velocity(0.0, 0.0, 0.0)
-    assert client.mode(6) == dialect.MAV_RESULT_ACCEPTED  # one is enough
+    assert client.mode(6) == dialect.MAV_RESULT_ACCEPTED  # one setpoint is enough
     assert client.of("HEARTBEAT")[-1].custom_mode == MODES["OFFBOARD"].custom_mode
 
 
-def test_arming_in_offboard_needs_the_signal() -> None:
+def test_arming_in_offboard_needs_a_setpoint() -> None:
     bench = Bench(profile="minimal")
-    assert bench.client.mode(6) == dialect.MAV_RESULT_ACCEPTED  # disarmed: any mode
+    assert bench.client.mode(6) == dialect.MAV_RESULT_ACCEPTED  # any mode is allowed while disarmed
     assert bench.client.arm() == dialect.MAV_RESULT_TEMPORARILY_REJECTED
     bench.client.velocity(0.0, 0.0, -1.0)
     assert bench.client.arm() == dialect.MAV_RESULT_ACCEPTED
@@ -90,7 +90,7 @@ def test_arming_in_offboard_needs_the_signal() -> None:
     assert any("after landing" in text for text in bench.client.texts())
 
 
-def test_it_flies_what_it_is_told(bench: Bench) -> None:
+def test_the_vehicle_follows_velocity_setpoints(bench: Bench) -> None:
     client = bench.client
     client.velocity(2.0, 0.0, 0.0)
     client.mode(6)
@@ -113,7 +113,7 @@ def lose(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("choice", "mode"), [(0, "POSCTL"), (1, "ALTCTL"), (2, "STABILIZED"), (3, "RETURN"), (4, "LAND"), (5, "HOLD")]
 )
-def test_loss_reacts_after_a_second_as_chosen(bench: Bench, choice: int, mode: str) -> None:
+def test_offboard_loss_triggers_the_configured_action_after_a_second(bench: Bench, choice: int, mode: str) -> None:
     bench.autopilot.parameters.set("COM_OBL_RC_ACT", choice)
     lose(bench)
     beat = bench.client.of("HEARTBEAT")[-1]
@@ -127,13 +127,13 @@ def test_loss_reacts_after_a_second_as_chosen(bench: Bench, choice: int, mode: s
         assert bench.velocity == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
 
 
-def test_loss_can_disarm(bench: Bench) -> None:
+def test_offboard_loss_can_disarm(bench: Bench) -> None:
     bench.autopilot.parameters.set("COM_OBL_RC_ACT", 7)
     lose(bench)
     assert not bench.commander.armed
 
 
-def test_setpoints_that_come_back_take_over(bench: Bench) -> None:
+def test_offboard_resumes_when_setpoints_return(bench: Bench) -> None:
     lose(bench)
     assert bench.commander.mode == "POSCTL"
     bench.client.velocity(1.0, 0.0, 0.0)
@@ -142,11 +142,11 @@ def test_setpoints_that_come_back_take_over(bench: Bench) -> None:
     bench.run(2.0, lambda: bench.client.velocity(1.0, 0.0, 0.0))
     assert bench.velocity[0] == pytest.approx(1.0, abs=0.05)
     assert not bench.commander.in_failsafe
-    bench.run(1.2)  # and the loss is noticed again
+    bench.run(1.2)  # a second loss is detected
     assert bench.commander.mode == "POSCTL"
 
 
-def test_another_mode_ends_the_failsafe_and_later_losses_still_count(bench: Bench) -> None:
+def test_another_mode_ends_the_failsafe_and_later_losses_trigger_it_again(bench: Bench) -> None:
     lose(bench)
     assert bench.client.mode(4, 3) == 0
     bench.run(1.0)
@@ -160,7 +160,9 @@ def test_another_mode_ends_the_failsafe_and_later_losses_still_count(bench: Benc
 
 
 @pytest.mark.parametrize(("rate", "held"), [(1.1, True), (0.9, False)])
-def test_slow_streams_hold_or_flap(bench: Bench, rate: float, held: bool) -> None:
+def test_setpoint_streams_below_1_hz_alternate_between_offboard_and_failsafe(
+    bench: Bench, rate: float, held: bool
+) -> None:
     bench.client.velocity(0.0, 0.0, 0.0)
     bench.client.mode(6)
     modes = set()
@@ -173,7 +175,7 @@ def test_slow_streams_hold_or_flap(bench: Bench, rate: float, held: bool) -> Non
 
 
 @pytest.mark.parametrize(("mask", "frame"), [(0x5E7, 8), (0xDFF, 8), (0xDFF, 1), (0xFC7, 8), (0x5C7, 9), (0x5C7, 12)])
-def test_rejected_setpoints_do_not_feed_the_signal(bench: Bench, mask: int, frame: int) -> None:
+def test_rejected_setpoints_do_not_keep_offboard_active(bench: Bench, mask: int, frame: int) -> None:
     bench.client.velocity(0.0, 0.0, 0.0)
     bench.client.mode(6)
     bench.client.forget()
@@ -184,7 +186,7 @@ def test_rejected_setpoints_do_not_feed_the_signal(bench: Bench, mask: int, fram
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 3e38])
-def test_numbers_that_are_none_stop_the_vehicle_in_offboard(bench: Bench, bad: float) -> None:
+def test_unusable_velocities_stop_the_vehicle_in_offboard(bench: Bench, bad: float) -> None:
     bench.client.velocity(2.0, 0.0, 0.0)
     bench.client.mode(6)
     bench.run(2.0, lambda: bench.client.velocity(2.0, 0.0, 0.0))
@@ -194,7 +196,7 @@ def test_numbers_that_are_none_stop_the_vehicle_in_offboard(bench: Bench, bad: f
 
 
 @pytest.mark.parametrize("far", [2e6, 3.4e38])
-def test_a_place_beyond_any_range_is_flown_towards(bench: Bench, far: float) -> None:
+def test_the_vehicle_flies_towards_a_position_beyond_any_range(bench: Bench, far: float) -> None:
     def ask() -> None:
         bench.client.send(
             dialect.MAVLink_set_position_target_local_ned_message(
@@ -207,11 +209,11 @@ def test_a_place_beyond_any_range_is_flown_towards(bench: Bench, far: float) -> 
     bench.run(3.0, ask)
     assert bench.commander.mode == "OFFBOARD"
     limit = float(bench.autopilot.parameters["MPC_XY_VEL_MAX"])
-    assert bench.velocity == pytest.approx([limit, -limit, 0.0], abs=0.1)  # the stand-in limits each axis
+    assert bench.velocity == pytest.approx([limit, -limit, 0.0], abs=0.1)  # the bench's core limits each axis
     assert bench.autopilot.node.handler_errors == 0
 
 
-def test_global_setpoints(bench: Bench) -> None:
+def test_global_setpoints_use_amsl_or_relative_altitude(bench: Bench) -> None:
     def fly(frame: int, altitude: float) -> None:
         lat = round((ORIGIN[0] + math.degrees(8.0 / 6371000.0)) * 1e7)
         message = dialect.MAVLink_set_position_target_global_int_message(
@@ -225,7 +227,7 @@ def test_global_setpoints(bench: Bench) -> None:
         bench.run(15.0, lambda f=frame, a=altitude: fly(f, a))  # type: ignore[misc]
         height = altitude - ORIGIN[2] if frame == 5 else altitude
         assert bench.core.estimate["position_ned"] == pytest.approx([8.0, 0.0, -height], abs=0.2)
-    bench.run(1.5, lambda: fly(11, 5.0))  # no range: no terrain: dropped
+    bench.run(1.5, lambda: fly(11, 5.0))  # terrain altitude needs a range sensor, so the setpoint is rejected
     assert bench.commander.mode == "POSCTL"
 
 
@@ -233,7 +235,7 @@ def attitude(bench: Bench, mask: int, q: list[float], rates: tuple[float, float,
     bench.client.send(dialect.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, *rates, thrust))
 
 
-def test_attitude_and_rates(bench: Bench) -> None:
+def test_attitude_and_rate_setpoints_reach_the_core_if_valid(bench: Bench) -> None:
     q = [*quat_from_euler(0.1, 0.2, 0.3)]
     attitude(bench, 0x7, [2 * x for x in q], (9, 9, 9), 0.6)
     bench.client.mode(6)
@@ -252,5 +254,5 @@ def test_attitude_and_rates(bench: Bench) -> None:
     attitude(bench, 0x83, q, (0, 0, 0), 0.4)
     attitude(bench, 0x7, q, (0, 0, 0), math.nan)
     bench.tick()
-    assert record["kind"] == KIND_RATES  # none of them was taken
+    assert record["kind"] == KIND_RATES  # all four were rejected
     assert bench.client.texts()

@@ -1,4 +1,4 @@
-"""The parameter protocol, byte-wise integers, persistence."""
+"""The parameter protocol, integers with byte-wise encoding, and persistence."""
 
 import json
 import math
@@ -27,7 +27,7 @@ def as_float(value: int) -> float:
 
 
 def number(message: dialect.MAVLink_message) -> float:
-    """Return the value as read by a client with byte-wise integers."""
+    """Return the value as a client with byte-wise integers reads it."""
     frame = bytes(message.get_msgbuf())
     raw = frame[10 : 10 + min(frame[1], 4)].ljust(4, b"\0")
     return struct.unpack("<i" if message.param_type == INT32 else "<f", raw)[0]  # type: ignore[no-any-return]
@@ -45,7 +45,7 @@ class IntegerSet(dialect.MAVLink_param_set_message):  # type: ignore[misc]
         return bytes(self._pack(mav, self.crc_extra, payload))
 
 
-def test_the_list_is_dense_and_complete(bench: Bench) -> None:
+def test_the_parameter_list_is_complete_and_has_no_gaps(bench: Bench) -> None:
     client = bench.client
     client.forget()
     client.send(dialect.MAVLink_param_request_list_message(1, 1))
@@ -63,7 +63,7 @@ def test_the_list_is_dense_and_complete(bench: Bench) -> None:
 
 @settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=200)
 @given(value=st.integers(-(1 << 31), (1 << 31) - 1))
-def test_every_integer_survives(bench: Bench, value: int) -> None:
+def test_every_integer_is_set_and_read_back_exactly(bench: Bench, value: int) -> None:
     bench.client.forget()
     bench.client.send(IntegerSet(b"SYS_AUTOSTART", value))
     assert number(bench.client.of("PARAM_VALUE")[-1]) == value
@@ -72,7 +72,7 @@ def test_every_integer_survives(bench: Bench, value: int) -> None:
 
 @settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=200)
 @given(value=st.floats(width=32))
-def test_every_finite_float_survives_and_no_other_enters(bench: Bench, value: float) -> None:
+def test_finite_floats_are_stored_exactly_and_others_are_rejected(bench: Bench, value: float) -> None:
     before = bench.autopilot.parameters["RTL_RETURN_ALT"]
     bench.client.forget()
     bench.client.set_parameter("RTL_RETURN_ALT", value, REAL32)
@@ -83,7 +83,7 @@ def test_every_finite_float_survives_and_no_other_enters(bench: Bench, value: fl
         assert bench.autopilot.parameters["RTL_RETURN_ALT"] == before
 
 
-def test_reading_by_name_and_by_index(bench: Bench) -> None:
+def test_a_parameter_is_read_by_name_and_by_index(bench: Bench) -> None:
     client, parameters = bench.client, bench.autopilot.parameters
     client.send(dialect.MAVLink_param_request_read_message(1, 1, b"MIS_TAKEOFF_ALT", -1))
     by_name = client.of("PARAM_VALUE")[-1]
@@ -92,7 +92,7 @@ def test_reading_by_name_and_by_index(bench: Bench) -> None:
     assert client.of("PARAM_VALUE")[-1].param_id == parameters.names[by_name.param_index]
 
 
-def test_unknown_names_are_answered(bench: Bench) -> None:
+def test_unknown_names_get_a_param_error(bench: Bench) -> None:
     client = bench.client
     client.forget()
     client.send(dialect.MAVLink_param_request_read_message(1, 1, b"NO_SUCH_THING", -1))
@@ -113,19 +113,19 @@ def test_a_wrong_type_changes_nothing(bench: Bench) -> None:
     assert number(bench.client.of("PARAM_VALUE")[-1]) == 4
 
 
-def test_changes_reach_everybody_and_the_core(bench: Bench) -> None:
+def test_changes_reach_every_client_and_the_core(bench: Bench) -> None:
     second = Client(bench.autopilot.open_port("minimal"), 255, 190)
     bench.client.set_parameter("MPC_XY_P", 1.25, REAL32)
     assert second.of("PARAM_VALUE")[-1].param_value == 1.25
     assert bench.core.parameter_changes[-1] == ("MPC_XY_P", 1.25)
     change_count = len(bench.core.parameter_changes)
-    bench.client.set_parameter("MPC_XY_P", 1.25, REAL32)  # repeated: no news
-    bench.client.set_parameter("RTL_RETURN_ALT", 21.0, REAL32)  # not the core's
+    bench.client.set_parameter("MPC_XY_P", 1.25, REAL32)  # same value, so no change
+    bench.client.set_parameter("RTL_RETURN_ALT", 21.0, REAL32)  # not a parameter of the core
     assert len(bench.core.parameter_changes) == change_count
     bench.autopilot.close_port(second.port)
 
 
-def test_values_outlive_the_process(tmp_path: Path) -> None:
+def test_values_are_restored_from_the_file(tmp_path: Path) -> None:
     file = tmp_path / "parameters.json"
     first = ParameterTable({"MPC_XY_P": 0.95}, None, file)
     first.set("COM_OBL_RC_ACT", 5)
@@ -140,14 +140,14 @@ def test_values_outlive_the_process(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_a_broken_file_is_named(tmp_path: Path) -> None:
+def test_the_error_for_a_broken_file_names_the_file(tmp_path: Path) -> None:
     for content in ["", "[1]", '{"MPC_XY_P": "x"}', '{"MPC_XY_P": null}', "\x00"]:
         file = tmp_path / "parameters.json"
         file.write_text(content)
         assert "parameters.json" in refusal(ParameterTable, {}, None, file), content
 
 
-def test_unknown_targets_are_left_alone(bench: Bench) -> None:
+def test_requests_to_other_targets_are_ignored(bench: Bench) -> None:
     bench.client.forget()
     for target in ((2, 1), (1, 100)):
         message = dialect.MAVLink_param_request_read_message(*target, b"MPC_XY_P", -1)

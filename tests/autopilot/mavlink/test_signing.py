@@ -1,4 +1,4 @@
-"""MAVLink 2 signing: with a key set, only its owner is heard, and no message is accepted twice."""
+"""MAVLink 2 signing: with a key, the vehicle accepts only messages signed with it, and none of them twice."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ NOW = 3_000_000_000_000  # 10 µs since 2015
 
 
 class SigningClient:
-    """pymavlink with its own signing."""
+    """A client that uses the signing of pymavlink."""
 
     def __init__(self, bench: Bench, key: bytes = KEY, time: int = NOW + 100, link: int = 3) -> None:
         self.port = bench.client.port
@@ -54,7 +54,7 @@ def keyed(key: bytes = KEY) -> Bench:
     return bench
 
 
-def test_without_a_key_anybody_is_heard() -> None:
+def test_without_a_key_every_message_is_accepted() -> None:
     bench = Bench(profile="minimal")
     bench.client.forget()
     bench.client.send(ping(1))
@@ -63,7 +63,7 @@ def test_without_a_key_anybody_is_heard() -> None:
     assert bench.client.port.signing.rejected == 0
 
 
-def test_with_a_key_only_its_owner_is_heard() -> None:
+def test_with_a_key_only_messages_signed_with_it_are_accepted() -> None:
     bench = keyed()
     bench.client.send(ping(1))
     SigningClient(bench, key=b"x" * 32).send(ping(2))
@@ -72,7 +72,7 @@ def test_with_a_key_only_its_owner_is_heard() -> None:
     assert bench.client.port.signing.rejected == 2
 
 
-def test_a_client_believes_what_the_vehicle_signs() -> None:
+def test_the_signatures_of_the_vehicle_are_valid() -> None:
     bench = keyed()
     client = SigningClient(bench)
     client.send(ping(1))
@@ -83,10 +83,10 @@ def test_a_client_believes_what_the_vehicle_signs() -> None:
     assert client.mav.signing.badsig_count == 0
     times = [int.from_bytes(bytes(m.get_msgbuf())[-12:-6], "little") for m in messages]
     assert times == sorted(set(times))
-    assert times[-1] - times[0] == pytest.approx(5e5, rel=0.3)  # goes on with the vehicle's clock
+    assert times[-1] - times[0] == pytest.approx(5e5, rel=0.3)  # follows the vehicle's clock
 
 
-def test_a_recorded_message_is_not_heard_again() -> None:
+def test_a_replayed_message_is_rejected() -> None:
     bench = keyed()
     client = SigningClient(bench)
     arm = client.packed(dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
@@ -97,14 +97,14 @@ def test_a_recorded_message_is_not_heard_again() -> None:
     assert not bench.commander.armed
 
 
-def test_a_newcomer_from_the_past_is_not_heard() -> None:
+def test_a_new_link_with_an_old_timestamp_is_rejected() -> None:
     bench = keyed()
     SigningClient(bench, time=NOW - 7_000_000, link=9).send(ping(1))
     SigningClient(bench, time=NOW - 5_000_000, link=8).send(ping(2))
     assert answered(bench) == [2]
 
 
-def test_a_forged_time_does_not_shut_out_its_victim() -> None:
+def test_a_forged_timestamp_does_not_block_the_real_client() -> None:
     bench = keyed()
     forged = bytearray(SigningClient(bench, time=NOW * 10).packed(ping(1)))
     forged[-1] ^= 1
@@ -113,13 +113,13 @@ def test_a_forged_time_does_not_shut_out_its_victim() -> None:
     assert answered(bench) == [2]
 
 
-def test_a_modem_needs_no_key() -> None:
+def test_radio_status_is_accepted_unsigned() -> None:
     bench = keyed()
     bench.client.send(dialect.MAVLink_radio_status_message(1, 1, 1, 1, 1, 0, 0))
     assert bench.client.port.signing.rejected == 0
 
 
-def test_a_key_is_of_every_port() -> None:
+def test_a_key_applies_to_every_port() -> None:
     bench = Bench(profile="minimal")
     other = Client(bench.autopilot.open_port("minimal"), 255, 190)
     bench.client.send(dialect.MAVLink_setup_signing_message(1, 1, list(KEY), NOW))
@@ -127,7 +127,7 @@ def test_a_key_is_of_every_port() -> None:
     assert [m.seq for m in other.of("PING") if m.target_system] == []
 
 
-def test_an_armed_vehicle_takes_no_key() -> None:
+def test_an_armed_vehicle_rejects_a_key() -> None:
     bench = Bench(profile="minimal")
     bench.client.send(dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
     assert bench.commander.armed
@@ -135,7 +135,7 @@ def test_an_armed_vehicle_takes_no_key() -> None:
     assert not bench.client.port.signing.active
 
 
-def test_only_the_owner_changes_or_ends_it() -> None:
+def test_only_signed_messages_change_or_remove_the_key() -> None:
     bench = keyed()
     bench.client.send(dialect.MAVLink_setup_signing_message(1, 1, [0] * 32, 0))
     bench.client.send(dialect.MAVLink_setup_signing_message(1, 1, [9] * 32, NOW))
@@ -152,14 +152,14 @@ def test_only_the_owner_changes_or_ends_it() -> None:
     assert answered(bench) == [3]
 
 
-def test_a_key_for_everybody_or_somebody_else_is_not_ours() -> None:
+def test_keys_for_broadcast_or_other_systems_are_ignored() -> None:
     bench = Bench(profile="minimal")
     for target in (0, 2):
         bench.client.send(dialect.MAVLink_setup_signing_message(target, 1, list(KEY), NOW))
     assert not bench.client.port.signing.active
 
 
-def test_refusals_are_said_once() -> None:
+def test_rejected_signatures_are_reported_once() -> None:
     bench = keyed()
     listener = Client(bench.autopilot.open_port("minimal"), 255, 190)
     for number in range(5):
@@ -175,7 +175,7 @@ def bench() -> Bench:
 
 @given(flips=st.lists(st.tuples(st.integers(0, 60), st.integers(1, 255)), min_size=1, max_size=4))
 @settings(deadline=None, max_examples=80)
-def test_no_damaged_signature_passes(bench: Bench, flips: list[tuple[int, int]]) -> None:
+def test_no_damaged_frame_is_accepted(bench: Bench, flips: list[tuple[int, int]]) -> None:
     bench.client.port.signing.set_up(KEY, NOW, bench.time_us)
     whole = SigningClient(bench).packed(dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
     frame = bytearray(whole)

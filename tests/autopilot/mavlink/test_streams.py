@@ -21,11 +21,11 @@ def counted(bench: Bench, client: Client, seconds: float) -> Counter[str]:
 
 
 @pytest.mark.parametrize("profile", ["onboard", "gcs", "minimal"])
-def test_rates_are_those_of_the_profile(profile: str) -> None:
+def test_stream_rates_match_the_profile(profile: str) -> None:
     bench = Bench(profile=profile)
     bench.fly()
     counts = counted(bench, bench.client, 20.0)
-    # this bench has no data for it
+    # this bench has no data for these streams
     silent = {"SERVO_OUTPUT_RAW", "DISTANCE_SENSOR", "ORBIT_EXECUTION_STATUS", "RC_CHANNELS"}
     silent |= {"GIMBAL_DEVICE_ATTITUDE_STATUS", "GIMBAL_MANAGER_STATUS"}
     for stream in TABLE:
@@ -35,7 +35,7 @@ def test_rates_are_those_of_the_profile(profile: str) -> None:
         assert counts[stream.name] == pytest.approx(expected, abs=max(1.0, 0.01 * expected)), stream.name
 
 
-def test_an_unknown_profile_is_refused() -> None:
+def test_an_unknown_profile_is_rejected() -> None:
     with pytest.raises(UsageError, match="onboard"):
         Bench().autopilot.open_port("fast")
 
@@ -55,7 +55,7 @@ def test_intervals_can_be_set_read_and_reset() -> None:
     assert counted(bench, client, 3.0)["HEARTBEAT"] == 3
 
 
-def test_old_stream_requests_raise_but_never_lower() -> None:
+def test_request_data_stream_raises_rates_but_never_lowers_them() -> None:
     bench = Bench(profile="minimal")
     client = bench.client
     client.send(dialect.MAVLink_request_data_stream_message(1, 0, dialect.MAV_DATA_STREAM_ALL, 4, 1))
@@ -80,7 +80,7 @@ def test_health_follows_the_estimate() -> None:
     assert (home.latitude, home.longitude) == (round(ORIGIN[0] * 1e7), round(ORIGIN[1] * 1e7))
 
 
-def test_a_dead_sensor_shows() -> None:
+def test_a_dead_sensor_is_reported_unhealthy() -> None:
     bench = Bench()
     bench.run(1.0)
     stamp = bench._stamp
@@ -98,7 +98,7 @@ def test_a_dead_sensor_shows() -> None:
     assert not health & 0x10000000  # not armable
 
 
-def test_the_numbers_on_the_wire() -> None:
+def test_messages_carry_the_values_of_the_estimate() -> None:
     bench = Bench()
     bench.fly(6.0)
     for _ in range(40):
@@ -123,7 +123,7 @@ def test_the_numbers_on_the_wire() -> None:
     assert battery.battery_remaining == 90
 
 
-def test_the_calendar_begins_with_the_first_fix_and_runs_with_the_vehicles_clock() -> None:
+def test_unix_time_starts_at_the_first_fix_and_follows_the_vehicle_clock() -> None:
     bench = Bench(converged=False)
     bench.sensors["gps_fix_type"] = 0
     bench.client.forget()
@@ -133,14 +133,14 @@ def test_the_calendar_begins_with_the_first_fix_and_runs_with_the_vehicles_clock
     bench.client.forget()
     bench.run(2.0)
     bench.core.converge()
-    bench.sensors["gps_fix_type"] = 0  # a clock that was set goes on without a fix
+    bench.sensors["gps_fix_type"] = 0  # the clock continues without a fix
     bench.run(2.0)
     messages = bench.client.of("SYSTEM_TIME")
     assert len(messages) == 4
     assert {m.time_unix_usec // 1000 - m.time_boot_ms for m in messages} == {CALENDAR_START_US // 1000}
 
 
-def test_imu_and_outputs_come_on_request() -> None:
+def test_imu_and_actuator_outputs_are_sent_on_request() -> None:
     actuators = np.zeros(1, ACTUATORS)[0]
     bench = Bench(actuators=actuators)
     actuators["armed"], actuators["command"][:4] = 1, (0.0, 0.25, 0.5, 1.0)
@@ -155,7 +155,7 @@ def test_imu_and_outputs_come_on_request() -> None:
             assert (message.active, list(message.actuator)[:5]) == (4, [1000.0, 1250.0, 1500.0, 2000.0, 0.0])
 
 
-def test_an_estimate_gone_mad_never_stops_the_streams() -> None:
+def test_invalid_estimates_never_stop_the_streams() -> None:
     bench = Bench()
     for value in (math.nan, math.inf, 1e300):
         bench.core.estimate["position_ned"][:] = value
@@ -197,7 +197,7 @@ def test_ping_and_timesync_are_answered() -> None:
     assert not client.drain()
 
 
-def test_a_port_nobody_empties_keeps_a_bounded_queue() -> None:
+def test_the_queue_of_an_unread_port_is_bounded() -> None:
     bench = Bench()
     for _ in range(4000):
         bench.tick()
@@ -205,8 +205,8 @@ def test_a_port_nobody_empties_keeps_a_bounded_queue() -> None:
     assert len(bench.client.port._out) <= 20_000
 
 
-def test_estimator_status_has_the_roots_of_the_test_ratios() -> None:
-    """PX4 sends innovations over their gates; the estimator keeps their squares. The largest axis counts."""
+def test_estimator_status_has_the_square_roots_of_the_test_ratios() -> None:
+    """PX4 sends the ratio of innovation to gate; the estimator stores its square. The largest axis counts."""
     bench = Bench()
     ratios = bench.core.estimate["test_ratio"]
     ratios[VELOCITY_TEST : VELOCITY_TEST + 3] = 0.04, 0.25, 0.01

@@ -2,7 +2,7 @@
 
     python -m tests.autopilot.replay.record
 
-writes flight.npz beside this file: run it when estimator or cascade are meant to behave differently.
+writes flight.npz next to this file. Run it after an intended change of the estimator or the cascade.
 """
 
 from pathlib import Path
@@ -23,12 +23,12 @@ AIRFRAME = "x500"
 ORIGIN = (47.397742, 8.545594, 488.0)
 IMU_US = 4_000
 SECONDS = 24.0
-EVERY = 50  # rows between two kept outcomes: 5 Hz
+EVERY = 50  # one row of this many is kept: 5 Hz
 TRUTH = ("position_ned", "velocity_ned", "attitude")
 
 
 def setpoint(seconds: float) -> CascadeSetpoint:
-    """Return an offboard client's setpoint at a time since its takeover: velocity, position with yaw, hold."""
+    """Return the offboard setpoint at a time (s) after the takeover: velocity, then position with yaw, then hold."""
     if seconds < 4.0:
         return CascadeSetpoint(
             velocity_ned=(2.0, 0.5, NAN), position_ned=(NAN, NAN, -2.5), acceleration_ned=FREE, yaw=0.0
@@ -39,7 +39,7 @@ def setpoint(seconds: float) -> CascadeSetpoint:
 
 
 def fly() -> tuple[Recording, dict[str, np.ndarray]]:
-    """Return a recording of the flight and the truth at the rows that are kept."""
+    """Return a recording of the flight and the truth at the kept rows."""
     frame = airframe.load(AIRFRAME)
     plant = Multirotor(
         frame, seed=11, origin=ORIGIN, wind=Wind((2.0, -1.0, 0.0), 5.0), suite=Suite(imu_period_us=IMU_US)
@@ -82,7 +82,7 @@ def fly() -> tuple[Recording, dict[str, np.ndarray]]:
 def main() -> None:
     recording, truth = fly()
     save(recording, FILE)
-    kept, _ = load(FILE)  # as in the replay: inertial samples in single precision
+    kept, _ = load(FILE)  # inertial samples in single precision, as in the replay
     outcome = replay(FlightCore(airframe.load(AIRFRAME)), kept, EVERY)
     golden = {f"golden.{name}": getattr(outcome, name) for name in ReplayedFlight.__slots__}
     save(kept, FILE, **truth, **golden)

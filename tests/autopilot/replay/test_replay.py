@@ -1,6 +1,6 @@
-"""The golden flight, replayed through estimator and cascade: no number may move beyond its tolerance.
+"""Replays the golden flight through estimator and cascade, and compares each output within its tolerance.
 
-A change that is meant to move them is followed by `python -m tests.autopilot.replay.record`.
+After an intended change of the outputs, run `python -m tests.autopilot.replay.record`.
 """
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ from foundation.errors import UsageError
 from tests.autopilot.replay.record import AIRFRAME, EVERY, FILE, fly
 from vehicles import airframe
 
-TOLERANCES = {  # other compilers round differently; a changed gain or noise figure moves far more than this
+TOLERANCES = {  # other compilers round differently; a changed gain or noise figure exceeds these by far
     "position_ned": 2e-3,  # m
     "velocity_ned": 2e-3,  # m/s
     "attitude": 2e-4,
@@ -38,39 +38,39 @@ def replayed(golden):
 
 
 @pytest.mark.parametrize("name", TOLERANCES)
-def test_no_number_moves(name, golden, replayed):
+def test_outputs_match_the_golden_flight(name, golden, replayed):
     assert getattr(replayed, name) == pytest.approx(golden[1][f"golden.{name}"], abs=TOLERANCES[name])
 
 
-def test_every_outcome_has_a_tolerance_and_something_to_say(golden, replayed):
+def test_every_output_has_a_tolerance_and_the_golden_flight_moves(golden, replayed):
     assert set(TOLERANCES) | {"time_us"} == set(ReplayedFlight.__slots__)
     assert (replayed.time_us == golden[1]["golden.time_us"]).all()
     assert np.ptp(replayed.position_ned, axis=0).min() > 1.0
     assert replayed.command.max() > 0.5
 
 
-def test_the_golden_flight_is_a_good_one(golden, replayed):
-    """The recording is worth guarding: the estimate follows the truth, once it exists."""
+def test_the_estimate_of_the_golden_flight_follows_the_truth(golden, replayed):
+    """The first 50 rows (10 s) are left out, because the estimate does not exist from the start."""
     aloft = slice(50, None)
     assert replayed.velocity_ned[aloft] == pytest.approx(golden[1]["truth.velocity_ned"][aloft], abs=0.4)
     turned = np.abs(np.sum(replayed.attitude[aloft] * golden[1]["truth.attitude"][aloft], axis=1))
     assert np.degrees(2.0 * np.arccos(np.minimum(turned, 1.0))).max() < 4.0
 
 
-def test_a_changed_gain_is_noticed(golden, replayed):
+def test_a_changed_gain_exceeds_the_tolerance(golden, replayed):
     core = FlightCore(airframe.load(AIRFRAME), overrides={"MPC_XY_VEL_P_ACC": 2.1})
     other = replay(core, golden[0], EVERY)
     assert np.abs(other.command - replayed.command).max() > TOLERANCES["command"]
 
 
-def test_a_changed_noise_figure_is_noticed(golden, replayed):
+def test_a_changed_noise_figure_exceeds_the_tolerance(golden, replayed):
     core = FlightCore(airframe.load(AIRFRAME))
     core.filter_params["gps_velocity_noise"] *= 1.1
     other = replay(core, golden[0], EVERY)
     assert np.abs(other.velocity_ned - replayed.velocity_ned).max() > TOLERANCES["velocity_ned"]
 
 
-def test_a_recording_survives_its_file(golden, tmp_path: Path):
+def test_a_saved_recording_is_loaded_without_loss(golden, tmp_path: Path):
     recording = golden[0]
     short = replace(
         recording, sensors=recording.sensors[:700], setpoints=recording.setpoints[:700], landed=recording.landed[:700]
@@ -88,7 +88,7 @@ def test_invalid_recordings_are_rejected(tmp_path: Path):
         load(tmp_path / "no.npz")
 
 
-def test_the_file_is_small():
+def test_the_golden_file_is_smaller_than_300_kb():
     assert FILE.stat().st_size < 300_000
 
 

@@ -1,4 +1,4 @@
-"""Numbers become replies, and the reader reads the same numbers."""
+"""An action of the numeric space becomes a reply, and the parser reads the same numbers."""
 
 import pytest
 from hypothesis import given
@@ -14,7 +14,7 @@ from dronecats.bench.harnesses.outside_flight import KINDS, reply
     st.floats(0.1, 300),
     st.floats(-90, 90),
 )
-def test_every_action_in_the_space_is_read_strictly_as_itself(kind, point, depth_m, angle_deg):
+def test_every_action_of_the_space_survives_the_strict_parser(kind, point, depth_m, angle_deg):
     (entry,) = reading(reply(kind, point, depth_m, angle_deg), 1, "xy", "strict")
     assert entry.action is not None, entry
     fields = entry.action.as_json()
@@ -26,6 +26,6 @@ def test_every_action_in_the_space_is_read_strictly_as_itself(kind, point, depth
         assert fields["angle_deg"] == pytest.approx(angle_deg)
 
 
-def test_a_kind_that_is_none_is_refused():
+def test_an_unknown_kind_is_rejected():
     with pytest.raises(ValueError, match=r"0 .*3, .*4"):
         reply(4, (0, 0), 1, 0)

@@ -1,4 +1,4 @@
-"""`DroneCATS-v0` against Gymnasium's own checker, and against the run folder of its flights."""
+"""`DroneCATS-v0`: Gymnasium's own checker, rewards and verdicts, and the run folder of its flights."""
 
 import json
 import warnings
@@ -24,23 +24,23 @@ def made(**options):
     return gymnasium.make(ENV_ID, **{"episodes": [EPISODE], "seconds": 5.0, **options}).unwrapped
 
 
-@pytest.mark.slow  # some twenty flights begin
-def test_gymnasiums_own_checker_finds_nothing():
+@pytest.mark.slow  # starts about twenty flights
+def test_the_env_checker_of_gymnasium_reports_no_problem():
     env = made(render_mode="rgb_array")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", message=".*symmetric and normalized space.*")  # ours are the paper's units
+        warnings.filterwarnings("ignore", message=".*symmetric and normalized space.*")  # the paper's units
         check_env(env)
     env.close()
 
 
-def test_an_episode_ends_with_its_time_and_the_verdict(tmp_path):
+def test_an_episode_is_truncated_at_its_time_limit_with_a_verdict(tmp_path):
     env = made(out=tmp_path, reward="verdict")
     seen, about = env.reset(seed=0)
     assert about == {"episode": EPISODE}
     assert seen in env.observation_space
     assert "motorcycle" in seen["instruction"]
-    assert seen["frame"].std() > 10.0  # a picture, not a grey one
+    assert seen["frame"].std() > 10.0  # not a uniform grey image
     steps = 0
     while True:
         seen, reward, terminated, truncated, about = env.step(DECLARE)
@@ -57,13 +57,13 @@ def test_an_episode_ends_with_its_time_and_the_verdict(tmp_path):
         env.step(DECLARE)
 
 
-def test_a_fleet_is_commanded_by_one_action_for_each_drone(tmp_path):
+def test_a_fleet_takes_one_action_per_drone(tmp_path):
     env = made(episodes=[FLEET], out=tmp_path, render_mode="rgb_array")
     seen, about = env.reset(seed=0)
     assert seen in env.observation_space
     assert seen["frames"].shape == (4, 360, 640, 3)
     assert env.render().shape == (4 * 360, 640, 3)
-    assert len({frame.tobytes() for frame in seen["frames"]}) == 4  # each drone's own
+    assert len({frame.tobytes() for frame in seen["frames"]}) == 4  # each drone has its own frame
     joint = tuple({**DECLARE, "kind": 1, "angle_deg": np.array([turn], np.float32)} for turn in (10, 20, -30, 40))
     assert joint in env.action_space
     terminated = truncated = False
@@ -75,19 +75,19 @@ def test_a_fleet_is_commanded_by_one_action_for_each_drone(tmp_path):
     decisions = [json.loads(line) for line in (folder / "decisions.jsonl").open()]
     first = [row for row in decisions if row["step"] == 0]
     assert [(row["drone"], row["action"]["angle_deg"]) for row in first] == [(0, 10), (1, 20), (2, -30), (3, 40)]
-    for row, frame in zip(first, seen["frames"], strict=True):  # in the drones' order
+    for row, frame in zip(first, seen["frames"], strict=True):  # in the order of the drones
         kept = folder / "frames" / frame_name(row["frame_id"], row["drone"])
         np.testing.assert_array_equal(picture(kept.read_bytes()), frame)
     with pytest.raises(ValueError, match=r"4 .*1"):
         gymnasium_env.joint_reply(DECLARE, 4)
 
 
-def test_one_environment_flies_one_number_of_drones():
+def test_episodes_of_one_environment_must_have_the_same_number_of_drones():
     with pytest.raises(UsageError, match=f"{FLEET} .*4 .*{EPISODE} .*1"):
         made(episodes=[EPISODE, FLEET])
 
 
-def test_a_space_is_printed_on_a_line_and_is_one_of_texts():
+def test_the_instruction_space_prints_on_one_line_and_equals_a_text_space():
     space = gymnasium_env.observation_space(1)
     assert len(str(space)) < 200
     assert "1000" in str(space)

@@ -1,6 +1,6 @@
-"""The suite under Inspect: flown by its own model, scored by our verifier, errors left unscored.
+"""The suite as an Inspect task: Inspect's model flies it, our verifier scores it, and errors stay unscored.
 
-Importing Inspect takes five seconds, so these tests are slow, and each imports it itself.
+Importing Inspect takes five seconds. The tests are therefore marked slow, and each of them imports it.
 """
 
 import json
@@ -41,7 +41,7 @@ def run(tmp_path, answer, episodes=EPISODES, reasoning_effort=None, seconds=8.0,
     return read_eval_log(log.location)
 
 
-def test_replies_of_inspects_model_are_flown_and_judged(tmp_path):
+def test_replies_of_the_inspect_model_are_executed_and_scored(tmp_path):
     def answer(question, tools, choice, config):
         pictures = sum(part.type == "image" for part in question[0].content)
         assert (config.temperature, config.max_tokens) == (0.4, 8192)
@@ -65,7 +65,7 @@ def test_replies_of_inspects_model_are_flown_and_judged(tmp_path):
 
 
 @pytest.mark.parametrize("lifted", [None, "high"])
-def test_think_lifts_the_reasoning_of_the_next_call_and_of_no_other(tmp_path, lifted):
+def test_think_raises_the_reasoning_effort_of_the_next_call_only(tmp_path, lifted):
     words = ['{"action": "think"}', GO, GO]
     efforts = []
 
@@ -84,7 +84,7 @@ def test_think_lifts_the_reasoning_of_the_next_call_and_of_no_other(tmp_path, li
 
 
 @pytest.mark.parametrize("text", [EPISODES, json.dumps(EPISODES.split(","))])
-def test_a_list_of_episodes_is_read_as_inspect_hands_it_over(text):
+def test_a_list_of_episodes_is_read_from_the_inspect_command_line(text):
     from inspect_ai._cli.util import parse_cli_args  # type: ignore[attr-defined]
 
     from dronecats.bench.harnesses.inspect_task import dronecats
@@ -93,14 +93,14 @@ def test_a_list_of_episodes_is_read_as_inspect_hands_it_over(text):
     assert [sample.id for sample in task.dataset] == EPISODES.split(",")
 
 
-def test_an_effort_that_inspect_does_not_know_is_refused():
+def test_an_unknown_reasoning_effort_is_rejected():
     from dronecats.bench.harnesses.inspect_task import dronecats
 
     with pytest.raises(UsageError, match=r"-T lifted .*minimal, .*'much'"):
         dronecats("quick", lifted=cast(Any, "much"))
 
 
-def test_a_model_that_breaks_is_an_error_and_no_score(tmp_path):
+def test_a_failing_model_gives_an_error_and_no_score(tmp_path):
     def answer(question, tools, choice, config):
         raise ConnectionError("the vendor is away")
 

@@ -1,4 +1,4 @@
-"""A flight answered from outside equals, to the byte, the flight of a pilot with the same replies."""
+"""An external harness sends the replies. The flight equals that of a pilot with the same replies, byte for byte."""
 
 import json
 
@@ -41,7 +41,7 @@ def answer_all(flight):
     return questions
 
 
-def test_it_equals_the_flight_of_a_pilot_that_says_the_same(tmp_path):
+def test_an_outside_flight_equals_the_flight_of_a_pilot_with_the_same_replies(tmp_path):
     flight = OutsideFlight(spec(), tmp_path / "outside")
     questions = answer_all(flight)
     result = flight.result()
@@ -62,7 +62,7 @@ def test_it_equals_the_flight_of_a_pilot_that_says_the_same(tmp_path):
     assert {(row["tokens_in"], row["tokens_out"]) for row in ours} == {(7, 3)}
 
 
-def test_a_flight_that_nobody_answers_any_more_is_nobodys_failure(tmp_path):
+def test_a_flight_closed_without_a_reply_is_an_error_and_not_a_failure(tmp_path):
     flight = OutsideFlight(spec(), tmp_path)
     assert flight.question() is not None
     with pytest.raises(RuntimeError):
@@ -75,7 +75,7 @@ def test_a_flight_that_nobody_answers_any_more_is_nobodys_failure(tmp_path):
         flight.answer(OutsideReply(WORDS[2]))
 
 
-def test_an_answer_that_cannot_be_had_is_an_error_of_the_infrastructure(tmp_path):
+def test_a_missing_reply_is_an_infrastructure_error(tmp_path):
     flight = OutsideFlight(spec(), tmp_path)
     assert flight.question() is not None
     flight.fail("the vendor is away")
@@ -85,7 +85,7 @@ def test_an_answer_that_cannot_be_had_is_an_error_of_the_infrastructure(tmp_path
     assert "the vendor is away" in str(result.error)
 
 
-def test_an_outside_flight_cannot_be_flown_otherwise():
+def test_an_outside_flight_cannot_be_flown_without_its_harness():
     with pytest.raises(UsageError, match=r"three words.*--model replay:RUN"):
         look_up(spec())
     with pytest.raises(UsageError, match="pilot, model or outside"):

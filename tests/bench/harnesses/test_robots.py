@@ -1,4 +1,4 @@
-"""The embodiment under Inspect Robots: conformant, flown by its rollout, scored by our verifier."""
+"""The Inspect Robots embodiment: it conforms, the rollout of Inspect flies it, and our verifier scores it."""
 
 import json
 from pathlib import Path
@@ -29,7 +29,7 @@ class Turns(PolicyBase):
         return ActionChunk([Action(np.array([kind, 0.0, 0.0, 1.0, 45.0]))])
 
 
-def test_it_is_conformant_and_flown_and_judged(tmp_path):
+def test_the_embodiment_conforms_flies_and_is_scored(tmp_path):
     embodiment = DroneEmbodiment(seconds=8.0, out=tmp_path / "run")
     assert_embodiment_conformant(embodiment.info)
     policy = Turns(embodiment)
@@ -48,7 +48,7 @@ def test_it_is_conformant_and_flown_and_judged(tmp_path):
     assert len(list(Path(tmp_path / "logs").rglob("*.json"))) >= 1
 
 
-def test_a_suite_is_its_episodes_of_one_drone():
+def test_a_task_contains_only_the_episodes_with_one_drone():
     task = dronecats_task("quick")
     assert len(task.scenes) == 8
     assert {scene.metadata["cell"] for scene in task.scenes} == {

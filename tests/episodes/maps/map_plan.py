@@ -1,4 +1,4 @@
-"""The places of a map's things, in plan."""
+"""Footprints of a map's objects in the horizontal plane."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,10 @@ TRUNK_M = 0.6  # the part of a tree below this height is its trunk
 
 
 def foot(one: Instance) -> Array:
-    """Return the four corners (4, 2) in plan of the box around a thing without its leaves; of a tree, of its trunk."""
+    """Return the corners (4, 2), north and east in m, of an object's footprint.
+
+    The footprint is the box around the object without its foliage. For a tree, it is the box around the trunk.
+    """
     mesh = one.mesh.without_foliage()
     v = mesh.vertices[np.unique(mesh.triangles)]
     if one.kind in ("tree", "conifer"):
@@ -22,7 +25,7 @@ def foot(one: Instance) -> Array:
 
 
 def apart(a: Array, b: Array) -> bool:
-    """Return whether a line separates two rectangles."""
+    """Return whether two rectangles are apart: a line separates them."""
     for box in (a, b):
         for k in range(2):
             axis = box[k + 1] - box[k]

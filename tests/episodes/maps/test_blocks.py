@@ -1,4 +1,4 @@
-"""The blocks: solid, apart from each other, on a level floor, with room for four signs and four drones."""
+"""The map `blocks`: closed solids apart from each other on a level floor, and room for four signs and four drones."""
 
 import itertools
 import math
@@ -16,8 +16,8 @@ from foundation.frames import Vec3
 from tests.episodes.maps.map_plan import apart, foot
 
 EYE_M = 1.7  # height of a drone
-NEAREST, WIDEST = (5.5, 11.2), (18.0, 32.0)  # m, of the pairs of signs
-TO_NAMED, TO_EACH = (12.0, 32.0), (7.0, 37.0)  # m, from the middle of the start grid
+NEAREST, WIDEST = (5.5, 11.2), (18.0, 32.0)  # m, range of the smallest and of the largest distance between two signs
+TO_NAMED, TO_EACH = (12.0, 32.0), (7.0, 37.0)  # m, range of the distance from the start grid's middle to a sign
 
 
 @pytest.fixture(scope="module")
@@ -29,14 +29,14 @@ def standing(scene: Scene) -> list[Instance]:
     return [i for i in scene.instances if i.kind != "ground"]
 
 
-def test_shapes_budget_and_names(scene: Scene) -> None:
+def test_kinds_triangle_budget_and_unique_names(scene: Scene) -> None:
     assert {i.kind for i in scene.instances} == {"ground", "box", "cylinder", "cone", "pyramid", "ramp", "arch"}
     assert sum(len(i.mesh.triangles) for i in scene.instances) <= 20_000
     assert len({i.name for i in scene.instances}) == len(scene.instances) == len({i.id for i in scene.instances})
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4, 9, 77])
-def test_solids_stand_on_the_floor_and_apart(seed: int) -> None:
+def test_solids_are_closed_on_the_floor_and_apart(seed: int) -> None:
     solids = standing(maps.build("blocks", seed))
     for one in solids:
         assert one.position_ned[2] == 0.0
@@ -49,14 +49,14 @@ def test_solids_stand_on_the_floor_and_apart(seed: int) -> None:
         assert apart(first, second), f"{a} stands in {b}"
 
 
-def test_nothing_is_called_by_a_colour(scene: Scene) -> None:
+def test_no_material_has_a_saturated_colour(scene: Scene) -> None:
     for one in scene.instances:
         for material in one.mesh.materials:
             r, g, b = material.color
             assert max(r, g, b) - min(r, g, b) < 0.13
 
 
-def test_the_floor_is_level_and_drawn_so(scene: Scene) -> None:
+def test_the_floor_is_level(scene: Scene) -> None:
     assert not scene.terrain.down.any()
     floor = Solids(i for i in scene.instances if i.kind == "ground")
     for n, e in np.random.default_rng(1).uniform(-300.0, 300.0, (60, 2)):
@@ -88,7 +88,7 @@ def test_every_shipped_map_lists_its_places() -> None:
 
 
 def arrangement(rng: np.random.Generator, spots: NDArray[np.float64], solids: Solids) -> bool:
-    """Return whether a random try places four signs and a start grid as a commanding episode needs them."""
+    """Place four signs and a start grid at random, and return whether a commanding episode can use them."""
     grid = spots[rng.integers(len(spots))]
     near = spots[np.linalg.norm(spots - grid, axis=1) < TO_EACH[1]]
     signs = near[rng.integers(len(near), size=4)]
@@ -99,7 +99,7 @@ def arrangement(rng: np.random.Generator, spots: NDArray[np.float64], solids: So
     if not (TO_NAMED[0] <= reach[0] <= TO_NAMED[1] and min(reach) >= TO_EACH[0]):
         return False
     bearings = np.unwrap([math.atan2(e - grid[1], n - grid[0]) for n, e in signs])
-    if np.ptp(bearings) > math.radians(80.0):  # one picture shows them all
+    if np.ptp(bearings) > math.radians(80.0):  # one picture must show all signs
         return False
     boards = np.column_stack([signs, np.full(4, -1.4)])
     for dn, de in itertools.product((-1.0, 1.0), repeat=2):
@@ -110,8 +110,8 @@ def arrangement(rng: np.random.Generator, spots: NDArray[np.float64], solids: So
 
 
 @pytest.mark.parametrize("seed", [1, 4])
-def test_there_is_room_for_commanding_episodes(seed: int) -> None:
-    """A seeded search gives a dozen different arrangements, at least one in each of the four fields."""
+def test_the_map_has_room_for_commanding_episodes(seed: int) -> None:
+    """A seeded random search finds at least two arrangements in each quadrant of the map."""
     rng = np.random.default_rng(seed)
     places = blocks.places(seed)
     solids = Solids(standing(maps.build("blocks", seed)))

@@ -1,4 +1,4 @@
-"""The campus: all things stand on the ground, free of each other, by the dozen and alike; walks are clear."""
+"""The map `campus`: many identical objects that stand on the ground and do not overlap, and clear lanes."""
 
 import itertools
 import math
@@ -38,7 +38,7 @@ def standing(scene: Scene) -> list[Instance]:
     return [i for i in scene.instances if i.kind not in ("ground", "wood")]
 
 
-def test_budget_and_ids(scene: Scene) -> None:
+def test_triangle_budget_and_unique_ids_and_names(scene: Scene) -> None:
     assert sum(len(i.mesh.triangles) for i in scene.instances) <= BUDGET
     ids, names = [i.id for i in scene.instances], [i.name for i in scene.instances]
     assert len(set(ids)) == len(ids)
@@ -46,7 +46,7 @@ def test_budget_and_ids(scene: Scene) -> None:
     assert min(ids) == 1
 
 
-def test_many_of_each_kind_and_all_alike(scene: Scene) -> None:
+def test_each_kind_has_at_least_four_objects_with_one_mesh(scene: Scene) -> None:
     count = Counter(i.kind for i in scene.instances)
     assert not {kind: count[kind] for kind in MANY if count[kind] < 4}
     for kind in (*assets.FIXTURES, "delivery-robot", "service-cart"):
@@ -56,17 +56,17 @@ def test_many_of_each_kind_and_all_alike(scene: Scene) -> None:
         assert one.name.rsplit("-", 1)[0] == one.kind
 
 
-def test_no_two_people_look_alike_and_none_wears_a_paint(scene: Scene) -> None:
+def test_people_look_different_and_wear_no_paint_colour(scene: Scene) -> None:
     people = [i for i in scene.instances if i.kind == "person"]
     looks = {frozenset((m.name, m.color) for m in i.mesh.materials) for i in people}
     assert len(looks) == len(people)
-    assert len({len(i.mesh.triangles) for i in people}) > len(people) / 2  # nor have they one shape
+    assert len({len(i.mesh.triangles) for i in people}) > len(people) / 2  # they also have different shapes
     paints = {materials.linear(srgb) for name, srgb in materials.PAINTS.items() if name not in materials.NEUTRAL}
     for one in people:
         assert not paints & {m.color for m in one.mesh.materials}
 
 
-def test_names_stay_whatever_the_seed(scene: Scene) -> None:
+def test_names_and_positions_do_not_depend_on_the_seed(scene: Scene) -> None:
     again, other = maps.build("campus", 1), maps.build("campus", 5)
     for a, b, c in zip(scene.instances, again.instances, other.instances, strict=True):
         assert (a.name, a.position_ned, a.yaw) == (b.name, b.position_ned, b.yaw)
@@ -75,15 +75,15 @@ def test_names_stay_whatever_the_seed(scene: Scene) -> None:
     assert any(a.yaw != c.yaw for a, c in zip(scene.instances, other.instances, strict=True))
 
 
-def test_no_triangle_is_a_line(scene: Scene) -> None:
-    """Distances and collisions divide by a triangle's area."""
+def test_no_triangle_is_degenerate(scene: Scene) -> None:
+    """The code for distances and collisions divides by a triangle's area."""
     for mesh in {id(i.mesh): i.mesh for i in standing(scene)}.values():
         t = mesh.vertices[mesh.triangles].astype(np.float64)
         area = np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
         assert area.min() > 1e-9, next(i.name for i in scene.instances if i.mesh is mesh)
 
 
-def test_drawn_ground_is_the_height_field(scene: Scene) -> None:
+def test_drawn_ground_matches_the_height_field(scene: Scene) -> None:
     ground = Solids(i for i in scene.instances if i.kind == "ground")
     rng = np.random.default_rng(3)
     for n, e in rng.uniform(-94.0, 94.0, (400, 2)):
@@ -91,8 +91,8 @@ def test_drawn_ground_is_the_height_field(scene: Scene) -> None:
         assert down == pytest.approx(scene.terrain.at(float(n), float(e)), abs=0.005)
 
 
-def test_ground_has_no_gaps_and_no_doubles() -> None:
-    """The cut pieces cover the whole square exactly once. The land beyond is under its edge and does not count."""
+def test_ground_pieces_neither_overlap_nor_leave_gaps() -> None:
+    """The pieces cover the whole square exactly once. The fields around it are excluded: they reach under its edge."""
     meshes = dict(campus_ground.ground())
     area = 0.0
     for mesh in meshes.values():
@@ -104,7 +104,7 @@ def test_ground_has_no_gaps_and_no_doubles() -> None:
     assert area == pytest.approx((2 * campus_ground.FAR[-1]) ** 2, rel=1e-6)
 
 
-def test_use_of_the_ground_is_what_is_drawn() -> None:
+def test_use_at_matches_the_drawn_ground() -> None:
     drawn = {use: Solids([Instance(1, use, "ground", mesh, (0.0, 0.0, 0.0))]) for use, mesh in campus_ground.ground()}
     rng = np.random.default_rng(5)
     for n, e in rng.uniform(-60.0, 60.0, (200, 2)):
@@ -118,28 +118,28 @@ def test_everything_stands_on_the_ground(scene: Scene) -> None:
         if one.kind == "hall":
             continue
         assert d == pytest.approx(scene.terrain.at(n, e), abs=1e-9)
-        # no corner of its foot is above or below the ground
+        # Each corner of its footprint is on the ground.
         for corner in foot(one):
             if one.kind not in ("tree", "conifer", "shrub", "clock-tower"):
                 assert abs(scene.terrain.at(*corner) - d) < 0.10, one.name
 
 
-def test_halls_reach_into_the_ground(scene: Scene) -> None:
+def test_halls_extend_below_the_ground(scene: Scene) -> None:
     for one in scene.instances:
         if one.kind == "hall":
             below = one.position_ned[2] + one.mesh.vertices[:, 2].max()
             for n, e in foot(one):
                 assert scene.terrain.at(n, e) < below
-                assert scene.terrain.at(n, e) > one.position_ned[2] - 0.45  # the floor is not below ground
+                assert scene.terrain.at(n, e) > one.position_ned[2] - 0.45  # the floor is not below the ground
 
 
-def test_nothing_stands_in_anything_else(scene: Scene) -> None:
+def test_footprints_do_not_overlap(scene: Scene) -> None:
     boxes = [(i.name, foot(i)) for i in standing(scene) if i.kind != "hall"]
     for (a, first), (b, second) in itertools.combinations(boxes, 2):
         assert apart(first, second), f"{a} stands in {b}"
 
 
-def test_nothing_stands_in_a_hall_or_on_its_steps(scene: Scene) -> None:
+def test_no_object_is_inside_a_hall_or_on_its_steps(scene: Scene) -> None:
     for hall in (i for i in scene.instances if i.kind == "hall"):
         solid = Solids([hall])
         half = next(plan.depth for plan, n, e, _ in campus_plan.HALLS if (n, e) == hall.position_ned[:2]) / 2
@@ -157,7 +157,7 @@ def test_nothing_stands_in_a_hall_or_on_its_steps(scene: Scene) -> None:
                     assert gap > 0.02, f"{one.name} stands in the steps of {hall.name}"
 
 
-def test_crowns_stay_clear_of_halls(scene: Scene) -> None:
+def test_tree_crowns_do_not_reach_into_halls(scene: Scene) -> None:
     halls = [i for i in scene.instances if i.kind == "hall"]
     for tree in (i for i in scene.instances if i.kind in ("tree", "conifer")):
         reach = float(np.linalg.norm(tree.mesh.vertices[:, :2], axis=1).max())
@@ -195,14 +195,14 @@ def test_spots_are_free(scene: Scene) -> None:
         assert solids.clearance_m((n, e, d - 1.0)) >= campus.SPOT_CLEAR_M - 0.35  # a kiosk's roof overhangs its foot
 
 
-def test_landmarks_are_there_and_say_different_things(scene: Scene) -> None:
+def test_landmarks_exist_and_have_distinct_phrases(scene: Scene) -> None:
     names = {i.name for i in scene.instances}
     landmarks = campus.landmarks()
     assert all(mark.name in names for mark in landmarks)
     assert len({mark.phrase for mark in landmarks}) == len(landmarks) >= 8
 
 
-def test_the_tiered_fountain_is_fountain_1(scene: Scene) -> None:
+def test_fountain_1_is_the_tallest_fountain(scene: Scene) -> None:
     tall = {i.name: -i.mesh.vertices[:, 2].min() for i in scene.instances if i.kind == "fountain"}
     assert max(tall, key=tall.__getitem__) == "fountain-1"
     assert sorted(tall.values())[-1] > 1.5 * sorted(tall.values())[-2]
@@ -215,9 +215,9 @@ def test_spawn_is_free(scene: Scene) -> None:
     assert solids.clearance_m((n, e, d - 1.0)) > 3.0
 
 
-def test_the_sun_stands_where_it_should(scene: Scene) -> None:
+def test_the_sun_is_in_the_south_east_at_40_to_62_degrees(scene: Scene) -> None:
     north, east, down = scene.sun.toward_ned
     assert math.hypot(north, east, down) == pytest.approx(1.0)
-    assert east > 0.1  # before noon it stands in the east
-    assert north < -0.1  # and, this far north, in the south
+    assert east > 0.1  # in the east, because it is before noon
+    assert north < -0.1  # in the south, because the latitude is northern
     assert 40.0 < math.degrees(math.asin(-down)) < 62.0

@@ -1,4 +1,4 @@
-"""Light and season: shadows match the sun's position, and nothing but the appearance changes."""
+"""Light and season: shadows match the sun's position, and only the appearance changes."""
 
 import math
 from dataclasses import replace
@@ -17,7 +17,7 @@ from foundation.frames import quat_from_euler
 from tests.episodes.camera.renderer.scenes import box_mesh, ground_mesh, instance, quad_mesh, scene_of
 
 CAMERA = CameraModel(200, 200, 90.0, (0.0, 0.0, 0.0))
-HEIGHT_M = 4.0  # of a post one metre wide at the origin
+HEIGHT_M = 4.0  # height of a post at the origin, 1 m wide
 POST = scene_of(
     [instance(1, ground_mesh(60.0), (0.0, 0.0, 0.0), "ground"), instance(2, box_mesh(1, 1, HEIGHT_M), (0.0, 0.0, 0.0))]
 )
@@ -33,13 +33,13 @@ def picture(scene, pose, camera=CAMERA):
 
 
 def from_above(scene, *places):
-    """Return the brightness of the ground at (north, east) places, seen from 20 m above; one metre is 5 px."""
+    """Return the brightness of the ground at (north, east) places, seen from 20 m above. One metre is 5 px."""
     seen = picture(scene, CameraPose((0.0, 0.0, -20.0), quat_from_euler(0.0, -math.pi / 2, 0.0))).mean(axis=2)
     return [seen[round(100 - 5 * north), round(100 + 5 * east)] for north, east in places]
 
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(90.0, 30.0), (200.0, 45.0), (315.0, 60.0)])
-def test_a_shadow_is_as_long_and_lies_as_the_sun_stands(azimuth, elevation):
+def test_shadow_length_and_direction_match_the_sun(azimuth, elevation):
     scene = in_conditions(POST, SceneConditions(sun_azimuth_deg=azimuth, sun_elevation_deg=elevation))
     length, away = HEIGHT_M / math.tan(math.radians(elevation)), math.radians(azimuth + 180.0)
 
@@ -53,7 +53,7 @@ def test_a_shadow_is_as_long_and_lies_as_the_sun_stands(azimuth, elevation):
     assert sunny == pytest.approx(open_ground, rel=0.05)
 
 
-def test_one_angle_alone_leaves_the_other():
+def test_setting_one_sun_angle_keeps_the_other():
     sun = replace(POST.sun, toward_ned=direction(120.0, 50.0))
     scene = replace(POST, sun=sun)
     assert in_conditions(scene, SceneConditions(sun_elevation_deg=20.0)).sun.toward_ned == pytest.approx(
@@ -72,7 +72,7 @@ def test_a_low_sun_is_redder():
     assert low[0] / low[2] > 1.2 * high[0] / high[2]
 
 
-def test_below_clouds_there_is_hardly_a_shadow_and_no_sun():
+def test_overcast_sky_weakens_shadows_and_hides_the_sun():
     shade = (-0.2 - HEIGHT_M / 2, 0.0)
     low = replace(POST, sun=replace(POST.sun, toward_ned=direction(0.0, 45.0)))
     for conditions, least, most in ((SceneConditions(), 0.0, 0.75), (OVERCAST, 0.85, 1.0)):
@@ -82,16 +82,16 @@ def test_below_clouds_there_is_hardly_a_shadow_and_no_sun():
     assert blue < 1.2 * red
     toward, away = (sky(in_conditions(low, OVERCAST), azimuth, 45.0).mean() for azimuth in (0.0, 180.0))
     assert toward == pytest.approx(away, rel=0.2)
-    assert sky(low, 0.0, 45.0).min() > 250.0  # the sun's place in a clear sky
+    assert sky(low, 0.0, 45.0).min() > 250.0  # the sun in a clear sky
 
 
 def sky(scene, azimuth, elevation):
-    """Return the (r, g, b) code of the sky at a place."""
+    """Return the (r, g, b) value, 0 … 255, of the sky at an azimuth and an elevation (degrees)."""
     turn = quat_from_euler(0.0, math.radians(elevation), math.radians(azimuth))
     return picture(scene, CameraPose((25.0, 25.0, -8.0), turn))[100, 100]
 
 
-def test_at_dusk_the_sky_glows_where_the_sun_has_set():
+def test_at_dusk_the_sky_is_redder_in_the_west_than_in_the_east():
     scene = in_conditions(POST, DUSK)
     assert daylight(scene.sun).sun == (0.0, 0.0, 0.0)
     west, east, above = (sky(scene, a, h) for a, h in ((300.0, 2.0), (120.0, 2.0), (0.0, 85.0)))
@@ -101,7 +101,7 @@ def test_at_dusk_the_sky_glows_where_the_sun_has_set():
     assert dark < 0.6 * bright
 
 
-def test_about_half_of_the_windows_are_lit_each_as_a_whole():
+def test_about_half_of_the_windows_are_lit_and_each_window_is_uniform():
     window, wall = Material("window", (0.05, 0.06, 0.07)), Material("brick", (0.4, 0.2, 0.1))
     panes = [
         quad_mesh([(0, e, -d - 1), (0, e + 1, -d - 1), (0, e + 1, -d), (0, e, -d)], window)
@@ -116,7 +116,7 @@ def test_about_half_of_the_windows_are_lit_each_as_a_whole():
     assert 0.4 < by_pane[:, 0].mean() < 0.7
 
 
-def test_at_dusk_windows_shine_and_walls_do_not():
+def test_wall_panels_have_no_emission_at_dusk():
     for built in map(maps.build, maps.shipped()):
         for thing in in_conditions(built, DUSK).instances:
             for looks in thing.mesh.materials:
@@ -124,7 +124,7 @@ def test_at_dusk_windows_shine_and_walls_do_not():
 
 
 def merged(meshes):
-    """Return one mesh of several, a row of materials each."""
+    """Return the meshes as one mesh. Each keeps its first material."""
     first, vertices, triangles = meshes[0], 0, []
     for mesh in meshes:
         triangles.append(mesh.triangles + vertices)
@@ -139,7 +139,7 @@ def merged(meshes):
 
 
 @pytest.mark.parametrize("name", maps.shipped())
-def test_no_shape_moves_and_no_collider_changes(name):
+def test_conditions_do_not_change_geometry(name):
     built = maps.build(name)
     assert in_conditions(built, SceneConditions()) is built
     for conditions in (DUSK, AUTUMN, OVERCAST):
@@ -151,7 +151,7 @@ def test_no_shape_moves_and_no_collider_changes(name):
             assert before.mesh.triangles is after.mesh.triangles
 
 
-def test_leaves_turn_and_evergreens_do_not():
+def test_autumn_changes_the_colour_of_leaves_but_not_of_evergreens():
     built = maps.build("residential")
     scene = in_conditions(built, AUTUMN)
     hues, kept = set(), set()

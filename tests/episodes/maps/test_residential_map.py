@@ -1,4 +1,4 @@
-"""Assets and their map: sound meshes, ground at the height field, colours reserved for the target."""
+"""Assets and the map `residential`: sound meshes, ground on the height field, paints reserved for targets."""
 
 import itertools
 import math
@@ -40,7 +40,7 @@ def check(mesh: Mesh) -> None:
     assert mesh.material.max() < len(mesh.materials)
 
 
-def test_cars() -> None:
+def test_cars_match_their_shape_and_paint() -> None:
     for kind in sorted(SHAPES):
         mesh, shape = assets.build(kind, "cyan", "4017"), SHAPES[kind]
         check(mesh)
@@ -48,21 +48,21 @@ def test_cars() -> None:
         assert high[0] - low[0] == pytest.approx(shape.length, abs=0.08), kind
         assert -low[2] == pytest.approx(shape.roof, abs=0.12), kind
         assert high[2] == pytest.approx(0.0, abs=1e-6), kind  # wheels on the ground
-        assert low[1] == pytest.approx(-high[1], abs=1e-4), kind  # left is right
+        assert low[1] == pytest.approx(-high[1], abs=1e-4), kind  # symmetric left and right
         hull = shape.length * shape.width * (shape.belt - shape.clearance)
-        assert volume(mesh) > 0.7 * hull, kind  # faces look outwards
+        assert volume(mesh) > 0.7 * hull, kind  # faces point outwards
         assert any(m.name == "paint-cyan" for m in mesh.materials), kind
         assert mesh is assets.build(kind, "cyan", "4017"), kind
 
 
-def test_only_the_inscription_differs() -> None:
+def test_sedans_with_different_inscriptions_differ_only_in_the_plate_material() -> None:
     a, b = assets.build("sedan", "blue", "4017"), assets.build("sedan", "blue", "3218")
     assert np.array_equal(a.vertices[:, 0].max(), b.vertices[:, 0].max())
     named = {m.name for m in a.materials} ^ {m.name for m in b.materials}
     assert named == {"plate-4017", "plate-3218"}
 
 
-def test_unknown_names_are_refused_with_near_ones() -> None:
+def test_unknown_names_are_rejected_with_suggestions() -> None:
     with pytest.raises(UsageError, match="sedan"):
         assets.build("sedann", "blue")
     with pytest.raises(UsageError, match="cyan"):
@@ -85,14 +85,14 @@ def test_primitives_enclose_their_volume() -> None:
         assert volume(g.assemble([part])) == pytest.approx(expected, rel=tolerance)
 
 
-def test_smooth_and_sharp_edges() -> None:
+def test_balls_have_smooth_normals_and_boxes_have_sharp_edges() -> None:
     ball = g.ball((0, 0, 0), (1, 1, 1), materials.RIM, 2)
     assert np.abs(ball.normals - ball.corners).max() < 0.12
     cube = g.soup(g.box((0, 0, 0), (1, 1, 1), materials.RIM).corners, materials.RIM)
     assert np.allclose(np.abs(cube.normals).max(axis=2), 1.0)
 
 
-def test_samples_lie_on_the_surface_and_spread_by_area() -> None:
+def test_surface_samples_are_distributed_by_area() -> None:
     mesh = g.assemble([g.box((0, 0, 0), (1, 1, 9), materials.RIM)])
     points, normals = surface_samples(mesh, 500)
     assert np.allclose(np.linalg.norm(normals, axis=1), 1.0)
@@ -117,17 +117,17 @@ def test_map_is_sound_and_within_budget(scene: Scene) -> None:
     assert scene.sun.toward_ned[2] < -0.5
 
 
-def test_ground_mesh_is_the_height_field(scene: Scene) -> None:
+def test_ground_mesh_matches_the_height_field(scene: Scene) -> None:
     ground = Solids(i for i in scene.instances if i.kind == "ground")
     rng = np.random.default_rng(3)
     for n, e in zip(rng.uniform(-65, 65, 150), rng.uniform(-40, 40, 150), strict=True):
         if abs(abs(e) - 4.125) < 0.4:
-            continue  # the kerb's face is between the nodes of either
+            continue  # the kerb's vertical face is between the nodes of both grids
         down = scene.terrain.at(float(n), float(e))
         assert ground.range_m((float(n), float(e), -50.0), (0.0, 0.0, 1.0)) - 50.0 == pytest.approx(down, abs=0.03)
 
 
-def test_levels_of_the_paper(scene: Scene) -> None:
+def test_terrain_levels_match_the_paper(scene: Scene) -> None:
     assert scene.terrain.at(0.0, 0.0) == pytest.approx(0.05)
     assert scene.terrain.at(0.0, 12.0) == pytest.approx(-0.45)
     assert scene.terrain.at(60.0, 0.0) - scene.terrain.at(0.0, 0.0) < -0.2
@@ -140,7 +140,7 @@ def test_everything_stands_on_the_ground(scene: Scene) -> None:
             assert d == pytest.approx(scene.terrain.at(n, e), abs=1e-9)
 
 
-def test_no_parked_vehicle_wears_a_target_colour(scene: Scene) -> None:
+def test_parked_vehicles_have_only_neutral_paints(scene: Scene) -> None:
     cars = [i for i in scene.instances if i.kind in SHAPES]
     assert len(cars) >= 8
     for car in cars:
@@ -149,8 +149,8 @@ def test_no_parked_vehicle_wears_a_target_colour(scene: Scene) -> None:
         assert set(worn) <= set(materials.NEUTRAL)
 
 
-def test_number_plates_are_all_different(scene: Scene) -> None:
-    """From each other, and from those in records."""
+def test_number_plates_are_unique_and_differ_from_targets(scene: Scene) -> None:
+    """The targets and candidates are those of all records."""
     worn = [m.name.removeprefix("plate-") for i in scene.instances for m in i.mesh.materials if "plate-" in m.name]
     assert len(set(worn)) == len(worn) == sum(i.kind in SHAPES for i in scene.instances)
     for record in map(catalogue.load, catalogue.ids()):
@@ -158,7 +158,7 @@ def test_number_plates_are_all_different(scene: Scene) -> None:
             assert not target.inscription or not any(target.inscription in text for text in worn), record.id
 
 
-def test_no_two_neighbours_look_alike() -> None:
+def test_neighbouring_houses_look_different() -> None:
     for seed in (1, 2, 3):
         homes = plots(seed)
         for a, b in itertools.combinations(homes, 2):
@@ -167,7 +167,7 @@ def test_no_two_neighbours_look_alike() -> None:
                     assert getattr(a.plan, field) != getattr(b.plan, field), (seed, a.number, b.number)
 
 
-def test_cars_that_follow_each_other_differ_in_trim(scene: Scene) -> None:
+def test_consecutive_cars_look_different(scene: Scene) -> None:
     cars = [i for i in scene.instances if i.kind in SHAPES]
     assert {"sedan", "estate", "hatchback", "suv", "pickup", "van"} == {i.kind for i in cars}
     looks = [frozenset((m.name, m.color) for m in i.mesh.materials if "plate-" not in m.name) for i in cars]

@@ -1,4 +1,4 @@
-"""The neighbourhood's room for episodes: a block to drive round, free kerbs and drives, clear lanes."""
+"""Places for episodes on the map `residential`: lanes around a block, free kerbs and drives, clear lanes."""
 
 import itertools
 import math
@@ -25,19 +25,19 @@ def town() -> tuple[Scene, Places, Solids]:
     return KEPT["1"]
 
 
-def test_drawn_ground_is_the_height_field_everywhere() -> None:
+def test_drawn_ground_matches_the_height_field_everywhere() -> None:
     scene, _, _ = town()
     ground = Solids(i for i in scene.instances if i.kind == "ground")
     rng = np.random.default_rng(3)
     n0, n1, e0, e1 = plan.REACH
     for n, e in zip(rng.uniform(n0, n1, 500), rng.uniform(e0, e1, 500), strict=True):
         if 3.7 < plan.away(np.array([n]), np.array([e]))[0] < 4.6:
-            continue  # the kerb's face is between the nodes of either
+            continue  # the kerb's vertical face is between the nodes of both grids
         down = scene.terrain.at(float(n), float(e))
         assert ground.range_m((float(n), float(e), -50.0), (0.0, 0.0, 1.0)) - 50.0 == pytest.approx(down, abs=0.02)
 
 
-def test_the_roads_join_and_nothing_stands_on_them() -> None:
+def test_roads_have_no_steps_and_only_cars_stand_on_them() -> None:
     scene, _, _ = town()
     homes = plan.plots(1)
     for street in plan.STREETS:
@@ -57,7 +57,7 @@ def test_the_roads_join_and_nothing_stands_on_them() -> None:
         assert scene.terrain.at(n, e) == one.position_ned[2]
 
 
-def test_houses_keep_apart_from_each_other_and_from_trees() -> None:
+def test_houses_do_not_overlap_each_other_or_trees() -> None:
     scene, _, _ = town()
     boxes = []
     for one in scene.instances:
@@ -73,7 +73,7 @@ def test_houses_keep_apart_from_each_other_and_from_trees() -> None:
 
 
 def inside(spot: Spot, length: float, width: float, heights: tuple[float, ...]) -> list[tuple[float, float, float]]:
-    """Return points over a rectangle that stands at a spot."""
+    """Return NED points at `heights` above a rectangle that is centred at a spot."""
     c, s = math.cos(spot.yaw), math.sin(spot.yaw)
     n, e, d = spot.position_ned
     return [
@@ -98,7 +98,7 @@ def test_spots_are_free_and_on_the_ground(place: str, size: tuple[float, float],
         assert all(solids.clearance_m(p) > 0.15 for p in inside(spot, *size, (0.4, 1.3)))
 
 
-def test_there_are_starts_with_a_clear_view_of_most_kerbs_and_drives() -> None:
+def test_at_least_70_kerbs_and_drives_have_a_start_with_a_clear_view() -> None:
     scene, room, solids = town()
     clear_count = 0
     for spot in (s for s in room.spots if s.place in ("kerb", "drive")):
@@ -112,18 +112,18 @@ def test_there_are_starts_with_a_clear_view_of_most_kerbs_and_drives() -> None:
             if free and plan.away(np.array([start[0]]), np.array([start[1]]))[0] < 7.0:
                 clear_count += 1
                 break
-    assert clear_count >= 70  # fifty episodes, and a choice
+    assert clear_count >= 70  # more than the fifty episodes need
 
 
 def shifted(lane: Lane, aside: float) -> np.ndarray:
-    """Return (N, 2) points of a lane, shifted to its right."""
+    """Return the points (N, 2) of a lane, shifted `aside` metres to its right."""
     points = np.array(lane.waypoints_ned)[:, :2]
     way = np.gradient(points, axis=0)
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     return points + aside * np.column_stack([-way[:, 1], way[:, 0]])
 
 
-def test_lanes_are_long_on_the_ground_and_clear() -> None:
+def test_lanes_are_long_clear_and_on_the_ground() -> None:
     scene, room, solids = town()
     assert len(room.lanes) >= 50
     assert len({lane.name for lane in room.lanes}) == len(room.lanes)
@@ -143,7 +143,7 @@ def test_lanes_are_long_on_the_ground_and_clear() -> None:
                     assert not solids.hidden(start, np.array([end]))[0], lane.name
 
 
-def test_lanes_leave_drives_and_go_round_the_block_both_ways() -> None:
+def test_lanes_leave_drives_and_circle_the_block_in_both_directions() -> None:
     _, room, _ = town()
     names = [lane.name for lane in room.lanes]
     for words in ("anticlockwise", "block, clockwise", "from drive", "to the left", "to the right", "pavement", "Road"):
@@ -152,7 +152,7 @@ def test_lanes_leave_drives_and_go_round_the_block_both_ways() -> None:
     for lane in (one for one in room.lanes if one.name.startswith("from drive")):
         start = lane.waypoints_ned[0]
         rises.append(max(p[2] for p in lane.waypoints_ned[:40]) - start[2])
-    assert min(rises) > 0.3  # from −0.45 m down to the road at +0.05 m, give or take the hill
+    assert min(rises) > 0.3  # down goes from −0.45 m at the drive to +0.05 m on the road, with a margin for the hill
     turns = []
     for lane in (one for one in room.lanes if "block" in one.name):
         way = np.diff(np.array(lane.waypoints_ned)[:, :2], axis=0)
@@ -162,8 +162,8 @@ def test_lanes_leave_drives_and_go_round_the_block_both_ways() -> None:
     assert sum(turns) >= 0.6 * len(turns)
 
 
-def test_four_candidates_fit_in_many_ways() -> None:
-    """The paper's distances between look-alikes, on free kerbs and drives alone, no spot used twice."""
+def test_at_least_12_disjoint_sets_of_four_candidates_fit() -> None:
+    """Candidates have the paper's distances and stand only on free kerbs and drives. No spot is used twice."""
     _, room, _ = town()
     spots = [s.position_ned for s in room.spots if s.place in ("kerb", "drive")]
     used: set[int] = set()
@@ -182,7 +182,7 @@ def test_four_candidates_fit_in_many_ways() -> None:
 
 
 @pytest.mark.parametrize("seed", [2, pytest.param(3, marks=pytest.mark.slow)])
-def test_other_seeds_are_other_neighbourhoods_with_as_much_room(seed: int) -> None:
+def test_other_seeds_give_different_places_with_similar_room(seed: int) -> None:
     scene, room = maps.build("residential", seed), places(seed)
     assert sum(len(i.mesh.triangles) for i in scene.instances) <= 250_000
     mine = [s for s in room.spots if s.place in ("kerb", "drive")]

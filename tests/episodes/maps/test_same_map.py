@@ -1,4 +1,4 @@
-"""A map has the same bytes in every process, for any order of Python's sets and dicts."""
+"""A map has the same bytes in every process, independent of the order of Python's sets."""
 
 import hashlib
 import os
@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[3]
 
 
 def digest(name: str) -> str:
-    """Return a digest of everything that draws or measures a map."""
+    """Return a digest of all data of a map that rendering and measurements use."""
     scene, sha256 = maps.build(name, 3), hashlib.sha256()
     sha256.update(scene.terrain.down.tobytes())
     sha256.update(repr((scene.sun.toward_ned, scene.spawn_ned, scene.latitude_deg, scene.longitude_deg)).encode())
@@ -46,9 +46,9 @@ def test_another_process_builds_the_same_map(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", maps.shipped())
-def test_all_ground_faces_up(name: str) -> None:
+def test_ground_triangles_face_up(name: str) -> None:
     for one in maps.build(name, 1).instances:
         if one.kind == "ground":
             corners = one.mesh.vertices[one.mesh.triangles].astype(float)
             normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            assert (normal[:, 2] < 1e-9).all(), one.name  # down is positive: a viewer that culls shows no hole
+            assert (normal[:, 2] < 1e-9).all(), one.name  # down is positive. Viewers with back-face culling need this.

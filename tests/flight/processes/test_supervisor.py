@@ -33,7 +33,7 @@ def gone(pid: int) -> bool:
     return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] == "Z"
 
 
-def test_a_child_says_what_it_bound_and_ends_with_its_parent(supervisor):
+def test_a_child_reports_its_address_and_ends_when_the_supervisor_closes(supervisor):
     child = supervisor.start(PILOT, PilotConfig(pilot="blind"))
     assert child.ready()["base_url"].startswith("http://127.0.0.1:")
     supervisor.check()
@@ -50,7 +50,7 @@ def test_the_error_of_an_ended_child_quotes_its_output(supervisor, asks):
         child.do("begin") if asks else supervisor.check()
 
 
-def test_a_killed_child_is_named_with_the_signal(supervisor):
+def test_the_error_of_a_killed_child_names_the_child_and_the_signal(supervisor):
     child = supervisor.start(ENDING, EndingConfig())
     child.ready()
     os.kill(child.pid, signal.SIGKILL)
@@ -68,7 +68,7 @@ def looks(supervisor, until, limit_s=60):
         time.sleep(0.01)  # the flight's tick; nothing in this test depends on it
 
 
-def test_a_child_that_hangs_is_named_with_its_log_and_not_waited_for_again(tmp_path):
+def test_a_hanging_child_is_reported_with_its_log_and_later_commands_fail_at_once(tmp_path):
     supervisor = Supervisor(tmp_path, answer_s=1.0)
     child = supervisor.start(ENDING, EndingConfig())
     child.ready()
@@ -77,12 +77,12 @@ def test_a_child_that_hangs_is_named_with_its_log_and_not_waited_for_again(tmp_p
     with pytest.raises(InfrastructureError, match=words):
         looks(supervisor, lambda: False)
     with pytest.raises(InfrastructureError, match=words):
-        child.do("begin", 1e6)  # rather than for another eleven days
+        child.do("begin", 1e6)  # fails at once instead of waiting for eleven days
     supervisor.close()
     assert gone(child.pid)
 
 
-def test_the_child_that_hangs_is_the_cause_of_what_else_went_wrong(tmp_path):
+def test_a_hanging_child_is_reported_as_the_cause_of_another_error(tmp_path):
     supervisor = Supervisor(tmp_path)
     well, stopped = (supervisor.start(ChildKind(name, ENDING.module, EndingConfig), EndingConfig()) for name in "ab")
     for child in (well, stopped):
@@ -98,7 +98,7 @@ def test_the_child_that_hangs_is_the_cause_of_what_else_went_wrong(tmp_path):
     supervisor.close()
 
 
-def test_the_child_that_has_ended_is_the_cause_of_what_else_went_wrong(supervisor):
+def test_an_ended_child_is_reported_as_the_cause_of_another_error(supervisor):
     child = supervisor.start(ENDING, EndingConfig())
     child.ready()
     child._process.kill()
@@ -106,7 +106,7 @@ def test_the_child_that_has_ended_is_the_cause_of_what_else_went_wrong(superviso
     assert "SIGKILL" in str(supervisor.cause(LinkError("the vehicle has been silent")))
 
 
-def test_a_child_that_stops_for_a_moment_is_well_again(supervisor):
+def test_a_child_that_pauses_briefly_recovers(supervisor):
     child = supervisor.start(ENDING, EndingConfig())
     child.ready()
     os.kill(child.pid, signal.SIGSTOP)
@@ -116,7 +116,7 @@ def test_a_child_that_stops_for_a_moment_is_well_again(supervisor):
     looks(supervisor, lambda: child._heartbeat._answered_s is not None)
 
 
-def test_a_sign_of_life_is_never_taken_for_an_answer(supervisor):
+def test_a_heartbeat_is_never_taken_for_the_answer_to_a_command(supervisor):
     child = supervisor.start(ENDING, EndingConfig())
     child.ready()
     for _ in range(3):
@@ -126,7 +126,7 @@ def test_a_sign_of_life_is_never_taken_for_an_answer(supervisor):
         assert not child._answers
 
 
-def test_a_child_that_is_not_ready_yet_owes_nothing(tmp_path):
+def test_a_child_that_is_not_ready_yet_needs_no_heartbeat(tmp_path):
     supervisor = Supervisor(tmp_path, answer_s=0.0)
     child = supervisor.start(ENDING, EndingConfig())
     for _ in range(3):
@@ -136,7 +136,7 @@ def test_a_child_that_is_not_ready_yet_owes_nothing(tmp_path):
     supervisor.close()
 
 
-def test_wrong_usage_in_a_child_is_wrong_usage_here(supervisor):
+def test_a_usage_error_in_a_child_is_raised_as_a_usage_error(supervisor):
     first = supervisor.start(PILOT, PilotConfig(pilot="blind"))
     port = int(first.ready()["base_url"].split(":")[2].split("/")[0])
     with pytest.raises(UsageError, match=str(port)):
@@ -161,4 +161,4 @@ def test_children_of_a_killed_parent_end_by_themselves(tmp_path):
     deadline = time.monotonic() + 10
     while not gone(pid):
         assert time.monotonic() < deadline, "the child outlived its parent"
-        time.sleep(0.05)  # polls another process; a process that is not our child offers nothing to wait on
+        time.sleep(0.05)  # polls, because a process that is not our child cannot be waited for

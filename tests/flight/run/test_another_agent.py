@@ -1,4 +1,4 @@
-"""Another agent in the same harness is one class. It gets a cockpit and is judged like any other agent."""
+"""A custom agent is one class. It gets a cockpit and is judged like any other agent."""
 
 import json
 from dataclasses import replace
@@ -59,14 +59,14 @@ def impatient(flight, model):
         ("json:__name__", "--agent.*'json:__name__'.*MODULE:NAME"),
     ],
 )
-def test_an_agent_that_there_is_not_is_refused_before_a_folder_is_made(tmp_path, name, why):
+def test_an_unknown_agent_is_rejected_before_a_folder_is_created(tmp_path, name, why):
     spec = FlightSpec(pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None), agent=name)
     with pytest.raises(UsageError, match=why):
         fly(spec, tmp_path / "run", lambda line: None)
     assert not (tmp_path / "run").exists()
 
 
-def test_another_agent_flies_and_is_judged(tmp_path):
+def test_a_custom_agent_flies_and_is_judged(tmp_path):
     ASKED.clear()
     spec = FlightSpec(pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None), seconds=20.0, agent=IMPATIENT)
     result = fly(spec, tmp_path / "run", lambda line: None)

@@ -1,4 +1,4 @@
-"""With a known latency, the hold is flown while the model is asked. The logs do not show it."""
+"""With a known latency, the vehicle flies its hold while the model answers. The logs do not depend on this."""
 
 import threading
 from dataclasses import replace
@@ -21,7 +21,7 @@ PATIENCE_S = 30.0  # s; a failing test waits this long
 
 
 class Model:
-    """Answers after vehicle time has passed since the question."""
+    """Answers only after vehicle time has passed since the question, if `waits`."""
 
     def __init__(self, monkeypatch, waits):
         self.held = []  # for each question: whether the vehicle flew meanwhile
@@ -52,7 +52,7 @@ class Model:
 
 
 def logged_bytes(folder, model, latency):
-    """Fly a short flight under a model and return the bytes of its logs."""
+    """Fly a short flight with a model and return the bytes of its logs."""
     server = PilotServer(after_first_question(model), "stub").start()
     try:
         spec = FlightSpec(
@@ -73,7 +73,7 @@ def logged_bytes(folder, model, latency):
 
 
 @pytest.mark.parametrize("latency", ["fixed:0.7", "lognormal:0.8,0.3"])
-def test_the_hold_is_flown_while_the_model_is_asked_and_no_log_tells(tmp_path, monkeypatch, latency):
+def test_the_vehicle_flies_while_the_model_answers_and_the_logs_are_the_same(tmp_path, monkeypatch, latency):
     meanwhile = Model(monkeypatch, waits=True)
     beside = logged_bytes(tmp_path / "beside", meanwhile, latency)
     assert len(meanwhile.held) >= 2

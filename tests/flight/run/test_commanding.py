@@ -1,4 +1,4 @@
-"""Flies a commanding episode in the three ways, in lockstep: same records, same verifier, same bytes every time."""
+"""Flights of a commanding episode, hierarchical and solo: records, verdicts, and repeats with the same bytes."""
 
 import json
 
@@ -22,12 +22,12 @@ GREY = Simulated(speed=None, rendered=False)
 
 
 def fly_oracle(out, command, **more):
-    """Fly the oracle in one of the ways; return (result, folder)."""
+    """Fly the oracle with a command mode; return (result, folder)."""
     spec = FlightSpec(pilot="oracle", episode=EPISODE, command=command, simulated=GREY, **more)
     return fly(spec, out, lambda line: None), out / EPISODE
 
 
-def test_a_hierarchy_divides_reports_and_confirms(tmp_path):
+def test_a_commander_gives_each_drone_its_own_place_and_confirms_a_declaration(tmp_path):
     result, folder = fly_oracle(tmp_path / "first", "hierarchical", latency=LatencyPolicy.parse("lognormal:0.4,0.5"))
     assert (result["outcome"], result["declarations"]) == ("success", 1)
     commander_log, decisions = exchanges(folder), rows(folder / "decisions.jsonl")
@@ -52,14 +52,14 @@ def test_a_hierarchy_divides_reports_and_confirms(tmp_path):
     assert kept["commander_prompt_sha256"] == CommandPrompt.load().digest
 
 
-def test_a_hierarchy_is_the_same_every_time(tmp_path):
+def test_a_hierarchical_flight_repeats_to_the_same_bytes(tmp_path):
     same = {"drones": 2, "seconds": 8.0, "full": True, "latency": LatencyPolicy.parse("lognormal:0.4,0.5")}
     folder, again = (fly_oracle(tmp_path / name, "hierarchical", **same)[1] for name in ("first", "again"))
     for log in ("truth.jsonl", "decisions.jsonl", "commander.jsonl", "verdict.json"):
         assert (folder / log).read_bytes() == (again / log).read_bytes()
 
 
-def test_alone_each_drone_flies_the_instruction_and_declares_for_itself(tmp_path):
+def test_solo_drones_fly_and_declare_without_a_commander(tmp_path):
     result, folder = fly_oracle(tmp_path / "run", "solo", drones=2)
     assert result["outcome"] == "success"
     decisions = rows(folder / "decisions.jsonl")
@@ -72,7 +72,7 @@ def test_alone_each_drone_flies_the_instruction_and_declares_for_itself(tmp_path
 
 
 def test_a_drone_at_the_wrong_target_gets_another_order(tmp_path):
-    """One drone. Its first place from the left is not the target. The scripted commander hears of its stop."""
+    """The only drone flies to the first place from the left, which is not the target. The commander gets its report."""
     result, folder = fly_oracle(tmp_path / "run", "hierarchical", drones=1)
     assert result["outcome"] == "success"
     commander_log = exchanges(folder)
@@ -81,7 +81,7 @@ def test_a_drone_at_the_wrong_target_gets_another_order(tmp_path):
 
 
 @pytest.mark.slow("flies a fleet in real time")
-def test_in_real_time_the_commander_is_a_process_of_its_own(tmp_path):
+def test_a_scripted_commander_gives_orders_in_real_time(tmp_path):
     spec = FlightSpec(
         pilot="blind", episode=EPISODE, command="hierarchical", drones=2, seconds=30.0,
         latency=LatencyPolicy.parse("real"),
@@ -111,7 +111,7 @@ def test_conflicting_options_are_reported_in_one_sentence(words, word, tmp_path,
     assert word in capsys.readouterr().err
 
 
-def test_a_commander_that_looks_wants_pictures():
+def test_a_commander_model_requires_rendered_pictures():
     from dronecats.agent.models.spec import ModelSpec
 
     model = ModelSpec(provider="local", name="m", base_url="http://127.0.0.1:9/v1")

@@ -1,4 +1,4 @@
-"""A custom agent flies with depth pictures. The run keeps them beside its frames."""
+"""A custom agent flies with depth pictures. The run stores them next to its frames."""
 
 import json
 from functools import partial
@@ -23,7 +23,7 @@ def deep_agent(flight, model):
 
 
 @pytest.mark.slow
-def test_depth_is_kept_beside_each_frame(tmp_path):
+def test_a_depth_picture_is_stored_for_each_frame(tmp_path):
     spec = FlightSpec(
         pilot="blind:straight",
         episode="residential-approaching-03",

@@ -1,4 +1,4 @@
-"""Whole disturbed flights: the same start, the same bytes twice, and each failure has its own reason."""
+"""Complete flights with disturbances: equal starts, repeats with the same bytes, and a reason for each failure."""
 
 import hashlib
 from dataclasses import replace
@@ -47,7 +47,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Flight:
     return fly_disturbed(tmp_path_factory.mktemp("calm"), Disturbances())
 
 
-def test_a_disturbed_flight_is_the_same_twice(tmp_path: Path) -> None:
+def test_a_disturbed_flight_repeats_to_the_same_bytes(tmp_path: Path) -> None:
     rough = Disturbances(link=BAD, vehicle=ROUGH)
     first, again, calm = (
         fly_disturbed(tmp_path / name, how, seconds=6.0, full=True)[2]
@@ -56,7 +56,7 @@ def test_a_disturbed_flight_is_the_same_twice(tmp_path: Path) -> None:
     assert first == again != calm
 
 
-def test_a_disturbed_flight_begins_like_any_other(undisturbed: Flight, tmp_path: Path) -> None:
+def test_a_disturbed_flight_begins_at_the_same_time_and_place(undisturbed: Flight, tmp_path: Path) -> None:
     calm, true, _ = undisturbed
     first, disturbed, _ = fly_disturbed(tmp_path / "first", Disturbances(link=BAD, vehicle=ROUGH))
     assert calm["success"]
@@ -64,20 +64,20 @@ def test_a_disturbed_flight_begins_like_any_other(undisturbed: Flight, tmp_path:
     begins = [next(row for row in each if row["kind"] == "begin")["t0_us"] for each in (true, disturbed)]
     assert begins[0] == begins[1]
     places = [next(row for row in each if row.get("position_ned"))["position_ned"] for each in (true, disturbed)]
-    # the vehicle hears nothing during the 0.2 s delay, while the wind blows
+    # no setpoint arrives during the 0.2 s delay, while the wind moves the vehicle
     assert places[0] == pytest.approx(places[1], abs=0.1)
 
 
-def test_late_telemetry_charges_no_latency_twice(undisturbed: Flight, tmp_path: Path) -> None:
-    """An agent that takes its newest telemetry as current would ask each question one delay after its picture."""
+def test_late_telemetry_does_not_delay_every_question(undisturbed: Flight, tmp_path: Path) -> None:
+    """If the agent took its newest telemetry as current, it would ask each question one delay after the picture."""
     late = Disturbances(link=LinkFaults(from_vehicle=Impairment(delay_s=1.0)))
     calm, _, _ = undisturbed
     result, _, _ = fly_disturbed(tmp_path / "late", late)
     assert result["steps"] == calm["steps"] == 6
-    assert 1.0 <= result["sim_seconds"] - calm["sim_seconds"] < 3.0  # once, until the first message arrives
+    assert 1.0 <= result["sim_seconds"] - calm["sim_seconds"] < 3.0  # once, until the first message
 
 
-def test_whom_no_setpoint_reaches_fails_where_its_failsafe_brings_it_down(tmp_path: Path) -> None:
+def test_a_vehicle_without_setpoints_descends_by_its_failsafe_and_fails(tmp_path: Path) -> None:
     cut = Disturbances(link=LinkFaults(to_vehicle=Impairment(loss=1.0)))
     result, true, _ = fly_disturbed(tmp_path / "cut", cut, seconds=15.0)
     assert (result["outcome"], result["reason"], result["status"]) == ("failure", "cap", 0)
@@ -85,7 +85,7 @@ def test_whom_no_setpoint_reaches_fails_where_its_failsafe_brings_it_down(tmp_pa
     assert heights[-1] < heights[0] - 1.0
 
 
-def test_a_vehicle_with_sparse_messages_is_neither_lost_nor_taken_over(tmp_path: Path) -> None:
+def test_sparse_messages_are_not_reported_as_a_lost_link_or_a_takeover(tmp_path: Path) -> None:
     worst = Impairment(loss=0.95, delay_s=1.0)
     result, _, _ = fly_disturbed(
         tmp_path / "worst", Disturbances(link=LinkFaults(to_vehicle=worst, from_vehicle=worst)), seconds=20.0
@@ -93,7 +93,7 @@ def test_a_vehicle_with_sparse_messages_is_neither_lost_nor_taken_over(tmp_path:
     assert (result["outcome"], result["reason"], result["status"]) == ("failure", "cap", 0)
 
 
-def test_a_disturbed_flight_is_a_value() -> None:
+def test_a_disturbed_flight_spec_round_trips_through_its_json_form() -> None:
     value = spec(Disturbances(link=BAD, vehicle=ROUGH))
     assert from_json(as_json(value), "here") == value
 

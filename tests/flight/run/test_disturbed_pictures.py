@@ -1,4 +1,4 @@
-"""Flights whose pictures are late, stale or rare on purpose, checked by the logs, the truth and the clock."""
+"""Flights with deliberately late, stale or rare pictures, checked against the logs, the truth and the clock."""
 
 import itertools
 import json
@@ -36,14 +36,14 @@ def ages(folder, latency_s=LATENCY_S):
     return [decision["t_decided"] - latency_s - decision["t_frame"] for decision in rows(folder / "decisions.jsonl")]
 
 
-def test_no_disturbance_is_the_flight_as_it_was_and_none_leaves_a_word_in_its_run(tmp_path):
+def test_without_frame_faults_pictures_are_current_and_no_disturbance_is_recorded(tmp_path):
     assert FrameFaults(dropped=0.0, stale=0.0) == FrameFaults()
     plain = fly_with_faults(tmp_path / "plain")
     assert ages(plain) == pytest.approx([0.0] * len(ages(plain)), abs=1e-6)
     assert "disturbed" not in json.loads((plain.parent / "run.json").read_text())
 
 
-def test_a_late_picture_is_asked_on_so_much_later_and_measured_where_it_was_taken(tmp_path):
+def test_a_late_picture_is_used_after_its_delay_and_measured_at_its_shutter_time(tmp_path):
     folder = fly_with_faults(tmp_path / "run", delay_s=1.2)
     late = ages(folder)
     assert len(late) >= 4
@@ -72,7 +72,7 @@ TURNING = FlightRecording(
 @pytest.mark.parametrize(
     "faults", [{"rate_hz": 2.0, "delay_s": 2.0}, {"stale": 0.6}, {"delay_s": 1.0}], ids=["rate", "stale", "delay"]
 )
-def test_a_go_flies_along_the_pixels_ray_of_the_picture_wherever_the_nose_is_meanwhile(tmp_path, faults):
+def test_a_go_follows_the_ray_of_its_picture_even_if_the_heading_has_changed(tmp_path, faults):
     spec = replace(UNSEEN, replay=TURNING, seconds=60.0, seed=3)
     folder = fly_with_faults(tmp_path / "run", spec, **faults)
     truth = rows(folder / "truth.jsonl")
@@ -92,12 +92,12 @@ def test_a_go_flies_along_the_pixels_ray_of_the_picture_wherever_the_nose_is_mea
     assert len(across) >= 5
     assert max(across) < 0.25
     if "delay_s" not in faults or "rate_hz" in faults:
-        assert sum(each > math.radians(45.0) for each in apart) >= 3  # the heading was different, without any effect
+        assert sum(each > math.radians(45.0) for each in apart) >= 3  # the heading had changed, which had no effect
 
 
 @pytest.mark.slow
 def test_the_oracle_gets_the_truth_at_the_time_of_the_picture(tmp_path):
-    """Its goes therefore point at the target in their own pictures, however late the pictures are."""
+    """So each of its goes points at the target in its own picture, even if the picture is late."""
     for name, faults in (("rate", {"rate_hz": 1.0, "delay_s": 2.0}), ("stale", {"stale": 0.6})):
         folder = fly_with_faults(tmp_path / name, replace(UNSEEN, pilot="oracle", seconds=40.0), **faults)
         frames = {row["frame_id"]: row for row in rows(folder / "truth.jsonl", "frame")}
@@ -114,8 +114,8 @@ def test_the_oracle_gets_the_truth_at_the_time_of_the_picture(tmp_path):
 
 
 @pytest.mark.slow("flies in real time, twice")
-def test_so_it_is_over_sockets_in_real_time(tmp_path):
-    """The same questions lose and keep the same pictures. The real duration of a picture depends on the host."""
+def test_frame_faults_hit_the_same_questions_in_real_time(tmp_path):
+    """The same questions get a stale picture as in lockstep. The time that a picture takes depends on the host."""
     there = replace(UNSEEN, simulated=Simulated(speed=2.0))
     late = fly_with_faults(tmp_path / "late", there, delay_s=2.5)
     assert all(2.5 - 1e-6 <= age < 4.0 for age in ages(late))
@@ -137,4 +137,4 @@ def test_so_it_is_over_sockets_in_real_time(tmp_path):
     assert any(stale[1])
     often = fly_with_faults(tmp_path / "rate", there, rate_hz=2.0, delay_s=1.5)
     taken = [decision["t_frame"] % 0.5 for decision in rows(often / "decisions.jsonl")]
-    assert all(each <= 0.02 + 1e-6 for each in taken)  # the first truth at 50 Hz after the shutter
+    assert all(each <= 0.02 + 1e-6 for each in taken)  # up to one period of the truth (50 Hz) after the shutter

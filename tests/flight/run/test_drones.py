@@ -1,4 +1,4 @@
-"""A commanding episode flies with the requested number of drones. Its folder holds the flight as it was."""
+"""A commanding episode flies with the requested number of drones. Its folder holds the adapted record."""
 
 import pytest
 
@@ -13,7 +13,7 @@ EPISODE = "blocks-commanding-01"
 
 
 @pytest.mark.parametrize("drones", [1, 2, pytest.param(6, marks=pytest.mark.slow)])
-def test_as_many_drones_are_asked_for_flown_and_kept(tmp_path, drones):
+def test_the_requested_number_of_drones_flies_and_is_recorded(tmp_path, drones):
     spec = FlightSpec(
         pilot="oracle", episode=EPISODE, drones=drones, simulated=Simulated(speed=None, rendered=False), seconds=4.0
     )

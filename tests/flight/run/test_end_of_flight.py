@@ -12,7 +12,7 @@ from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
 
 @pytest.mark.parametrize("fault", [TakeoverError("another hand has it"), LinkError("it is silent")])
-def test_the_reason_is_printed_before_the_landing_and_logged(tmp_path, fault):
+def test_the_reason_is_printed_before_the_end_of_the_flight_is_logged(tmp_path, fault):
     vehicle = ScriptedVehicle()
     happened: list[str] = []
     link = Link(vehicle.transport())

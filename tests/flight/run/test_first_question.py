@@ -47,7 +47,7 @@ def test_a_wrong_key_ends_a_flight_before_anything_starts(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_a_missing_v1_is_named():
+def test_the_error_for_an_address_without_v1_suggests_v1():
     with Recording(b'{"detail": "Not Found"}', 404) as server:
         message = refusal(ask_first, flight(server.url))
         assert f"{server.url}/v1" in message
@@ -55,21 +55,21 @@ def test_a_missing_v1_is_named():
         assert "--base-url" not in refusal(ask_first, flight(f"{server.url}/v1"))
 
 
-def test_a_model_that_does_not_answer_takes_nothing_off():
+def test_a_model_that_does_not_answer_is_reported_before_takeoff():
     wire = Wire(hang)
     message = refusal(ask_first, flight(wire.url, patience_s=1.0), error=ModelError)
     wire.close()
     assert " 1 s" in message
 
 
-def test_it_is_booked_with_the_run_and_counts_to_its_limit(tmp_path):
+def test_the_first_question_is_in_the_ledger_and_counts_towards_the_limit(tmp_path):
     with Recording(THINK) as server:
         limited = flight(f"{server.url}/v1", accounts=Accounts(token_limit=100))
         result = fly(limited, tmp_path / "run", silent)
         assert (result["reason"], result["steps"]) == ("budget", 0)
         assert len(server.sent) == 1
         fly(replace(limited, episode="residential-approaching-02"), tmp_path / "run", silent)
-        assert len(server.sent) == 1  # a run without budget asks nothing
+        assert len(server.sent) == 1  # a run whose budget is spent asks nothing
     ledger = Ledger(tmp_path / "run" / LEDGER)
     spent = ledger.spent()
     ledger.close()
@@ -77,7 +77,7 @@ def test_it_is_booked_with_the_run_and_counts_to_its_limit(tmp_path):
     assert spent.usd == pytest.approx(0.0003)
 
 
-def test_a_commander_of_its_own_is_asked_too_and_one_model_once():
+def test_each_model_of_a_hierarchy_gets_one_first_question():
     with Recording(THINK) as server:
         one = flight(f"{server.url}/v1", command="hierarchical")
         ask_first(one)
@@ -86,7 +86,7 @@ def test_a_commander_of_its_own_is_asked_too_and_one_model_once():
         assert [sent.body["model"] for sent in server.sent] == ["m", "m", "chief"]
 
 
-def test_a_cache_that_holds_replies_and_a_replay_ask_nothing(tmp_path):
+def test_a_replay_or_a_filled_cache_sends_no_first_question(tmp_path):
     recorded = FlightRecording(flight="f", steps=(), to_the_cap=True)
     path = tmp_path / "replies.sqlite"
     with Recording(THINK) as server:
@@ -106,7 +106,7 @@ def open_bench(out, *flights):
     return Bench(out, choose_suite([EASY], ()), entries, retry=False)
 
 
-def test_a_bench_asks_each_model_once_and_books_it(tmp_path):
+def test_a_bench_asks_each_model_once_and_adds_it_to_the_ledger(tmp_path):
     with Recording(THINK) as server:
         accounts = Accounts(ledger=str(tmp_path / "bench" / LEDGER))
         one, other = (flight(f"{server.url}/v1", name, accounts=accounts) for name in ("a", "b"))
@@ -117,7 +117,7 @@ def test_a_bench_asks_each_model_once_and_books_it(tmp_path):
     ledger.close()
 
 
-def test_a_bench_with_a_wrong_key_makes_no_folder(tmp_path):
+def test_a_bench_with_a_wrong_key_creates_no_folder(tmp_path):
     with Recording(b"{}", 403) as server:
         with pytest.raises(UsageError, match="403"):
             open_bench(tmp_path / "bench", flight(f"{server.url}/v1"))

@@ -1,4 +1,4 @@
-"""A flight in another light is flown, recorded and drawn again in that light."""
+"""A flight in other light conditions is rendered, recorded and redrawn in the same light."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ def run_of(tmp_path, spec):
     return RecordedRun(folder=tmp_path, configuration={"flight": as_json(spec)}, episodes=())
 
 
-def test_flights_in_different_light_are_never_counted_together(tmp_path):
+def test_flights_in_different_light_have_different_identities(tmp_path):
     dusk, plain = (identity(run_of(tmp_path, spec)) for spec in (SPEC, replace(SPEC, disturbances=UNDISTURBED)))
     assert [difference.name for difference in differences(dusk, plain)] == ["disturbances.conditions.sky"]
     assert not any("conditions" in name for name in plain)  # identities of earlier flights do not change
@@ -45,7 +45,7 @@ def test_flights_in_different_light_are_never_counted_together(tmp_path):
 
 
 def redrawn(flight: RecordedFlight, world: World):
-    """Return the picture from the true pose at the flight's first frame, drawn as film and replay draw it."""
+    """Return the picture from the true pose at the flight's first frame, drawn as in film and replay."""
     first = flight.frames[0]
     row = flight.logs.frames[first.frame_id, first.drone]
     assert row.yaw_deg is not None
@@ -61,7 +61,7 @@ def redrawn(flight: RecordedFlight, world: World):
 
 @pytest.mark.slow("flies once in lockstep and once in real time")
 @pytest.mark.parametrize("speed", [None, 4.0])
-def test_a_flight_is_drawn_again_in_its_own_light(tmp_path, speed):
+def test_a_flight_is_redrawn_in_its_own_light(tmp_path, speed):
     latency = LatencyPolicy.parse("fixed:0.5" if speed is None else "real")
     simulated = Simulated(speed=speed)
     seconds = 2.0 if speed is None else 20.0  # the first reply must arrive within this time

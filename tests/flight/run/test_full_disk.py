@@ -15,7 +15,7 @@ from tests.support.command_line import last_object
 
 @contextmanager
 def file_sizes_limited(limit):
-    """Limit every file of this process to `limit` bytes. Python ignores the signal for that."""
+    """Limit every file of this process to `limit` bytes. Python ignores SIGXFSZ, so writes fail."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
     try:
@@ -63,7 +63,7 @@ def test_failures_after_the_verdict_do_not_affect_the_verdict(folder):
     assert json.loads((folder / "verdict.json").read_text())["outcome"] == "success"
 
 
-def test_an_older_verdict_outlives_a_full_disk(folder):
+def test_a_full_disk_does_not_damage_an_older_verdict(folder):
     (folder / "verdict.json").write_text('{"outcome": "error"}')
     concluded(folder, 100)
     assert json.loads((folder / "verdict.json").read_text()) == {"outcome": "error"}
@@ -71,8 +71,8 @@ def test_an_older_verdict_outlives_a_full_disk(folder):
 
 
 @pytest.mark.parametrize("limit", [5000, 60_000])  # run.json fits, the logs do not
-def test_logs_that_a_disk_does_not_take_end_a_flight_with_status_3(tmp_path, capsys, rendered_run, limit):
-    """The rendered run comes first, so all kernels of this flight are already compiled and cached."""
+def test_a_full_disk_during_a_flight_ends_it_with_status_3(tmp_path, capsys, rendered_run, limit):
+    """The fixture `rendered_run` flies first, so all kernels of this flight are already compiled and cached."""
     words = ["--pilot", "oracle", "--latency", "fixed:0.5", "--out", str(tmp_path / "run"), "--json"]
     with file_sizes_limited(limit):
         status = main(["fly", "--sitl", "--speed", "max", *words])

@@ -56,7 +56,7 @@ def test_the_oracle_reaches_its_target_through_a_pitched_camera(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_agent_points_its_gimbal_and_flies_by_what_it_then_sees(tmp_path):
+def test_an_agent_points_its_gimbal_and_the_log_records_the_pitch(tmp_path):
     spec = FlightSpec(
         pilot="oracle", episode="residential-approaching-03", agent=f"{__name__}:looks_down",
         simulated=Simulated(speed=None, rendered=False, airframe=GIMBAL),
@@ -68,7 +68,7 @@ def test_an_agent_points_its_gimbal_and_flies_by_what_it_then_sees(tmp_path):
     assert result["reason"] in ("decided", "cap"), result["error"]
 
 
-def test_a_run_says_how_its_camera_is_mounted(tmp_path):
+def test_a_run_records_its_camera_mounting(tmp_path):
     spec = FlightSpec(
         pilot="oracle", episode="residential-approaching-03", simulated=Simulated(speed=None, airframe=GIMBAL)
     )
@@ -86,13 +86,13 @@ def test_a_pymavlink_client_takes_control_of_the_gimbal_and_turns_it(tmp_path):
             client.until("GIMBAL_DEVICE_ATTITUDE_STATUS", lambda m: True)
             wanted = dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION, 0, 0, 0, 0, 0, 0
             client.link.mav.command_long_send(1, 1, dialect.MAV_CMD_REQUEST_MESSAGE, 0, *wanted)
-            limits = client.until("GIMBAL_MANAGER_INFORMATION", lambda m: True)  # before the acknowledgement
+            limits = client.until("GIMBAL_MANAGER_INFORMATION", lambda m: True)  # arrives before the acknowledgement
             assert math.degrees(limits.pitch_min) == pytest.approx(-90.0, abs=1e-3)
             assert client.command(1001, -2, -2, -1, -1) == 0
             client.until("GIMBAL_MANAGER_STATUS", lambda m: m.primary_control_sysid == 255)
             nan = float("nan")
             assert client.command(1000, -60.0, nan, nan, nan, 12) == 0
-            half = math.sin(math.radians(-30.0))  # of half the pitch
+            half = math.sin(math.radians(-30.0))  # y of the quaternion: sin(pitch / 2)
             client.until("GIMBAL_DEVICE_ATTITUDE_STATUS", lambda m: abs(m.q[2] - half) < 1e-3)
         finally:
             client.stopped.set()

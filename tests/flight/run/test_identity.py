@@ -1,4 +1,4 @@
-"""Two flights are of one kind, or identity.json lists their differences."""
+"""Two flights are of the same kind, or their identity.json files differ."""
 
 import hashlib
 import json
@@ -15,7 +15,7 @@ from foundation.run_folder.rows import EpisodeIdentity
 
 @pytest.fixture
 def sources(tmp_path, monkeypatch):
-    """Copy the sources that are digested."""
+    """Copy the sources that are part of the digest."""
     for folder in (*identity.FOLDERS, identity.JUDGE):
         shutil.copytree(identity.ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(identity, "ROOT", tmp_path)
@@ -54,7 +54,7 @@ def test_changes_to_flight_code_change_the_digest(sources):
     assert len(set(seen)) == len(seen)
 
 
-def test_where_a_source_stands_and_how_it_is_explained_does_not(sources):
+def test_moved_files_and_comments_do_not_change_the_digest(sources):
     before = digest_now()
     controller = sources / "dronecats/agent/controller.py"
     edited(controller, "\n\n\n", "\n\n\n# a comment\n\n\n")
@@ -66,7 +66,7 @@ def test_where_a_source_stands_and_how_it_is_explained_does_not(sources):
     assert digest_now() == before
 
 
-def test_a_function_that_moves_to_another_file_stays_what_it_is(sources):
+def test_a_function_that_moves_to_another_file_does_not_change_the_digest(sources):
     (sources / "hil/a.py").write_text("import math\n\n\ndef half(x):\n    return x / 2\n\n\nLIMIT = 3\n")
     before = digest_now()
     (sources / "hil/a.py").write_text('"""Limits."""\n\nLIMIT = 3\n')
@@ -74,7 +74,7 @@ def test_a_function_that_moves_to_another_file_stays_what_it_is(sources):
     assert digest_now() == before
 
 
-def test_readers_and_pilot_fitting_are_not_in_the_digest(sources):
+def test_the_command_line_and_pilot_fitting_are_not_in_the_digest(sources):
     before = digest_now()
     edited(sources / identity.FITTING / "training.py", "BATCH = ", "BATCH = 1")
     assert digest_now() == before
@@ -83,23 +83,23 @@ def test_readers_and_pilot_fitting_are_not_in_the_digest(sources):
     assert digest_now() == before
 
 
-def test_it_is_computed_once_and_kept(sources, monkeypatch):
+def test_the_digest_is_computed_once_and_cached(sources, monkeypatch):
     before = digest_now()
     monkeypatch.setattr(identity, "statements", lambda *_: pytest.fail("parsed again"))
     assert digest_now() == before
 
 
-def test_the_page_states_each_number_of_the_protocol():
+def test_protocol_numbers_hold_every_constant_of_the_protocol():
     numbers = protocol_numbers()
     assert numbers["CAP_S"] == protocol.CAP_S
     assert numbers["GO"] == "go"
-    lists = {"ACTIONS", "ACTION_FIELDS"}  # lists of names of actions, and of the fields of replies
+    lists = {"ACTIONS", "ACTION_FIELDS"}  # lists of action names and of reply fields
     assert set(numbers) == {name for name in vars(protocol) if name.isupper()} - lists
     assert set(protocol.ACTIONS) <= set(numbers.values())
     json.dumps(numbers)
 
 
-def test_a_suite_is_its_records_in_whatever_order():
+def test_a_suite_digest_does_not_depend_on_the_order_of_its_records():
     pairs = [("b", "two"), ("a", "one")]
     assert suite_digest(pairs) == suite_digest(reversed(pairs)) != suite_digest([("b", "two"), ("a", "other")])
 
@@ -122,7 +122,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_an_episode_is_its_record_its_frames_in_order_and_who_answered(folder):
+def test_an_episode_identity_holds_record_frames_and_served_models(folder):
     episode_identity = identify(folder)
     assert episode_identity.record_sha256 == hashlib.sha256(b'{"id": "a"}').hexdigest()
     assert (episode_identity.frames, episode_identity.frames_sha256) == (

@@ -16,7 +16,7 @@ from tests.hil.link.scripted_vehicle import ScriptedVehicle, flying
 
 
 class Landing(ScriptedVehicle):
-    """Counts as down after the order to land, so no test waits."""
+    """Counts as landed right after the order to land, so that tests do not wait."""
 
     def step(self):
         self.armed = self.armed and self.mode != "LAND"
@@ -32,7 +32,7 @@ def stage(*links, cause=lambda error: error, check_vehicles=lambda: None, end=la
     return SimpleNamespace(links=links, end=end, cause=cause, check_vehicles=check_vehicles)
 
 
-def test_a_closed_terminal_keeps_no_vehicle_from_being_landed(vehicle):
+def test_a_closed_terminal_does_not_prevent_the_landing(vehicle):
     link = flying(vehicle)
 
     def say(line):
@@ -42,15 +42,15 @@ def test_a_closed_terminal_keeps_no_vehicle_from_being_landed(vehicle):
     assert vehicle.mode == "LAND"
 
 
-def test_a_full_disk_keeps_no_vehicle_from_being_landed(vehicle, tmp_path):
+def test_a_full_disk_does_not_prevent_the_landing(vehicle, tmp_path):
     link = flying(vehicle, limits=Limits(ceiling_m=3.0, margin_m=0.5))
     SafetyLog(tmp_path / "no such folder" / "safety.jsonl", [link], lambda line: None)
-    vehicle.position[2] = -4.0  # now the envelope acts, at the moment of standing still
+    vehicle.position[2] = -4.0  # 4 m high, above the ceiling: the envelope acts when the vehicle stops
     finish(stage(link), "error", None, "land", lambda line: None)
     assert vehicle.mode == "LAND"
 
 
-def test_a_process_that_hangs_is_the_error_of_the_flight_and_of_its_log(vehicle):
+def test_a_hanging_process_is_the_error_in_the_result_and_in_the_log(vehicle):
     ended: list[str | None] = []
     hangs = InfrastructureError("the camera process hangs: no answer for 10 s; see camera.log")
     on = stage(flying(vehicle), cause=lambda error: hangs, end=lambda reason, error: ended.append(error))
@@ -59,7 +59,7 @@ def test_a_process_that_hangs_is_the_error_of_the_flight_and_of_its_log(vehicle)
     assert vehicle.mode == "LAND"
 
 
-def test_the_other_drones_are_served_while_one_is_landing(vehicle, monkeypatch):
+def test_the_links_of_other_drones_are_served_while_one_drone_lands(vehicle, monkeypatch):
     first, second = flying(vehicle), flying(Landing())
     kept = []
     monkeypatch.setattr(second, "keep_up", lambda: kept.append(vehicle.mode))
@@ -69,13 +69,13 @@ def test_the_other_drones_are_served_while_one_is_landing(vehicle, monkeypatch):
 
 
 @pytest.mark.parametrize("reason", ["takeover", "budget"])
-def test_takeovers_and_spent_budgets_are_not_traced_to_a_cause(vehicle, reason):
+def test_takeovers_and_spent_budgets_keep_their_own_error(vehicle, reason):
     error = LinkError("somebody else flies it")
     on = stage(flying(vehicle), cause=lambda error: InfrastructureError("the camera process hangs"))
     assert finish(on, reason, error, "land", lambda line: None) is error
 
 
-def test_vehicles_of_a_simulator_that_is_gone_are_not_waited_for_one_by_one(vehicle):
+def test_the_landing_does_not_wait_for_vehicles_of_a_hanging_simulator(vehicle):
     def gone():
         raise InfrastructureError("the simulator process hangs")
 
@@ -88,7 +88,7 @@ def test_vehicles_of_a_simulator_that_is_gone_are_not_waited_for_one_by_one(vehi
     assert len([line for line in notices if "the simulator process hangs" in line]) == 2
 
 
-def test_a_landing_that_does_not_end_says_whose_it_is_and_what_it_costs(vehicle):
+def test_the_notice_of_an_unfinished_landing_names_the_drone_and_the_effect(vehicle):
     stays_armed = ScriptedVehicle()
     events: list[str] = []
     ended = stage(flying(vehicle), flying(stays_armed), end=lambda reason, error: events.append("the log is complete"))
@@ -102,7 +102,7 @@ def test_a_landing_that_does_not_end_says_whose_it_is_and_what_it_costs(vehicle)
     assert [line for line in alone if "end of the landing" in line and "drone" not in line]
 
 
-def test_a_vehicle_that_cannot_be_landed_does_not_change_the_score(vehicle):
+def test_a_failed_landing_does_not_affect_the_score(vehicle):
     def gone():
         raise LinkError("the cable is out")
 
@@ -111,13 +111,13 @@ def test_a_vehicle_that_cannot_be_landed_does_not_change_the_score(vehicle):
     assert [line for line in notices if "cable is out" in line and "score is not affected" in line]
 
 
-def test_a_full_disk_is_a_sentence_and_raises_nothing(tmp_path):
+def test_an_unexpected_error_becomes_a_sentence_even_on_a_full_disk(tmp_path):
     failure = unexpected(OSError(28, "No space left on device"), tmp_path / "no such folder")
     assert "No space left" in str(failure)
     assert "ZeroDivisionError" in str(unexpected(ZeroDivisionError("division"), tmp_path / "no such folder"))
 
 
-def test_a_wire_that_raises_what_nobody_expects_leaves_the_next_vehicle_landed(vehicle):
+def test_an_unexpected_error_of_one_link_does_not_prevent_landing_the_next_vehicle(vehicle):
     other = flying(ScriptedVehicle())
 
     def broken(message):
@@ -149,7 +149,7 @@ def test_a_second_interrupt_waits_until_the_landing_is_ordered(vehicle, after_ms
 
 
 @pytest.mark.parametrize(("armed", "landed"), [(True, True), (True, False), (False, False)])
-def test_a_flying_vehicle_is_not_armed(vehicle, armed, landed):
+def test_a_vehicle_that_is_armed_or_in_the_air_is_rejected(vehicle, armed, landed):
     vehicle.armed, vehicle.landed, vehicle.mode = armed, landed, "POSCTL"
     with pytest.raises(LinkError, match="--arm"):
         ascend([Link(vehicle.transport())], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None)
@@ -157,7 +157,7 @@ def test_a_flying_vehicle_is_not_armed(vehicle, armed, landed):
     assert vehicle.mode == "POSCTL"
 
 
-def test_an_empty_battery_takes_nothing_off(vehicle):
+def test_a_vehicle_with_a_low_battery_is_not_armed(vehicle):
     vehicle.armed, vehicle.landed, vehicle.battery = False, True, 10
     with pytest.raises(LinkError, match="10%"):
         ascend([Link(vehicle.transport(), limits=Limits())], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None)
@@ -168,7 +168,7 @@ SINKS = "COM_OBL_RC_ACT = 0 (Position)"
 
 
 @pytest.mark.parametrize("ending", ["disarmed", "unreachable", "landed", "taken"])
-def test_the_behaviour_of_a_vehicle_without_setpoints_is_reported(vehicle, ending):
+def test_the_failsafe_behaviour_is_reported_for_disarmed_and_unreachable_vehicles(vehicle, ending):
     link = flying(vehicle)
     link.failsafe = SINKS
     notices: list[str] = []

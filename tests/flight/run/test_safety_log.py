@@ -23,7 +23,7 @@ def two_drones(tmp_path):
     return links, SafetyLog(file, links, notices.append), notices, file
 
 
-def test_a_limit_that_acts_at_every_step_is_reported_twice(two_drones):
+def test_a_limit_that_acts_repeatedly_is_reported_at_first_and_in_the_summary(two_drones):
     links, log, notices, file = two_drones
     for _ in range(70):
         links[1].on_limit(("climb",))
@@ -69,7 +69,7 @@ def test_a_limit_that_acted_once_is_reported_once(two_drones):
     assert len(notices) == 1
 
 
-def test_a_closed_terminal_stops_no_setpoint(two_drones, tmp_path):
+def test_a_closed_terminal_does_not_stop_the_safety_log(two_drones, tmp_path):
     links, _, _, file = two_drones
 
     def say(line):

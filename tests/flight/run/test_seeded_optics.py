@@ -1,4 +1,4 @@
-"""Camera noise belongs to a flight's seed: the same flight has the same noise."""
+"""The seed of a flight determines its camera noise."""
 
 from dataclasses import replace
 
@@ -33,20 +33,20 @@ def first_picture(folder, seed, speed=None):
 
 
 def grain(jpeg):
-    """Return the detail of a picture finer than a pixel's neighbourhood, which is nearly all noise."""
+    """Return the detail of a picture that is finer than a pixel's neighbourhood. It is nearly all noise."""
     grey = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE), float)
     return (grey - cv2.GaussianBlur(grey, (0, 0), 1.0)).ravel()
 
 
 @pytest.mark.slow
-def test_in_lockstep_noise_is_the_seeds_and_comes_back_to_the_byte(tmp_path):
+def test_in_lockstep_the_same_seed_gives_the_same_noise_to_the_byte(tmp_path):
     one, again, other = (first_picture(tmp_path / name, seed) for name, seed in (("a", 1), ("b", 1), ("c", 2)))
     assert one == again
     assert abs(np.corrcoef(grain(one), grain(other))[0, 1]) < 0.1
 
 
 @pytest.mark.slow("flies in real time, twice")
-def test_in_real_time_noise_is_the_seeds_too(tmp_path):
+def test_in_real_time_the_seed_determines_the_noise(tmp_path):
     one, again, other = (first_picture(tmp_path / name, seed, 4.0) for name, seed in (("a", 1), ("b", 1), ("c", 2)))
     assert np.corrcoef(grain(one), grain(again))[0, 1] > 0.5
     assert abs(np.corrcoef(grain(one), grain(other))[0, 1]) < 0.1

@@ -1,4 +1,4 @@
-"""The steady agent on a whole flight: its declaration, and the same flight twice."""
+"""The steady agent on a complete flight: its declaration, and a repeat of the flight."""
 
 import json
 
@@ -9,7 +9,7 @@ from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from tests.support.json_lines import rows
 
-EPISODE = "residential-tracking-05"  # the paper's agent stays 5.5 m behind this target at 2 s a reply
+EPISODE = "residential-tracking-05"  # the paper's agent stays 5.5 m behind this target with 2 s latency
 
 
 def steady_flight(folder, seconds=60.0):
@@ -22,7 +22,7 @@ def steady_flight(folder, seconds=60.0):
     return result, folder / EPISODE
 
 
-def test_it_catches_up_at_two_seconds_a_reply_declares_of_its_picture_and_does_so_again(tmp_path):
+def test_it_reaches_a_moving_target_with_two_seconds_latency_and_repeats_exactly(tmp_path):
     result, folder = steady_flight(tmp_path / "a")
     assert (result["outcome"], result["declarations"]) == ("success", 1)
     assert json.loads((tmp_path / "a" / "run.json").read_text())["flight"]["agent"] == "steady"

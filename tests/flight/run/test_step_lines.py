@@ -23,12 +23,12 @@ def printed(decisions, drones=1, stop_unreadable=None):
     return lines
 
 
-def test_a_point_is_printed_as_the_model_gave_it():
+def test_a_point_is_printed_as_in_the_reply():
     (line,) = printed([decision(action=GO, error=None)])
     assert "463, 553" in line
 
 
-def test_the_drones_of_a_fleet_are_counted_from_one_and_a_single_drone_has_no_number():
+def test_drones_are_numbered_from_one_and_a_single_drone_has_no_number():
     assert ["drone" in line for line in printed([decision()])] == [False]
     lines = printed([decision(drone=drone) for drone in range(4)], drones=4)
     assert [f"drone {n}" in line for n, line in enumerate(lines, 1)] == [True] * 4
@@ -44,12 +44,12 @@ def test_the_drones_of_a_fleet_are_counted_from_one_and_a_single_drone_has_no_nu
         ("another", 3, ["no JSON object"]),
     ],
 )
-def test_the_reason_of_an_unreadable_reply_is_the_servers_where_it_gave_one(finish, tokens_out, words):
+def test_the_servers_finish_reason_explains_an_unreadable_reply(finish, tokens_out, words):
     (line,) = printed([decision(finish=finish, tokens_out=tokens_out)])
     assert all(word in line for word in words)
 
 
-def test_many_unreadable_replies_in_a_row_are_warned_of_once():
+def test_many_unreadable_replies_in_a_row_cause_one_warning():
     unread = [decision(step, finish="length") for step in range(3 * UNREADABLE)]
     warnings = [line for line in printed(unread) if "WARNING" in line]
     assert len(warnings) == 1
@@ -60,7 +60,7 @@ def test_many_unreadable_replies_in_a_row_are_warned_of_once():
     assert not [line for line in printed(unread) if "WARNING" in line]
 
 
-def test_so_many_unreadable_replies_in_a_row_end_the_flight_where_that_is_asked_for():
+def test_stop_unreadable_ends_the_flight_after_that_many_unreadable_replies_in_a_row():
     unread = [decision(step, finish="length") for step in range(3)]
     readable = decision(action=GO, error=None)
     with pytest.raises(UnreadableError, match="8,192 tokens"):

@@ -39,18 +39,18 @@ def believed(*, place=(0.0, 0.0, 0.0), euler=(0.0, 0.0, YAW)):
         ({"place": (1.5, 1.5, 0.0)}, "position is 2.12 m"),
     ],
 )
-def test_an_estimate_beyond_its_limit_is_named(estimate, word):
+def test_an_estimate_beyond_its_limit_is_reported(estimate, word):
     [fault] = estimate_faults(believed(**estimate), true(), HERE)
     assert word in fault
 
 
-def test_an_estimate_within_its_limits_may_fly():
+def test_an_estimate_within_its_limits_has_no_fault():
     near = believed(place=(1.2, -1.2, 30.0), euler=(0.03, -0.03, YAW + math.radians(4.8)))
     assert estimate_faults(near, true(), HERE) == []
     assert estimate_faults(VehicleState(), true(), HERE) == []
 
 
-def test_an_estimate_is_moved_onto_the_map_with_its_vehicle():
+def test_an_estimate_is_placed_on_the_map_before_the_comparison():
     moved = Placement(HOME, (100.0, 50.0, 0.0), math.pi / 2)
     turned = true(place=(100.0, 60.0, 0.0), euler=(0.0, 0.0, YAW + math.pi / 2))
     assert estimate_faults(believed(place=(10.0, 0.0, 0.0)), turned, moved) == []
@@ -68,7 +68,7 @@ def test_an_estimate_is_moved_onto_the_map_with_its_vehicle():
         (PLACE, YAW + math.radians(16.6), ["nose is 16.6°"]),
     ],
 )
-def test_a_start_beyond_its_limits_is_named(place, yaw, words):
+def test_a_start_beyond_its_limits_is_reported(place, yaw, words):
     faults = start_faults(true(place=place, euler=(0.1, 0.0, yaw)), PLACE, YAW)
     assert len(faults) == len(words)
     assert all(word in fault for word, fault in zip(words, faults, strict=True))
@@ -82,7 +82,7 @@ class Tap:
         pass
 
 
-def test_a_vehicle_that_does_not_know_its_heading_is_not_armed():
+def test_a_vehicle_with_a_wrong_heading_estimate_is_not_armed():
     world, vehicle = load_world("v1-residential-searching-01"), ScriptedVehicle()
     vehicle.armed, vehicle.landed, vehicle.yaw = False, True, 0.0
     link = Link(vehicle.transport())

@@ -1,4 +1,4 @@
-"""The end of a flight: the logs are read while a declaration is open, for a limited time after it."""
+"""VerdictWatch ends a flight. It reads the logs only while a declaration is open, and for a limited time."""
 
 import json
 
@@ -17,7 +17,7 @@ def made(row):
     return logs([row]).decisions[0]
 
 
-def test_a_declaration_that_did_not_qualify_is_looked_at_once(tmp_path):
+def test_a_declaration_that_does_not_qualify_is_checked_once(tmp_path):
     folder = write(tmp_path / "run" / "e", [GO, EARLY], [BEGIN, frame(0, 1.5, 20.0), frame(1, 4.5, 9.0)])
     watch = VerdictWatch(folder, full=False)
     assert not watch.decided(made(EARLY))
@@ -37,7 +37,7 @@ def test_a_declaration_whose_picture_is_measured_later_stays_open(tmp_path):
     assert watch.success
 
 
-def test_a_flight_to_its_cap_is_never_decided(tmp_path):
+def test_a_full_flight_is_never_decided_before_its_cap(tmp_path):
     folder = write(tmp_path / "run" / "e", [EARLY], [BEGIN, frame(1, 4.5, 3.0)])
     assert not VerdictWatch(folder, full=True).decided(made(EARLY))
     assert VerdictWatch(folder, full=False).decided(made(EARLY))

@@ -1,4 +1,4 @@
-"""An X500 that hovers before a wall, flown by velocity through its commander."""
+"""An X500 hovers in front of a wall. Tests fly it with velocity setpoints through its commander."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The estimator after a blow beyond the range of its accelerometers."""
+"""The estimator after an impact beyond the range of the accelerometers."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ def error(vehicle, name):
 
 
 @pytest.mark.parametrize("speed", [2.5, 3.0])
-def test_half_a_second_after_a_wall_the_velocity_is_known_again(speed):
+def test_the_velocity_estimate_recovers_within_half_a_second_of_an_impact(speed):
     vehicle = flying(1)
     for tick in range(2000):
         if tick % 5 == 0:
@@ -22,7 +22,7 @@ def test_half_a_second_after_a_wall_the_velocity_is_known_again(speed):
     for _ in range(10):
         vehicle.advance()
     assert vehicle.plant.memory["accel_clipped"] > 0
-    assert error(vehicle, "velocity_ned") > 0.3  # the part beyond the range is lost
+    assert error(vehicle, "velocity_ned") > 0.3  # the acceleration beyond the range is lost
     vehicle.autopilot.commander.set_mode("HOLD")
     for _ in range(40):
         vehicle.advance()

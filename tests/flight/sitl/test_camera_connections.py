@@ -18,7 +18,7 @@ HALF = b"GET /frame.bmp HTTP/1.1\r\nHost: 127"
 
 
 class Camera:
-    """Has one black picture, which it gives once `is_ready` is set."""
+    """Returns one black picture once `is_ready` is set."""
 
     camera = CameraModel()
 
@@ -57,8 +57,8 @@ def status(connection):
     return answer.status
 
 
-def test_the_agent_is_served_while_others_only_connect(server):
-    threads = threading.active_count()  # connections of earlier tests among them
+def test_the_agent_is_served_while_other_connections_stall(server):
+    threads = threading.active_count()  # includes connections of earlier tests
     before = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10.0)
     assert status(before) == 200
     stalled = [socket.create_connection(server.server_address, timeout=10.0) for _ in range(60)]
@@ -99,7 +99,7 @@ def test_a_client_that_leaves_before_its_picture_is_not_an_error(server, camera,
     assert capsys.readouterr().err == ""
 
 
-def test_a_port_in_use_is_refused_or_the_next_free_one_is_served(camera):
+def test_a_port_in_use_is_rejected_unless_the_next_free_port_is_allowed(camera):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(UsageError, match=f"TCP port {port} is in use"):

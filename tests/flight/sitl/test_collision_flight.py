@@ -1,4 +1,4 @@
-"""A flight into the target of a shipped episode: the car stops it, the lens stays outside, the bus reports it."""
+"""A flight into the target of a shipped episode: the car stops the drone, and the bus reports the hit."""
 
 import math
 from typing import Any
@@ -69,7 +69,7 @@ class Flight:
             self.texts += [m.text for m in self._parser.feed(self._tap.take()) if m.get_type() == "STATUSTEXT"]
 
 
-def test_flying_into_the_target_ends_at_its_door() -> None:
+def test_a_drone_that_flies_into_the_target_stops_at_its_surface() -> None:
     flight = Flight("residential-approaching-01", 4.0)
     assert not flight.texts
     nearest = flight.fly(1.2, 5.0)
@@ -80,7 +80,7 @@ def test_flying_into_the_target_ends_at_its_door() -> None:
     assert state["position"][1] > 2.7 + 1.0  # still beside the car
 
 
-def test_a_moving_target_is_solid_where_it_is_seen() -> None:
+def test_the_collision_box_of_a_moving_target_follows_its_position() -> None:
     world = load_world("residential-tracking-01")
     simulation = build(world, seed=3)
     solids = simulation.vehicles[0].plant.solids

@@ -1,4 +1,4 @@
-"""The second process must compile the functions that the first one calls, or the first run compiles them again."""
+"""A second process must compile the functions that the first one calls, or the first one compiles them again."""
 
 import os
 import subprocess
@@ -26,7 +26,7 @@ def test_the_plant_of_every_airframe_and_map_has_the_same_types() -> None:
             assert compile_ahead.signature(other.kernel_args) == compile_ahead.signature(standard.kernel_args)
 
 
-def test_a_cache_is_cold_until_it_holds_the_plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compilation_is_parallel_until_the_plant_is_cached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compile_ahead, "cache_folder", lambda: tmp_path / "kernels")
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     monkeypatch.setattr(compile_ahead, "CAN_CACHE", True)
@@ -67,7 +67,7 @@ def test_the_camera_of_another_map_and_size_has_the_same_types() -> None:
     subprocess.run([sys.executable, "-c", KERNELS], check=True)
 
 
-def test_a_second_process_that_cannot_run_costs_nothing_but_its_time(
+def test_compilation_succeeds_even_if_the_second_process_cannot_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")

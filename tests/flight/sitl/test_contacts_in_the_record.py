@@ -20,7 +20,7 @@ HITS = (HitReport("house-25", 1.2, False), HitReport("another drone", 0.0, True)
 
 
 @pytest.mark.parametrize("hit", HITS, ids=lambda hit: hit.what)
-def test_a_hit_is_read_back(hit):
+def test_a_hit_round_trips_through_its_text(hit):
     assert hit_of(hit_text(hit)) == hit
     assert seconds_of(hit_text(hit)) is None
 
@@ -36,7 +36,7 @@ def test_a_long_name_fits_into_a_message():
     assert hit_of("Collision of interests") is None
 
 
-def test_a_press_stands_in_the_record(tmp_path):
+def test_hits_and_contact_time_of_a_press_are_recorded(tmp_path):
     vehicle = flying(1)
     recorder = Recorder(tmp_path, ORIGIN, lambda *_: NOTHING, CameraModel())
     begun_us = vehicle.time_us
@@ -68,8 +68,8 @@ def test_a_press_stands_in_the_record(tmp_path):
     assert 0.0 < seconds <= (last_us - first_us) / 1e6 + 0.02
 
 
-def test_leaning_on_a_wall_stands_in_the_record_once_it_has_lasted(tmp_path):
-    """Contact at 0.1 m/s, too slow for a hit, and three seconds against the wall."""
+def test_leaning_on_a_wall_is_recorded_after_it_has_lasted(tmp_path):
+    """The vehicle touches the wall at 0.1 m/s, too slow for a hit, and leans on it for three seconds."""
     vehicle = flying(1, north=18.9)
     recorder = Recorder(tmp_path, ORIGIN, lambda *_: NOTHING, CameraModel())
     begun_us = vehicle.time_us
@@ -98,7 +98,7 @@ def test_leaning_on_a_wall_stands_in_the_record_once_it_has_lasted(tmp_path):
 
 
 @pytest.mark.parametrize(("touch_s", "counts"), [(0.3, False), (0.7, True)])
-def test_a_touch_that_no_hit_began_counts_when_it_lasts(touch_s, counts):
+def test_a_touch_without_a_hit_counts_only_if_it_lasts(touch_s, counts):
     craft = fleet.vehicle(obstacles=wall())
     report, texts = CollisionReport(craft), []
     for now_us in range(0, 2_000_000, 10_000):
@@ -114,7 +114,7 @@ def test_a_touch_that_no_hit_began_counts_when_it_lasts(touch_s, counts):
         assert seconds_of(end) == pytest.approx(touch_s, abs=0.03)
 
 
-def test_standing_on_the_ground_against_a_wall_is_no_contact():
+def test_standing_on_the_ground_against_a_wall_is_not_a_contact():
     craft = fleet.vehicle(
         obstacles=wall(), camera_frd=CameraModel().offset_frd, position_ned=(WALL_M - 0.57, 0.0, -0.24)
     )

@@ -23,7 +23,7 @@ def world():
 
 
 def traced_m(world, width, height):
-    """Return the depth (H, W), m, that Embree measures along the middles of the pixels from where `camera_of` is."""
+    """Return the depth (H, W) in m that Embree measures through the pixel centres, from the pose of `camera_of`."""
     n, e, d = world.scene.spawn_ned
     camera = CameraModel(width, height)
     attitude = quat_from_euler(0.0, 0.0, world.scene.spawn_yaw)
@@ -33,7 +33,7 @@ def traced_m(world, width, height):
     rays = np.stack([np.ones_like(x), x / camera.focal_px, y / camera.focal_px], axis=-1).reshape(-1, 3) @ axes
     start = np.ascontiguousarray(np.broadcast_to(np.array(pose.position_ned, np.float32), rays.shape))
     hits = RayScene.of_instances(world.scene.instances).first_hits(start, rays.astype(np.float32))
-    depth = np.where(hits.triangle != NOTHING, hits.distance, np.inf)  # each ray has depth one
+    depth = np.where(hits.triangle != NOTHING, hits.distance, np.inf)  # each ray has depth 1, so distances are depths
     return depth.reshape(height, width)
 
 
@@ -44,19 +44,19 @@ def test_a_depth_picture_has_the_distances_of_a_ray_tracer(world):
     near = truth < 65.0
     assert 0.3 < near.mean() < 1.0
     off = np.abs(frame.depth_mm[near] / 1000.0 - truth[near])
-    assert np.mean(off < 0.002 + 2e-4 * truth[near]) > 0.995  # others are on an edge, and either surface is right
+    assert np.mean(off < 0.002 + 2e-4 * truth[near]) > 0.995  # others are on an edge: either surface is right
     assert (frame.depth_mm[truth > 66.0] == 0).mean() > 0.995
     np.testing.assert_array_equal(frame.image_rgb, camera_of(world).newest().image_rgb)
 
 
-def test_depth_survives_its_file():
+def test_depth_pictures_round_trip_through_their_file():
     depths = in_millimetres(np.array([[0.0504, 3.0, 65.535, 65.54, np.inf]], np.float32))
     assert depths.tolist() == [[50, 3000, 65535, 0, 0]]
     np.testing.assert_array_equal(decode_depth(encode_depth(depths)), depths)
     assert decode_depth(b"no picture") is decode_depth(b"") is None
 
 
-def test_over_http_the_depth_is_that_of_the_same_frame(world):
+def test_depth_over_http_belongs_to_the_same_frame(world):
     camera = camera_of(world)
     server = FrameServer(("127.0.0.1", 0), handler(camera))
     thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
@@ -79,7 +79,7 @@ def test_over_http_the_depth_is_that_of_the_same_frame(world):
         thread.join()
 
 
-def test_the_papers_agent_gets_no_depth_and_a_lens_has_none():
+def test_depth_is_rejected_for_the_papers_agent_and_with_optics():
     with pytest.raises(UsageError, match=r"paper .*--depth.*--agent"):
         FlightSpec(pilot="oracle", simulated=Simulated(camera="depth"))
     with pytest.raises(UsageError, match=r"--depth .*--optics"):

@@ -1,4 +1,4 @@
-"""A vehicle over a bad wire, in wind, under a load and with late fixes: each effect checked against the truth."""
+"""A vehicle with a bad link, wind, a payload and late GPS fixes. Each effect is checked against the truth."""
 
 import math
 from dataclasses import dataclass, field
@@ -87,7 +87,7 @@ def noses_down_after_s(flight: Aloft) -> float:
     return down - asked_s
 
 
-def test_a_setpoint_is_obeyed_later_by_the_wires_delay_and_the_clock_stays_right() -> None:
+def test_link_delay_postpones_setpoints_and_the_clock_stays_right() -> None:
     took_s = []
     for up, down in ((0.0, 0.0), (0.4, 0.0), (0.0, 0.3)):
         flight = aloft()
@@ -96,11 +96,11 @@ def test_a_setpoint_is_obeyed_later_by_the_wires_delay_and_the_clock_stays_right
         took_s.append(noses_down_after_s(flight))
         assert flight.link.time_us / 1e6 == pytest.approx(flight.lockstep.now_s(), abs=0.02)
     assert took_s[1] - took_s[0] == pytest.approx(0.4, abs=0.03)
-    assert took_s[2] - took_s[0] == pytest.approx(0.0, abs=0.06)  # the order arrives at once, at the old place
+    assert took_s[2] - took_s[0] == pytest.approx(0.0, abs=0.06)  # only telemetry is late: the order arrives at once
 
 
 @pytest.mark.parametrize("late_s", [0.0, 1.0])
-def test_where_a_picture_was_taken_is_known_however_late_telemetry_comes(late_s: float) -> None:
+def test_the_pose_of_a_picture_is_right_even_with_late_telemetry(late_s: float) -> None:
     flight = aloft()
     flight.begin()
     flight.wire.impair(PERFECT, Impairment(delay_s=late_s), 1e9)
@@ -116,14 +116,14 @@ def test_where_a_picture_was_taken_is_known_however_late_telemetry_comes(late_s:
     flight.link.wait(3.0)
     turning = flight.shot()
     flight.link.wait(2.5)
-    for time_us, place, heading in (moving, turning):  # all telemetry of that time has arrived long ago
+    for time_us, place, heading in (moving, turning):  # all telemetry of that time has arrived
         sight = flight.link.sight(time_us)
         assert sight.position_ned == pytest.approx(place.tolist(), abs=0.03)
         assert wrap_pi(sight.heading - heading) == pytest.approx(0.0, abs=0.03)
-    assert limited in ([], [()])  # a position as late as all telemetry is not stale
+    assert limited in ([], [()])  # a position that is as late as all telemetry is not stale
 
 
-def test_an_impaired_wire_is_the_same_to_the_byte_and_before_that_as_if_it_were_none() -> None:
+def test_link_impairment_repeats_to_the_byte_and_has_no_effect_before_it_begins() -> None:
     plain, perfect = aloft(wired=False), aloft()
     assert plain.vehicle.plant.record.tobytes() == perfect.vehicle.plant.record.tobytes()
     records = []
@@ -140,17 +140,17 @@ def test_an_impaired_wire_is_the_same_to_the_byte_and_before_that_as_if_it_were_
     assert records[1] == records[2] != records[0]
 
 
-def test_whom_no_setpoint_reaches_any_more_comes_down_by_its_failsafe() -> None:
+def test_a_vehicle_that_loses_its_setpoints_descends_by_its_failsafe() -> None:
     flight = aloft()
     flight.begin()
     flight.wire.impair(Impairment(loss=1.0), PERFECT, 1e9)
     flight.link.wait(2.0)
     assert flight.link.state.mode != "OFFBOARD"
-    flight.link.wait(6.0)  # and no takeover is detected in it
+    flight.link.wait(6.0)  # the failsafe is not detected as a takeover
     assert flight.places[-1][2] > flight.places[0][2] + 1.0
 
 
-def test_the_hover_is_learnt_with_a_payload_and_the_height_is_held() -> None:
+def test_hover_thrust_adapts_to_a_payload_and_the_height_is_held() -> None:
     empty, laden = aloft(), aloft(payload_kg=0.5)
     learnt = []
     for flight in (empty, laden):
@@ -160,10 +160,10 @@ def test_the_hover_is_learnt_with_a_payload_and_the_height_is_held() -> None:
         heights = np.array(flight.places)[:, 2]
         assert np.ptp(heights) < 0.3
     assert learnt[1] / learnt[0] == pytest.approx(2.5 / 2.0, rel=0.05)  # its battery sags more, too
-    assert laden.vehicle.core.params["hover_thrust"] == empty.vehicle.core.params["hover_thrust"]  # not tuned for it
+    assert laden.vehicle.core.params["hover_thrust"] == empty.vehicle.core.params["hover_thrust"]  # not tuned
 
 
-def test_it_leans_against_the_wind_by_its_drag_from_the_beginning_on() -> None:
+def test_wind_starts_at_the_begin_and_the_vehicle_leans_against_it_by_its_drag() -> None:
     north = 7.0
     flight = aloft(disturbances=VehicleFaults(wind_ned=(north, 0.0, 0.0)))
     assert abs(quat_to_euler(tuple(flight.vehicle.plant.truth["attitude"].tolist()))[1]) < math.radians(1.5)
@@ -179,7 +179,7 @@ def test_it_leans_against_the_wind_by_its_drag_from_the_beginning_on() -> None:
     assert np.linalg.norm(moved[-1]) < 0.5
 
 
-def test_late_fixes_put_the_estimate_behind_by_the_way_flown_meanwhile() -> None:
+def test_the_estimate_lags_by_the_distance_flown_during_the_gps_delay() -> None:
     def behind(delay_s: float) -> float:
         flight = aloft(disturbances=VehicleFaults(gps_delay_s=delay_s))
         flight.begin()
@@ -191,7 +191,7 @@ def test_late_fixes_put_the_estimate_behind_by_the_way_flown_meanwhile() -> None
 
 
 @pytest.mark.parametrize(("hz", "expected_hz"), [(None, 20.0), (4.0, 4.0), (15.0, 15.0), (40.0, 40.0)])
-def test_setpoints_are_sent_as_often_as_is_asked_for(hz: float | None, expected_hz: float) -> None:
+def test_setpoints_are_sent_at_the_requested_rate(hz: float | None, expected_hz: float) -> None:
     flight = aloft()
     sent: list[float] = []
     flight.begin()

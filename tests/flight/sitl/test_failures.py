@@ -15,7 +15,7 @@ def plant():
     return Multirotor(airframe.load("x500"), seed=1, origin=(47.4, 8.5, 488.0))
 
 
-def test_a_receiver_that_is_off_gives_no_fix_until_it_is_mended(plant):
+def test_a_gps_receiver_that_is_off_gives_no_fix_until_it_is_restored(plant):
     failures = Failures(plant)
     plant.advance(1000)
     assert failures.inject(d.FAILURE_UNIT_SENSOR_GPS, d.FAILURE_TYPE_OFF, 0)
@@ -28,7 +28,7 @@ def test_a_receiver_that_is_off_gives_no_fix_until_it_is_mended(plant):
     assert int(plant.sensors["gps_time_us"]) > last
 
 
-def test_one_rotor_of_several_stops_and_comes_back(plant):
+def test_one_rotor_stops_and_can_be_restored(plant):
     failures = Failures(plant)
     assert failures.inject(d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_OFF, 2)
     plant.advance(10)
@@ -54,12 +54,12 @@ def test_unsupported_failures_are_rejected_without_effect(plant, unit, kind, ins
 
 
 @pytest.mark.parametrize("unit", SENSORS, ids=SENSORS.get)
-def test_every_sensor_can_be_wrong_and_then_it_is(plant, unit):
+def test_every_sensor_supports_wrong_values(plant, unit):
     assert Failures(plant).inject(unit, d.FAILURE_TYPE_WRONG, 0)
     assert plant.faults["value"][0].any()
 
 
-def test_a_script_stays_in_force_beside_what_is_injected_and_can_be_mended():
+def test_scripted_faults_stay_active_beside_injected_ones_and_can_be_undone():
     script = [Fault("gps", "fail"), Fault("mag", "fail", from_us=500_000)]
     plant = Multirotor(airframe.load("x500"), seed=1, origin=(47.4, 8.5, 488.0), faults=script)
     failures = Failures(plant, script)
@@ -74,7 +74,7 @@ def test_a_script_stays_in_force_beside_what_is_injected_and_can_be_mended():
     assert int(plant.sensors["mag_time_us"]) < 500_000
 
 
-def test_a_delay_that_no_vehicle_remembers_is_refused_and_leaves_nothing(plant):
+def test_a_delay_beyond_the_sensor_memory_is_rejected_without_effect(plant):
     plant.set_sensor_suite(Suite().degraded(gps_delay_s=1.4))
     failures = Failures(plant)
     assert not failures.inject(d.FAILURE_UNIT_SENSOR_GPS, d.FAILURE_TYPE_DELAYED, 0)

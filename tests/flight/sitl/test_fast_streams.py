@@ -11,7 +11,7 @@ IMU, ATTITUDE = dialect.MAVLINK_MSG_ID_HIGHRES_IMU, dialect.MAVLINK_MSG_ID_ATTIT
 
 
 class Client:
-    """A client in memory of one vehicle on the ground."""
+    """An in-memory client of one vehicle on the ground."""
 
     def __init__(self) -> None:
         self.vehicle = SimulatedVehicle(
@@ -27,7 +27,7 @@ class Client:
             loop(steps)
 
         self.vehicle._fused.advance = advance  # type: ignore[method-assign]
-        self.hear(1.5)  # the sensors have data
+        self.hear(1.5)  # until the sensors have data
 
     def ask(self, message: int, interval_us: float) -> None:
         command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
@@ -46,7 +46,7 @@ class Client:
 
 
 @pytest.mark.parametrize("rate", [125, 200, 250, 400, 1000])
-def test_inertial_samples_come_as_often_as_they_are_asked_for(rate):
+def test_inertial_samples_arrive_at_the_requested_rate(rate):
     client = Client()
     client.ask(IMU, 1e6 / rate)
     client.hear(0.1)
@@ -58,10 +58,10 @@ def test_inertial_samples_come_as_often_as_they_are_asked_for(rate):
     # a due sample leaves after the loop step at which it was due, never later
     assert abs(gaps - 1e6 / rate).max() <= max(client.steps[-10:]) * 1000
     samples = {(message.xacc, message.yacc, message.zacc) for message in messages}
-    assert len(samples) == len(messages)  # each is a sample of its own; none is sent twice
+    assert len(samples) == len(messages)  # no sample is sent twice
 
 
-def test_beside_a_fast_stream_the_others_keep_their_rates():
+def test_other_streams_keep_their_rates_beside_a_fast_stream():
     client = Client()
     client.ask(ATTITUDE, 40_000)
     client.ask(IMU, 4_000)
@@ -70,7 +70,7 @@ def test_beside_a_fast_stream_the_others_keep_their_rates():
     assert len(messages) == pytest.approx(100, abs=1)
 
 
-def test_the_flight_is_the_same_to_the_bit_with_and_without():
+def test_a_fast_stream_does_not_change_the_flight_by_a_bit():
     plain, fast = Client(), Client()
     fast.ask(IMU, 4_000)
     for each in (plain, fast):

@@ -1,4 +1,4 @@
-"""A fleet on the truth bus: the pictures and the log of one drone use the instant at which all drones are known."""
+"""A fleet on the truth bus: pictures and logs use an instant at which the poses of all drones are known."""
 
 import math
 
@@ -19,7 +19,7 @@ from tests.support.json_lines import rows
 EPISODE = "blocks-commanding-01"
 HALF = CameraModel(640, 360)
 STILL = (0.0, 0.0, 0.0)
-GAP_M = 0.35  # from a lens to the middle of a drone that hides everything behind it
+GAP_M = 0.35  # from a lens to the centre of a drone that hides everything behind it
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def world():
 
 
 class Bus:
-    """The simulator's truth of a fleet: one drone before its target, another before its lens or far from it."""
+    """Truth messages of a fleet: drone 0 faces its target, and drone 1 is in front of its lens or far away."""
 
     def __init__(self, world):
         self.world, self._packers = world, {}
@@ -73,7 +73,7 @@ def log(world, tmp_path):
     recorder.close()
 
 
-def test_a_drone_before_the_lens_makes_the_target_invisible_in_the_log(bus, log, world):
+def test_a_drone_in_front_of_the_lens_makes_the_target_invisible_in_the_log(bus, log, world):
     recorder, written = log
     packer = Packer(1, 100)
     for k, (other, visible) in enumerate(((bus.away, True), (bus.in_the_way, False))):
@@ -92,7 +92,7 @@ def test_a_drone_before_the_lens_makes_the_target_invisible_in_the_log(bus, log,
         assert frame["target_frd"][0] > 0.0
 
 
-def test_a_pose_is_measured_with_the_other_poses_of_its_time_although_they_arrive_later(bus, log):
+def test_a_pose_waits_for_the_other_drones_poses_of_the_same_time(bus, log):
     recorder, written = log
     recorder.truth(bus.all(980_000, bus.away))
     recorder.truth(bus.pose(0, 1_000_000, bus.facing))
@@ -106,7 +106,7 @@ def test_a_pose_is_measured_with_the_other_poses_of_its_time_although_they_arriv
     assert all(p["t"] == 0.0 for p in poses)
 
 
-def test_a_frame_that_is_announced_late_is_measured_with_the_others_as_it_shows_them(bus, log, world):
+def test_a_frame_announced_late_is_measured_with_the_poses_of_its_own_time(bus, log, world):
     recorder, written = log
     recorder.truth(bus.all(1_000_000, bus.in_the_way) + bus.all(1_020_000, bus.away))
     sample = TruthSample(0, 1_000_000, bus.facing, STILL, bus.attitude)
@@ -114,7 +114,7 @@ def test_a_frame_that_is_announced_late_is_measured_with_the_others_as_it_shows_
     assert written("frame")[0]["visible_fraction"] == 0.0
 
 
-def test_a_silent_drone_delays_no_picture(bus, log):
+def test_a_silent_drone_does_not_block_the_pose_rows(bus, log):
     recorder, written = log
     recorder.truth(bus.all(990_000, bus.away))
     for k in range(10):
@@ -131,7 +131,7 @@ def test_waiting_rows_are_written_before_the_end(bus, log):
     assert len(written("end")) == 1
 
 
-def test_a_frame_is_of_the_newest_instant_that_all_have_reached(bus, world):
+def test_a_frame_uses_the_newest_instant_that_all_drones_have_reached(bus, world):
     newest = NewestTruth(origin(world))
     assert newest.together(0) is None
     newest.feed(bus.all(0, bus.in_the_way) + bus.all(20_000, bus.away) + bus.pose(0, 40_000, bus.facing))
@@ -152,7 +152,7 @@ def test_a_frame_is_of_the_newest_instant_that_all_have_reached(bus, world):
 
 
 def test_rare_readers_get_the_same_truth_as_frequent_ones(bus, world):
-    """A late reader loses nothing: neither the newest sample, nor the last position of a drone that is long silent."""
+    """A late reader loses nothing: neither the newest sample, nor the last position of a drone that went silent."""
     always, seldom = NewestTruth(origin(world)), NewestTruth(origin(world))
     chunks = [bus.all(0, bus.in_the_way)] + [bus.pose(0, 20_000 * k, bus.facing) for k in range(1, 3000)]
     for data in chunks:
@@ -164,7 +164,7 @@ def test_rare_readers_get_the_same_truth_as_frequent_ones(bus, world):
     assert always.of(3) is not None
 
 
-def test_of_two_samples_as_near_the_earlier_is_meant(world):
+def test_the_earlier_of_two_equally_near_samples_is_chosen(world):
     def at(time_us):
         return TruthSample(0, time_us, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
@@ -182,7 +182,7 @@ def picture(world, truth, drone=0, optics=None):
 
 
 def test_the_camera_of_a_rear_drone_shows_the_drone_ahead():
-    """From the starts of a record whose square faces its goal: one drone is 2 m ahead, in the picture's middle."""
+    """The square of the record's starts faces the goal: one drone is 2 m ahead, in the middle of the picture."""
     world = load_world("v1-residential-commanding-01")
     bus = Bus(world)
     starts = [one.position_ned for one in world.record.starts]
@@ -208,5 +208,5 @@ def test_a_passing_drone_is_blurred_by_its_own_motion(bus, world):
         truth = bus.pose(0, 20_000, bus.facing) + bus.pose(1, 20_000, beyond, velocity)
         shown, bare = picture(world, truth, 0, optics), picture(world, bus.pose(0, 20_000, bus.facing), 0, optics)
         wide.append(np.ptp(np.nonzero(np.abs(shown[:170].astype(int) - bare[:170]).max(axis=2) > 8)[1]))
-    assert wide[0] > 60  # px; its 0.6 m at 2.35 m are 82, and 3 m/s over seven eighths of 0.1 s are 36 more
+    assert wide[0] > 60  # px; 0.6 m at 2.35 m are 82 px, and 3 m/s during 7/8 of 0.1 s add 36 px
     assert wide[1] == pytest.approx(wide[0] + 36, abs=12)

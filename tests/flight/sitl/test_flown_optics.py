@@ -1,4 +1,4 @@
-"""Optics options of the simulated camera change its pictures, and no measurement."""
+"""Optics options of the simulated camera change its pictures, but no measurement."""
 
 import json
 
@@ -32,13 +32,13 @@ RATE = st.floats(-5.0, 5.0)
 
 
 @given(st.tuples(RATE, RATE, RATE), st.floats(-3.0, 3.0))
-def test_rates_are_those_that_lead_from_one_attitude_to_the_next(rates, yaw):
+def test_the_rates_between_two_attitudes_are_recovered(rates, yaw):
     before = quat_from_euler(0.1, -0.2, yaw)
     after = quat_integrate(before, tuple(0.02 * w for w in rates))
     assert rates_between(sample(0, before), sample(20_000, after)) == pytest.approx(rates, abs=1e-4)
 
 
-def test_samples_of_another_age_say_nothing_of_rates():
+def test_samples_too_far_apart_or_at_the_same_time_give_zero_rates():
     turned = quat_from_euler(0.0, 0.0, 1.0)
     assert rates_between(sample(0, (1.0, 0.0, 0.0, 0.0)), sample(2_000_000, turned)) == (0.0, 0.0, 0.0)
     assert rates_between(sample(5, turned), sample(5, turned)) == (0.0, 0.0, 0.0)
@@ -66,7 +66,7 @@ def frames(world, optics, turn, seed=0, count=2):
     return [camera.newest().image_rgb for _ in range(count)], announced
 
 
-def test_a_turn_on_the_truth_bus_blurs_the_frame_and_the_announcement_stays(world):
+def test_a_turn_blurs_the_frame_and_does_not_change_its_announcement(world):
     plain, announced = frames(world, None, 0.02)
     still, _ = frames(world, Optics(exposure=Exposure(0.05, 6)), 0.0)
     blurred, announced_blurred = frames(world, Optics(exposure=Exposure(0.05, 6)), 0.02)
@@ -76,7 +76,7 @@ def test_a_turn_on_the_truth_bus_blurs_the_frame_and_the_announcement_stays(worl
     assert announced == announced_blurred
 
 
-def test_a_drone_beyond_those_of_the_record_is_blurred_by_its_turn_too(world):
+def test_a_turn_also_blurs_frames_of_drones_beyond_those_of_the_record(world):
     camera = WorldCamera(world, SMALL, lambda data: None, optics=Optics(exposure=Exposure(0.05, 6)))
     for drone, turn in ((1, 0.0), (2, 0.02)):
         camera.feed(bus(world, 1_000_000, 0.3, drone) + bus(world, 1_020_000, 0.3 + turn, drone))
@@ -84,7 +84,7 @@ def test_a_drone_beyond_those_of_the_record_is_blurred_by_its_turn_too(world):
     assert turned < 0.9 * still
 
 
-def test_a_frame_of_the_past_leaves_the_blur_of_the_newest(world):
+def test_a_request_for_a_past_frame_does_not_change_the_blur_of_the_newest(world):
     def newest(asks_for_the_past):
         camera = WorldCamera(world, SMALL, lambda data: None, optics=Optics(exposure=Exposure(0.05, 6)))
         for k in range(10):
@@ -97,7 +97,7 @@ def test_a_frame_of_the_past_leaves_the_blur_of_the_newest(world):
     np.testing.assert_array_equal(newest(True), newest(False))
 
 
-def test_two_frames_of_one_instant_differ_by_their_noise_alone(world):
+def test_two_frames_of_one_instant_differ_only_by_their_noise(world):
     (first, second), _ = frames(world, Optics(sensor=Sensor(2000.0, 5.0)), 0.0)
     assert (first != second).mean() > 0.5
     assert np.abs(first.astype(float) - second.astype(float)).mean() < 15.0
@@ -105,7 +105,7 @@ def test_two_frames_of_one_instant_differ_by_their_noise_alone(world):
 
 
 @pytest.mark.parametrize("optics", [Optics(sensor=Sensor(2000.0, 5.0)), Optics(rain=Rain(100.0))])
-def test_another_flight_has_other_noise_and_other_drops(world, optics):
+def test_noise_and_rain_drops_depend_on_the_seed(world, optics):
     (one,), (other,), (again,) = (frames(world, optics, 0.0, seed, count=1)[0] for seed in (1, 2, 2))
     assert (one != other).any()
     np.testing.assert_array_equal(again, other)
@@ -113,7 +113,7 @@ def test_another_flight_has_other_noise_and_other_drops(world, optics):
     np.testing.assert_array_equal(*plain)
 
 
-def test_two_drones_of_a_fleet_at_one_place_have_each_its_own_noise():
+def test_two_drones_at_the_same_place_have_different_noise():
     fleet, seen = World(catalogue.load("residential-commanding-01")), []
     for drone in (0, 1):
         camera = WorldCamera(fleet, SMALL, lambda data: None, optics=Optics(sensor=Sensor(2000.0, 5.0)))
@@ -123,7 +123,7 @@ def test_two_drones_of_a_fleet_at_one_place_have_each_its_own_noise():
     assert np.abs(seen[0].astype(float) - seen[1].astype(float)).mean() < 15.0
 
 
-def test_a_run_says_what_it_was_flown_with(tmp_path):
+def test_a_run_records_its_optics(tmp_path):
     file = tmp_path / "hazy.toml"
     file.write_text("[haze]\ndensity_per_m = 0.02\n")
     flight = look_up(FlightSpec(pilot="oracle", simulated=Simulated(optics=load(file).as_dict())))
@@ -132,7 +132,7 @@ def test_a_run_says_what_it_was_flown_with(tmp_path):
 
 
 @pytest.mark.parametrize("verb", [["fly", "--sitl"], ["sitl", "--camera"]])
-def test_a_broken_file_is_refused_before_anything_starts(verb, tmp_path, capsys):
+def test_an_invalid_optics_file_is_rejected_before_anything_starts(verb, tmp_path, capsys):
     file = tmp_path / "broken.toml"
     file.write_text("[haze]\ndensity_per_m = -1\n")
     assert main([*verb, "--optics", str(file)]) == 2

@@ -1,4 +1,4 @@
-"""FOLLOW over the real physics, as MAVSDK's example flies it: the target jumps, the height stays as ordered."""
+"""FOLLOW in the full simulation, as in MAVSDK's example: the target jumps, and the vehicle keeps the set height."""
 
 import math
 
@@ -16,7 +16,7 @@ HEIGHT_M = 8.0
 
 
 @pytest.mark.parametrize("below_home_m", [8.0, 0.0])
-def test_a_jumping_target_is_followed_at_the_height_that_was_asked_for(below_home_m):
+def test_a_jumping_target_is_followed_at_the_set_height(below_home_m):
     vehicle = SimulatedVehicle(0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=2, origin=ORIGIN)
     port, packer = vehicle.open_port("minimal"), Packer(245, 190)
     commander, heights = vehicle.autopilot.commander, []
@@ -53,6 +53,6 @@ def test_a_jumping_target_is_followed_at_the_height_that_was_asked_for(below_hom
     assert travelled > 15.0
     commander.set_mode("HOLD")
     stopped = live(8.0)
-    assert max(heights) < HEIGHT_M + 1.0  # the estimate's own error included
+    assert max(heights) < HEIGHT_M + 1.0  # includes the error of the estimate
     assert stopped == pytest.approx(HEIGHT_M, abs=1.0)
     assert np.ptp(stopped[400:]) < 0.4

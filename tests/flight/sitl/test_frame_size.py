@@ -38,7 +38,7 @@ def camera_of(world, optics=None):
     return camera
 
 
-def test_a_frame_is_what_the_full_one_becomes_for_the_model(world):
+def test_a_frame_matches_the_reduced_full_size_frame(world):
     camera = camera_of(world)
     frame, full = camera.newest().image_rgb, camera.newest(full=True).image_rgb
     assert full.shape == (720, 1280, 3)
@@ -47,7 +47,7 @@ def test_a_frame_is_what_the_full_one_becomes_for_the_model(world):
     np.testing.assert_array_equal(camera.at(1_000_000).image_rgb, frame)
 
 
-def test_a_sensor_is_read_in_full_and_then_reduced(world):
+def test_sensor_noise_is_added_at_full_size_before_the_reduction(world):
     noisy, clean = camera_of(world, Optics(sensor=Sensor(2000.0, 5.0))), camera_of(world, Optics())
 
     def noise(full, area):

@@ -1,4 +1,4 @@
-"""The fused loop flies exactly like plant and inner loop called one after the other."""
+"""The fused loop gives exactly the same flight as calls of plant and inner loop in turn."""
 
 import pytest
 
@@ -21,7 +21,7 @@ def hopping(seed: int) -> tuple[Multirotor, FlightCore]:
     return plant, core
 
 
-def test_fused_is_step_then_update_to_the_last_bit() -> None:
+def test_the_fused_loop_equals_step_then_update_to_the_last_bit() -> None:
     (plant, core), (fused_plant, fused_core) = hopping(3), hopping(3)
     fused = Fused(fused_plant.kernel_args, fused_core.kernel_args(fused_plant.sensors, fused_plant.actuators))
     core_args = core.kernel_args(plant.sensors, plant.actuators)
@@ -37,7 +37,7 @@ def test_fused_is_step_then_update_to_the_last_bit() -> None:
     assert fused_plant.truth["position_ned"][2] < -0.05, "the vehicle has left the ground: the test compares a flight"
 
 
-def test_a_record_in_the_wrong_place_is_refused() -> None:
+def test_a_wrong_record_among_the_arguments_is_rejected() -> None:
     plant, core = hopping(1)
     args = plant.kernel_args
     with pytest.raises(TypeError, match="changed"):

@@ -1,4 +1,4 @@
-"""MAVSDK's goto example over the real physics: a far destination ordered one second after take-off, on the ground."""
+"""MAVSDK's goto example in the full simulation: the order comes one second after take-off, still on the ground."""
 
 import math
 
@@ -15,7 +15,7 @@ FAR_NED = (-15.0, -190.0, -20.0)
 
 
 @pytest.mark.parametrize("after_s", [0.2, 1.0, 1.6, 2.5])
-def test_a_goto_before_it_has_left_the_ground_is_flown_upright(after_s):
+def test_a_goto_right_after_takeoff_is_flown_without_tipping_over(after_s):
     vehicle = SimulatedVehicle(0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 1.0), seed=6, origin=ORIGIN)
     port, packer = vehicle.open_port("minimal"), Packer(245, 190)
     places, tilts = [], []

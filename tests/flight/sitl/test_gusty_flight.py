@@ -1,8 +1,8 @@
 """Five minutes of mixed flight in a gusty wind, through MAVLink and the whole stack: the accuracy of the estimate.
 
-Errors are of the whole vector against the truth: the angle between the two attitudes, and the length of the velocity's
-and the position's difference. Nothing is taken off but the place where the vehicle stood at boot, which is where an
-autopilot's local frame begins.
+Errors compare full vectors with the truth: the angle between the two attitudes, and the length of the difference of
+the velocities and of the positions. Only the position at boot is subtracted, because it is the origin of the
+autopilot's local frame.
 """
 
 import math
@@ -29,15 +29,15 @@ ORIGIN = (47.397742, 8.545594, 488.0)
 WIND = Wind((4.0, -3.0, 0.0), 7.7)  # 5 m/s steady; MIL-F-8785C's light turbulence on top
 HEIGHT = 12.0  # m
 STILL = (0.0, 0.0, 0.0)
-# (seconds, body velocity forward, right, down in m/s, yaw rate in rad/s); a lap lasts 48 s and is turned by a bit over
-# a quarter each time, so that legs lie at every angle to the wind
+# (seconds, body velocity forward, right, down in m/s, yaw rate in rad/s); a lap lasts 48 s and ends a little more
+# than a quarter turn further than it began, so that the legs have every angle to the wind
 LAP: tuple[tuple[float, Vec3, float], ...] = (
     (5.0, (3.0, 0.0, 0.0), 0.0),
     (5.0, (5.0, 0.0, 0.0), 0.0),
     (4.0, STILL, 0.0),
     (4.0, (0.0, 0.0, -1.5), 0.0),
     (5.0, (0.0, -4.0, 0.0), 0.0),
-    (13.0, (3.0, 0.0, 0.0), 0.5),  # once around, 6 m from the middle
+    (13.0, (3.0, 0.0, 0.0), 0.5),  # a full circle, radius 6 m
     (4.0, (0.0, 0.0, 1.5), 0.0),
     (4.0, (-5.0, 0.0, 0.0), 0.0),
     (4.0, STILL, 0.45),
@@ -146,13 +146,13 @@ def rms(values: list[float]) -> float:
     return math.sqrt(np.mean(np.square(values)))
 
 
-# these two magnetometers' hard iron turns the compass by 1 to 2°
+# with these seeds, the hard iron of the magnetometer turns the compass by 1 to 2°
 @pytest.fixture(scope="module", params=[8, pytest.param(23, marks=pytest.mark.slow)])
 def gusty_flight(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Flight:
     return fly(request.param, tmp_path_factory.mktemp("flown"))
 
 
-def test_the_vehicle_knows_its_motion(gusty_flight: Flight) -> None:
+def test_the_estimate_has_the_required_accuracy(gusty_flight: Flight) -> None:
     """Required accuracy of the estimator: 1°, 0.15 m/s, 1 m."""
     assert gusty_flight.seconds >= 290.0
     assert rms(gusty_flight.attitude_deg) < 1.0
@@ -160,8 +160,8 @@ def test_the_vehicle_knows_its_motion(gusty_flight: Flight) -> None:
     assert rms(gusty_flight.position) < 1.0
 
 
-def test_the_vehicle_does_what_it_is_asked(gusty_flight: Flight) -> None:
-    """At the end of each straight leg, the gusts of about 1.3 m/s have not carried the vehicle along."""
+def test_the_vehicle_follows_velocity_setpoints_in_gusts(gusty_flight: Flight) -> None:
+    """At the end of each straight leg, gusts of about 1.3 m/s have not pushed the vehicle off its velocity."""
     assert len(gusty_flight.off_course) >= 30
     assert max(gusty_flight.off_course) < 0.6
     assert max(gusty_flight.tilt_deg) < 50.0  # MPC_TILTMAX_AIR is 45°
@@ -170,8 +170,8 @@ def test_the_vehicle_does_what_it_is_asked(gusty_flight: Flight) -> None:
 def test_innovations_are_no_larger_than_the_filter_expects(gusty_flight: Flight) -> None:
     """Mean normalised innovation squared below the 99.9 % point of chi-squared, samples taken as independent.
 
-    No lower bound: the filter's noise figures are PX4's, made for worse sensors than these. Of a fix the largest of the
-    three components counts, whose mean is 2.1 where the filter is exact.
+    No lower bound: the filter's noise figures are PX4's, made for worse sensors than these. For a GPS fix, the
+    largest of the three components counts. Its mean is 2.1 if the filter is exact.
     """
     for name, each_us, expected in (("baro", 20_000, 1.0), ("mag", 20_000, 1.0), ("gps", 100_000, 2.1)):
         samples = gusty_flight.seconds * 1e6 / each_us
@@ -189,13 +189,13 @@ def test_the_log_holds_the_innovations_under_px4s_names(gusty_flight: Flight) ->
     for field_name, gate in (("gps_hvel[0]", 5.0), ("gps_vvel", 5.0), ("gps_hpos[1]", 5.0), ("heading", 3.0)):
         squared = innovations[field_name] ** 2 / variances[field_name]
         assert ratios[field_name] == pytest.approx(squared / gate**2, rel=1e-4)
-    for field_name, kind in (("baro_vpos", "baro"), ("heading", "mag")):  # of all kinds, the log has these
+    for field_name, kind in (("baro_vpos", "baro"), ("heading", "mag")):  # the log holds only these
         logged = np.mean(innovations[field_name] ** 2 / variances[field_name])
         assert logged == pytest.approx(np.mean(gusty_flight.nis[kind]), rel=0.25)
 
 
 def test_sensor_samples_look_like_a_real_flight(gusty_flight: Flight) -> None:
-    """A receiver's position wanders for many seconds and its velocity does not; a frame with rotors shakes."""
+    """GPS positions drift over many seconds and GPS velocities do not. The rotors shake the airframe."""
     log = ULog(str(gusty_flight.log))
     innovations = log.get_dataset("estimator_innovations").data
     for axis in range(2):
@@ -205,8 +205,8 @@ def test_sensor_samples_look_like_a_real_flight(gusty_flight: Flight) -> None:
         assert correlation(speed, 10) < 0.3
     felt = log.get_dataset("sensor_combined").data
     for axis in range(3):
-        jumps = np.diff(felt[f"accelerometer_m_s2[{axis}]"], n=2)  # slow parts (below 10 Hz) are small in these
-        assert 0.1 < np.std(jumps) / math.sqrt(6.0) < 2.0  # m/s²; for white samples this is their deviation
+        jumps = np.diff(felt[f"accelerometer_m_s2[{axis}]"], n=2)  # suppresses motion below 10 Hz
+        assert 0.1 < np.std(jumps) / math.sqrt(6.0) < 2.0  # m/s²; the standard deviation of white samples
 
 
 def correlation(values: np.ndarray, lag: int) -> float:

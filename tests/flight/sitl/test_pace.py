@@ -1,4 +1,4 @@
-"""The rate keeper on a clock of its own: its waits and its counts."""
+"""The rate keeper on a simulated clock: its waits and its counters."""
 
 import pytest
 
@@ -46,7 +46,7 @@ def test_a_long_tick_is_counted_and_caught_up(clock: Clock) -> None:
     assert keeper.lag_max_s == pytest.approx(0.007)
 
 
-def test_a_standstill_is_given_up_not_caught_up(clock: Clock) -> None:
+def test_a_long_standstill_is_skipped_and_not_caught_up(clock: Clock) -> None:
     keeper = pace.RateKeeper(0.010)
     clock.now_s += 3.0
     keeper.wait()

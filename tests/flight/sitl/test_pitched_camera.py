@@ -31,8 +31,8 @@ def above_target(world, back=6.0, up=6.0):
 
 
 @pytest.mark.parametrize("pitch_deg", [-30.0, -55.0])
-def test_the_pixels_of_the_target_lead_to_the_target(world, pitch_deg):
-    """Independent of the tested geometry: ids and depths of the renderer against the target's own position."""
+def test_a_go_to_a_pixel_of_the_target_reaches_the_target(world, pitch_deg):
+    """Compares ids and depths of the renderer with the target's position, independently of the tested geometry."""
     place, yaw = above_target(world)
     camera = CameraModel(320, 180, pitch_deg=pitch_deg)
     attitude = quat_from_euler(0.0, 0.0, yaw)
@@ -58,7 +58,7 @@ def test_the_pixels_of_the_target_lead_to_the_target(world, pitch_deg):
         assert math.dist(hit, world.target_centre(0.0)) < 1.8 * half
 
 
-def test_the_truth_bus_carries_the_gimbal_to_the_camera(world):
+def test_the_truth_bus_carries_the_gimbal_attitude_to_the_camera(world):
     place, yaw = above_target(world)
     body, zero = quat_from_euler(0.2, 0.1, yaw), (0.0, 0.0, 0.0)
     pitch = math.radians(-45.0)
@@ -76,6 +76,6 @@ def test_the_truth_bus_carries_the_gimbal_to_the_camera(world):
     level.feed(packer.pack(truth_message(1_000_000, place, zero, quat_from_euler(0.0, 0.0, yaw), zero, zero,
                                          origin(world))))  # fmt: skip
     gimballed, fixed = camera.newest().image_rgb.astype(float), level.newest().image_rgb.astype(float)
-    assert np.abs(gimballed - fixed).mean() < 12.0  # it keeps the horizon; the lens is elsewhere by a few centimetres
+    assert np.abs(gimballed - fixed).mean() < 12.0  # the gimbal keeps the horizon; the lens is off by centimetres
     camera.close()
     level.close()

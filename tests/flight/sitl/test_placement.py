@@ -1,4 +1,4 @@
-"""The truth of a foreign simulator on our map: the pure part, and the process that does it over sockets."""
+"""The truth of an external simulator is placed on our map, by pure functions and by a process over sockets."""
 
 import itertools
 import math
@@ -33,7 +33,7 @@ def truth_at(position=(0.0, 0.0, 0.0), yaw=0.0, velocity=(0.0, 0.0, 0.0), time_u
     return truth_message(time_us, position, velocity, quat_from_euler(roll, 0.0, yaw), still, still, HOME)
 
 
-def test_where_it_stood_is_where_the_episode_begins():
+def test_the_first_pose_maps_to_the_start_of_the_episode():
     placement = placement_of(truth_at(yaw=0.7), (12.0, -5.0, 1.5), 2.0)
     sample = placement.sample(truth_at(yaw=0.7), 4_000)
     assert sample.position_ned == pytest.approx((12.0, -5.0, 1.5), abs=0.02)
@@ -42,7 +42,7 @@ def test_where_it_stood_is_where_the_episode_begins():
 
 
 @given(METRES, METRES, st.floats(-50.0, 0.0), ANGLE, ANGLE, ANGLE)
-def test_the_vehicles_motion_is_the_motion_on_our_map(north, east, down, stood, began, yaw):
+def test_placement_preserves_the_vehicles_motion(north, east, down, stood, began, yaw):
     """Distances, heights and turns are the same, and so is the forward direction."""
     placement = placement_of(truth_at(yaw=stood), (3.0, 4.0, 0.5), began)
     sample = placement.sample(truth_at((north, east, down), yaw, (1.0, 0.0, -0.5), roll=0.2), 0)
@@ -57,7 +57,7 @@ def test_the_vehicles_motion_is_the_motion_on_our_map(north, east, down, stood, 
     assert moved == pytest.approx(list(ahead), abs=0.03)
 
 
-def test_a_truth_without_time_takes_that_of_the_actuators():
+def test_truth_without_a_time_uses_the_time_of_the_actuators():
     clock = TruthClock()
     actuators = dialect.MAVLink_hil_actuator_controls_message(38_904_250, [0.0] * 16, 1, 0)
     assert clock.see(truth_at()) is None  # no time has arrived yet
@@ -98,7 +98,7 @@ def port():
     return free_port()
 
 
-def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
+def test_the_bridge_sends_poses_on_our_map_to_all_clients_of_its_bus(tmp_path, port):
     vehicle = ReportingVehicle(port)
     world = load_world(EPISODE)
     bridge = ChildProcess(
@@ -143,7 +143,7 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
         vehicle.close()
 
 
-def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(port):
+def test_a_vehicle_that_moves_at_the_start_is_rejected(port):
     vehicle = ReportingVehicle(port, speed=2.0)
     source = TruthSource(f"udpin://127.0.0.1:{port}")
     with pytest.raises(UsageError, match=r"2\.0 m/s"):
@@ -165,7 +165,7 @@ def test_a_stream_without_truth_or_without_time_is_reported(tmp_path, port, time
         vehicle.close()
 
 
-def test_home_is_carried_to_a_centimetre():
+def test_the_home_of_a_placement_is_the_vehicles_geodetic_position():
     lat, lon, alt = ned_to_geodetic(*HOME, 100.0, -50.0, -20.0)
     placement = placement_of(truth_at((100.0, -50.0, -20.0)), (0.0, 0.0, 0.0), 0.0)
     assert placement.home == pytest.approx((lat, lon, alt), abs=1e-6)

@@ -1,4 +1,4 @@
-"""`sitl` and every real-time flight send to a ground station on its port before it has sent anything."""
+"""`sitl` and every real-time flight send to the port of a ground station before the station has sent anything."""
 
 import socket
 from collections import Counter
@@ -25,7 +25,7 @@ def station(monkeypatch):
 
 
 @pytest.mark.parametrize(("instance", "count"), [(None, 2), (0, 1)], ids=["a flight of two", "sitl"])
-def test_every_vehicle_comes_to_the_one_port_under_its_own_number(station, monkeypatch, instance, count):
+def test_every_vehicle_sends_to_the_station_port_with_its_own_system_id(station, monkeypatch, instance, count):
     for name in ("AGENT_LOCAL", "AGENT_PORT", "TRUTH_LOCAL", "TRUTH_PORT"):
         monkeypatch.setattr(sockets, name, free_port())
     simulator = Simulator(SimulatorConfig(episode="blocks-commanding-01", count=count, speed=50.0, instance=instance))
@@ -36,7 +36,7 @@ def test_every_vehicle_comes_to_the_one_port_under_its_own_number(station, monke
         }
         for system in peers:
             assert counts[system, 1, "HEARTBEAT"] >= 5
-            assert counts[system, 1, "GLOBAL_POSITION_INT"] > 50  # at 50 a second, once the position is known
+            assert counts[system, 1, "GLOBAL_POSITION_INT"] > 50  # 50 Hz, once the position is known
         request = dialect.MAVLink_param_request_read_message(count, 1, b"MIS_TAKEOFF_ALT", -1)
         station.sendto(Packer(255, 190).pack(request), peers[count])
         answered, _ = listen(simulator, station, 0.1)
@@ -46,7 +46,7 @@ def test_every_vehicle_comes_to_the_one_port_under_its_own_number(station, monke
 
 
 def listen(simulator, station, seconds):
-    """Return {(system, component, message): count} of so many vehicle seconds, and each system's address."""
+    """Return {(system, component, message): count} of `seconds` of vehicle time, and each system's address."""
     counts: Counter[tuple[int, int, str]] = Counter()
     peers: dict[int, Any] = {}
     parsers: dict[Any, Parser] = {}

@@ -1,4 +1,4 @@
-"""Pressing against obstacles: the estimate holds, the vehicle stays upright and slow, and flies on by order."""
+"""Pressing against obstacles: the estimate holds, the vehicle stays upright and slow, and obeys later orders."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ PRESSES = (
 
 
 @pytest.mark.parametrize("press", PRESSES, ids=lambda press: f"{press.thing}-{press.turn_deg:g}")
-def test_a_press_does_no_harm(press):
+def test_pressing_against_an_obstacle_does_no_harm(press):
     outcome = fly(press, 1)
     assert outcome.beyond == ()
     assert outcome.clipped == outcome.resets == 0
@@ -35,8 +35,8 @@ def test_wind_is_not_taken_for_a_wall(speed):
     assert np.mean(off[-300:]) < 0.2
 
 
-def test_against_a_wall_the_push_stays_small():
-    """Ten seconds after the contact the vehicle leans by less than a tenth of its weight requires."""
+def test_the_push_against_a_wall_stays_small():
+    """Even long after the contact, the integral of the velocity controller is small, so the vehicle leans little."""
     vehicle = flying(1)
     for tick in range(4500):
         if tick % 5 == 0:

@@ -47,7 +47,7 @@ def test_a_restart_keeps_parameters_ports_and_place(tmp_path, kept_in_a_file):
 
 
 @pytest.mark.parametrize("kept_in_a_file", [False, True])
-def test_a_restart_keeps_the_plans_and_forgets_the_intervals(tmp_path, kept_in_a_file):
+def test_a_restart_keeps_the_plans_and_resets_the_message_intervals(tmp_path, kept_in_a_file):
     folder = tmp_path if kept_in_a_file else None
     place, origin = BootPose((0.0, 0.0, 0.0), 0.0), (47.4, 8.5, 488.0)
     vehicle = SimulatedVehicle(0, airframe.load("x500"), place, seed=4, origin=origin, state_dir=folder)
@@ -78,7 +78,7 @@ def test_a_restart_keeps_the_plans_and_forgets_the_intervals(tmp_path, kept_in_a
         kind: repr(items) for kind, items in plans.items()
     }
     assert vehicle.autopilot.commander.mission.current == 2
-    # intervals live in a link's memory alone: PX4 boots with the rates of its start script
+    # intervals are not stored: PX4 boots with the rates of its start script
     port = vehicle.autopilot.node.ports[0]
     assert (port.interval_us(attitude), port.interval_us(imu)) == (10_000, 20_000)
     if kept_in_a_file:
@@ -87,7 +87,7 @@ def test_a_restart_keeps_the_plans_and_forgets_the_intervals(tmp_path, kept_in_a
         assert repr(again.autopilot.commander.flight.plans.items) == repr(flight.plans.items)
 
 
-def test_a_restart_stands_a_fallen_vehicle_up():
+def test_a_restart_repairs_a_fallen_vehicle_and_returns_it_to_its_place():
     vehicle = SimulatedVehicle(
         0, airframe.load("x500"), BootPose((3.0, -2.0, 0.0), 1.0), seed=4, origin=(47.4, 8.5, 488.0)
     )
@@ -116,7 +116,7 @@ def test_a_restart_stands_a_fallen_vehicle_up():
     assert vehicle.plant.sensors["battery_remaining"] > 0.98
 
 
-def test_a_pack_that_is_kept_charged_is_not_drained_below():
+def test_a_battery_is_not_drained_below_its_kept_charge():
     vehicle = SimulatedVehicle(
         0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=4, origin=(47.4, 8.5, 488.0)
     )

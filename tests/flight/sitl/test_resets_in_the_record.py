@@ -47,7 +47,7 @@ def odometry(t_s, counter, in_body_frame=False, **estimate):
     ],
 )
 @pytest.mark.parametrize("in_body_frame", [False, True])
-def test_a_reset_has_the_name_of_the_quantity_that_jumped(after, quantities, in_body_frame):
+def test_a_reset_names_the_quantities_that_jumped(after, quantities, in_body_frame):
     watch = ResetWatch()
     assert watch.frame(odometry(1.0, 7, in_body_frame)) is None
     reset = watch.frame(odometry(1.2, 8, in_body_frame, **after))
@@ -56,7 +56,7 @@ def test_a_reset_has_the_name_of_the_quantity_that_jumped(after, quantities, in_
     assert reset.yaw_deg == pytest.approx(after.get("yaw_deg", 0.0), abs=1e-3)
 
 
-def test_motion_is_no_jump():
+def test_motion_between_two_samples_is_not_a_jump():
     moving = {"vx": 5.0, "vz": -1.0, "yaw_rate_deg": 60.0}
     watch = ResetWatch()
     watch.frame(odometry(1.0, 0, **moving))
@@ -65,13 +65,13 @@ def test_motion_is_no_jump():
     assert reset.quantities == ()
 
 
-def test_the_counter_wraps_and_late_messages_are_passed_over():
+def test_the_counter_wraps_and_late_messages_are_ignored():
     watch = ResetWatch()
     resets = [watch.frame(odometry(t, n)) for t, n in ((1.0, 254), (1.2, 255), (1.1, 254), (1.2, 255), (1.4, 1))]
     assert [reset and reset.count for reset in resets] == [None, 1, None, None, 2]
 
 
-def test_a_reset_of_our_estimator_stands_in_the_record(tmp_path):
+def test_a_reset_of_our_estimator_is_recorded(tmp_path):
     vehicle = flying(1)
     port = vehicle.open_port("minimal")
     subscribe(port.receive, 1)
@@ -89,7 +89,7 @@ def test_a_reset_of_our_estimator_stands_in_the_record(tmp_path):
     fly(1.0)
     resets_before = int(vehicle.core.filter_state["resets"])
     recorder.begin(vehicle.time_us, 300.0)
-    vehicle.core.filter_state["position"][1] += 60.0  # its fixes are now 60 m off, so it rejects them for 7 s
+    vehicle.core.filter_state["position"][1] += 60.0  # fixes are now 60 m off, so the filter rejects them for 7 s
     fly(9.0)
     recorder.end("cap")
     recorder.close()

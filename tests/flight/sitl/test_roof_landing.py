@@ -13,7 +13,7 @@ ROOF_M = 4.0
 ROOF = solid(block((0.0, 0.0, -ROOF_M / 2), (3.0, 3.0, ROOF_M / 2)))
 
 
-def test_a_landing_on_a_roof_ends():
+def test_a_landing_on_a_roof_ends_upright_and_disarmed():
     place = BootPose((0.0, 0.0, -ROOF_M - 0.3), 0.0)
     vehicle = SimulatedVehicle(0, airframe.load("x500"), place, seed=2, origin=(47.4, 8.5, 488.0), obstacles=ROOF)
     commander, truth = vehicle.autopilot.commander, vehicle.plant.truth

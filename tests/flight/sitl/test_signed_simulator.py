@@ -33,7 +33,7 @@ def ports(tmp_path):
     simulator.close()
 
 
-def test_only_key_owners_are_obeyed_before_and_after_a_reboot(ports):
+def test_only_clients_with_the_key_are_obeyed_before_and_after_a_reboot(ports):
     url = f"udpout://127.0.0.1:{ports['agent'][0]}"
     stranger = Link(connect(url))
     stranger.connect()

@@ -1,4 +1,4 @@
-"""A deliberately stalled simulator: the requested number of stalls, at the same seconds every time, in real effect."""
+"""A deliberately stalled simulator: the share is as requested, the seed sets the times, and it really stops."""
 
 import time
 
@@ -21,17 +21,17 @@ def stalled_at(share: float, seed: int, seconds: int = 1000) -> list[int]:
     return stops
 
 
-def test_the_share_of_seconds_that_begin_with_a_stall_is_as_asked_for_and_which_is_the_seeds() -> None:
+def test_the_share_of_stalls_is_as_requested_and_the_seed_chooses_the_seconds() -> None:
     stops = stalled_at(0.2, 1)
     assert stops == stalled_at(0.2, 1) != stalled_at(0.2, 2)
     assert len(stops) == pytest.approx(200, abs=45)
     assert all((at - 500_000) % 1_000_000 == 0 for at in stops)
-    assert set(stops) <= set(stalled_at(0.5, 1))  # a worse host stalls at these times and at others
+    assert set(stops) <= set(stalled_at(0.5, 1))  # a larger share adds stalls to these
     assert stalled_at(0.0, 1) == []
     assert len(stalled_at(1.0, 1, seconds=10)) == 10
 
 
-def test_the_simulator_stands_still_and_the_wall_does_not() -> None:
+def test_a_stall_stops_the_simulator_while_wall_time_passes() -> None:
     simulator = Simulator(
         SimulatorConfig(
             episode="residential-approaching-01", speed=100.0, disturbances=VehicleFaults(stalled=1.0, stall_s=0.4)

@@ -1,4 +1,4 @@
-"""A UDP port of the simulator under garbage: bounded work per exchange, and no cost for other senders."""
+"""A UDP port of the simulator receives garbage: its work per exchange is bounded, other senders are not affected."""
 
 import socket
 from types import SimpleNamespace
@@ -43,7 +43,7 @@ class Sender:
 
 @pytest.fixture
 def rig():
-    """Return a port with its received and sent data, and a maker of senders. Its clock moves only on request."""
+    """Return a port with its received and sent data, and a factory of senders. Its clock advances only on request."""
     made = SimpleNamespace(handed=[], to_send=b"", now_s=0.0, cost_s=0.0, garbage=0, senders=[])
 
     def give(data):
@@ -71,7 +71,7 @@ def rig():
 
 
 @pytest.mark.parametrize("garbage", [bytes(60_000), b"\xfe\x00" * 30_000, bytes(DATAGRAM_BYTES), b"\xfd\xff\x00" * 40])
-def test_garbage_is_dropped_and_a_client_beside_it_is_served(rig, garbage):
+def test_garbage_is_dropped_and_other_clients_are_served(rig, garbage):
     hostile, client = rig.sender(), rig.sender()
     for _ in range(20):
         hostile.send(garbage)
@@ -81,7 +81,7 @@ def test_garbage_is_dropped_and_a_client_beside_it_is_served(rig, garbage):
     assert b"".join(rig.handed) == frame
 
 
-def test_a_frame_that_never_ends_swallows_nothing_of_anybody_else(rig):
+def test_an_unfinished_frame_does_not_consume_data_of_other_senders(rig):
     hostile, client = rig.sender(), rig.sender()
     frame = heartbeat()
     hostile.send(b"\xfd\xff\x00\x00\x00\x01\x01\x00\x00\x00")
@@ -90,8 +90,8 @@ def test_a_frame_that_never_ends_swallows_nothing_of_anybody_else(rig):
     assert b"".join(rig.handed) == frame
 
 
-def test_a_frame_may_come_in_pieces(rig):
-    """As over a bridge from a serial line."""
+def test_a_frame_may_arrive_in_several_datagrams(rig):
+    """A bridge from a serial line may split frames."""
     client, frame = rig.sender(), heartbeat()
     client.send(frame[:7])
     rig.port.exchange()
@@ -101,8 +101,8 @@ def test_a_frame_may_come_in_pieces(rig):
     assert b"".join(rig.handed) == frame
 
 
-def test_a_burst_is_handed_over_as_a_whole_and_in_order(rig):
-    """For example from a client that stores a file: no client waits while there is time for it."""
+def test_a_burst_is_delivered_completely_and_in_order(rig):
+    """For example from a client that uploads a file. Within its time limit, one exchange delivers everything."""
     client, frames = rig.sender(), [heartbeat() for _ in range(40)]
     for frame in frames:
         client.send(frame)
@@ -110,7 +110,7 @@ def test_a_burst_is_handed_over_as_a_whole_and_in_order(rig):
     assert b"".join(rig.handed) == b"".join(frames)
 
 
-def test_the_work_of_an_exchange_is_bounded_and_what_is_left_comes_later(rig):
+def test_the_work_of_an_exchange_is_bounded_and_the_rest_follows_later(rig):
     client, frames = rig.sender(), [heartbeat() for _ in range(400)]
     rig.cost_s = 1.0
     for at in range(0, 400, 40):
@@ -149,7 +149,7 @@ def test_the_backlog_of_one_sender_is_bounded(rig):
     assert 0 < len(b"".join(rig.handed)) < sent * 60 * len(heartbeat()) / 10
 
 
-def test_only_who_speaks_mavlink_is_spoken_to(rig):
+def test_only_senders_of_mavlink_receive_messages(rig):
     hostile, client = rig.sender(), rig.sender()
     hostile.send(b"\x55" * 40)
     client.send(heartbeat())
@@ -174,7 +174,7 @@ def test_the_number_of_peers_is_bounded(rig):
     assert [client.received() != b"" for client in clients] == [False] * 4 + [True] * PEERS
 
 
-def test_garbage_from_many_addresses_keeps_no_client_out(rig):
+def test_garbage_from_many_addresses_does_not_block_a_client(rig):
     client = rig.sender()
     client.send(heartbeat())
     rig.port.exchange()
@@ -190,7 +190,7 @@ def test_garbage_from_many_addresses_keeps_no_client_out(rig):
         assert rig.handed == [frame]
 
 
-def test_garbage_does_not_travel_on_the_truth_bus():
+def test_garbage_is_not_forwarded_on_the_truth_bus():
     bus = TruthBus()
     here, there = bus.tap(), bus.tap()
     port = UdpPort((LOOPBACK, 0), None, here.take, here.receive, shared=True)

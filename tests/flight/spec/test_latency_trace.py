@@ -1,4 +1,4 @@
-"""Latencies recorded in a run or a CSV become part of a flight that names no file."""
+"""Latencies from a run or a CSV become part of the flight spec, which then does not refer to the file."""
 
 import json
 from pathlib import Path
@@ -26,7 +26,7 @@ def log(folder: Path, latencies, drones=1):
     return folder
 
 
-def test_a_run_is_read_episode_by_episode_each_question_once(tmp_path):
+def test_a_run_gives_one_latency_per_question_in_the_order_of_its_episodes(tmp_path):
     log(tmp_path / "run" / "b", [0.5, None, 0.7])
     log(tmp_path / "run" / "a", [1.25, 2.0], drones=4)
     assert read_trace(tmp_path / "run") == (1.25, 2.0, 0.5, 0.7)
@@ -37,7 +37,7 @@ def test_a_run_is_read_episode_by_episode_each_question_once(tmp_path):
 @pytest.mark.parametrize(
     "text", ["0.5\n1\n0.25\n", "latency_s\n0.5\n1\n0.25\n", "t, latency_s ,x\n9,0.5,a\n\n9,1,b\n9,0.25,c\n"]
 )
-def test_a_csv_is_read_by_its_column_or_its_only_one(tmp_path, text):
+def test_a_csv_is_read_from_its_latency_column_or_its_only_column(tmp_path, text):
     (tmp_path / "x.csv").write_text(text)
     assert read_trace(tmp_path / "x.csv") == (0.5, 1.0, 0.25)
 
@@ -57,7 +57,7 @@ def test_traces_without_latencies_are_rejected(tmp_path):
         assert word in refusal(latency_policy, f"trace:{tmp_path / 'x.csv'}"), text[:20]
 
 
-def test_a_file_that_is_not_there_or_is_no_text_is_refused(tmp_path):
+def test_missing_and_binary_files_are_rejected(tmp_path):
     with pytest.raises(UsageError, match=r"none\.csv"):
         latency_policy(f"trace:{tmp_path / 'none.csv'}")
     (tmp_path / "x.csv").write_bytes(b"\xff\xfe\x00")
@@ -65,12 +65,12 @@ def test_a_file_that_is_not_there_or_is_no_text_is_refused(tmp_path):
         latency_policy(f"trace:{tmp_path / 'x.csv'}")
 
 
-def test_non_files_are_not_read():
+def test_paths_that_are_not_regular_files_are_rejected():
     with pytest.raises(UsageError, match="/dev/zero"):
         latency_policy("trace:/dev/zero")
 
 
-def test_the_flight_has_the_numbers_and_no_file_and_is_json(tmp_path):
+def test_the_flight_spec_holds_the_latencies_and_not_the_file_and_is_json(tmp_path):
     (tmp_path / "a+b.csv").write_text("0.5\n1.5\n")
     words = ["--sitl", "--speed", "max", "--pilot", "oracle"]
     spec = spec_of(parse(["fly", *words, "--latency", f"stall:0.1,2+trace:{tmp_path / 'a+b.csv'}"]))

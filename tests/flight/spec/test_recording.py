@@ -1,4 +1,4 @@
-"""The sources of a recorded flight, and the options of the command line for it. Nothing flies here."""
+"""Flight specs from recorded runs, and the command-line options for replays. Nothing flies here."""
 
 import json
 import re
@@ -49,7 +49,7 @@ def spec(*words):
     return spec_of(parse(["fly", *words]))
 
 
-def test_all_that_was_flown_is_flown_again_and_each_question_has_its_reply(tmp_path):
+def test_a_replay_repeats_the_recorded_spec_and_the_reply_to_each_question(tmp_path):
     flight = spec("--sitl", "--model", f"replay:{folder(tmp_path)}")
     recording = flight.replay
     assert recording is not None
@@ -64,7 +64,7 @@ def test_all_that_was_flown_is_flown_again_and_each_question_has_its_reply(tmp_p
     assert not (recorded(folder(tmp_path / "b", reason="decided")).replay or recording).to_the_cap
 
 
-def test_other_drones_had_open_questions_when_a_declaration_ended_the_flight(tmp_path):
+def test_a_question_open_at_the_end_of_a_flight_gets_an_empty_late_reply(tmp_path):
     declared = {"step": 2, "drone": 0, "reply": "c", **ROW, "action": {"action": "finished"}}
     recording = recorded(folder(tmp_path, decisions=[*SAID, declared], reason="decided")).replay
     assert recording is not None
@@ -118,7 +118,7 @@ def test_unreplayable_runs_are_reported_in_one_sentence(tmp_path, change, word):
     assert word in refusal(recorded, run)
 
 
-def test_a_flight_on_a_vehicle_of_ones_own_is_a_script_and_no_replay(tmp_path):
+def test_a_flight_on_a_connected_vehicle_cannot_be_replayed(tmp_path):
     vehicle = Connected(url="udpin://x:1", camera="c")
     flight_spec = FlightSpec(connected=vehicle, instruction="go", pilot="vision", envelope=Limits())
     with pytest.raises(UsageError, match="--pilot recorded:FILE"):
@@ -130,7 +130,7 @@ def test_a_flight_on_a_vehicle_of_ones_own_is_a_script_and_no_replay(tmp_path):
         spec("--sitl", "--model", f"replay:{tmp_path}", "--base-url", "http://h/v1")
 
 
-def test_accounts_are_given_with_a_model_and_anew_beside_a_file(tmp_path):
+def test_accounts_come_from_options_that_also_override_a_spec_file(tmp_path):
     words = ["--cost-limit", "0.5", "--token-limit", "900", "--cache", "c.sqlite", "--ledger", "l.sqlite"]
     flight = spec("--sitl", "--model", "local/m", "--base-url", "http://h/v1", *words)
     assert flight.accounts == Accounts(cost_limit_usd=0.5, token_limit=900, ledger="l.sqlite", cache="c.sqlite")

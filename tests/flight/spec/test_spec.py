@@ -1,4 +1,4 @@
-"""A flight spec is a value: it pickles, it is JSON without keys, and a run's file flies it again."""
+"""A flight spec can be pickled and stored as JSON without API keys. The file of a run repeats its flight."""
 
 import argparse
 import json
@@ -83,7 +83,7 @@ def specs(draw):
 
 
 @given(specs())
-def test_a_flight_pickles_and_is_json(spec):
+def test_a_flight_spec_round_trips_through_pickle_and_json(spec):
     assert pickle.loads(pickle.dumps(spec)) == spec
     assert from_json(json.loads(json.dumps(as_json(spec))), "here") == spec
 
@@ -129,14 +129,14 @@ SHOWN, TRUE = {"camera": "c"}, {"truth": "udpin://x:2"}
     ],
     ids=["no picture", "no task", "no truth", "no world", "two pictures", "moves nothing, and arms"],
 )
-def test_a_connected_flight_that_contradicts_itself_is_refused(vehicle, flight, word):
+def test_contradictory_options_of_a_connected_flight_are_rejected(vehicle, flight, word):
     FlightSpec(pilot="vision", connected=Connected(url="x", camera="c"), instruction="go")
     FlightSpec(pilot="vision", connected=Connected(url="x", truth="udpin://x:2"), episode=catalogue.DEFAULT)
     with pytest.raises(UsageError, match=word):
         FlightSpec(pilot="vision", connected=Connected(url="x", **vehicle), **flight)
 
 
-def test_stored_flights_hold_no_key():
+def test_stored_flights_hold_no_secrets():
     model = ModelSpec(provider="local", name="m", base_url="https://h.example/v1/sk-0123456789abcdef?token=T0PSECRET")
     real = Connected(url="udpin://0.0.0.0:14540", camera="rtsp://me:pw777@cam/1")
     spec = FlightSpec(model=model, connected=real, envelope=Limits(), instruction="go")
@@ -151,7 +151,7 @@ def test_stored_flights_hold_no_key():
     assert from_json(as_json(spec), "pipe") == spec
 
 
-def test_a_run_flies_again_from_its_file_to_the_same_bytes(tmp_path, capsys):
+def test_a_run_repeats_from_its_file_to_the_same_bytes(tmp_path, capsys):
     options = ["--pilot", "oracle", "--speed", "max", "--seed", "4", "--latency", "lognormal:0.4,0.6"]
     first, again = tmp_path / "first", tmp_path / "again"
     assert main(["fly", "--sitl", *options, "--episode", "residential-searching-02", "--out", str(first)]) == 0
@@ -167,7 +167,7 @@ def test_a_run_flies_again_from_its_file_to_the_same_bytes(tmp_path, capsys):
     assert "--seed" in capsys.readouterr().err
 
 
-def test_a_record_of_ones_own_is_in_the_flight_and_not_its_files_name(tmp_path):
+def test_a_flight_spec_holds_a_custom_record_and_not_its_file_name(tmp_path):
     mine = replace(catalogue.load(catalogue.DEFAULT), id="mine", seed=77)
     spec = FlightSpec(pilot="oracle", simulated=Simulated(speed=None), record=json.loads(mine.to_json()))
     assert look_up(spec).record == mine
@@ -176,7 +176,7 @@ def test_a_record_of_ones_own_is_in_the_flight_and_not_its_files_name(tmp_path):
         look_up(replace(spec, record={"id": "mine"}))
 
 
-def test_a_file_with_several_runs_needs_the_name_of_one(tmp_path, capsys):
+def test_a_spec_file_without_an_episode_requires_the_episode_option(tmp_path, capsys):
     spec = FlightSpec(pilot="oracle", simulated=Simulated(speed=None))
     file = tmp_path / "run.json"
     file.write_text(json.dumps({"flight": as_redacted_json(spec), "versions": {}}))
@@ -194,7 +194,7 @@ def test_the_error_for_an_older_run_differs_from_that_for_a_wrong_file(tmp_path,
 @pytest.mark.parametrize(
     "vehicle", [["--sitl"], ["--connect", "udpin://127.0.0.1:1", "--camera", "x", "--instruction", "go"]]
 )
-def test_the_command_line_says_how_replies_are_read(vehicle):
+def test_the_parser_option_selects_how_replies_are_parsed(vehicle):
     command = argparse.ArgumentParser()
     fly.add_fly_options(command)
 

@@ -1,4 +1,4 @@
-"""The published schemas applied to a run folder: every line of every file that they describe."""
+"""Validates every line of the files of a run folder against the published schemas."""
 
 import json
 from functools import cache

@@ -1,4 +1,4 @@
-"""A flight may use a new episode folder, or that of a flight that failed with an error or was killed."""
+"""A flight may use a new episode folder, or the folder of a flight that was killed or ended with an error."""
 
 import json
 import subprocess
@@ -31,7 +31,7 @@ def kept(run):
 
 
 @pytest.mark.process
-def test_a_killed_flight_is_flown_again_and_a_living_one_is_left_alone(tmp_path):
+def test_a_killed_flight_can_be_repeated_but_a_running_flight_blocks_its_episode(tmp_path):
     run = tmp_path / "run"
     with subprocess.Popen([sys.executable, "-c", FLY, str(run)], stdout=subprocess.PIPE) as flying:
         assert flying.stdout is not None
@@ -46,7 +46,7 @@ def test_a_killed_flight_is_flown_again_and_a_living_one_is_left_alone(tmp_path)
     assert (run / layout.UNFINISHED / "e-01-1" / layout.DECISIONS).read_text() == "{}\n"
 
 
-def test_only_a_flight_without_a_score_is_flown_again(tmp_path):
+def test_only_a_flight_that_ended_with_an_error_can_be_repeated(tmp_path):
     for outcome, is_again in (("success", False), ("failure", False), ("unknown", False), ("error", True)):
         run = tmp_path / outcome
         with episode(run) as folder:
@@ -60,7 +60,7 @@ def test_only_a_flight_without_a_score_is_flown_again(tmp_path):
         assert kept(run) == ["e-01-1"] * is_again
 
 
-def test_flights_of_one_run_may_fly_side_by_side_but_not_beside_a_benchmark(tmp_path):
+def test_single_flights_may_share_a_run_folder_but_not_with_a_running_benchmark(tmp_path):
     run = tmp_path / "run"
     beside = create(run, "oracle", "e-02", {"seed": 1})
     with episode(run), beside, pytest.raises(UsageError, match="another process is flying"):
@@ -73,7 +73,7 @@ def test_flights_of_one_run_may_fly_side_by_side_but_not_beside_a_benchmark(tmp_
         pass
 
 
-def test_a_run_of_other_settings_is_refused_and_nothing_is_moved(tmp_path):
+def test_a_flight_with_different_settings_is_rejected_and_no_folder_moves(tmp_path):
     run = tmp_path / "run"
     with episode(run):
         pass
@@ -83,7 +83,7 @@ def test_a_run_of_other_settings_is_refused_and_nothing_is_moved(tmp_path):
     assert kept(run) == []
 
 
-def test_a_run_is_not_gone_on_with_under_other_packages(tmp_path):
+def test_a_run_cannot_resume_with_different_package_versions(tmp_path):
     run = tmp_path / "run"
     with episode(run):
         pass
@@ -102,7 +102,7 @@ def test_a_run_is_not_gone_on_with_under_other_packages(tmp_path):
     Batch(run, {"seed": 1}).close()
 
 
-def test_a_flight_that_is_added_to_a_benchmark_leaves_it_a_benchmark(tmp_path):
+def test_a_benchmark_can_resume_after_a_single_flight_is_added(tmp_path):
     of_suite = {"seed": 1, "suite": {"name": "quick"}}
     Batch(tmp_path / "run", of_suite).close()
     with episode(tmp_path / "run"):
@@ -110,13 +110,13 @@ def test_a_flight_that_is_added_to_a_benchmark_leaves_it_a_benchmark(tmp_path):
     Batch(tmp_path / "run", of_suite).close()
 
 
-def test_a_setting_that_the_new_flight_lacks_is_a_difference(tmp_path):
+def test_a_setting_missing_in_the_new_flight_is_a_difference(tmp_path):
     Batch(tmp_path / "run", {"seed": 1, "disturbed": "wind"}).close()
     with pytest.raises(UsageError, match="disturbed"), episode(tmp_path / "run"):
         pass
 
 
-def test_of_two_flights_that_begin_a_run_together_the_other_kind_is_refused(tmp_path):
+def test_a_flight_is_rejected_if_a_concurrent_flight_creates_the_run_with_other_settings(tmp_path):
     def meanwhile():
         with create(tmp_path / "run", "vision", "e-02", {"seed": 2}):
             pass

@@ -1,4 +1,4 @@
-"""A flown folder conforms to the published schemas line by line, with truth and without known truth."""
+"""Every line of a flight's folder conforms to the published schemas, with and without ground truth."""
 
 import json
 import shutil
@@ -15,13 +15,13 @@ from tests.support.flown_runs import ALONE
 
 @pytest.fixture(scope="module")
 def copied_flight(rendered_run, tmp_path_factory):
-    """Return a copy of the folder of a flown episode, and the flight's result."""
+    """Return a copy of one episode folder and the result of its flight."""
     run = tmp_path_factory.mktemp("copy") / "run"
     shutil.copytree(rendered_run.run, run)
     return run / ALONE, rendered_run.results[0]
 
 
-def test_every_line_is_as_the_schemas_say(copied_flight):
+def test_every_line_conforms_to_its_schema(copied_flight):
     folder, result = copied_flight
     validator("result").validate(result)
     derive(folder)
@@ -32,7 +32,7 @@ def test_every_line_is_as_the_schemas_say(copied_flight):
     assert counted[layout.ESTIMATE] > counted[layout.DECISIONS]
 
 
-def test_so_is_a_flight_whose_truth_nobody_knew(copied_flight, tmp_path):
+def test_a_flight_without_ground_truth_conforms_to_the_schemas(copied_flight, tmp_path):
     folder = tmp_path / ALONE
     shutil.copytree(copied_flight[0], folder)
     truth_rows = [json.loads(line) for line in (folder / layout.TRUTH).read_text().splitlines()]
@@ -49,7 +49,7 @@ def test_so_is_a_flight_whose_truth_nobody_knew(copied_flight, tmp_path):
         assert check(folder / name)
 
 
-def test_a_schema_refuses_what_is_no_verdict(copied_flight):
+def test_the_verdict_schema_rejects_invalid_values(copied_flight):
     verdict = json.loads((copied_flight[0] / layout.VERDICT).read_text())
     changes: list[dict[str, object]] = [{"outcome": "solved"}, {"steps": -1}, {"drones": [{}]}, {"deciding": 3}]
     for change in changes:

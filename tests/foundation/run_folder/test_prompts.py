@@ -1,4 +1,4 @@
-"""prompts.jsonl: written texts are read back, with and without common parts."""
+"""prompts.jsonl: the reader restores the written prompts, with and without common lines."""
 
 import json
 import tempfile
@@ -25,7 +25,7 @@ def write(folder, questions):
 
 
 @given(st.lists(st.tuples(st.sampled_from(["pilot", "commander"]), LINES | st.text()), max_size=8))
-def test_every_text_is_read_back(questions):
+def test_written_prompts_are_read_back_unchanged(questions):
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write(folder, questions)
@@ -35,11 +35,11 @@ def test_every_text_is_read_back(questions):
         assert check(folder / layout.PROMPTS) == len(questions)
 
 
-def test_a_folder_without_prompts_has_none(tmp_path):
+def test_a_folder_without_a_prompt_file_has_no_prompts(tmp_path):
     assert read_prompts(tmp_path) == ()
 
 
-def test_a_line_whose_base_is_missing_is_damage(tmp_path):
+def test_a_line_without_its_base_line_is_reported_as_damage(tmp_path):
     text = "\n".join("abcdefgh")
     write(tmp_path, [("pilot", text), ("pilot", text.replace("d", "x"))])
     path = tmp_path / layout.PROMPTS
@@ -50,14 +50,14 @@ def test_a_line_whose_base_is_missing_is_damage(tmp_path):
         read_prompts(tmp_path)
 
 
-def test_half_a_last_line_is_no_damage(tmp_path):
+def test_an_incomplete_last_line_is_ignored(tmp_path):
     write(tmp_path, [("pilot", "find it"), ("pilot", "find the other")])
     path = tmp_path / layout.PROMPTS
     path.write_text(path.read_text()[:-9])
     assert [each.text for each in read_prompts(tmp_path)] == ["find it"]
 
 
-def test_drones_with_goals_of_their_own_share_no_text_and_repeat_none(tmp_path):
+def test_prompts_of_drones_with_different_goals_are_compressed_separately(tmp_path):
     log = PromptLog(tmp_path / layout.PROMPTS)
     for number in range(4):
         for drone, goal in enumerate(("find the van", "find the bench")):

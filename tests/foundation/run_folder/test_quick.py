@@ -1,4 +1,4 @@
-"""The quick reader equals the strict one: for any damage, the same rows or the same sentence."""
+"""The fast reader and the strict reader agree: for any damage, they return the same rows or the same error."""
 
 import json
 from dataclasses import fields
@@ -27,7 +27,7 @@ WORDS = (
 
 @st.composite
 def lines(draw):
-    """Draw a valid log line, or one with a changed value, doubled or missing keys, or changed bytes."""
+    """Draw a valid log line, or a line with a changed value, duplicate or missing keys, or changed bytes."""
     file, row = draw(st.sampled_from(GOOD))
     parts = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in row.items()]
     for _ in range(draw(st.integers(0, 2))):
@@ -48,7 +48,7 @@ def read_result(folder) -> Any:
         logs = reading.read(folder)
     except UsageError as damage:
         return str(damage)
-    return repr(logs)  # tells 0 from 0.0 and from -0.0
+    return repr(logs)  # repr distinguishes 0, 0.0 and -0.0
 
 
 def strict_read_result(folder) -> Any:
@@ -65,14 +65,14 @@ def folder(tmp_path_factory):
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(lines(), min_size=1, max_size=3), st.booleans())
-def test_both_readers_tell_the_same(folder, made, whole):
+def test_both_readers_agree_on_random_lines(folder, made, whole):
     for file in ("truth.jsonl", "decisions.jsonl"):
         text = b"\n".join(line for of, line in made if of == file)
         (folder / file).write_bytes(text + b"\n" if whole else text)
     assert read_result(folder) == strict_read_result(folder)
 
 
-def test_both_readers_tell_the_same_of_every_value_that_is_another(folder):
+def test_both_readers_agree_on_every_replaced_value(folder):
     (folder / "truth.jsonl").write_text("")
     for file, row in GOOD:
         (folder / "decisions.jsonl").write_text("")
@@ -84,8 +84,8 @@ def test_both_readers_tell_the_same_of_every_value_that_is_another(folder):
         (folder / file).write_text("")
 
 
-def test_good_lines_go_the_quick_way():
-    """Otherwise the tests above would compare nothing."""
+def test_the_fast_reader_accepts_valid_lines():
+    """If the fast reader returned None, the tests above would compare the strict reader with itself."""
     for name, rows in ROWS.items():
         for row, kind in rows:
             line = json.dumps({**row, "added": {"later": [1]}}).encode()
@@ -94,8 +94,8 @@ def test_good_lines_go_the_quick_way():
 
 
 @pytest.mark.parametrize("row", [*TRUTH_ROWS.values(), Decision])
-def test_no_number_of_a_row_may_be_beyond_measure(row):
-    """`damage.py` checks values one by one; here the annotations alone must reject them."""
+def test_the_fast_reader_rejects_numbers_that_are_too_large(row):
+    """The fast reader relies on the type annotations alone; `damage.py` checks each value."""
     (good,) = [example for rows in ROWS.values() for example, kind in rows if kind is row][:1]
     read, looked_at = fast_reader(row), 0
     for field in fields(row):

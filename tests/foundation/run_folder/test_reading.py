@@ -1,4 +1,4 @@
-"""One strict reader: it ignores unknown fields, names impossible values, and leaves newer formats alone."""
+"""The strict reader ignores unknown fields, names invalid values, and rejects newer formats."""
 
 import json
 
@@ -35,15 +35,15 @@ def of_version(episode, version):
     path.write_text(json.dumps({**{k: v for k, v in run.items() if k != "schema"}, **version}))
 
 
-def test_a_run_says_its_version_and_is_read_again(episode):
+def test_a_run_records_its_schema_version_and_runs_without_one_are_readable(episode):
     assert json.loads((episode.parent / layout.RUN).read_text())["schema"] == reading.SCHEMA == 1
     assert reading.read(episode).decisions[0].declares
-    of_version(episode, {})  # as it was before there were versions
+    of_version(episode, {})  # runs from before schema versions existed
     assert reading.read(episode).begin == Begin(t0_us=5)
 
 
 @pytest.mark.parametrize(("schema", "word"), [(2, "newer"), ("1", "version"), (True, "version")])
-def test_a_newer_run_is_refused_in_one_sentence_by_whoever_reads_or_goes_on_with_it(episode, schema, word):
+def test_every_reader_and_writer_rejects_a_run_of_an_unknown_version(episode, schema, word):
     of_version(episode, {"schema": schema})
     run = episode.parent
     before = (run / layout.RUN).read_bytes()
@@ -60,7 +60,7 @@ def test_a_newer_run_is_refused_in_one_sentence_by_whoever_reads_or_goes_on_with
     assert (run / layout.RUN).read_bytes() == before
 
 
-def test_kinds_and_fields_of_a_later_version_are_passed_over(episode):
+def test_unknown_kinds_and_fields_are_ignored(episode):
     with (episode / layout.TRUTH).open("a") as file:
         file.write('{"kind": "wind", "t": "gusty"}\n{"kind": "end", "t": 9, "reason": "cap", "mood": []}\n')
     logs = reading.read(episode)
@@ -68,7 +68,7 @@ def test_kinds_and_fields_of_a_later_version_are_passed_over(episode):
     assert (logs.end.t, logs.end.reason) == (9.0, "cap")
 
 
-def test_a_line_says_file_number_and_what_is_wrong(episode):
+def test_an_error_names_the_file_the_line_and_the_field(episode):
     path = episode / layout.DECISIONS
     for field, value in (
         ("t_frame", "1"), ("reply", None), ("action", {}), ("thinking", 1), ("tokens_in", 2.5), ("latency_s", 1e12),
@@ -81,7 +81,7 @@ def test_a_line_says_file_number_and_what_is_wrong(episode):
         reading.read(episode)
 
 
-def test_invalid_json_is_damage_at_any_place(episode):
+def test_nan_and_infinity_are_invalid_json(episode):
     row = json.dumps({**ROW, "action": {"action": "go", "depth_m": float("nan")}, "added": float("inf")})
     (episode / layout.DECISIONS).write_text(row + "\n")
     with pytest.raises(UsageError, match=r"line 1 .*JSON"):
@@ -89,8 +89,8 @@ def test_invalid_json_is_damage_at_any_place(episode):
 
 
 @given(st.text(st.characters(codec=None), max_size=20))
-def test_any_reply_comes_back_as_it_was_received(tmp_path_factory, reply):
-    """Half a surrogate pair, too: a model may send it, and JSON can hold it."""
+def test_any_reply_is_read_back_unchanged(tmp_path_factory, reply):
+    """A reply may contain a lone surrogate: a model may send one, and JSON can hold it."""
     path = tmp_path_factory.mktemp("log") / layout.DECISIONS
     log = LineLog(path)
     log.write(Decision(**{**ROW, "reply": reply}))
@@ -99,19 +99,17 @@ def test_any_reply_comes_back_as_it_was_received(tmp_path_factory, reply):
 
 
 @pytest.mark.parametrize("word", ["kind", "source"])
-def test_half_a_surrogate_pair_where_a_word_belongs_is_damage(word):
+def test_a_lone_surrogate_in_a_keyword_is_damage(word):
     assert parse_row({"kind": "begin", "t0_us": 1, word: "\ud800"}, Begin)[0] is None
 
 
-def test_numbers_too_large_for_anything_are_damage():
+def test_numbers_that_are_too_large_are_damage():
     for value in (10**400, 1e12, -1e12, 1e308):
         assert "t_frame" in (parse_row({**ROW, "t_frame": value}, Decision)[1] or "")
-    assert parse_row({"kind": "begin", "t0_us": 10**18}, Begin)[0] == Begin(
-        t0_us=10**18
-    )  # a clock may count from anywhere
+    assert parse_row({"kind": "begin", "t0_us": 10**18}, Begin)[0] == Begin(t0_us=10**18)  # a clock may have any epoch
 
 
-def test_a_stored_verdict_is_a_result_and_half_a_one_is_damage(episode):
+def test_a_stored_verdict_is_read_as_a_result_and_an_incomplete_one_is_damage(episode):
     verdict = write_verdict(episode)
     result = reading.stored_result("e-01", episode)
     assert (result.episode, result.outcome, result.declarations) == ("e-01", verdict.outcome, 1)
@@ -120,7 +118,7 @@ def test_a_stored_verdict_is_a_result_and_half_a_one_is_damage(episode):
         reading.stored_result("e-01", episode)
 
 
-def test_a_result_travels_as_json_and_comes_back():
+def test_a_result_survives_conversion_to_json_and_back():
     result = Result(episode="e", outcome="failure", steps=3, success_at_first=False, reason="cap", status=0)
     assert reading.result_of(json.loads(json.dumps(result.as_json()))) == result
     assert "distances" not in as_json(result)

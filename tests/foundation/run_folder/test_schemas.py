@@ -50,7 +50,7 @@ VALUES = st.one_of(
 )  # fmt: skip
 
 
-def test_the_files_are_made_from_the_rows():
+def test_the_schema_files_are_up_to_date_with_the_rows():
     made = {name: text(schema) for name, schema in published().items()}
     assert made == {path.name: path.read_text() for path in FOLDER.iterdir()}, "run `make schemas`"
 
@@ -63,7 +63,7 @@ def accepted(name, value):
     return True
 
 
-def test_rows_as_they_are_written_are_taken_by_both():
+def test_schema_and_reader_accept_valid_rows():
     for name, rows in ROWS.items():
         for row, kind in rows:
             assert accepted(name, {**row, "added": 1})
@@ -72,9 +72,9 @@ def test_rows_as_they_are_written_are_taken_by_both():
 
 @settings(deadline=None, max_examples=400)
 @given(st.sampled_from(PLACES), VALUES, st.booleans())
-def test_any_change_is_taken_or_refused_by_both(place, value, gone):
+def test_schema_and_reader_agree_on_any_changed_row(place, value, gone):
     name, row, kind, key = place
-    if key in ("t_frame", "t_decided"):  # no schema can express which of them is later
+    if key in ("t_frame", "t_decided"):  # a schema cannot express the order of the two times
         value = 1.25 if isinstance(value, int | float) and not isinstance(value, bool) else value
     changed = {k: v for k, v in row.items() if k != key or not gone}
     if not gone:
@@ -83,13 +83,13 @@ def test_any_change_is_taken_or_refused_by_both(place, value, gone):
         assert not accepted(name, changed)
         return
     if isinstance(value, float) and value == int(value):
-        return  # 5.0 is a whole number to a schema, not to the reader
+        return  # 5.0 is an integer for a schema, but not for the reader
     assert accepted(name, changed) == (parse_row(changed, kind)[1] is None)
 
 
 @pytest.mark.parametrize("name", ["verdict", "result", "run"])
-def test_every_number_says_its_unit(name):
-    """m, s, °, Hz, a share or a count: a field with a unit in its name has the unit in its description, too."""
+def test_every_field_with_a_unit_suffix_has_a_description(name):
+    """The description of a field states the unit. This test only checks that the description exists."""
     for part in json.loads((FOLDER / f"{name}.schema.json").read_text())["$defs"].values():
         for field, schema in part["properties"].items():
             if field.endswith(("_m", "_s", "_deg", "_hz", "_ned")):

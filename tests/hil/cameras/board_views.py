@@ -1,4 +1,4 @@
-"""Pictures of a chessboard through a known lens: every pixel's ray is traced back to the board."""
+"""Renders images of a chessboard through a known lens. The ray of every pixel is traced back to the board."""
 
 import math
 from functools import cache
@@ -8,12 +8,12 @@ import numpy as np
 
 from hil.cameras.lens import Board, Calibration
 
-SAMPLES = 2  # per pixel and axis: edges are grey, as in a real picture
+SAMPLES = 2  # per pixel and axis: edges become grey, as in a real image
 BOARD = Board(9, 6, 0.025)
 LENS = Calibration(
     640, 480, ((520.0, 0.0, 326.0), (0.0, 518.0, 236.0), (0.0, 0.0, 1.0)), (-0.28, 0.09, 8e-4, -6e-4, 0.0)
 )
-POSES = [  # roll, pitch, yaw of the board in °, and where its middle is in the picture (−1 … 1), how far in m
+POSES = [  # roll, pitch, yaw of the board (°); its centre in the image (x, y: −1 … 1); its distance (m)
     (0, 0, 0, 0.0, 0.0, 0.30), (0, 35, 0, -0.45, -0.4, 0.34), (0, -35, 5, 0.45, -0.4, 0.34),
     (35, 0, 0, 0.45, 0.45, 0.34), (-35, 0, 10, -0.45, 0.45, 0.34), (20, 30, -8, 0.0, -0.35, 0.32),
     (-20, -30, 12, 0.1, 0.35, 0.32), (30, -20, 90, -0.5, 0.0, 0.36), (-30, 20, 45, 0.5, 0.0, 0.38),
@@ -23,7 +23,7 @@ POSES = [  # roll, pitch, yaw of the board in °, and where its middle is in the
 
 
 def rays(lens: Calibration) -> np.ndarray:
-    """Return (H·S, W·S, 2): x/z and y/z of the ray through each sample of each pixel."""
+    """Return x/z and y/z of the ray through each sample of each pixel, as an array (H·S, W·S, 2)."""
     xs, ys = ((np.arange(n * SAMPLES) + 0.5) / SAMPLES - 0.5 for n in (lens.width, lens.height))
     points = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 1, 2)
     done = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-10)
@@ -32,7 +32,7 @@ def rays(lens: Calibration) -> np.ndarray:
 
 
 def placed(pose: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the board's axes as columns and its middle (m), x right, y down, z ahead of the camera."""
+    """Return the axes of the board as columns, and its centre (m). Camera frame: x right, y down, z forward."""
     roll, pitch, yaw, across, down, distance = pose
     turn = np.eye(3)
     for axis, angle in zip(np.eye(3), (roll, pitch, yaw), strict=True):
@@ -41,7 +41,7 @@ def placed(pose: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def corners_of(pose: tuple[float, ...], noise_px: float) -> np.ndarray:
-    """Return the lens's true image points of a board's corners (N, 1, 2), without detection noise."""
+    """Return the image points (px) of the board's corners, as (N, 1, 2), with Gaussian noise of noise_px."""
     turn, middle = placed(pose)
     ahead = (BOARD.points - BOARD.points.mean(axis=0)) @ turn.T + middle
     places: np.ndarray = cv2.projectPoints(
@@ -53,7 +53,7 @@ def corners_of(pose: tuple[float, ...], noise_px: float) -> np.ndarray:
 
 
 def view(directions: np.ndarray, pose: tuple[float, ...], board: Board = BOARD) -> np.ndarray:
-    """Return the (H, W, 3) picture of the board: white card with black squares, before grey."""
+    """Return the (H, W, 3) image of the board: black squares on a white card, on a grey background."""
     turn, middle = placed(pose)
     right, down, normal = turn.T
     to_board = [normal @ middle * axis - axis @ middle * normal for axis in (right, down)]
@@ -71,6 +71,6 @@ def view(directions: np.ndarray, pose: tuple[float, ...], board: Board = BOARD) 
 
 @cache
 def views() -> tuple[np.ndarray, ...]:
-    """Return the pictures of the board in every pose, drawn once."""
+    """Return the images of the board in all poses. They are rendered once."""
     directions = rays(LENS)
     return tuple(view(directions, pose) for pose in POSES)

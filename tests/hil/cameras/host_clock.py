@@ -4,5 +4,5 @@ import time
 
 
 def host_us() -> int:
-    """Return µs of the machine's monotonic clock."""
+    """Return the time of the machine's monotonic clock (µs)."""
     return time.monotonic_ns() // 1000

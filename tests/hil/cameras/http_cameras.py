@@ -1,4 +1,4 @@
-"""HTTP cameras on ports chosen by the system."""
+"""HTTP camera servers. The operating system chooses their ports."""
 
 import threading
 import time
@@ -13,16 +13,16 @@ BOUNDARY = "a-boundary"
 
 
 def jpeg(number: int) -> bytes:
-    """Return the JPEG of the picture with this number."""
+    """Return the JPEG image that encodes this number."""
     rows = np.frombuffer(picture_code.drawn(number), np.uint8).reshape(picture_code.HEIGHT, picture_code.WIDTH, 3)
     return cv2.imencode(".jpg", rows)[1].tobytes()
 
 
 class HttpServer:
-    """Serves with a handler of its own until closed."""
+    """HTTP server that answers GET requests with a function, until it is closed."""
 
     def __init__(self, answer) -> None:
-        """`answer(handler)` is called for each GET, in a thread of its own."""
+        """The server calls `answer(handler)` for each GET, in a separate thread."""
 
         class Handler(BaseHTTPRequestHandler):
             protocol_version = "HTTP/1.1"
@@ -47,7 +47,7 @@ class HttpServer:
 
 
 def reply(handler, status: int, body: bytes, **headers: str) -> None:
-    """Answer once."""
+    """Send a complete HTTP response."""
     handler.send_response(status)
     for name, value in {"Content-Length": str(len(body)), **headers}.items():
         handler.send_header(name.replace("_", "-"), value)
@@ -56,13 +56,13 @@ def reply(handler, status: int, body: bytes, **headers: str) -> None:
 
 
 class MjpegServer(HttpServer):
-    """Sends picture after picture; number n is the n-th twentieth of a second since the server's start."""
+    """Sends a motion JPEG stream. Image n is sent n / rate_hz seconds after the start of the server."""
 
     def __init__(self, rate_hz: float = 20.0, *, lengths: bool = True, then_silent_after: int | None = None) -> None:
         self.rate_hz, self._lengths, self._silent_after = rate_hz, lengths, then_silent_after
         self.began_s = time.monotonic()
         self.streams = 0
-        self.cut = threading.Event()  # set: streams end
+        self.cut = threading.Event()  # if set, all streams end
         super().__init__(self._stream)
 
     def _stream(self, handler) -> None:
@@ -82,7 +82,7 @@ class MjpegServer(HttpServer):
                     return
                 self._send(handler, jpeg(number))
         except OSError:
-            pass  # the camera was closed
+            pass  # the client closed the connection
 
     def _send(self, handler, picture: bytes) -> None:
         length = f"Content-Length: {len(picture)}\r\n" if self._lengths else ""
@@ -91,5 +91,5 @@ class MjpegServer(HttpServer):
         handler.wfile.flush()
 
     def number_now(self) -> int:
-        """Return the number of the picture that is being sent."""
+        """Return the number of the current image."""
         return int((time.monotonic() - self.began_s) * self.rate_hz)

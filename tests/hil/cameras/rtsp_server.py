@@ -1,8 +1,8 @@
-"""An RTSP server (GStreamer's), run by the system's Python. Each picture carries its hundredth of a second.
+"""GStreamer RTSP server, run by the system's Python. Each image encodes its capture time (1/100 s).
 
     /usr/bin/python3 rtsp_server.py USER PASSWORD PORT
 
-Prints its port, which is the system's choice when PORT is 0, and ends with its standard input. On Debian and Ubuntu:
+Prints its port (chosen by the system if PORT is 0) and exits when its standard input closes. On Debian and Ubuntu:
 apt install python3-gi gir1.2-gst-rtsp-server-1.0 gstreamer1.0-plugins-base gstreamer1.0-plugins-good
 gstreamer1.0-plugins-ugly.
 """
@@ -28,7 +28,7 @@ PIPELINE = (
 
 
 class Factory(GstRtspServer.RTSPMediaFactory):  # type: ignore[misc]
-    """Pushes a picture every 40 ms into the pipeline of each client."""
+    """Pushes an image into the pipeline of each client every 40 ms."""
 
     def do_configure(self, media):
         source = media.get_element().get_by_name("born")
@@ -52,7 +52,7 @@ def main() -> None:
     auth = GstRtspServer.RTSPAuth()
     token = GstRtspServer.RTSPToken()
     token.set_string("media.factory.role", "user")
-    auth.set_supported_methods(2)  # digest, as cameras do
+    auth.set_supported_methods(2)  # digest authentication, which most cameras use
     auth.add_digest(*sys.argv[1:3], token)
     server.set_auth(auth)
     permissions = GstRtspServer.RTSPPermissions()

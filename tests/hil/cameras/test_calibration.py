@@ -1,4 +1,4 @@
-"""Lens calibration from a chessboard and undistortion, against a known lens that drew the pictures."""
+"""Chessboard calibration and undistortion, tested with images rendered through a known lens."""
 
 import json
 import math
@@ -23,7 +23,7 @@ FISHEYE = Calibration(
 
 
 def model_of(lens: Lens) -> CameraModel:
-    """Return the pinhole that a lens's undistorted pictures have."""
+    """Return the pinhole model of the undistorted images of a lens."""
     assert lens.model is not None
     return lens.model
 
@@ -37,14 +37,14 @@ def seen():
 
 
 def bent(lens, points):
-    """Return the image points (px) of directions given as x/z, y/z."""
+    """Project directions (x/z, y/z) through the lens and return the image points (px)."""
     if lens.fisheye:
         return cv2.fisheye.distortPoints(points.reshape(-1, 1, 2), np.array(lens.matrix), np.array(lens.distortion))
     rays3 = np.concatenate([points, np.ones((len(points), 1))], axis=1)
     return cv2.projectPoints(rays3, np.zeros(3), np.zeros(3), np.array(lens.matrix), np.array(lens.distortion))[0]
 
 
-def test_a_known_lens_is_found_again(seen):
+def test_calibration_recovers_a_known_lens(seen):
     fitted = fit(seen, BOARD, LENS.width, LENS.height)
     for k in (0, 1):
         assert fitted.calibration.matrix[k][k] == pytest.approx(LENS.matrix[k][k], rel=0.01)
@@ -59,8 +59,8 @@ def test_a_known_lens_is_found_again(seen):
     assert model_of(Lens(fitted.calibration)).hfov_deg == pytest.approx(model_of(Lens(LENS)).hfov_deg, abs=0.3)
 
 
-def test_a_straightened_picture_is_the_pinholes_that_the_model_says():
-    """Corners appear where a centred pinhole of that width and field of view sees them."""
+def test_an_undistorted_image_matches_the_pinhole_model():
+    """The corners appear where a centred pinhole camera with that width and field of view sees them."""
     lens = Lens(LENS)
     model = model_of(lens)
     for pose, picture in zip(POSES[:6], views(), strict=False):
@@ -74,12 +74,12 @@ def test_a_straightened_picture_is_the_pinholes_that_the_model_says():
         measured = places.reshape(-1, 2)
         off = min((measured - wanted, measured - wanted[::-1]), key=lambda apart: np.abs(apart).max())
         assert np.abs(off).max() < 0.6
-        assert np.abs(off.mean(axis=0)).max() < 0.15  # half a pixel from another convention would show here
+        assert np.abs(off.mean(axis=0)).max() < 0.15  # another pixel convention would shift the mean by 0.5 px
 
 
 @pytest.mark.parametrize("lens", [LENS, FISHEYE])
-def test_a_straightened_picture_is_the_widest_without_an_empty_corner(lens):
-    """Every ray along its edge is in the camera's picture, and one of them is at its very edge."""
+def test_an_undistorted_image_has_the_widest_view_without_empty_corners(lens):
+    """All rays along the edge lie in the camera's image, and at least one lies on the border of that image."""
     focal_px, size = model_of(Lens(lens)).focal_px, np.array([lens.width, lens.height])
     steps = np.linspace(-1.0, 1.0, 41)
     edge = [(a, b) for s in (-1.0, 1.0) for a, b in [*((s, t) for t in steps), *((t, s) for t in steps)]]
@@ -88,8 +88,8 @@ def test_a_straightened_picture_is_the_widest_without_an_empty_corner(lens):
     assert -1.5 < room.min() < 1.5
 
 
-def test_a_fisheye_becomes_a_pinhole_too():
-    """A straight line in the world is one in the picture: three directions on it stay in line."""
+def test_a_fisheye_image_is_undistorted_to_a_pinhole_image():
+    """A straight line in the world is a straight line in the undistorted image."""
     model = model_of(Lens(FISHEYE))
     assert 90.0 < model.hfov_deg < 120.0
     picture = np.zeros((480, 640, 3), np.uint8)
@@ -104,7 +104,7 @@ def test_a_fisheye_becomes_a_pinhole_too():
     assert heights[0] == pytest.approx(0.45 * model.focal_px + 239.5, abs=0.5)
 
 
-def test_without_a_calibration_pictures_and_the_stated_field_of_view_stay():
+def test_without_a_calibration_the_image_and_the_configured_field_of_view_are_unchanged():
     lens, picture = Lens(hfov_deg=70.0), np.random.default_rng(1).integers(0, 255, (90, 160, 3)).astype(np.uint8)
     assert lens.model is None
     assert lens.straightened(picture) is picture
@@ -112,13 +112,13 @@ def test_without_a_calibration_pictures_and_the_stated_field_of_view_stay():
     assert (model.width, model.height, model.hfov_deg) == (160, 90, 70.0)
 
 
-def test_a_picture_of_another_size_is_refused():
+def test_an_image_of_another_size_than_the_calibration_is_rejected():
     with pytest.raises(UsageError, match=r"160×90.*640×480"):
         Lens(LENS).straightened(np.zeros((90, 160, 3), np.uint8))
 
 
 @pytest.mark.parametrize("bend", [(-3.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.9, 0.9), (50.0, -900.0, 0.0, 0.0)])
-def test_a_lens_that_cannot_be_undone_is_refused(bend):
+def test_a_lens_with_non_invertible_distortion_is_rejected(bend):
     with pytest.raises(UsageError, match="distortion"):
         Lens(Calibration(640, 480, LENS.matrix, bend))
 
@@ -126,25 +126,25 @@ def test_a_lens_that_cannot_be_undone_is_refused(bend):
 # -- invalid calibrations ----------------------------------------------------------------------------------------
 
 
-def test_too_few_views_are_refused(seen):
+def test_too_few_views_are_rejected(seen):
     with pytest.raises(UsageError, match=r"9×6.* 9 .* 10 "):
         fit(seen[:9], BOARD, 640, 480)
 
 
-def test_a_wrong_board_is_refused(seen):
-    """The same number of corners, read as the board's other way round: nothing fits."""
+def test_a_wrong_board_size_is_rejected(seen):
+    """A 6×9 board has as many corners as a 9×6 board, but the fit has a large error."""
     with pytest.raises(UsageError, match=r"\d+\.\d\d px.* 1 "):
         fit(seen, Board(6, 9, 0.025), 640, 480)
 
 
-def test_a_board_that_was_never_tilted_is_refused():
-    """The fit is perfect, the solver reports 0.01 % uncertainty, and the focal length is a third too short."""
+def test_views_without_a_tilted_board_are_rejected():
+    """The fit looks perfect: the solver reports 0.01 % uncertainty, but the focal length is a third too short."""
     flat = [(0, 0, 2.0 * k, 0.5 * math.cos(k), 0.5 * math.sin(k), 0.33) for k in range(10)]
     with pytest.raises(UsageError, match="angle"):
         fit([corners_of(pose, 0.1) for pose in flat], BOARD, 640, 480)
 
 
-def test_a_focal_length_that_is_not_known_well_is_refused():
+def test_an_uncertain_focal_length_is_rejected():
     little = [
         (9 * math.cos(k), 9 * math.sin(k), 0.0, 0.5 * math.cos(2.4 * k), 0.5 * math.sin(2.4 * k), 0.33)
         for k in range(10)
@@ -153,18 +153,18 @@ def test_a_focal_length_that_is_not_known_well_is_refused():
         fit([corners_of(pose, 0.6) for pose in little], BOARD, 640, 480)
 
 
-def test_a_board_in_the_middle_only_is_refused():
+def test_views_only_in_the_image_centre_are_rejected():
     middle = [(30 * math.cos(k), 30 * math.sin(k), 9 * k, 0.0, 0.0, 0.42) for k in range(12)]
     with pytest.raises(UsageError, match=r"\d+%.* 50%"):
         fit([corners_of(pose, 0.1) for pose in middle], BOARD, 640, 480)
 
 
-def test_a_picture_without_a_board_has_no_corners():
+def test_an_image_without_the_board_has_no_corners():
     assert corners(np.full((480, 640, 3), 128, np.uint8), BOARD) is None
     assert corners(views()[0], Board(8, 7, 0.025)) is None
 
 
-def test_a_view_is_new_when_the_board_has_moved(seen):
+def test_a_view_is_new_if_the_board_has_moved(seen):
     assert not is_new(seen[0] + 3.0, seen[:1], 640)
     assert is_new(seen[1], seen[:1], 640)
 
@@ -174,7 +174,7 @@ def test_invalid_boards_are_rejected():
         assert "--board" in refusal(board_of, size, 0.025)
 
 
-def test_squares_are_in_metres():
+def test_a_square_size_that_is_implausible_in_metres_is_rejected():
     with pytest.raises(UsageError, match=r"--square.*0\.001.*10.*25"):
         board_of("9x6", 25.0)
 
@@ -189,8 +189,8 @@ def test_a_written_calibration_is_read_back(tmp_path):
             assert load(tmp_path / f"camera{ending}") == lens, (ending, lens)
 
 
-def test_a_file_of_opencvs_own_making_is_read(tmp_path):
-    """The fields that its calibration sample writes, whole numbers among the coefficients."""
+def test_a_file_written_by_opencv_is_read(tmp_path):
+    """The file has the fields of OpenCV's calibration sample, with whole numbers among the coefficients."""
     path = tmp_path / "camera.yml"
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     storage.write("calibration_time", "some day")
@@ -233,7 +233,7 @@ def test_errors_in_a_file_are_named(tmp_path):
         assert re.search(words, refusal(load, path)), change
 
 
-def test_files_that_opencv_did_not_write_are_reported(tmp_path):
+def test_unreadable_and_unwritable_files_are_reported(tmp_path):
     path = tmp_path / "camera.yml"
     for content in (b"", b"%YAML:1.0\n---\n: : [", b"camera_matrix:\n  rows: 3\n  cols: 3\n", b"\xff\xfe\x00", b"{"):
         path.write_bytes(content)
@@ -248,7 +248,7 @@ def test_files_that_opencv_did_not_write_are_reported(tmp_path):
 
 
 @given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
-def test_nonsense_is_a_sentence(tmp_path_factory, text):
+def test_random_file_contents_raise_a_usage_error(tmp_path_factory, text):
     path = tmp_path_factory.getbasetemp() / "nonsense.yml"
     path.write_text(f"%YAML:1.0\n---\n{text}", encoding="utf-8", errors="replace")
     with pytest.raises(UsageError, match=r"nonsense\.yml"):

@@ -1,4 +1,4 @@
-"""Snapshots and motion JPEG, over real sockets."""
+"""Snapshot and motion JPEG cameras, over real sockets."""
 
 import base64
 import hashlib
@@ -31,7 +31,7 @@ def serve():
         server.close()
 
 
-def test_a_snapshot_of_the_simulated_camera_keeps_the_stamp_it_came_with(serve):
+def test_a_snapshot_of_the_simulated_camera_keeps_the_timestamp_of_its_header(serve):
     stamped = {"X_Frame_Id": "41", "X_Frame_Time_Us": "7000000", "Content_Type": "image/jpeg"}
     server = serve(HttpServer(lambda handler: reply(handler, 200, jpeg(5), **stamped)))
     camera = open_camera(server.url(), lambda: 7_400_000)
@@ -42,7 +42,7 @@ def test_a_snapshot_of_the_simulated_camera_keeps_the_stamp_it_came_with(serve):
     camera.close()
 
 
-def test_a_snapshot_that_is_old_is_an_error_and_no_picture(serve):
+def test_an_old_snapshot_raises_an_error(serve):
     stamped = {"X_Frame_Id": "41", "X_Frame_Time_Us": "7000000"}
     server = serve(HttpServer(lambda handler: reply(handler, 200, jpeg(5), **stamped)))
     camera = open_camera(server.url(), lambda: 8_600_000)
@@ -51,8 +51,8 @@ def test_a_snapshot_that_is_old_is_an_error_and_no_picture(serve):
     camera.close()
 
 
-def test_a_plain_snapshot_is_stamped_when_its_first_bytes_come(serve):
-    """The picture takes 0.3 s to come, in two halves: that time is no part of its stamp."""
+def test_a_snapshot_without_a_timestamp_gets_the_arrival_time_of_its_first_bytes(serve):
+    """The image arrives in two halves within 0.3 s. The timestamp does not include this time."""
     began = []
 
     def slow(handler):
@@ -76,15 +76,15 @@ def test_a_plain_snapshot_is_stamped_when_its_first_bytes_come(serve):
 
 
 @pytest.mark.parametrize("lengths", [True, False])
-def test_motion_jpeg_gives_the_newest_picture_however_long_nobody_asked(serve, lengths):
+def test_motion_jpeg_returns_the_newest_image_after_a_pause_without_reads(serve, lengths):
     server = serve(MjpegServer(20.0, lengths=lengths))
     camera = open_camera(server.url(), host_us)
     assert isinstance(camera, StreamCamera)
     camera.newest()
-    threading.Event().wait(1.0)  # twenty unread pictures: a buffer would now be a second deep
+    threading.Event().wait(1.0)  # 20 unread images: a buffered stream would now lag by 1 s
     now, asked_us = server.number_now(), host_us()
     frame = camera.newest()
-    # a picture without a length is known to be complete when the next one begins
+    # without a length, an image is complete only when the next one begins
     assert picture_code.read(frame.image_rgb) >= now - (4 if lengths else 5)
     assert 0 <= asked_us - frame.time_us < 300_000
     after = camera.following(frame.frame_id)
@@ -93,7 +93,7 @@ def test_motion_jpeg_gives_the_newest_picture_however_long_nobody_asked(serve, l
     camera.close()
 
 
-def test_the_stamp_is_the_vehicle_clock_of_the_moment_it_came(serve):
+def test_an_image_is_stamped_with_the_vehicle_clock_at_its_arrival(serve):
     server = serve(MjpegServer(10.0))
     camera = open_camera(server.url(), lambda: host_us() + 5_000_000_000)
     frame = camera.newest()
@@ -102,7 +102,7 @@ def test_the_stamp_is_the_vehicle_clock_of_the_moment_it_came(serve):
     camera.close()
 
 
-def test_a_stream_that_falls_silent_is_an_error_in_a_second_and_not_an_old_picture(serve):
+def test_a_silent_stream_raises_an_error_instead_of_returning_an_old_image(serve):
     server = serve(MjpegServer(20.0, then_silent_after=3))
     camera = StreamCamera(*stream_of(server), patience_s=0.2)
     camera.following(1)
@@ -112,7 +112,7 @@ def test_a_stream_that_falls_silent_is_an_error_in_a_second_and_not_an_old_pictu
     camera.close()
 
 
-def test_a_dropped_stream_comes_back_by_itself(serve):
+def test_a_dropped_stream_is_reopened(serve):
     server = serve(MjpegServer(20.0))
     camera = open_camera(server.url(), host_us)
     before = camera.newest()
@@ -132,7 +132,7 @@ def stream_of(server):
     return MjpegSource(Caller(server.url())), "a test", host_us, Lens()
 
 
-def test_digest_authentication_which_most_cameras_ask_for(serve):
+def test_digest_authentication(serve):
     def guarded(handler):
         header = handler.headers.get("Authorization", "")
         fields = dict(part.strip().split("=", 1) for part in header.removeprefix("Digest ").split(",") if "=" in part)
@@ -200,7 +200,7 @@ PARTS = st.lists(st.binary(min_size=1, max_size=200).filter(lambda b: b"--B" not
 
 
 @given(PARTS, st.booleans(), st.integers(1, 60), st.sampled_from(["B", "--B", '"B"']))
-def test_however_the_bytes_are_cut_the_parts_are_the_same(bodies, lengths, cut, named):
+def test_multipart_parsing_does_not_depend_on_chunk_sizes(bodies, lengths, cut, named):
     stream = b"a preamble"
     for body in bodies:
         length = f"Content-Length: {len(body)}\r\n" if lengths else ""
@@ -215,7 +215,7 @@ def test_however_the_bytes_are_cut_the_parts_are_the_same(bodies, lengths, cut, 
 
 
 @given(st.binary(max_size=2000), st.integers(1, 100))
-def test_nonsense_is_no_part_and_no_exception(data, cut):
+def test_random_bytes_raise_no_exception_in_the_multipart_parser(data, cut):
     parts = Multipart("multipart/x-mixed-replace; boundary=B")
     for at in range(0, len(data), cut):
         for began_s, body in parts.feed(data[at : at + cut], 1.0):

@@ -1,4 +1,4 @@
-"""RTSP from a real server, with a password. The pictures carry their capture time on the shared clock."""
+"""RTSP from a real server with a password. Each image encodes its capture time on the host's clock."""
 
 import subprocess
 import threading
@@ -14,7 +14,7 @@ from tests.hil.cameras.host_clock import host_us
 from tests.needs import SYSTEM_PYTHON, needs
 
 SERVER = Path(__file__).with_name("rtsp_server.py")
-SPAN = 1 << picture_code.BITS  # hundredths of a second after which capture times repeat
+SPAN = 1 << picture_code.BITS  # capture times repeat after this period (1/100 s)
 
 pytestmark = needs("rtsp")
 
@@ -47,20 +47,20 @@ def since_birth_s(frame) -> float:
     return (int(time.monotonic() * 100) - picture_code.read(frame.image_rgb)) % SPAN / 100
 
 
-def test_the_newest_picture_from_the_first_one_on_and_however_long_nobody_asked(server):
-    """FFmpeg opens the stream with a second of buffered video, which must not appear."""
+def test_every_read_returns_the_newest_image_even_after_a_pause(server):
+    """FFmpeg opens the stream with 1 s of buffered video. The camera must not return it."""
     camera = open_camera(server.url(), host_us)
     assert since_birth_s(camera.newest()) < 0.4
     threading.Event().wait(3.0)
     frame = camera.newest()
-    assert since_birth_s(frame) < 0.4  # a picture of 40 ms, coded, sent and decoded: 0.05 to 0.08 s on an idle machine
+    assert since_birth_s(frame) < 0.4  # 40 ms frame period plus coding: 0.05 to 0.08 s on an idle machine
     assert host_us() - frame.time_us < 300_000
     assert abs((camera.following(frame.frame_id).time_us - frame.time_us) / 1e6) < 0.5
     assert (camera.model.width, camera.model.height) == (picture_code.WIDTH, picture_code.HEIGHT)
     camera.close()
 
 
-def test_a_server_that_goes_away_and_comes_back(server):
+def test_a_lost_server_raises_an_error_and_the_stream_reopens_when_it_returns(server):
     camera = open_camera(server.url(), host_us)
     camera.newest()
     port = server.port
@@ -69,7 +69,7 @@ def test_a_server_that_goes_away_and_comes_back(server):
     started = time.monotonic()
     with pytest.raises(CameraError, match=r"\d\.\d s") as caught:
         camera.newest()
-    assert 4.0 < time.monotonic() - started < 7.0  # the flight waits for it while the vehicle holds
+    assert 4.0 < time.monotonic() - started < 7.0  # the flight waits this long; the vehicle holds
     assert "hush" not in str(caught.value)
     again = Server(port)
     try:
@@ -80,7 +80,7 @@ def test_a_server_that_goes_away_and_comes_back(server):
         again.close()
 
 
-def test_a_wrong_password_is_not_repeated(server):
+def test_a_wrong_password_is_not_shown_in_the_error(server):
     with pytest.raises(CameraError, match=r"rtsp://\*\*\*@127\.0\.0\.1:\d+/live") as caught:
         open_camera(server.url("guess"), host_us)
     assert "guess" not in str(caught.value)

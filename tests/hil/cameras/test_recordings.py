@@ -1,4 +1,4 @@
-"""Video files and folders of pictures at their recorded pace, and sources that are not cameras."""
+"""Video files and image folders, played at their recorded rate, and invalid camera sources."""
 
 import threading
 
@@ -18,7 +18,7 @@ RATE_HZ = 20.0
 
 
 def shown(camera):
-    """Return every frame of a recording, up to the error at its end."""
+    """Return all frames of a recording, up to the error at its end."""
     seen = [camera.newest()]
 
     def to_the_end():
@@ -32,7 +32,7 @@ def shown(camera):
 
 @pytest.fixture
 def video(tmp_path):
-    """Return the path of a video of a second, its pictures numbered."""
+    """Return the path of a 1 s video with numbered images."""
     path = tmp_path / "flight.mp4"
     size = (picture_code.WIDTH, picture_code.HEIGHT)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), RATE_HZ, size)
@@ -43,19 +43,19 @@ def video(tmp_path):
 
 
 @pytest.mark.parametrize("form", ["{}", "file://{}"])
-def test_a_video_is_shown_at_its_own_pace_and_then_it_is_over(video, form):
+def test_a_video_plays_at_its_own_rate_and_ends_with_an_error(video, form):
     camera = open_camera(form.format(video), host_us)
     first, *_ = seen = shown(camera)
     assert picture_code.read(first.image_rgb) == 0
     numbers = [picture_code.read(frame.image_rgb) for frame in seen]
     assert numbers == sorted(set(numbers))
-    assert numbers[-1] >= 15  # a busy computer misses some pictures, and is never behind
+    assert numbers[-1] >= 15  # a busy computer skips images, but does not lag
     seconds = (seen[-1].time_us - first.time_us) / 1e6
     assert seconds == pytest.approx((numbers[-1] - numbers[0]) / RATE_HZ, abs=0.25)
     camera.close()
 
 
-def test_the_last_picture_of_a_video_is_no_frame_for_ever(video):
+def test_the_last_image_of_a_video_expires(video):
     camera = open_camera(str(video), host_us, max_age_s=0.3)
     shown(camera)
     threading.Event().wait(0.4)
@@ -64,7 +64,7 @@ def test_the_last_picture_of_a_video_is_no_frame_for_ever(video):
     camera.close()
 
 
-def test_a_folder_is_shown_in_the_order_of_its_names_at_the_rate_asked_for(tmp_path):
+def test_a_folder_plays_in_name_order_at_the_requested_rate(tmp_path):
     for number in range(6):
         (tmp_path / f"{number:03d}.jpg").write_bytes(jpeg(number))
     (tmp_path / "notes.txt").write_text("no picture")
@@ -77,7 +77,7 @@ def test_a_folder_is_shown_in_the_order_of_its_names_at_the_rate_asked_for(tmp_p
     camera.close()
 
 
-def test_a_camera_is_one_drones(tmp_path):
+def test_a_recording_has_a_camera_for_drone_0_only(tmp_path):
     (tmp_path / "a.jpg").write_bytes(jpeg(1))
     camera = open_camera(str(tmp_path), host_us)
     with pytest.raises(CameraError, match="drone 1"):
@@ -109,19 +109,19 @@ def test_invalid_cameras_are_reported_at_once(tmp_path):
 
 
 @pytest.mark.skip(reason="Video4Linux has not been run: it wants a camera, or the kernel module v4l2loopback")
-def test_a_camera_of_this_computer():
+def test_a_local_v4l2_camera_returns_an_image():
     camera = open_camera("v4l2:0", host_us)
     assert camera.newest().image_rgb.ndim == 3
     camera.close()
 
 
-def test_the_size_of_a_camera_is_width_and_height():
+def test_size_option_is_parsed_as_width_and_height():
     assert size_of("1280x720") == size_of("1280X720") == (1280, 720)
     assert size_of(None) is None
 
 
-def test_a_picture_of_an_impossible_size_is_no_picture():
+def test_a_jpeg_with_an_impossible_size_is_not_decoded():
     data = bytearray(jpeg(1))
-    header = data.index(b"\xff\xc0")  # start of the frame header; height and width are five bytes on
+    header = data.index(b"\xff\xc0")  # start of the frame header; height and width follow 5 bytes later
     data[header + 5 : header + 9] = b"\xff\x00\xff\x00"
     assert decoded(bytes(data)) is None

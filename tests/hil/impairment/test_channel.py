@@ -1,4 +1,4 @@
-"""The pure model of a bad wire: it invents nothing, fates depend on the seed, and a line has a speed."""
+"""The model of an impaired link: no invented data, results determined by the seed, and a limited data rate."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ TRAFFIC = st.lists(st.tuples(st.floats(0.0, 0.2), st.integers(12, 280)), max_siz
 
 
 def carried(wire: Impairment, seed: int, traffic: list[tuple[float, int]]) -> tuple[list[tuple[float, bytes]], Channel]:
-    """Return (arrivals with times, sampled every 10 ms; the channel). Unit n is made of the byte n."""
+    """Return the arrivals with their times (s), and the channel. Unit n consists of the byte n."""
     channel, t_s, out = Channel(wire, seed), 0.0, []
     for n, (pause_s, length) in enumerate(traffic):
         t_s += pause_s
@@ -38,12 +38,12 @@ def carried(wire: Impairment, seed: int, traffic: list[tuple[float, int]]) -> tu
 
 
 @given(WIRES, st.integers(0, 2**31), TRAFFIC)
-def test_same_seed_and_same_times_have_the_same_fate(wire: Impairment, seed: int, traffic) -> None:
+def test_the_same_seed_and_the_same_times_give_the_same_arrivals(wire: Impairment, seed: int, traffic) -> None:
     assert carried(wire, seed, traffic)[0] == carried(wire, seed, traffic)[0]
 
 
 @given(WIRES, st.integers(0, 9), TRAFFIC)
-def test_every_unit_is_accounted_for(wire: Impairment, seed: int, traffic) -> None:
+def test_the_counters_account_for_every_unit(wire: Impairment, seed: int, traffic) -> None:
     out, channel = carried(wire, seed, traffic)
     counts = channel.counts
     assert counts.taken == len(traffic)
@@ -52,7 +52,7 @@ def test_every_unit_is_accounted_for(wire: Impairment, seed: int, traffic) -> No
 
 
 @given(st.integers(0, 99), TRAFFIC, SHARES, SHARES)
-def test_more_loss_loses_the_same_units_and_others(seed: int, traffic, a: float, b: float) -> None:
+def test_a_higher_loss_share_loses_a_superset_of_the_units(seed: int, traffic, a: float, b: float) -> None:
     little, much = (
         {unit[0] for _, unit in carried(Impairment(loss=loss), seed, traffic)[0]} for loss in sorted((a, b))
     )
@@ -60,7 +60,7 @@ def test_more_loss_loses_the_same_units_and_others(seed: int, traffic, a: float,
 
 
 @given(WIRES, st.integers(0, 9), TRAFFIC)
-def test_nothing_comes_before_its_delay_and_only_reordering_reorders(wire: Impairment, seed: int, traffic) -> None:
+def test_units_arrive_in_order_and_after_the_delay_without_reordering(wire: Impairment, seed: int, traffic) -> None:
     calm = Impairment(loss=wire.loss, delay_s=wire.delay_s, jitter_s=wire.jitter_s, baud=wire.baud, cuts=wire.cuts)
     entered, t_s = {}, 0.0
     for n, (pause_s, _) in enumerate(traffic):
@@ -73,7 +73,7 @@ def test_nothing_comes_before_its_delay_and_only_reordering_reorders(wire: Impai
 
 @settings(max_examples=30)
 @given(st.sampled_from([1200, 9600, 57600]), st.integers(0, 9), TRAFFIC)
-def test_a_line_carries_no_more_than_its_baud(baud: int, seed: int, traffic) -> None:
+def test_the_throughput_does_not_exceed_the_baud_rate(baud: int, seed: int, traffic) -> None:
     channel = Channel(Impairment(baud=baud), seed)
     for _, length in traffic:
         channel.put(0.0, bytes(length))
@@ -81,23 +81,23 @@ def test_a_line_carries_no_more_than_its_baud(baud: int, seed: int, traffic) -> 
     assert channel.counts.bytes_arrived <= baud / 10 + 1e-6
 
 
-def test_a_full_queue_drops_the_newcomer() -> None:
+def test_a_full_queue_drops_new_units() -> None:
     channel = Channel(Impairment(baud=1000, queue_bytes=300), seed=0)
     for _ in range(4):
         channel.put(0.0, bytes(100))
     assert channel.counts.overflowed == 1
-    channel.put(1.0, bytes(100))  # a hundred bytes have left by now
+    channel.put(1.0, bytes(100))  # 100 bytes have left the queue by now
     assert channel.counts.overflowed == 1
     assert len(list(channel.arrived(4.0))) == 4
 
 
-def test_a_frame_takes_ten_bits_a_byte() -> None:
+def test_a_serial_line_takes_ten_bits_per_byte() -> None:
     channel = Channel(Impairment(baud=57600), seed=0)
     channel.put(0.0, bytes(576))
     assert channel.next_s == pytest.approx(0.1)
 
 
-def test_a_pulled_cable_loses_what_enters_and_what_is_under_way() -> None:
+def test_a_cut_loses_the_units_that_enter_and_those_in_transit() -> None:
     channel = Channel(Impairment(delay_s=0.5, cuts=((1.0, 2.0),)), seed=0)
     for t_s in (0.4, 0.6, 1.5, 2.0):
         channel.put(t_s, bytes(20))
@@ -105,21 +105,21 @@ def test_a_pulled_cable_loses_what_enters_and_what_is_under_way() -> None:
     assert [round(channel.next_s or 0.0, 3), len(list(channel.arrived(9.0)))] == [0.9, 2]
 
 
-def test_a_late_unit_is_overtaken_and_a_duplicate_follows_at_once() -> None:
+def test_reordering_changes_the_order_and_duplication_adds_units() -> None:
     out = carried(Impairment(reorder=0.5, duplicate=0.5), 3, [(LATE_S / 10, 20)] * 40)[0]
     order = [unit[0] for _, unit in out]
     assert order != sorted(order)
     assert len(order) > 40
 
 
-def test_shares_are_what_was_asked_for() -> None:
+def test_loss_duplicate_and_reorder_shares_match_the_settings() -> None:
     counts = carried(Impairment(loss=0.1, duplicate=0.2, reorder=0.3), 1, [(0.01, 20)] * 200)[1].counts
     assert 8 <= counts.lost <= 35
     assert 20 <= counts.duplicated <= 55
     assert 35 <= counts.reordered <= 80
 
 
-def test_noise_changes_bytes_and_keeps_lengths() -> None:
+def test_corruption_changes_bytes_but_not_lengths() -> None:
     out, channel = carried(Impairment(corrupt=0.01), 1, [(0.01, 100)] * 100)
     assert all(len(unit) == 100 for _, unit in out)
     assert 40 <= channel.counts.corrupted <= 90

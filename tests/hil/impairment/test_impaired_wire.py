@@ -1,4 +1,4 @@
-"""The wire on real sockets: whole frames, both ways, over UDP and TCP, and as a command."""
+"""The impaired wire on real sockets: complete frames in both directions, over UDP and TCP, and as a command."""
 
 import os
 import re
@@ -29,7 +29,7 @@ def pings(count: int) -> list[bytes]:
 
 
 def hear(end: Transport, count: int, seconds: float = 5.0) -> list[int]:
-    """Return the sequence numbers of the pings that arrive, in order, until there are `count`."""
+    """Receive pings until there are `count` or the time is over. Return their sequence numbers in order."""
     parser, until = Parser(), time.monotonic() + seconds
     numbers: list[int] = []
     while len(numbers) < count and time.monotonic() < until:
@@ -38,7 +38,7 @@ def hear(end: Transport, count: int, seconds: float = 5.0) -> list[int]:
 
 
 def udp_wire(up: Impairment, down: Impairment = PERFECT, seed: int = 0) -> tuple[ImpairedWire, Transport, Transport]:
-    """Return a wire with our ends on both sides."""
+    """Return a wire, the agent's end and the autopilot's end."""
     autopilot = listening.udp()
     listener = listening.udp()
     wire = ImpairedWire(listener, connect(f"udpout://127.0.0.1:{autopilot.port}"), up, down, seed)
@@ -46,7 +46,7 @@ def udp_wire(up: Impairment, down: Impairment = PERFECT, seed: int = 0) -> tuple
 
 
 @given(st.lists(st.one_of(st.sampled_from(pings(3)), st.binary(max_size=30))), st.lists(st.integers(1, 40)))
-def test_cutting_into_frames_neither_loses_nor_invents_bytes(parts: list[bytes], sizes: list[int]) -> None:
+def test_splitting_into_frames_preserves_all_bytes(parts: list[bytes], sizes: list[int]) -> None:
     data, frames, out = b"".join(parts), Frames(), b""
     at = 0
     for size in sizes:
@@ -54,10 +54,10 @@ def test_cutting_into_frames_neither_loses_nor_invents_bytes(parts: list[bytes],
         at += size
     out += b"".join(frames.feed(data[at:]))
     assert data.startswith(out)
-    assert len(data) - len(out) < 300  # the beginning of a frame without its end
+    assert len(data) - len(out) < 300  # an incomplete frame at the end
 
 
-def test_frames_are_cut_where_they_begin_whoever_speaks() -> None:
+def test_mavlink_1_2_and_signed_frames_are_split_at_their_start() -> None:
     ours = pings(2)
     old = b"\xfe\x03\x00\x01\x01\x00abcXY"
     signed = bytes([0xFD, 2, 1, 0, 0, 1, 1, 4, 0, 0]) + b"ab" + b"XY" + bytes(13)
@@ -80,7 +80,7 @@ def test_a_perfect_wire_changes_nothing() -> None:
         assert hear(agent, 50) == list(range(50))
 
 
-def test_loss_belongs_to_the_seed() -> None:
+def test_the_seed_determines_the_lost_frames() -> None:
     received = []
     for seed in (1, 1, 2):
         wire, agent, autopilot = udp_wire(Impairment(loss=0.3), seed=seed)
@@ -93,7 +93,7 @@ def test_loss_belongs_to_the_seed() -> None:
     assert 50 <= len(received[0]) <= 90
 
 
-def test_delay_is_one_way_and_as_long_as_asked_for() -> None:
+def test_the_delay_applies_in_one_direction_and_has_the_set_length() -> None:
     wire, agent, autopilot = udp_wire(Impairment(delay_s=0.3))
     with wire:
         sent_s = time.monotonic()
@@ -106,7 +106,7 @@ def test_delay_is_one_way_and_as_long_as_asked_for() -> None:
         assert time.monotonic() - sent_s < 0.25
 
 
-def test_the_wire_is_impaired_for_the_stated_time_and_then_perfect() -> None:
+def test_an_impairment_ends_after_its_duration() -> None:
     wire, agent, autopilot = udp_wire(PERFECT)
     with wire:
         agent.send(pings(1)[0])
@@ -122,7 +122,7 @@ def test_the_wire_is_impaired_for_the_stated_time_and_then_perfect() -> None:
         assert hear(autopilot, 1) == [2]
 
 
-def test_tcp_from_end_to_end_and_a_client_that_comes_again() -> None:
+def test_tcp_carries_frames_both_ways_and_a_client_can_reconnect() -> None:
     far, near = listening.tcp(), listening.tcp()
     with ImpairedWire(near, connect(f"tcp://127.0.0.1:{far.port}"), PERFECT, PERFECT):
         for _ in range(2):
@@ -136,7 +136,7 @@ def test_tcp_from_end_to_end_and_a_client_that_comes_again() -> None:
     far.close()
 
 
-def test_a_broken_end_is_reported() -> None:
+def test_a_closed_connection_is_reported() -> None:
     listener = socket.create_server(("127.0.0.1", 0))
     wire = ImpairedWire(
         connect("udpin://127.0.0.1:0"), connect(f"tcp://127.0.0.1:{listener.getsockname()[1]}"), PERFECT, PERFECT
@@ -158,7 +158,7 @@ def command(*arguments: str) -> "subprocess.Popen[str]":
     )  # fmt: skip
 
 
-def test_the_command_counts_and_ends_with_ctrl_c() -> None:
+def test_the_command_prints_its_counts_and_exits_on_ctrl_c() -> None:
     autopilot = listening.udp()
     port = free_port()
     process = command(
@@ -180,7 +180,7 @@ def test_the_command_counts_and_ends_with_ctrl_c() -> None:
     assert "taken 0, arrived 0" in output
 
 
-def test_wrong_options_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_options_are_rejected(capsys: pytest.CaptureFixture[str]) -> None:
     for option, value in (("--loss", "2"), ("--delay", "1,2,3"), ("--cut", "5"), ("--report", "0"), ("--baud", "nan")):
         ends = ["--listen", "udpin://127.0.0.1:0", "--to", "udpout://127.0.0.1:9"]
         assert main(["impair", *ends, option, value]) == 2, option

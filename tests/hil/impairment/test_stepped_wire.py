@@ -1,4 +1,4 @@
-"""A wire in vehicle time: perfect until it is impaired, then late and lossy by the seed, and perfect again."""
+"""A wire in vehicle time. It is perfect except during an impairment, whose losses depend on the seed."""
 
 import pytest
 from hypothesis import given
@@ -11,7 +11,7 @@ TICK_S = 0.01
 
 
 class Vehicle:
-    """Sends its tick as a ping at every tick, and records the tick of each received ping."""
+    """Sends a ping with its tick number at every tick, and records the tick at which each ping arrives."""
 
     def __init__(self, seed: int = 0) -> None:
         self.tick, self._packer, self._parser, self._said = 0, Packer(1, 1), Parser(), b""
@@ -41,7 +41,7 @@ def talk(vehicle: Vehicle, ticks: int) -> list[tuple[int, int]]:
     return received
 
 
-def test_it_is_perfect_then_late_by_as_much_as_was_asked_for_and_then_perfect() -> None:
+def test_an_impairment_delays_both_directions_as_set_and_ends_after_its_duration() -> None:
     vehicle = Vehicle()
     assert talk(vehicle, 50) == [(n, n) for n in range(1, 51)]
     assert vehicle.received == [(n, n) for n in range(50)]
@@ -49,13 +49,13 @@ def test_it_is_perfect_then_late_by_as_much_as_was_asked_for_and_then_perfect() 
     vehicle.wire.impair(Impairment(delay_s=0.2), Impairment(delay_s=0.07), seconds=1.0)
     received = talk(vehicle, 200)
     delivered = [(tick, number) for tick, number in vehicle.received if tick < 150]
-    assert delivered == [(n + 20, n) for n in range(50, 130)]  # pings that had not arrived after the second are lost
+    assert delivered == [(n + 20, n) for n in range(50, 130)]  # pings still in transit after 1 s are lost
     assert [pair for pair in received if pair[0] < 150] == [(n + 7, n) for n in range(51, 143)]
     assert vehicle.received[len(delivered) :] == [(n, n) for n in range(150, 250)]
     assert received[-100:] == [(n, n) for n in range(151, 251)]
 
 
-def test_the_share_that_was_asked_for_is_lost_and_which_is_the_seeds() -> None:
+def test_the_loss_share_matches_the_setting_and_the_seed_selects_the_lost_pings() -> None:
     received = []
     for seed in (1, 1, 2):
         vehicle = Vehicle(seed)
@@ -71,18 +71,18 @@ def test_the_share_that_was_asked_for_is_lost_and_which_is_the_seeds() -> None:
     assert len(received[0]) == pytest.approx(1400, abs=60)
 
 
-def test_a_silent_wire_gives_up_in_vehicle_time() -> None:
+def test_a_receive_timeout_counts_vehicle_time() -> None:
     vehicle = Vehicle()
     vehicle.wire.impair(PERFECT, Impairment(loss=1.0), seconds=5.0)
     assert vehicle.wire.receive(0.5) == b""
     assert vehicle.tick == 50
-    assert Parser().feed(vehicle.wire.receive(60.0))[0].seq == vehicle.tick == 500  # when the wire is perfect again
+    assert Parser().feed(vehicle.wire.receive(60.0))[0].seq == vehicle.tick == 500  # the impairment ends at tick 500
 
 
 @given(st.lists(st.binary(max_size=40)))
-def test_a_perfect_way_neither_loses_nor_changes_bytes(parts: list[bytes]) -> None:
+def test_an_unimpaired_direction_preserves_all_bytes(parts: list[bytes]) -> None:
     way = OneWay(PERFECT, 0, "up")
     carried = b"".join(unit for i, part in enumerate(parts) for unit in way.carry(i * TICK_S, part))
     data = b"".join(parts)
     assert data.startswith(carried)
-    assert len(data) - len(carried) < 300  # the beginning of a frame without its end
+    assert len(data) - len(carried) < 300  # an incomplete frame at the end

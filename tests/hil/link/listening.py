@@ -1,10 +1,10 @@
-"""Ends that listen on a port chosen by the system."""
+"""Transports that listen on a port chosen by the system."""
 
 from hil.link.transport import TcpListener, UdpTransport, connect
 
 
 def udp() -> UdpTransport:
-    """Return a UDP end that answers every sender."""
+    """Return a listening UDP transport."""
     end = connect("udpin://127.0.0.1:0")
     assert isinstance(end, UdpTransport)
     return end

@@ -1,4 +1,4 @@
-"""A small vehicle at the other end of a memory wire. It obeys orders and sends the messages of the test."""
+"""A minimal vehicle behind an in-memory transport. It obeys commands and sends the messages that a test adds."""
 
 from foundation.mavlink import MODES, Packer, Parser, dialect
 from foundation.setpoints import Velocity
@@ -9,7 +9,7 @@ STEP_MS = 20
 
 
 class ScriptedVehicle:
-    """Obeys body velocities and places at once. Sends 50 Hz telemetry and 1 Hz heartbeats on a pumped clock."""
+    """Follows setpoints without lag. Sends 50 Hz telemetry and 1 Hz heartbeats; each wait advances its clock."""
 
     def __init__(self, *, autopilot=12):
         self.packer, self.parser = Packer(1, 1), Parser()
@@ -82,7 +82,7 @@ class ScriptedVehicle:
 
 
 def flying(vehicle, **options):
-    """Return a link that has flown the vehicle ahead for a second."""
+    """Return a link that has flown the vehicle forward for 1 s."""
     link = Link(vehicle.transport(), **options)
     link.connect(10.0)
     link.fly(Velocity(1.2, None), 60.0)

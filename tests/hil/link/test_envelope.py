@@ -1,4 +1,4 @@
-"""The envelope holds for every vehicle that follows its setpoints with a lag, for any destination."""
+"""A vehicle that follows its setpoints with a lag stays inside the envelope, for any destination."""
 
 import itertools
 import math
@@ -42,7 +42,7 @@ def fly(target, limits, seconds=60.0, yaw=0.0, at=(0.0, 0.0, -2.5)):
 
 @settings(max_examples=40)
 @given(speeds, speeds, speeds, st.floats(-3.1, 3.1))
-def test_no_velocity_leaves_the_cylinder(forward, right, down, yaw):
+def test_no_velocity_setpoint_leaves_the_radius_and_height_limits(forward, right, down, yaw):
     limits = Limits(ceiling_m=6.0, floor_m=0.7, radius_m=8.0)
     path = fly(VelocitySetpoint((forward, right, down), 0.0), limits, 30.0, yaw)
     assert all(math.hypot(n, e) <= 8.0 for n, e, _ in path)
@@ -52,14 +52,14 @@ def test_no_velocity_leaves_the_cylinder(forward, right, down, yaw):
 @pytest.mark.parametrize("polygon", [SQUARE, NOOK])
 @settings(max_examples=40)
 @given(speeds, speeds)
-def test_no_velocity_enters_an_exclusion(polygon, forward, right):
+def test_no_velocity_setpoint_enters_an_exclusion_zone(polygon, forward, right):
     path = fly(VelocitySetpoint((forward, right, 0.0), 0.0), Limits(exclusions=(polygon,)), 20.0)
     assert not any(contains(polygon, (n, e)) for n, e, _ in path)
 
 
 @settings(max_examples=40)
 @given(st.floats(-30, 30), st.floats(-30, 30), st.floats(-30, 30))
-def test_no_place_leads_outside(north, east, down):
+def test_no_position_setpoint_leaves_the_envelope(north, east, down):
     limits = Limits(ceiling_m=6.0, radius_m=9.0, exclusions=(SQUARE,))
     place = tuple(a + h for a, h in zip((north, east, down), HOME, strict=True))
     path = fly(PositionSetpoint(place, 0.0), limits, 30.0)
@@ -75,12 +75,12 @@ def test_setpoints_inside_the_envelope_pass_unchanged():
         assert admitted.limited == ()
 
 
-def test_a_vehicle_beyond_a_limit_is_brought_back():
+def test_a_vehicle_beyond_the_radius_flies_back():
     path = fly(VelocitySetpoint((0.0, 0.0, 0.0), 0.0), Limits(radius_m=8.0), at=(10.0, 0.0, -2.5))
     assert path[-1][0] <= 8.0
 
 
-def test_speeds_and_turns_are_clamped_and_named():
+def test_speed_climb_and_yaw_rate_are_clamped_and_reported():
     limits = Limits(speed=1.0, climb=0.5, yaw_rate=0.5)
     admitted = admit(VelocitySetpoint((3.0, 4.0, -2.0), -2.0), state((0, 0, -5.0)), HOME, limits, 0)
     assert isinstance(admitted.setpoint, VelocitySetpoint)
@@ -95,7 +95,7 @@ def test_a_stale_position_and_a_lost_heartbeat_stop_the_vehicle():
     target = VelocitySetpoint((1.0, 0.0, 0.0), 0.0)
     stale = state((0, 0, -2.5), position_us=1_000_000, heartbeat_us=5_000_000)
     assert admit(target, stale, HOME, Limits(), 2_000_000).limited == ("stale position",)
-    assert admit(target, stale, HOME, Limits(), 2_000_000, behind_us=600_000).limited == ()  # as late as all of it
+    assert admit(target, stale, HOME, Limits(), 2_000_000, behind_us=600_000).limited == ()  # all data is late
     assert admit(target, stale, HOME, Limits(), 2_200_000, behind_us=600_000).limited == ("stale position",)
     lost = state((0, 0, -2.5), position_us=9_000_000, heartbeat_us=5_000_000)
     admitted = admit(target, lost, HOME, Limits(), 9_000_000)
@@ -103,7 +103,7 @@ def test_a_stale_position_and_a_lost_heartbeat_stop_the_vehicle():
     assert admitted.setpoint == VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 
 
-def test_exclusions_on_the_globe_are_placed_from_home():
+def test_geodetic_exclusions_are_converted_to_metres_from_home():
     limits = Limits(exclusions_geodetic=(((47.0, 8.0), (47.0, 8.001), (47.001, 8.0)),))
     with pytest.raises(LinkError, match="no origin"):
         with_local_exclusions(limits, VehicleState())
@@ -114,20 +114,20 @@ def test_exclusions_on_the_globe_are_placed_from_home():
     assert corners[2] == pytest.approx((101.2, 0.0), abs=0.3)
 
 
-def test_crossing():
+def test_crosses_detects_a_path_through_a_polygon():
     assert crosses((0.0, 0.0), (10.0, 0.0), SQUARE)
     assert not crosses((0.0, 5.0), (10.0, 5.0), SQUARE)
 
 
 @pytest.mark.parametrize("corner", [(4.0, 0.0), (6.0, 0.0)])
-def test_a_way_through_a_corner_crosses(corner):
+def test_a_path_through_a_corner_crosses_the_polygon(corner):
     diamond = ((4.0, 0.0), (5.0, 1.0), (6.0, 0.0), (5.0, -1.0))
     assert crosses((0.0, 0.0), (10.0, 0.0), diamond)
     assert crosses((corner[0], -3.0), (corner[0], 3.0), diamond)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_a_target_that_is_no_number_stands_still(bad):
+def test_a_setpoint_with_nan_or_infinity_stops_the_vehicle(bad):
     for target in (
         VelocitySetpoint((bad, 0.0, 0.0), 0.0),
         VelocitySetpoint((0.0, 0.0, 0.0), bad),
@@ -141,10 +141,10 @@ def test_a_target_that_is_no_number_stands_still(bad):
 
 @settings(max_examples=40)
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-20, -2))
-def test_no_place_is_flown_to_faster_than_the_limits(north, east, down):
+def test_no_position_setpoint_exceeds_the_speed_limits(north, east, down):
     limits = Limits(speed=1.5, climb=1.2, ceiling_m=30.0)
     place = tuple(a + h for a, h in zip((north, east, down), HOME, strict=True))
-    path = fly(PositionSetpoint(place, 0.0), limits, 20.0)  # to a place as PX4 does, a metre per second and metre
+    path = fly(PositionSetpoint(place, 0.0), limits, 20.0)  # like PX4: 1 m/s per metre of position error
     for a, b in itertools.pairwise(path):
         assert math.dist(a[:2], b[:2]) / STEP_S <= 1.5 * 1.02
         assert abs(b[2] - a[2]) / STEP_S <= 1.2 * 1.02
@@ -161,8 +161,8 @@ def test_a_battery_without_a_level_is_reported_as_unwatched(least, remaining, ex
 
 @settings(max_examples=200)
 @given(*[st.floats(-10.0, 14.0)] * 4, st.sampled_from([SQUARE, NOOK]))
-def test_no_place_leads_into_the_margin_of_an_exclusion(at_n, at_e, to_n, to_e, polygon):
-    """A vehicle outside the margin stays outside; one within it comes no nearer."""
+def test_no_position_setpoint_leads_into_the_margin_of_an_exclusion_zone(at_n, at_e, to_n, to_e, polygon):
+    """A vehicle outside the margin stays outside. A vehicle inside the margin does not come nearer to the zone."""
 
     def room(place):
         corners = zip(polygon, (*polygon[1:], polygon[0]), strict=True)

@@ -5,7 +5,7 @@ from hil.link.envelope import SIMULATED, Limits, load
 from tests.support.refusal import refusal
 
 
-def test_a_file_says_what_differs(tmp_path):
+def test_a_file_overrides_only_the_limits_that_it_contains(tmp_path):
     path = tmp_path / "field.toml"
     path.write_text("ceiling_m = 12\nexclusions = [[[5, -2], [5, 2], [9, 2], [9, -2]]]\nfloor_m = -3.5\n")
     limits = load(path, Limits())
@@ -15,7 +15,7 @@ def test_a_file_says_what_differs(tmp_path):
     assert load(path, SIMULATED) == SIMULATED
 
 
-def test_errors_in_an_envelope_are_named(tmp_path):
+def test_an_error_names_the_file_and_the_limit(tmp_path):
     for text, words in [
         ("ceiling = 3", ("'ceiling'", "ceiling_m")),
         ("ceiling_m = 'high'", ("ceiling_m", "'high'")),

@@ -1,4 +1,4 @@
-"""Details of one autopilot family are in its own file. A second family is a second file; the link is the same."""
+"""Each autopilot family has its own file with its details. The link is the same for all families."""
 
 import pytest
 
@@ -15,7 +15,7 @@ NUMBERS = {"HOLD": 5, "OFFBOARD": 4}
 
 
 class Guided(Px4):
-    """A family with another offboard command, other mode numbers, and another frame for places."""
+    """A family with other mode numbers and another frame for setpoints."""
 
     name = "guided"
     autopilot = COPTER
@@ -33,7 +33,7 @@ class Guided(Px4):
 
 
 class Foreign(ScriptedVehicle):
-    """The scripted vehicle of that family."""
+    """A scripted vehicle of the family `Guided`."""
 
     def __init__(self):
         super().__init__(autopilot=COPTER)
@@ -49,7 +49,7 @@ class Foreign(ScriptedVehicle):
         self.say(dialect.MAVLink_command_ack_message(message.command, 0, 0, 0, 245, 191))
 
 
-def test_a_second_family_flies_through_the_same_link(monkeypatch):
+def test_a_second_autopilot_family_works_with_the_same_link(monkeypatch):
     monkeypatch.setitem(conversation.FAMILIES, COPTER, Guided())
     vehicle = Foreign()
     link = Link(vehicle.transport())
@@ -69,6 +69,6 @@ def test_a_second_family_flies_through_the_same_link(monkeypatch):
         (PositionSetpoint((1.0, 2.0, -3.0), 0.2), dialect.MAV_FRAME_LOCAL_NED, 0x9F8),
     ],
 )
-def test_px4_gets_frames_and_masks_that_it_takes(setpoint, frame, mask):
+def test_px4_setpoints_have_the_expected_frame_and_type_mask(setpoint, frame, mask):
     message = PX4.setpoint_message(setpoint, 5, 1, 1)
     assert (message.coordinate_frame, message.type_mask) == (frame, mask)

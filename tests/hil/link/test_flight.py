@@ -1,4 +1,4 @@
-"""The messages that the link sends to its own vehicle, and the end of that control."""
+"""The messages that the link sends to its vehicle, and how it ends control."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ def vehicle():
     return ScriptedVehicle()
 
 
-def test_a_setpoint_is_streamed_before_the_mode_is_asked_for(vehicle):
+def test_setpoints_are_streamed_before_offboard_mode_is_requested(vehicle):
     link = Link(vehicle.transport())
     link.connect(10.0)
     link.fly(Hold())
@@ -28,7 +28,7 @@ def test_a_setpoint_is_streamed_before_the_mode_is_asked_for(vehicle):
     assert vehicle.setpoints, "PX4 refuses offboard without a setpoint"
 
 
-def test_a_picture_is_bound_to_how_the_vehicle_leaned_when_it_was_taken(vehicle):
+def test_an_image_has_the_roll_and_pitch_of_its_capture_time(vehicle):
     vehicle.lean = (0.1, -0.2)
     link = flying(vehicle)
     taken_us = link.time_us
@@ -38,7 +38,7 @@ def test_a_picture_is_bound_to_how_the_vehicle_leaned_when_it_was_taken(vehicle)
     assert (sight.roll, sight.pitch) == pytest.approx((0.1, -0.2), abs=1e-6)
 
 
-def test_a_gimbal_between_two_reports_of_the_vehicle_is_of_its_own_time(vehicle):
+def test_a_gimbal_angle_is_stored_at_its_own_timestamp_and_interpolated(vehicle):
     link = flying(vehicle)
     for pitch in (-0.2, -0.4):
         turned = quat_from_euler(0.0, pitch, 0.0)
@@ -51,8 +51,8 @@ def test_a_gimbal_between_two_reports_of_the_vehicle_is_of_its_own_time(vehicle)
     assert link.track.at(newest_us - 50_000).gimbal_pitch == pytest.approx(-0.3, abs=0.005)
 
 
-def test_telemetry_that_newer_has_overtaken_is_of_its_own_time(vehicle):
-    """On a wire that reorders messages, an old one reports an earlier position, not the current one."""
+def test_late_telemetry_updates_the_history_but_not_the_current_state(vehicle):
+    """If the wire reorders messages, a late message reports an earlier position, not the current one."""
     link = flying(vehicle)
     late_ms, (north, east, down) = vehicle.time_ms + 20, vehicle.position
     position = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
@@ -80,7 +80,7 @@ def test_offboard_is_requested_again_until_the_stream_has_arrived(vehicle):
 
 
 @pytest.mark.parametrize(("result", "attempts"), [(1, range(3, 20)), (2, range(1, 2))])
-def test_a_lasting_refusal_of_offboard_is_reported_in_the_autopilots_words(vehicle, result, attempts):
+def test_a_permanent_rejection_of_offboard_is_reported_with_the_autopilots_text(vehicle, result, attempts):
     vehicle.refuses[176] = (result, "no valid position")
     link = Link(vehicle.transport())
     link.connect(10.0)
@@ -90,24 +90,24 @@ def test_a_lasting_refusal_of_offboard_is_reported_in_the_autopilots_words(vehic
     assert sum(c[0] == 176 for c in vehicle.commands) in attempts
 
 
-def test_the_stream_runs_at_twenty_hertz_of_vehicle_time(vehicle):
+def test_setpoints_are_sent_at_20_hz_of_vehicle_time(vehicle):
     link = flying(vehicle)
     before = len(vehicle.setpoints)
     link.wait(2.0)
     assert len(vehicle.setpoints) - before == pytest.approx(40, abs=1)
 
 
-def test_giving_up_stands_still_before_anything_else(vehicle):
+def test_give_up_sends_hold_positions_only_and_changes_the_mode(vehicle):
     link = flying(vehicle)
     began = vehicle.time_ms
     link.give_up("hold")
     after = [m for t, m in vehicle.setpoints if t > began]
     assert after
-    assert all(m.coordinate_frame == 1 for m in after)  # a place to hold, no velocity any more
+    assert all(m.coordinate_frame == 1 for m in after)  # MAV_FRAME_LOCAL_NED: a position to hold, not a velocity
     assert vehicle.mode == "HOLD"
 
 
-def test_a_decision_that_is_over_leaves_no_velocity(vehicle):
+def test_an_expired_velocity_becomes_a_position_hold(vehicle):
     link = Link(vehicle.transport())
     link.connect(10.0)
     link.fly(Velocity(1.2, None), 2.5)
@@ -118,9 +118,9 @@ def test_a_decision_that_is_over_leaves_no_velocity(vehicle):
     assert (moving[-1] - moving[0]) / 1000 <= 2.75
 
 
-def test_after_a_gap_nothing_is_sent_until_the_mode_is_known_again(vehicle):
+def test_after_a_telemetry_gap_no_setpoint_is_sent_before_the_next_heartbeat(vehicle):
     link = flying(vehicle)
-    vehicle.time_ms += 4010  # the cable was out; events of that time are unknown
+    vehicle.time_ms += 4010  # the cable was out; the link knows no events of this time
     vehicle.silent = {dialect.MAVLINK_MSG_ID_HEARTBEAT}
     sent = len(vehicle.setpoints)
     link.wait(2.0)
@@ -131,7 +131,7 @@ def test_after_a_gap_nothing_is_sent_until_the_mode_is_known_again(vehicle):
     assert len(vehicle.setpoints) > sent
 
 
-def test_a_reboot_is_noticed(vehicle):
+def test_a_reboot_raises_an_error_and_resets_the_state(vehicle):
     vehicle.time_ms = 400_000
     link = flying(vehicle)
     vehicle.time_ms, vehicle.mode, vehicle.armed = 1_000, "HOLD", False
@@ -142,7 +142,7 @@ def test_a_reboot_is_noticed(vehicle):
     assert link.time_us < 10_000_000
 
 
-def test_a_refusal_has_the_autopilots_words(vehicle):
+def test_a_rejected_command_is_reported_with_the_autopilots_text(vehicle):
     link = Link(vehicle.transport())
     link.connect(10.0)
     vehicle.refuses[22] = (1, "Takeoff denied! No valid position")
@@ -150,7 +150,7 @@ def test_a_refusal_has_the_autopilots_words(vehicle):
         link.order("take-off", 22)
 
 
-def test_old_status_texts_do_not_explain_a_refusal(vehicle):
+def test_a_rejection_is_not_reported_with_old_status_texts(vehicle):
     link = Link(vehicle.transport())
     link.connect(10.0)
     vehicle.say(dialect.MAVLink_statustext_message(2, b"Old trouble"))
@@ -162,13 +162,13 @@ def test_old_status_texts_do_not_explain_a_refusal(vehicle):
     assert "Old trouble" not in str(refused.value)
 
 
-def test_an_ardupilot_is_refused_by_name():
+def test_ardupilot_is_rejected_by_name():
     link = Link(ScriptedVehicle(autopilot=3).transport())
     with pytest.raises(LinkError, match="ArduPilot"):
         link.connect(5.0)
 
 
-def test_a_mute_link_moves_nothing_and_tells_what_it_would(vehicle):
+def test_a_dry_link_sends_no_setpoints_and_reports_those_it_would_send(vehicle):
     link = Link(vehicle.transport(), dry=True)
     would: list[Any] = []
     link.on_setpoint = would.append
@@ -197,7 +197,7 @@ def test_the_envelope_stops_the_vehicle_before_its_limits(vehicle):
     assert {name for names in limits_hit for name in names} == {"radius", "ceiling"}
 
 
-def test_an_empty_battery_ends_the_flight_once(vehicle):
+def test_a_low_battery_raises_an_envelope_error_and_landing_remains_possible(vehicle):
     link = flying(vehicle, limits=Limits(battery_min=0.3))
     vehicle.battery = 29
     with pytest.raises(EnvelopeError, match="29%"):
@@ -206,7 +206,7 @@ def test_an_empty_battery_ends_the_flight_once(vehicle):
     assert vehicle.mode == "LAND"
 
 
-def test_a_position_that_stands_still_in_time_is_not_believed(vehicle):
+def test_without_new_positions_the_vehicle_stops(vehicle):
     link = flying(vehicle, limits=Limits())
     vehicle.silent = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED}
     link.wait(1.0)
@@ -214,7 +214,7 @@ def test_a_position_that_stands_still_in_time_is_not_believed(vehicle):
     assert (last.vx, last.vy, last.vz, last.yaw_rate) == (0.0, 0.0, 0.0, 0.0)
 
 
-def test_limits_stay_where_they_are_when_home_is_moved_in_flight(vehicle):
+def test_a_change_of_home_in_flight_does_not_move_the_limits(vehicle):
     link = Link(vehicle.transport(), limits=Limits(radius_m=10.0))
     link.connect(10.0)
     link.wait(1.0)
@@ -229,7 +229,7 @@ def test_limits_stay_where_they_are_when_home_is_moved_in_flight(vehicle):
     assert 8.0 < vehicle.position[0] <= 10.0
 
 
-def test_a_home_that_is_no_number_switches_no_limit_off(vehicle):
+def test_a_home_position_with_nan_does_not_disable_the_limits(vehicle):
     vehicle.silent = {dialect.MAVLINK_MSG_ID_HOME_POSITION}
     bad = dialect.MAVLink_home_position_message(0, 0, 0, float("nan"), 0, 0, [1, 0, 0, 0], 0, 0, 0)
     link = Link(vehicle.transport(), limits=Limits(radius_m=10.0))

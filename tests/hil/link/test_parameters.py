@@ -1,4 +1,4 @@
-"""The parameter client against an autopilot that answers, a silent one, and a lossy wire."""
+"""The parameter client with an autopilot that answers, a silent autopilot, and a lossy wire."""
 
 import struct
 
@@ -11,7 +11,7 @@ from foundation.mavlink import Packer, Parser, dialect
 from hil.link.parameters import RETRY_US, TRIES, Parameters, decoded
 
 
-def test_integers_and_floats_are_read_as_they_are(meet):
+def test_integers_and_floats_are_read_with_their_types(meet):
     _, link = meet()
     values = Parameters(link).read_many(["COM_OF_LOSS_T", "NAV_RCL_ACT", "COM_FLTMODE1"])
     assert values == {"COM_OF_LOSS_T": 1.0, "NAV_RCL_ACT": 2, "COM_FLTMODE1": -1}
@@ -20,7 +20,7 @@ def test_integers_and_floats_are_read_as_they_are(meet):
 
 
 @pytest.mark.parametrize("tells", [True, False])
-def test_a_name_that_nobody_knows_is_none(meet, tells):
+def test_an_unknown_parameter_reads_as_none(meet, tells):
     _, link = meet(tells_unknown=tells)
     began_us = link.time_us
     assert Parameters(link).read_many(["NO_SUCH", "NAV_RCL_ACT"]) == {"NO_SUCH": None, "NAV_RCL_ACT": 2}
@@ -28,27 +28,27 @@ def test_a_name_that_nobody_knows_is_none(meet, tells):
     assert waited_us < RETRY_US if tells else waited_us < (TRIES + 1) * RETRY_US
 
 
-def test_a_name_that_nobody_knows_cannot_be_set(meet):
+def test_an_unknown_parameter_cannot_be_set(meet):
     _, link = meet()
     with pytest.raises(LinkError, match="NO_SUCH"):
         Parameters(link).set("NO_SUCH", 1)
 
 
 @pytest.mark.parametrize(("name", "value"), [("COM_OBL_RC_ACT", 5), ("COM_FLTMODE1", -1), ("COM_OF_LOSS_T", 0.5)])
-def test_set_parameters_keep_their_value(meet, name, value):
+def test_a_parameter_is_set_to_its_value_and_type(meet, name, value):
     autopilot, link = meet()
     assert Parameters(link).set(name, value) == value
     assert autopilot.parameters[name] == value
     assert type(autopilot.parameters[name]) is type(value)
 
 
-def test_an_autopilot_that_keeps_its_value_is_reported(meet):
+def test_an_ignored_change_is_reported_with_both_values(meet):
     _, link = meet(keeps=("COM_OBL_RC_ACT",))
     with pytest.raises(LinkError, match=r"COM_OBL_RC_ACT.* 0 .* 5"):
         Parameters(link).set("COM_OBL_RC_ACT", 5)
 
 
-def test_an_autopilot_that_does_not_answer_settings_is_reported(meet):
+def test_an_unanswered_change_is_reported(meet):
     _, link = meet(deaf_to=("PARAM_SET",))
     with pytest.raises(LinkError, match=r"COM_OBL_RC_ACT.* 0 "):
         Parameters(link).set("COM_OBL_RC_ACT", 5)
@@ -57,7 +57,7 @@ def test_an_autopilot_that_does_not_answer_settings_is_reported(meet):
 @pytest.mark.parametrize(
     ("name", "value"), [("COM_OBL_RC_ACT", 2.5), ("COM_OBL_RC_ACT", 1 << 31), ("COM_OF_LOSS_T", 1e39)]
 )
-def test_a_value_that_the_type_cannot_hold_is_refused_before_it_is_sent(meet, name, value):
+def test_a_value_out_of_range_for_its_type_is_rejected_before_it_is_sent(meet, name, value):
     autopilot, link = meet()
     with pytest.raises(UsageError, match=name):
         Parameters(link).set(name, value)
@@ -65,13 +65,13 @@ def test_a_value_that_the_type_cannot_hold_is_refused_before_it_is_sent(meet, na
 
 
 @pytest.mark.parametrize("name", ["", "A_NAME_OF_MORE_THAN_16", "SÜSS"])
-def test_a_name_that_is_none_is_refused(meet, name):
+def test_an_invalid_parameter_name_is_rejected(meet, name):
     _, link = meet()
     with pytest.raises(UsageError, match="parameter"):
         Parameters(link).read(name)
 
 
-def test_a_wire_that_loses_a_third_of_what_is_asked_only_takes_longer(meet):
+def test_parameters_are_read_and_set_although_a_third_of_the_requests_is_lost(meet):
     autopilot, link = meet()
     autopilot.loses = lambda number: number % 3 == 0
     client = Parameters(link)

@@ -1,4 +1,4 @@
-"""The link reopens after a pulled cable."""
+"""The link reopens its transport after a disconnection."""
 
 import os
 import pty
@@ -12,11 +12,11 @@ from hil.link.transport import Reopening, connect
 
 @pytest.fixture(autouse=True)
 def soon(monkeypatch):
-    """Retry after a tenth of a second; a user's wire waits half a second."""
+    """Retry after 0.1 s instead of the usual 0.5 s."""
     monkeypatch.setattr("hil.link.transport.RETRY_S", 0.1)
 
 
-def test_a_tcp_wire_that_breaks_is_opened_again():
+def test_a_broken_tcp_connection_is_reopened():
     listener = socket.create_server(("127.0.0.1", 0))
     url = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
     wire = Reopening(lambda: connect(url))
@@ -26,14 +26,14 @@ def test_a_tcp_wire_that_breaks_is_opened_again():
         assert wire.receive(2.0) == b"hello"
         assert wire.reopened == round_trip
         peer.close()
-        assert wire.receive(2.0) == b""  # the end of the connection, no exception
+        assert wire.receive(2.0) == b""  # the connection ends without an exception
         wire.send(b"lost")
-        assert wire.receive(0.2) == b""  # opened again on the way
+        assert wire.receive(0.2) == b""  # receive reopens the connection
     wire.close()
     listener.close()
 
 
-def test_a_serial_device_that_is_plugged_in_again_is_used_again(tmp_path):
+def test_a_serial_device_is_reopened_after_it_is_plugged_in_again(tmp_path):
     device = tmp_path / "ttyACM0"
     line, far = pty.openpty()
     device.symlink_to(os.ttyname(far))
@@ -54,6 +54,6 @@ def test_a_serial_device_that_is_plugged_in_again_is_used_again(tmp_path):
     wire.close()
 
 
-def test_a_wire_that_does_not_open_at_first_is_reported():
+def test_a_connection_that_cannot_be_opened_at_first_raises_an_error():
     with pytest.raises(LinkError, match=r"127\.0\.0\.1:1"):
         Reopening(lambda: connect("tcp://127.0.0.1:1"))

@@ -1,4 +1,4 @@
-"""Setpoint rate: fewer setpoints than ticks, or more frequent ticks."""
+"""Setpoint rate: a rate below the tick rate, and a higher rate through faster telemetry."""
 
 import itertools
 
@@ -13,26 +13,26 @@ from hil.link.streams import FAST, Streams
 @example(15.0, [0] * 400)
 @example(19.92578125, ([0] * 6 + [-1, 1]) * 50)
 @example(19.92578125, [-1, 1] * 200)
-def test_as_many_are_sent_as_was_asked_for_and_never_two_at_once(hz: float, rounding: list[int]) -> None:
+def test_setpoints_are_sent_at_the_requested_rate_and_evenly_spaced(hz: float, rounding: list[int]) -> None:
     rate = SetpointRate(hz)
     ticks = [50_000 * (n + 20) + 1000 * off for n, off in enumerate(rounding)]
     sent = [tick for tick in ticks if rate.due(tick)]
-    assert abs(len(sent) - 20.0 * hz) <= 2  # in twenty seconds; a stamp that is rounded up may cost one tick
+    assert abs(len(sent) - 20.0 * hz) <= 2  # in 20 s; a timestamp that is rounded up may cost one tick
     assert all(later - earlier > 1e6 / hz - 52_000 for earlier, later in itertools.pairwise(sent))
 
 
-def test_without_a_rate_every_tick_sends_and_a_restarted_clock_is_no_reason_to_wait() -> None:
+def test_without_a_rate_every_tick_is_due_and_a_clock_restart_causes_no_delay() -> None:
     always, seldom = SetpointRate(), SetpointRate(2.0)
     assert all(always.due(time_us) for time_us in (0, 50_000, 100_000, 10_000))
     assert seldom.due(90_000_000)
     assert not seldom.due(90_400_000)
     assert seldom.due(1_000_000)  # the vehicle has rebooted
     assert not seldom.due(1_400_000)
-    assert seldom.due(60_000_000)  # after a pause one setpoint is due, not all that were missed
+    assert seldom.due(60_000_000)  # after a pause, one setpoint is due, not all the missed ones
     assert not seldom.due(60_050_000)
 
 
-def test_quicker_telemetry_is_asked_for_and_then_counted_anew() -> None:
+def test_quicken_requests_faster_telemetry_and_restarts_the_count() -> None:
     streams = Streams()
     streams.check(1_000_000)
     requests = streams.quicken(20_000)

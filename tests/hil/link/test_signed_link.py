@@ -1,4 +1,4 @@
-"""A link with a key signs with MAVLink 2 signing, and accepts only messages signed with the same key."""
+"""A link with a key signs its messages (MAVLink 2) and accepts only messages signed with the same key."""
 
 import pytest
 
@@ -13,12 +13,12 @@ from tests.hil.link.test_impostor import ATTACKS
 from vehicles import airframe
 
 KEY, OTHER = bytes(range(1, 33)), bytes(range(2, 34))
-NO_KEY = bytes(32)  # PX4 1.17 signs with it until it gets a key, and accepts every sender
+NO_KEY = bytes(32)  # PX4 1.17 signs with this key until it gets another one, and accepts every sender
 UNIX_S = 1_790_000_000.0
 
 
 class SigningVehicle(ScriptedVehicle):
-    """Signs and checks with pymavlink, independent of our signing."""
+    """A scripted vehicle that signs and verifies with pymavlink, independently of our implementation."""
 
     def __init__(self, key=KEY):
         super().__init__()
@@ -44,7 +44,7 @@ def link_to(vehicle, key=KEY):
     return Link(vehicle.transport(), key=key, unix_s=lambda: UNIX_S)
 
 
-def test_a_vehicle_that_signs_is_flown_and_hears_only_signed_messages():
+def test_a_signing_vehicle_flies_and_receives_only_validly_signed_messages():
     vehicle = SigningVehicle()
     link = link_to(vehicle)
     link.connect(10.0)
@@ -80,7 +80,7 @@ def test_messages_not_signed_with_the_key_are_ignored(attack, key):
     assert link.state.position_ned == pytest.approx(vehicle.position, abs=0.2)
 
 
-def test_a_recorded_message_is_not_believed_again():
+def test_a_replayed_message_is_ignored():
     vehicle = SigningVehicle()
     link = link_to(vehicle)
     link.connect(10.0)
@@ -96,7 +96,7 @@ def test_a_recorded_message_is_not_believed_again():
     assert link.state.mode == "HOLD"
 
 
-def test_one_forged_time_does_not_shut_the_vehicle_out():
+def test_a_forged_timestamp_does_not_block_the_vehicle():
     vehicle = SigningVehicle()
     link = link_to(vehicle)
     link.connect(10.0)
@@ -116,13 +116,13 @@ def test_one_forged_time_does_not_shut_the_vehicle_out():
     ],
     ids=["no key", "PX4 without a key", "another key"],
 )
-def test_the_reason_of_disbelief_is_stated_without_the_key(vehicle, key, expected):
+def test_the_connect_error_states_the_signing_problem_without_the_key(vehicle, key, expected):
     with pytest.raises(LinkError, match=expected) as refusal:
         link_to(vehicle, key).connect(5.0)
     assert all(str(part) not in str(refusal.value) for part in (KEY, KEY.hex(), OTHER.hex()))
 
 
-def test_a_link_without_a_key_gets_an_error_that_asks_for_one():
+def test_an_unsigned_link_to_a_signing_vehicle_raises_an_error_that_names_the_option():
     vehicle = SigningVehicle()
     link = link_to(vehicle, key=b"")
     link.connect(10.0)
@@ -130,7 +130,7 @@ def test_a_link_without_a_key_gets_an_error_that_asks_for_one():
         link.set_mode("HOLD")
 
 
-def test_a_link_to_a_px4_without_a_key_gets_no_such_error():
+def test_an_unsigned_link_to_a_px4_without_a_key_raises_no_signing_error():
     vehicle = SigningVehicle(key=NO_KEY)
     link = link_to(vehicle, key=b"")
     link.connect(10.0)
@@ -144,7 +144,7 @@ def simulated():
     return vehicle, Lockstep(Simulation([vehicle])).transport(0)
 
 
-def test_our_simulator_is_given_a_key_and_then_flies_for_its_owner_alone():
+def test_the_simulator_accepts_a_key_and_then_obeys_only_its_owner():
     vehicle, transport = simulated()
     link = Link(transport, unix_s=lambda: UNIX_S)
     link.connect()
@@ -174,7 +174,7 @@ def test_a_vehicle_that_rejects_the_key_is_reported():
         link.give_key(KEY)
 
 
-def test_an_armed_vehicle_is_given_no_key():
+def test_no_key_is_sent_to_an_armed_vehicle():
     vehicle = ScriptedVehicle()
     link = link_to(vehicle, key=b"")
     link.connect(10.0)

@@ -1,4 +1,4 @@
-"""The link notices a vehicle that stops sending, wholly or in its important messages."""
+"""The link detects that a vehicle stops sending all messages, or its important ones."""
 
 import threading
 import time
@@ -15,7 +15,7 @@ from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
 
 class Peer(threading.Thread):
-    """Sends heartbeats while `beating`, and positions while `positions`."""
+    """Sends messages while `beating` is true: always heartbeats, and telemetry while `positions` is true."""
 
     def __init__(self, url):
         super().__init__(daemon=True)
@@ -33,7 +33,7 @@ class Peer(threading.Thread):
                 messages.append(dialect.MAVLink_attitude_message(milliseconds, 0, 0, 0, 0, 0, 0))
             for message in messages:
                 self.transport.send(self.packer.pack(message))
-            time.sleep(0.02)  # the pace of a vehicle
+            time.sleep(0.02)  # telemetry rate of a vehicle
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def flying():
     link.close()
 
 
-def test_silence_is_noticed(flying):
+def test_a_silent_vehicle_raises_an_error(flying):
     link, peer = flying
     link.wait(0.2)
     peer.beating = False
@@ -57,7 +57,7 @@ def test_silence_is_noticed(flying):
         link.wait(60.0)
 
 
-def test_heartbeats_without_telemetry_are_noticed(flying):
+def test_heartbeats_without_telemetry_raise_an_error(flying):
     link, peer = flying
     link.wait(0.2)
     peer.positions = False
@@ -66,7 +66,7 @@ def test_heartbeats_without_telemetry_are_noticed(flying):
 
 
 class Stopping(Transport):
-    """A vehicle at the end of a memory wire that can be stopped, and a clock that goes on meanwhile."""
+    """An in-memory transport to a vehicle that can be paused while the wall clock continues."""
 
     def __init__(self):
         self.vehicle = ScriptedVehicle()
@@ -99,7 +99,7 @@ class Stopping(Transport):
         return link
 
 
-def test_a_stopped_vehicle_is_reported_with_the_time_lost():
+def test_a_pause_of_the_vehicle_is_reported_with_its_duration():
     wire = Stopping()
     silences: list[float] = []
     link = wire.flying_link()
@@ -109,7 +109,7 @@ def test_a_stopped_vehicle_is_reported_with_the_time_lost():
     assert silences == [pytest.approx(3.0, abs=0.2)]
 
 
-def test_a_pause_of_our_own_is_not_the_vehicles():
+def test_a_pause_of_our_own_process_is_not_reported_as_silence():
     wire = Stopping()
     silences: list[float] = []
     link = wire.flying_link()
@@ -119,7 +119,7 @@ def test_a_pause_of_our_own_is_not_the_vehicles():
     assert silences == []
 
 
-def test_a_vehicle_that_is_gone_is_not_waited_for_again_with_every_order():
+def test_give_up_does_not_wait_for_each_command_after_the_link_is_silent():
     wire = Stopping()
     link = wire.flying_link(silence_s=8.0)
     wire.stopped_s, begun_s = 1e9, wire.wall_s
@@ -131,7 +131,7 @@ def test_a_vehicle_that_is_gone_is_not_waited_for_again_with_every_order():
     assert wire.wall_s - begun_s < 12.0
 
 
-def test_an_absent_vehicle_is_reported_after_the_patience():
+def test_connect_to_an_absent_vehicle_fails_after_the_timeout():
     transport = connect("udpin://127.0.0.1:0")
     link = Link(transport)
     with pytest.raises(LinkError, match="heartbeat"):

@@ -11,7 +11,7 @@ def pieces(text, text_id, severity=2):
 
 
 @given(st.lists(st.text("abcdefgh ", min_size=1, max_size=180).filter(str.strip), min_size=1, max_size=5))
-def test_texts_in_pieces_come_out_whole_and_in_order(texts):
+def test_texts_sent_in_chunks_are_reassembled_in_order(texts):
     status_texts = StatusTexts()
     for number, text in enumerate(texts, 1):
         for piece in pieces(text, number):
@@ -20,7 +20,7 @@ def test_texts_in_pieces_come_out_whole_and_in_order(texts):
     assert [entry.text for entry in status_texts.newest] == [" ".join(text.split()) for text in texts]
 
 
-def test_only_warnings_and_worse_since_then():
+def test_since_returns_recent_texts_of_at_least_warning_severity():
     status_texts = StatusTexts()
     for time_us, severity, text in ((1, 2, b"old"), (5, 6, b"chatter"), (5, 4, b"warning\t"), (6, 4, b"warning")):
         status_texts.take(dialect.MAVLink_statustext_message(severity, text), time_us)

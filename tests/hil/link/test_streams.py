@@ -1,4 +1,4 @@
-"""Telemetry requests of a flight are repeated until the messages come, and reduced to fit the wire."""
+"""The link repeats telemetry requests until the messages arrive, and reduces rates to fit the wire."""
 
 from foundation.mavlink import MODES, dialect
 from hil.link.link import Link
@@ -10,7 +10,7 @@ ODOMETRY = dialect.MAVLINK_MSG_ID_ODOMETRY
 
 
 def receive(streams, share, begin_us, seconds=3.0, foreign=0):
-    """Let all wanted messages arrive at `share` of their rate, and return the following requests."""
+    """Let all wanted messages arrive at `share` of their rate, and return the requests that follow."""
     streams.check(begin_us)
     for message_id, interval_us in streams.wanted.items():
         for _ in range(round(share * seconds * 1e6 / interval_us)):
@@ -20,7 +20,7 @@ def receive(streams, share, begin_us, seconds=3.0, foreign=0):
     return streams.check(begin_us + round(seconds * 1e6))
 
 
-def test_nothing_is_asked_for_while_all_is_well():
+def test_nothing_is_requested_while_all_messages_arrive():
     assert receive(Streams(), 1.0, 1_000_000) == []
 
 
@@ -34,7 +34,7 @@ def test_missing_messages_are_requested_again():
     assert [(r.message_id, r.interval_us) for r in streams.check(3_000_000)] == [(POSITION, 50_000)]
 
 
-def test_a_full_wire_is_relieved_of_what_nobody_reads_and_then_slowed_down_to_five_hertz():
+def test_on_a_full_wire_unused_streams_stop_and_then_rates_fall_to_5_hz():
     streams = Streams()
     first = receive(streams, 0.4, 0, foreign=100)
     assert [(r.message_id, r.interval_us) for r in first] == [(ODOMETRY, -1)]
@@ -44,7 +44,7 @@ def test_a_full_wire_is_relieved_of_what_nobody_reads_and_then_slowed_down_to_fi
     assert {(r.message_id, r.interval_us) for r in receive(streams, 0.4, 30_000_000)} == {(i, 200_000) for i in FAST}
 
 
-def test_single_messages_are_asked_for_until_they_have_come():
+def test_single_messages_are_requested_until_they_arrive():
     streams = Streams()
     assert dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION in streams.once()
     streams.saw(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, 78)
@@ -52,7 +52,7 @@ def test_single_messages_are_asked_for_until_they_have_come():
 
 
 class LateFix(ScriptedVehicle):
-    """Streams everything a link wants. It accepts requests for its origin at any time, and has none before 5 s."""
+    """Sends all streams that a link wants. It accepts requests for its origin, but has no origin before 5 s."""
 
     def step(self):
         super().step()
@@ -70,7 +70,7 @@ class LateFix(ScriptedVehicle):
             self.say(dialect.MAVLink_gps_global_origin_message(474000000, 85000000, 488000))
 
 
-def test_an_origin_that_is_not_there_yet_is_asked_for_again_and_only_until_it_comes():
+def test_the_origin_is_requested_until_it_arrives():
     vehicle = LateFix()
     link = Link(vehicle.transport())
     link.connect(10.0)
@@ -83,13 +83,13 @@ def test_an_origin_that_is_not_there_yet_is_asked_for_again_and_only_until_it_co
     assert dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN not in later
 
 
-def test_a_clock_that_begins_anew_begins_a_new_count():
+def test_a_clock_restart_restarts_the_count():
     streams = Streams()
     streams.check(100_000_000)
     assert streams.check(1_000_000) == []
 
 
-def test_a_crowded_out_message_stops_unwanted_streams():
+def test_a_message_that_does_not_fit_on_the_wire_stops_unwanted_streams():
     streams = Streams()
     for begin_us in (0, 3_000_000):
         streams.check(begin_us)
@@ -106,7 +106,7 @@ def test_a_crowded_out_message_stops_unwanted_streams():
     }
 
 
-def test_a_link_that_closes_gives_every_stream_back_to_the_autopilot():
+def test_closing_a_link_resets_every_stream_to_the_autopilots_default_rate():
     vehicle = ScriptedVehicle()
     link = Link(vehicle.transport())
     link.connect(10.0)
@@ -117,7 +117,7 @@ def test_a_link_that_closes_gives_every_stream_back_to_the_autopilot():
     assert given_back == {*link.streams.wanted, *OFFERED, ODOMETRY}
 
 
-def test_a_message_that_an_autopilot_does_not_have_slows_nothing_down():
+def test_a_message_that_the_autopilot_lacks_does_not_reduce_the_rates():
     streams = Streams()
     for begin_us in range(0, 30_000_000, 3_000_000):
         requests = streams.check(begin_us)
@@ -127,6 +127,6 @@ def test_a_message_that_an_autopilot_does_not_have_slows_nothing_down():
                 for _ in range(3_000_000 // interval_us):
                     streams.saw(message_id, 40)
     assert streams.slowed == 0
-    for begin_us in (40_000_000, 43_000_000, 46_000_000):  # and a full wire is still detected
+    for begin_us in (40_000_000, 43_000_000, 46_000_000):  # a full wire is still detected
         receive(streams, 0.4, begin_us)
     assert streams.slowed > 0

@@ -1,4 +1,4 @@
-"""Control of the vehicle: hand-over, takeover, and messages that are never sent against a person."""
+"""Control of the vehicle: hand-over, takeover, and the messages that the link never sends after a takeover."""
 
 import pytest
 
@@ -15,7 +15,7 @@ def vehicle():
 
 
 @pytest.mark.parametrize("mode", ["POSCTL", "HOLD", "RETURN", "LAND", "ALTCTL"])
-def test_nothing_is_sent_after_the_heartbeat_that_shows_another_hand(vehicle, mode):
+def test_nothing_is_sent_after_a_heartbeat_that_shows_a_takeover(vehicle, mode):
     link = flying(vehicle)
     vehicle.mode = mode
     vehicle.say(vehicle.heartbeat())
@@ -23,7 +23,7 @@ def test_nothing_is_sent_after_the_heartbeat_that_shows_another_hand(vehicle, mo
     with pytest.raises(TakeoverError, match=mode):
         link.wait(5.0)
     assert len(vehicle.setpoints) == sent
-    for _ in range(3):  # and it stays so, whatever is tried
+    for _ in range(3):  # the takeover is permanent
         with pytest.raises(TakeoverError):
             link.tick()
     link.fly(Velocity(1.0, None), 2.0)
@@ -35,7 +35,7 @@ def test_nothing_is_sent_after_the_heartbeat_that_shows_another_hand(vehicle, mo
     assert vehicle.mode == mode
 
 
-def test_a_mode_that_we_ask_for_ourselves_is_no_takeover(vehicle):
+def test_a_mode_change_that_the_link_requests_is_not_a_takeover(vehicle):
     link = flying(vehicle)
     link.give_up("land")
     assert vehicle.mode == "LAND"
@@ -44,7 +44,7 @@ def test_a_mode_that_we_ask_for_ourselves_is_no_takeover(vehicle):
     link.wait(2.0)
 
 
-def test_a_person_arms_takes_off_and_hands_over(vehicle):
+def test_a_person_can_arm_take_off_and_hand_over(vehicle):
     vehicle.armed, vehicle.landed, vehicle.mode = False, True, "POSCTL"
     link = Link(vehicle.transport())
     link.connect(10.0)
@@ -57,11 +57,11 @@ def test_a_person_arms_takes_off_and_hands_over(vehicle):
     link.on_wait = person
     link.await_handover()
     assert vehicle.mode == "HOLD"
-    assert {c[0] for c in vehicle.commands} <= {511, 512}  # no order was sent
+    assert {c[0] for c in vehicle.commands} <= {511, 512}  # no flight command
 
 
 @pytest.mark.parametrize("mode", ["HOLD", "OFFBOARD"])
-def test_a_hand_over_high_up_holds_high_up(vehicle, mode):
+def test_the_hold_after_a_hand_over_keeps_the_height(vehicle, mode):
     vehicle.armed, vehicle.landed, vehicle.mode, vehicle.position = True, True, "POSCTL", [0.0, 0.0, 0.0]
     link = Link(vehicle.transport(), limits=Limits())
     link.connect(10.0)
@@ -85,7 +85,7 @@ def test_a_hand_over_high_up_holds_high_up(vehicle, mode):
     assert all(m.z < -7.0 for t, m in vehicle.setpoints if t > vehicle.time_ms - 2500)
 
 
-def test_a_vehicle_that_a_person_has_in_hand_is_none_of_ours_to_land(vehicle):
+def test_the_link_may_not_fly_a_vehicle_that_a_person_flies(vehicle):
     vehicle.mode = "POSCTL"
     link = Link(vehicle.transport())
     link.connect(10.0)
@@ -94,7 +94,7 @@ def test_a_vehicle_that_a_person_has_in_hand_is_none_of_ours_to_land(vehicle):
     assert not link.may_fly()
 
 
-def test_nothing_is_sent_after_a_takeover_that_was_read_between_two_ticks(vehicle):
+def test_nothing_is_sent_after_a_takeover_between_two_ticks(vehicle):
     link = flying(vehicle)
     vehicle.mode = "POSCTL"
     vehicle.say(vehicle.heartbeat())
@@ -106,7 +106,7 @@ def test_nothing_is_sent_after_a_takeover_that_was_read_between_two_ticks(vehicl
     assert len(vehicle.setpoints) == sent
 
 
-def test_a_takeover_between_two_offboards_stays_one(vehicle):
+def test_a_takeover_between_two_offboard_periods_prevents_the_second(vehicle):
     link = flying(vehicle)
     link.stop_offboard()
     vehicle.mode = "POSCTL"
@@ -117,12 +117,12 @@ def test_a_takeover_between_two_offboards_stays_one(vehicle):
     assert vehicle.mode == "POSCTL"
 
 
-def test_a_takeover_during_the_take_off_is_not_landed_by_us(vehicle):
+def test_after_a_takeover_during_take_off_the_link_does_not_land_the_vehicle(vehicle):
     link = Link(vehicle.transport())
     link.connect(10.0)
     link.arm()
     vehicle.mode, vehicle.landed = "TAKEOFF", True
-    link.wait(2.0)  # TAKEOFF is no takeover
+    link.wait(2.0)  # TAKEOFF is not a takeover
     vehicle.mode = "ALTCTL"
     with pytest.raises(TakeoverError, match="ALTCTL"):
         link.wait_for(lambda state: False, 5.0, "reaching take-off height")
@@ -131,7 +131,7 @@ def test_a_takeover_during_the_take_off_is_not_landed_by_us(vehicle):
     assert vehicle.mode == "ALTCTL"
 
 
-def test_an_order_whose_answer_is_lost_is_not_repeated_against_a_pilot(vehicle):
+def test_a_command_without_acknowledgement_is_not_repeated_after_a_takeover(vehicle):
     link = Link(vehicle.transport())
     link.connect(10.0)
     link.fly(Hold())
@@ -149,7 +149,7 @@ def test_an_order_whose_answer_is_lost_is_not_repeated_against_a_pilot(vehicle):
     assert vehicle.mode == "POSCTL"
 
 
-def test_a_takeover_between_the_hold_and_the_landing_is_not_landed(vehicle):
+def test_a_takeover_between_hold_and_landing_cancels_the_landing(vehicle):
     link = flying(vehicle)
     taken_from: list[str] = []
 
@@ -165,7 +165,7 @@ def test_a_takeover_between_the_hold_and_the_landing_is_not_landed(vehicle):
     assert vehicle.mode == "POSCTL"
 
 
-def test_a_vehicle_that_is_disarmed_in_flight_is_not_flown_when_somebody_arms_it_again(vehicle):
+def test_a_vehicle_disarmed_in_flight_is_not_flown_after_it_is_armed_again(vehicle):
     link = flying(vehicle)
     vehicle.armed = False
     with pytest.raises(TakeoverError, match="disarmed"):
@@ -178,11 +178,11 @@ def test_a_vehicle_that_is_disarmed_in_flight_is_not_flown_when_somebody_arms_it
     assert not link.may_fly()
 
 
-def test_neither_a_failsafes_hold_nor_a_passing_switch_hands_over(vehicle):
+def test_a_failsafe_hold_or_a_brief_hold_is_not_a_hand_over(vehicle):
     vehicle.mode, vehicle.system_status = "POSCTL", 4
     link = Link(vehicle.transport())
     link.connect(10.0)
-    # a failsafe's hold of five seconds; a switch that passes through Hold; and then a hand-over
+    # a failsafe hold of 5 s, a mode switch that passes through Hold, then a hand-over
     steps = {4000: ("HOLD", 5), 9000: ("POSCTL", 4), 12000: ("HOLD", 4), 12500: ("POSCTL", 4), 15000: ("HOLD", 4)}
 
     def person():
@@ -195,17 +195,17 @@ def test_neither_a_failsafes_hold_nor_a_passing_switch_hands_over(vehicle):
     assert 16_000 <= vehicle.time_ms < 18_000
 
 
-def test_a_landing_that_ends_in_the_mode_before_it_is_no_takeover(vehicle):
+def test_a_landing_that_ends_in_the_previous_mode_is_not_a_takeover(vehicle):
     link = flying(vehicle)
     link.set_mode("LAND")
-    vehicle.mode = "OFFBOARD"  # a PX4 sends it just before it reports that it is disarmed
+    vehicle.mode = "OFFBOARD"  # PX4 sends this just before it reports that it is disarmed
     vehicle.say(vehicle.heartbeat())
     vehicle.armed = False
     link.wait_for(lambda state: not state.armed, 5.0, "landing")
 
 
 @pytest.mark.parametrize("stays", [False, True])
-def test_a_word_of_the_mode_before_that_comes_late_is_no_takeover_but_one_that_stays_is(vehicle, stays):
+def test_a_late_heartbeat_of_the_previous_mode_is_not_a_takeover_but_a_lasting_change_is(vehicle, stays):
     link = Link(vehicle.transport())
     link.connect(10.0)
     old = vehicle.heartbeat()
@@ -214,7 +214,7 @@ def test_a_word_of_the_mode_before_that_comes_late_is_no_takeover_but_one_that_s
     vehicle.say(old)
     link.wait(0.1)
     if not stays:
-        vehicle.say(vehicle.heartbeat())  # the present one, which had overtaken it, comes ten times a second from a PX4
+        vehicle.say(vehicle.heartbeat())  # PX4 sends the current mode ten times per second
         link.wait(2.0)
         assert link.taken_by is None
         return
@@ -223,7 +223,7 @@ def test_a_word_of_the_mode_before_that_comes_late_is_no_takeover_but_one_that_s
         link.wait(2.0)
 
 
-def test_a_failsafe_of_a_real_vehicle_ends_the_flight_and_is_not_taken_for_a_person(vehicle):
+def test_a_failsafe_of_a_real_vehicle_ends_the_flight_and_is_reported_as_a_failsafe(vehicle):
     link = flying(vehicle)
     vehicle.mode, vehicle.system_status = "POSCTL", 5
     vehicle.say(vehicle.heartbeat())
@@ -242,21 +242,21 @@ def test_old_status_texts_do_not_explain_a_mode_change(vehicle, before_s, whose)
         link.wait(2.0)
 
 
-def test_a_failsafe_of_a_simulated_vehicle_is_part_of_its_flight(vehicle):
+def test_a_failsafe_of_a_simulated_vehicle_does_not_end_the_flight(vehicle):
     link = flying(vehicle, simulated=True)
     vehicle.mode, vehicle.system_status = "POSCTL", 5
     vehicle.say(vehicle.heartbeat())
     sent = len(vehicle.setpoints)
     link.wait(3.0)
-    assert len(vehicle.setpoints) > sent + 50  # PX4 returns to a stream that goes on
+    assert len(vehicle.setpoints) > sent + 50  # PX4 returns to offboard if the stream continues
     vehicle.mode, vehicle.system_status = "OFFBOARD", 4
     link.wait(2.0)
-    vehicle.mode, vehicle.armed, vehicle.system_status = "HOLD", False, 3  # and then it crashes for good
+    vehicle.mode, vehicle.armed, vehicle.system_status = "HOLD", False, 3  # then it crashes
     link.wait(5.0)
     assert link.taken_by is None
 
 
-def test_a_person_takes_over_a_simulated_vehicle_too(vehicle):
+def test_a_person_can_take_over_a_simulated_vehicle(vehicle):
     link = flying(vehicle, simulated=True)
     vehicle.mode = "POSCTL"
     with pytest.raises(TakeoverError, match=r"POSCTL.*person"):
@@ -264,8 +264,8 @@ def test_a_person_takes_over_a_simulated_vehicle_too(vehicle):
 
 
 @pytest.mark.parametrize("simulated", [False, True])
-def test_a_takeover_is_noticed_within_a_second(vehicle, simulated):
-    """With CURRENT_MODE, requested by a flight at 10 Hz; the next heartbeat shows that it was no failsafe."""
+def test_a_takeover_is_detected_within_a_second(vehicle, simulated):
+    """CURRENT_MODE (10 Hz) shows the change. In simulation, the next heartbeat shows that it is not a failsafe."""
     link = flying(vehicle, simulated=simulated)
     vehicle.mode, changed_us = "POSCTL", vehicle.time_ms * 1000
     vehicle.say(dialect.MAVLink_current_mode_message(0, MODES["POSCTL"].custom_mode, MODES["POSCTL"].custom_mode))
@@ -274,9 +274,9 @@ def test_a_takeover_is_noticed_within_a_second(vehicle, simulated):
     assert link.time_us - changed_us <= (1_000_000 if simulated else 100_000)
 
 
-def test_on_a_bad_wire_a_failsafe_of_a_simulated_vehicle_may_go_untold_for_long(vehicle):
+def test_lost_heartbeats_during_a_failsafe_of_a_simulated_vehicle_are_not_a_takeover(vehicle):
     link = flying(vehicle, simulated=True)
-    vehicle.silent.add(dialect.MAVLINK_MSG_ID_HEARTBEAT)  # lost, all of them
+    vehicle.silent.add(dialect.MAVLINK_MSG_ID_HEARTBEAT)  # all heartbeats are lost
     vehicle.mode, vehicle.system_status = "POSCTL", 5
     vehicle.say(dialect.MAVLink_current_mode_message(0, MODES["POSCTL"].custom_mode, MODES["POSCTL"].custom_mode))
     link.wait(8.0)
@@ -286,7 +286,7 @@ def test_on_a_bad_wire_a_failsafe_of_a_simulated_vehicle_may_go_untold_for_long(
 
 
 class LateHold(ScriptedVehicle):
-    """Acknowledges a hold before it shows it, and shows it with the next order, as a PX4 may."""
+    """Acknowledges a hold at once, but sends its heartbeat only with the next command, as PX4 may do."""
 
     def __init__(self):
         super().__init__()
@@ -303,7 +303,7 @@ class LateHold(ScriptedVehicle):
             self.out = before + self.late + shown
 
 
-def test_our_own_hold_that_is_shown_after_the_order_to_land_is_no_takeover():
+def test_a_late_heartbeat_of_the_requested_hold_is_not_a_takeover():
     vehicle = LateHold()
     link = flying(vehicle)
     link.give_up("land")
@@ -312,7 +312,7 @@ def test_our_own_hold_that_is_shown_after_the_order_to_land_is_no_takeover():
     assert vehicle.mode == "LAND"
 
 
-def test_a_takeover_has_no_text_of_long_before(vehicle):
+def test_a_takeover_is_not_reported_with_old_status_texts(vehicle):
     link = flying(vehicle)
     vehicle.say(dialect.MAVLink_statustext_message(4, b"Preflight Fail: something else"))
     link.wait(5.0)

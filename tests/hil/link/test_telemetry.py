@@ -6,7 +6,7 @@ from foundation.mavlink import MODES, Packer, Parser, dialect, mode_name
 from hil.link.telemetry import VehicleClock, VehicleState, update
 
 
-def test_clock_survives_the_wrap_of_49_days():
+def test_clock_handles_the_wrap_after_49_days():
     clock = VehicleClock()
     clock.see((1 << 32) - 50, 0.0)
     before = clock.time_us
@@ -14,7 +14,7 @@ def test_clock_survives_the_wrap_of_49_days():
     assert clock.time_us == before + 80_000
 
 
-def test_clock_ignores_late_packets_and_notices_a_reboot():
+def test_clock_ignores_late_packets_and_detects_a_reboot():
     clock = VehicleClock()
     clock.see(100_000, 0.0)
     clock.see(99_900, 0.1)
@@ -26,7 +26,7 @@ def test_clock_ignores_late_packets_and_notices_a_reboot():
 
 
 @pytest.mark.parametrize("claimed_ms", [700, 300_000])
-def test_stamps_that_contradict_the_clock_are_not_believed_while_others_go_on_from_it(claimed_ms):
+def test_contradicting_timestamps_are_ignored_while_consistent_ones_arrive(claimed_ms):
     clock = VehicleClock()
     for n in range(200):
         clock.see(100_000 + 50 * n, 0.05 * n)
@@ -36,7 +36,7 @@ def test_stamps_that_contradict_the_clock_are_not_believed_while_others_go_on_fr
     assert clock.reboots == 0
 
 
-def test_a_burst_of_stamps_confirms_nothing():
+def test_a_burst_of_timestamps_does_not_confirm_a_reboot():
     clock = VehicleClock()
     clock.see(100_000, 0.0)
     for n in range(100):
@@ -45,7 +45,7 @@ def test_a_burst_of_stamps_confirms_nothing():
 
 
 @pytest.mark.parametrize("damaged_ms", [4_000_000_000, 2_000_000_000, 300_000, 5])
-def test_one_damaged_stamp_neither_stops_nor_throws_the_clock(damaged_ms):
+def test_one_damaged_timestamp_does_not_affect_the_clock(damaged_ms):
     clock = VehicleClock()
     clock.see(100_000, 0.0)
     clock.see(damaged_ms, 0.0)
@@ -55,21 +55,21 @@ def test_one_damaged_stamp_neither_stops_nor_throws_the_clock(damaged_ms):
     assert clock.reboots == 0
 
 
-def test_a_late_packet_from_before_the_wrap_is_late():
+def test_a_late_packet_from_before_the_wrap_is_ignored():
     clock = VehicleClock()
     for stamp in ((1 << 32) - 50, 30, (1 << 32) - 10, 50):
         clock.see(stamp, 0.0)
     assert clock.time_us == ((1 << 32) + 50) * 1000
 
 
-def test_a_vehicle_that_comes_back_after_minutes_has_its_clock_again():
+def test_the_clock_follows_a_vehicle_that_returns_after_minutes():
     clock = VehicleClock()
     for stamp in (100_000, *range(500_000, 500_400, 20)):
         clock.see(stamp, stamp / 1000)
     assert clock.time_us == 500_380_000
 
 
-def test_a_message_is_of_its_own_time_however_late_it_comes():
+def test_a_late_message_keeps_its_own_time():
     clock = VehicleClock()
     assert clock.of(90) == 0  # no time has arrived yet
     for stamp in ((1 << 32) - 50, 30):
@@ -79,7 +79,7 @@ def test_a_message_is_of_its_own_time_however_late_it_comes():
     assert [clock.of(stamp) for stamp in (40, (1 << 32) - 6_000)] == [now_us, now_us]  # a damaged stamp has no effect
 
 
-def test_overtaken_messages_are_skipped():
+def test_late_messages_do_not_change_the_state():
     place = dialect.MAVLink_local_position_ned_message(1, 1, 2, 3, 0, 0, 0)
     angles = dialect.MAVLink_attitude_message(1, 0, 0, 1, 0, 0, 0)
     older = dialect.MAVLink_local_position_ned_message(0, 9, 9, 9, 0, 0, 0)
@@ -135,6 +135,6 @@ def test_garbage_between_messages_is_skipped(garbage, count):
     beat = dialect.MAVLink_heartbeat_message(2, 12, 129, 0, 4, 3)
     parser.feed(garbage)
     got = 0
-    for _ in range(count + 25):  # a false start may swallow at most one frame of 280 bytes
+    for _ in range(count + 25):  # garbage may look like a frame start and swallow up to 280 bytes
         got += len([m for m in parser.feed(packer.pack(beat)) if m.get_type() == "HEARTBEAT"])
     assert got >= count

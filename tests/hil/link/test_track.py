@@ -15,7 +15,7 @@ def make_track(*, places=(), headings=()):
     return track
 
 
-def test_a_lean_is_interpolated_and_never_carried_on():
+def test_roll_and_pitch_are_interpolated_but_not_extrapolated():
     track = make_track(places=[(1_000_000, 1.0, 0.0)], headings=[(1_000_000, 0.5, 0.0)])
     assert (track.at(1_000_000).roll, track.at(1_000_000).pitch) == (0.0, 0.0)
     track.tilt(1_000_000, 0.1, -0.2)
@@ -28,24 +28,24 @@ def test_a_lean_is_interpolated_and_never_carried_on():
 STANDING = [(1_000_000, 0.0, 0.0)]
 
 
-def test_a_picture_is_looked_up_between_two_reports():
+def test_the_position_is_interpolated_between_two_reports():
     track = make_track(places=[(1_000_000, 1.0, 0.0), (1_100_000, 2.0, 0.0)], headings=STANDING)
     assert track.at(1_025_000).position_ned == pytest.approx((1.25, 0.0, -2.0))
 
 
-def test_a_heading_is_interpolated_by_the_shorter_way_round():
+def test_the_heading_is_interpolated_along_the_shorter_arc():
     track = make_track(places=STANDING, headings=[(1_000_000, 3.1, 0.0), (1_100_000, -3.1, 0.0)])
     assert abs(track.at(1_050_000).heading) == pytest.approx(math.pi)
 
 
-def test_a_picture_that_is_newer_than_the_newest_report_is_carried_on_for_a_moment_only():
+def test_the_pose_is_extrapolated_only_briefly_after_the_newest_report():
     track = make_track(places=[(1_000_000, 1.0, 1.2)], headings=[(1_000_000, 0.5, 1.0)])
     assert track.at(1_050_000).position_ned[0] == pytest.approx(1.06)
     assert track.at(1_050_000).heading == pytest.approx(0.55)
     assert track.at(9_000_000).position_ned[0] == pytest.approx(1.24)
     assert [track.at(time_us).carried_on for time_us in (999_999, 1_000_000, 1_000_001)] == [False, False, True]
     track.place(1_100_000, (1.3, 0.0, -2.0), (0.0, 0.0, 0.0))
-    assert track.at(1_050_000).carried_on  # the heading still is
+    assert track.at(1_050_000).carried_on  # the heading is still extrapolated
     track.heading(1_100_000, 0.6, 0.0)
     assert not track.at(1_050_000).carried_on
 
@@ -56,17 +56,17 @@ def test_times_before_the_first_report_return_the_first_pose():
     assert track.at(1_000_000).heading == 0.5
 
 
-def test_nothing_is_known_before_place_and_heading_have_arrived():
+def test_there_is_no_pose_before_position_and_heading_have_arrived():
     assert make_track(places=STANDING).at(1_000_000) is None
     assert make_track(headings=STANDING).at(1_000_000) is None
 
 
-def test_a_clock_that_begins_anew_begins_a_new_track():
+def test_a_clock_restart_starts_a_new_track():
     track = make_track(places=[(90_000_000, 50.0, 0.0), (1_000_000, 1.0, 0.0)], headings=STANDING)
     assert track.at(2_000_000).position_ned[0] == 1.0
 
 
-def test_a_report_that_others_have_overtaken_is_put_where_it_belongs():
+def test_a_late_report_is_inserted_at_its_own_time():
     ahead = [(1_000_000, 1.0, 0.0), (1_200_000, 4.0, 0.0), (1_300_000, 5.0, 0.0)]
     track = make_track(places=[*ahead, (1_100_000, 2.0, 0.0)], headings=STANDING)
     times = (1_050_000, 1_100_000, 1_150_000, 1_250_000, 1_300_000)
@@ -75,7 +75,7 @@ def test_a_report_that_others_have_overtaken_is_put_where_it_belongs():
     assert track.at(1_100_000).position_ned[0] == 3.0
 
 
-def test_the_mean_is_of_the_last_seconds_alone():
+def test_means_cover_only_the_last_seconds():
     track = make_track(places=[(k * 1_000_000, float(k), 0.0) for k in range(8)], headings=STANDING)
     assert track.mean_place(2.0) == pytest.approx((6.0, 0.0, -2.0))
     assert track.mean_range(2.0) is None
@@ -99,18 +99,18 @@ def fly_straight(track, since_us, until_us, every_us=50_000):
 
 
 @pytest.mark.parametrize("more", [0, 1, DROPPED_AT_ONCE - 1, DROPPED_AT_ONCE, DROPPED_AT_ONCE + 1, 3 * DROPPED_AT_ONCE])
-def test_reports_that_are_too_old_are_forgotten_one_by_one(more):
+def test_reports_older_than_the_limit_are_dropped(more):
     track, every_us = PoseHistory(), 1_000_000
     end_us = KEPT_US + more * every_us
     fly_straight(track, 0, end_us, every_us)
     oldest_s = more * every_us / 1e6
     assert north(track, 0) == oldest_s
     assert north(track, more * every_us + every_us // 2) == oldest_s + 0.5
-    track.place((more + 1) * every_us, (-7.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # from the time before the clock restarted
+    track.place((more + 1) * every_us, (-7.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # a report from before a clock restart
     assert north(track, end_us) == -7.0
 
 
-def test_the_memory_of_a_long_flight_is_small_and_does_not_grow():
+def test_memory_use_is_bounded_in_a_long_flight():
     track, sizes = PoseHistory(), []
     tracemalloc.start()
     try:
@@ -119,5 +119,5 @@ def test_the_memory_of_a_long_flight_is_small_and_does_not_grow():
             sizes.append(tracemalloc.get_traced_memory()[0])
     finally:
         tracemalloc.stop()
-    assert sizes[0] < 1.5e6  # 7500 reports of 13 numbers: 0.8 MB, and an array's reserve
+    assert sizes[0] < 1.5e6  # 7500 reports of 13 numbers: 0.8 MB, plus spare array capacity
     assert sizes[-1] < 1.15 * sizes[1]

@@ -15,7 +15,7 @@ from tests.hil.link import listening
 from tests.support.refusal import refusal
 
 
-def test_udp_answers_whoever_spoke_last():
+def test_udp_sends_to_the_last_sender():
     server = connect("udpin://127.0.0.1:0")
     assert isinstance(server, UdpTransport)
     client = connect(f"udpout://127.0.0.1:{server.port}")
@@ -29,7 +29,7 @@ def test_udp_answers_whoever_spoke_last():
     client.close()
 
 
-def test_one_thread_receives_while_another_sends():
+def test_one_thread_can_receive_while_another_sends():
     server = listening.udp()
     client = connect(f"udpout://127.0.0.1:{server.port}")
     client.send(b"hello")
@@ -59,12 +59,12 @@ def test_one_thread_receives_while_another_sends():
     while data := client.receive(0.1):
         sent += len(data)
     assert faults == []
-    assert sent == 20_000  # every message had a peer
+    assert sent == 20_000  # no message was dropped for lack of a peer
     server.close()
     client.close()
 
 
-def test_two_who_send_to_one_port_are_both_answered_until_one_is_silent(monkeypatch):
+def test_udp_sends_to_both_peers_until_one_is_silent(monkeypatch):
     server = listening.udp()
     one, other = (connect(f"udpout://127.0.0.1:{server.port}") for _ in range(2))
     for client in (one, other):
@@ -79,7 +79,7 @@ def test_two_who_send_to_one_port_are_both_answered_until_one_is_silent(monkeypa
         wire.close()
 
 
-def test_a_port_in_use_is_named_with_its_holder():
+def test_the_error_for_a_port_in_use_names_port_and_process():
     holder = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     holder.bind(("127.0.0.1", 0))
     port = holder.getsockname()[1]
@@ -88,7 +88,7 @@ def test_a_port_in_use_is_named_with_its_holder():
     holder.close()
 
 
-def test_tcp_says_when_it_ends():
+def test_tcp_raises_an_error_when_the_connection_ends_or_fails():
     listener = socket.create_server(("127.0.0.1", 0))
     client = connect(f"tcp://127.0.0.1:{listener.getsockname()[1]}")
     peer, _ = listener.accept()
@@ -103,7 +103,7 @@ def test_tcp_says_when_it_ends():
         connect("tcp://127.0.0.1:1")
 
 
-def test_malformed_urls_are_one_sentence():
+def test_malformed_urls_are_rejected_with_one_sentence():
     for url in [
         "",
         "udpin",
@@ -118,12 +118,12 @@ def test_malformed_urls_are_one_sentence():
 
 
 @given(st.text(max_size=30))
-def test_any_text_is_refused_kindly(text):
+def test_any_text_as_url_raises_only_a_dronecats_error(text):
     with contextlib.suppress(DronecatsError):
         connect(text).close()
 
 
-def test_memory_pipe_pumps_only_when_it_runs_dry():
+def test_memory_transport_pumps_only_when_it_has_no_data():
     queue, pumped = [b"first"], []
 
     def pump():
@@ -141,7 +141,7 @@ def test_memory_pipe_pumps_only_when_it_runs_dry():
     assert not pumped
     assert pipe.receive(1.0) == b"second"
     assert len(pumped) == 3
-    assert pipe.receive(0.5) == b""  # a vehicle that is silent for so long by its own clock
+    assert pipe.receive(0.5) == b""  # the vehicle is silent for 0.5 s of its own clock
     assert len(pumped) == 8
 
 
@@ -152,7 +152,7 @@ def test_a_tcp_server_serves_the_newest_client():
         client = connect(f"tcp://127.0.0.1:{server.port}")
         client.send(word)
         got = b""
-        while not got:  # the first read accepts
+        while not got:  # the first read accepts the client
             got = server.receive(2.0)
         assert got == word
         server.send(word + b" back")
@@ -161,7 +161,7 @@ def test_a_tcp_server_serves_the_newest_client():
     server.close()
 
 
-def test_a_serial_line_without_a_rate_has_mavsdks():
+def test_a_serial_url_without_a_baud_rate_is_accepted():
     line, far = pty.openpty()
     with contextlib.closing(connect(f"serial://{os.ttyname(far)}")) as port:
         os.write(line, b"hello")
@@ -172,7 +172,7 @@ def test_a_serial_line_without_a_rate_has_mavsdks():
     os.close(far)
 
 
-def test_a_serial_device_that_goes_away_is_noticed():
+def test_a_disconnected_serial_device_raises_an_error():
     line, far = pty.openpty()
     port = connect(f"serial://{os.ttyname(far)}:115200")
     os.close(far)
@@ -182,8 +182,8 @@ def test_a_serial_device_that_goes_away_is_noticed():
     port.close()
 
 
-def test_a_network_that_is_down_loses_datagrams_and_raises_nothing():
-    wire = connect("udpout://255.255.255.255:9")  # the kernel refuses to send there, as without a network
+def test_datagrams_are_lost_without_an_exception_if_the_network_is_down():
+    wire = connect("udpout://255.255.255.255:9")  # the kernel rejects this address, as it does without a network
     wire.send(b"lost")
     assert wire.receive(0.0) == b""
     wire.close()

@@ -1,4 +1,4 @@
-"""The duration of a link's wait comes from a clock, independent of the number of reads."""
+"""The link measures its waits with a clock, independently of the number of reads."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
 
 class SerialLine(Transport):
-    """A 57,600 baud line with a camera and no autopilot: one small piece every 3 ms of its clock."""
+    """A 57,600 baud line with a camera and no autopilot. It delivers 3 bytes every 3 ms of its clock."""
 
     url, PIECE_S = "serial:///dev/test:57600", 0.003
 
@@ -46,7 +46,7 @@ def test_small_pieces_do_not_shorten_the_wait_for_a_heartbeat(patience_s):
 
 
 class BootsAnew(ScriptedVehicle):
-    """Has no position, reboots after two seconds, then has a position."""
+    """Sends no position for 2 s, then reboots and sends positions."""
 
     def __init__(self):
         super().__init__()
@@ -63,7 +63,7 @@ class BootsAnew(ScriptedVehicle):
         super().step()
 
 
-def test_a_vehicle_that_boots_anew_while_it_is_waited_for_is_connected():
+def test_connect_succeeds_if_the_vehicle_reboots_during_the_wait():
     link = Link(BootsAnew().transport())
     link.connect(30.0)
     assert link.state.position_ned == (0.0, 0.0, -2.5)

@@ -1,4 +1,4 @@
-"""A PX4 with configurable faults: it speaks the protocol and flies nothing."""
+"""A fake PX4 with configurable faults. It speaks MAVLink but simulates no flight."""
 
 import struct
 import threading
@@ -9,7 +9,7 @@ from hil.link.transport import connect
 
 HEALTHY = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x200000 | 0x2000000 | 0x10000000
 STICKS, PREARM = 0x10000, 0x10000000
-PACE = 4.0  # s of vehicle time in a second: the link waits in vehicle time
+PACE = 4.0  # s of vehicle time per second, to shorten the waits of the link
 PARAMETERS = {
     "COM_OBL_RC_ACT": 0, "COM_OF_LOSS_T": 1.0, "COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 2, "NAV_DLL_ACT": 0,
     "COM_LOW_BAT_ACT": 3, "COM_RC_OVERRIDE": 1, "COM_POS_FS_EPH": 5.0, "MPC_XY_VEL_MAX": 12.0,
@@ -19,7 +19,7 @@ PARAMETERS = {
 
 
 class Autopilot(threading.Thread):
-    """Answers on UDP, its clock `PACE` times as fast as the wall clock. Its faults are the constructor's keywords."""
+    """Answers on UDP. Its clock runs `PACE` times as fast as the wall clock. The keywords set its faults."""
 
     def __init__(
         self, url, *,
@@ -27,10 +27,10 @@ class Autopilot(threading.Thread):
         withholds=(), tells_unknown=True, keeps=(), loses=lambda number: False, texts=(),
         version=1 << 24 | 15 << 16 | 255,
     ):  # fmt: skip
-        """`refuses`: mode names. `deaf_to`: message types. `keeps`: parameters that hold their value whatever is set.
+        """`refuses`: mode names. `deaf_to`: message types. `keeps`: parameters that ignore changes.
 
-        `withholds`: messages that come only when asked for. `tells_unknown`: PARAM_ERROR, not silence.
-        `loses(n)`: whether the n-th datagram from the client is lost.
+        `withholds`: messages sent only on request. `tells_unknown`: an unknown parameter gets PARAM_ERROR, not silence.
+        `loses(n)`: returns whether the n-th datagram from the client is lost.
         """
         super().__init__(daemon=True)
         self.health, self.fix, self.home, self.refuses, self.deaf_to = health, fix, home, refuses, deaf_to
@@ -38,7 +38,7 @@ class Autopilot(threading.Thread):
         self.texts, self.version, self.withholds = texts, version, withholds
         self.parameters = dict(PARAMETERS if parameters is None else parameters)
         self.mode, self.received, self.modes_asked, self.commands = "HOLD", 0, [], []
-        self.message_types: list[str] = []  # the type of every message that came through
+        self.message_types: list[str] = []  # the type of every received message
         self._transport, self._packer, self._parser = connect(url), Packer(1, 1), Parser()
         self._running, self._ms, self._setpoint_ms = True, 1000, -10_000
 
@@ -87,7 +87,7 @@ class Autopilot(threading.Thread):
         )
 
     def _healthy(self):
-        """A PX4 arms in OFFBOARD only while setpoints come."""
+        """Return the health bits. Like PX4, it can arm in OFFBOARD only while setpoints arrive."""
         alive = self.mode != "OFFBOARD" or self._ms - self._setpoint_ms < 1000
         return self.health if alive else self.health & ~PREARM
 

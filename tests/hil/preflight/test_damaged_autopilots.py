@@ -1,4 +1,4 @@
-"""A vehicle with a fault fails in the row of that fault. The check changes nothing on it."""
+"""A vehicle with a fault fails the row of that fault. The check changes nothing on the vehicle."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from hil.preflight.check import apply_changes, check
 from hil.preflight.failsafes import read_failsafe
 from tests.hil.preflight.damaged_autopilot import HEALTHY, PREARM, STICKS
 
-FINE = {"COM_OBL_RC_ACT = 0"}  # every autopilot of these tests fails in these rows: PX4's own default
+FINE = {"COM_OBL_RC_ACT = 0"}  # all autopilots of these tests fail this row, because it is PX4's default
 
 
 def looked_at(link, folder):
@@ -23,7 +23,7 @@ def row(result, name):
     return next(row for row in result.rows if row.name == name)
 
 
-def test_a_whole_one_fails_in_nothing_but_its_default_failsafe(meet, tmp_path):
+def test_a_healthy_autopilot_fails_only_the_row_of_its_default_failsafe(meet, tmp_path):
     autopilot, link = meet()
     result = looked_at(link, tmp_path)
     assert failed(result) == FINE
@@ -35,7 +35,7 @@ def test_a_whole_one_fails_in_nothing_but_its_default_failsafe(meet, tmp_path):
 
 
 @pytest.mark.slow
-def test_no_gps(meet, tmp_path):
+def test_a_missing_gps_fix_fails_the_rows_that_depend_on_it(meet, tmp_path):
     _, link = meet(fix=1, health=HEALTHY & ~0x20 & ~PREARM, refuses=("OFFBOARD",), texts=("Preflight Fail: no GPS",))
     result = looked_at(link, tmp_path)
     assert failed(result) == FINE | {"sensors", "pre-arm check", "estimator", "GPS", "offboard rehearsal"}
@@ -43,13 +43,13 @@ def test_no_gps(meet, tmp_path):
 
 
 @pytest.mark.slow
-def test_no_home(meet, tmp_path):
+def test_a_missing_home_position_fails_the_home_row(meet, tmp_path):
     _, link = meet(home=False)
     assert failed(looked_at(link, tmp_path)) == FINE | {"home"}
 
 
 @pytest.mark.slow
-def test_a_mode_that_is_accepted_but_not_taken(meet, tmp_path):
+def test_a_mode_change_that_is_accepted_but_not_executed_fails_the_rehearsal(meet, tmp_path):
     autopilot, link = meet()
     autopilot.refuses = ()
     take = autopilot._take
@@ -65,12 +65,12 @@ def test_a_mode_that_is_accepted_but_not_taken(meet, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_stream_that_does_not_come_through_is_asked_for_as_single_messages(meet, tmp_path):
+def test_a_missing_stream_is_replaced_by_single_message_requests(meet, tmp_path):
     _, link = meet(withholds=("SYS_STATUS",))
     assert failed(looked_at(link, tmp_path)) == FINE
 
 
-def test_setpoints_that_do_not_arrive(meet, tmp_path):
+def test_setpoints_that_do_not_arrive_fail_the_rehearsal(meet, tmp_path):
     autopilot, link = meet(deaf_to=("SET_POSITION_TARGET_LOCAL_NED",))
     result = looked_at(link, tmp_path)
     assert failed(result) == FINE | {"offboard rehearsal"}
@@ -79,13 +79,13 @@ def test_setpoints_that_do_not_arrive(meet, tmp_path):
 
 
 @pytest.mark.slow
-def test_no_way_back_from_offboard(meet, tmp_path):
+def test_a_rejected_return_to_hold_fails_the_rehearsal(meet, tmp_path):
     _, link = meet(refuses=("HOLD",))
     assert failed(looked_at(link, tmp_path)) == FINE | {"offboard rehearsal"}
 
 
 @pytest.mark.slow
-def test_an_armed_vehicle_is_left_alone(meet, tmp_path):
+def test_an_armed_vehicle_is_not_changed(meet, tmp_path):
     autopilot, link = meet(armed=True)
     result = looked_at(link, tmp_path)
     assert failed(result) == FINE | {"disarmed", "offboard rehearsal"}
@@ -97,7 +97,7 @@ def test_an_armed_vehicle_is_left_alone(meet, tmp_path):
 
 
 @pytest.mark.slow
-def test_parameters_that_nobody_tells_are_a_failure_where_they_are_vital(meet, tmp_path):
+def test_only_vital_parameters_fail_if_they_cannot_be_read(meet, tmp_path):
     _, link = meet(parameters={}, tells_unknown=False)
     result = looked_at(link, tmp_path)
     assert failed(result) == {"COM_OBL_RC_ACT", "COM_OF_LOSS_T"}
@@ -105,7 +105,7 @@ def test_parameters_that_nobody_tells_are_a_failure_where_they_are_vital(meet, t
 
 
 @pytest.mark.slow
-def test_an_old_and_an_unknown_firmware(meet, tmp_path):
+def test_an_old_firmware_fails_the_firmware_row(meet, tmp_path):
     _, link = meet(version=1 << 24 | 12 << 16 | 3 << 8 | 255)
     result = looked_at(link, tmp_path)
     assert failed(result) == FINE | {"firmware", "COM_RCL_EXCEPT = 0"}
@@ -113,7 +113,7 @@ def test_an_old_and_an_unknown_firmware(meet, tmp_path):
 
 
 @pytest.mark.slow
-def test_with_sticks_the_pilot_is_asked_for_switches(meet, tmp_path):
+def test_with_sticks_the_check_includes_the_mode_and_kill_switches(meet, tmp_path):
     _, link = meet(health=HEALTHY | STICKS)
     result = looked_at(link, tmp_path)
     assert failed(result) == FINE | {"COM_RC_OVERRIDE = 1"}
@@ -122,7 +122,7 @@ def test_with_sticks_the_pilot_is_asked_for_switches(meet, tmp_path):
 
 
 @pytest.mark.slow
-def test_mended_parameters_are_read_back_and_others_stay_unchanged(meet, tmp_path):
+def test_applied_changes_are_read_back_and_other_parameters_stay_unchanged(meet, tmp_path):
     autopilot, link = meet()
     before = dict(autopilot.parameters)
     result = looked_at(link, tmp_path)

@@ -1,4 +1,4 @@
-"""Advice on parameters: all values of the small ones, with sticks and without."""
+"""Rules for PX4 parameters: all values of the enumerated parameters, with and without sticks."""
 
 import itertools
 
@@ -19,14 +19,14 @@ PX4_DEFAULTS = {
 
 
 def judged(name, value, *, sticks=False, version=(1, 15), station=False):
-    """Return (passed, proposed value) of one parameter; None for no proposal."""
+    """Return (passed, proposed value) for one parameter. The proposed value is None if there is no proposal."""
     finding = RULES[name](Situation({name: value}, sticks, version, station), value)
     assert finding.row.name == f"{name} = {value:g}"
     assert finding.change is None or (finding.change.name, finding.change.old) == (name, value)
     return finding.row.passed, finding.change and finding.change.new
 
 
-def test_a_sane_vehicle_passes_everywhere():
+def test_safe_settings_pass_all_rules():
     for sticks in (False, True):
         findings = failsafe_findings(Situation(SANE, sticks, (1, 15), station=True))
         assert [f.change for f in findings if f.change] == []
@@ -34,14 +34,14 @@ def test_a_sane_vehicle_passes_everywhere():
     assert all(f.row.passed for f in findings)
 
 
-def test_only_what_keeps_it_in_the_air_or_brings_it_down_softly_may_follow_our_loss():
+def test_only_return_land_and_hold_are_accepted_after_lost_setpoints():
     for sticks in [False, True]:
         for value in range(8):
             expected = (True, None) if value in (3, 4, 5) else (False, 5)
             assert judged("COM_OBL_RC_ACT", value, sticks=sticks) == expected, (value, sticks)
 
 
-def test_the_offboard_timeout():
+def test_the_offboard_timeout_must_be_within_its_limits():
     for seconds, expected in [
         (0.0, (False, 0.5)), (0.2, (False, 0.5)), (0.5, (True, None)), (1.0, (True, 0.5)), (1.1, (False, 0.5)),
         (60.0, (False, 0.5)),
@@ -49,14 +49,14 @@ def test_the_offboard_timeout():
         assert judged("COM_OF_LOSS_T", seconds) == expected, seconds
 
 
-def test_the_failsafe_of_sticks_is_never_switched_off_for_whoever_has_sticks():
+def test_the_stick_loss_failsafe_must_stay_on_for_a_pilot_with_sticks():
     for value in range(32):
         passed, new = judged("COM_RCL_EXCEPT", value, sticks=True)
         assert passed is not bool(value & 4), value
         assert new == (value & ~4 if value & 4 else None), value
 
 
-def test_absent_sticks_are_only_exempted_where_the_firmware_needs_it():
+def test_the_stick_loss_exemption_is_required_only_by_firmware_1_13_without_sticks():
     for value in range(32):
         for version in [(0, 0), (1, 13), (1, 14), (1, 15)]:
             needed = version == (1, 13) and not value & 4
@@ -64,14 +64,14 @@ def test_absent_sticks_are_only_exempted_where_the_firmware_needs_it():
             assert judged("COM_RCL_EXCEPT", value, version=version) == expected, (value, version)
 
 
-def test_sticks_override_offboard_for_whoever_has_sticks():
+def test_sticks_must_override_offboard_for_a_pilot_with_sticks():
     for value in range(4):
         assert judged("COM_RC_OVERRIDE", value) == (True, None), value
         expected = (True, None) if value == 3 else (False, 3)
         assert judged("COM_RC_OVERRIDE", value, sticks=True) == expected, value
 
 
-def test_a_lost_link_must_not_stop_the_motors_and_whose_choice_it_is_is_left_alone():
+def test_a_lost_link_must_not_stop_the_motors_and_no_change_is_proposed():
     for name in ["NAV_RCL_ACT", "NAV_DLL_ACT"]:
         for sticks in [False, True]:
             for value in range(7):
@@ -79,11 +79,11 @@ def test_a_lost_link_must_not_stop_the_motors_and_whose_choice_it_is_is_left_alo
                 assert new is None, (name, sticks, value)
                 stops = value in (5, 6) or (name == "NAV_RCL_ACT" and sticks and value in (0, 4))
                 assert (passed is False) == stops, (name, sticks, value)
-    assert judged("NAV_DLL_ACT", 0)[0] is None  # no takeover is possible: a person has to judge
-    assert judged("NAV_DLL_ACT", 2)[0] is None  # it would wait for a station that never answers
+    assert judged("NAV_DLL_ACT", 0)[0] is None  # no takeover is possible, so a person has to decide
+    assert judged("NAV_DLL_ACT", 2)[0] is None  # the vehicle would wait for a station that never answers
 
 
-def test_a_low_battery_must_have_a_consequence():
+def test_a_low_battery_must_trigger_a_safe_action():
     for value, expected in [
         (0, (False, 3)), (1, (True, None)), (2, (True, None)),
         (3, (True, None)), (4, (False, 3)),
@@ -91,23 +91,23 @@ def test_a_low_battery_must_have_a_consequence():
         assert judged("COM_LOW_BAT_ACT", value) == expected, value
 
 
-def test_speeds_below_the_agents_fail():
+def test_speed_limits_below_the_agents_speed_fail():
     for name in ["MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_MAX_DN"]:
         assert judged(name, 1.0) == (False, None), name
         assert judged(name, 1.2) == (True, None), name
 
 
-def test_a_lost_place_must_count():
+def test_the_position_error_limit_must_be_enabled_and_not_too_large():
     for value, passed in [(-1.0, False), (0.0, False), (5.0, True), (10.0, True), (50.0, False)]:
         assert judged("COM_POS_FS_EPH", value) == (passed, None), value
 
 
-def test_vital_parameters_must_be_known():
+def test_unreadable_vital_parameters_fail():
     rows = {f.row.name: f.row.passed for f in failsafe_findings(Situation(dict.fromkeys(SANE)))}
     assert [name for name, passed in rows.items() if passed is False] == ["COM_OBL_RC_ACT", "COM_OF_LOSS_T"]
 
 
-def test_a_proposal_leaves_nothing_to_propose():
+def test_after_the_proposed_changes_there_are_no_further_proposals():
     for sticks, points in itertools.product((False, True), (None, 0, 4)):
         values = {**PX4_DEFAULTS, "GF_ACTION": 4, "GF_MAX_HOR_DIST": 0.0, "GF_MAX_VER_DIST": 0.0}
 
@@ -120,7 +120,7 @@ def test_a_proposal_leaves_nothing_to_propose():
         assert changes({**values, **{change.name: change.new for change in proposed}}) == []
 
 
-def test_a_pilot_with_sticks_needs_a_switch_to_a_mode_flown_by_hand():
+def test_a_pilot_with_sticks_needs_a_switch_to_a_manual_mode():
     cases: list[tuple[dict[str, int | None], bool | None]] = [
         ({}, True), ({"RC_MAP_FLTMODE": 0}, False), ({"COM_FLTMODE1": 7}, False), ({"COM_RC_IN_MODE": 1}, None),
         ({"RC_MAP_FLTMODE": None}, None),
@@ -130,7 +130,7 @@ def test_a_pilot_with_sticks_needs_a_switch_to_a_mode_flown_by_hand():
         assert rows["mode switch"].passed is passed, changed
 
 
-def test_the_fence():
+def test_fence_rules_report_bad_settings_and_propose_safe_values():
     def fence_result(points=0, **changed):
         values = {"GF_ACTION": 2, "GF_MAX_HOR_DIST": 100.0, "GF_MAX_VER_DIST": 100.0, "RTL_RETURN_ALT": 60.0, **changed}
         rows = failsafes.fence_findings(values, points)
@@ -144,7 +144,7 @@ def test_the_fence():
     assert fence_result(GF_MAX_HOR_DIST=0.0, points=5) == ([], {})
     assert fence_result(RTL_RETURN_ALT=120.0) == (["RTL_RETURN_ALT"], {})
     assert fence_result(GF_MAX_VER_DIST=0.0) == (["GF_MAX_VER_DIST"], {"GF_MAX_VER_DIST": 120.0})
-    # a ceiling below the return height would hold the vehicle in the air, so it is not proposed
+    # a ceiling below the return height would prevent the return, so the rule does not propose it
     assert fence_result(GF_MAX_VER_DIST=0.0, RTL_RETURN_ALT=130.0) == (["GF_MAX_VER_DIST"], {})
 
 

@@ -1,4 +1,4 @@
-"""Rows from received messages, with one message changed at a time."""
+"""Rows of the preflight check, computed from messages. The tests change one message at a time."""
 
 import re
 
@@ -41,21 +41,21 @@ def passed(rows, name):
     return next(row.passed for row in rows if row.name == name)
 
 
-def test_every_sensor_counts():
+def test_each_unhealthy_sensor_fails_the_sensors_row():
     for bit in [0x1, 0x2, 0x4, 0x8, 0x20]:
         assert passed(vehicle.health_rows(observed(status())), "sensors") is True, bit
         assert passed(vehicle.health_rows(observed(status(healthy=GOOD & ~bit))), "sensors") is False, bit
-        # PX4 never says that an accelerometer is present
+        # PX4 never reports the accelerometer as present
         assert passed(vehicle.health_rows(observed(status(present=GOOD & ~bit))), "sensors") is (bit == 0x2), bit
 
 
-def test_the_prearm_check_counts():
+def test_a_failed_prearm_check_fails_its_row_and_shows_the_status_text():
     assert passed(vehicle.health_rows(observed(status())), "pre-arm check") is True
     row = vehicle.health_rows(observed(status(healthy=0x2F), texts=("Preflight Fail: compass",)))[3]
     assert (row.passed, "Preflight Fail: compass" in row.why) == (False, True)
 
 
-def test_a_vehicle_left_in_offboard_gets_another_error_than_an_unfit_one():
+def test_the_fix_for_a_vehicle_left_in_offboard_mentions_hold():
     def fix(mode):
         beat = dialect.MAVLink_heartbeat_message(2, 12, 1, MODES[mode].custom_mode, 3, 3)
         return vehicle.health_rows(observed(beat, status(healthy=0x2F)))[3].fix
@@ -64,13 +64,13 @@ def test_a_vehicle_left_in_offboard_gets_another_error_than_an_unfit_one():
     assert "Hold" not in fix("HOLD")
 
 
-def test_every_estimate_counts():
+def test_each_missing_estimate_fails_the_estimator_row():
     for bit in [1, 2, 4, 16, 32]:
         assert passed(vehicle.health_rows(observed(estimator())), "estimator") is True, bit
         assert passed(vehicle.health_rows(observed(estimator(0x37 & ~bit))), "estimator") is False, bit
 
 
-def test_doubtful_estimates_fail():
+def test_faulty_or_inaccurate_estimates_fail():
     for message, ratios, expected in [
         (estimator(0x37 | 1024), {}, False), (estimator(0x37 | 2048), {}, False), (estimator(0x37 | 128), {}, True),
         (estimator(accuracy=5.1), {}, False), (estimator(accuracy=float("nan")), {}, False),
@@ -82,7 +82,7 @@ def test_doubtful_estimates_fail():
         )
 
 
-def test_gps_quality():
+def test_poor_gps_quality_fails():
     for changed, expected in [
         ({}, True), ({"fix": 0}, False), ({"fix": 2}, False), ({"fix": 6}, True), ({"satellites": 5}, False),
         ({"satellites": 255}, True), ({"hdop": 260}, False), ({"hdop": 65535}, True), ({"h_acc": 3100}, False),
@@ -91,7 +91,7 @@ def test_gps_quality():
         assert passed(vehicle.position_rows(observed(gps(**changed))), "GPS") is expected, changed
 
 
-def test_home_is_where_the_vehicle_stands():
+def test_home_must_be_near_the_vehicle():
     for messages, expected in [
         ((), False), ((home(),), None), ((home(), here()), True), ((home(), here(lat=800)), True),
         ((home(), here(lat=1000)), False), ((home(lon=1_799_999_900), here(lon=-1_799_999_900)), True),
@@ -99,7 +99,7 @@ def test_home_is_where_the_vehicle_stands():
         assert passed(vehicle.position_rows(observed(*messages)), "home") is expected, messages
 
 
-def test_the_battery():
+def test_low_or_implausible_battery_values_fail():
     for message, cells, expected in [
         (status(), 4, True), (status(), 3, False), (status(), 6, False), (status(), None, None),
         (status(millivolts=65535), 4, False), (status(millivolts=0), 4, False), (status(remaining=39), 4, False),
@@ -109,7 +109,7 @@ def test_the_battery():
         assert row.passed is expected, (message, cells)
 
 
-def test_telemetry_rates():
+def test_low_telemetry_rates_fail():
     for share, expected in [(1.0, True), (0.7, None), (0.3, False), (0.0, False)]:
         counts = {message_id: round(share * rate * 10.0) for message_id, rate in STREAM_HZ.items()}
         assert passed(ground_side.wire_rows(observed(seconds=10.0, counts=counts)), "telemetry rates") is expected, (
@@ -118,7 +118,7 @@ def test_telemetry_rates():
 
 
 def trips(length_s, drift, count=10):
-    """Return round trips, one a second, of a clock that runs `drift` seconds a second faster than ours."""
+    """Return one round trip per second. The vehicle's clock runs faster than ours by `drift` (s/s)."""
     return tuple(
         RoundTrip(
             sent_ns=i * 10**9,
@@ -129,20 +129,20 @@ def trips(length_s, drift, count=10):
     )
 
 
-def test_round_trips():
+def test_slow_or_lost_round_trips_fail():
     for length_s, sync_requests, expected in [(0.01, 10, True), (0.01, 16, False), (0.6, 10, False), (0.01, 15, True)]:
         observation = observed(round_trips=trips(length_s, 0.0), sync_requests=sync_requests)
         assert passed(ground_side.wire_rows(observation), "round trip") is expected, (length_s, sync_requests)
 
 
-def test_a_clock_that_is_not_a_quartz_is_noticed():
+def test_a_clock_with_a_large_drift_does_not_pass():
     for drift, expected in [(0.0, True), (1e-4, True), (1.0, None), (-0.1, None)]:
         observation = observed(round_trips=trips(0.005, drift), sync_requests=10)
         assert passed(ground_side.wire_rows(observation), "clocks") is expected, drift
         assert all(trip.offset_ns > 0 for trip in observation.round_trips), drift
 
 
-def test_a_calendar_that_is_off_is_noticed_and_a_simulated_one_is_not():
+def test_a_wrong_calendar_time_does_not_pass_unless_it_is_simulated():
     now = 1_795_000_000_000_000
     for calendar, expected in [
         (0, True),
@@ -165,7 +165,7 @@ def test_silence_is_never_a_pass():
     assert not any(row.passed for row in rows)
 
 
-def test_the_table_has_the_fix_of_what_did_not_pass():
+def test_the_table_shows_fixes_only_for_rows_that_did_not_pass():
     rows = [Row("one", True, "fine", "not said"), Row("two", False, "bad", "mend it"), Row("three", False, "bad")]
     text = as_terminal(table(rows))
     assert "mend it" in text
@@ -174,7 +174,7 @@ def test_the_table_has_the_fix_of_what_did_not_pass():
     assert re.search(r"COM_X\W+0\W+5", as_terminal(proposal([Change("COM_X", 0, 5, "because")])))
 
 
-def test_a_simulators_defaults_fail_as_expected_and_a_real_vehicles_do_not():
+def test_failed_defaults_are_called_normal_for_a_simulator_but_not_for_a_real_vehicle():
     def failed(calendar_us, **values):
         calendar = dialect.MAVLink_system_time_message(calendar_us, 0)
         result = Check(

@@ -1,4 +1,4 @@
-"""Checks that a vehicle with our key rejects unsigned messages."""
+"""The preflight row for signing: a vehicle with our key must reject unsigned messages."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from hil.preflight import failsafes
 
 
 @pytest.mark.parametrize(("value", "passed"), [(0, False), (1, True), (2, True)])
-def test_a_vehicle_that_has_the_key_and_obeys_everybody_fails(value, passed):
+def test_a_vehicle_that_accepts_unsigned_messages_fails(value, passed):
     (finding,) = failsafes.signing_findings({"MAV_SIGN_CFG": value})
     assert finding.row.passed is passed
     assert (finding.change is None) is passed

@@ -1,4 +1,4 @@
-"""A client with only PX4's end of the simulator interface, for effects that are visible only on the wire."""
+"""A client that plays PX4 on the simulator interface, for tests of the messages on the wire."""
 
 import contextlib
 import json
@@ -18,7 +18,7 @@ Answer = Callable[[dialect.MAVLink_message], bytes]
 
 
 class StandIn:
-    """Connects like PX4, keeps every received message, and answers a HIL_SENSOR with the result of `answer`."""
+    """Connects like PX4, stores all received messages, and answers each HIL_SENSOR with `answer(message)`."""
 
     def __init__(self, port: int, answer: Answer) -> None:
         self.got: list[dialect.MAVLink_message] = []
@@ -34,13 +34,13 @@ class StandIn:
 
     def close(self) -> None:
         """Close the connection like a killed process."""
-        with contextlib.suppress(OSError):  # gone already
+        with contextlib.suppress(OSError):  # already closed
             self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join(10.0)
         self._socket.close()
 
     def keep_up(self, time_us: int) -> None:
-        """Return when the last HIL_SENSOR up to `time_us` has had its answer, if `answer` has any."""
+        """Wait until all HIL_SENSOR messages up to `time_us` are processed."""
         with self._answered:
             assert self._answered.wait_for(lambda: self._answered_us >= time_us, 60.0), "it reads nothing"
 
@@ -63,23 +63,23 @@ class StandIn:
 
 
 def controls(time_us: int, outputs: tuple[float, ...] = (), armed: bool = False) -> bytes:
-    """Return PX4's HIL_ACTUATOR_CONTROLS as bytes."""
+    """Return a HIL_ACTUATOR_CONTROLS message of PX4 as bytes."""
     filled = [*outputs, *[0.0] * (16 - len(outputs))]
     return Packer(1, 1).pack(dialect.MAVLink_hil_actuator_controls_message(time_us, filled, 1 | 128 * armed, 1))
 
 
 def always(*outputs: float, armed: bool = True) -> Answer:
-    """Answer every sensor message with these outputs."""
+    """Return an `answer` that replies to every sensor message with these outputs."""
     return lambda sensor: controls(sensor.time_usec, outputs, armed)
 
 
 def silent(sensor: dialect.MAVLink_message) -> bytes:
-    """Answer nothing, like a PX4 that is still booting."""
+    """Send no answer, like a PX4 that is still booting."""
     return b""
 
 
 class Replay:
-    """Replays a real PX4's recorded answers by the sensors' time stamps, all shifted later by `later_us`."""
+    """Replays the recorded answers of a real PX4, matched by sensor timestamp and delayed by `later_us`."""
 
     def __init__(self, name: str, later_us: int = 0) -> None:
         self.frames: dict[int, bytes] = {}
@@ -93,7 +93,7 @@ class Replay:
 
 
 def recorded(name: str) -> list[dialect.MAVLink_message]:
-    """Return the messages of a recorded stretch of a real PX4's output."""
+    """Return the messages of a recording of a real PX4's output."""
     parser = Parser()
     messages = parser.feed((RECORDED / name).read_bytes())
     assert parser.bad == 0
@@ -101,6 +101,6 @@ def recorded(name: str) -> list[dialect.MAVLink_message]:
 
 
 def exchange(name: str) -> list[tuple[float, bytes]]:
-    """Return (seconds, bytes) of a recorded serial line."""
+    """Return the pairs (time in s, bytes) of a recorded serial line."""
     lines = (RECORDED / name).read_text(encoding="ascii").splitlines()
     return [(float(at), bytes.fromhex(data)) for at, data in map(json.loads, lines)]

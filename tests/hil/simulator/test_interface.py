@@ -1,4 +1,4 @@
-"""The messages of PX4's simulator interface against the rules of the protocol, read with pymavlink's own parser."""
+"""Messages of PX4's simulator interface, decoded with pymavlink and compared with the protocol."""
 
 import math
 
@@ -31,7 +31,7 @@ times = st.integers(0, 2**40)
 
 
 def read(message):
-    """Return a message as pymavlink alone decodes its bytes."""
+    """Encode a message and return it as decoded by pymavlink."""
     reader = pymavlink_dialect.MAVLink(None)
     (decoded,) = reader.parse_buffer(Packer(1, 51).pack(message))
     return decoded
@@ -45,7 +45,7 @@ def record(**fields):
 
 
 @given(vectors, vectors, vectors, st.floats(200.0, 1100.0, width=32), numbers, times)
-def test_sensor_values_arrive_in_their_fields(accel, gyro, mag, pressure, temperature, time_us):
+def test_sensor_values_are_sent_in_their_fields(accel, gyro, mag, pressure, temperature, time_us):
     message = read(
         sensor_message(
             record(accel_frd=accel, gyro_frd=gyro, mag_frd=mag, pressure_hpa=pressure, temperature_c=temperature),
@@ -61,17 +61,17 @@ def test_sensor_values_arrive_in_their_fields(accel, gyro, mag, pressure, temper
 
 
 @given(st.booleans(), st.booleans(), st.booleans())
-def test_a_group_is_marked_whole_or_not_at_all(imu, mag, baro):
+def test_updated_flags_are_set_for_complete_sensor_groups(imu, mag, baro):
     sensors = record(imu_time_us=4000 * imu, mag_time_us=4000 * mag, baro_time_us=4000 * baro)
     updated = read(sensor_message(sensors, 4000, SampleTimes())).fields_updated
     assert updated == (ACCEL | GYRO) * imu + MAG * mag + BARO * baro
     for group, bits in ((ACCEL, (0, 1, 2)), (GYRO, (3, 4, 5)), (MAG, (6, 7, 8)), (BARO, (9, 11, 12))):
-        assert group == sum(1 << bit for bit in bits)  # as PX4's SimulatorMavlink tests them
+        assert group == sum(1 << bit for bit in bits)  # the bits that PX4's SimulatorMavlink tests
     assert read(sensor_message(sensors, 8000, sample_times(sensors))).fields_updated == 0  # nothing is sent twice
 
 
 @given(st.floats(-90, 90), st.floats(-180, 180), st.floats(-400, 9000), vectors, st.floats(0, 2000), st.floats(0, 2000))
-def test_a_fix_arrives_in_the_wire_s_units(lat, lon, alt, velocity, eph, epv):
+def test_a_gps_fix_is_sent_in_the_units_of_the_message(lat, lon, alt, velocity, eph, epv):
     fix = read(
         gps_message(
             record(
@@ -103,7 +103,7 @@ def test_a_fix_arrives_in_the_wire_s_units(lat, lon, alt, velocity, eph, epv):
         assert north * velocity[0] + east * velocity[1] > 0.0
 
 
-def test_the_size_that_a_slow_wire_is_planned_with_is_the_largest():
+def test_sensor_bytes_is_the_size_of_the_largest_sensor_message():
     full = record(
         accel_frd=1.1, gyro_frd=1.1, mag_frd=1.1, pressure_hpa=1000.1, temperature_c=20.1,
         imu_time_us=1, mag_time_us=1, baro_time_us=1,
@@ -112,14 +112,14 @@ def test_the_size_that_a_slow_wire_is_planned_with_is_the_largest():
 
 
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True, width=32), min_size=16, max_size=16), st.floats(0, 0.9))
-def test_whatever_px4_sends_becomes_commands_between_idle_and_full(outputs, idle):
+def test_any_px4_output_becomes_rotor_commands_between_idle_and_full_speed(outputs, idle):
     commands = rotor_commands(outputs, 4, idle)
     assert len(commands) == MAX_ROTORS
     assert all(idle <= command <= 1.0 for command in commands[:4])
     assert commands[4:] == [0.0] * 4
 
 
-def test_half_an_output_is_the_middle_between_idle_and_full_speed():
+def test_rotor_commands_scale_linearly_between_idle_and_full_speed():
     assert rotor_commands([0.0, 0.5, 1.0, 2.0], 4, 0.2)[:4] == pytest.approx([0.2, 0.6, 1.0, 1.0])
 
 
@@ -135,9 +135,9 @@ def test_a_booting_real_px4_sends_disarmed_lockstep_outputs():
 def test_a_real_px4_spins_the_rotors_together_at_take_off():
     answers = recorded("px4-takeoff.bin")
     armed = [is_armed(m) for m in answers]
-    assert armed == sorted(armed)  # it armed once
+    assert armed == sorted(armed)  # it arms once
     assert 0 < armed.count(False) < armed.count(True)
     commands = np.array([rotor_commands(m.controls, 4, 0.15)[:4] for m in answers if is_armed(m)])
-    assert np.ptp(commands, axis=1).max() < 0.2  # the four pull together
-    assert commands[:, 0].min() < 0.3 < 0.6 < commands[:, 0].max()  # from idle to more than hover
+    assert np.ptp(commands, axis=1).max() < 0.2  # all four rotors have similar commands
+    assert commands[:, 0].min() < 0.3 < 0.6 < commands[:, 0].max()  # from idle to above hover
     assert all(m.controls[4:] == [0.0] * 12 for m in answers)

@@ -1,4 +1,4 @@
-"""Random flights of one drone and of fleets, as rows of the logs and as a JudgedFlight. Times are in 1/16 s."""
+"""Random flights of one to three drones, as log rows and as a JudgedFlight. Times are multiples of 1/16 s."""
 
 import math
 from pathlib import Path
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from dronecats.judge.judged_flight import JudgedFlight
 from tests.judge.episode_logs import decision, frame, logs, pose
 
-CAP_S = 30.0  # of these flights
+CAP_S = 30.0  # cap of these flights
 TICK_S = 1 / 16
 RECORD = {
     "cell": "commanding",
@@ -36,13 +36,13 @@ box = st.tuples(*[st.sampled_from([0.0, 100.0, 300.0, 480.0])] * 2, *[st.sampled
 
 
 def away(here: tuple[float, float, float]) -> float:
-    """Return the distance of a place from the target, rounded as in the logs."""
+    """Return the distance (m) of a position from the target, rounded as in the logs."""
     return round(math.dist(here, TARGET), 4)
 
 
 @st.composite
 def contacts(draw: Any, drone: int) -> list[dict[str, Any]]:
-    """Return the rows of a drone's contacts, one after the other; the last may not have ended."""
+    """Draw the rows of a drone's successive contacts. The last contact may not have ended."""
     rows, at = [], draw(st.sampled_from([0.0, 3.0, 12.0]))
     for last in [False] * draw(st.integers(0, 2)) + [True]:
         length = draw(st.sampled_from([0.0, 0.25, 9.0]))
@@ -58,7 +58,7 @@ def contacts(draw: Any, drone: int) -> list[dict[str, Any]]:
 
 @st.composite
 def resets(draw: Any, drone: int) -> list[dict[str, Any]]:
-    """Return the rows of a drone's estimator resets, some of them after the cap."""
+    """Draw the rows of a drone's estimator resets. Some of them are after the cap."""
     times = draw(st.lists(st.sampled_from([0.5, 7.0, 29.0, 31.0]), max_size=2))
     return [
         {"kind": "reset", "t": t, "drone": drone, "count": draw(st.integers(1, 3)), "quantities": ["yaw"],
@@ -69,7 +69,7 @@ def resets(draw: Any, drone: int) -> list[dict[str, Any]]:
 
 @st.composite
 def flights(draw: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None]:
-    """Return (decisions, truth, record)."""
+    """Draw a flight as (decisions, truth, record)."""
     drones, commanding, is_complete = draw(st.integers(1, 3)), draw(st.booleans()), draw(maybe)
     decisions, truth = [], [BEGIN]
     t = 0.0
@@ -111,7 +111,7 @@ def flights(draw: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict
 def judged_flight(
     rows: tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None], end: Any
 ) -> JudgedFlight:
-    """Return the judged flight made of these rows."""
+    """Return the JudgedFlight with these rows."""
     decisions, truth, record = rows
     flight_logs = logs(decisions, truth, begin=BEGIN, end=end, record=record)
     return JudgedFlight(Path("somewhere"), {"id": "e", **(record or {})}, flight_logs, 5.0, CAP_S)

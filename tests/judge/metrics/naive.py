@@ -1,4 +1,4 @@
-"""A second implementation of every metric, computed from the rows of the log files in the simplest way."""
+"""A second, simple implementation of every metric, computed directly from the rows of the log files."""
 
 import math
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Episode:
 
     @property
     def samples(self):
-        """All rows measured until the cap, and later frames that were acted on before the cap."""
+        """All poses and frames until the cap, and later frames that a decision before the cap refers to."""
         acted = {(d["drone"], d["frame_id"]) for d in self.decisions if d["t_decided"] <= self.cap_s}
         poses = [row for row in self.truth if row["kind"] == "pose" and row["t"] <= self.cap_s]
         return poses + [f for f in self.frames if f["t"] <= self.cap_s or (f["drone"], f["frame_id"]) in acted]
@@ -87,7 +87,7 @@ class Episode:
         return (*d["action"]["point"], d["action"]["depth_m"]) if self.kind(d) == "go" else None
 
     def questions(self, key):
-        """Return the value of a key at each question, once per question."""
+        """Return a key's value for each decision. Only the first decision of each question has a value."""
         values, seen_steps = [], set()
         for d in self.decisions:
             elsewhere = "confirmed_by" in d or d["step"] in seen_steps or d["t_decided"] > self.cap_s
@@ -262,7 +262,7 @@ def struck(e):
 
 
 def contact_s(e):
-    """Count the sixteenths of a second in which a drone touches something."""
+    """Return the contact time of all drones (s), counted in ticks of 1/16 s."""
     ticks = 0
     for drone in {row["drone"] for row in struck(e)}:
         mine = [row for row in e.truth if row.get("drone") == drone]

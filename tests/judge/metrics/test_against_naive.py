@@ -1,4 +1,4 @@
-"""Every metric of the registry beside a second, naive implementation, over random logs."""
+"""Compares every metric of the registry with a second, naive implementation on random logs."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from tests.judge.metrics import naive
 from tests.judge.metrics.episodes import CAP_S, flights, judged_flight
 
 END = {"kind": "end", "t": CAP_S, "reason": "cap", "error": None}
-ROUNDED = 2e-3  # values of verdict.json are rounded to a thousandth, per drone
+ROUNDED = 2e-3  # verdict.json rounds the values of each drone to 0.001
 
 
 def test_every_metric_has_a_second_implementation():
@@ -25,7 +25,7 @@ def test_every_metric_has_a_second_implementation():
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(flights())
-def test_every_metric_matches_its_definition(rows):
+def test_every_metric_agrees_with_its_second_implementation(rows):
     episode = judged_flight(rows, END)
     plainly = naive.Episode(rows[0], rows[1], rows[2], episode)
     assert episode.verdict.outcome == plainly.outcome
@@ -44,7 +44,7 @@ def test_every_metric_matches_its_definition(rows):
 INCIDENTS = ("hits", "crashes", "hardest_hit_mps", "contact_s", "estimator_resets")
 
 
-def test_logs_without_hits_and_resets_have_no_counts_of_them():
+def test_hits_and_resets_are_none_if_the_log_does_not_record_them():
     begin = {"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": CAP_S}
     episode = JudgedFlight(Path("somewhere"), {}, logs(begin=begin, end=END), 5.0, CAP_S)
     assert [METRICS[name].of(episode) for name in INCIDENTS] == [None] * len(INCIDENTS)
@@ -52,7 +52,7 @@ def test_logs_without_hits_and_resets_have_no_counts_of_them():
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(flights())
-def test_hits_and_resets_never_change_a_verdict(rows):
+def test_hits_and_resets_change_only_their_own_fields_of_a_verdict(rows):
     decisions, truth, record = rows
     quiet = [row for row in truth if row["kind"] not in ("hit", "clear", "reset")]
     crash = {"kind": "hit", "t": 0.1, "drone": 0, "what": "the ground", "closing_speed": None, "crash": True}
@@ -69,7 +69,7 @@ def test_hits_and_resets_never_change_a_verdict(rows):
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(flights(), st.sampled_from([END, {**END, "t": 9.0, "reason": "decided"}, None]))
-def test_the_modes_partition_the_scored_flights(rows, end):
+def test_every_scored_flight_has_exactly_one_mode(rows, end):
     episode = judged_flight(rows, end)
     mode = failure_mode(episode)
     assert (mode is not None) == (episode.verdict.outcome in ("success", "failure"))

@@ -1,4 +1,4 @@
-"""The paper's audit cases as scripted flights, each with its verdict under every rule."""
+"""The audit cases of the paper as scripted flights, each with its expected verdict under every rule."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ DECIDED_AT = {"kind": "end", "t": 13.0, "reason": "decided", "error": None}
 
 
 def scripted(declared, entered=False, end=END, cell="approaching", trace=()):
-    """Return a flight that declares at these times with (distance, in view), after one go far away."""
+    """Return a flight with a distant `go` step and then declarations: (time (s), (distance (m), in view))."""
     decisions = [decision(0, 0, 1.0, "go"), *(decision(k, k, t) for k, (t, _) in enumerate(declared, 1))]
     truth = [frame(0, 0.5, 20.0), *(frame(k, t - 0.5, *where) for k, (t, where) in enumerate(declared, 1))]
     truth += [pose(40.0, 4.9 if entered else 20.0, True), *trace]
@@ -22,7 +22,7 @@ def scripted(declared, entered=False, end=END, cell="approaching", trace=()):
 
 
 def held(seconds, broken_at=None):
-    """Return poses within the radius and in view for a number of seconds."""
+    """Return poses within the radius and in view for `seconds`, except at the time `broken_at`."""
     return [pose(100 + k / 2, 4.0, k / 2 != broken_at) for k in range(int(2 * seconds))] + [
         pose(100 + seconds, 9.0, True)
     ]
@@ -50,7 +50,7 @@ CASES: dict[str, Case] = {
 }  # fmt: skip
 
 
-def test_a_case_has_its_verdict_under_every_rule():
+def test_every_audit_case_has_its_expected_result_under_every_rule():
     for name in CASES:
         flight, success, otherwise = CASES[name]
         audited = audit_of(flight)
@@ -59,7 +59,7 @@ def test_a_case_has_its_verdict_under_every_rule():
         assert audited.rules == {**dict.fromkeys(RULES, success), "dwell": dwell, **otherwise}, name
 
 
-def test_the_cases_together():
+def test_the_summary_of_all_audit_cases_has_the_expected_counts():
     summary = audit(audit_of(flight) for flight, *_ in CASES.values())
     assert (summary.episodes, summary.scored, summary.successes) == (13, 13, 5)
     assert (summary.late_declarations, summary.late_episodes) == (8, 2)
@@ -86,8 +86,8 @@ def steps(rows):
     return JudgedFlight(Path("somewhere"), {}, logs(decisions, truth))
 
 
-def test_the_three_steps_after_a_think_are_compared_with_steps_that_closed_equally():
-    # both the think (step 1) and the go (step 7) closed 1 m; after them 2 m and 1 m a step are closed
+def test_the_gain_after_a_think_is_compared_with_steps_of_equal_closing_distance():
+    # the think (step 1) and the go (step 7) both close 1 m; the steps after them close 2 m and 1 m each
     away = [21.0, 20.0, 20.0, 18.0, 16.0, 14.0, 13.0, 12.0, 11.0, 10.0, 9.0, 8.0]
     flight = steps([("think" if k == 1 else "go", m, True) for k, m in enumerate(away)])
     by_step = step_outlooks(flight)
@@ -114,7 +114,7 @@ def test_broken_stalls_and_regained_targets_are_counted():
                   ("go", 9.01, True)])  # fmt: skip
     assert deliberation(step_outlooks(less)).stalls == Followed(think=0, of_thinks=0, other=0, of_others=1)
     lost = steps([("think", 9.0, False), ("go", 9.0, False), ("go", 9.0, False), ("go", 9.0, True), ("go", 9.0, False)])
-    # the think sees it again at the third frame; so do the two gos after it; the last is unknown
+    # the target is visible again within three frames of the think and the next two gos; the last is unknown
     assert deliberation(step_outlooks(lost)).losses == Followed(think=1, of_thinks=1, other=2, of_others=2)
     gone = steps([("think", 9.0, False)] + [("go", 9.0, False)] * 3)
     assert deliberation(step_outlooks(gone)).losses == Followed(think=0, of_thinks=1, other=0, of_others=0)
@@ -127,7 +127,7 @@ FENCED, QUOTED = '```json\n{"action": "finished"}\n```', "{'action': 'finished'}
     ("reply", "mended", "changed", "success"),
     [(FENCED, ["fence"], 0, True), (QUOTED, ["single_quotes"], 1, False), ('{"action": "finished"}', None, 0, True)],
 )
-def test_mended_declarations_are_lost_under_strict_parsing(reply, mended, changed, success):
+def test_strict_parsing_loses_declarations_in_single_quotes_but_not_fenced_ones(reply, mended, changed, success):
     more = {"reply": reply, **({"mended": mended} if mended else {})}
     flight = JudgedFlight(Path("x"), {}, logs([decision(0, 0, 5.0, **more)], [frame(0, 4.5, 4.0)]))
     strict = audit_of(flight).strict
@@ -136,8 +136,8 @@ def test_mended_declarations_are_lost_under_strict_parsing(reply, mended, change
     assert audit([audit_of(flight)]).strict.lost == changed
 
 
-def test_a_flight_that_ended_at_its_mended_declaration_is_not_lost():
-    """The rest of such a flight is unknown, so strict parsing gives no result."""
+def test_a_flight_that_ends_at_a_mended_declaration_has_no_strict_result():
+    """The rest of such a flight is unknown, so its result under strict parsing is None."""
     end = {**END, "reason": "decided", "t": 5.5}
     row = decision(0, 0, 5.0, reply=QUOTED, mended=["single_quotes"])
     strict = audit_of(JudgedFlight(Path("x"), {}, logs([row], [frame(0, 4.5, 4.0)], end=end))).strict

@@ -1,4 +1,4 @@
-"""The paper's failure modes, each at its threshold."""
+"""The failure modes of the paper, each tested near its threshold."""
 
 import math
 from itertools import product
@@ -26,10 +26,10 @@ def episode(
     drones=1,
     **more,
 ):
-    """Return a flight of a hundred steps to its cap, of drones that all do the same.
+    """Return a flight of 100 steps that ends at its cap. All drones act identically.
 
-    `middle_action`: of step 50; `ahead`: share of the steps with the target ahead; `to_and_fro`: m flown sideways,
-    beside the `way_m` forwards.
+    `middle_action`: action of step 50; `ahead`: share of steps with the target ahead; `to_and_fro`: m flown sideways,
+    in addition to the `way_m` flown forwards.
     """
     decisions, truth = [], []
     for drone in range(drones):
@@ -56,7 +56,7 @@ def episode(
     return JudgedFlight(Path("somewhere"), {}, logs(decisions, truth, end=more.get("end", END)))
 
 
-def test_a_flight_is_in_the_first_mode_that_holds():
+def test_a_flight_has_the_first_mode_whose_condition_holds():
     flights: list[tuple[str, dict[str, Any]]] = [
         ("success", {"middle_action": "finished", "nearest_m": 4.0}),
         ("declared", {"middle_action": "finished"}),
@@ -65,7 +65,7 @@ def test_a_flight_is_in_the_first_mode_that_holds():
         ("arrived", {"nearest_m": 4.9, "ahead": 0.0, "way_m": 1.0}),
         ("did not move", {"way_m": 4.9}),
         ("did not move", {"way_m": 4.9, "ahead": 0.0, "turned_deg": 1000.0}),
-        ("never closed", {"way_m": 4.9, "strides": 1}),  # a flight without strides is not stuck
+        ("never closed", {"way_m": 4.9, "strides": 1}),  # "did not move" needs at least 5 m of commanded strides
         ("never grounded", {"ahead": 0.09}),
         ("never closed", {"ahead": 0.10}),
         ("never grounded", {"ahead": 0.09, "to_and_fro": 90.0, "turned_deg": 800.0}),
@@ -90,7 +90,7 @@ def test_the_papers_bars_count_immobile_flights_as_timed_out():
     assert band("oscillated") == "oscillated"
 
 
-def test_a_fleet_has_grounded_if_one_drone_has():
+def test_the_share_ahead_of_a_fleet_is_that_of_its_best_drone():
     first, second = episode(ahead=0.0), episode(ahead=0.5)
     both = JudgedFlight(
         Path("x"), {}, logs(
@@ -113,6 +113,6 @@ def frames_of(judged, drone):
     ]
 
 
-def test_strides_have_the_length_that_the_controller_flies():
+def test_stride_lengths_match_the_controller():
     for depth_m, flown_m in [(1.9, 0.0), (2.0, 1.2), (4.9, 1.8), (5.0, 3.0), (40.0, 3.0)]:
         assert stride(depth_m) == pytest.approx(flown_m), depth_m

@@ -1,4 +1,4 @@
-"""Judging of many episodes: the same results for any number of processes, in order; and a user's own metrics."""
+"""Judging many episodes: results do not depend on the number of processes, and users can add metrics."""
 
 import json
 import re
@@ -28,7 +28,7 @@ METRICS = (
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """Two runs, one with a fleet's episode in it."""
+    """Return a folder with two runs. One of them contains a fleet episode."""
     out = tmp_path_factory.mktemp("judging")
     for number in range(6):
         write_episode(out / ("one" if number < 4 else "two") / f"e-{number}", number)
@@ -43,7 +43,7 @@ def summaries(episodes):
     ]
 
 
-def test_several_processes_give_the_results_of_one_in_the_same_order(runs):
+def test_results_and_order_do_not_depend_on_the_number_of_processes(runs):
     folders = sorted(runs.glob("*/e-*"), reverse=True)
     judging = Judging(measured=True)
     alone = summaries(judged_episodes(folders, judging, processes=1))
@@ -54,7 +54,7 @@ def test_several_processes_give_the_results_of_one_in_the_same_order(runs):
         assert list(values) == list(METRICS)
 
 
-def test_several_runs_a_cap_and_differences(runs, tmp_path, capsys):
+def test_the_command_judges_several_runs_and_reports_verdicts_that_differ(runs, tmp_path, capsys):
     assert main(["judge", str(runs), "--json"]) == 0
     episodes = json.loads(capsys.readouterr().out)["episodes"]
     assert list(episodes) == ["one/e-0", "one/e-1", "one/e-2", "one/e-3", "two/e-4", "two/e-5"]
@@ -68,7 +68,7 @@ def test_several_runs_a_cap_and_differences(runs, tmp_path, capsys):
     assert "in steps" in capsys.readouterr().out
 
 
-def test_a_damaged_episode_spoils_no_other(runs, tmp_path):
+def test_a_damaged_episode_does_not_affect_others(runs, tmp_path):
     write_episode(tmp_path / "r" / "e-1", 1)
     write_episode(tmp_path / "r" / "e-2", 2)
     (tmp_path / "r" / "e-1" / "truth.jsonl").write_text("[]\n{}\n")
@@ -78,7 +78,7 @@ def test_a_damaged_episode_spoils_no_other(runs, tmp_path):
     assert intact.judged.verdict.outcome == "failure"
 
 
-def test_an_own_metric_is_measured(runs, tmp_path, capsys):
+def test_a_custom_metric_is_computed_and_printed(runs, tmp_path, capsys):
     (tmp_path / "own.py").write_text(OWN)
     assert main(["judge", str(runs / "one" / "e-1"), "--metric", str(tmp_path / "own.py"), "--json"]) == 0
     values = json.loads(capsys.readouterr().out)["episodes"]["e-1"]["metrics"]
@@ -87,7 +87,7 @@ def test_an_own_metric_is_measured(runs, tmp_path, capsys):
     assert f"{values['last_yaw_deg']:g}" in capsys.readouterr().out
 
 
-def test_invalid_own_metrics_are_rejected(runs, tmp_path, capsys):
+def test_invalid_custom_metrics_are_rejected(runs, tmp_path, capsys):
     cases = [
         (("METRICS", "MEASURES"), "METRICS"),
         (("import Metric", "import Metrik"), "ImportError"),

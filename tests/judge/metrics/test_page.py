@@ -11,19 +11,19 @@ from dronecats.study.docs_tables import filled, tables
 PAGE = Path(__file__).parents[3] / "docs" / "metrics.md"
 
 
-def test_the_tables_are_made_from_the_registry():
+def test_the_tables_of_the_page_match_the_registry():
     page = PAGE.read_text(encoding="utf-8")
     assert filled(page, tables("metrics.md")) == page, "run `make metrics`"
     assert all(f"| `{name}` |" in page for name in METRICS)
 
 
-def test_a_page_without_a_place_is_refused():
+def test_a_page_without_placeholders_is_rejected():
     with pytest.raises(ValueError, match="metrics"):
         filled("# Metrics\n", tables("metrics.md"))
     assert set(tables("metrics.md")) == {"metrics", "modes", "rules"}
 
 
-def test_the_example_is_a_metric(tmp_path):
+def test_the_example_on_the_page_is_a_valid_metric(tmp_path):
     code = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert code
     (tmp_path / "own.py").write_text(code[1], encoding="utf-8")

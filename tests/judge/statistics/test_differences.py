@@ -1,4 +1,4 @@
-"""Differences of the same episodes against scipy and every choice of signs."""
+"""Paired differences, compared with scipy and with the permutation test over all signs."""
 
 import math
 from fractions import Fraction
@@ -17,7 +17,7 @@ numbers = st.floats(-100, 100)
 
 
 @given(st.lists(st.floats(0, 1000), min_size=1, max_size=30))
-def test_a_means_interval_holds_only_possible_means(values):
+def test_the_interval_of_a_mean_lies_within_the_range_of_the_values(values):
     estimate = known_mean(values)
     assert estimate.mean == pytest.approx(np.mean(values))
     assert (estimate.low is None) == (estimate.high is None) == (len(values) < 6)
@@ -26,14 +26,14 @@ def test_a_means_interval_holds_only_possible_means(values):
 
 
 @given(st.lists(numbers, max_size=25) | st.lists(st.integers(-2, 3).map(float), max_size=25))
-def test_zero_is_outside_of_an_interval_exactly_if_the_test_is_significant(values):
+def test_the_interval_of_a_mean_difference_excludes_zero_exactly_if_significant(values):
     difference = mean_difference(values)
     outside = difference.low is not None and difference.high is not None and not difference.low <= 0 <= difference.high
     assert outside == (difference.p <= 0.05)
 
 
 @given(st.lists(st.integers(-5, 5), min_size=1, max_size=30))
-def test_zero_is_outside_of_an_interval_of_shares_exactly_if_the_test_is_significant(flights):
+def test_the_interval_of_a_share_difference_excludes_zero_exactly_if_significant(flights):
     difference = share_difference([won / 5 for won in flights], 5)
     assert difference.low is not None
     assert difference.high is not None
@@ -43,8 +43,8 @@ def test_zero_is_outside_of_an_interval_of_shares_exactly_if_the_test_is_signifi
 
 @pytest.mark.parametrize("episodes", [8, 20])
 @pytest.mark.parametrize("draw", ["normal", "exponential"])
-def test_a_mean_is_covered(episodes, draw):
-    """The interval covers as often as Student's. The skew of an exponential costs 4 points with 8 episodes."""
+def test_the_interval_of_a_mean_covers_the_true_mean_as_often_as_students(episodes, draw):
+    """Coverage is at least that of Student's interval. An exponential costs 4 percentage points with 8 episodes."""
     rng, covered, sets = np.random.default_rng(7), {"own": 0, "student": 0}, 400
     for _ in range(sets):
         values = rng.normal(1.0, 1.0, episodes) if draw == "normal" else rng.exponential(1.0, episodes)
@@ -64,33 +64,33 @@ def test_one_episode_has_no_interval_and_none_has_no_mean():
 
 
 @given(st.lists(st.integers(-40, 40), min_size=1, max_size=13))
-def test_for_few_episodes_the_test_counts_every_choice_of_signs(values):
+def test_the_test_is_an_exact_sign_permutation_test_for_few_episodes(values):
     assert mean_difference([value / 10 for value in values]).p == pytest.approx(
         randomised([Fraction(value, 10) for value in values])
     )
 
 
-def test_for_many_episodes_the_test_is_near_every_choice_of_signs():
+def test_the_test_is_near_the_exact_permutation_test_for_many_episodes():
     for moved in (0.3, 0.5, 0.8):
         values = [round(value, 1) for value in np.random.default_rng(1).normal(moved, 1.0, 24)]
         assert mean_difference(values).p == pytest.approx(randomised(values), abs=0.01)
 
 
 @given(st.integers(0, 25), st.integers(0, 25))
-def test_for_one_flight_each_the_test_is_mcnemars(b, c):
+def test_the_test_equals_mcnemar_for_one_flight_per_episode(b, c):
     assert share_difference([1.0] * b + [-1.0] * c + [0.0] * 5).p == pytest.approx(mcnemar(b, c))
 
 
 @given(st.integers(0, 40), st.integers(0, 40), st.integers(0, 40))
-def test_for_one_flight_each_a_shares_difference_is_agresti_and_mins(b, c, same):
+def test_the_interval_follows_agresti_and_min_for_one_flight_per_episode(b, c, same):
     if not b + c + same:
         return
     difference = share_difference([1.0] * b + [-1.0] * c + [0.0] * same)
-    n, b_half, c_half = b + c + same + 2, b + 0.5, c + 0.5  # their formula, with half a pair in each of the four cells
+    n, b_half, c_half = b + c + same + 2, b + 0.5, c + 0.5  # their formula adds 0.5 to each of the four cells
     middle = (b_half - c_half) / n
     reach = stats.norm.ppf(0.975) * math.sqrt((b_half + c_half) - (b_half - c_half) ** 2 / n) / n
     low, high = max(-1, middle - reach), min(1, middle + reach)
-    is_significant = mcnemar(b, c) <= 0.05  # else 0 is in the interval
+    is_significant = mcnemar(b, c) <= 0.05  # otherwise the interval contains 0
     assert difference.low == pytest.approx(low if is_significant else min(0, low))
     assert difference.high == pytest.approx(high if is_significant else max(0, high))
     assert difference.low is not None
@@ -99,8 +99,8 @@ def test_for_one_flight_each_a_shares_difference_is_agresti_and_mins(b, c, same)
 
 
 @pytest.mark.parametrize(("episodes", "flights"), [(20, 1), (20, 2), (14, 6)])
-def test_a_shares_difference_is_covered(episodes, flights):
-    """Episodes of several chances, some flights each at two levels: the 95 % interval covers 95 %."""
+def test_the_interval_of_a_share_difference_covers_the_true_difference(episodes, flights):
+    """Episodes have different success probabilities, with `flights` flights at each of two levels."""
     rng, covered, sets, truth = np.random.default_rng(5), 0, 300, _mean_difference(0.3, 1.2, 1.0)
     for _ in range(sets):
         odds = rng.normal(0.3, 1.2, episodes)
@@ -120,7 +120,7 @@ def _mean_difference(middle: float, scatter: float, moved: float) -> float:
 
 
 @given(st.lists(numbers, min_size=1, max_size=25), st.randoms())
-def test_neither_order_nor_direction_matters(values, random):
+def test_the_order_of_the_values_and_the_direction_do_not_matter(values, random):
     mixed = random.sample(values, len(values))
     difference, turned = mean_difference(values), mean_difference([-value for value in values])
     assert mean_difference(mixed) == difference

@@ -1,4 +1,4 @@
-"""The level of half success: recovered from simulated data, and not given if the data do not determine it."""
+"""The level of half success is recovered from simulated data, and is None if the data do not determine it."""
 
 import math
 
@@ -12,13 +12,13 @@ from tests.judge.statistics.test_mixed_logit import DESIGN, LEVELS, simulated
 
 
 def of(*columns, flights=10.0, groups=20):
-    """Return groups that all have these shares of successes at the levels."""
+    """Return groups that all have these success shares at the levels."""
     shares = np.tile(np.array(columns), (groups, 1))
     return Trials(shares * flights, np.full(shares.shape, flights))
 
 
-def test_the_interval_holds_the_truth_in_95_percent():
-    """Of 24 studies of twenty episodes with two flights each, about 95 % have the truth in their interval."""
+def test_the_interval_covers_the_true_value_in_95_percent_of_studies():
+    """24 studies of 20 episodes with two flights each: at least 21 intervals contain the true value."""
     halves = [half_success(LEVELS, simulated(seed, groups=20)) for seed in range(24)]
     valid = [half for half in halves if half is not None]
     covered = sum(half.low <= 1.2 <= half.high for half in valid)
@@ -29,8 +29,8 @@ def test_the_interval_holds_the_truth_in_95_percent():
     assert np.median([half.high - half.low for half in valid]) < 1.6
 
 
-def test_an_interval_ends_where_the_fit_is_worse_by_the_limit_of_f():
-    """With five groups the limit is 7.7 of twice the log likelihood. Chi-square, for many groups, has 3.8."""
+def test_the_likelihood_ratio_at_the_interval_ends_equals_the_f_limit():
+    """For five groups, the limit of twice the log likelihood ratio is 7.7. For many groups (chi-square) it is 3.8."""
     trials = simulated(1, groups=5, flights=6)
     half = half_success(LEVELS, trials)
     assert half is not None
@@ -41,14 +41,14 @@ def test_an_interval_ends_where_the_fit_is_worse_by_the_limit_of_f():
 
 
 def test_more_flights_of_widely_scattered_episodes_hardly_narrow_the_interval():
-    """Forty flights of an episode are evidence of that episode alone: the interval is about as wide as with two."""
+    """40 flights of an episode are evidence only for that episode: the interval is about as wide as with two."""
     few, many = (half_success(LEVELS, simulated(9, scatter=3.0, groups=30, flights=n)) for n in (2, 40))
     assert few is not None
     assert many is not None
     assert many.high - many.low > 0.5 * (few.high - few.low)
 
 
-def test_a_straight_line_fits_and_a_bent_one_does_not():
+def test_the_linearity_test_accepts_linear_and_rejects_curved_data():
     straight = half_success(LEVELS, simulated(1, groups=60))
     bent = half_success([0.0, 1.0, 2.0, 3.0], of(0.9, 0.2, 0.2, 0.8))
     assert straight is not None
@@ -66,16 +66,16 @@ def test_a_straight_line_fits_and_a_bent_one_does_not():
         ((0.0, 0.0, 0.0), "below all", -math.inf, -math.inf),
         ((0.95, 0.9, 0.8), "above all", math.inf, math.inf),
         ((0.2, 0.1, 0.05), "below all", -math.inf, -math.inf),
-        ((0.05, 0.1, 0.2), "below all", math.inf, math.inf),  # it rises: half success is above all levels
+        ((0.05, 0.1, 0.2), "below all", math.inf, math.inf),  # the share rises: half success is above all levels
     ],
 )
-def test_outside_of_the_levels_there_is_no_value(shares, where, low, high):
+def test_there_is_no_value_outside_the_levels(shares, where, low, high):
     half = half_success([0.0, 1.0, 2.0], of(*shares))
     assert half is not None
     assert (half.where, half.value, half.low, half.high) == (where, None, low, high)
 
 
-def test_perfectly_separated_data_have_their_half_between_two_levels():
+def test_perfectly_separated_data_give_an_interval_between_two_levels_but_no_value():
     half = half_success([0.0, 1.0, 2.0, 4.0], of(1.0, 1.0, 0.0, 0.0))
     assert half is not None
     assert (half.where, half.value, half.slope) == ("between", None, None)
@@ -84,8 +84,8 @@ def test_perfectly_separated_data_have_their_half_between_two_levels():
     assert success_curve([0.0, 1.0, 2.0, 4.0], of(1.0, 1.0, 0.0, 0.0)) is None
 
 
-def test_the_sharpest_possible_turn_has_no_best_value():
-    """Only one level has mixed results: the likelihood grows with the slope without a limit."""
+def test_an_unbounded_slope_gives_an_interval_but_no_value():
+    """Only one level has mixed results, so the likelihood grows with the slope without limit."""
     sharp = Trials(np.ones((8, 4)) * [1, 1, 1, 0] - np.eye(8)[:, :1] * [0, 0, 1, 0], np.ones((8, 4)))
     half = half_success([0.0, 0.5, 1.0, 2.0], sharp)
     assert half is not None
@@ -93,8 +93,8 @@ def test_the_sharpest_possible_turn_has_no_best_value():
     assert 0.5 < half.low <= half.high < 2.0
 
 
-def test_a_value_exists_though_slope_and_scatter_are_unbounded():
-    """Each episode turns once, at its own level: the likelihood grows with slope and scatter."""
+def test_a_value_exists_even_if_slope_and_scatter_are_unbounded():
+    """Each episode turns from success to failure once, so the likelihood grows with slope and scatter."""
     counts = {(1, 1, 1, 1): 6, (1, 1, 1, 0): 8, (1, 1, 0, 0): 5, (0, 0, 0, 0): 1}
     won = np.array([row for row, times in counts.items() for _ in range(times)], float)
     half = half_success([0.0, 0.3, 0.6, 0.8], Trials(won, np.ones_like(won)))
@@ -103,7 +103,7 @@ def test_a_value_exists_though_slope_and_scatter_are_unbounded():
     assert half.value is not None
     assert half.value == pytest.approx(0.69, abs=0.01)
     assert 0.5 < half.low < half.value
-    assert (half.slope, half.scatter) == (None, WIDEST)  # only the bound determines them
+    assert (half.slope, half.scatter) == (None, WIDEST)  # only the bound of the scatter determines them
     curve = success_curve([0.0, 0.3, 0.6, 0.8], Trials(won, np.ones_like(won)))
     assert curve is not None
     assert np.isnan(curve.low).all()
@@ -111,7 +111,7 @@ def test_a_value_exists_though_slope_and_scatter_are_unbounded():
     assert np.interp(half.value, curve.at, curve.share) == pytest.approx(0.5, abs=0.01)
 
 
-def test_at_the_widest_scatter_there_is_no_slope_though_the_bound_makes_a_peak():
+def test_there_is_no_slope_if_the_scatter_is_at_its_bound():
     half = half_success(LEVELS, simulated(1, scatter=20.0, slope=-10.0, groups=200, flights=1))
     assert half is not None
     assert (half.where, half.slope, half.scatter) == ("within", None, WIDEST)
@@ -125,7 +125,7 @@ def test_without_a_slope_there_is_no_value():
     assert half.p_slope > 0.5
 
 
-def test_one_level_is_not_fitted():
+def test_data_at_only_one_level_are_not_fitted():
     tried = of(0.5, 0.5)
     once = Trials(tried.successes * [1, 0], tried.trials * [1, 0])
     assert half_success([0.0, 1.0], once) is None
@@ -138,7 +138,7 @@ def test_invalid_levels_are_rejected():
             half_success(levels, of(0.5, 0.5))
 
 
-def test_neither_the_order_of_levels_nor_that_of_episodes_matters():
+def test_the_order_of_levels_and_episodes_does_not_matter():
     trials = simulated(3)
     half = half_success(LEVELS, trials)
     rows, columns = np.random.default_rng(3).permutation(40), [3, 1, 5, 0, 2, 4]
@@ -157,7 +157,7 @@ def test_the_value_scales_with_the_unit():
     assert (scaled.low, scaled.high) == pytest.approx((half.low * 1000 + 50, half.high * 1000 + 50), abs=2.0)
 
 
-def test_the_curve_is_a_half_at_the_value_and_its_band_covers():
+def test_the_curve_is_one_half_at_the_value_and_its_band_covers_the_true_share():
     half = half_success(LEVELS, simulated(3))
     curve = success_curve(LEVELS, simulated(3), places=2001)
     assert half is not None
@@ -169,7 +169,7 @@ def test_the_curve_is_a_half_at_the_value_and_its_band_covers():
     truth = np.mean(special.expit(-1.5 * (1.0 - 1.2) + 1.5 * np.random.default_rng(0).normal(size=200_000)))
     covered = 0
     for seed in range(50):
-        coarse = success_curve(LEVELS, simulated(seed, groups=25), places=5)  # its second place is 1 s
+        coarse = success_curve(LEVELS, simulated(seed, groups=25), places=5)  # the second point is at 1 s
         assert coarse is not None
         covered += coarse.low[1] <= truth <= coarse.high[1]
     assert covered >= 44

@@ -1,4 +1,4 @@
-"""The mixed logit against statsmodels, against brute quadrature, and against simulated data."""
+"""Compares the mixed logit with statsmodels, with brute-force quadrature, and with simulated data."""
 
 import numpy as np
 import pytest
@@ -27,13 +27,13 @@ def simulated(seed, half=1.2, slope=-1.5, scatter=1.5, groups=40, flights=2):
 
 
 def rows(trials):
-    """Return (outcomes, levels, groups) of every single trial."""
+    """Return the arrays outcomes, levels and groups with one element per trial."""
     triples = [(y, LEVELS[j], g) for (g, j), n in np.ndenumerate(trials.trials.astype(int))
              for y in [1] * int(trials.successes[g, j]) + [0] * (n - int(trials.successes[g, j]))]  # fmt: skip
     return (np.array(column) for column in zip(*triples, strict=True))
 
 
-def test_the_likelihood_is_that_of_brute_quadrature():
+def test_the_likelihood_equals_brute_force_quadrature():
     trials = simulated(1, groups=5)
 
     def group(z, k):
@@ -45,7 +45,7 @@ def test_the_likelihood_is_that_of_brute_quadrature():
     assert log_likelihood(DESIGN, trials, np.array([1.1, -0.9]), 2.0) == pytest.approx(brute, abs=1e-7)
 
 
-def test_without_scatter_it_is_statsmodels_logit():
+def test_the_fit_without_scatter_agrees_with_statsmodels_logit():
     import statsmodels.api as sm
 
     trials = simulated(2, scatter=0.0, groups=30, flights=4)
@@ -53,7 +53,7 @@ def test_without_scatter_it_is_statsmodels_logit():
     outcomes, levels, _ = rows(trials)
     theirs = sm.Logit(outcomes, sm.add_constant(levels)).fit(disp=0)
     assert log_likelihood(DESIGN, trials, theirs.params, 0.0) == pytest.approx(theirs.llf)
-    assert made.log_likelihood >= theirs.llf - 1e-6  # it may have a scatter besides
+    assert made.log_likelihood >= theirs.llf - 1e-6  # our fit has the scatter as an extra parameter
     if made.scatter < 1e-3:
         assert made.coefficients == pytest.approx(theirs.params, rel=1e-3)
 
@@ -68,7 +68,7 @@ def test_the_slope_is_near_that_of_a_conditional_logit():
     assert fit(DESIGN, trials).coefficients[1] == pytest.approx(theirs.params[0], rel=0.05)
 
 
-def test_it_is_near_statsmodels_bayesian_fit_with_wide_priors():
+def test_the_fit_is_near_statsmodels_bayesian_fit_with_wide_priors():
     import statsmodels.api as sm
     from statsmodels.genmod.bayes_mixed_glm import BinomialBayesMixedGLM
 
@@ -82,7 +82,7 @@ def test_it_is_near_statsmodels_bayesian_fit_with_wide_priors():
     assert made.scatter == pytest.approx(float(np.exp(theirs.vcp_mean[0])), rel=0.15)
 
 
-def test_the_simulated_values_are_recovered_within_the_covariance():
+def test_simulated_parameters_are_recovered_with_the_estimated_covariance():
     made = [fit(DESIGN, simulated(seed, groups=60)) for seed in range(60)]
     estimates = np.array([[*model.coefficients, model.scatter] for model in made])
     assert estimates.mean(axis=0) == pytest.approx([1.8, -1.5, 1.5], abs=0.1)
@@ -91,7 +91,7 @@ def test_the_simulated_values_are_recovered_within_the_covariance():
     assert np.sqrt(np.diag(spread)) == pytest.approx(estimates.std(axis=0), rel=0.35)
 
 
-def test_a_scatter_at_its_least_is_no_parameter_and_the_rest_have_statsmodels_covariance():
+def test_the_covariance_at_zero_scatter_equals_that_of_statsmodels_logit():
     """With equal groups the scatter is 0, and its covariance is 0 too."""
     import statsmodels.api as sm
 
@@ -108,7 +108,7 @@ def test_a_scatter_at_its_least_is_no_parameter_and_the_rest_have_statsmodels_co
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_neither_order_nor_names_nor_units_matter(seed):
+def test_the_fit_does_not_depend_on_order_units_or_coding_of_success(seed):
     trials, made = simulated(seed), fit(DESIGN, simulated(seed))
     order, columns = np.random.default_rng(seed).permutation(40), [3, 1, 5, 0, 2, 4]
     mixed = Trials(trials.successes[order][:, columns], trials.trials[order][:, columns])
@@ -116,7 +116,7 @@ def test_neither_order_nor_names_nor_units_matter(seed):
     assert again.coefficients == pytest.approx(made.coefficients, rel=1e-3)
     in_ms = fit(DESIGN * [1.0, 1000.0], trials)
     assert in_ms.coefficients == pytest.approx(made.coefficients / [1.0, 1000.0], rel=1e-3)
-    swapped = fit(DESIGN, Trials(trials.trials - trials.successes, trials.trials))  # failures counted: all signs change
+    swapped = fit(DESIGN, Trials(trials.trials - trials.successes, trials.trials))  # failures: all signs change
     assert swapped.coefficients == pytest.approx(-made.coefficients, rel=1e-3, abs=1e-3)
 
 
@@ -140,7 +140,7 @@ def test_perfectly_separated_data_have_no_covariance():
     assert made.log_likelihood == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_scatter_beyond_the_widest_is_at_its_bound_and_has_no_covariance():
+def test_a_scatter_beyond_the_bound_is_fitted_at_the_bound_without_covariance():
     trials = simulated(1, scatter=20.0, slope=-10.0, groups=200, flights=1)
     made = fit(DESIGN, trials)
     assert made.scatter == pytest.approx(WIDEST, abs=0.01)
@@ -148,8 +148,8 @@ def test_a_scatter_beyond_the_widest_is_at_its_bound_and_has_no_covariance():
     assert covariance(DESIGN, trials, made) is None
 
 
-def test_an_unbounded_scatter_is_at_its_bound_wherever_the_search_stops():
-    """Each group turns once: beyond some scatter all values are equally likely."""
+def test_an_unbounded_scatter_counts_as_at_its_bound_for_any_start_value():
+    """Each group turns from success to failure once, so all scatters above some value are equally likely."""
     won = np.array([[1.0] * k + [0.0] * (6 - k) for k in [3] * 5 + [4] * 8 + [5] * 6 + [6]])
     trials = Trials(won, np.ones_like(won))
     for begin in (8.0, 10.0, 11.5):
@@ -166,7 +166,7 @@ def test_a_large_scatter_is_not_at_its_bound(seed):
     assert covariance(DESIGN, trials, made) is not None
 
 
-def test_a_share_over_all_groups_is_a_half_if_that_of_the_middle_one_is():
+def test_the_share_over_all_groups_is_one_half_at_log_odds_zero():
     for scatter in (0.0, 1.0, 8.0):
         assert share(np.array([0.0]), scatter) == pytest.approx([0.5])
     assert share(np.array([2.0]), 3.0)[0] < special.expit(2.0)

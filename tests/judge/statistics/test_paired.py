@@ -1,4 +1,4 @@
-"""Paired comparisons against statsmodels, and their power against simulation."""
+"""Compares paired comparisons with statsmodels, and their power with a simulation."""
 
 import math
 
@@ -12,7 +12,7 @@ from dronecats.judge.statistics.shares import mcnemar, mcnemar_power, paired, sm
 
 
 @given(st.integers(0, 60), st.integers(0, 60))
-def test_mcnemar_is_statsmodels_own(b, c):
+def test_mcnemar_equals_statsmodels(b, c):
     from statsmodels.stats.contingency_tables import mcnemar as statsmodels_mcnemar
 
     assert mcnemar(b, c) == pytest.approx(statsmodels_mcnemar([[7, b], [c, 3]], exact=True).pvalue)
@@ -31,17 +31,17 @@ def test_pairs_are_counted_by_episode():
     assert comparison.p == mcnemar(2, 1) == 1.0
 
 
-def test_flights_of_one_episode_are_no_evidence_of_their_own():
-    """An episode counts for the side that solved it in more of three flights, and a tie for neither."""
+def test_several_flights_of_one_episode_count_as_one_pair():
+    """An episode counts for the side that solves it in more of its flights. A tie counts for neither side."""
     first = [[True, True, False], [True, True, True], [False, True, False]]
     second = [[False, True, False], [True, True, True], [True, True, False]]
     comparison = paired(first, second)
     assert (comparison.episodes, comparison.only_first, comparison.only_second) == (3, 1, 1)
     assert comparison.difference == pytest.approx(0.0)
-    assert paired([[True] * 50] * 3, [[False] * 50] * 3).p == 0.25  # from three episodes, for any number of flights
+    assert paired([[True] * 50] * 3, [[False] * 50] * 3).p == 0.25  # 3 pairs, for any number of flights
 
 
-def test_different_or_unflown_episodes_are_refused():
+def test_different_or_missing_episodes_are_rejected():
     unequal: list[list[list[bool]]] = [[], [[]]]
     for second in unequal:
         with pytest.raises(ValueError, match="episodes"):
@@ -57,7 +57,7 @@ def test_the_power_agrees_with_a_simulation(episodes, difference, discordant):
     assert mcnemar_power(episodes, difference, discordant) == pytest.approx(detections / simulations, abs=0.02)
 
 
-def test_the_smallest_difference_is_found_with_the_power_and_a_smaller_one_is_not():
+def test_the_smallest_difference_has_80_percent_power_and_a_smaller_one_has_less():
     for episodes, discordant in ((20, 0.0), (80, 0.3), (100, 0.5)):
         least = smallest_difference(episodes, discordant)
         assert least is not None
@@ -66,14 +66,14 @@ def test_the_smallest_difference_is_found_with_the_power_and_a_smaller_one_is_no
 
 
 def test_the_favourable_case_needs_six_discordant_pairs():
-    """From the binomial alone: all discordant pairs go one way, and 2 · 2^-6 is the first p below 0.05."""
+    """All discordant pairs favour one side. With six of them, p = 2 · 2^-6 is below 0.05 for the first time."""
     least = smallest_difference(20)
     assert least == pytest.approx(optimize.brentq(lambda share: stats.binom(20, share).sf(5) - 0.8, 0.1, 0.9), abs=1e-4)
     assert smallest_difference(5) is None
     assert smallest_difference(6) is not None
 
 
-def test_more_discordance_hides_more():
+def test_the_smallest_difference_grows_with_the_discordant_share():
     differences = [smallest_difference(40, share) or math.inf for share in (0.0, 0.3, 0.6, 0.9)]
     assert differences == sorted(differences)
     assert differences[0] < differences[-1]

@@ -1,4 +1,4 @@
-"""Intervals of shares against statsmodels, and the effective number of several flights of the same episodes."""
+"""Intervals of shares, compared with statsmodels, and the effective number of repeated flights of episodes."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from dronecats.judge.statistics.shares import estimate_share, wilson
 
 
 @given(st.integers(0, 200).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))), st.floats(0.5, 0.999))
-def test_wilson_is_statsmodels_own(counted, confidence):
+def test_wilson_equals_statsmodels(counted, confidence):
     from statsmodels.stats.proportion import proportion_confint
 
     successes, trials = counted
@@ -18,7 +18,7 @@ def test_wilson_is_statsmodels_own(counted, confidence):
         assert wilson(successes, trials, confidence) == pytest.approx(expected, abs=1e-12)
 
 
-def test_wilson_of_the_papers_cell():
+def test_wilson_matches_a_cell_of_the_paper():
     # 13 of 20, Gemini 3.7 Flash approaching, computed by hand from z = 1.959964
     assert wilson(13, 20) == pytest.approx((0.4329, 0.8188), abs=5e-5)
     assert wilson(0, 0) == (0.0, 1.0)
@@ -27,14 +27,14 @@ def test_wilson_of_the_papers_cell():
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=60))
-def test_one_flight_of_each_episode_is_wilsons_own(outcomes):
+def test_the_interval_equals_wilson_for_one_flight_per_episode(outcomes):
     estimate = estimate_share([[outcome] for outcome in outcomes])
     assert (estimate.low, estimate.high) == pytest.approx(wilson(sum(outcomes), len(outcomes)))
     assert (estimate.successes, estimate.trials, estimate.effective) == (sum(outcomes), len(outcomes), len(outcomes))
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=40), st.integers(1, 5))
-def test_repeats_of_the_same_flight_add_nothing(outcomes, times):
+def test_repeated_identical_outcomes_do_not_change_the_interval(outcomes, times):
     once, again = (
         estimate_share([[outcome] for outcome in outcomes]),
         estimate_share([[outcome] * times for outcome in outcomes]),
@@ -49,8 +49,8 @@ def test_the_effective_number_is_between_the_episodes_and_the_flights(flights):
     assert estimate.low <= estimate.share <= estimate.high
 
 
-def test_the_effective_number_of_flights_by_hand():
-    """Residuals ¾, -¼, -5⁄4, ¾ about five of eight: a variance of 4⁄3 · 2.75 ⁄ 64, and ¼ · 15⁄16 over it."""
+def test_the_effective_number_of_flights_matches_a_hand_calculation():
+    """The residuals are ¾, -¼, -5⁄4, ¾ about 5⁄8; their variance is 4⁄3 · 2.75 ⁄ 64. Effective: ¼ · 15⁄16 over it."""
     estimate = estimate_share([[True, True], [True, False], [False, False], [True, True]])
     assert (estimate.share, estimate.effective) == pytest.approx((0.625, 0.234375 / (4 / 3 * 2.75 / 64)))
 
@@ -62,10 +62,10 @@ def test_the_effective_number_of_independent_flights_is_near_their_number():
 
 
 def test_the_interval_covers_the_true_share_though_plain_wilson_does_not():
-    """Twenty episodes of very different difficulty, three flights each, as in the paper's variance study."""
+    """20 episodes of very different difficulty with three flights each, as in the paper's variance study."""
     rng, held, plain = np.random.default_rng(7), 0, 0
     for _ in range(2000):
-        chances = rng.beta(0.3, 0.3, 20)  # most are nearly always or nearly never solved
+        chances = rng.beta(0.3, 0.3, 20)  # most episodes are solved nearly always or nearly never
         flights = rng.random((20, 3)) < chances[:, None]
         estimate = estimate_share(flights.tolist())
         held += estimate.low <= 0.5 <= estimate.high

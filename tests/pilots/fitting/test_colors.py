@@ -1,4 +1,4 @@
-"""The fit of the network of colours, its pictures, and the outlines."""
+"""Tests the fit of the colour network, its training pictures, and the outlines."""
 
 import subprocess
 import sys
@@ -17,7 +17,7 @@ PATCH = color_detector.SIDE * color_detector.SIDE * color_detector.CHANNELS
 
 
 def two_looks(count=500):
-    """Return noisy examples of two looks. One look is the target, half as far again."""
+    """Return noisy examples of two appearances. One is the target, with a distance factor of 1.5."""
     rng = np.random.default_rng(3)
     is_target = rng.integers(0, 2, count).astype(np.float32)
     looks = rng.normal(0.0, 0.3, (2, color_detector.LENGTH))
@@ -34,7 +34,7 @@ def test_the_fit_learns_the_examples_and_is_reproducible():
     assert np.array_equal(once.hidden, again.hidden)
 
 
-def test_the_gradients_are_those_of_the_cost():
+def test_the_gradients_match_finite_differences_of_the_cost():
     rng = np.random.default_rng(5)
     examples = two_looks(8)
     x = examples.inputs.astype(np.float64)
@@ -56,7 +56,7 @@ def test_the_gradients_are_those_of_the_cost():
         weights[which][at] -= step
 
 
-def test_a_mirrored_input_shows_the_other_side_and_twice_mirrored_the_same():
+def test_a_mirrored_input_is_that_of_the_mirrored_picture_and_mirroring_twice_restores_it():
     picture = np.random.default_rng(1).integers(0, 256, (36, 64, 3), dtype=np.uint8)
     there = Range(6.0, 6.6, 0.5, 0.8)
 
@@ -70,14 +70,14 @@ def test_a_mirrored_input_shows_the_other_side_and_twice_mirrored_the_same():
     assert np.array_equal(colors.mirrored(other), seen)
 
 
-def test_no_record_has_a_seed_of_the_fit():
+def test_no_episode_record_uses_a_map_seed_of_the_fit():
     map_seeds = {catalogue.load(name).map_seed for name in catalogue.ids() if name.startswith("residential")}
     assert map_seeds
     assert not map_seeds & set(range(colors.FIT_SEED, colors.FIT_SEED + colors.SCENES))
     assert not map_seeds & set(range(colors.CHECK_SEED, colors.CHECK_SEED + colors.CHECK_SCENES))
 
 
-def test_the_overlap_of_rectangles_is_their_common_share():
+def test_overlap_is_the_common_share_of_the_union_and_of_one_box():
     for true, union, inside in (
         ((320, 180, 384, 212), 1.0, 1.0),
         ((352, 180, 416, 212), 1 / 3, 0.5),
@@ -88,14 +88,14 @@ def test_the_overlap_of_rectangles_is_their_common_share():
         assert shares == pytest.approx((union, inside)), true
 
 
-def test_the_outlines_that_ship_are_the_catalogues():
+def test_the_shipped_outlines_match_the_assets():
     for asset in neighbourhoods.NOUNS:
         with np.load(Path(color_detector.__file__).with_name(colors.OUTLINES)) as kept:
             assert np.array_equal(kept[asset], colors.outline(asset)), asset
 
 
 @pytest.mark.slow
-def test_most_targets_of_a_neighbourhood_that_it_was_not_fitted_to_are_found_and_hardly_anything_else():
+def test_most_targets_outside_the_fit_are_detected_with_few_false_detections():
     jpegs = colors.draw(colors.CHECK_SEED + 50, 1, 40)
     results = colors.evaluate(color_detector.PatchNetwork.shipped(), jpegs)
     present = [r for r in results if r.target.box is not None and r.target.distance_m < 22.0]

@@ -1,4 +1,4 @@
-"""The fit of the network of shapes, and its pictures."""
+"""Tests the fit of the shape network, and its training pictures."""
 
 import subprocess
 import sys
@@ -32,7 +32,7 @@ def test_the_fit_learns_the_examples_and_is_reproducible():
     assert all(np.array_equal(getattr(once, name), getattr(again, name)) for name in ("hidden", "out"))
 
 
-def test_the_gradients_are_those_of_the_cross_entropy():
+def test_the_gradients_match_finite_differences_of_the_cross_entropy():
     rng = np.random.default_rng(5)
     examples = patterns(8)
     x = examples.windows.astype(np.float64)
@@ -52,14 +52,14 @@ def test_the_gradients_are_those_of_the_cross_entropy():
         weights[which][at] -= step
 
 
-def test_twice_mirrored_windows_are_the_same():
+def test_mirroring_windows_twice_restores_them():
     windows = patterns(5).windows.astype(np.float32)
     assert np.array_equal(shapes.mirrored(shapes.mirrored(windows)), windows)
     assert not np.array_equal(shapes.mirrored(windows), windows)
 
 
-def test_training_campuses_place_no_fixture_as_the_flown_campus_does():
-    """The detector must learn the look of fixtures, not their places on the flown map."""
+def test_training_campuses_share_no_fixture_position_with_the_campus_of_the_episodes():
+    """The detector must learn the appearance of fixtures, not their positions on the map of the episodes."""
     there = {(i.kind, i.position_ned[:2]) for i in maps.build("campus", 1).instances if i.kind in shape_detector.KINDS}
     for seed in (200, 201):
         ours = {(i.kind, i.position_ned[:2]) for i in campuses.build(seed).instances}
@@ -67,7 +67,7 @@ def test_training_campuses_place_no_fixture_as_the_flown_campus_does():
         assert not there & ours
 
 
-def test_a_window_holds_the_thing_in_its_middle_at_its_distance():
+def test_a_window_is_labelled_with_the_thing_at_its_centre_and_depth():
     for depth, right, below, holds in ((1.0, 0.0, 0.0, True), (1.5, 0.0, 0.0, False), (1.0, 2.0, 0.0, False)):
         strip = shape_detector.strips(np.zeros((360, 640, 3), np.uint8))[8]
         foot_m = shape_detector.HEIGHTS_M[1] + below

@@ -1,4 +1,4 @@
-"""The fit of the noisy pilot's errors from decisions, and the file that this pilot reads."""
+"""Tests the fit of the noisy pilot's errors to logged decisions, and the file that this pilot reads."""
 
 import json
 import math
@@ -29,7 +29,7 @@ def decided(step, kind, **more):
 
 
 def pictured(step, target_frd, visible=True):
-    """Return the truth of a step's picture. The distance is computed from the camera's axes."""
+    """Return the truth of a step's picture. The distance is the length of `target_frd`."""
     return {"kind": "frame", "frame_id": step, "t": 2.0 * step, "drone": 0, "distance_m": math.hypot(*target_frd),
             "visible": visible, "target_frd": list(target_frd), "oracle_depth_m": target_frd[0] - 1.0}  # fmt: skip
 
@@ -40,13 +40,13 @@ def write_flight(folder: Path, decisions, truth):
     return folder
 
 
-def test_a_decision_is_compared_with_its_picture(tmp_path):
-    x, y = 500.0 + 500.0 * 0.25, 500.0 + 1000.0 * 640.0 / 720.0 * 0.05  # of a target at (20, 5, 1) m
+def test_a_decision_is_labelled_by_the_truth_of_its_picture(tmp_path):
+    x, y = 500.0 + 500.0 * 0.25, 500.0 + 1000.0 * 640.0 / 720.0 * 0.05  # the image point of a target at (20, 5, 1) m
     rows: list[tuple[str, dict[str, Any], tuple[float, float, float], bool, str]] = [
         ("go", {"point": [x, y], "depth_m": 22.0}, (20.0, 5.0, 1.0), True, "target"),
         ("go", {"point": [x + 200.0, y], "depth_m": 22.0}, (20.0, 5.0, 1.0), True, "else"),
         ("go", {"point": [x, y], "depth_m": 22.0}, (20.0, 5.0, 1.0), False, "else"),
-        ("go", {"point": [x, y], "depth_m": 20.0}, (20.0, 5.0, 1.0), True, "nothing"),  # vision's word for wandering
+        ("go", {"point": [x, y], "depth_m": 20.0}, (20.0, 5.0, 1.0), True, "nothing"),  # vision's code for wandering
         ("rotate", {"angle_deg": 60.0}, (20.0, 5.0, 1.0), True, "nothing"),
         ("finished", {}, (5.5, 0.0, 1.0), True, "target"),
         ("finished", {}, (20.0, 0.0, 1.0), True, "claim"),
@@ -63,17 +63,17 @@ def test_a_decision_is_compared_with_its_picture(tmp_path):
     assert decisions[0].error_px == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
-def test_shares_are_counted_by_the_previous_choice():
+def test_attention_shares_depend_on_the_previous_choice():
     flight = OneDroneFlight(True, tuple(map(labelled, ("nothing", "target", "target", "else", "else", "claim"))))
     attention = vision_errors.attention([flight] * 200)
-    assert attention.found[1] == pytest.approx(1 / 4, abs=0.01)  # one of four steps without a target before found it
+    assert attention.found[1] == pytest.approx(1 / 4, abs=0.01)  # of four steps that follow no target, one finds it
     assert attention.kept[1] == pytest.approx(1 / 2, abs=0.01)
     assert attention.strays == pytest.approx(1 / 2, abs=0.01)  # the first step, and the one after the target
     assert (attention.stays, attention.claims) == pytest.approx((1 / 2, 1 / 2), abs=0.01)
-    assert attention.found[0] == pytest.approx(attention.found[1], abs=0.01)  # not seen near: the overall share
+    assert attention.found[0] == pytest.approx(attention.found[1], abs=0.01)  # no near steps: the overall share
 
 
-def test_spreads_are_between_flights_and_within_them():
+def test_depth_errors_are_split_into_spreads_between_and_within_flights():
     flights = [
         OneDroneFlight(True, tuple(labelled("target", 20.0, depth=0.1 + between + d) for d in (-0.04, 0.0, 0.04)))
         for between in (-0.2, -0.1, 0.0, 0.1, 0.2)

@@ -1,4 +1,4 @@
-"""Each pilot that fails on purpose shows its failure in the logged truth of a flight."""
+"""Tests that each pilot that fails on purpose shows its failure in the logged truth of a flight."""
 
 import json
 import math
@@ -21,7 +21,7 @@ from foundation.run_folder.results import Verdict
 from foundation.run_folder.rows import FrameTruth
 
 ALONE, FLEET = "residential-approaching-03", "residential-commanding-02"
-SECONDS = {  # enough for each to show its failure
+SECONDS = {  # enough for each pilot to show its failure
     "declares-at-once": 6, "declares-early": 45, "never-declares": 60, "oscillates": 45, "never-grounds": 60,
     "never-closes": 15, "one-point": 20, "leaves-the-protocol": 30,
 }  # fmt: skip
@@ -73,7 +73,7 @@ def failed_flight(fly_once):
 
 
 def turned_away(bearing_deg: float | None, x: float) -> float:
-    """Return the distance between a target's bearing and a commanded point, 0–1000 across the picture."""
+    """Return the horizontal distance of a commanded point from the target, in 1/1000 of the picture's width."""
     return abs(500.0 + 500.0 * math.tan(math.radians(bearing_deg or 0.0)) - x)
 
 
@@ -104,7 +104,7 @@ def test_never_declares_arrives_without_a_declaration(failed_flight):
     assert flight.verdict.outcome == "failure"
 
 
-def test_oscillates_flies_to_and_fro(failed_flight):
+def test_oscillates_flies_back_and_forth(failed_flight):
     flight = failed_flight("oscillates")
     diagnostics = flight.verdict.diagnostics
     assert diagnostics is not None
@@ -173,7 +173,7 @@ def test_leaves_the_protocol_never_gives_an_action(failed_flight):
         ("oscillates", "oscillated"), ("never-closes", "never closed"), ("leaves-the-protocol", "never closed"),
     ],
 )  # fmt: skip
-def test_every_failing_pilot_has_its_failure_mode(failed_flight, name, mode):
+def test_failing_pilots_have_their_failure_mode(failed_flight, name, mode):
     flight = failed_flight(name)
     assert failure_mode(JudgedFlight(flight.folder, {}, flight.logs)) == mode
 
@@ -199,7 +199,7 @@ def test_an_unknown_name_is_rejected_and_the_nearest_is_suggested():
         roster.check(f"failing:{near[:-1]}")
 
 
-def test_a_failing_flight_is_never_a_models(failed_flight):
+def test_run_json_names_the_failing_pilot_and_no_model(failed_flight):
     flight = failed_flight("declares-at-once")
     fields = json.loads((flight.folder.parent / "run.json").read_text(encoding="utf-8"))["flight"]
     assert (fields["pilot"], fields["model"]) == ("failing:declares-at-once", None)

@@ -1,4 +1,4 @@
-"""The oracle with vision's errors: its sight, its random draws, and the size of its errors."""
+"""Tests the oracle with the vision pilot's errors: its detections, its random draws, and its error sizes."""
 
 import json
 import math
@@ -46,23 +46,23 @@ def action(reply: str):
 
 
 @given(north=st.floats(8.0, 40.0), aside=st.floats(-0.9, 0.9))
-def test_without_errors_it_replies_like_the_oracle_on_the_way(north, aside):
+def test_without_errors_it_approaches_like_the_oracle(north, aside):
     seen = sight((north, aside * north, -0.8))
     assert pilot()([seen]) == oracle.next_action(seen.position_ned, 0.0, seen.attitude, seen.camera, seen.target_ned)
 
 
-def test_it_declares_by_the_distance_that_it_judges():
+def test_it_declares_by_its_estimated_distance():
     at = sight((4.9, 0.0, -1.4))
     assert action(pilot()([at]))["action"] == GO
-    assert action(pilot(replace(SURE, depth=-0.3))([at]))["action"] == FINISHED  # judged to be nearer
+    assert action(pilot(replace(SURE, depth=-0.3))([at]))["action"] == FINISHED  # estimated to be nearer
     near = sight((4.2, 0.0, -1.4))
     assert action(pilot()([near]))["action"] == FINISHED
     assert action(pilot(replace(SURE, depth=0.3))([near]))["action"] == GO
 
 
 @given(here=st.tuples(st.floats(-40, 40), st.floats(-40, 40)), there=st.tuples(st.floats(-40, 40), st.floats(-40, 40)))
-def test_it_knows_nothing_of_a_target_outside_the_picture(here, there):
-    """Same draws, two places of the target: the same replies for a full search, with strays and claims."""
+def test_replies_do_not_depend_on_a_target_outside_the_picture(here, there):
+    """Compares two target positions with the same random draws, for a full search with strays and claims."""
     eye = replace(SURE, sure=replace(PERFECT, strays=0.3, stays=0.7, claims=0.1))
     first, second = pilot(eye), pilot(eye)
     for step in range(20):
@@ -70,7 +70,7 @@ def test_it_knows_nothing_of_a_target_outside_the_picture(here, there):
         assert replies[0] == replies[1]
 
 
-def test_it_looks_all_around_and_then_from_another_place():
+def test_it_turns_a_full_circle_and_then_flies_to_another_place():
     kinds = []
     noisy_pilot = pilot()
     for step in range(8):
@@ -121,7 +121,7 @@ def test_its_errors_have_the_configured_spread():
     assert within == pytest.approx(0.05, rel=0.08)
 
 
-def test_a_flight_is_mistaken_throughout_and_as_often_as_configured():
+def test_a_flight_is_mistaken_in_all_steps_and_as_often_as_configured():
     eye = replace(SURE, mistaken=0.3)
     saw = []
     for flight in range(600):
@@ -132,7 +132,7 @@ def test_a_flight_is_mistaken_throughout_and_as_often_as_configured():
     assert saw.count(False) / len(saw) == pytest.approx(0.3, abs=0.06)
 
 
-def test_after_a_claim_in_vain_it_comes_nearer_and_then_claims_again():
+def test_after_a_failed_claim_it_comes_nearer_and_claims_again():
     noisy_pilot = pilot()
     kinds = [action(noisy_pilot([sight((4.2, 0.0, -1.4), step=step)]))["action"] for step in range(4)]
     assert kinds == [FINISHED, GO, FINISHED, GO]
@@ -150,13 +150,13 @@ def test_only_the_nearest_drone_of_a_fleet_flies():
     assert [reply["action"] for reply in replies] == [THINK, GO]
 
 
-def test_a_command_selects_the_eye_of_vision():
+def test_a_command_selects_the_errors_of_its_detector():
     assert noisy.named_by(PAINT) == "paint"
     assert noisy.named_by("go to the bench left of the fountain") == "place"
     assert noisy.named_by("go to the sign that reads WEST") == "inscription"
 
 
-def test_the_shipped_numbers_are_shares_and_spreads():
+def test_the_shipped_errors_have_valid_shares_and_spreads():
     shipped = noisy.shipped_errors()
     assert set(shipped.eyes) == {"paint", "place", "inscription"}
     assert sum(eye.flights for eye in shipped.eyes.values()) == 100

@@ -1,4 +1,4 @@
-"""The blind pilots: their replies depend on no pixel and follow the declared pattern."""
+"""Tests the blind pilots: their replies do not depend on pictures and follow the documented pattern."""
 
 import itertools
 import json
@@ -60,7 +60,7 @@ def test_no_reply_changes_with_the_picture(name: str, pictures: list[list[bytes]
     assert replies[0] == replies[1] == first(name, 60)
 
 
-def test_no_reply_changes_with_the_history_or_the_words_of_a_later_step() -> None:
+def test_no_reply_changes_with_the_prompt_of_a_later_step() -> None:
     for name in NAMES:
         fly = roster.answer(f"blind:{name}")
         texts = [fly(PROMPT if k == 0 else f"Command: go {k}", [b""]) for k in range(40)]
@@ -72,7 +72,7 @@ def test_every_reply_is_an_action_for_one_drone_and_for_a_fleet() -> None:
         for text in first(name, 200):
             action = parse(text)
             assert not isinstance(action, Rotate) or abs(action.angle_deg) <= 90.0, name
-            assert not isinstance(action, Go) or action.depth_m >= 2.0, name  # below it a drone brakes
+            assert not isinstance(action, Go) or action.depth_m >= 2.0, name  # below 2 m a drone brakes
         for text in first(name, 30, pictures=(b"",) * 4):
             assert not any(isinstance(parsed, ActionError) for parsed in parse_fleet(text, 4)), name
 
@@ -90,7 +90,7 @@ def test_an_unknown_name_is_rejected_and_the_nearest_is_suggested() -> None:
         roster.check("spiral")
 
 
-def test_only_pilots_that_do_not_look_fly_without_pictures() -> None:
+def test_only_pilots_without_vision_fly_without_rendering() -> None:
     for pilot in ("oracle", "blind", "blind:straight"):
         assert look_up(FlightSpec(pilot=pilot, simulated=UNDRAWN)).camera is None
     model = ModelSpec(provider="local", name="blind:straight", base_url="http://127.0.0.1:9/v1")
@@ -99,7 +99,7 @@ def test_only_pilots_that_do_not_look_fly_without_pictures() -> None:
             look_up(spec)
 
 
-def test_random_is_the_same_for_the_same_words_and_another_for_others() -> None:
+def test_random_repeats_for_one_command_and_differs_for_another() -> None:
     assert first("random", 50) == first("random", 50)
     assert first("random", 50) != first("random", 50, prompt=PROMPT.replace("cyan", "red"))
 
@@ -119,7 +119,7 @@ def test_patterns_with_a_distance_declare_only_at_possible_targets() -> None:
 
 
 def test_three_claims_of_the_arc_cover_the_view_of_the_first_frame() -> None:
-    """A target 16 m off within 35° of the nose is within 5 m and in view at one claim, except in small gaps."""
+    """At one claim, a target 16 m away within 35° of the nose is within 5 m and in view, except in small gaps."""
     claims = [step for step in walked("arc", 40) if step[3]][:3]
     assert len(claims) == 3
     missed = []
@@ -134,7 +134,7 @@ def test_three_claims_of_the_arc_cover_the_view_of_the_first_frame() -> None:
     assert len(missed) <= 12
 
 
-def test_a_ring_closes() -> None:
+def test_ring_flies_a_full_circle() -> None:
     track = walked("ring", 100)
     around = [math.degrees(math.atan2(e, n)) % 360.0 for n, e, _, _ in track if math.hypot(n, e) > 10.0]
     assert len({int(a // 30) for a in around}) == 12

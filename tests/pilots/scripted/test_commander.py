@@ -1,4 +1,4 @@
-"""The scripted commander and the questions that the agent asks it."""
+"""Tests the scripted commander and the prompts that the agent sends to it."""
 
 import json
 import re
@@ -28,12 +28,12 @@ def ask(fleet, causes, now_s=20.0):
     return {order["drone"]: commander.place_in_goal(order["goal"]) for order in reply["orders"]}, reply["confirm"]
 
 
-def test_every_drone_has_a_place_of_its_own_from_the_left():
+def test_drones_get_places_from_the_left():
     for count, places in ((1, [1]), (2, [1, 2]), (4, [1, 2, 3, 4]), (6, [1, 2, 3, 4, 1, 2])):
         fleet = posts(count)
         assert ask(fleet, START) == (dict(enumerate(places, 1)), [])
         assert [post.goal for post in fleet] == [commander.goal_text(COMMAND, place) for place in places]
-        assert ask(fleet, (Cause(why="time"),)) == ({}, [])  # it keeps the place
+        assert ask(fleet, (Cause(why="time"),)) == ({}, [])  # every drone keeps its place
 
 
 def test_a_stalled_drone_gets_the_next_free_place():
@@ -43,7 +43,7 @@ def test_a_stalled_drone_gets_the_next_free_place():
     assert ask(fleet, (Cause(why="stall", drone=1), Cause(why="stall", drone=0))) == ({1: 4, 2: 1}, [])
 
 
-def test_exactly_the_reports_are_confirmed():
+def test_all_reports_and_nothing_else_are_confirmed():
     fleet = posts(4)
     ask(fleet, START)
     for drone in (1, 3):
@@ -67,7 +67,7 @@ def test_the_roster_has_the_order_and_the_actions_of_each_drone():
     assert "12.5 m" not in second
 
 
-def test_places_are_read_as_they_are_written():
+def test_a_goal_text_is_parsed_back_to_its_place():
     assert [commander.place_in_goal(commander.goal_text(COMMAND, place)) for place in range(1, 9)] == list(range(1, 9))
     for command in ("", "look at the car", "look at the ninth one from the left", "the first one from the left"):
         assert commander.place_in_goal(command) is None

@@ -1,4 +1,4 @@
-"""The recorded pilot repeats its replies in order, then thinks. Invalid recordings are rejected."""
+"""Tests the recorded pilot: it repeats its replies in order, then thinks. Invalid recordings are rejected."""
 
 import json
 from pathlib import Path
@@ -21,7 +21,7 @@ def recording(folder: Path, *rows: dict[str, Any]) -> Path:
     return path
 
 
-def test_replies_come_as_received_and_then_the_pilot_thinks(tmp_path: Path) -> None:
+def test_replies_are_repeated_in_order_and_then_the_pilot_thinks(tmp_path: Path) -> None:
     recorded = ['{"action": "rotate", "angle_deg": 10}', "", "nonsense {"]
     path = recording(tmp_path, *({"step": n, "drone": 0, "reply": text} for n, text in enumerate(recorded)))
     pilot = player(path)

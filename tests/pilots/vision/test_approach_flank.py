@@ -1,4 +1,4 @@
-"""The way past the end of a long target and along its flank."""
+"""Tests the path past the end of a long target and along its flank."""
 
 import json
 import math
@@ -31,37 +31,37 @@ def past_stride(reply):
     return PastAction("go", 1.28 * action["point"][0], 0.72 * action["point"][1], action["depth_m"])
 
 
-def test_only_the_end_of_a_long_thing_is_passed():
+def test_only_a_near_long_target_seen_end_on_is_passed():
     assert approach.shows_long_end(end_on(), BUS)
-    assert not approach.shows_long_end(bus(-0.21, 0.21), BUS)  # its whole flank
+    assert not approach.shows_long_end(bus(-0.21, 0.21), BUS)  # the whole flank is visible
     assert not approach.shows_long_end(end_on(depth=30.0), BUS)
     assert not approach.shows_long_end(bus(-0.04, 0.04), SUV)
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_it_passes_on_the_side_of_the_flank_and_stays_on_it(side):
+def test_the_pilot_passes_on_the_side_of_the_flank_and_stays_there(side):
     first = past_stride(approach.stride_past_end(end_on(lean=0.05 * side), ()))
     assert side * (first.x_px - 640.0) > 1280.0 * 0.5 * 0.5 * BUS.width_m / 12.0
     assert first.y_px == 360.0
-    assert first.depth_m >= 5.0  # the longest stride
+    assert first.depth_m >= 5.0  # at this depth or more, the stride has its full length
     assert approach.passing_side((first, CLAIM)) == side
     after = past_stride(approach.stride_past_end(end_on(lean=-0.05 * side, depth=8.0), (first,)))
     assert side * (after.x_px - 640.0) > 0.0
 
 
-def test_the_way_is_clear_of_its_edge():
-    """Seen from 12 m behind, a way past a bus leaves more than a body's room beside its near end."""
+def test_the_path_keeps_clear_of_the_near_end():
+    """From 12 m behind a bus, the path leaves more than 0.6 m beside its near end."""
     first = past_stride(approach.stride_past_end(end_on(), ()))
     near = 12.0 - 0.5 * BUS.length_m
     aside = (first.x_px / 1280.0 - 0.5) / 0.5 * near
     assert 0.5 * BUS.width_m + 0.6 < aside < 5.0
 
 
-def test_a_thing_that_fills_one_side_of_the_picture_is_passed_on_the_other():
+def test_a_target_cut_off_at_one_picture_edge_is_passed_on_the_other_side():
     assert past_stride(approach.stride_past_end(bus(-0.45, 0.5, 6.0, lean=0.1), ())).x_px < 640.0
 
 
-def test_a_passed_thing_is_looked_for_on_its_side():
+def test_after_passing_the_pilot_turns_once_towards_the_target():
     right = past_stride(approach.stride_past_end(end_on(), ()))
     left = past_stride(approach.stride_past_end(end_on(lean=-0.05), ()))
     to_it = [json.loads(approach.turn_to_flank((way,)) or "{}")["angle_deg"] for way in (right, left)]
@@ -74,7 +74,7 @@ def test_a_passed_thing_is_looked_for_on_its_side():
     assert approach.turn_to_flank(()) is None
 
 
-def test_at_a_flank_the_pilot_follows_the_flank():
+def test_at_a_flank_the_pilot_flies_along_it():
     right = past_stride(approach.stride_past_end(end_on(), ()))
     straight_on = approach.stride_along_flank(bus(-0.5, 0.2, 3.0), (right, CLAIM))
     assert past_stride(straight_on).x_px == pytest.approx(640.0)
@@ -85,7 +85,7 @@ def test_at_a_flank_the_pilot_follows_the_flank():
     assert approach.stride_along_flank(bus(-0.5, 0.2, 3.0), (CLAIM,)) is None
 
 
-def test_every_way_is_an_action():
+def test_every_stride_past_an_end_is_a_valid_action():
     for middle in (-0.45, -0.2, 0.0, 0.2, 0.45):
         for depth in (2.0, 5.0, 19.0):
             stride = past_stride(approach.stride_past_end(end_on(middle, depth), ()))
@@ -93,8 +93,8 @@ def test_every_way_is_an_action():
             assert math.isfinite(stride.depth_m)
 
 
-def test_along_a_flank_the_way_keeps_its_distance_to_the_far_end():
-    """A thing cut off on that side is beside the drone, so the visible edge is that of the far end."""
+def test_a_stride_beside_the_flank_is_less_to_the_side_than_one_before_the_end():
+    """A target cut off on that side is beside the drone, so its visible edge is at the far end."""
     before = past_stride(approach.stride_past_end(end_on(), ()))
     before_end, beside = (
         past_stride(approach.stride_past_end(bus(left, 0.1, 6.0), (before,))) for left in (-0.3, -0.5)
@@ -102,7 +102,7 @@ def test_along_a_flank_the_way_keeps_its_distance_to_the_far_end():
     assert before_end.x_px > beside.x_px > 640.0
 
 
-def test_a_flank_fills_the_picture_from_side_to_side_or_is_passed():
+def test_the_pilot_is_at_a_flank_that_fills_the_picture_or_that_it_passes():
     assert approach.is_at_flank(bus(-0.5, 0.5, 3.0), ())
     assert not approach.is_at_flank(bus(-0.5, 0.3, 3.0), ())
     assert approach.is_at_flank(bus(-0.5, 0.3, 3.0), (past_stride(approach.stride_past_end(end_on(), ())),))

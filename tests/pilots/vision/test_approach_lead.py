@@ -1,4 +1,4 @@
-"""Aiming ahead of a target that moves across: the lead is read from the actions alone."""
+"""Tests the lead ahead of a target that moves across. It is computed from the past actions alone."""
 
 import math
 
@@ -24,7 +24,7 @@ def past_stride(depth, aside=0.0):
 
 
 @given(st.floats(6.0, 40.0), st.integers(-5, 4))
-def test_a_depth_encodes_its_lead_and_hardly_changes(depth, digit):
+def test_a_depth_encodes_a_lead_and_changes_by_at_most_0_11_m(depth, digit):
     past = past_stride(depth, 0.03 * digit)
     if not search.count_wander_strides((past,)):
         assert approach.decode_lead((past,)) == pytest.approx(0.03 * digit)
@@ -63,13 +63,13 @@ def test_a_standing_target_is_aimed_at_directly():
     assert off == pytest.approx(16.0 - 3 * STRIDE_M)
 
 
-def test_the_drones_own_wander_is_no_motion():
+def test_a_small_sideways_offset_gives_no_lead():
     assert approach.compute_lead(sighted(0.5 * 0.3 / 10.0, 10.0), (past_stride(13.0),)) == 0.0
     assert approach.compute_lead(sighted(0.5 * 0.6 / 10.0, 10.0), (past_stride(13.0),)) > 0.0
 
 
-def test_a_lead_of_its_own_is_no_motion():
-    """A standing target appears to the left of a way that was aimed to its right."""
+def test_the_offset_due_to_the_last_lead_is_not_motion_of_the_target():
+    """After a stride aimed to its right, a standing target appears on the left."""
     before = past_stride(12.0, 0.09)
     seen = sighted(-0.09 * before.depth_m / 9.0, 9.0)
     assert approach.compute_lead(seen, (before,)) == 0.0

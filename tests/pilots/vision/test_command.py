@@ -1,4 +1,4 @@
-"""Place expressions, read from the words of a command."""
+"""Tests reading place expressions from commands."""
 
 import math
 
@@ -17,7 +17,7 @@ HALLS = ("Euler Hall", "Tesla Labs", "the library with the columns", "Gauss Buil
 KINDS = st.sampled_from(sorted(KIND_OF_NOUN))
 
 
-def test_every_instruction_of_the_campus_is_read_as_the_catalogue_reads_it():
+def test_campus_instructions_are_parsed_as_the_episode_check_parses_them():
     for episode in CAMPUS:
         record = catalogue.load(episode)
         phrases = [mark.phrase for mark in campus.landmarks()] + [f"the {noun}" for noun in KIND_OF_NOUN]
@@ -66,7 +66,7 @@ def test_any_text_gives_a_place_expression_or_none(text):
     assert read is None or read.kind in shape_detector.KINDS
 
 
-def test_a_colour_alone_is_no_place():
+def test_a_command_with_only_a_colour_has_no_place_expression():
     assert read_place_expression("go to the cyan SUV") is None
     assert read_place_expression("find the red hatchback and catch up with it") is None
 
@@ -75,7 +75,7 @@ SPOTS = st.tuples(st.floats(-30.0, 30.0), st.floats(4.0, 50.0))
 
 
 @given(SPOTS, SPOTS)
-def test_the_fit_of_a_relation_agrees_with_the_catalogue(spot, mark):
+def test_the_fit_of_a_relation_agrees_with_the_episode_check(spot, mark):
     here, stands = (0.0, 0.0), referring.Footprint(mark[1], mark[0], (0.5, 0.5), 0.0)
     for relation in referring.SEEN_FROM:
         expression = referring.Expression("bench", relation, ("the mark",))

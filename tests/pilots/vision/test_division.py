@@ -1,4 +1,4 @@
-"""The division of things among drones, as a pure function of the pictures."""
+"""Tests the assignment of things to drones, a pure function of the pictures."""
 
 import math
 
@@ -9,7 +9,7 @@ from dronecats.pilots.vision.division import GroundPoint, assign_things
 
 
 def back(spots):
-    """Return the ground position of each drone's own spot. Every drone must have one."""
+    """Return the ground position of the spot of each drone. Every drone must have a spot."""
     assert None not in spots
     return [(s.right_m + x, s.ahead_m + z) for s, (x, z) in zip(spots, SQUARE, strict=True)]
 
@@ -24,7 +24,7 @@ def seen_from(place, things):
 
 @st.composite
 def apart(draw, most=4):
-    """Draw things with the distances of look-alikes, 8 … 34 m off, well within the picture."""
+    """Draw positions of things at least 5.5 m apart, 8 … 34 m ahead and well within the picture."""
     places: list[tuple[float, float]] = []
     for _ in range(draw(st.integers(1, most))):
         ahead = draw(st.floats(8.0, 34.0))
@@ -36,7 +36,7 @@ def apart(draw, most=4):
 
 @settings(deadline=None)
 @given(apart())
-def test_no_two_drones_get_the_same_thing_while_there_are_enough(things):
+def test_drones_get_different_things_if_there_are_enough(things):
     spots = assign_things([seen_from(place, things) for place in SQUARE])
     places = back(spots)
     nearest = [min(range(len(things)), key=lambda k: math.dist(place, things[k])) for place in places]
@@ -46,13 +46,13 @@ def test_no_two_drones_get_the_same_thing_while_there_are_enough(things):
 
 @settings(deadline=None)
 @given(apart(), st.integers(0, 3), st.data())
-def test_a_thing_that_a_drone_does_not_see_may_still_be_its_own(things, blind, data):
+def test_drones_do_not_all_get_one_thing_if_a_drone_misses_a_thing(things, blind, data):
     views = [seen_from(place, things) for place in SQUARE]
     if len(things) > 1:
         views[blind].pop(data.draw(st.integers(0, len(things) - 1)))
     spots = assign_things(views)
     places = back(spots)
-    # a drone that sees little does not know its place, but with two things not all drones go to one
+    # a drone that sees few things may get a wrong spot, but with two things not all drones go to one
     assert len(things) == 1 or len({min(things, key=lambda t: math.dist(t, place)) for place in places}) > 1
 
 
@@ -63,7 +63,7 @@ def test_spots_are_assigned_from_the_left_in_picture_order():
     assert bearings == sorted(bearings)
 
 
-def test_slightly_wrong_distances_change_nothing():
+def test_small_distance_errors_do_not_change_the_assignment():
     things = [(-12.0, 24.0), (-4.0, 16.0), (3.0, 26.0), (10.0, 14.0)]
     wrong = (1.04, 0.97, 1.02, 0.96)
     views = [

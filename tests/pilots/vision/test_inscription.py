@@ -1,4 +1,4 @@
-"""The inscription of a command, and its match with a text that was read."""
+"""Tests reading the inscription from a command, and its match with recognized text."""
 
 from dronecats.pilots.vision.command import Inscription, read_inscription, read_place_in_row
 from dronecats.pilots.vision.ocr import SURE_CONFIDENCE, ReadText, matches
@@ -32,7 +32,7 @@ def test_a_place_in_a_row_is_read_from_words():
         assert read_place_in_row(command) == place, command
 
 
-def test_a_text_counts_if_it_is_confident_and_complete():
+def test_a_text_matches_only_if_it_is_confident_and_complete():
     for wanted, read, confidence, is_match in (
         (Inscription("GATE8", False), "GATE 8", SURE_CONFIDENCE, True),
         (Inscription("GATE8", False), "GATE8", SURE_CONFIDENCE - 0.01, None),
@@ -40,7 +40,7 @@ def test_a_text_counts_if_it_is_confident_and_complete():
         (Inscription("GATE8", False), "GATE 9", SURE_CONFIDENCE - 0.01, None),
         (Inscription("4329", True), "4329", SURE_CONFIDENCE, True),
         (Inscription("4329", True), "4339", SURE_CONFIDENCE, False),
-        (Inscription("4329", True), "432", SURE_CONFIDENCE, None),  # cut off: not another one
+        (Inscription("4329", True), "432", SURE_CONFIDENCE, None),  # cut off: may be the same plate
         (Inscription("4329", True), "B329", SURE_CONFIDENCE, None),  # no plate has letters
         (Inscription("WEST", False), "", SURE_CONFIDENCE, None),
     ):

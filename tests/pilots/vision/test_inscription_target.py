@@ -1,4 +1,4 @@
-"""A drone of a fleet chooses its own candidate and acts on it, from the history alone."""
+"""Tests how a drone of a fleet chooses its own candidate and acts on it, from the history alone."""
 
 import json
 import math
@@ -17,7 +17,7 @@ CAR = SIZES["car"]
 
 
 def at(right_m: float, ahead_m: float) -> Candidate:
-    """Return a thing at a place, as large as a car is there."""
+    """Return a candidate at a place, with the apparent size of a car there."""
     half = 320.0 * 2.3 / ahead_m
     x = 320.0 + 320.0 * right_m / ahead_m
     return Candidate(
@@ -29,13 +29,13 @@ def past_go(depth_m, y_px=360.0):
     return PastAction(GO, x_px=640.0, y_px=y_px, depth_m=depth_m)
 
 
-def test_the_own_candidate_is_the_one_flown_to_and_not_a_passed_one():
+def test_the_own_candidate_is_the_destination_of_the_last_stride():
     far, passed = at(0.4, 17.0), at(-3.5, 6.0)
     assert inscription_target.own_candidate([passed, far], (past_go(20.0),)) is far
     assert inscription_target.own_candidate([passed], (past_go(20.0),)) is None
 
 
-def test_a_read_candidate_is_left_for_another_one():
+def test_a_turn_away_from_a_read_candidate_selects_another_one():
     read, other = at(0.0, 5.0), at(3.0, 12.0)
     assert inscription_target.own_candidate([read, other], (PastAction(ROTATE, angle_deg=60.0),)) is other
     assert inscription_target.own_candidate([read, other], (PastAction(ROTATE, angle_deg=50.0),)) is read
@@ -67,7 +67,7 @@ def test_a_stride_never_ends_in_the_board(side, ahead_m):
 
 
 @given(st.floats(0.0, math.pi / 2.0), st.sampled_from((-1, 1)), st.floats(-8.0, 8.0), st.floats(8.0, 20.0))
-def test_the_vantage_point_is_off_the_nearer_end(heading, end, right_m, ahead_m):
+def test_the_vantage_point_is_beyond_the_chosen_end_of_the_car(heading, end, right_m, ahead_m):
     middle = GroundPoint(right_m, ahead_m)
     place = plates.vantage_point(middle, heading, end, CAR)
     off = math.hypot(place.right_m - right_m, place.ahead_m - ahead_m)
@@ -90,7 +90,7 @@ def test_the_heading_of_a_car_follows_from_its_visible_width():
 
 
 def test_a_drone_declares_four_times_and_no_more():
-    """It declares twice, twice more from a stride nearer, and then waits: the plate may be the wrong one."""
+    """The drone declares twice, flies one stride nearer, declares twice more, and waits. The plate may be wrong."""
     car, past, actions = at(0.0, 4.0), [past_go(2.5), PastAction(FINISHED)], []
     for _ in range(5):
         action = json.loads(plates._declare_again(car, tuple(past[-HISTORY_LENGTH:])))
@@ -102,12 +102,12 @@ def test_a_drone_declares_four_times_and_no_more():
     assert actions[:5] == [FINISHED, GO, FINISHED, FINISHED, THINK]
 
 
-def test_after_the_stride_to_a_plate_that_was_read_it_declares_without_it():
+def test_after_the_stride_to_a_read_plate_the_drone_declares_without_seeing_it():
     assert plates.was_plate_read((past_go(2.2),))
     assert not plates.was_plate_read((past_go(3.2),))
     assert json.loads(plates.decide_unseen((past_go(2.2),)))["action"] == FINISHED
 
 
-def test_a_lost_car_is_looked_for_on_its_side():
+def test_the_drone_turns_to_the_side_of_a_lost_car():
     for y_px, sign in ((373.0, 1.0), (347.0, -1.0)):
         assert math.copysign(1.0, json.loads(plates.decide_unseen((past_go(8.0, y_px),)))["angle_deg"]) == sign, y_px

@@ -1,4 +1,4 @@
-"""Reading of inscriptions in freshly rendered pictures: boards and plates with their texts."""
+"""Tests reading the texts of boards and plates in rendered pictures."""
 
 import math
 import sys
@@ -44,7 +44,7 @@ def test_a_board_is_read(text, distance_m):
 
 
 @pytest.mark.parametrize(("text", "distance_m"), [("5073", 3.0), ("9628", 5.0)])
-def test_a_plate_is_found_and_read(text, distance_m):
+def test_a_plate_is_detected_and_read(text, distance_m):
     image = seen(PLATE, text, distance_m)
     high = 320.0 * plates.HEIGHT_M / distance_m
     wide = round(320.0 * 1.0 / distance_m)
@@ -68,7 +68,7 @@ def test_a_missing_package_is_reported_in_one_sentence(monkeypatch):
     jpeg = cv2.imencode(".jpg", np.zeros((360, 640, 3), np.uint8))[1].tobytes()
     with pytest.raises(UsageError, match=r"dronecats\[vision\]"):
         pilot.answer("Command: go to the sign that reads WEST\n", [jpeg] * 4)
-    # without an inscription nothing is missing
+    # a command without an inscription does not need the package
     assert "action" in pilot.answer("Command: go to the red car\n", [jpeg])
     ocr._engine.cache_clear()
 
@@ -93,7 +93,7 @@ def first_pictures():
 
 
 @pytest.mark.parametrize("name", ["blocks-commanding-01", "blocks-commanding-08"])
-def test_four_drones_are_sent_to_four_things(first_pictures, name):
+def test_four_drones_get_four_different_things(first_pictures, name):
     record, images = first_pictures(name)
     wanted = read_inscription(record.instruction)
     assert wanted is not None

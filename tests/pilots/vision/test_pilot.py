@@ -1,4 +1,4 @@
-"""The vision pilot on painted pictures: it finds, ranges, rejects and decides."""
+"""Tests detection, ranging, rejection and decisions of the vision pilot on drawn pictures."""
 
 import json
 import math
@@ -32,7 +32,7 @@ CAMERA_UP_M = 1.7
 
 
 def scene(seed=1, sunny=1.0):
-    """Sky, grass with a grey road, and two dull houses; 640 × 360, horizon in the middle."""
+    """Return a 640 × 360 picture of sky, grass, a grey road and two dull houses, with the horizon in the middle."""
     rng = np.random.default_rng(seed)
     picture = np.zeros((360, 640, 3), np.float32)
     height = np.linspace(0.0, 1.0, 180)[:, None]
@@ -75,7 +75,7 @@ def decide(picture, command="go to the cyan SUV", past=()):
     return json.loads(color_target.decide(pilot.decode(encode(picture[:, :, ::-1])), read_referent(command), past))
 
 
-def test_every_colour_is_found_where_it_is_in_sun_and_shade():
+def test_every_colour_is_detected_at_its_place_in_sun_and_shade():
     for shade in (1.0, 0.55):
         for color in BGR:
             seen = look(put(scene(), BGR[color], 12.0, 2.0, shade=shade), f"go to the {color} SUV")
@@ -83,30 +83,30 @@ def test_every_colour_is_found_where_it_is_in_sun_and_shade():
             assert 0.5 * (seen.box.left + seen.box.right) == pytest.approx(0.5 * 2.0 / 10.5, abs=0.03), (color, shade)
 
 
-def test_distance_comes_out_of_size():
+def test_distance_is_estimated_from_apparent_size():
     for side_on in (True, False):
         for distance in (4.5, 6.0, 9.0, 14.0, 20.0):
             seen = look(put(scene(), BGR["cyan"], distance, side_on=side_on), "go to the cyan SUV")
             assert seen.range.distance_m == pytest.approx(distance, rel=0.2), (distance, side_on)
 
 
-def test_nothing_is_found_in_an_empty_scene():
+def test_nothing_is_detected_in_an_empty_scene():
     for color in BGR:
         assert look(scene(), f"go to the {color} SUV") is None
 
 
-def test_the_sky_is_no_blue_car_and_the_lawn_no_green_one():
+def test_sky_and_lawn_are_not_detected_as_cars():
     blue_sky = scene()
     blue_sky[:170] = (205, 135, 75)
     assert look(blue_sky, "go to the blue car") is None
     assert look(scene(3), "go to the green car") is None
 
 
-def test_a_car_in_another_colour_is_not_the_one():
+def test_a_car_of_another_colour_is_not_detected():
     assert look(put(scene(), BGR["red"], 10.0), "go to the cyan SUV") is None
 
 
-def test_the_thing_of_the_named_colour_is_found():
+def test_the_car_of_the_named_colour_is_detected():
     picture = put(put(scene(), BGR["red"], 9.0, -3.0, side_on=False), BGR["blue"], 9.0, 3.0, side_on=False)
     assert look(picture, "go to the blue car").box.left > 0.0
     assert look(picture, "go to the red car").box.right < 0.0
@@ -147,8 +147,8 @@ def test_a_claimed_target_that_moves_away_is_followed():
     assert decide(scene(), past=(CLAIM,))["action"] == "rotate"
 
 
-def test_a_refused_target_is_left_for_an_open_view():
-    """The pilot leaves before it looks round. A target's end at the picture's edge is no sighting."""
+def test_after_a_failed_claim_the_pilot_flies_to_an_open_view():
+    """The pilot flies away before it searches. A target's end at the picture's edge is not a detection."""
     turned = PastAction("rotate", angle_deg=search.LEAVE_TURN_DEG)
     assert decide(scene(), past=(CLAIM, turned))["depth_m"] == search.WANDER_M
     beside = put(scene(), BGR["cyan"], 4.5, -4.5)
@@ -158,12 +158,12 @@ def test_a_refused_target_is_left_for_an_open_view():
     assert other["point"][0] > 550
 
 
-def test_the_second_refused_target_is_left_to_the_other_side():
+def test_after_the_second_failed_target_the_pilot_turns_to_the_other_side():
     first = json.loads(search.turn_away(()))["angle_deg"]
     assert json.loads(search.turn_away((PastAction("rotate", angle_deg=first), CLAIM)))["angle_deg"] == -first
 
 
-def test_a_target_that_is_missed_once_is_approached_once_more():
+def test_a_target_missing_in_one_picture_is_approached_once_more():
     seen_before = PastAction("go", x_px=500.0, y_px=370.0, depth_m=14.0)
     on = decide(scene(), past=(seen_before,))
     assert on["action"] == "go"
@@ -173,8 +173,7 @@ def test_a_target_that_is_missed_once_is_approached_once_more():
     assert decide(scene(), past=(seen_before, blind))["action"] == "rotate"
 
 
-def test_a_weak_sighting_counts_at_the_expected_place():
-    """A sighting that is too weak by itself is accepted at the expected place."""
+def test_a_weak_detection_counts_only_at_the_expected_place():
     hidden, bias, out = (np.zeros(shape, np.float32) for shape in ((color_detector.LENGTH, 1), (1,), (1, 2)))
     unsure = color_detector.PatchNetwork(hidden, bias, out, np.array((-0.85, 0.0), np.float32))
     picture, named = put(scene(), BGR["cyan"], 12.0), read_referent("go to the cyan SUV")
@@ -185,7 +184,7 @@ def test_a_weak_sighting_counts_at_the_expected_place():
 
 
 def test_every_vehicle_of_the_catalogue_is_ranged_by_its_own_outline():
-    """A usual size is not enough: the paint of a cyclist, or of a quadrotor on its stand, is no box."""
+    """A box is not enough: the painted parts of a cyclist, or of a quadrotor on its stand, are not a box."""
     for distance in (6.0, 12.0):
         for asset in color_detector.KINDS:
             mesh = assets.build(asset, "red")
@@ -211,16 +210,16 @@ def test_the_search_turns_one_way_and_leaves_after_a_full_circle():
         turned += action["angle_deg"]
         past.append(PastAction("rotate", angle_deg=action["angle_deg"]))
         assert len(past) < 14
-    assert turned >= 300.0  # with a view of 90° that covers everything
+    assert turned >= 300.0  # with a field of view of 90°, this covers all directions
     assert action["action"] == "go"
 
 
-def test_a_target_lost_near_by_is_looked_for_on_its_side():
+def test_the_pilot_turns_to_the_side_of_a_target_lost_nearby():
     assert decide(scene(), past=(PastAction("go", x_px=200.0, depth_m=4.0),))["angle_deg"] < 0
     assert decide(scene(), past=(PastAction("go", x_px=1100.0, depth_m=4.0),))["angle_deg"] > 0
 
 
-def test_a_target_hidden_by_the_shortest_stride_is_claimed_once():
+def test_a_target_that_disappears_after_the_shortest_stride_is_claimed_once():
     nothing = scene()
     for depth, action in ((2.01, "finished"), (2.6, "rotate"), (4.5, "rotate")):
         assert decide(nothing, past=(PastAction("go", x_px=600.0, depth_m=depth),))["action"] == action
@@ -232,7 +231,7 @@ def test_without_a_colour_word_the_pilot_searches_and_never_claims():
     assert decide(put(scene(), BGR["cyan"], 4.0), "go to the SUV")["action"] == "rotate"
 
 
-def test_equal_requests_get_equal_answers_with_one_object_per_picture():
+def test_equal_requests_get_equal_replies_with_one_action_per_picture():
     jpeg = encode(put(scene(), BGR["cyan"], 10.0)[:, :, ::-1])
     prompt = "Command: go to the cyan SUV\n1. ROTATE angle=60deg"
     assert pilot.answer(prompt, [jpeg]) == pilot.answer(prompt, [jpeg])
@@ -241,7 +240,7 @@ def test_equal_requests_get_equal_answers_with_one_object_per_picture():
 
 @settings(max_examples=40, deadline=None)
 @given(st.binary(max_size=300))
-def test_bytes_that_are_no_picture_are_refused(data):
+def test_bytes_that_are_not_a_picture_are_rejected(data):
     with pytest.raises(UsageError):
         pilot.answer("Command: go to the cyan SUV", [data])
 
@@ -259,7 +258,7 @@ def test_any_picture_gets_a_valid_action(seed, color):
         assert action["depth_m"] >= 2.0
 
 
-def test_the_pilot_aims_ahead_of_a_target_that_crosses_its_way():
+def test_the_pilot_aims_ahead_of_a_target_that_crosses_its_path():
     """The target was straight ahead when the last stride began, and has moved right since."""
     picture = put(scene(), BGR["cyan"], 13.0, 1.2)
     before = PastAction("go", x_px=600.0, y_px=380.0, depth_m=approach.encode_lead(15.5, 0.0))

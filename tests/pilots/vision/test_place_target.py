@@ -1,4 +1,4 @@
-"""Targets named by their place, in pictures of things on a lawn."""
+"""Tests targets that a command names by their place, in rendered pictures."""
 
 import json
 import math
@@ -26,7 +26,7 @@ SEARCHED: dict[tuple[bytes, tuple[str, ...]], list[shape_detector.PlacedThing]] 
 
 @pytest.fixture(scope="module")
 def court():
-    """Return a function (things as kind, m ahead, m right; height) → their picture, alone on the campus's ground."""
+    """Return a function (things as kind, m ahead, m right; camera height) → picture of the things on bare ground."""
     empty = campus.build(5)
     ground = tuple(i for i in empty.instances if i.kind == "ground")
 
@@ -81,7 +81,7 @@ def test_the_target_on_the_named_side_of_the_landmark_is_approached(court, side,
     assert action["depth_m"] == pytest.approx(math.hypot(17.0, 4.5), rel=0.2)
 
 
-def test_the_nearest_to_a_landmark_is_not_the_nearest_to_the_drone(court):
+def test_nearest_means_nearest_to_the_landmark_and_not_to_the_drone(court):
     picture = court(("kiosk", 20.0, 9.0), ("picnic-table", 9.0, -4.0), ("picnic-table", 18.0, 4.0))
     action = decide(picture, "go to the picnic table nearest the kiosk")
     assert action["action"] == "go"
@@ -120,7 +120,7 @@ def test_a_claimed_target_is_not_approached_again(court):
     assert action["point"][0] < 400.0
 
 
-def test_a_target_to_find_is_not_taken_from_the_first_picture(court):
+def test_a_find_command_turns_before_it_approaches_a_target(court):
     picture = court(("planter", 12.0, 0.0))
     assert decide(picture, "find the planter nearest Euler Hall and go to it")["action"] == "rotate"
     assert decide(picture, "go to the planter nearest Euler Hall")["action"] == "go"
@@ -128,7 +128,7 @@ def test_a_target_to_find_is_not_taken_from_the_first_picture(court):
     assert decide(picture, "find the planter nearest Euler Hall and go to it", turned)["action"] == "go"
 
 
-def test_a_target_to_go_to_is_approached_in_the_first_picture_even_if_unsure(court, monkeypatch):
+def test_a_go_to_command_approaches_an_unsure_target_only_in_the_first_picture(court, monkeypatch):
     picture = court(("planter", 12.0, -3.0))
     monkeypatch.setattr(place_target, "_SURE", 1e6)
     assert decide(picture, "go to the planter nearest Euler Hall")["action"] == "go"
@@ -136,14 +136,14 @@ def test_a_target_to_go_to_is_approached_in_the_first_picture_even_if_unsure(cou
     assert decide(picture, "go to the planter nearest Euler Hall", turned)["action"] == "rotate"
 
 
-def test_if_strides_bring_the_target_no_nearer_the_pilot_goes_round(court):
+def test_the_pilot_makes_a_detour_if_strides_bring_the_target_no_nearer(court):
     picture = court(("planter", 15.0, 0.0))
     held_up, on_the_way = (go(15.5), go(15.6), go(15.4)), (go(24.0), go(21.0), go(18.0))
     assert abs(decide(picture, "go to the planter nearest Euler Hall", held_up)["point"][0] - 500.0) > 300.0
     assert abs(decide(picture, "go to the planter nearest Euler Hall", on_the_way)["point"][0] - 500.0) < 30.0
 
 
-def test_equal_requests_get_equal_answers_by_the_served_pilot(court):
+def test_equal_requests_get_equal_replies(court):
     jpeg = encode(court(("statue", 16.0, 0.0), ("planter", 16.5, -4.5))[:, :, ::-1])
     prompt = "Command: go to the planter left of the statue\n1. GO x=640 y=360 depth=19m"
     answer = pilot.answer(prompt, [jpeg])
@@ -159,7 +159,7 @@ def test_any_picture_gets_a_valid_action():
 
 
 @pytest.mark.slow
-def test_most_things_on_a_campus_outside_the_fit_are_found_at_their_place():
+def test_most_things_on_a_campus_outside_the_fit_are_detected_at_their_place():
     jpegs = list(shapes.draw(shapes.CHECK_SEED + 50, 1, 12))
     results = shapes.evaluate(shape_detector.ShapeNetwork.shipped(), jpegs)
     near = [odds > -0.9 for present, _ in results.values() for depth, odds in present if depth < 20.0]
@@ -169,7 +169,7 @@ def test_most_things_on_a_campus_outside_the_fit_are_found_at_their_place():
     assert false <= 0.4 * len(jpegs) * len(shape_detector.KINDS)
 
 
-def test_the_distance_of_a_thing_does_not_depend_on_the_height_of_the_eye(court):
+def test_the_distance_of_a_thing_does_not_depend_on_the_height_of_the_camera(court):
     for height in (1.2, 1.6, 2.1):
         picture = court(("planter", 14.0, 3.0), height=height)
         seen = shape_detector.find(picture, ["planter"], shape_detector.ShapeNetwork.shipped())

@@ -1,4 +1,4 @@
-"""The distance between an estimate and the truth does not depend on the tick at which an episode begins."""
+"""Tests that the distance between estimate and truth does not depend on the tick at which an episode begins."""
 
 import json
 import re

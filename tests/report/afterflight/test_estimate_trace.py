@@ -1,4 +1,4 @@
-"""A flight whose logger never receives the truth. The trace computed after landing is compared with the truth."""
+"""Compares the trace computed after landing with the truth. The logger of the flight never receives the truth."""
 
 import bisect
 import json
@@ -61,7 +61,7 @@ class Truth:
 
 
 class Flown:
-    """A flight's folder, its truth and the ULog that it left on board."""
+    """A flight's folder, its truth and the ULog of the vehicle."""
 
     def __init__(self, folder: Path, truth: Truth, ulog: Path, map_origin) -> None:
         self.folder, self.truth, self.ulog, self.origin = folder, truth, ulog, map_origin
@@ -134,7 +134,7 @@ def surveyed(flight: Flown, place, std_m: float = 0.02, altitude: bool = True) -
 
 
 @pytest.mark.parametrize("source", ["tlog", "ulog"])
-def test_the_trace_is_as_near_to_the_truth_as_it_says(flight: Flown, source: str) -> None:
+def test_trace_errors_are_below_three_standard_deviations(flight: Flown, source: str) -> None:
     logs = {name: (flight.folder / name).read_bytes() for name in ("truth.jsonl", "decisions.jsonl", "flight.tlog")}
     derive(flight.folder, ulog=flight.ulog if source == "ulog" else None)
     head, poses = rows(flight, "estimate")[0], rows(flight, "pose")
@@ -145,12 +145,12 @@ def test_the_trace_is_as_near_to_the_truth_as_it_says(flight: Flown, source: str
         place = geodetic_to_ned(*(*flight.origin, *ned_to_geodetic(*(*head["origin"], *pose["position_ned"]))))
         errors.append((np.array(place) - flight.true(pose["t"])) / pose["position_std_m"])
     assert np.abs(errors).max() < 3.0
-    assert np.abs(errors).max() > 0.01  # it is an estimate
+    assert np.abs(errors).max() > 0.01  # an estimate is not exact
     assert all(0.05 < std < 5.0 for pose in poses for std in pose["position_std_m"])
     assert {name: (flight.folder / name).read_bytes() for name in logs} == logs
 
 
-def test_every_frame_of_a_decision_has_its_pose_at_its_own_instant(flight: Flown) -> None:
+def test_each_decision_frame_has_a_pose_at_its_own_time(flight: Flown) -> None:
     derive(flight.folder)
     frames, decisions = rows(flight, "frame"), read(flight.folder).decisions
     assert [(f["frame_id"], f["t"]) for f in frames] == [(d.frame_id, round(d.t_frame, 6)) for d in decisions]
@@ -161,8 +161,7 @@ def test_every_frame_of_a_decision_has_its_pose_at_its_own_instant(flight: Flown
 
 
 def test_a_surveyed_target_gives_distances_and_never_a_success(flight: Flown) -> None:
-    """The target is where the vehicle was when it declared. The distance is near zero, and the target was still not
-    seen."""
+    """The target is at the vehicle's position at a declaration: the distance is near zero, the visibility unknown."""
     when = read(flight.folder).decisions[7].t_frame
     derive(flight.folder, surveyed(flight, flight.true(when) + np.array([0.3, 0.0, 0.0])))
     verdict = judge_folder(flight.folder).as_json()
@@ -180,7 +179,7 @@ def test_a_surveyed_target_gives_distances_and_never_a_success(flight: Flown) ->
 
 
 @pytest.mark.parametrize("altitude", [True, False])
-def test_distances_are_true_within_their_standard_deviation(flight: Flown, altitude: bool) -> None:
+def test_distance_errors_are_below_three_standard_deviations(flight: Flown, altitude: bool) -> None:
     place = flight.true(0.0) + np.array([20.0, 10.0, 6.0])
     derive(flight.folder, surveyed(flight, place, altitude=altitude))
     axes = 3 if altitude else 2
@@ -190,7 +189,7 @@ def test_distances_are_true_within_their_standard_deviation(flight: Flown, altit
     assert judge_folder(flight.folder).as_json()["distances"]["declarations"][0]["within"] is False
 
 
-def test_the_command_judges_anew(flight: Flown, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_trace_command_writes_a_new_verdict(flight: Flown, capsys: pytest.CaptureFixture[str]) -> None:
     target = surveyed(flight, flight.true(0.0))
     where = f"--target={target.latitude_deg},{target.longitude_deg}"
     assert main(["flightlog", "trace", str(flight.folder), where, "--target-std", "0.02"]) == 0
@@ -198,7 +197,7 @@ def test_the_command_judges_anew(flight: Flown, capsys: pytest.CaptureFixture[st
     assert main(["judge", str(flight.folder)]) == 0
     capsys.readouterr()
     assert main(["flightlog", "trace", str(flight.folder), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["outcome"] == "unknown"  # no target: nothing to be near to
+    assert json.loads(capsys.readouterr().out)["outcome"] == "unknown"  # without a target there is no distance
 
 
 def test_a_connected_flight_is_traced_and_a_flight_with_too_few_logs_is_unchanged(
@@ -221,12 +220,12 @@ def test_a_connected_flight_is_traced_and_a_flight_with_too_few_logs_is_unchange
 @pytest.mark.parametrize(
     "wrong", [["--target", "here"], ["--target-std", "1"], ["--target", "1,2", "--world", "blocks"]]
 )
-def test_fly_refuses_a_target_that_is_none_before_anything_moves(wrong: list[str]) -> None:
+def test_fly_rejects_an_invalid_target_before_the_flight(wrong: list[str]) -> None:
     eyes = ["--truth", "udpin://127.0.0.1:0"] if "--world" in wrong else ["--camera", "x", "--instruction", "go"]
     assert main(["fly", "--connect", "udpin://127.0.0.1:0", *eyes, *wrong]) == 2
 
 
-def test_the_target_may_stand_in_the_episode(flight: Flown) -> None:
+def test_the_target_may_come_from_episode_json(flight: Flown) -> None:
     target = surveyed(flight, flight.true(0.0), std_m=1.0)
     (flight.folder / "episode.json").write_text(json.dumps({"id": "x", "surveyed_target": target.as_json()}))
     try:
@@ -239,7 +238,7 @@ def test_the_target_may_stand_in_the_episode(flight: Flown) -> None:
         (flight.folder / "episode.json").unlink()
 
 
-def test_both_sources_tell_the_same_flight(flight: Flown) -> None:
+def test_tlog_and_ulog_give_the_same_trace(flight: Flown) -> None:
     tlog, ulog = from_tlog(flight.folder / "flight.tlog"), from_ulog(flight.ulog)
     assert tlog.origin == pytest.approx(ulog.origin, abs=1e-3)
     at_us = flight.t0_us + 10e6
@@ -251,9 +250,7 @@ def test_both_sources_tell_the_same_flight(flight: Flown) -> None:
     assert tlog.yaw_deg(at_us) == pytest.approx(ulog.yaw_deg(at_us), abs=1.0)
 
 
-def test_a_torn_tlog_is_read_up_to_the_tear_and_others_on_the_wire_are_not_believed(
-    flight: Flown, tmp_path: Path
-) -> None:
+def test_a_damaged_tlog_is_read_around_the_damage_and_other_systems_are_ignored(flight: Flown, tmp_path: Path) -> None:
     data = (flight.folder / "flight.tlog").read_bytes()
     stranger = Packer(7, 1).pack(dialect.MAVLink_local_position_ned_message(4_000_000_000, 9e9, 0, 0, 0, 0, 0))
     torn = tmp_path / "flight.tlog"
@@ -286,12 +283,12 @@ def test_folders_without_a_flight_are_rejected(flight: Flown, tmp_path: Path) ->
         from_ulog(tmp_path / "none.ulg")
 
 
-def test_a_target_that_is_nowhere_is_refused() -> None:
+def test_invalid_targets_are_rejected() -> None:
     for wrong in ["", "1", "1,2,3,4", "north,east", "91,0", "0,181", "0,0,99999", "nan,0"]:
         assert "target" in refusal(target_from, wrong)
 
 
-def test_a_target_is_what_it_was_written_as() -> None:
+def test_a_target_survives_a_json_round_trip() -> None:
     assert target_from("47.39,8.54").altitude_m is None
     for target in (target_from("47.39,8.54,488.5", 0.02), target_from("-33,-70")):
         assert target_of(json.loads(json.dumps(target.as_json()))) == target

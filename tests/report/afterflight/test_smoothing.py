@@ -1,4 +1,4 @@
-"""The smoother against known paths: it removes short errors, and its standard deviation covers the others."""
+"""Tests the smoother on known paths: it removes short errors, and its standard deviation covers the others."""
 
 import math
 
@@ -41,7 +41,7 @@ def rms(values) -> float:
     return float(np.sqrt((values**2).sum(1).mean()))
 
 
-def test_noise_is_taken_out_of_a_path() -> None:
+def test_the_smoother_removes_noise() -> None:
     estimates, truth = estimated(noise_m=0.2)
     smoothed = smooth(estimates, estimates.time_us)
     relative = smoothed.position_ned - truth
@@ -54,19 +54,19 @@ def test_the_standard_deviation_covers_a_slowly_wandering_error() -> None:
     for seed in range(12):
         estimates, truth = estimated(wander_m=1.0, seed=seed)
         smoothed = smooth(estimates, estimates.time_us[::50])
-        assert (smoothed.std_m > 0.7).all()  # a minute of reports does not make a receiver better
+        assert (smoothed.std_m > 0.7).all()  # a minute of reports does not average out a slow error
         squared.append(((smoothed.position_ned - truth[::50]) / smoothed.std_m) ** 2)
-    assert 0.5 < np.mean(squared) < 1.6  # the expected mean of many more flights is 1
+    assert 0.5 < np.mean(squared) < 1.6  # over many flights the mean is 1
 
 
-def test_a_jump_of_the_estimate_is_no_jump_of_the_vehicle() -> None:
+def test_a_jump_of_the_estimate_is_smoothed() -> None:
     estimates, _ = estimated(jump=(2.0, 0.0, 0.0))
     assert np.abs(np.diff(estimates.position_ned[:, 0])).max() > 1.8
     smoothed = smooth(estimates, estimates.time_us)
     assert np.abs(np.diff(smoothed.position_ned[:, 0])).max() < 0.35
 
 
-def test_a_gap_is_bridged_and_owned() -> None:
+def test_a_gap_is_interpolated_with_a_larger_standard_deviation() -> None:
     estimates, truth = estimated(60.0)
     seconds = (estimates.time_us - 7e6) / 1e6
     has_report = (seconds < 20.0) | (seconds > 30.0)

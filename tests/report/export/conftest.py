@@ -1,4 +1,4 @@
-"""One run of two rendered flights, one drone and four drones, and both flights as the exporters read them."""
+"""Fixtures: a run of two rendered flights (one drone, four drones), and both flights as the exporters read them."""
 
 from pathlib import Path
 

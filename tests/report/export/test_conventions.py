@@ -1,4 +1,4 @@
-"""Frames and units against independent computations: rotation matrices, and scipy's rotations."""
+"""Compares frames and units with independent computations: rotation matrices, and scipy's rotations."""
 
 import math
 
@@ -35,14 +35,14 @@ def test_an_attitude_turns_flu_into_enu(roll, pitch, yaw):
 
 
 def test_directions_in_the_body_frame_map_to_the_world_frame():
-    east = Rotation.from_quat(xyzw_flu_to_enu(quat_from_euler(0.0, 0.0, math.radians(90.0))))  # its nose to the east
+    east = Rotation.from_quat(xyzw_flu_to_enu(quat_from_euler(0.0, 0.0, math.radians(90.0))))  # the nose points east
     np.testing.assert_allclose(east.apply([1.0, 0.0, 0.0]), enu((0.0, 1.0, 0.0)), atol=1e-12)
     np.testing.assert_allclose(east.apply([0.0, 1.0, 0.0]), enu((1.0, 0.0, 0.0)), atol=1e-12)  # left of it is north
     np.testing.assert_allclose(east.apply([0.0, 0.0, 1.0]), enu((0.0, 0.0, -1.0)), atol=1e-12)
     np.testing.assert_array_equal(flu((0.5, 0.2, 0.1)), (0.5, -0.2, -0.1))
 
 
-def test_a_picture_has_its_right_to_the_right_and_its_lower_edge_below():
+def test_optical_axes_point_right_down_and_forward():
     optical = Rotation.from_quat(optical_in_flu(CameraModel()))
     np.testing.assert_allclose(optical.apply([1.0, 0.0, 0.0]), (0.0, -1.0, 0.0), atol=1e-12)
     np.testing.assert_allclose(optical.apply([0.0, 1.0, 0.0]), (0.0, 0.0, -1.0), atol=1e-12)
@@ -59,7 +59,7 @@ def test_times_are_exact_to_the_microsecond(time_us):
 
 
 @pytest.mark.parametrize("latitude", [-33.0, 0.0, 46.5185])
-def test_a_place_is_as_far_and_in_the_direction_that_its_metres_tell(latitude):
+def test_geographic_positions_keep_the_distance_and_direction_in_metres(latitude):
     """Compares longitude, latitude and the distance with spherical trigonometry."""
     longitude, result_lat, altitude = lon_lat_alt((latitude, 6.5669, 394.0), (300.0, -400.0, -20.0))
     assert altitude == 414.0

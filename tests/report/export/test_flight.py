@@ -1,4 +1,4 @@
-"""Flights read for export: whose track is whose, in which frame, and which flights are refused."""
+"""Tests flights read for export: the tracks of the drones, their frames, and the flights that are rejected."""
 
 import shutil
 
@@ -13,7 +13,7 @@ from tests.report.export.conftest import ALONE
 
 
 @pytest.mark.parametrize("which", ["alone", "fleet"])
-def test_the_judges_track_passes_through_every_place_that_the_logger_measured(which, request):
+def test_the_truth_track_has_every_position_of_the_logger(which, request):
     flight = request.getfixturevalue(which)
     rows = [*flight.logs.poses, *flight.logs.frames.values()]
     assert len(rows) > 40
@@ -27,7 +27,7 @@ def test_the_judges_track_passes_through_every_place_that_the_logger_measured(wh
 
 
 @pytest.mark.parametrize("which", ["alone", "fleet"])
-def test_the_autopilots_own_track_is_near_the_truth_and_is_not_it(which, request):
+def test_the_autopilots_track_is_near_the_truth_but_not_equal(which, request):
     """Agreement is within GPS accuracy. A track in another local frame, or of another drone, is many metres off."""
     flight = request.getfixturevalue(which)
     for drone in flight.drone_tracks:
@@ -40,7 +40,7 @@ def test_the_autopilots_own_track_is_near_the_truth_and_is_not_it(which, request
         assert np.abs((ahead - true + np.pi) % (2 * np.pi) - np.pi).max() < np.radians(10.0)
 
 
-def test_velocity_is_the_change_of_place(alone):
+def test_velocity_integrates_to_the_change_of_position(alone):
     for track in (alone.drone_tracks[0].truth, alone.drone_tracks[0].estimate):
         moved = np.diff(track.position_ned, axis=0)
         mean = (track.velocity_ned[1:] + track.velocity_ned[:-1]) / 2 * np.diff(track.t_s)[:, None]
@@ -54,14 +54,14 @@ def test_every_decision_has_its_picture(fleet):
     assert [f.t_s for f in fleet.frames] == sorted(f.t_s for f in fleet.frames)
 
 
-def test_a_lost_picture_is_damage(run, tmp_path):
+def test_a_missing_picture_is_an_error(run, tmp_path):
     shutil.copytree(run.folder / ALONE, tmp_path / ALONE)
     (tmp_path / ALONE / "frames" / "000002.jpg").unlink()
     with pytest.raises(UsageError, match=r"000002\.jpg"):
         finished_flight(tmp_path / ALONE)
 
 
-def test_an_unfinished_episode_is_refused(run, tmp_path):
+def test_an_unfinished_episode_is_rejected(run, tmp_path):
     shutil.copytree(run.folder / ALONE, tmp_path / ALONE)
     truth = tmp_path / ALONE / "truth.jsonl"
     truth.write_text("".join(line for line in truth.open() if '"kind": "end"' not in line))
@@ -69,7 +69,7 @@ def test_an_unfinished_episode_is_refused(run, tmp_path):
         finished_flight(tmp_path / ALONE)
 
 
-def test_without_a_tlog_there_is_the_judges_track_alone(run, tmp_path, alone):
+def test_without_a_tlog_there_is_only_the_truth_track(run, tmp_path, alone):
     shutil.copytree(run.folder / ALONE, tmp_path / ALONE)
     (tmp_path / ALONE / "flight.tlog").unlink()
     flight = finished_flight(tmp_path / ALONE)
@@ -84,6 +84,6 @@ def test_without_a_tlog_there_is_the_judges_track_alone(run, tmp_path, alone):
     assert flight.origin == alone.origin
 
 
-def test_the_newest_sample_at_a_time_is_never_a_later_one():
+def test_newest_is_the_last_sample_up_to_a_time_or_else_the_first():
     track = FlightTrack(np.array([0.5, 1.0]), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 4)))
     assert [track.newest(t) for t in (0.0, 0.5, 0.9, 1.0, 3.0)] == [0, 0, 0, 1, 1]

@@ -1,4 +1,4 @@
-"""LeRobot datasets: the numbers agree with the logs, and LeRobot's own dataset class opens them if installed.
+"""Tests LeRobot datasets: the values agree with the logs, and LeRobot's own class opens them if installed.
 
 DRONECATS_LEROBOT_PYTHON names an interpreter with LeRobot, which needs PyTorch and other package versions.
 """
@@ -87,7 +87,7 @@ def autopilot_positions(flight, number, decisions):
     return places - places[0]
 
 
-def test_a_state_is_what_the_autopilot_thought_and_not_the_truth(dataset):
+def test_the_state_is_the_autopilots_estimate_and_not_the_truth(dataset):
     out, parts = dataset
     states = np.array([row["observation.state"] for row in rows(out)], np.float64)
     at = 0
@@ -106,7 +106,7 @@ def test_a_state_is_what_the_autopilot_thought_and_not_the_truth(dataset):
         at += len(decisions)
 
 
-def test_velocity_is_along_the_heading(alone):
+def test_velocity_is_in_the_heading_frame(alone):
     track = alone.drone_tracks[0].estimate
     fastest = int(np.argmax(np.linalg.norm(track.velocity_ned[:, :2], axis=1)))
     numbers = state(track, float(track.t_s[fastest]), float(track.t_s[0]))
@@ -122,7 +122,7 @@ def decision_with(action):
     return Decision(step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=0.0, action=action)
 
 
-def test_the_four_action_form():
+def test_actions_are_encoded_in_the_four_action_form():
     for action, expected in (
         ({"action": "go", "point": [250.0, 400.0], "depth_m": 6.5}, (1, 0, 0, 0, 250, 400, 6.5, 0)),
         ({"action": "rotate", "angle_deg": -30.0}, (0, 1, 0, 0, 0, 0, 0, -30)),
@@ -134,7 +134,7 @@ def test_the_four_action_form():
         assert len(ACTION) == 8
 
 
-def test_a_body_velocity_ends_where_the_action_would():
+def test_a_body_velocity_leads_to_the_end_of_the_action():
     """Calculated by hand: a far point 45° to the right is a turn of 45° at 60°/s, then 3 m along that line."""
     forward, right, down, rate, seconds = body_velocity(
         decision_with({"action": "go", "point": [1000.0, 500.0], "depth_m": 20.0}), CameraModel()
@@ -145,7 +145,7 @@ def test_a_body_velocity_ends_where_the_action_would():
     assert rate * seconds == pytest.approx(math.pi / 4, abs=1e-5)
 
 
-def test_a_point_above_is_flown_up_to():
+def test_a_point_above_gives_a_climbing_velocity():
     forward, right, down, rate, seconds = body_velocity(
         decision_with({"action": "go", "point": [500.0, 0.0], "depth_m": 20.0}), CameraModel()
     )
@@ -154,7 +154,7 @@ def test_a_point_above_is_flown_up_to():
     assert down / forward == pytest.approx(-360.0 / 640.0, abs=1e-5)
 
 
-def test_a_rotation_turns_in_place_and_the_others_hold():
+def test_a_rotation_turns_in_place_and_other_actions_hold():
     np.testing.assert_allclose(
         body_velocity(decision_with({"action": "rotate", "angle_deg": -60.0}), CameraModel()),
         (0.0, 0.0, 0.0, -math.pi / 3, 1.0), atol=1e-6,
@@ -183,7 +183,7 @@ def test_flights_without_images_are_reported(run, alone, tmp_path):
     assert not (tmp_path / "other").exists()
 
 
-def test_nothing_else_is_written_over(alone, tmp_path):
+def test_other_files_are_never_overwritten(alone, tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(UsageError, match="--overwrite"):
         lerobot.write(iter([alone]), tmp_path, False, [])
@@ -193,7 +193,7 @@ def test_nothing_else_is_written_over(alone, tmp_path):
 
 
 @needs("lerobot")
-def test_lerobots_own_class_finds_the_same(dataset):
+def test_lerobots_own_class_reads_the_same_values(dataset):
     out, parts = dataset
     reader = Path(__file__).with_name("lerobot_reader.py")
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""KML and GeoJSON read by GDAL. Their positions agree with those that the simulator sent on the truth bus."""
+"""Reads KML and GeoJSON with GDAL. The positions agree with those that the simulator sent on the truth bus."""
 
 import json
 from typing import Any
@@ -11,7 +11,7 @@ from dronecats.report.export.maps import paths, points, write_geojson, write_kml
 from foundation.mavlink import dialect
 from tests.support.logged_messages import logged_messages
 
-METRES = np.array([0.6889 * 111195.0, 111195.0, 1.0])  # of a degree of longitude and of latitude at 46.46°
+METRES = np.array([0.6889 * 111195.0, 111195.0, 1.0])  # length of a degree of longitude and of latitude at 46.46°
 
 
 def sent(flight, drone):
@@ -44,7 +44,7 @@ def read(path, layer=None):
 
 @pytest.mark.parametrize("which", ["alone", "fleet"])
 @pytest.mark.parametrize("form", ["kml", "geojson"])
-def test_gdal_finds_every_path_and_point_where_it_was(which, form, request, tmp_path):
+def test_gdal_reads_every_path_and_point_at_its_position(which, form, request, tmp_path):
     flight = request.getfixturevalue(which)
     path = tmp_path / f"flight.{form}"
     count = {"kml": write_kml, "geojson": write_geojson}[form](flight, path)
@@ -68,7 +68,7 @@ def test_gdal_finds_every_path_and_point_where_it_was(which, form, request, tmp_
     assert len([n for n in judges if n.startswith("judge/declaration")]) == len(flight.all_declarations) > 0
 
 
-def test_the_target_is_where_the_record_has_it(alone, tmp_path):
+def test_the_target_is_at_its_logged_position(alone, tmp_path):
     write_kml(alone, tmp_path / "flight.kml")
     [[place]] = read(tmp_path / "flight.kml", "judge")["judge/target"]
     drone = sent(alone, 0)[round(float(alone.drone_tracks[0].truth.t_s[0]), 6)]
@@ -78,7 +78,7 @@ def test_the_target_is_where_the_record_has_it(alone, tmp_path):
     assert start.target_ned[1] - start.position_ned[1] == pytest.approx(east_m, abs=0.1)
 
 
-def test_geojson_tells_times_and_whose_knowledge_it_is(alone, tmp_path):
+def test_geojson_has_times_and_marks_paths_of_the_judge(alone, tmp_path):
     write_geojson(alone, tmp_path / "flight.geojson")
     document = json.loads((tmp_path / "flight.geojson").read_text())
     lines = {f["properties"]["name"]: f for f in document["features"] if f["geometry"]["type"] == "LineString"}
@@ -89,14 +89,14 @@ def test_geojson_tells_times_and_whose_knowledge_it_is(alone, tmp_path):
     assert document["about"]["judge/success"] == "True"
 
 
-def test_kml_tells_times_as_a_calendar_from_1970(alone, tmp_path):
+def test_kml_times_are_dates_from_1970(alone, tmp_path):
     write_kml(alone, tmp_path / "flight.kml")
     text = (tmp_path / "flight.kml").read_text()
     first = next(line for line in paths(alone)).t_s[0]
     assert f"<when>1970-01-01T00:00:{first:09.6f}Z</when>" in text
 
 
-def test_a_target_that_stands_has_no_path(alone):
+def test_a_standing_target_has_no_path(alone):
     assert not alone.target_track.moves()
     assert "judge/target" not in [feature.name for feature in paths(alone)]
     assert "judge/target" in [feature.name for feature in points(alone)]

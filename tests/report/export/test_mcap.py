@@ -1,4 +1,4 @@
-"""MCAP files read by MCAP's own reader. Every message agrees with the run folder."""
+"""Reads MCAP files with MCAP's own reader. Every message agrees with the run folder."""
 
 import dataclasses
 import hashlib
@@ -40,7 +40,7 @@ def place(vector):
     return np.array([vector.y, vector.x, -vector.z])
 
 
-def test_every_pose_is_the_tracks_with_its_time_place_and_attitude(recording):
+def test_every_pose_has_the_time_position_and_attitude_of_its_track(recording):
     flight, messages, schemas, _ = recording
     for drone in flight.drone_tracks:
         for topic, track in ((f"/drone_{drone.number}", drone.estimate), (f"/judge/drone_{drone.number}", drone.truth)):
@@ -56,7 +56,7 @@ def test_every_pose_is_the_tracks_with_its_time_place_and_attitude(recording):
                 assert pose_message.timestamp.seconds * 10**9 + pose_message.timestamp.nanos == at
 
 
-def test_the_pictures_are_the_pilots_byte_for_byte_at_their_times(recording):
+def test_the_pictures_equal_the_pilots_pictures_in_bytes_and_times(recording):
     flight, messages, _, _ = recording
     for drone in flight.drone_tracks:
         images = messages[f"/drone_{drone.number}/camera/image"]
@@ -68,7 +68,7 @@ def test_the_pictures_are_the_pilots_byte_for_byte_at_their_times(recording):
         assert len(mine) == len(list((flight.folder / "frames").glob("*.jpg"))) / len(flight.drone_tracks)
 
 
-def test_the_calibration_puts_the_target_where_the_judge_measured_it(recording):
+def test_the_calibration_projects_the_target_to_its_measured_position(recording):
     """Project the target from the map's frame into the image. Compare with `target_frd`."""
     flight, messages, _, _ = recording
     mounted = next(t for _, m in messages["/tf"] for t in m.transforms if t.child_frame_id == "drone_0/camera")
@@ -93,7 +93,7 @@ def test_the_calibration_puts_the_target_where_the_judge_measured_it(recording):
         np.testing.assert_allclose(seen, (right, down, forward), atol=0.03)
         if forward > 1.0:
             u, v, w = K @ seen
-            half = picture.shape[1] / 2.0  # of a field of view of 90°, also the focal length
+            half = picture.shape[1] / 2.0  # also the focal length, as the field of view is 90°
             assert u / w == pytest.approx(half + half * right / forward, abs=8.0)
             assert v / w == pytest.approx(picture.shape[0] / 2.0 + half * down / forward, abs=8.0)
             compared += 1
@@ -118,7 +118,7 @@ def test_the_transforms_follow_a_gimbals_pitch(alone):
     assert mounts == [(0.0, -10.0), (frames[2].t, -40.0)]
 
 
-def test_the_ring_is_around_the_point_that_was_chosen(recording):
+def test_the_ring_marks_the_chosen_point(recording):
     flight, messages, _, _ = recording
     picture: Any = cv2.imread(str(flight.frames[0].jpeg))
     height, width = picture.shape[:2]
@@ -129,7 +129,7 @@ def test_the_ring_is_around_the_point_that_was_chosen(recording):
     np.testing.assert_allclose([(p.x, p.y) for _, p in rings], expected, atol=1e-9)
 
 
-def test_locations_lead_back_to_the_places(recording):
+def test_locations_convert_back_to_positions(recording):
     flight, messages, schemas, _ = recording
     assert schemas["/drone_0/location"] == "foxglove.LocationFix"
     for drone in flight.drone_tracks:
@@ -139,7 +139,7 @@ def test_locations_lead_back_to_the_places(recording):
         np.testing.assert_allclose(back, drone.truth.position_ned, atol=1e-3)
 
 
-def test_the_log_has_every_reply_and_the_judges_lines_are_apart(recording):
+def test_the_log_has_every_reply_and_the_judges_lines_are_separate(recording):
     flight, messages, schemas, metadata = recording
     assert schemas["/log"] == "foxglove.Log"
     lines = [(at, m.message) for at, m in messages["/log"]]
@@ -164,7 +164,7 @@ def test_only_the_judges_scene_has_the_target(recording):
     assert declared == {f"judge/declaration/{declaration.step}" for declaration in flight.all_declarations}
 
 
-def test_the_layout_names_topics_that_are_there_and_panels_that_are_placed(recording, tmp_path):
+def test_the_layout_uses_existing_topics_and_places_every_panel(recording, tmp_path):
     flight, messages, _, _ = recording
     count = layouts.write(tmp_path / "foxglove-layout.json", len(flight.drone_tracks))
     text = (tmp_path / "foxglove-layout.json").read_text()

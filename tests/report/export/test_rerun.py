@@ -1,4 +1,4 @@
-"""A Rerun recording, read back by Rerun's own reader."""
+"""Reads a Rerun recording with Rerun's own reader."""
 
 from collections import defaultdict
 from typing import Any
@@ -36,7 +36,7 @@ def nanos(t_s):
     return round(t_s * 1e6) * 1000
 
 
-def test_every_pose_is_there_east_north_up(recording):
+def test_every_pose_is_exported_as_east_north_up(recording):
     flight, entities, _ = recording
     assert flight.drone_tracks
     for drone in flight.drone_tracks:
@@ -52,7 +52,7 @@ def test_every_pose_is_there_east_north_up(recording):
             np.testing.assert_allclose(noses[:, [1, 0, 2]] * (1, 1, -1), true, atol=1e-5)
 
 
-def test_the_pictures_are_the_pilots_byte_for_byte(recording):
+def test_the_pictures_equal_the_pilots_pictures_in_bytes(recording):
     flight, entities, _ = recording
     for drone in flight.drone_tracks:
         logged = entities[f"/world/drone_{drone.number}/camera/image"]["EncodedImage:blob"]
@@ -61,7 +61,7 @@ def test_the_pictures_are_the_pilots_byte_for_byte(recording):
         assert [bytes(value[0]) for _, value in logged] == [frame.jpeg.read_bytes() for frame in mine]
 
 
-def test_the_camera_looks_where_the_target_was_measured(recording):
+def test_the_camera_transform_gives_the_measured_target_position(recording):
     """Transform the target from the world through body and camera into right-down-forward axes."""
     flight, entities, _ = recording
     camera = entities["/world/drone_0/camera"]
@@ -79,7 +79,7 @@ def test_the_camera_looks_where_the_target_was_measured(recording):
         np.testing.assert_allclose(mounted.inv().apply(there - offset), (right, below, forward), atol=0.03)
 
 
-def test_places_on_earth_are_latitude_before_longitude(recording):
+def test_geographic_points_have_latitude_before_longitude(recording):
     flight, entities, _ = recording
     points = entities["/map/judge/drone_0"]["GeoPoints:positions"]
     latitude, longitude, altitude = flight.origin
@@ -88,7 +88,7 @@ def test_places_on_earth_are_latitude_before_longitude(recording):
     np.testing.assert_allclose(north_east, flight.drone_tracks[0].truth.position_ned[:, :2], atol=1e-3)
 
 
-def test_the_log_has_every_reply_and_the_judges_words_are_apart(recording):
+def test_the_log_has_every_reply_and_the_judges_lines_are_separate(recording):
     flight, entities, _ = recording
     lines = entities["/log"]["TextLog:text"]
     assert len(lines) == 1 + len(flight.steps)
@@ -96,7 +96,7 @@ def test_the_log_has_every_reply_and_the_judges_words_are_apart(recording):
     assert len(entities["/judge/log"]["TextLog:text"]) == len(flight.all_declarations)
 
 
-def test_the_targets_place_stands_with_the_judge_alone(recording):
+def test_only_the_judges_entities_have_the_target(recording):
     flight, entities, _ = recording
     places = [value[0] for _, value in entities["/world/judge/target"]["Points3D:positions"]]
     np.testing.assert_allclose(np.array(places)[:, [1, 0, 2]] * (1, 1, -1), flight.target_track.position_ned, atol=1e-4)
@@ -104,7 +104,7 @@ def test_the_targets_place_stands_with_the_judge_alone(recording):
     assert not any("target" in path for path in mine)
 
 
-def test_the_file_has_its_blueprint(recording):
+def test_the_file_has_one_recording_and_one_blueprint(recording):
     _, _, reader = recording
     assert len(reader.recordings()) == 1
     assert len(reader.blueprints()) == 1

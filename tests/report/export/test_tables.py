@@ -1,4 +1,4 @@
-"""CSV and Parquet exports: the same rows as SQL, and a mark on every column of the judge."""
+"""Tests CSV and Parquet exports: they have the rows of SQL, and every column of the judge is marked."""
 
 import csv
 
@@ -26,7 +26,7 @@ def test_the_files_hold_the_rows_of_the_query(kind, run, tmp_path):
             assert exported_rows == result.rows
 
 
-def test_csv_is_read_by_anybody(run, tmp_path):
+def test_csv_is_readable_by_a_generic_csv_reader(run, tmp_path):
     formats.export("csv", [run], tmp_path)
     with (tmp_path / "steps.csv").open(newline="") as file:
         records = list(csv.DictReader(file))
@@ -44,7 +44,7 @@ def test_csv_is_read_by_anybody(run, tmp_path):
 
 
 def test_columns_of_the_judge_are_marked():
-    """Marks columns with positions, targets, distances, visibility and verdicts."""
+    """The marked columns have positions, targets, distances, visibility and verdicts."""
     true = {"north_m", "east_m", "down_m", "yaw_deg", "target_north_m", "target_east_m", "target_down_m", "distance_m",
             "distance_box_m", "visible", "visible_fraction", "bearing_deg", "oracle_depth_m", "success", "outcome",
             "oracle_success", "ne_m", "qualifies", "scored", "min_distance_m", "on_target", "path_m"}  # fmt: skip

@@ -1,4 +1,4 @@
-"""ULog exports, opened by pyulog."""
+"""Reads ULog exports with pyulog."""
 
 import math
 import re
@@ -29,7 +29,7 @@ def topic(log, name, drone=0):
     return log.get_dataset(name, drone).data
 
 
-def test_tracks_are_there_in_ned_with_the_vehicles_own_time(exported_log):
+def test_tracks_are_exported_in_ned_with_the_vehicles_time(exported_log):
     flight, log = exported_log
     for drone in flight.drone_tracks:
         for suffix, track in (("", drone.estimate), ("_groundtruth", drone.truth)):
@@ -93,7 +93,7 @@ def plotjuggler_names(log):
     }
 
 
-def test_the_layout_names_curves_that_are_there(exported_log, tmp_path):
+def test_the_layout_uses_existing_curves(exported_log, tmp_path):
     flight, log = exported_log
     drones = len(flight.drone_tracks)
     count = layouts.write(tmp_path / "plotjuggler-layout.xml", drones)
@@ -114,11 +114,11 @@ def test_the_layout_names_curves_that_are_there(exported_log, tmp_path):
         drawn = [name for name in names if "groundtruth" in str(name)]
         assert bool(drawn) == str(tab.get("tab_name")).startswith("judge: ")
         assert all(len(plot.findall("curve")) % drones == 0 for plot in plots)
-        assert len(set(names)) == len(names)  # each drone has its own
+        assert len(set(names)) == len(names)  # each drone has its own curves
     assert tabs[0].get("tab_name") == "path"
 
 
-def test_the_layouts_lie_beside_the_logs_that_they_are_for(run, tmp_path):
+def test_layouts_are_written_next_to_their_logs(run, tmp_path):
     done = formats.export("ulog", [run], tmp_path)
     named = {"plotjuggler-layout.xml", "plotjuggler-layout-fleet.xml"}
     assert {path.name for path in done.files} == {f"{folder.name}.ulg" for folder in run.episodes} | named
@@ -126,5 +126,5 @@ def test_the_layouts_lie_beside_the_logs_that_they_are_for(run, tmp_path):
     (tmp_path / "residential-approaching-01.ulg").unlink()
     (tmp_path / "blocks-commanding-01.ulg").unlink()
     with pytest.raises(UsageError, match=r"plotjuggler-layout\.xml\b.*\b1\b.*--overwrite"):
-        formats.export("ulog", [run], tmp_path)  # one that somebody has made his own, say
+        formats.export("ulog", [run], tmp_path)  # for example, a layout that the user edited
     assert layouts.layout_files("ulog", {4}) == {"plotjuggler-layout-fleet.xml": 4}

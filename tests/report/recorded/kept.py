@@ -1,8 +1,8 @@
-"""Two short flights that version 0.1.0 flew in lockstep, one drone and four drones, and the outputs made from them.
+"""Two short flights of version 0.1.0 in lockstep (one drone, four drones), and the outputs made from them.
 
 kept_run.tar.xz is their run folder. Its flight.tlog holds only the messages that the readers use, from one second
-before the episode. kept_outputs.json holds the outputs of export, film, replay and report from before `RecordedFlight`
-was one class. `python -m tests.report.recorded.kept` regenerates it.
+before the episode. kept_outputs.json holds the outputs of export, film, replay and report, made before
+`RecordedFlight` was one class. `python -m tests.report.recorded.kept` regenerates it.
 """
 
 import json

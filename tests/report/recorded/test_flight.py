@@ -1,4 +1,4 @@
-"""Flights that film, replay, export and the post-flight estimate used to read differently."""
+"""Tests flights that film, replay, export and the post-flight estimate used to read differently."""
 
 import json
 import math
@@ -22,7 +22,7 @@ from tests.support.json_lines import rows
 from tests.support.run_folders import lines, measured, run_folder
 
 EPISODE, FLEET = "residential-approaching-77", "residential-commanding-77"
-T0_US = 5  # of `run_folder`
+T0_US = 5  # the start time that `run_folder` writes
 
 
 def flight_folder(tmp_path: Path, name: str = EPISODE, **settings) -> Path:
@@ -46,8 +46,8 @@ def truth_frame(system: int, t: float) -> bytes:
     return Packer(system, TRUTH_COMPONENT).pack(message)
 
 
-def test_a_drone_without_telemetry_does_not_get_that_of_the_next_one(tmp_path):
-    """The export used to count systems: with the second one silent, the second drone got the third drone's track."""
+def test_a_drone_without_telemetry_does_not_get_the_track_of_the_next_drone(tmp_path):
+    """The export used to count systems. Without the second system, the second drone got the third drone's track."""
     folder = flight_folder(tmp_path, FLEET, drones=3)
     log = TelemetryLog(folder / layout.TLOG)
     for k in range(40):
@@ -65,8 +65,8 @@ def test_a_drone_without_telemetry_does_not_get_that_of_the_next_one(tmp_path):
         assert flight.tracks[drone].at(3.0).position_ned == pytest.approx(place, abs=0.03)
 
 
-def test_a_row_without_a_heading_keeps_the_last_one(tmp_path):
-    """Films and replays used to turn the drone to the north there."""
+def test_a_row_without_a_heading_keeps_the_last_heading(tmp_path):
+    """Films and replays used to turn the drone to the north at such a row."""
     folder = flight_folder(tmp_path, "nowhere-approaching-77")
     change(folder / layout.TRUTH, lambda row: {**row, "yaw_deg": None} if row["kind"] == "frame" else row)
     track = RecordedFlight.read(folder).tracks[0]
@@ -74,7 +74,7 @@ def test_a_row_without_a_heading_keeps_the_last_one(tmp_path):
     assert headings == pytest.approx([5.0] * len(headings), abs=1e-6)
 
 
-def test_the_instruction_of_a_flight_without_a_record_is_that_of_its_run(tmp_path):
+def test_a_flight_without_a_record_has_the_instruction_of_its_run(tmp_path):
     """Exports and films used to omit the instruction."""
     folder = flight_folder(tmp_path)
     (folder / layout.EPISODE).unlink()
@@ -93,13 +93,13 @@ def test_the_instruction_of_a_flight_without_a_record_is_that_of_its_run(tmp_pat
         (None, (1280, 720, 90.0)),
     ],
 )
-def test_the_camera_is_the_announced_one(tmp_path, announced, camera):
-    """Films and drawn views used the benchmark's camera. Replays did so where run.json had a part of the camera."""
+def test_the_camera_is_the_one_in_run_json(tmp_path, announced, camera):
+    """Films and drawn views used the benchmark's camera. So did replays if run.json had only a part of the camera."""
     flight = RecordedFlight.read(flight_folder(tmp_path, camera=announced))
     assert (flight.camera.width, flight.camera.height, flight.camera.hfov_deg) == camera
 
 
-def test_a_killed_flight_ends_with_its_last_row_whichever_log_holds_it(tmp_path):
+def test_a_killed_flight_ends_with_the_last_row_of_any_log(tmp_path):
     """Films used to end with the last pose. The post-flight estimate ended at once: such a flight has no pose."""
     folder = flight_folder(tmp_path, steps=2)
     change(folder / layout.TRUTH, lambda row: row if row["kind"] == "begin" or row.get("t", 99.0) < 2.0 else None)
@@ -117,8 +117,8 @@ def test_a_killed_flight_ends_with_its_last_row_whichever_log_holds_it(tmp_path)
     assert [pose.t for pose in trace.poses] == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
 
 
-def test_a_setpoint_that_another_has_overtaken_is_not_the_newest(tmp_path):
-    """Replays used to show it."""
+def test_a_setpoint_that_arrives_after_a_newer_one_is_not_the_newest(tmp_path):
+    """Replays used to show the late setpoint."""
     folder = flight_folder(tmp_path)
     log, autopilot = TelemetryLog(folder / layout.TLOG), Packer(1, 1)
     for time_ms, north in ((1000, 0.1), (1200, 0.2), (1100, 0.3), (2000, 0.4)):
@@ -131,8 +131,8 @@ def test_a_setpoint_that_another_has_overtaken_is_not_the_newest(tmp_path):
     assert moments.moment(2.5).drones[0].setpoint_ned == pytest.approx((0.4, 0.0, 0.0))
 
 
-def test_of_two_decisions_on_one_picture_the_later_one_is_the_newest(tmp_path):
-    """A commander that confirms decides on an earlier image again. Films used to keep showing the first decision."""
+def test_the_later_of_two_decisions_on_one_picture_is_the_newest(tmp_path):
+    """A commander's confirmation is a new decision on an earlier image. Films used to show the first decision."""
     folder = flight_folder(tmp_path, steps=2)
     change(folder / layout.DECISIONS, lambda row: {**row, "frame_id": 0, "t_frame": 0.1})
     newest = RecordedFlight.read(folder).latest_decision(0, 1.0, "t_frame")
@@ -140,7 +140,7 @@ def test_of_two_decisions_on_one_picture_the_later_one_is_the_newest(tmp_path):
     assert newest.step == 1
 
 
-def test_a_tlog_that_was_torn_and_gone_on_with_is_read_on_both_sides(tmp_path):
+def test_a_resumed_tlog_is_read_before_and_after_its_torn_frame(tmp_path):
     folder = flight_folder(tmp_path)
     path = folder / layout.TLOG
     for first, last in ((0, 20), (20, 40)):  # the second half is written after a kill in the middle of a frame
@@ -152,5 +152,5 @@ def test_a_tlog_that_was_torn_and_gone_on_with_is_read_on_both_sides(tmp_path):
             path.write_bytes(path.read_bytes()[:-30])
     track = RecordedFlight.read(folder).true_tracks[0]
     assert not track.level
-    assert 38 <= len(track) <= 39  # the torn frame is lost, and the frame that its length reaches into
+    assert 38 <= len(track) <= 39  # lost: the torn frame, and the frame that its length field covers
     assert track.t_s[-1] == pytest.approx(7.8)

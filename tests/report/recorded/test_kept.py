@@ -1,4 +1,4 @@
-"""The outputs of film, replay, export and report for flights of an older version do not change."""
+"""Tests that the outputs of film, replay, export and report for flights of an older version do not change."""
 
 import json
 
@@ -6,7 +6,7 @@ import pytest
 
 from tests.report.recorded.kept import OUTPUTS, outputs, unpacked
 
-MOVED = 2e-6  # m, rad, s: the last digit that is kept
+MOVED = 2e-6  # tolerance in m, rad, s: the last stored digit
 
 
 @pytest.fixture(scope="module")
@@ -16,7 +16,7 @@ def made(tmp_path_factory):
 
 
 @pytest.mark.parametrize("part", json.loads(OUTPUTS.read_text()))
-def test_the_outputs_of_a_kept_flight_stay_as_they_were(made, part):
+def test_the_outputs_of_a_stored_flight_do_not_change(made, part):
     differing = list(differences(json.loads(OUTPUTS.read_text())[part], made[part], part))
     assert differing == []
 

@@ -1,4 +1,4 @@
-"""The runs and episodes that commands read, and the pilot names of runs."""
+"""Tests the runs and episodes that commands read, and the pilot names of runs."""
 
 import pytest
 

@@ -19,7 +19,7 @@ def contents(archive: Path) -> dict[str, bytes]:
 
 
 def packed(files: dict[str, bytes], out: Path, digests: bool = True) -> Path:
-    """Write an archive of these files. With `digests`, the manifest has the correct digests, like a forger's."""
+    """Write an archive of these files. With `digests`, the manifest gets correct digests."""
     files = dict(files)
     if digests:
         manifest = json.loads(files["manifest.json"])

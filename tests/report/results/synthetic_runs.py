@@ -1,4 +1,4 @@
-"""Run folders like a benchmark's, with shipped records, written without flying."""
+"""Writes run folders like those of a benchmark, with shipped records, without flying."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ SECONDS = 24.0  # length of the log, whose end row says that the episode ended a
 
 
 def write_run(folder: Path, ids: tuple[str, ...], pilot: str = "oracle", seed: int = 0, **settings: Any) -> Path:
-    """Write a run of these episodes, each flown straight to its target, and return its folder."""
+    """Write a run of these episodes and return its folder. Each drone flies straight to its target."""
     spec = FlightSpec(pilot=pilot, simulated=Simulated(speed=None, rendered=False), seed=seed, **settings)
     folder.mkdir(parents=True, exist_ok=True)
     configuration = {"flight": as_redacted_json(spec), "agent": "dronecats.run.pilot.papers_agent",
@@ -59,7 +59,7 @@ def write_episode(folder: Path, declares: bool = True) -> Path:
 
 
 def tell_incidents(folder: Path, *rows: dict[str, Any]) -> None:
-    """Add these hits, clears and resets to an episode's truth.jsonl as the complete list, and judge it again."""
+    """Add hits, clears and resets to an episode's truth.jsonl, mark them as complete, and judge it again."""
     path = folder / "truth.jsonl"
     begin, *rest = path.read_text(encoding="utf-8").splitlines()
     begun = json.dumps({**json.loads(begin), "contacts": True, "resets": True})

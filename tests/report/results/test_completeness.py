@@ -1,4 +1,4 @@
-"""Missing episodes of a benchmark are counted."""
+"""Tests that missing episodes of a benchmark are counted."""
 
 import json
 
@@ -9,7 +9,7 @@ from tests.report.results.synthetic_runs import write_run
 IDS = ("campus-searching-01", "residential-approaching-01")
 
 
-def test_flights_that_belong_and_are_not_there_are_missing(tmp_path):
+def test_planned_flights_without_a_folder_are_counted_as_missing(tmp_path):
     write_run(tmp_path / "oracle-1", IDS)
     write_run(tmp_path / "oracle-2", IDS[:1], seed=1)
     runs = recorded_runs([tmp_path])

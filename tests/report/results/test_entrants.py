@@ -1,4 +1,4 @@
-"""The entrants of the tables, and the runs that they reject."""
+"""Tests the entrants of the tables, and the runs that are rejected."""
 
 import pytest
 
@@ -13,7 +13,7 @@ def labels(*some, **options):
     return [entrant.label for entrant in entrants(collected(*some), **options)]
 
 
-def test_flights_of_one_setting_are_one_line_and_their_episodes_are_kept_apart():
+def test_runs_of_one_configuration_are_one_entrant_with_separate_episodes():
     runs = [a_run(f"runs/{seed}", model=MODEL, seed=seed) for seed in (1, 0)]
     (entrant,) = entrants(collected(flights(runs[0], ONE), flights(runs[1], {"campus-approaching": "fe"})))
     assert (entrant.label, entrant.is_model) == ("vllm/Qwen/Qwen3.5-9B", True)
@@ -24,7 +24,7 @@ def test_flights_of_one_setting_are_one_line_and_their_episodes_are_kept_apart()
     assert (len(entrant.episodes), len(entrant.scored)) == (4, 3)
 
 
-def test_models_stand_before_built_in_pilots_and_a_replay_is_no_model():
+def test_models_come_before_built_in_pilots_and_a_replay_is_not_a_model():
     some = [
         flights(a_run("runs/o", pilot="oracle"), ONE),
         flights(a_run("runs/r", model=MODEL, flight={"replay": {"steps": []}}), ONE),
@@ -36,7 +36,7 @@ def test_models_stand_before_built_in_pilots_and_a_replay_is_no_model():
     ]  # fmt: skip
 
 
-def test_a_label_says_as_much_of_the_setting_as_tells_it_from_its_namesakes():
+def test_a_label_has_only_the_settings_that_distinguish_it():
     some = [
         flights(a_run("runs/a"), ONE),
         flights(a_run("runs/b", flight={"latency": "fixed:1"}), ONE),
@@ -58,7 +58,7 @@ def test_another_agent_is_always_named_and_has_its_own_row():
     assert [len(entrant.runs) for entrant in entrants(collected(*papers, *others))] == [2, 1, 1]
     made_only = flights(
         a_run("runs/o", agent="mine.agent"), ONE
-    )  # as in runs of versions before the flight named its agent
+    )  # as in runs of older versions, whose flight has no agent
     assert labels(*papers, made_only) == ["vision", "vision · mine.agent"]
 
 
@@ -85,9 +85,9 @@ def test_two_records_of_one_id_are_rejected_for_any_pilot():
             entrants(collected([a], [b]), pool_anyway=anyway)
 
 
-def test_a_model_that_is_asked_in_two_ways_is_two_lines():
+def test_a_model_with_two_request_settings_is_two_entrants():
     efforts = [named("m", quick={"reasoning_effort": word}) for word in ("low", "high")]
     some = [flights(a_run(f"runs/{k}", model=model), ONE) for k, model in enumerate(efforts)]
     labels = [entrant.label for entrant in entrants(collected(*some))]
     assert [word in label for word, label in zip(("low", "high"), labels, strict=True)] == [True, True]
-    assert not [label for label in labels if "max_tokens" in label]  # they do not differ in it
+    assert not [label for label in labels if "max_tokens" in label]  # both models have the same max_tokens

@@ -1,4 +1,4 @@
-"""The identity of runs: runs of one kind, and the named differences of other runs."""
+"""Tests the identity of runs: runs of one kind agree, and differences of other runs are named."""
 
 import hashlib
 import json
@@ -22,7 +22,7 @@ from dronecats.report.results.identity import (
 from tests.support.scores import MODEL, TOLD, a_run, named
 
 
-def test_flights_of_one_kind_differ_in_their_seed_and_in_who_pays():
+def test_seed_and_ledger_do_not_change_the_identity():
     runs = [a_run(f"runs/{seed}", model=MODEL, seed=seed, flight={"accounts": {"ledger": f"{seed}.sqlite"}})
             for seed in range(3)]  # fmt: skip
     assert pooling_conflict(runs) is None
@@ -30,7 +30,7 @@ def test_flights_of_one_kind_differ_in_their_seed_and_in_who_pays():
     assert pooling_conflict([]) is None
 
 
-# (what the second run changes, the name of the difference, the values of both runs)
+# (changes of the second run, name of the difference, values of both runs)
 CHANGES: list[tuple[dict[str, Any], str, tuple[str, str]]] = [
     ({"code_sha256": "b" * 64}, "code", ("a" * 64, "b" * 64)),
     ({"prompt_sha256": "d" * 64}, "prompt", ("c" * 64, "d" * 64)),
@@ -49,20 +49,20 @@ CHANGES: list[tuple[dict[str, Any], str, tuple[str, str]]] = [
 ]
 
 
-def test_an_agent_is_the_same_under_the_name_that_version_0_1_0_gave_it():
+def test_agent_names_of_version_0_1_0_equal_the_current_names():
     former, now = (a_run(f"runs/{k}", model=MODEL, agent=name) for k, name in enumerate(
         ("dronecats.run.steady.steady_agent", "steady")))  # fmt: skip
     assert pooling_conflict([former, now]) is None
     assert identity_digest(identity(former)) == identity_digest(identity(now))
 
 
-def test_the_digest_of_a_kind_is_that_of_archives_made_with_version_0_1_0():
+def test_identity_digests_equal_those_of_version_0_1_0():
     run_identity = {"the agent": frozenset({"paper"}), "the clock": frozenset({"lockstep"})}
     text = '{"the agent": ["dronecats.run.pilot.papers_agent"], "the clock": ["lockstep"]}'
     assert identity_digest(run_identity) == hashlib.sha256(text.encode()).hexdigest()
 
 
-def test_differences_of_kind_are_named():
+def test_differences_of_identity_are_named():
     usual = {"disturbances": {"frame": {"delay_s": 0.0}}}
     for changed, name, values in CHANGES:
         other = {**changed, "flight": {**usual, **changed.get("flight", {})}}
@@ -79,7 +79,7 @@ def test_differences_of_kind_are_named():
         assert not re.search(r"[0-9a-f]{9}", message), f"{name}: digests are shortened"
 
 
-def test_another_suite_holds_other_episodes_and_a_patch_of_python_changes_no_number():
+def test_another_suite_or_python_patch_version_is_not_a_conflict():
     other = a_run("runs/b", suite={"name": "commanding", "version": 1, "sha256": "6" * 64},
                   versions={**TOLD["versions"], "python": "3.11.9"})  # fmt: skip
     assert pooling_conflict([a_run("runs/a"), other]) is None
@@ -100,19 +100,19 @@ def test_unrecorded_values_equal_only_unrecorded_values():
     ]
 
 
-def test_measured_things_make_no_kind():
+def test_measured_and_unknown_fields_do_not_change_the_identity():
     measured: dict[str, Any] = {"served_rate_hz": 1.3, "pace": {"late": 3}, "schema": 1, "something_new": 2}
     assert differences(identity(a_run("runs/a")), identity(a_run("runs/b", **measured))) == []
 
 
-def test_the_rest_that_differs_is_counted():
+def test_further_differing_runs_are_counted_and_not_named():
     runs = [a_run(f"runs/{k}", prompt_sha256=str(k) * 64) for k in range(4)]
     message = pooling_conflict(runs) or ""
     assert re.search(r"runs/1\b.*runs/0\b.*prompt.*1{8}.*0{8}.*\b2\b", message)
     assert "runs/2" not in message
 
 
-def test_the_run_that_differs_from_most_is_named_whichever_is_first():
+def test_the_run_that_differs_from_most_is_named_in_any_order():
     bench = [a_run(f"runs/bench/f{k}", seed=k) for k in range(3)]
     alone = type(bench[0])(
         folder=Path("runs/alone"), episodes=(),
@@ -135,7 +135,7 @@ def with_identity(tmp_path, name, **fields):
     return type(run)(folder=run.folder, configuration=run.configuration, episodes=(folder,))
 
 
-def test_the_model_as_it_was_served_and_the_code_of_the_machine_that_flew_count(tmp_path):
+def test_the_served_model_and_the_code_of_the_flying_machine_count(tmp_path):
     a = with_identity(tmp_path, "a", served=["qwen-2026 fp_1"], code_sha256="a" * 64)
     b = with_identity(tmp_path, "b", served=["qwen-2026 fp_2"], code_sha256="a" * 64)
     assert pooling_conflict([a, a]) is None
@@ -145,7 +145,7 @@ def test_the_model_as_it_was_served_and_the_code_of_the_machine_that_flew_count(
     assert re.search("code.*a{8}.*b{8}", pooling_conflict([elsewhere]) or "")
 
 
-def test_a_record_is_known_however_its_file_is_laid_out():
+def test_record_digests_do_not_depend_on_json_formatting():
     assert record_digest({"a": 1, "b": [2.0]}) == record_digest(json.loads('{"b":[2.0],  "a":1}'))
     assert record_digest({"a": 1}) != record_digest({"a": 2})
 

@@ -1,4 +1,4 @@
-"""The leaderboard: verified entries only, and built-in pilots in a table apart from models."""
+"""Tests the leaderboard: only verified entries, and separate tables for built-in pilots and models."""
 
 import json
 import re
@@ -36,8 +36,8 @@ ONE = Verification(
 OURS = replace(ONE, name="Ours", pilot="oracle", is_model=False, archive_sha256="b" * 64)
 
 
-def test_the_page_is_made_from_the_entries_that_are_kept():
-    """`dronecats leaderboard docs/leaderboard/*.json --out docs/leaderboard.md` makes it again."""
+def test_the_page_matches_the_stored_entries():
+    """`dronecats leaderboard docs/leaderboard/*.json --out docs/leaderboard.md` regenerates it."""
     assert ENTRIES
     assert (ROOT / "docs" / "leaderboard.md").read_text(encoding="utf-8") == page(map(entry, ENTRIES))
 
@@ -62,7 +62,7 @@ def test_rates_are_percent_with_the_entrys_interval():
     assert re.findall(r"[\d.]+", row.partition(") | ")[2]) == ["1", "65.0", "40.0", "52.5", "40", "37.5", "67.1"]
 
 
-def test_the_better_stands_above_and_what_is_partial_apart():
+def test_better_entries_come_first_and_partial_entries_have_their_own_table():
     better = replace(ONE, name="Two", cells={"approaching": cell(19, 20)}, archive_sha256="c" * 64)
     partial = replace(better, name="Three", partial="some are missing", archive_sha256="d" * 64)
     assert tables(page([ONE, partial, better])) == [["Two", "One"], ["Three"]]
@@ -84,19 +84,19 @@ def test_no_table_holds_two_agents():
     assert tables(page([steady, papers, ONE])) == [["One", "Papers"], ["Steady"]]
 
 
-def test_unverified_entries_are_rejected():
+def test_unverified_and_duplicate_entries_are_rejected():
     with pytest.raises(UsageError, match=r"One.*a\.json"):
         page([replace(ONE, verified=False, differences=("a.json differs",))])
     with pytest.raises(UsageError, match="One"):
         page([ONE, ONE])
 
 
-def test_every_pilot_is_named_as_what_it_is():
+def test_every_pilot_has_a_description():
     for pilot in ("oracle", "vision", "blind", "blind:fan", "recorded:x", *(f"failing:{f}" for f in FAILURES)):
         assert pilot_description(pilot), pilot
 
 
-def test_a_file_that_is_no_entry_is_refused(tmp_path):
+def test_a_file_without_an_entry_is_rejected(tmp_path):
     for data in (b"", b"[]", b"{}", b'{"name": 1}', b"\xff"):
         (tmp_path / "x.json").write_bytes(data)
         with pytest.raises(UsageError, match=r"x\.json"):
@@ -105,14 +105,14 @@ def test_a_file_that_is_no_entry_is_refused(tmp_path):
         entry(tmp_path / "nowhere.json")
 
 
-def test_an_entry_comes_back_from_its_json(tmp_path):
+def test_an_entry_survives_a_json_round_trip(tmp_path):
     (tmp_path / "x.json").write_bytes(msgspec.json.encode(ONE))
     assert json.loads((tmp_path / "x.json").read_text())["cells"]["approaching"]["successes"] == 13
     assert entry(tmp_path / "x.json") == ONE
 
 
 @given(name=st.text(st.characters(codec="utf-8"), min_size=1, max_size=30), note=st.text(max_size=40))
-def test_words_of_somebodys_own_are_words(name, note):
+def test_names_and_notes_are_plain_text(name, note):
     """A name or a note cannot add a table, link, heading or HTML to the page."""
     page_text = page([replace(ONE, name=name, note=note)])
     plain = page([replace(ONE, name="x", note="y")])

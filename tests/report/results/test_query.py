@@ -1,4 +1,4 @@
-"""SQL over run folders: the answers, the files that a query reads, and the statements that are rejected."""
+"""Tests SQL over run folders: the results, the files that a query reads, and the statements that are rejected."""
 
 import json
 import re
@@ -46,7 +46,7 @@ def test_hits_and_resets_are_columns_of_episodes(tmp_path):
     assert [tuple(row.values()) for row in rows] == [(3, 1, 2.5, 4.0, 2), (None,) * 5]
 
 
-def test_the_tables_hold_what_the_logs_do(runs):
+def test_the_tables_match_the_logs(runs):
     logs = RecordedFlight.read(runs / "oracle" / EPISODES[1]).logs
     where = f"run = 'oracle' AND episode = '{EPISODES[1]}'"
     steps = ask(f"SELECT * FROM steps WHERE {where}", runs)
@@ -67,7 +67,7 @@ def test_the_tables_hold_what_the_logs_do(runs):
     assert json.loads(str(run["configuration"]))["flight"]["pilot"] == "failing:never-declares"
 
 
-def test_a_verdict_is_derived_anew_with_every_metric(runs):
+def test_episode_rows_have_the_verdict_and_every_metric(runs):
     episode_rows = ask("SELECT * FROM episodes ORDER BY run, episode", runs)
     assert [(e["run"], e["success"], e["outcome"]) for e in episode_rows] == [
         ("oracle", True, "success"), ("oracle", True, "success"),
@@ -93,25 +93,25 @@ def test_a_damaged_episode_has_its_error_in_its_row_and_others_are_unaffected(tm
     assert query("SELECT DISTINCT episode FROM poses", recorded_runs([run])).damage == answer.damage
 
 
-def test_only_what_is_named_is_read(runs, monkeypatch):
+def test_a_query_reads_only_the_tables_that_it_names(runs, monkeypatch):
     monkeypatch.setattr(RecordedFlight, "read", lambda folder: pytest.fail("an episode was read"))
     assert ask("SELECT count(*) AS n FROM RUNS", runs) == [{"n": 2}]
     assert ask("SELECT 1 AS one", runs) == [{"one": 1}]
 
 
-def test_a_name_that_is_put_together_is_no_table(runs):
-    """Otherwise it would be an empty table."""
+def test_a_table_name_that_sql_composes_is_rejected(runs):
+    """If it were accepted, the table would be empty."""
     with pytest.raises(UsageError, match="steps"):
         ask("SELECT * FROM query_table('st' || 'eps')", runs)
 
 
-def test_names_are_whole_words():
+def test_table_names_match_whole_words():
     assert sorted(tables_in_query("SELECT * FROM steps")) == ["steps"]
     assert sorted(tables_in_query('select * from "Steps" s join EPISODES using (run)')) == ["episodes", "steps"]
     assert sorted(tables_in_query("SELECT steps_ FROM x_poses")) == []
 
 
-def test_the_examples_run_and_most_have_an_answer(runs):
+def test_the_examples_run_and_most_return_rows(runs):
     answers = [query(example, recorded_runs([runs])) for example in EXAMPLES]
     assert all(answer.columns for answer in answers)
     assert (
@@ -119,12 +119,12 @@ def test_the_examples_run_and_most_have_an_answer(runs):
     )  # no flight here is unscored, and no declaration is at the wrong place
 
 
-def test_the_page_has_the_tables_as_they_are():
+def test_the_docs_page_lists_the_current_tables():
     """The page lists all columns except those of metrics."""
     assert "### runs" + PAGE.partition("### runs")[2] == markdown()
 
 
-def test_every_column_of_a_measure_tells_its_unit():
+def test_descriptions_of_measured_columns_begin_with_the_unit():
     units = {"_m": "m", "_s": "s", "_deg": "°", "_hz": "Hz"}
     for table in TABLES.values():
         for column in table.columns:
@@ -155,7 +155,7 @@ def test_a_query_is_one_select(runs, tmp_path):
         assert list(tmp_path.iterdir()) == [], sql
 
 
-def test_a_select_reaches_nothing_but_its_tables(runs, tmp_path):
+def test_a_select_reads_nothing_but_its_tables(runs, tmp_path):
     file = tmp_path / "secret.csv"
     file.write_text("a\n1\n")
     planted = {"a": np.array([1.0])}  # a variable of this process that the database could scan
@@ -176,7 +176,7 @@ def test_a_select_reaches_nothing_but_its_tables(runs, tmp_path):
         assert [path.name for path in tmp_path.iterdir()] == ["secret.csv"], sql
 
 
-def test_every_lock_holds_by_itself(runs):
+def test_locked_settings_alone_reject_other_statements(runs):
     """Statements other than SELECT are rejected before they run. The database would also reject them."""
     loaded = database.load(recorded_runs([runs]), ["runs"])
     for setting in database.LOCKED:
@@ -187,7 +187,7 @@ def test_every_lock_holds_by_itself(runs):
     loaded.connection.close()
 
 
-def test_every_lock_is_on_where_a_query_runs(runs):
+def test_a_query_runs_with_all_locked_settings(runs):
     expected = dict(setting.split(" = ") for setting in database.LOCKED)
     setting_rows = ask("SELECT name, value FROM duckdb_settings()", runs)
     active = {row["name"]: row["value"] for row in setting_rows if row["name"] in expected}
@@ -219,7 +219,7 @@ def test_an_answer_is_written_as_parquet(runs, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["it's.parquet"]
 
 
-def test_an_export_is_a_file_a_table(runs, tmp_path):
+def test_an_export_writes_one_file_per_table(runs, tmp_path):
     rows, damage = write_tables("parquet", recorded_runs([runs]), tmp_path / "out")
     assert damage == []
     assert rows == {"runs": 2, "episodes": 4, "steps": 50, "poses": 490, "declarations": 2}
@@ -247,7 +247,7 @@ def test_columns_with_one_name_get_different_labels(runs):
 
 
 @given(st.lists(st.one_of(st.none(), st.integers())))
-def test_whole_numbers_come_through(values):
+def test_integers_are_unchanged_and_those_beyond_64_bits_are_null(values):
     result = array(values, "BIGINT").tolist()
     assert result == [v if v is not None and -(2**63) <= v < 2**63 else None for v in values]
 
@@ -260,7 +260,7 @@ def connection():
 
 @settings(max_examples=50)
 @given(values=st.lists(st.one_of(st.none(), st.text(), st.text(st.characters(categories=("L", "Cs"))))))
-def test_texts_come_through_the_database(values, connection):
+def test_texts_are_unchanged_in_the_database(values, connection):
     """Half a surrogate pair is valid in JSON and not in UTF-8. It is escaped."""
     connection.execute("CREATE OR REPLACE TABLE t (n BIGINT, x VARCHAR)")
     connection.register("incoming", {"n": np.arange(len(values)), "x": array(values, "VARCHAR")})

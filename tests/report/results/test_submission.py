@@ -1,4 +1,4 @@
-"""Archives of runs: their content without keys or local paths, and the runs that `submit` rejects."""
+"""Tests archives of runs: their content without keys or local paths, and the runs that `submit` rejects."""
 
 import json
 import re
@@ -18,7 +18,7 @@ from tests.report.results.archives import QUICK, TWO, changed, contents
 from tests.report.results.synthetic_runs import write_run
 
 
-def test_a_whole_suite_is_verified_and_says_what_it_cannot_tell(suite_archive):
+def test_a_complete_suite_is_verified_and_lists_unchecked_items(suite_archive):
     report = verify(suite_archive, reread)
     assert report.differences == ()
     assert report.verified
@@ -35,12 +35,12 @@ def test_a_whole_suite_is_verified_and_says_what_it_cannot_tell(suite_archive):
     assert any("truth.jsonl" in note for note in report.unchecked)
 
 
-def test_the_same_runs_are_the_same_bytes(run, suite_archive, tmp_path):
+def test_equal_runs_give_equal_archive_bytes(run, suite_archive, tmp_path):
     submit(recorded_runs([run]), tmp_path / "again.tar.xz")
     assert (tmp_path / "again.tar.xz").read_bytes() == suite_archive.read_bytes()
 
 
-def test_several_flights_are_one_entry(run, tmp_path):
+def test_runs_with_different_seeds_are_one_entry(run, tmp_path):
     again = write_run(tmp_path / "second", QUICK, seed=7)
     manifest = submit(recorded_runs([again, run]), tmp_path / "two.tar.xz", name="Twice", note="a  note")
     assert [(run_entry.folder, run_entry.seed) for run_entry in manifest.runs] == [("runs/01", 0), ("runs/02", 7)]
@@ -53,7 +53,7 @@ def test_several_flights_are_one_entry(run, tmp_path):
     assert report.interval == (expected.low, expected.high) == wilson(len(QUICK), len(QUICK))
 
 
-def test_left_out_are_telemetry_and_frames_but_for_their_digests(tmp_path):
+def test_telemetry_and_frames_are_omitted_except_for_their_digests(tmp_path):
     run = write_run(tmp_path / "run", TWO)
     (run / TWO[0] / "flight.tlog").write_bytes(b"tlog")
     (run / TWO[0] / "frames").mkdir()
@@ -73,7 +73,7 @@ def test_left_out_are_telemetry_and_frames_but_for_their_digests(tmp_path):
     assert "2 frames" in " ".join(report.unchecked)
 
 
-def test_no_key_and_no_path_of_this_machine_goes_in(tmp_path):
+def test_archives_contain_no_keys_and_no_local_paths(tmp_path):
     run = write_run(tmp_path / "some body" / "run", TWO)
     key, shaped = "planted/key+of-mine", "sk-proj-0123456789abcdefghij"
     record = json.loads((run / "run.json").read_text())
@@ -131,7 +131,7 @@ def test_an_incomplete_submission_is_rejected_or_marked_partial(change, part, tm
     assert verify(tmp_path / "a.tar.xz", reread).partial == manifest.partial
 
 
-def test_an_entry_is_one_pilot_under_one_configuration(tmp_path):
+def test_an_entry_must_have_one_pilot_and_one_configuration(tmp_path):
     cases: list[tuple[dict[str, Any], str]] = [
         ({"pilot": "blind"}, "pilot.*oracle.*blind"),
         ({"latency": LatencyPolicy.parse("fixed:9")}, r"latency.*fixed:0\.5.*fixed:9"),
@@ -160,7 +160,7 @@ FLOWN: dict[str, Any] = {
         ({"served": ["openai/gpt-5-2026"]}, "model.*openai/gpt-5-2026"),
     ],
 )
-def test_flights_by_other_code_or_another_model_are_no_one_entry(changed_fields, parts, tmp_path):
+def test_runs_with_different_code_or_served_model_are_rejected(changed_fields, parts, tmp_path):
     for k, more in enumerate(({}, changed_fields)):
         run = write_run(tmp_path / f"run{k}", TWO, seed=k)
         for episode in TWO:

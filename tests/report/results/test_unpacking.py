@@ -1,4 +1,4 @@
-"""Malicious or damaged archives are rejected in one sentence and write nothing outside their folder."""
+"""Tests that malicious or damaged archives are rejected in one sentence and write nothing outside their folder."""
 
 import copy
 import io
@@ -49,8 +49,8 @@ STRANGE = (
 )  # fmt: skip
 
 
-def test_a_name_that_is_none_of_a_runs_is_refused(small, tmp_path):
-    """In both cases: the manifest lists the name, or only the archive has it."""
+def test_file_names_outside_the_run_layout_are_rejected(small, tmp_path):
+    """Tests both cases: the manifest lists the name, or only the archive has it."""
     place = tmp_path / "place"
     place.mkdir()
     files = contents(small)
@@ -74,7 +74,7 @@ def test_a_name_that_is_none_of_a_runs_is_refused(small, tmp_path):
             place.mkdir()
 
 
-def test_a_link_or_a_device_is_refused(small, tmp_path):
+def test_entries_other_than_plain_files_are_rejected(small, tmp_path):
     files = contents(small)
     manifest = info("manifest.json", size=len(files["manifest.json"]))
     for kind in (
@@ -87,7 +87,7 @@ def test_a_link_or_a_device_is_refused(small, tmp_path):
             verify(tmp_path / "x.tar.xz", reread)
 
 
-def test_headers_that_change_others_are_refused(tmp_path):
+def test_pax_and_gnu_headers_are_rejected(tmp_path):
     entry = info("manifest.json", size=3)
     entry.pax_headers = {"path": "../../evil"}
     with pytest.raises(UsageError, match="plain file"):
@@ -96,7 +96,7 @@ def test_headers_that_change_others_are_refused(tmp_path):
         verify(raw(tmp_path / "x.tar.xz", info("a" * 300, size=3), format=tarfile.GNU_FORMAT), reread)
 
 
-def test_a_bomb_is_refused_before_it_goes_off(small, tmp_path, monkeypatch):
+def test_decompression_bombs_are_rejected(small, tmp_path, monkeypatch):
     bomb = tmp_path / "bomb.tar.xz"
     with lzma.open(bomb, "wb", preset=0) as file:
         file.write(b"\0" * (16 << 20))
@@ -115,7 +115,7 @@ def test_a_bomb_is_refused_before_it_goes_off(small, tmp_path, monkeypatch):
         verify(small, reread)
 
 
-def test_zeros_without_end_are_refused_by_their_ratio(small, tmp_path):
+def test_a_high_compression_ratio_is_rejected(small, tmp_path):
     with lzma.open(tmp_path / "x.tar.xz", "wb", preset=1) as out, lzma.open(small) as archive:
         out.write(archive.read())
         for _ in range(100):
@@ -124,7 +124,7 @@ def test_zeros_without_end_are_refused_by_their_ratio(small, tmp_path):
         verify(tmp_path / "x.tar.xz", reread)
 
 
-def test_a_dictionary_that_takes_gigabytes_is_refused(tmp_path):
+def test_a_large_lzma_dictionary_is_rejected(tmp_path):
     filters = [{"id": lzma.FILTER_LZMA2, "preset": 0, "dict_size": 1 << 29}]
     xz = lzma.LZMACompressor(format=lzma.FORMAT_XZ, filters=filters)
     (tmp_path / "x.tar.xz").write_bytes(xz.compress(b"\0" * 100) + xz.flush())
@@ -155,7 +155,7 @@ def test_invalid_archives_are_rejected_in_one_sentence(small, tmp_path):
         assert len(str(refused.value).splitlines()) == 1, part
 
 
-def test_another_file_is_refused(tmp_path):
+def test_files_that_are_not_archives_are_rejected(tmp_path):
     for data in (b"", b"x" * 1000, b"\x1f\x8b\x08" + b"\0" * 100):
         (tmp_path / "x.tar.xz").write_bytes(data)
         with pytest.raises(UsageError, match=r"x\.tar\.xz"):
@@ -164,7 +164,7 @@ def test_another_file_is_refused(tmp_path):
         verify(tmp_path / "nowhere", reread)
 
 
-def test_something_behind_the_end_is_refused(small, tmp_path):
+def test_data_after_the_end_of_the_archive_is_rejected(small, tmp_path):
     (tmp_path / "x").write_bytes(small.read_bytes() + small.read_bytes())
     with pytest.raises(UsageError):
         verify(tmp_path / "x", reread)
@@ -183,7 +183,7 @@ SMALL: dict[Path, bytes] = {}
 
 
 @given(data=st.data())
-def test_a_damaged_archive_is_refused_or_read_and_writes_nowhere_else(data, small, tmp_path_factory):
+def test_a_damaged_archive_is_rejected_or_read_and_writes_only_to_its_folder(data, small, tmp_path_factory):
     original = SMALL.setdefault(small, lzma.decompress(small.read_bytes()))
     damaged = bytearray(original)
     for _ in range(data.draw(st.integers(1, 4))):
@@ -201,7 +201,7 @@ def test_a_damaged_archive_is_refused_or_read_and_writes_nowhere_else(data, smal
 
 
 @given(st.binary(max_size=300))
-def test_no_manifest_breaks_the_reader(data):
+def test_random_manifest_bytes_are_rejected_in_one_line(data):
     assert len(refusal(lambda: decoded(data)).splitlines()) == 1
 
 
@@ -213,7 +213,7 @@ VALUES = st.recursive(
 
 
 @given(data=st.data())
-def test_no_value_in_a_manifest_breaks_the_reader(data, small):
+def test_any_manifest_value_is_read_or_rejected_in_one_line(data, small):
     manifest = json.loads(contents_once(small)["manifest.json"])
     keys = data.draw(st.lists(st.sampled_from(sorted(manifest)), min_size=1, max_size=2))
     for key in keys:
@@ -228,7 +228,7 @@ STRANGE_VALUES = VALUES | st.sampled_from(
 
 @settings(max_examples=25)
 @given(data=st.data())
-def test_no_value_in_a_file_breaks_what_verifies(data, small, tmp_path_factory):
+def test_no_value_in_a_file_breaks_the_verification(data, small, tmp_path_factory):
     """Any archive is rejected in one sentence or judged. Its report can be printed and encoded."""
     files = contents_once(small)
     name = data.draw(st.sampled_from([file_name for file_name in files if file_name != "manifest.json"]))

@@ -41,7 +41,7 @@ def test_changes_are_detected(small, tmp_path):
         assert re.search(part, " ".join(report.differences)), (part, report.differences)
 
 
-def test_a_file_that_is_not_its_digests_is_named(small, tmp_path):
+def test_a_file_with_a_wrong_digest_is_named_in_the_differences(small, tmp_path):
     name = f"runs/01/{TWO[0]}/truth.jsonl"
     forged = changed(
         small, tmp_path / "x.tar.xz", lambda f: f.update({name: f[name].replace(b"true", b"True")}), digests=False
@@ -52,7 +52,7 @@ def test_a_file_that_is_not_its_digests_is_named(small, tmp_path):
     )
 
 
-def test_a_file_of_another_size_is_refused_before_it_is_read(small, tmp_path):
+def test_a_file_with_a_wrong_size_is_an_error(small, tmp_path):
     name = f"runs/01/{TWO[0]}/truth.jsonl"
     forged = changed(small, tmp_path / "x.tar.xz", lambda f: f.update({name: f[name] + b"\n"}), digests=False)
     with pytest.raises(UsageError, match=rf"{name}.*manifest\.json"):

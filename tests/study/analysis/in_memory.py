@@ -1,4 +1,4 @@
-"""Invented studies as values, without a folder."""
+"""Synthetic studies in memory, without a folder."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from dronecats.study.analysis.study_results import StudiedFactor, StudiedFlight, StudiedLevel, StudyResults
 from tests.support.scores import a_run, an_episode
 
-Law = Callable[..., float]  # levels, in the order of the factors → log odds of the middle episode
+Law = Callable[..., float]  # levels, in the order of the factors → log odds of success in the median episode
 
 
 def a_study(
@@ -21,7 +21,7 @@ def a_study(
     entrants: Sequence[str] = ("vision",),
     seed: int = 0,
 ) -> StudyResults:
-    """Return a study with every episode flown at every point, success drawn by the law."""
+    """Return a study in which every episode is flown at every point. Success is drawn by the law."""
     rng = np.random.default_rng(seed)
     made = []
     for entrant in entrants:

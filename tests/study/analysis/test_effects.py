@@ -1,4 +1,4 @@
-"""Main effects and interactions: recovered from known laws, and compared with statsmodels if nothing scatters."""
+"""Main effects and interactions, compared with known laws and, for studies without scatter, with statsmodels."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ LATENCY, WIND = number_factor("latency", 0.0, 1.0, 2.0), number_factor("wind", 0
 GRID = [(s, v) for s in LATENCY.levels for v in WIND.levels]
 
 
-def test_effects_are_those_of_the_law():
+def test_main_effects_recover_the_known_law():
     study = a_study([LATENCY, WIND], GRID, lambda s, v: 1.0 - 1.2 * s - 0.1 * v, episodes=60)
     slow, blown = main_effects(study)
     assert (slow.begin, slow.end, blown.begin, blown.end) == (0.0, 2.0, 0.0, 8.0)
@@ -27,7 +27,7 @@ def test_effects_are_those_of_the_law():
     assert slow.share_begin > slow.share_end
 
 
-def test_without_scatter_effects_are_those_of_statsmodels():
+def test_without_scatter_effects_equal_those_of_statsmodels():
     import statsmodels.api as sm
 
     study = a_study([LATENCY, WIND], GRID, lambda s, v: 1.0 - 1.2 * s - 0.1 * v, episodes=200, scatter=0.0)
@@ -41,8 +41,8 @@ def test_without_scatter_effects_are_those_of_statsmodels():
     assert slow.high == pytest.approx(2.0 * theirs.params[1] + reach, abs=0.1)
 
 
-def test_an_interval_ends_where_the_fit_is_worse_by_the_limit_of_f():
-    """With six episodes the limit is 6.6 of twice the log likelihood. Chi-square, for many episodes, has 3.8."""
+def test_intervals_end_at_the_f_limit_of_the_likelihood_ratio():
+    """With six episodes, twice the log likelihood may fall by 6.6. The chi-square limit, for many episodes, is 3.8."""
     study = a_study([LATENCY, WIND], GRID, lambda s, v: 1.0 - 1.2 * s - 0.1 * v, episodes=6, flights=3)
     by_name = [[f for f in study.flights if f.scored.episode == f"campus-tracking-{k:02}"] for k in range(6)]
     won = np.array(
@@ -58,8 +58,8 @@ def test_an_interval_ends_where_the_fit_is_worse_by_the_limit_of_f():
         assert worse == pytest.approx(stats.f.ppf(0.95, 1, 5), abs=0.05)
 
 
-def test_without_scatter_the_tests_are_statsmodels_own_with_equal_degrees_of_freedom():
-    """Three words are two columns, and with a number two products. Neither is tested as one column."""
+def test_without_scatter_p_values_and_degrees_of_freedom_equal_those_of_statsmodels():
+    """A factor of three words has two columns, and two products with a number. Each test has two degrees of freedom."""
     import statsmodels.api as sm
 
     policy = StudiedFactor(name="latency_policy", unit="", levels=("fixed", "stall", "slow"), reference="fixed")
@@ -77,7 +77,7 @@ def test_without_scatter_the_tests_are_statsmodels_own_with_equal_degrees_of_fre
     assert heat_maps(study)[0].p == pytest.approx(stats.chi2.sf(2.0 * (crossed - both), 2), rel=0.02)
 
 
-def test_shares_of_numbers_are_those_at_the_lowest_and_the_highest():
+def test_shares_of_a_numeric_factor_are_those_at_its_lowest_and_highest_level():
     study = a_study([LATENCY, WIND], GRID, lambda s, v: 2.0 - 2.0 * s, episodes=200, scatter=0.0)
     slow, _ = main_effects(study)
     for share, level in ((slow.share_begin, 0.0), (slow.share_end, 2.0)):
@@ -85,15 +85,15 @@ def test_shares_of_numbers_are_those_at_the_lowest_and_the_highest():
         assert share == pytest.approx(flown_share, abs=0.02)
 
 
-def test_a_factor_that_does_nothing_is_rarely_found():
+def test_a_factor_without_an_effect_is_rarely_significant():
     false_positives = 0
     for seed in range(30):
         study = a_study([LATENCY, WIND], GRID, lambda s, v: 0.5 - s, episodes=12, flights=1, seed=seed)
         false_positives += main_effects(study)[1].p <= 0.05
-    assert false_positives <= 5  # of 30, 1.5 are expected; six come once in 200
+    assert false_positives <= 5  # 1.5 of 30 are expected; six occur once in 200 times
 
 
-def test_words_are_against_the_first():
+def test_effects_of_words_are_relative_to_the_first_word():
     policy = StudiedFactor(name="latency_policy", unit="", levels=("fixed", "stall", "slow"), reference="fixed")
     points = [(s, p) for s in LATENCY.levels for p in policy.levels]
     hurts = {"fixed": 0.0, "stall": -1.0, "slow": -3.0}
@@ -104,8 +104,8 @@ def test_words_are_against_the_first():
     assert slow.log_odds == pytest.approx(-3.0, abs=0.8)
 
 
-def test_shares_of_words_are_those_at_each_word():
-    """Without scatter the fitted shares are near the flown ones, also for a third word that spoils nearly all."""
+def test_fitted_shares_at_each_word_equal_the_observed_shares():
+    """The study has no scatter. At the third word, nearly all flights fail."""
     policy = StudiedFactor(name="latency_policy", unit="", levels=("fixed", "stall", "slow"), reference="fixed")
     hurts = {"fixed": 2.0, "stall": 1.0, "slow": -4.0}
     points = [(p, v) for p in policy.levels for v in WIND.levels]
@@ -120,7 +120,7 @@ def test_shares_of_words_are_those_at_each_word():
         assert effect.share_end == pytest.approx(flown_shares[effect.end], abs=0.02)
 
 
-def test_the_correction_counts_a_factor_of_many_words_once():
+def test_the_holm_correction_counts_a_factor_with_several_words_once():
     policy = StudiedFactor(name="latency_policy", unit="", levels=("fixed", "stall", "slow"), reference="fixed")
     points = [(p, v) for p in policy.levels for v in WIND.levels]
     study = a_study([policy, WIND], points, lambda p, v: 1.0 - 0.2 * v - (p == "slow"), episodes=12, flights=1)
@@ -128,7 +128,7 @@ def test_the_correction_counts_a_factor_of_many_words_once():
     assert stall.p == slow.p
     assert [stall.p_holm, blown.p_holm] == pytest.approx(holm([stall.p, blown.p]))
     assert stall.p_holm == slow.p_holm
-    assert max(stall.p, blown.p) < 0.5  # so that the correction shows
+    assert max(stall.p, blown.p) < 0.5  # so that the correction has an effect
     assert stall.p_holm + blown.p_holm > stall.p + blown.p
 
 
@@ -143,7 +143,7 @@ def test_additive_effects_are_distinguished_from_interactions():
     assert [[share.trials for share in line] for line in additive.shares] == [[80] * 3] * 3
 
 
-def test_a_factor_that_decides_everything_has_no_best_number():
+def test_a_factor_that_determines_every_outcome_has_no_finite_effect():
     study = a_study([LATENCY, WIND], GRID, lambda s, v: 50.0 if s < 0.5 else -50.0, episodes=10)
     slow, _ = main_effects(study)
     assert (slow.log_odds, slow.low, slow.high) == (None, None, None)
@@ -151,7 +151,7 @@ def test_a_factor_that_decides_everything_has_no_best_number():
     assert heat_maps(a_study([LATENCY, WIND], GRID, lambda s, v: 99.0, episodes=5))[0].p is None
 
 
-def test_one_factor_has_no_table_of_effects():
+def test_a_study_of_one_factor_has_no_main_effects_and_no_heat_maps():
     study = a_study([LATENCY], [(level,) for level in LATENCY.levels], lambda s: 1.0 - s)
     assert main_effects(study) == []
     assert heat_maps(study) == []

@@ -1,4 +1,4 @@
-"""Loading of a study's folder, which is refused if its runs differ in more than their levels."""
+"""Loading of a study folder. A folder whose runs differ in more than their levels is rejected."""
 
 import json
 import re
@@ -28,7 +28,7 @@ def study_folder(tmp_path_factory):
 
 @pytest.fixture
 def changed(study_folder, tmp_path):
-    """Return a copy that a test may change."""
+    """Return a copy of the study folder that a test may change."""
     return shutil.copytree(study_folder, tmp_path / "s")
 
 
@@ -51,31 +51,31 @@ def test_every_flight_has_its_levels_and_its_pair(study_folder):
     [({"code_sha256": "b" * 64}, "code.*b{8}"), ({"prompt_sha256": "d" * 64}, "prompt.*d{8}"),
      ({"protocol": {"RADIUS_M": 6.0, "CAP_S": 300.0}}, "RADIUS_M.*6.0")],
 )  # fmt: skip
-def test_runs_that_differ_in_more_than_the_factor_are_refused(changed, fields, parts):
+def test_runs_that_differ_in_more_than_the_factor_are_rejected(changed, fields, parts):
     change_run(changed / "vision-latency-1-f2", **fields)
     with pytest.raises(UsageError, match=f"vision-latency-1-f2.*{parts}"):
         load_results(changed)
 
 
-def test_flights_with_other_options_are_refused(changed):
+def test_flights_with_other_options_are_rejected(changed):
     change_flight(changed / "vision-latency-0.5-f1", parser="lenient")
     with pytest.raises(UsageError, match=r"vision-latency-0.5-f1.*parser.*strict.*lenient"):
         load_results(changed)
 
 
-def test_levels_that_were_not_flown_are_refused(changed):
+def test_a_flight_at_a_level_other_than_its_declared_one_is_rejected(changed):
     change_flight(changed / "vision-latency-0.5-f1", latency="fixed:0.6")
     with pytest.raises(UsageError, match=r"vision-latency-0\.5-f1.*study\.json.*latency 0\.5"):
         load_results(changed)
 
 
-def test_pairs_with_other_seeds_are_refused(changed):
+def test_pairs_with_different_seeds_are_rejected(changed):
     change_flight(changed / "oracle-latency-1-f2", seed=7)
     with pytest.raises(UsageError, match=r"oracle-latency-1-f2.*seeds.*7"):
         load_results(changed)
 
 
-def test_a_flight_under_two_names_is_refused(changed):
+def test_a_flight_under_two_names_is_rejected(changed):
     document = json.loads((changed / "study.json").read_text())
     [run] = [entry for entry in document["runs"] if entry["name"] == "vision-latency-1-f2"]
     (changed / "study.json").write_text(
@@ -99,12 +99,12 @@ def test_missing_flights_are_counted(changed):
     assert studied.planned - len(studied.flights) == 3
 
 
-def test_a_folder_that_is_no_study_is_refused(tmp_path):
+def test_a_folder_without_study_json_is_rejected(tmp_path):
     with pytest.raises(UsageError, match=r"study\.json"):
         load_results(tmp_path)
 
 
-def test_a_rate_is_compared_with_the_fastest_and_an_agent_is_an_entrant(tmp_path):
+def test_the_reference_rate_is_the_highest_and_each_agent_is_an_entrant(tmp_path):
     write_study(tmp_path, {"rate": (0.5, 1.0, 2.0), "agent": ("paper", "steady")}, lambda pilot, levels: 1.0,
                 episodes=TRACKING[:1])  # fmt: skip
     studied = load_results(tmp_path)
@@ -142,7 +142,7 @@ def test_refining_factors_are_read_back(tmp_path, axes, held):
     assert studied.entrants == ("vision",)
 
 
-def test_recorded_latencies_travel_with_the_flights(tmp_path, monkeypatch):
+def test_recorded_latencies_are_stored_with_the_flights(tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     Path("fast.csv").write_text("0.5\n0.25\n")
@@ -159,7 +159,7 @@ def test_recorded_latencies_travel_with_the_flights(tmp_path, monkeypatch):
     assert len(studied.flights) == 3
     slow = next((tmp_path / "s").glob("*slow.csv*"))
     change_flight(slow, latency=f"stall:0.1,2+trace:{trace_name((2.0,))}", latency_trace=[2.0])
-    with pytest.raises(UsageError, match=r"slow.csv@"):  # other latencies are not taken for them
+    with pytest.raises(UsageError, match=r"slow.csv@"):  # a trace of other latencies does not match
         load_results(tmp_path / "s")
 
 
@@ -179,7 +179,7 @@ def test_one_factor_at_a_time_keeps_the_other_at_its_base(tmp_path):
     assert [row.width_m.steps for row in target_motions(studied, 0)] == decisions
 
 
-def test_held_factors_are_those_of_the_flights(tmp_path):
+def test_held_factors_must_match_those_of_the_flights(tmp_path):
     write_study(tmp_path, {"latency": (0.0, 1.0)}, falling(), episodes=TRACKING[:1], held={"wind": 3.0})
     assert len(load_results(tmp_path).flights) == 2
     document = json.loads((tmp_path / "study.json").read_text())
@@ -201,7 +201,7 @@ def test_flights_with_many_resets_are_excluded_on_request_and_noted(changed):
     notes = " ".join(chosen.notes)
     assert re.search(r"3 of 36 .*estimator_resets above 2", notes)
     assert re.search(r"0 of 12 at 0 s.* 0 of 12 at 0\.5 s.* 3 of 12 at 1 s", notes)
-    assert re.search(r"18 flights .*estimator_resets", notes)  # the oracle's, whose logs have no resets
+    assert re.search(r"18 flights .*estimator_resets", notes)  # flights of the oracle, whose logs have no resets
     [note, _] = load_results(changed, exclusions=[parse_exclusion("estimator_resets=3")]).notes
     assert re.search(r"0 of 36 .*estimator_resets above 3", note)
 
@@ -212,7 +212,7 @@ def test_invalid_exclusions_are_rejected(text):
         parse_exclusion(text)
 
 
-def test_changed_prices_of_a_model_do_not_matter(tmp_path, monkeypatch):
+def test_changed_model_prices_do_not_prevent_loading(tmp_path, monkeypatch):
     rows = tmp_path / "models.toml"
     monkeypatch.setenv("DRONECATS_MODELS", str(rows))
     row = '[mine]\nprovider = "local"\nidentifier = "m"\nbase_url = "http://h/v1"\ninput_usd = 1\noutput_usd = 2\n'

@@ -1,4 +1,4 @@
-"""The numbers of levels and of pairs, compared with counts by hand and with the statistical tests."""
+"""Results per level and per pair, compared with counts by hand and with the statistical tests."""
 
 import random
 import shutil
@@ -32,7 +32,7 @@ def studied(folder):
     return load_results(folder)
 
 
-def test_shares_and_means_are_those_of_the_flights(studied):
+def test_shares_and_means_equal_counts_over_the_flights(studied):
     for result in level_results(studied, 0):
         flights = [
             f.scored for f in studied.flights
@@ -53,7 +53,7 @@ def test_broken_flights_are_counted_and_not_scored(tmp_path):
 
 
 def test_broken_flights_are_in_no_pair_and_no_fit():
-    """A broken flight counts as not flown. As a failure it would make its level look worse."""
+    """A broken flight counts as missing. If it counted as a failure, its level would look worse."""
     latency, wind = number_factor("latency", 0.0, 1.0, 2.0), number_factor("wind", 0.0, 8.0, unit="m/s")
     points = [(s, v) for s in latency.levels for v in wind.levels]
     study = a_study([latency, wind], points, lambda s, v: 1.5 - s, episodes=8, flights=1, entrants=("vision", "oracle"))
@@ -70,7 +70,7 @@ def test_broken_flights_are_in_no_pair_and_no_fit():
     assert (main_effects(lost), heat_maps(lost)) == (main_effects(without), heat_maps(without))
 
 
-def test_levels_are_against_the_reference_on_the_same_flights(studied):
+def test_each_level_is_compared_with_the_reference_over_paired_flights(studied):
     rows = [e for e in between_levels(studied, 0) if (e.first, e.cell, e.metric) == ("vision", "tracking", "success")]
     assert [(row.at.title, row.against.title) for row in rows] == [("1 s", "0 s"), ("2 s", "0 s")]
     for row in rows:
@@ -88,8 +88,8 @@ def test_levels_are_against_the_reference_on_the_same_flights(studied):
 
 
 @pytest.mark.parametrize("episodes", [3, 9, 20])
-def test_intervals_hold_only_possible_values_and_agree_with_their_tests(episodes):
-    """One distance in ten is far off. No bound is below 0, and an interval excludes 0 exactly if p is small."""
+def test_intervals_contain_only_possible_values_and_agree_with_their_tests(episodes):
+    """One distance in ten is an outlier. No bound is outside the data. Intervals exclude 0 exactly if p ≤ 0.05."""
     latency = number_factor("latency", 0.0, 1.0, 2.0)
     points = [(level,) for level in latency.levels]
     rng, study = random.Random(episodes), a_study([latency], points, lambda s: 1.0 - s, episodes=episodes)
@@ -116,8 +116,8 @@ def test_intervals_hold_only_possible_values_and_agree_with_their_tests(episodes
     assert episodes < 6 or any(pair.difference.p <= 0.05 for pair in compared)
 
 
-def test_the_reference_is_one_level_among_many():
-    """Only 0 s succeeds: every later level is equally worse, for any grouping of levels."""
+def test_many_levels_are_grouped_but_the_reference_level_stays_alone():
+    """Flights succeed only at 0 s. Every other level is equally worse, for any grouping of levels."""
     many = number_factor("latency", *(k / 4 for k in range(13)))
     study = a_study([many], [(level,) for level in many.levels], lambda s: 50.0 if s == 0.0 else -50.0, episodes=10)
     rows = [row for row in between_levels(study, 0) if row.metric == "success"]
@@ -128,8 +128,8 @@ def test_the_reference_is_one_level_among_many():
         assert row.pairs == 10 * 2 * len(row.at.members)
 
 
-def test_a_reference_flight_beside_several_is_one_pair():
-    """Two equal levels in one group are no more evidence than one of them."""
+def test_equal_levels_in_one_group_add_no_evidence():
+    """The group has twice as many pairs as a single level, but the same difference, interval and p value."""
     many = number_factor("latency", *(float(k) for k in range(13)))
     study = a_study([many], [(level,) for level in many.levels], lambda s: 0.0, episodes=12, flights=1)
     first = {f.scored.episode: f.scored for f in study.flights if f.levels == (2.0,)}
@@ -173,19 +173,19 @@ def test_a_target_moves_by_its_speed_times_the_period(studied):
         assert motion.period_s.at == pytest.approx([period] * 5)
         assert motion.moved_m.at == pytest.approx([SPEED * period] * 5)
         assert motion.episodes == 4
-        # 90° across: as wide as twice the depth, from 20 m on
+        # the camera sees 90°, so the view is twice as wide as deep; the depth begins at 20 m
         assert motion.width_m.at[-1] == pytest.approx(2 * (20.0 - 1.5 * 0.1), rel=0.01)
         assert motion.share.at[0] >= SPEED * period / 40.0
 
 
-def test_the_rate_is_the_served_one(studied):
+def test_served_rates_and_latencies_are_those_of_the_logs(studied):
     for served in served_rates(studied, 0):
         assert served.rate_hz.at == pytest.approx([1 / (2.5 + float(served.step.at or 0.0))] * 5)
         assert served.latency_s.at == pytest.approx([served.step.at] * 5)
 
 
-def test_the_half_of_a_known_law_is_found():
-    """The law's value is in the interval, for any order and any names of the flights."""
+def test_the_half_success_point_of_a_known_law_is_recovered():
+    """The interval contains the true value. The order and the entrant of the flights have no effect."""
     latency = number_factor("latency", 0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
     points = [(level,) for level in latency.levels]
     study = a_study([latency], points, lambda s: -1.5 * (s - 1.2), episodes=40, seed=3)
@@ -198,7 +198,7 @@ def test_the_half_of_a_known_law_is_found():
     assert again.half.value == pytest.approx(fitted.half.value, abs=1e-3)
 
 
-def test_each_level_of_another_factor_has_its_own_half():
+def test_each_level_of_another_factor_has_its_own_half_success_point():
     latency, wind = number_factor("latency", 0.0, 1.0, 2.0, 4.0), number_factor("wind", 0.0, 8.0, unit="m/s")
     points = [(s, v) for s in latency.levels for v in wind.levels]
     study = a_study([latency, wind], points, lambda s, v: -2.0 * (s - 2.0 + float(v) / 8.0), episodes=60)

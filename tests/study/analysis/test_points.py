@@ -1,4 +1,4 @@
-"""Entrants compared at every point of a design, against flights counted by hand."""
+"""Comparisons of entrants at every point of a design, checked against counts by hand."""
 
 import itertools
 from fractions import Fraction
@@ -44,7 +44,7 @@ def apart(first: list[list[bool]], second: list[list[bool]]) -> list[Fraction]:
     return [Fraction(sum(a), len(a)) - Fraction(sum(b), len(b)) for a, b in zip(first, second, strict=True)]
 
 
-def test_each_point_has_its_own_flights_and_is_named_by_its_unusual_levels():
+def test_each_point_uses_its_own_flights_and_is_named_by_its_unusual_levels():
     studied = study()
     rows = point_differences(studied)
     assert [row.title for row in rows] == [
@@ -64,7 +64,7 @@ def test_each_point_has_its_own_flights_and_is_named_by_its_unusual_levels():
     assert len(set(ps)) > 1
 
 
-def test_over_all_points_an_episode_counts_once():
+def test_an_episode_counts_once_over_all_points():
     studied = study()
     [over] = pooled_differences(studied, point_differences(studied))
     first, second = (
@@ -79,14 +79,14 @@ def test_over_all_points_an_episode_counts_once():
     assert over.difference.mean == pytest.approx(sum(map(sum, first)) / 300 - sum(map(sum, second)) / 300)
 
 
-def test_one_factor_at_a_time_compares_a_level_at_the_base_only():
+def test_one_factor_at_a_time_compares_levels_only_at_the_base_of_the_other_factor():
     at_base = next(e for e in between_entrants(study(), 0) if e.metric == SUCCESS and e.at.title == "0 s")
     assert at_base.pairs == 60  # without the flights in the wind
     in_grid = next(e for e in between_entrants(study(GRID), 0) if e.metric == SUCCESS and e.at.title == "0 s")
     assert in_grid.pairs == 180
 
 
-def test_one_factor_at_a_time_has_no_interaction_and_no_line_through_all():
+def test_one_factor_at_a_time_has_no_main_effects_and_no_heat_maps():
     for points in itertools.permutations(ALONE):  # in any order
         alone = study(points, episodes=1, flights=1)
         assert (main_effects(alone), heat_maps(alone)) == ([], [])
@@ -94,8 +94,8 @@ def test_one_factor_at_a_time_has_no_interaction_and_no_line_through_all():
     assert len(heat_maps(study(GRID))) == 2
 
 
-def test_a_latin_hypercube_has_effects_though_no_level_is_repeated():
-    """Each level of both factors occurs once, and yet neither factor stays at a base."""
+def test_a_latin_hypercube_has_effects_although_no_level_is_repeated():
+    """Each level of both factors occurs once, and neither factor has a base level."""
     levels = [0.0, 0.5, 1.0, 1.5, 2.0]
     latency, wind = number_factor("latency", *levels), number_factor("wind", *levels, unit="m/s")
     points = list(zip(levels, [1.0, 2.0, 0.0, 1.5, 0.5], strict=True))
@@ -113,7 +113,7 @@ def test_single_entrants_single_factors_and_too_many_points_have_no_rows():
     assert pooled_differences(many, []) == []
 
 
-def test_the_usual_level_is_that_of_most_points_or_in_a_grid_the_reference():
+def test_the_usual_level_is_the_most_frequent_one_or_the_reference_in_a_grid():
     points = [(1.0, 0.0), (0.0, 0.0), (2.0, 0.0), (1.0, 5.0), (1.0, 10.0)]
     assert [row.title for row in point_differences(study(points))] == [
         UNDISTURBED.capitalize(), "Latency 0 s", "Latency 2 s", "Wind 5 m/s", "Wind 10 m/s",

@@ -1,4 +1,4 @@
-"""A target's motion at each step of a study, from rows of the logs."""
+"""The width of the camera's view at the target's depth, computed from log rows."""
 
 import pytest
 
@@ -7,8 +7,8 @@ from tests.judge.episode_logs import decision, frame
 from tests.judge.metrics.episodes import BEGIN, CAP_S, judged_flight
 
 
-def test_a_view_is_twice_as_wide_as_it_is_deep_and_has_no_width_behind_or_after_the_cap():
-    """The camera sees 90° across. The picture shows no plane through a target behind or beside the camera."""
+def test_the_view_is_twice_as_wide_as_deep_and_has_no_width_behind_or_after_the_cap():
+    """The camera sees 90° across. The view has no width at a target behind or beside the camera."""
     seen = [
         (5.0, [10.0, 3.0, 1.0]),
         (10.0, [-10.0, 3.0, 1.0]),

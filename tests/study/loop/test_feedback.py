@@ -1,4 +1,4 @@
-"""The delay line, and the equality of a loop without delay with the flight itself."""
+"""The delay line. A simulated loop without delay equals the normal flight."""
 
 import math
 from typing import Any
@@ -20,7 +20,7 @@ from vehicles.multirotor import Multirotor
 ORIGIN = (47.4, 8.5, 488.0)
 
 
-def test_a_line_returns_the_delayed_sample():
+def test_the_delay_line_returns_the_delayed_sample():
     for newest in (0, 5, 63):
         for delay in (0.0, 1.0, 2.25, 17.5, 62.0):
             line = np.zeros((64, 1))
@@ -45,7 +45,7 @@ def fly_push(compiled):
     return vehicle.record.tobytes(), core.state.tobytes()
 
 
-def test_without_delay_the_loop_is_the_flight_itself_to_the_byte():
+def test_without_delay_the_loop_equals_the_flight_to_the_byte():
     def fused(vehicle, core, args):
         return Fused(vehicle.kernel_args, args).advance
 
@@ -58,7 +58,7 @@ def test_without_delay_the_loop_is_the_flight_itself_to_the_byte():
     assert fly_push(fused) == fly_push(punctual)
 
 
-WN, ZETA = 2.0, 0.3  # L = ωn² / (s (s + 2 ζ ωn)); its margin is known on paper
+WN, ZETA = 2.0, 0.3  # L = ωn² / (s (s + 2 ζ ωn)); its delay margin has a closed form
 CROSSOVER = WN * math.sqrt(math.sqrt(1.0 + 4.0 * ZETA**4) - 2.0 * ZETA**2)
 KNOWN_S = math.atan2(2.0 * ZETA * WN, CROSSOVER) / CROSSOVER
 
@@ -69,7 +69,7 @@ def open_loop(s: Any) -> Any:
 
 @njit
 def second_order(delay, rows):
-    """Return the response to a unit step, with feedback that is late by `delay` milliseconds."""
+    """Return the response to a unit step, with feedback that is delayed by `delay` milliseconds."""
     out, line = np.zeros(rows), np.zeros((1024, 1))
     place = speed = 0.0
     for k in range(rows):
@@ -81,7 +81,7 @@ def second_order(delay, rows):
     return out
 
 
-def test_a_margin_known_on_paper_is_predicted_and_found_by_injection():
+def test_the_predicted_and_the_injected_delay_margin_equal_the_closed_form():
     predicted = delay_margin(open_loop)
     assert predicted.delay_s == pytest.approx(KNOWN_S, rel=0.01)
     injected = injected_margin(

@@ -1,4 +1,4 @@
-"""Delay margins: predictions of python-control compared with delays injected into the flown cascade."""
+"""Delay margins predicted by python-control, compared with delays injected into the simulated control cascade."""
 
 import math
 
@@ -22,7 +22,7 @@ def hovers():
 
 @pytest.mark.parametrize("name", [SMALL, LARGE])
 @pytest.mark.parametrize("loop", LOOPS, ids=lambda loop: loop.name)
-def test_the_predicted_margin_is_the_flown_one(hovers, name, loop):
+def test_the_predicted_margin_equals_the_injected_one(hovers, name, loop):
     (margins,) = study_loops(hovers[name], (loop,))
     assert margins.injected.delay_s == pytest.approx(margins.predicted.delay_s, rel=WITHIN)
     assert margins.injected.frequency == pytest.approx(margins.predicted.frequency, rel=WITHIN)
@@ -30,14 +30,14 @@ def test_the_predicted_margin_is_the_flown_one(hovers, name, loop):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", names())
-def test_the_predicted_margins_of_every_airframe(name):
+def test_predicted_margins_equal_injected_ones_for_every_airframe(name):
     for margins in study_loops(Hover(load(name))):
         assert abs(margins.prediction_error) < WITHIN, margins.loop.name
 
 
 @pytest.mark.parametrize("loop", [LOOPS[0], LOOPS[3], LOOPS[6]], ids=lambda loop: loop.name)
-def test_sensor_errors_do_not_move_the_margin(loop):
-    """A tenth below it the oscillation has faded into the noise after twenty periods, a tenth above it has grown."""
+def test_sensor_errors_do_not_change_the_margin(loop):
+    """After twenty periods, the oscillation is within the noise at 0.9 of the margin, and has grown at 1.1."""
     (margins,) = study_loops(Hover(load("x500")), (loop,))
     noisy = Hover(load("x500"), suite=Suite())
     period_s = 2.0 * math.pi / margins.injected.frequency
@@ -50,7 +50,7 @@ def test_sensor_errors_do_not_move_the_margin(loop):
     assert left(1.1) > 5.0
 
 
-def test_the_step_figures_are_those_of_the_response():
+def test_step_figures_of_a_first_order_response_are_correct():
     time = np.linspace(1e-3, 10.0, 10_000)
     figures = step_figures(StepResponse(time, 0.2 * (1.0 - np.exp(-2.0 * time)), 0.2))  # T = 0.5 s
     assert figures.rise_s == pytest.approx(0.5 * math.log(9.0), abs=2e-3)
@@ -59,12 +59,12 @@ def test_the_step_figures_are_those_of_the_response():
     assert figures.settled_s == pytest.approx(0.5 * math.log(10.0), abs=2e-3)
 
 
-def test_a_ringing_response_settles_only_when_it_stays():
+def test_a_ringing_response_settles_only_when_it_stays_within_a_tenth():
     time = np.linspace(1e-3, 10.0, 10_000)
     value = 1.0 - np.exp(-time) * np.cos(12.0 * time)
     figures = step_figures(StepResponse(time, value, 1.0))
     assert figures.delay_s < 0.1
-    assert 2.0 < figures.settled_s < math.log(10.0) + 0.01  # the envelope is within a tenth from ln 10 on
+    assert 2.0 < figures.settled_s < math.log(10.0) + 0.01  # after ln 10 s, the envelope is within a tenth
     assert np.all(np.abs(value[time >= figures.settled_s] - 1.0) <= 0.1)
     assert math.isnan(step_figures(StepResponse(time[:100], value[:100], 1.0)).settled_s)
 

@@ -17,7 +17,7 @@ def streamed():
     return StreamedVehicle(load("x500"))
 
 
-def test_a_bad_wire_tracks_worse_and_a_dead_one_ends_offboard_after_its_timeout(streamed):
+def test_a_jittery_link_tracks_worse_and_a_dead_link_ends_offboard_after_the_timeout(streamed):
     perfect = streamed.trial(0.0, Impairment(), 1)
     late = streamed.trial(0.5, Impairment(jitter_s=0.5), 1)
     assert perfect.left_s is None
@@ -26,7 +26,7 @@ def test_a_bad_wire_tracks_worse_and_a_dead_one_ends_offboard_after_its_timeout(
     dead = streamed.trial(1.0, Impairment(loss=1.0), 1)
     timeout_s = streamed.vehicle.autopilot.parameters["COM_OF_LOSS_T"]
     assert dead.left_s == pytest.approx(timeout_s, abs=0.1)
-    again = streamed.trial(0.0, Impairment(), 1)  # in offboard again, on a full battery
+    again = streamed.trial(0.0, Impairment(), 1)  # the vehicle is in offboard again, with a full battery
     assert again.left_s is None
     assert again.error == pytest.approx(perfect.error, rel=0.1)
 
@@ -49,7 +49,7 @@ def test_the_tolerance_is_interpolated_between_levels():
     assert Tolerance("x500", "loss", tolerance.trials[:2]).left_offboard_at is None
 
 
-def test_the_trace_is_flown_through_the_link():
+def test_the_trace_contains_every_step_response():
     traced = trace.fly("x500")
     assert traced.autopilot == "ours"
     assert traced.time[-1] == pytest.approx(sum(step.seconds for step in trace.TRACE), abs=0.1)
@@ -61,7 +61,7 @@ def test_the_trace_is_flown_through_the_link():
         assert figures.overshoot_percent < 15.0
 
 
-def test_a_px4_that_cannot_be_started_or_cannot_fly_it_is_reported():
+def test_a_missing_px4_and_an_airframe_that_px4_cannot_fly_are_reported():
     with pytest.raises(UsageError, match=r"--px4.*/nowhere/px4"):
         trace.fly("x500", px4="/nowhere/px4 -d -i {instance}")
     with pytest.raises(UsageError, match="hexa"):

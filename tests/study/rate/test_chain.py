@@ -1,4 +1,4 @@
-"""The times of a question: every second of a step belongs to one link, for any agent and any start of the clock."""
+"""The times of a question. Every second of a step belongs to one link, for any agent and any start of the clock."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ SPANS = st.lists(st.floats(0.0, 30.0), min_size=9, max_size=9)
 
 
 class HandClock:
-    """A clock that is moved by hand."""
+    """A clock that a test sets."""
 
     def __init__(self, now_s: float = 0.0) -> None:
         self.now_s = now_s
@@ -50,7 +50,7 @@ def through(begins_s: float, spans: list[float]) -> QuestionTimes:
 
 
 @given(st.floats(0.0, 1e6), SPANS)
-def test_every_link_has_its_own_time_and_together_they_are_the_step(begins_s, spans):
+def test_link_times_are_separate_and_sum_to_the_step(begins_s, spans):
     times = through(begins_s, spans)
     wait, seen_tick, encoding, failed, model, unpacking, reply_tick, parsing, last_tick = spans
     near = 1e-5  # rounding to µs, and the resolution of a clock at so many seconds
@@ -65,22 +65,22 @@ def test_every_link_has_its_own_time_and_together_they_are_the_step(begins_s, sp
     assert (times.step, times.frame_id, times.age_s, times.rate_hz) == (3, 8, 0.25, 0.5)
 
 
-def test_the_next_picture_may_be_requested_before_the_setpoint_is_there():
-    """The steady agent does this: it flies on while it asks."""
+def test_the_next_picture_may_be_requested_before_the_setpoint_is_ready():
+    """The steady agent does this: it continues to fly during a question."""
     clock, questions = HandClock(), list[QuestionTimes]()
     chain = ChainClock(clock, questions.append)
     for step in (0, 1):
         chain.picture_requested()
-        chain.setpoint_ready()  # of the action before, which is streamed again
+        chain.setpoint_ready()  # of the previous action, which is still streamed
         clock.now_s += 1.0
         chain.picture_arrived(0.0)
         chain.picture_seen()
         chain.answered(Reply("{}", 0.0))
         chain.decided(decision(step))
-        chain.setpoint_ready()  # of the action before still
+        chain.setpoint_ready()  # still of the previous action
         chain.controller_done()
         clock.now_s += 0.25
-        chain.controller_done()  # it is steered on
+        chain.controller_done()  # the controller continues to run
     chain.picture_requested()
     chain.setpoint_ready()
     assert [(question.step, question.step_s, question.tick_s) for question in questions] == [
@@ -96,7 +96,7 @@ def test_a_question_without_a_setpoint_is_not_recorded():
     chain.picture_arrived(0.0)
     chain.picture_seen()
     chain.controller_done()
-    chain.setpoint_ready()  # the hold that the question was asked in
-    chain.picture_requested()  # its model failed
+    chain.setpoint_ready()  # of the hold during the question
+    chain.picture_requested()  # the model failed, so a new picture is requested
     chain.setpoint_ready()
     assert questions == []

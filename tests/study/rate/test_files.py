@@ -47,20 +47,20 @@ def rig(tmp_path):
     return folder
 
 
-def test_the_trace_is_read_as_it_was_measured(rig):
+def test_the_written_trace_contains_the_measured_latencies(rig):
     times = measured(30)
     replayed = write_replay(rig, times, 0.21)
     assert read_trace(replayed.trace) == tuple(question.latency_s for question in times)
 
 
-def test_a_chain_longer_than_any_latency_is_charged_as_the_longest(rig):
+def test_a_latency_above_the_maximum_is_written_as_the_maximum(rig):
     (times,) = measured(1)
     slow = QuestionTimes(**{**{name: getattr(times, name) for name in COLUMNS}, "latency_s": 400.0})
     assert read_trace(write_replay(rig, [slow], 0.0).trace) == (300.0,)
 
 
 @pytest.mark.parametrize("delay_s", [0.21, 0.0])
-def test_every_suggested_command_flies_the_trace_and_the_delay(rig, delay_s):
+def test_every_suggested_command_uses_the_trace_and_the_delay(rig, delay_s):
     times = measured(12)
     charged = tuple(question.latency_s for question in times)
     commands = next_commands("study rate", **next_command_values(write_replay(rig, times, delay_s)))
@@ -129,6 +129,6 @@ def test_the_summary_has_counts_and_quantiles():
     assert summarize(times[:1], "m", camera_stamps=True).served_hz is None
 
 
-def test_the_study_is_a_file_that_is_toml(rig):
+def test_a_study_without_frame_delay_has_no_frame_delay_factor(rig):
     write_replay(rig, measured(2), 0.0)
     assert "frame_delay" not in tomllib.loads((rig / "study.toml").read_text(encoding="utf-8"))["factors"]

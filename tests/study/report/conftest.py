@@ -18,7 +18,7 @@ def study_folder(tmp_path_factory):
         lambda pilot, levels: 2.0 - 1.5 * float(levels["latency"]) - 0.1 * float(levels["wind"]),
         pilots=("vision", "oracle"),
         episodes=(*TRACKING[:3], *APPROACHING[:2]),
-        same_draws=False,  # else every episode turns once, and effects have no best number
+        same_draws=False,  # else each episode changes its outcome only once, and effects are not finite
     )
     return out
 

@@ -1,4 +1,4 @@
-"""The files beside the page: Markdown, tables, figures and data with the same numbers."""
+"""The files of a study report beside the page: Markdown, tables, figures and data with the same numbers."""
 
 import csv
 import json
@@ -28,13 +28,13 @@ def rows(path):
         return list(csv.DictReader(file))
 
 
-def test_every_figure_is_written_as_vector_and_as_picture(report):
+def test_every_figure_is_written_as_vector_and_as_raster_image(report):
     drawn = {path.name for path in (report / "figures").iterdir()}
     assert drawn == {f"{name}.{kind}" for name in FIGURES for kind in ("svg", "pdf", "png")}
     assert all(path.stat().st_size > 2000 for path in (report / "figures").iterdir())
 
 
-def test_the_command_stands_with_each_figure(report, study_folder):
+def test_each_figure_is_shown_with_the_command_that_made_it(report, study_folder):
     command = shlex.join(["dronecats", "study", "report", str(study_folder), "--out", str(report)])
     for page in ("report.md", "index.html"):
         text = (report / page).read_text(encoding="utf-8")
@@ -50,7 +50,7 @@ def without_figures(monkeypatch):
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_study_without_scored_flights_says_so(tmp_path):
+def test_the_report_of_a_study_without_scored_flights_counts_them_as_0(tmp_path):
     axes = {"latency": (0.0, 1.0), "wind": (0.0, 8.0)}
     write_study(tmp_path / "s", axes, lambda pilot, levels: -99.0, pilots=("vision", "oracle"), errors=1.0)
     assert main(["study", "report", str(tmp_path / "s")]) == 0
@@ -58,7 +58,7 @@ def test_a_study_without_scored_flights_says_so(tmp_path):
     assert re.search(r"\b32 flights .*\b4 episodes.*\b0 .*scored", text)
 
 
-def test_the_data_are_the_flights_as_csv_and_as_parquet(report):
+def test_the_data_files_contain_every_flight_as_csv_and_as_parquet(report):
     flights = rows(report / "data/flights.csv")
     assert len(flights) == 3 * 2 * 2 * 5
     stored = duckdb.connect().execute(f"SELECT * FROM '{report / 'data/flights.parquet'}'")
@@ -76,7 +76,7 @@ def test_the_data_are_the_flights_as_csv_and_as_parquet(report):
     assert float(line["success_percent"]) == pytest.approx(100 * share)
 
 
-def test_every_table_is_there_as_csv_and_latex_and_in_the_text(report):
+def test_every_table_is_written_as_csv_and_latex_and_in_the_markdown(report):
     markdown = (report / "report.md").read_text(encoding="utf-8")
     names = {path.stem for path in (report / "tables").glob("*.csv")}
     assert names == {path.stem for path in (report / "tables").glob("*.tex")}
@@ -84,7 +84,7 @@ def test_every_table_is_there_as_csv_and_latex_and_in_the_text(report):
     assert len(re.findall(r"^\|( :---| ---:)", markdown, re.MULTILINE)) == len(names)
 
 
-def test_the_same_flights_twice_are_the_same_report(tmp_path, monkeypatch, capsys):
+def test_two_reports_of_the_same_flights_are_equal(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_study(tmp_path / "s", {"latency": (0.0, 1.0)}, falling())
 
@@ -103,7 +103,7 @@ def test_the_same_flights_twice_are_the_same_report(tmp_path, monkeypatch, capsy
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_the_half_is_a_number_within_the_levels_and_words_outside(tmp_path, capsys):
+def test_the_half_success_point_is_a_number_within_the_levels_and_words_outside(tmp_path, capsys):
     write_study(tmp_path / "in", {"latency": (0.0, 1.0, 2.0, 4.0)}, falling(), flights=4, scatter=0.5)
     write_study(tmp_path / "out", {"latency": (0.0, 0.5)}, falling(half=9.0), flights=2)
     page = write(load_results(tmp_path / "in"), "dronecats study report", tmp_path / "r").page
@@ -118,7 +118,7 @@ def test_the_half_is_a_number_within_the_levels_and_words_outside(tmp_path, caps
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_an_unfinished_study_says_so(tmp_path, capsys):
+def test_the_report_of_an_unfinished_study_counts_the_missing_flights(tmp_path, capsys):
     plan = write_study(tmp_path / "s", {"latency": (0.0, 1.0)}, falling(), flights=2)
     shutil.rmtree(tmp_path / "s" / plan.entries[-1].name)
     assert main(["study", "report", str(tmp_path / "s")]) == 0

@@ -1,4 +1,4 @@
-"""The page in a real browser: from a disk, without a network, on a screen and on paper."""
+"""The study page in a real browser: opened from disk without a network, on a screen and in print."""
 
 import json
 import shutil
@@ -35,13 +35,13 @@ def test_the_page_is_one_file_that_requests_nothing(reader, report, tmp_path):
     assert len(reader.all("figure svg")) == len(FIGURES)
 
 
-def test_on_a_phone_row_names_stay_in_sight_and_more_is_hinted_at(reader, report):
+def test_on_a_phone_row_heads_stay_visible_and_a_shadow_marks_hidden_columns(reader, report):
     sized(reader.driver, PHONE)
     opened(reader, report / "index.html")
     assert_rows_can_be_read_while_scrolling(reader.driver)
 
 
-def test_on_a_desk_every_level_of_the_success_table_is_seen_at_once(reader, tmp_path, monkeypatch):
+def test_on_a_desktop_no_table_needs_scrolling(reader, tmp_path, monkeypatch):
     monkeypatch.setattr(report_folder, "draw", lambda findings, out: [])  # figures take most of the time of a report
     levels = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
     write_study(tmp_path / "s", {"latency": levels}, falling(), episodes=(*TRACKING[:8], *APPROACHING[:3]), flights=2)
@@ -51,7 +51,7 @@ def test_on_a_desk_every_level_of_the_success_table_is_seen_at_once(reader, tmp_
     assert wider_than_shown(reader.driver) == []
 
 
-def test_on_paper_folded_tables_are_open(reader, report):
+def test_folded_tables_are_open_in_print(reader, report):
     opened(reader, report / "index.html")
     inside = """return [...document.querySelectorAll("details .box")].map((e) => e.checkVisibility(
                     {contentVisibilityAuto: true, visibilityProperty: true}))"""
@@ -61,7 +61,7 @@ def test_on_paper_folded_tables_are_open(reader, report):
     assert len(reader.script(inside)) > 1
 
 
-def test_every_picture_says_what_it_shows_and_every_link_leads_somewhere(reader, report):
+def test_every_figure_has_a_label_and_every_link_has_a_target(reader, report):
     opened(reader, report / "index.html")
     labels = reader.script(
         "return [...document.querySelectorAll('figure svg')].map((e) => e.getAttribute('aria-label'))"
@@ -86,7 +86,7 @@ def test_a_hostile_study_name_stays_text(reader, tmp_path):
     assert reader.errors() == []
 
 
-def test_the_theme_is_switched_and_stays(reader, report):
+def test_the_chosen_theme_is_kept_after_a_reload(reader, report):
     opened(reader, report / "index.html")
     paper = "return getComputedStyle(document.body).backgroundColor"
     before = reader.script(paper)

@@ -1,4 +1,4 @@
-"""The sentences of the report, for studies whose truth is known."""
+"""The sentences of the study report, for studies with a known truth."""
 
 import math
 import re
@@ -17,16 +17,16 @@ from tests.support.scores import an_episode
 
 @pytest.mark.parametrize(("easiest", "first"), [(2.0, "0.5 Hz"), (0.25, "1 Hz")])
 def test_the_first_significant_level_is_the_one_nearest_to_the_reference(easiest, first):
-    """Half of the levels equal the reference, the others fail. The report names the nearest of those that fail."""
+    """Half of the levels succeed like the reference, the others fail. The report names the nearest failing level."""
     rate = replace(number_factor("rate", 0.25, 0.5, 1.0, 2.0, unit="Hz"), reference=easiest)
     law = (lambda hz: 50.0 if hz >= 1.0 else -50.0) if easiest == 2.0 else (lambda hz: 50.0 if hz < 1.0 else -50.0)
     sentences = summary(compute_findings(a_study([rate], [(hz,) for hz in rate.levels], law, episodes=10), "command"))
     assert any(re.search(rf"\b{first} .* {easiest:g} Hz", sentence) for sentence in sentences)
 
 
-@pytest.mark.parametrize("more", [0, 4])  # further factors; from five on, the rest share one sentence
-def test_a_level_that_only_the_correction_makes_insignificant_is_named_with_it(more):
-    """Six of twelve fail at 4 s and nowhere else: p is 0.031 by itself and 0.125 corrected for four levels."""
+@pytest.mark.parametrize("more", [0, 4])  # further factors; from five factors on, the rest share one sentence
+def test_a_level_significant_only_before_correction_is_reported_with_both_p_values(more):
+    """Six of twelve flights fail, all at 4 s. p is 0.031, and 0.125 after correction for four levels."""
     latency = number_factor("latency", 0.0, 1.0, 2.0, 3.0, 4.0)
     others = [number_factor(name, 0.0) for name in ("wind", "gusts", "payload", "gps_delay")][:more]
     points = [(level, *(0.0,) * more) for level in latency.levels]
@@ -43,7 +43,7 @@ def test_a_level_that_only_the_correction_makes_insignificant_is_named_with_it(m
     assert re.search(r"4 s\b.*0\.031.*0\.125", corrected)
 
 
-def test_an_interval_is_outside_of_the_levels_only_if_all_of_it_is():
+def test_an_interval_is_reported_outside_the_levels_only_if_all_of_it_is_outside():
     for low, high, scatter, ends in (
         (1.75, math.inf, 12.0, ["1.75 s", "2 s"]),  # without a best slope the interval still begins within
         (-math.inf, 1.25, 12.0, ["0.25 s", "1.25 s"]),
@@ -64,7 +64,7 @@ def test_a_scatter_at_its_bound_is_shown_as_at_least_the_bound():
     assert scatter_value(replace(half, scatter=None)) is None
 
 
-def test_a_p_below_a_thousandth_is_shown_as_below_it():
+def test_a_p_value_below_0_001_is_shown_as_less_than_0_001():
     """Twenty episodes all succeed at 0 s and all fail at 2 s. No p is 0, so 0.000 would be wrong."""
     latency = number_factor("latency", 0.0, 2.0)
     study = a_study([latency], [(0.0,), (2.0,)], lambda s: 50.0 - 50.0 * s, entrants=("vision", "oracle"))

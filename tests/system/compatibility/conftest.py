@@ -1,4 +1,4 @@
-"""Paths of the examples and of the older client. Neither is part of this repository."""
+"""Options for the paths of the examples and of the older client, which are not in this repository."""
 
 from pathlib import Path
 

@@ -1,8 +1,8 @@
-"""One example against one fresh simulator, in this process's network: a subprocess of the test.
+"""Runs one example against one fresh simulator, in the network of this process. The test starts it as a subprocess.
 
-Argument: a JSON object (see `main`). Its last line of output is a JSON object {outcome, seconds, lines, hits}; `hits`
-is what the truth bus said that the vehicle ran into. In a network namespace of its own it first brings the loopback
-interface up.
+Argument: a JSON object (see `main`). The last line of output is a JSON object {outcome, seconds, lines, hits}. `hits`
+are the vehicle's contacts as reported on the truth bus. In its own network namespace, the process first brings the
+loopback interface up.
 """
 
 import contextlib
@@ -22,9 +22,9 @@ from pymavlink import mavutil
 READY = "Ctrl-C ends it"
 OPEN_FIELD = Path(__file__).with_name("open_field.py")
 START_S = 240.0  # the first start of an installation compiles
-GROUND_STATION, ARM = 18570, 400  # where the simulator hears ground stations; MAV_CMD_COMPONENT_ARM_DISARM
+GROUND_STATION, ARM = 18570, 400  # the simulator's port for ground stations; MAV_CMD_COMPONENT_ARM_DISARM
 TRUTH = 19410  # the simulator sends the truth here
-SETTLE_S = 15.0  # a flight just ended: landed, disarmed, log closed
+SETTLE_S = 15.0  # time after a flight, to disarm and to close the log
 
 
 class Script:
@@ -54,7 +54,7 @@ class Script:
         return line
 
     def end(self) -> None:
-        """Interrupt it, as Ctrl-C does. Kill it if it does not end, and its left-over processes."""
+        """Interrupt the process, as Ctrl-C does. Then kill it if it still runs, and its remaining children."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGINT)
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -64,7 +64,7 @@ class Script:
 
 
 def follow(script: Script, shows: dict[str, int], limit_s: float, endless: bool, linger_s: float) -> str:
-    """Return "ok", or in a few words the missing output, of a script that runs until it has shown everything."""
+    """Wait until a script has printed every expected line. Return "ok", or a short description of the fault."""
     missing = dict(shows)
     deadline = time.monotonic() + limit_s
     shown = False
@@ -113,11 +113,11 @@ def listen(ended: threading.Event, hits: list[str]) -> None:
 
 
 def main() -> int:
-    """Keys: python, folder, example (as in example_table), where, state, isolated. See `follow` for the outcome."""
+    """Run the task in argv[1]. Keys: python, folder, example (see example_table), where, state, isolated."""
     task = json.loads(sys.argv[1])
     if task["isolated"]:
         subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # running scripts are ended on the way out
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the finally block ends running scripts
     example, where = task["example"], Path(task["where"])
     running: list[Script] = []
     ended = threading.Event()
@@ -132,7 +132,7 @@ def main() -> int:
 
     try:
         threading.Thread(target=listen, args=(ended, hits)).start()
-        # the courses lie at PX4's home
+        # the examples expect PX4's default home
         words = ["--episode", "residential-approaching-01", "--state", task["state"]]
         simulator = start(sys.executable, str(OPEN_FIELD), *words)
         outcome = follow(simulator, {READY: 1}, START_S, endless=True, linger_s=0.0)

@@ -1,7 +1,7 @@
 """The MAVSDK-Python examples that a PX4-like autopilot should serve, and the output of each on success.
 
-The selection, the plugins and the words core and yes are those of the client survey (MAVSDK-Python, folder `examples`);
-the lines are what the examples themselves print. A pattern with a count must be printed so many times.
+The selection, the plugins and the ratings `core` and `yes` are those of the client survey (MAVSDK-Python, folder
+`examples`). The examples themselves print the expected lines. The count of a pattern is the least number of its lines.
 """
 
 import math
@@ -20,17 +20,17 @@ class Example:
     shows: dict[str, int] = field(default_factory=dict)  # regular expression -> least number of lines with it
     limit_s: float = 90.0  # wall seconds for the script alone; the simulator's start is not counted
     endless: bool = False  # the script never returns: it is interrupted when it has shown everything
-    linger_s: float = 0.0  # for an endless script: how long it goes on after its last line
+    linger_s: float = 0.0  # for an endless script: how long it continues after its last expected line
     climbs_m: float = 0.0  # the flight log must reach at least this height; spool-up and take-off ramp cost about 2 s
     arguments: tuple[str, ...] = ()
     files: tuple[str, ...] = ()  # files of the examples' folder that must lie in the working directory
     written: dict[str, str] = field(default_factory=dict)  # files to write there: name -> text
     after: str | None = None  # an example flown first, to its end, in the same simulator
-    server: str | None = None  # the script wants a mavsdk_server that is already there: its address for the vehicle
-    eventful: bool = False  # meanwhile a ground station arms and disarms: a vehicle at rest has nothing to say
-    downloads: str | None = None  # a pattern of files it writes, which must be byte for byte the vehicle's logs
-    stays_below_m: float = math.inf  # and never be higher than this
-    refused: str | None = None  # the one correct error: it requests something that does not exist here
+    server: str | None = None  # the script needs a running mavsdk_server: the vehicle's address for it
+    eventful: bool = False  # a ground station arms and disarms meanwhile: a vehicle at rest sends no text
+    downloads: str | None = None  # a pattern of files that it writes; they must equal the vehicle's logs
+    stays_below_m: float = math.inf  # the flight log must stay below this height
+    refused: str | None = None  # the expected error: the script requests something that does not exist here
     note: str = ""
 
     @property

@@ -1,7 +1,7 @@
-"""`dronecats sitl` over an open field: the same command, with nothing but the ground of its map.
+"""Runs `dronecats sitl` over an open field: the map has only its ground.
 
-The examples fly courses laid over the empty world that PX4's own simulation starts in; at the same coordinates a street
-stands here, and some would fly through its houses.
+The examples are made for the empty world of PX4's own simulation. At the same coordinates, this map has a street, and
+some examples would fly through its houses.
 """
 
 import sys

@@ -2,8 +2,8 @@
 
     make compatibility EXAMPLES=.../MAVSDK-Python/examples MAVSDK3=.../bin/python
 
-Each example has a simulator of its own, at the speed of the wall clock, which the examples sleep by. They all listen on
-UDP port 14540: where the system lets a process have its own network, each pair gets one and some run at once.
+Each example has its own simulator in real time, because the examples sleep by the wall clock. All listen on UDP port
+14540. If the system allows a process its own network, each pair gets one, and several pairs run at the same time.
 """
 
 import json
@@ -28,7 +28,7 @@ pytestmark = [pytest.mark.compatibility, pytest.mark.slow, pytest.mark.timeout(1
 
 HERE = Path(__file__).parent
 TABLE = HERE.parents[2] / "docs" / "compatibility.md"
-START_S = 300.0  # beside the script's own limit: simulator, flight before it, ending
+START_S = 300.0  # added to the script's limit: start of the simulator, an earlier flight, end
 WRONG = re.compile(r"Traceback \(most recent call last\)|failed with error|\|Error +\]|exception was never retrieved")
 OWN_NETWORK = ("unshare", "--map-root-user", "--net")
 REASON = (
@@ -42,9 +42,9 @@ class Outcome:
     """The result of one example."""
 
     example: Example
-    fault: str  # "" when it worked
-    seconds: float  # wall, of the script
-    reach: tuple[float, float] | None  # m above and m away from the start, of the flight log; None without a log
+    fault: str  # "" if it works
+    seconds: float  # wall-clock time of the script
+    reach: tuple[float, float] | None  # height and distance from the start in the log, m; None without a log
     lines: tuple[str, ...]
 
 
@@ -124,7 +124,7 @@ def _fault(example: Example, answer: dict[str, Any], height: float) -> str:
 
 @pytest.fixture(scope="module")
 def outcomes(request, tmp_path_factory):
-    """Every example's outcome, by script; the flights go on while the first are judged."""
+    """The outcome of each example by script, as futures. Later flights continue while earlier ones are checked."""
     folder, python = request.config.getoption("--examples", None), request.config.getoption("--mavsdk3", None)
     if folder is None or python is None:
         pytest.skip(REASON)
@@ -147,13 +147,13 @@ def outcomes(request, tmp_path_factory):
 
 
 @pytest.mark.parametrize("script", [example.script for example in EXAMPLES])
-def test_an_example_does_what_it_shows(outcomes, script):
+def test_an_example_works(outcomes, script):
     outcome = outcomes[script].result()
     assert not outcome.fault, "\n".join([outcome.fault, *outcome.lines[-15:]])
 
 
 def count(outcomes: list[Outcome]) -> str:
-    """Return the number of examples that work. An example that is refused, even rightly, does not count."""
+    """Return a sentence with the number of examples that work, without those rejected as expected."""
     good = [outcome for outcome in outcomes if not outcome.fault]
     refused = sum(outcome.example.refused is not None for outcome in good)
     works, failed = len(good) - refused, len(outcomes) - len(good)
@@ -162,7 +162,7 @@ def count(outcomes: list[Outcome]) -> str:
     return f"**{works} of {len(outcomes)}** examples work" + "".join(f"; {words}" for words in others) + "."
 
 
-def test_a_refusal_is_counted_as_no_pass():
+def test_an_example_rejected_as_expected_does_not_count_as_working():
     works = Outcome(EXAMPLES[0], "", 1.0, None, ())
     refused = next(Outcome(example, "", 1.0, None, ()) for example in EXAMPLES if example.refused)
     fails = Outcome(EXAMPLES[0], "ended with exit status 1", 1.0, None, ())

@@ -1,4 +1,4 @@
-"""The example for MAVSDK 3, which wants an environment of its own: `--mavsdk3 PYTHON`."""
+"""The example for MAVSDK 3, which needs its own environment: `--mavsdk3 PYTHON`."""
 
 import pytest
 

@@ -1,6 +1,6 @@
-"""An agent flies on its link while a ground station works on its own. Neither notices the other. Real UDP.
+"""An agent and a ground station use their own UDP links at the same time. Neither disturbs the other.
 
-The clients' streams keep the simulation's clock, so a busy machine delays simulation and setpoints alike.
+The clients' streams follow the simulation's clock, so a busy machine delays the simulation and the setpoints equally.
 """
 
 import socket
@@ -16,7 +16,7 @@ from dronecats.flight.sitl.simulator_process import Simulator
 from foundation.mavlink import dialect
 
 SPEED = 4.0
-PERIOD_US = 50_000  # of the clients' streams, in the vehicle's time
+PERIOD_US = 50_000  # period of the clients' streams, in the vehicle's time
 PATIENCE_S = 30.0
 ARM, SET_MODE, REQUEST_MESSAGE = 400, 176, 512
 AUTOPILOT_VERSION = 148
@@ -73,12 +73,12 @@ class Client:
         return len(self._heard) > count
 
     def since(self, mark, *kinds):
-        """Return the vehicle's messages since then, without forwarded heartbeats of other clients."""
+        """Return the vehicle's messages of these kinds since `mark`, without forwarded heartbeats of other clients."""
         messages = self._heard[mark:]
         return [message for message in messages if message.get_srcSystem() == 1 and message.get_type() in kinds]
 
     def until(self, kind, wanted=lambda _: True, mark=None, system=1):
-        """Return the first such message of a system heard after `mark` (default: from now on)."""
+        """Return the first wanted message of a system after `mark` (default: from now on)."""
         at = self.mark() if mark is None else mark
         deadline = time.monotonic() + PATIENCE_S
         while True:
@@ -156,7 +156,7 @@ def list_parameters(client):
 
 
 def upload_mission(client, count):
-    """Upload so many waypoints; return the type of the MISSION_ACK."""
+    """Upload `count` waypoints; return the type of the MISSION_ACK."""
     mark = client.mark()
     client.link.mav.mission_count_send(1, 1, count, 0)
     for seq in range(count):
@@ -170,7 +170,7 @@ def test_a_ground_station_reads_parameters_and_uploads_a_mission_while_an_agent_
     agent.until("SYS_STATUS", lambda status: status.onboard_control_sensors_health & HEALTHY)
     agent.fly_to(NORTH, EAST, DOWN)
     asked_ms = agent.until("ATTITUDE").time_boot_ms
-    agent.until("ATTITUDE", lambda at: at.time_boot_ms > asked_ms + 200)  # PX4 wants a stream before the mode
+    agent.until("ATTITUDE", lambda at: at.time_boot_ms > asked_ms + 200)  # PX4 requires a stream before the mode
     assert agent.command(ARM, 1) == 0
     assert agent.command(SET_MODE, 1, OFFBOARD) == 0
     agent.until("LOCAL_POSITION_NED", lambda at: abs(at.x - NORTH) + abs(at.y - EAST) + abs(at.z - DOWN) < 0.3)
@@ -192,11 +192,11 @@ def test_a_ground_station_reads_parameters_and_uploads_a_mission_while_an_agent_
     assert acks == [0] * 20
     assert len(agent.since(of_agent, "AUTOPILOT_VERSION")) == 20
 
-    # one client does not hear the answers to the other
+    # a client does not receive the answers to the other client
     assert not agent.since(of_agent, "PARAM_VALUE", "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK")
     assert not ground.since(of_ground, "AUTOPILOT_VERSION", "COMMAND_ACK")
 
-    # and the flight went on: same mode, same place
+    # the flight continues in the same mode at the same place
     assert {beat.custom_mode >> 16 for beat in agent.since(of_agent, "HEARTBEAT")} == {OFFBOARD}
     track = agent.since(of_agent, "LOCAL_POSITION_NED")
     assert len(track) > 10
@@ -220,7 +220,7 @@ def test_changes_by_one_client_are_read_by_the_other(agent, ground):
     assert ground.until("PARAM_VALUE", lambda value: value.param_id == "MIS_TAKEOFF_ALT", mark).param_value == 3.5
 
 
-def test_a_client_that_begins_with_mavlink_1_disturbs_nobody(simulator, agent):
+def test_a_client_that_begins_with_mavlink_1_does_not_disturb_other_clients(simulator, agent):
     agent.until("HEARTBEAT")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as old:
         packer = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
@@ -228,4 +228,4 @@ def test_a_client_that_begins_with_mavlink_1_disturbs_nobody(simulator, agent):
         old.sendto(beat.pack(packer, force_mavlink1=True), ("127.0.0.1", simulator.ports.gcs[0].port))
     heartbeat = agent.until("HEARTBEAT", lambda beat: beat.get_srcSystem() == 255, system=255)
     assert (heartbeat.get_srcComponent(), heartbeat.type) == (190, dialect.MAV_TYPE_GCS)
-    agent.until("HEARTBEAT")  # the vehicle goes on
+    agent.until("HEARTBEAT")  # the vehicle still sends heartbeats

@@ -1,4 +1,4 @@
-"""A small map that a browser's software renderer draws at once, and a free port."""
+"""A small map that a browser's software renderer draws quickly, and a free port."""
 
 import socket
 
@@ -16,7 +16,7 @@ def port():
 
 @pytest.fixture
 def yard(tmp_path, monkeypatch):
-    """Import a level square of eighty metres with a shed on it as the map 'yard'."""
+    """Import the map 'yard': a level square of 80 m by 80 m with a shed on it."""
     import trimesh
 
     monkeypatch.setenv(user.FOLDER, str(tmp_path / "maps"))

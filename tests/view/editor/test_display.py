@@ -1,4 +1,4 @@
-"""The editor's display: pictures and checks of the newest draft, browser axes, and no foreign markup."""
+"""The editor's display: pictures and checks of the newest draft, browser axes, and escaped text."""
 
 import math
 import re
@@ -48,11 +48,11 @@ def test_the_preview_is_the_first_frame_of_the_flight(drafting, draft):
         shown = previews.picture(record, 0)
         unlike = (np.abs(shown.astype(int) - expected.rgb) > 12).any(axis=2)
         assert (expected.ids == world.target_id).any()
-        assert unlike.mean() < 0.01  # shadows of movable things are cast on a coarser map
+        assert unlike.mean() < 0.01  # the preview's shadow map of movable things is coarser
     previews.close()
 
 
-def test_a_drag_builds_no_other_renderer_and_another_look_does(drafting, draft):
+def test_a_drag_reuses_the_renderer_and_a_new_paint_rebuilds_it(drafting, draft):
     previews = Previews()
     first = previews.picture(draft.record, 0)
     renderer = previews._renderer
@@ -73,11 +73,11 @@ def test_every_drone_has_its_own_view(drafting, draft):
     assert len({p.tobytes() for p in pictures}) == 4
 
 
-def test_the_findings_are_those_of_the_command_line(draft):
+def test_the_findings_equal_those_of_the_rule_check(draft):
     assert findings(draft.record) == rules.check(World(draft.record))
 
 
-def test_a_record_that_cannot_be_read_is_one_red_finding(draft):
+def test_an_invalid_record_is_one_failed_finding(draft):
     (finding,) = findings(replace(draft.record, id="Not An Id"))
     assert not finding.passed
     assert "id" in finding.measured
@@ -85,11 +85,11 @@ def test_a_record_that_cannot_be_read_is_one_red_finding(draft):
     assert "map" in finding.measured
 
 
-# ---- the newest only
+# ---- the worker for the newest draft
 
 
-def test_only_the_newest_is_worked_on():
-    """Nine more drafts come during the work on the first. The last of them is the next and the only one."""
+def test_the_worker_processes_only_the_newest_item():
+    """Nine items arrive during the work on the first one. Of them, the worker processes only the last."""
     started, go_on, done = threading.Event(), threading.Event(), []
 
     def work(number: int) -> None:
@@ -108,7 +108,7 @@ def test_only_the_newest_is_worked_on():
     latest.close()
 
 
-def test_a_failure_ends_nothing(monkeypatch):
+def test_the_worker_continues_after_an_exception(monkeypatch):
     seen: list[Any] = []
     done: list[Any] = []
     monkeypatch.setattr(threading, "excepthook", seen.append)
@@ -132,19 +132,19 @@ def test_a_failure_ends_nothing(monkeypatch):
 
 
 @given(st.tuples(*[st.floats(-1e3, 1e3)] * 3), st.floats(-math.pi + 1e-6, math.pi - 1e-6))
-def test_places_and_yaws_survive_the_browser(place, yaw):
+def test_positions_and_yaws_survive_the_conversion_to_browser_axes(place, yaw):
     assert display.ned_of(display.place_of(place)) == place
     assert display.yaw_of(display.wxyz_of(yaw)) == pytest.approx(yaw, abs=1e-9)
 
 
-def test_north_is_away_and_down_is_down():
+def test_browser_axes_are_east_up_and_south():
     assert display.place_of((1.0, 2.0, 3.0)) == (2.0, -3.0, -1.0)
     w, x, y, z = display.wxyz_of(math.radians(90.0))  # facing east: ahead, −z, becomes +x
     ahead = (-2 * (x * z + w * y), -2 * (y * z - w * x), -(1 - 2 * (x * x + y * y)))
     assert ahead == pytest.approx((1.0, 0.0, 0.0))
 
 
-def test_the_map_is_sent_whole_and_in_few_pieces(drafting, tmp_path):
+def test_the_map_mesh_is_complete_and_has_at_most_one_piece_per_material(drafting, tmp_path):
     import trimesh
 
     path = tmp_path / "map.glb"
@@ -158,8 +158,8 @@ def test_the_map_is_sent_whole_and_in_few_pieces(drafting, tmp_path):
     assert sent.bounds[1][1] == pytest.approx(3.0)  # the shed's roof, up
 
 
-def test_no_two_pieces_of_a_thing_share_vertices(tmp_path):
-    """viser writes the normals of each piece anew, over those of any piece with the same vertices."""
+def test_mesh_pieces_share_no_vertices(tmp_path):
+    """viser recomputes the normals of each piece. With shared vertices it would overwrite those of another piece."""
     import trimesh
 
     mesh: Mesh = assets.build("suv", "cyan")
@@ -170,7 +170,7 @@ def test_no_two_pieces_of_a_thing_share_vertices(tmp_path):
     assert sum(len(g.faces) for g in sent.geometry.values()) == len(mesh.triangles)
 
 
-def test_a_click_meets_what_is_there(drafting):
+def test_a_click_picks_the_thing_or_the_ground_under_it(drafting):
     picker = display.Picker(drafting.scene)
     met = picker.pick((9.0, 9.0, -20.0), (0.0, 0.0, 1.0))
     assert met is not None
@@ -189,13 +189,13 @@ def test_a_click_meets_what_is_there(drafting):
 
 
 @given(st.text(min_size=1, max_size=60), st.text(max_size=60), st.booleans(), st.booleans())
-def test_nobodys_words_become_markup(rule, measured, passed, fresh):
+def test_text_is_escaped_in_html(rule, measured, passed, fresh):
     html = panels.checks_html([RuleFinding(rule, passed, measured, f"</div><script>{measured}")], fresh)
     assert "<script" not in html
     assert set(re.findall(r"</?([a-z]+)", html)) <= {"div", "span", "b"}
 
 
-def test_red_ones_come_first():
+def test_failed_checks_come_first():
     one, two = RuleFinding("the first", True, "1", "1"), RuleFinding("the second", False, "2", "3")
     html = panels.checks_html([one, two], True)
     assert html.index("Second") < html.index("First")

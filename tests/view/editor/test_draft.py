@@ -1,4 +1,4 @@
-"""Editing without a browser: every operation leaves a readable record that stands on the ground."""
+"""Editing without a browser: after every operation the record is valid, and its things stand on the ground."""
 
 import itertools
 import math
@@ -33,7 +33,7 @@ def draft(drafting):
 
 
 def sound(drafting, draft) -> None:
-    """Assert the properties of every draft, after any operation."""
+    """Assert the properties that every draft has after any operation."""
     one = draft.record
     assert record.parse(one.to_json(), "draft") == one
     for start in one.starts:
@@ -56,7 +56,7 @@ def test_a_new_draft_can_be_flown(drafting, draft):
 
 
 @pytest.mark.parametrize("name", catalogue.ids()[::7])
-def test_an_episode_that_is_only_looked_at_does_not_change(name):
+def test_opening_an_episode_does_not_change_it(name):
     one = catalogue.load(name)
     drafting = Drafting(maps.build(one.map, one.map_seed))
     opened = drafting.opened(one)
@@ -66,7 +66,7 @@ def test_an_episode_that_is_only_looked_at_does_not_change(name):
     assert math.remainder(with_derived_fields.bearing_deg - one.bearing_deg, 360.0) == pytest.approx(0.0, abs=0.1)
 
 
-def test_the_target_goes_where_it_is_put_and_stays_on_the_ground(drafting, draft):
+def test_a_moved_target_stays_on_the_ground(drafting, draft):
     for north, east in ((10.0, 3.0), (-20.5, 12.0), (33.25, -9.5)):
         draft = drafting.move_target(draft, north, east, 400.0)
         assert draft.record.target.position_ned[:2] == (north, east)
@@ -74,7 +74,7 @@ def test_the_target_goes_where_it_is_put_and_stays_on_the_ground(drafting, draft
         sound(drafting, draft)
 
 
-def test_another_asset_and_paint_are_in_the_words_until_a_person_writes_them(drafting, draft):
+def test_the_instruction_follows_asset_and_paint_until_the_user_edits_it(drafting, draft):
     draft = drafting.choose(draft, "van", "orange")
     assert draft.record.instruction == "go to the orange van"
     draft = drafting.choose(drafting.instruct(draft, "  fetch  me\nthat van "), "sedan", "blue")
@@ -83,7 +83,7 @@ def test_another_asset_and_paint_are_in_the_words_until_a_person_writes_them(dra
 
 
 @pytest.mark.parametrize("a", CELLS)
-def test_from_any_cell_to_any_other(drafting, draft, a):
+def test_a_draft_can_change_from_any_cell_to_any_other(drafting, draft, a):
     before = drafting.cell(draft, a)
     for b in CELLS:
         after = drafting.cell(before, b)
@@ -125,21 +125,21 @@ def test_a_path_moves_as_a_whole(drafting, draft):
         assert (b[0] - a[0], b[1] - a[1]) == pytest.approx((2.0, -1.0))
 
 
-def test_standing_off_and_facing(drafting, draft):
+def test_stand_off_sets_the_distance_and_face_turns_to_the_target(drafting, draft):
     for distance in (12.0, 16.0, 24.0):
         draft = drafting.face(drafting.stand_off(draft, distance), 0)
         assert draft.record.start_distance_m == pytest.approx(distance, abs=0.01)
         assert abs(math.remainder(draft.record.starts[0].yaw_deg - draft.record.bearing_deg, 360.0)) < 0.1
 
 
-def test_four_drones_in_a_square(drafting, draft):
+def test_grid_places_four_drones_in_a_square(drafting, draft):
     starts = drafting.grid(draft).record.starts
     gaps = sorted(math.dist(a.position_ned[:2], b.position_ned[:2]) for a, b in itertools.combinations(starts, 2))
     assert gaps == pytest.approx([GRID_SIDE_M] * 4 + [GRID_SIDE_M * math.sqrt(2)] * 2, abs=2e-3)
     assert starts[0] == draft.record.starts[0]
 
 
-def test_look_alikes_differ_by_their_inscription_alone(drafting, draft):
+def test_look_alikes_differ_only_in_their_inscription(drafting, draft):
     draft = drafting.cell(drafting.choose(draft, "van", "green"), "commanding")
     everyone = (draft.record.target, *draft.record.candidates)
     assert len({one.inscription for one in everyone}) == len(everyone) == 4
@@ -189,7 +189,7 @@ OPERATIONS = st.one_of(
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(OPERATIONS, max_size=8))
-def test_whatever_is_done_the_record_stays_sound_and_can_be_undone(drafting, tmp_path, work):
+def test_any_operations_keep_the_record_valid_and_can_be_undone(drafting, tmp_path, work):
     def done(name, arguments, draft):
         return getattr(drafting, name)(draft, *arguments)
 
@@ -217,7 +217,7 @@ def session(drafting, draft, tmp_path):
     return Session(drafting, draft, tmp_path / "records")
 
 
-def test_a_drag_is_one_step(session, drafting):
+def test_a_drag_is_one_undo_step(session, drafting):
     for k in range(20):
         session.do(lambda d, k=k: drafting.move_target(d, 10.0 + k, 0.0), gesture="target")
     session.settle()
@@ -230,7 +230,7 @@ def test_a_drag_is_one_step(session, drafting):
     assert session.record.target.position_ned[0] == 29.0
 
 
-def test_a_new_step_forgets_what_was_undone(session, drafting):
+def test_a_new_step_clears_the_redo_history(session, drafting):
     session.do(lambda d: drafting.move_target(d, 1.0, 1.0))
     session.undo()
     session.do(lambda d: drafting.move_target(d, 2.0, 2.0))
@@ -250,7 +250,7 @@ def test_a_record_is_written_and_read_back(session, drafting):
 
 
 @pytest.mark.parametrize("replacing", [False, True])
-def test_the_id_of_a_shipped_episode_is_not_taken(session, drafting, replacing):
+def test_a_record_with_the_id_of_a_shipped_episode_is_rejected(session, drafting, replacing):
     session.do(lambda d: drafting.rename(d, catalogue.DEFAULT))
     with pytest.raises(UsageError, match=f"'{catalogue.DEFAULT}'"):
         session.save(replace=replacing)
@@ -264,7 +264,7 @@ def test_a_shipped_file_is_never_overwritten_silently(drafting, draft):
     assert (catalogue.FOLDER / f"{catalogue.DEFAULT}.json").read_bytes() == kept
 
 
-def test_an_id_never_leads_out_of_the_folder(session, drafting, tmp_path):
+def test_an_invalid_id_is_rejected_and_writes_no_file(session, drafting, tmp_path):
     for name in ("", "../evil", "/etc/passwd", "a/b", "A", "a\0b", "x" * 65, "..", "a.json"):
         session.do(lambda d, name=name: drafting.rename(d, name))
         with pytest.raises(UsageError, match="'id'"):

@@ -26,7 +26,7 @@ def test_the_address_is_printed_and_an_interrupt_ends_the_command(yard, tmp_path
         assert str(out) in "".join(lines)
         with urllib.request.urlopen(address[0]) as page:
             assert "text/html" in page.headers["Content-Type"]
-            assert page.read()  # a half-read page would hold the server at its end
+            assert page.read()  # an unread page would delay the shutdown of the server
         process.send_signal(signal.SIGINT)
         rest, errors = process.communicate(timeout=60)
         late.cancel()
@@ -36,7 +36,7 @@ def test_the_address_is_printed_and_an_interrupt_ends_the_command(yard, tmp_path
     assert not out.exists()  # nothing was written, so no file exists
 
 
-def test_wrong_usage_is_one_sentence(capsys):
+def test_wrong_usage_is_a_one_line_error(capsys):
     for arguments, parts in (
         (["campsu"], "'campsu' .*campus"),
         (["xyz"], "'xyz' .*blocks.* .campus.* .residential"),

@@ -67,7 +67,7 @@ def press(browser, label) -> None:
 
 
 def choose(browser, label, option) -> None:
-    """Open the drop-down beside a label and take one of its options."""
+    """Open the drop-down list beside a label and select an option."""
     from selenium.webdriver.common.by import By
 
     box = field(browser, label)
@@ -86,7 +86,7 @@ def write(browser, label, words) -> None:
 
 
 def on_screen(editor, browser, place_ned) -> tuple[int, int]:
-    """Return the pixel, from the canvas' middle, at which the browser's first view shows a place."""
+    """Return the pixel at which the first browser shows a position, relative to the centre of the canvas."""
     client = next(iter(editor._server.get_clients().values()))
     canvas = browser.execute_script(
         "const r = [...document.querySelectorAll('canvas')].map((c) => c.getBoundingClientRect())"
@@ -120,8 +120,8 @@ def click_at(editor, browser, place_ned) -> None:
     ActionChains(browser).move_to_element_with_offset(the_canvas(browser), dx, dy).click().perform()
 
 
-def test_a_person_makes_an_episode(editor, page, tmp_path):
-    """Asset, paint, a click on the map, a drag, undo, text and the file, each checked on both sides of the wire."""
+def test_a_user_creates_an_episode(editor, page, tmp_path):
+    """The test sets asset, paint, target, text and file, with undo. It checks the page and the record each time."""
     record = editor.session.record
     assert record.target.asset == "suv"
     choose(page, "Asset", "van")
@@ -151,7 +151,7 @@ def test_a_person_makes_an_episode(editor, page, tmp_path):
     until(page, lambda: (tmp_path / "records" / "my-van.json").is_file())
     until(page, lambda: "Written:" in text(page))
     assert catalogue.load(tmp_path / "records" / "my-van.json") == editor.session.record
-    assert "that <b>orange</b> van" in text(page)  # shown, not obeyed
+    assert "that <b>orange</b> van" in text(page)  # shown as text
 
     press(page, "Write the record")
     until(page, lambda: "exists already" in text(page))
@@ -161,8 +161,8 @@ def test_a_person_makes_an_episode(editor, page, tmp_path):
     assert not [line for line in severe if "favicon" not in line]
 
 
-def test_dragging_turns_a_check_red_and_back(editor, page):
-    """The mouse drags the gizmo's arrow. The shed blocks the destination."""
+def test_dragging_the_target_into_the_shed_fails_a_check_until_undo(editor, page):
+    """The mouse drags the gizmo. The shed is at the destination."""
     from selenium.webdriver.common.action_chains import ActionChains
 
     assert editor.idle(PATIENCE_S)
@@ -184,7 +184,7 @@ def test_dragging_turns_a_check_red_and_back(editor, page):
     until(page, lambda: "required: nothing" not in text(page))
 
 
-def test_a_path_is_clicked(editor, page):
+def test_a_click_adds_a_waypoint_to_the_path(editor, page):
     press(page, "Episode")
     choose(page, "Cell", "tracking")
     until(page, lambda: editor.session.record.target.path is not None)

@@ -1,4 +1,4 @@
-"""One short flight after a moving target, unrendered, in lockstep; its world is built once for all tests."""
+"""A short unrendered lockstep flight behind a moving target. All tests share its world."""
 
 import json
 import shutil
@@ -15,7 +15,7 @@ from dronecats.view.film.plan import filmable
 from foundation.run_folder import layout
 from tests.support.flown_runs import MOVING as EPISODE
 
-GREY = 128  # of the frames that replace the undrawn ones
+GREY = 128  # grey level of the frames that replace the unrendered ones
 
 
 @pytest.fixture(scope="session")
@@ -26,7 +26,7 @@ def flight_folder(unrendered_runs) -> Path:
 
 @pytest.fixture(scope="session")
 def pictured(flight_folder, tmp_path_factory) -> Path:
-    """The same folder as if it had been rendered: frames without a colour."""
+    """A copy of that folder that looks rendered: its frames are plain grey."""
     run = tmp_path_factory.mktemp("film") / "pictured"
     shutil.copytree(flight_folder.parent, run)
     about = json.loads((run / layout.RUN).read_text())
@@ -45,5 +45,5 @@ def flight(pictured) -> RecordedFlight:
 
 @pytest.fixture(scope="session")
 def composed(pictured) -> Composition:
-    """The composer that draws the flight small."""
+    """The composition of the flight, 320 by 180 pixels."""
     return composition(str(pictured.resolve()), 320, 180, None)

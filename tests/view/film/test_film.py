@@ -57,7 +57,7 @@ def by_ffmpeg(film):
     }  # fmt: skip
 
 
-def test_pictures_and_times_are_those_that_were_asked_for(flight_folder):
+def test_a_plan_has_the_requested_pictures_and_times(flight_folder):
     once = wanted(flight_folder)
     assert (once.pictures, once.closing, once.seconds) == (10, 0, 1.0)
     assert [once.time_of(k) for k in (0, 5, 9)] == pytest.approx([1.0, 1.5, 1.9])
@@ -79,7 +79,7 @@ def test_impossible_options_are_rejected(flight_folder):
             wanted(flight_folder, **wrong)
 
 
-def test_the_drones_of_a_film_are_counted_from_one(flight_folder, tmp_path, capsys):
+def test_drone_numbers_start_at_one(flight_folder, tmp_path, capsys):
     for number in ("0", "2"):
         assert main(["film", str(flight_folder), "--drone", number, "--out", str(tmp_path / "film.mp4")]) == 2
         assert re.search(rf"--drone {number} .*: 1 did", capsys.readouterr().err)
@@ -93,7 +93,7 @@ def whole(pictured, composed, tmp_path_factory):
     return film
 
 
-def test_the_film_reads_back(whole, composed):
+def test_the_decoded_film_has_the_right_size_rate_and_pictures(whole, composed):
     frames, rate = pictures(whole)
     assert (len(frames), rate, frames[0].shape) == (10, 10.0, (180, 320, 3))
     told_of = by_ffmpeg(whole)
@@ -104,7 +104,7 @@ def test_the_film_reads_back(whole, composed):
         "fps": 10.0,
         "count": 10,
     }
-    for number in (0, 5, 9):  # each picture is of its own time, not of a time near it
+    for number in (0, 5, 9):  # each picture shows exactly its own time
         t = 1.0 + number / 10
         off = {
             away: np.abs(frames[number] - composed.at(t + away)[..., ::-1].astype(int)).mean()
@@ -137,7 +137,7 @@ def test_existing_parts_are_not_drawn_again_and_the_film_is_the_same(pictured, c
     assert np.array_equal(pictures(film)[0], pictures(whole)[0])
 
 
-def test_parts_of_another_film_are_thrown_away(pictured, composed, tmp_path):
+def test_parts_of_another_film_are_discarded(pictured, composed, tmp_path):
     film, of = tmp_path / "film.mp4", replace(wanted(pictured), per_part=4)
     with open_parts(film, of, "h264") as parts:
         parts.path(0).write_bytes(b"an old one")
@@ -149,7 +149,7 @@ def test_parts_of_another_film_are_thrown_away(pictured, composed, tmp_path):
 
 
 @pytest.mark.slow("draws a film in a process of its own")
-def test_a_film_that_was_killed_is_gone_on_with(pictured, composed, tmp_path):
+def test_a_killed_film_resumes(pictured, composed, tmp_path):
     film = tmp_path / "film.mp4"
     options = ["--out", str(film), "--size", "320x180", "--to", "2.5", "--fps", "40", "--jobs", "1"]
     command = [sys.executable, "-m", "dronecats.cli.main", "film", str(pictured), *options]
@@ -173,7 +173,7 @@ def test_a_film_that_was_killed_is_gone_on_with(pictured, composed, tmp_path):
     assert not folder_beside(film).exists()
 
 
-def test_without_ffmpeg_opencv_encodes_and_says_so(pictured, composed, tmp_path, monkeypatch, capsys):
+def test_without_ffmpeg_opencv_encodes_and_a_hint_is_printed(pictured, composed, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     film = tmp_path / "film.mp4"
     options = ["--size", "320x180", "--from", "1", "--to", "2", "--fps", "10", "--jobs", "1"]
@@ -187,7 +187,7 @@ def test_without_ffmpeg_opencv_encodes_and_says_so(pictured, composed, tmp_path,
     assert by_ffmpeg(film)["codec"] == "mpeg4"
 
 
-def test_without_any_encoder_it_says_how_to_get_one(pictured, composed, tmp_path, monkeypatch):
+def test_without_any_encoder_an_infrastructure_error_is_raised(pictured, composed, tmp_path, monkeypatch):
     monkeypatch.setattr(encoders, "ffmpeg", lambda: None)
     monkeypatch.setattr(cv2, "VideoWriter", _NoWriter)
     with pytest.raises(InfrastructureError):
@@ -206,7 +206,7 @@ class _NoWriter:
         return False
 
 
-def test_a_gif_moves_and_begins_again(pictured, composed, tmp_path):
+def test_a_gif_has_all_frames_and_loops(pictured, composed, tmp_path):
     film = tmp_path / "small.gif"
     assert make(wanted(pictured, fps=5), film, jobs=1) == "gif"
     with Image.open(film) as gif:
@@ -218,7 +218,7 @@ def test_a_gif_moves_and_begins_again(pictured, composed, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["", "truth.jsonl", "decisions.jsonl", "episode.json"])
-def test_a_folder_that_is_no_episode_is_one_sentence(pictured, tmp_path, capsys, name):
+def test_an_incomplete_episode_folder_is_a_one_line_error(pictured, tmp_path, capsys, name):
     folder = tmp_path / "run" / "episode"
     if name:
         folder.mkdir(parents=True)
@@ -232,13 +232,13 @@ def test_a_folder_that_is_no_episode_is_one_sentence(pictured, tmp_path, capsys,
 
 
 @pytest.mark.parametrize("out", ["film.mkv", "", "a-file/film.mp4", "folder.mp4"])
-def test_an_output_that_cannot_be_written_is_one_sentence(pictured, tmp_path, capsys, out):
+def test_an_invalid_output_path_is_a_one_line_error(pictured, tmp_path, capsys, out):
     (tmp_path / "a-file").write_text("")
     (tmp_path / "folder.mp4").mkdir()
     assert main(["film", str(pictured), "--out", str(tmp_path / out)]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
-def test_a_gif_is_not_called_mp4(pictured, tmp_path, capsys):
+def test_a_gif_with_an_mp4_name_is_rejected(pictured, tmp_path, capsys):
     assert main(["film", str(pictured), "--gif", "--out", str(tmp_path / "film.mp4")]) == 2
     assert ".gif" in capsys.readouterr().err

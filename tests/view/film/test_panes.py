@@ -1,4 +1,4 @@
-"""The panes beside the chase view: frame, ring, map and words."""
+"""The panes beside the chase view: camera frame, ring, map and captions."""
 
 import json
 import math
@@ -27,7 +27,7 @@ def going(flight):
     return next(each for each in flight.logs.decisions if chosen(each) is not None)
 
 
-def test_the_ring_is_around_the_chosen_point_once_it_is_chosen(flight, going, composed):
+def test_the_ring_surrounds_the_chosen_point_from_the_decision_on(flight, going, composed):
     x, y = (share / 1000 for share in going.action["point"])
     for picture, pane in (
         (pilot_view(flight, 0, going.t_decided, 400, 225, 1.0), None),
@@ -52,7 +52,7 @@ def test_the_frame_is_shown_unchanged_and_a_missing_one_is_marked(flight, going,
     shutil.rmtree(unrendered / layout.FRAMES)
     dark = pilot_view(without, 0, going.t_frame, 400, 225, 1.0)
     assert np.median(dark[20:180]) < 40
-    assert dark[100:130].max() > 100  # the words
+    assert dark[100:130].max() > 100  # the caption
     configuration = json.loads((unrendered.parent / layout.RUN).read_text())
     configuration["flight"]["simulated"]["rendered"] = False
     (unrendered.parent / layout.RUN).write_text(json.dumps(configuration))
@@ -60,7 +60,7 @@ def test_the_frame_is_shown_unchanged_and_a_missing_one_is_marked(flight, going,
     assert not np.array_equal(unseen, dark)
 
 
-def test_the_map_has_target_ring_and_drone_where_they_are(flight):
+def test_the_map_shows_target_ring_and_drone_at_their_positions(flight):
     drawn = MapPane(flight, 400, 375, 1.0)
     before, t = drawn.at(0.0), flight.end_s
     picture, centre = drawn.at(t), flight.world.target_centre(t)
@@ -81,7 +81,7 @@ def test_the_map_has_target_ring_and_drone_where_they_are(flight):
     assert drawn.px((first[0] + 1.0, first[1], 0.0))[1] < drawn.px(first)[1]
 
 
-def test_the_words_follow_the_flight(flight, going):
+def test_the_captions_follow_the_flight(flight, going):
     words = action_words(flight, 0, going.t_decided)[0]
     assert words.startswith(f"step {going.step} ")
     assert "go (" in words
@@ -92,7 +92,7 @@ def test_the_words_follow_the_flight(flight, going):
 
 
 @pytest.mark.parametrize("size", [(480, 270), (1280, 720)])
-def test_the_verdict_covers_no_other_words(flight, size, monkeypatch):
+def test_the_verdict_does_not_cover_other_captions(flight, size, monkeypatch):
     width, height = size
     title = property(lambda run: "somebody whose name is as long as that, no model")
     monkeypatch.setattr(RecordedRun, "pilot_title", title)
@@ -106,7 +106,7 @@ def test_the_verdict_covers_no_other_words(flight, size, monkeypatch):
     assert not (words & verdict).any()
 
 
-def test_words_stay_in_their_room():
+def test_fitted_text_stays_within_width_and_lines():
     long = "go to the van that stands between the red car and the second house on the left, then wait"
     for lines in (1, 2):
         fitted_lines = fitted(long, 20, 300, lines, True)
@@ -116,7 +116,7 @@ def test_words_stay_in_their_room():
     assert fitted("short", 20, 300) == ["short"]
 
 
-def test_no_pane_covers_another_and_all_are_in_the_picture():
+def test_panes_do_not_overlap_and_stay_in_the_picture():
     for size in ((1280, 720), (320, 180), (854, 480)):
         for drones in (1, 2, 3, 4, 8):
             width, height = size
@@ -129,4 +129,4 @@ def test_no_pane_covers_another_and_all_are_in_the_picture():
                 assert pane.top + pane.height <= height, (drones, size)
                 covered[pane.top : pane.top + pane.height, pane.left : pane.left + pane.width] += 1
             assert covered.max() == 1, (drones, size)
-            assert covered.mean() > 0.8, (drones, size)  # of three, a quarter of their area stays empty
+            assert covered.mean() > 0.8, (drones, size)  # with three drones, a quarter of their area is empty

@@ -1,4 +1,4 @@
-"""Positions of all drones, from an independent reader of the same logs."""
+"""Tracks of recorded drones, compared with independent readers of the same logs."""
 
 import math
 import shutil
@@ -32,7 +32,7 @@ def angle_deg(a, b):
     return math.degrees(2.0 * math.acos(min(1.0, same)))
 
 
-def test_the_drone_is_where_truth_jsonl_has_it(flight_folder, flight):
+def test_track_positions_equal_truth_jsonl(flight_folder, flight):
     logs, track = flight.logs, flight.tracks[0]
     places = [(each.t, each.position_ned) for each in logs.poses]
     places += [(each.t, each.position_ned) for each in logs.frames.values() if each.position_ned]
@@ -41,7 +41,7 @@ def test_the_drone_is_where_truth_jsonl_has_it(flight_folder, flight):
     assert not track.level
 
 
-def test_attitudes_are_the_logged_ones_and_turn_evenly_between_them(flight_folder, flight, messages):
+def test_attitudes_equal_the_log_and_are_interpolated_evenly(flight_folder, flight, messages):
     begin_us, track = flight.t0_us, flight.tracks[0]
     during = [(us, q) for us, q in messages if us >= begin_us]
     assert len(during) > 250
@@ -52,10 +52,10 @@ def test_attitudes_are_the_logged_ones_and_turn_evenly_between_them(flight_folde
         middle = track.at(halfway).attitude
         assert angle_deg(middle, q) == pytest.approx(angle_deg(middle, next_q), abs=1e-3)
         turned = max(turned, angle_deg(q, next_q))
-    assert turned > 0.05  # it does turn, so halfway is a different attitude
+    assert turned > 0.05  # it turns, so the attitude halfway is a different one
 
 
-def test_without_a_tlog_it_is_level_and_through_the_places_that_were_written_down(flight_folder, tmp_path):
+def test_without_a_tlog_the_track_is_level_and_passes_the_logged_poses(flight_folder, tmp_path):
     logs = read(flight_folder)
     assert telemetry(tmp_path / layout.TLOG, 0) == {}
     rows = track_of_rows(logs.poses)
@@ -71,7 +71,7 @@ def test_without_a_tlog_it_is_level_and_through_the_places_that_were_written_dow
         assert abs((yaw - pose.yaw_deg + 180.0) % 360.0 - 180.0) < 2.0
 
 
-def test_before_the_first_sample_and_after_the_last_it_stays(flight_folder):
+def test_the_track_is_constant_before_the_first_and_after_the_last_sample(flight_folder):
     rows = track_of_rows(read(flight_folder).poses)
     assert rows
     track = rows.drawn()
@@ -79,7 +79,7 @@ def test_before_the_first_sample_and_after_the_last_it_stays(flight_folder):
     assert track.at(1e6) == track.at(float(track.t_s[-1]))
 
 
-def test_without_a_tlog_it_leans_as_the_log_on_board_has_it(flight_folder, tmp_path):
+def test_without_a_tlog_the_attitude_comes_from_the_log_on_board(flight_folder, tmp_path):
     folder = tmp_path / flight_folder.parent.name / flight_folder.name
     shutil.copytree(flight_folder.parent, folder.parent)
     true = with_onboard_log(folder)
@@ -94,7 +94,7 @@ def test_without_a_tlog_it_leans_as_the_log_on_board_has_it(flight_folder, tmp_p
     assert filmable(folder).tracks[0].level
 
 
-def test_a_trace_is_derived_from_the_log_on_board_where_it_was_kept(flight_folder, tmp_path):
+def test_the_estimate_comes_from_the_log_on_board_if_it_exists(flight_folder, tmp_path):
     folder = tmp_path / flight_folder.parent.name / flight_folder.name
     shutil.copytree(flight_folder.parent, folder.parent)
     derive(folder)

@@ -1,4 +1,4 @@
-"""The chase camera's view, checked by the test's own camera and the renderer's ids in each pixel."""
+"""The chase camera's view, compared with an independent projection by the object id of each pixel."""
 
 import itertools
 import math
@@ -33,14 +33,14 @@ def way(flight):
 
 
 def seen_at(pose, place):
-    """Return (x, y) px and the depth of a place, by trigonometry alone."""
+    """Return the pixel (x, y) and the depth (m) of a position, computed independently."""
     w, x, y, z = pose.attitude
     ahead, right, down = Rotation.from_quat([x, y, z, w]).inv().apply(np.subtract(place, pose.position_ned))
     focal = 320.0 / math.tan(math.radians(LENS.hfov_deg) / 2.0)
     return 320.0 + focal * right / ahead, 180.0 + focal * down / ahead, ahead
 
 
-def test_the_target_is_seen_where_the_log_has_it(flight_folder, flight, stage):
+def test_the_target_is_drawn_at_its_logged_position(flight_folder, flight, stage):
     targets = [
         (pose.t, pose.target_ned) for pose in read(flight_folder).poses if pose.target_ned and pose.t <= flight.end_s
     ]
@@ -57,7 +57,7 @@ def test_the_target_is_seen_where_the_log_has_it(flight_folder, flight, stage):
         assert abs((rows.min() + rows.max()) / 2 - y) < reach
 
 
-def test_the_drone_is_in_every_picture_where_it_was(flight, stage, way):
+def test_the_drone_is_in_every_picture_at_its_position(flight, stage, way):
     for t in np.linspace(0.0, flight.end_s, 7):
         pose, place = way.at(float(t)), flight.tracks[0].at(float(t)).position_ned
         x, y, depth = seen_at(pose, place)
@@ -70,7 +70,7 @@ def test_the_drone_is_in_every_picture_where_it_was(flight, stage, way):
         assert abs(rows.mean() - y) < 0.3 * 640 / depth
 
 
-def test_the_camera_moves_without_a_jerk(flight, way):
+def test_the_chase_camera_moves_smoothly(flight, way):
     times = np.arange(0.0, flight.end_s, 1 / 30)
     eyes = np.array([way.at(float(t)).position_ned for t in times])
     speeds = np.diff(eyes, axis=0) * 30
@@ -78,8 +78,8 @@ def test_the_camera_moves_without_a_jerk(flight, way):
     assert np.abs(np.diff(speeds, axis=0)).max() < 0.8  # m/s from one picture to the next
 
 
-def test_it_keeps_out_of_what_stands_behind_the_drone():
-    """A drone leaves a wall behind it and flies past a second one: no eye is beyond or inside them."""
+def test_walls_never_block_the_chase_camera():
+    """A drone flies away from one wall and past another. The line from camera to drone never meets a wall."""
     t = np.linspace(0.0, 20.0, 400)
     places = np.column_stack([0.6 + 0.3 * t, np.zeros(400), np.full(400, -2.0)])
     track = FlightTrack(t, places, np.zeros_like(places), np.tile((1.0, 0.0, 0.0, 0.0), (400, 1)), level=True)
@@ -98,11 +98,13 @@ def test_it_keeps_out_of_what_stands_behind_the_drone():
         for share, ((n0, e0), (n1, e1)) in itertools.product(np.linspace(0.0, 1.0, 60), walls.values()):
             north, east, down = eye + share * (drone - eye)
             assert not (n0 <= north <= n1 and e0 <= east <= e1 and -6.0 <= down <= 0.0), (s, eye)
-    assert math.dist(way.at(19.0).position_ned, track.at(19.0).position_ned) > 0.9 * BOOM_M  # far from both: all of it
-    assert math.dist(way.at(1.0).position_ned, track.at(1.0).position_ned) > 1.2  # it goes round a wall, not up to it
+    # far from both walls, the camera keeps its full distance
+    assert math.dist(way.at(19.0).position_ned, track.at(19.0).position_ned) > 0.9 * BOOM_M
+    # near a wall, the camera goes around it instead of up to it
+    assert math.dist(way.at(1.0).position_ned, track.at(1.0).position_ned) > 1.2
 
 
-def test_it_swings_round_more_slowly_than_the_drone_turns():
+def test_the_chase_camera_turns_more_slowly_than_the_drone():
     t = np.linspace(0.0, 10.0, 400)
     yaw = np.radians(np.clip(60.0 * (t - 4.0), 0.0, 90.0))  # a quarter turn in a second and a half
     places = np.tile((0.0, 0.0, -2.0), (400, 1))

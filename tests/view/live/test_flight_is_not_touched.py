@@ -1,4 +1,4 @@
-"""A watched flight equals an unwatched one to the byte, whatever happens to the page and its viewers."""
+"""A flight with a live page writes the same bytes as one without, even if the page hangs or is killed."""
 
 import contextlib
 import json
@@ -38,7 +38,7 @@ def contents(run: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
-    """Return the run folder of the unwatched flight, and the questions to its pilot."""
+    """Return the run folder of a flight without a page, and the prompts to its pilot."""
     out, questions, render = tmp_path_factory.mktemp("alone"), [], Prompt.render
 
     def recording_render(*arguments, **named):
@@ -52,7 +52,7 @@ def alone(tmp_path_factory):
 
 
 class Watched:
-    """A page over a run folder, with events at given steps."""
+    """A live page of a run folder, with an event at some steps of the flight."""
 
     def __init__(self, run: Path, scratch: Path) -> None:
         self.run, self.scratch = run, scratch
@@ -72,7 +72,7 @@ class Watched:
         self.clients[-1].until(lambda sent: str(sent.get("name", "")).endswith("/drone-0"), PATIENCE_S)
 
     def at(self, step: int) -> None:
-        """Do the event of a step of the flight."""
+        """Trigger the event of a step, if there is one."""
         viewer = self.viewers[-1]
         todo: dict[int, tuple[str, Callable[[], None]]] = {
             0: ("looked at", self.look),
@@ -98,7 +98,7 @@ class Watched:
             viewer.kill()
 
 
-def test_a_page_that_hangs_is_killed_and_comes_again_changes_no_byte(alone, tmp_path):
+def test_a_page_that_hangs_and_restarts_does_not_change_the_run_folder(alone, tmp_path):
     out = tmp_path / "watched"
     steps: list[str] = []
     (tmp_path / "logs").mkdir()
@@ -122,7 +122,7 @@ def test_a_page_that_hangs_is_killed_and_comes_again_changes_no_byte(alone, tmp_
         watched.close()
 
 
-def test_the_questions_that_are_shown_are_those_that_were_asked(alone):
+def test_the_page_shows_the_prompts_of_the_pilot(alone):
     out, questions = alone
     folder = out / EPISODE
     follower = FlightFollower(folder, load_world(folder), 1)

@@ -76,19 +76,19 @@ def follower(writer, world):
     return FlightFollower(writer.folder, world, 1)
 
 
-def test_without_messages_nothing_is_known(follower, world):
+def test_without_messages_the_position_is_unknown(follower, world):
     moment = follower.turn()
     assert moment.drones[0].position_ned is None
     assert "ready" in moment.state
     assert moment.instruction == world.record.instruction
 
 
-def test_where_it_is_and_what_it_says_of_itself(writer, follower):
+def test_a_moment_has_the_true_pose_and_the_autopilot_state(writer, follower):
     attitude = quat_from_euler(0.1, -0.05, 0.7)
     writer.pose(T0_US + 500_000, (-41.0, -1.0, -2.2), attitude, (0.5, 0.25, 0.0))
     writer.says(T0_US, dialect.MAVLink_heartbeat_message(2, 12, 128 + 29, 6 << 16, 4, 3))
     writer.says(T0_US, dialect.MAVLink_statustext_message(6, b"Armed", 0, 0))
-    mask = 0b100100100011  # position, climb and turn are left open
+    mask = 0b100100100011  # position, climb and yaw are ignored
     target = dialect.MAVLink_position_target_local_ned_message(
         24_000, 1, mask, math.nan, math.nan, -2.2, 1.0, 0.4, math.nan, 0, 0, 0, 0, 0
     )
@@ -98,7 +98,7 @@ def test_where_it_is_and_what_it_says_of_itself(writer, follower):
     moment = follower.turn()
     (drone,) = moment.drones
     assert drone.true
-    assert drone.position_ned == pytest.approx((-41.0, -1.0, -2.2), abs=0.012)  # as positions are transmitted
+    assert drone.position_ned == pytest.approx((-41.0, -1.0, -2.2), abs=0.012)  # resolution of transmitted positions
     assert drone.attitude == pytest.approx(attitude, abs=1e-6)
     assert drone.velocity_ned == pytest.approx((0.5, 0.25, 0.0))
     assert drone.setpoint_ned == pytest.approx((1.0, 0.4, 0.0))
@@ -108,8 +108,8 @@ def test_where_it_is_and_what_it_says_of_itself(writer, follower):
     assert "air" in moment.state
 
 
-def test_a_go_leads_from_where_its_picture_was_taken_to_its_place(writer, follower):
-    """The drone has moved on since; the ray starts at the picture's pose, with its lean."""
+def test_the_ray_of_a_go_starts_at_the_pose_of_its_picture(writer, follower):
+    """The drone has moved since then. The ray starts at the position and attitude of the picture."""
     then, attitude = (-41.0, -1.0, -2.2), quat_from_euler(0.05, -0.1, 0.9)
     writer.truth.write(Begin(t0_us=T0_US, cap_s=300.0))
     writer.pose(T0_US + 100_000, then, attitude)
@@ -127,11 +127,11 @@ def test_a_go_leads_from_where_its_picture_was_taken_to_its_place(writer, follow
     expected = sight(go, then, attitude, CameraModel())
     assert drone.lens_ned == pytest.approx(expected.lens_ned, abs=0.012)
     assert drone.chosen_ned == pytest.approx(expected.place_ned, abs=0.012)
-    assert math.dist(drone.lens_ned, drone.chosen_ned) == pytest.approx(8.0, abs=1e-3)  # of the picture's middle
+    assert math.dist(drone.lens_ned, drone.chosen_ned) == pytest.approx(8.0, abs=1e-3)  # at the picture's centre
 
 
-def test_a_point_on_the_target_is_a_ray_to_the_target(world):
-    """Compared with the judge's own measurement: the target's centre in the picture, and its depth."""
+def test_a_go_at_the_targets_pixel_and_depth_leads_to_the_target(world):
+    """Point and depth come from the judge's measurement of the target's centre."""
     attitude = quat_from_euler(0.08, -0.12, math.radians(20.0))
     place = (-41.0, 0.5, -2.5)
     lens = CameraModel()
@@ -146,7 +146,7 @@ def test_a_point_on_the_target_is_a_ray_to_the_target(world):
     assert sight(go, place, attitude, lens).place_ned == pytest.approx(measured.target_ned, abs=1e-6)
 
 
-def test_another_action_has_no_place(writer, follower):
+def test_an_action_other_than_go_has_no_chosen_position(writer, follower):
     writer.truth.write(Begin(t0_us=T0_US, cap_s=300.0))
     writer.pose(T0_US, (-41.0, -1.0, -2.2), (1.0, 0.0, 0.0, 0.0))
     writer.decide(0, {"action": "rotate", "angle_deg": 30.0}, 0.1)
@@ -156,7 +156,7 @@ def test_another_action_has_no_place(writer, follower):
     assert drone.chosen_ned is None
 
 
-def test_half_a_picture_is_not_shown(writer, follower):
+def test_an_incomplete_picture_is_not_shown(writer, follower):
     jpeg = writer.picture(0)
     path = writer.folder / layout.FRAMES / layout.frame_name(0)
     path.write_bytes(jpeg[:-40])
@@ -167,7 +167,7 @@ def test_half_a_picture_is_not_shown(writer, follower):
     assert shown.jpeg == jpeg
 
 
-def test_lines_that_are_damaged_are_passed_over(writer, follower):
+def test_damaged_lines_are_skipped(writer, follower):
     with (writer.folder / layout.DECISIONS).open("ab") as file:
         file.write(b'{"step": 0}\n[1]\nnot JSON\n\xff\xfe\n')
     writer.decide(1, {"action": "think"}, 3.0)
@@ -176,7 +176,7 @@ def test_lines_that_are_damaged_are_passed_over(writer, follower):
     assert drone.decision.step == 1
 
 
-def test_the_judge_tells_distances_declarations_and_the_verdict(writer, follower, world):
+def test_the_judge_shows_distance_declaration_and_verdict(writer, follower, world):
     writer.truth.write(Begin(t0_us=T0_US, cap_s=300.0))
     place = (-30.0, 0.0, -2.0)
     writer.pose(T0_US + 4_000_000, place, (1.0, 0.0, 0.0, 0.0))
@@ -199,7 +199,7 @@ def test_the_judge_tells_distances_declarations_and_the_verdict(writer, follower
     assert follower.over
 
 
-def test_an_envelope_speaks_between_the_autopilots_words(writer, follower):
+def test_envelope_and_autopilot_messages_are_in_time_order(writer, follower):
     for k, text in ((1, b"one"), (3, b"three")):
         writer.says(T0_US + k, dialect.MAVLink_statustext_message(6, text, 0, 0))
     line = {"time_us": T0_US + 2, "drone": 0, "limits": ["speed", "height"]}
@@ -211,7 +211,7 @@ def test_an_envelope_speaks_between_the_autopilots_words(writer, follower):
     assert "speed, height" in between
 
 
-def test_a_limit_that_acts_at_every_step_is_one_line_that_counts(writer, follower):
+def test_repeated_limits_are_one_line_with_a_count(writer, follower):
     writer.says(T0_US, dialect.MAVLink_statustext_message(6, b"one", 0, 0))
     with (writer.folder / layout.SAFETY).open("w") as file:
         for k in range(70):
@@ -225,8 +225,8 @@ def test_a_limit_that_acts_at_every_step_is_one_line_that_counts(writer, followe
     assert "70" in counted
 
 
-def test_logged_rows_are_readable_at_once(tmp_path, world):
-    """Not only after eight kilobytes: the page would be a second late."""
+def test_recorded_frames_are_readable_immediately(tmp_path, world):
+    """With a buffer of 8 kB, the page would be a second late."""
     recorder = Recorder(tmp_path, origin(world), measured_in(world), CameraModel())
     bus, autopilot = Packer(1, TRUTH_COMPONENT), Packer(1, 1)
     tail = FrameTail(tmp_path / layout.TLOG)
@@ -241,7 +241,7 @@ def test_logged_rows_are_readable_at_once(tmp_path, world):
     recorder.close()
 
 
-def test_the_autopilots_own_messages_are_readable_at_once(tmp_path):
+def test_recorded_estimates_are_readable_immediately(tmp_path):
     recorder, tail = EstimateRecorder(tmp_path), FrameTail(tmp_path / layout.TLOG)
     frame = Packer(1, 1).pack(dialect.MAVLink_local_position_ned_message(1000, 1, 2, -3, 0, 0, 0))
     recorder.telemetry(frame)
@@ -249,8 +249,8 @@ def test_the_autopilots_own_messages_are_readable_at_once(tmp_path):
     recorder.close()
 
 
-def test_without_truth_the_pose_is_the_autopilots_own(tmp_path):
-    """A connected vehicle of any number: its own estimate, and no judge."""
+def test_without_truth_the_pose_is_the_autopilot_estimate(tmp_path):
+    """The vehicle is a connected one. Its system id may be any, and there is no judge."""
     folder = tmp_path / "connected"
     (folder / layout.FRAMES).mkdir(parents=True)
     (folder / layout.EPISODE).write_text(json.dumps({"id": "connected", "instruction": "look"}))

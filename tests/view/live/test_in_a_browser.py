@@ -59,7 +59,7 @@ class FlownCommand:
 
 
 class Listening:
-    """Every message from the page to a browser, from the beginning."""
+    """Collects all messages from the page to a browser."""
 
     def __init__(self, url: str) -> None:
         self.messages: list[dict[str, Any]] = []
@@ -97,13 +97,13 @@ def text(browser, selector: str) -> str:
 
 
 def clock_s(browser) -> float | None:
-    """Return the time of the flight that the page shows; None if it shows none."""
+    """Return the flight time that the page shows, s; None if it shows none."""
     match = re.match(r"([\d.]+) s\b.*in the air", text(browser, ".state"))
     return float(match[1]) if match else None
 
 
 def canvas(browser) -> Any:
-    """Return the middle of the page as it is drawn, (H, W, 3)."""
+    """Return the pixels of the middle of the page, (H, W, 3)."""
     page: Any = cv2.imdecode(np.frombuffer(browser.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)
     height, width = page.shape[:2]
     return page[height // 4 : 3 * height // 4, width // 3 : 2 * width // 3].astype(int)
@@ -111,9 +111,9 @@ def canvas(browser) -> Any:
 
 @pytest.fixture(scope="module")
 def seen(browser, tmp_path_factory):
-    """Fly, watch until the end, and yield the display and the messages on the way.
+    """Fly with a live page; yield the episode folder and all that the browser showed and received.
 
-    With slow replies the flight takes a minute and shows a go for most of it, since a software renderer is late.
+    Slow replies stretch the flight to a minute with a go most of the time, because a software renderer is late.
     """
     run, port = tmp_path_factory.mktemp("live") / "run", free_port(socket.SOCK_STREAM)
     command = FlownCommand(
@@ -155,13 +155,13 @@ def seen(browser, tmp_path_factory):
         command.end()
 
 
-def test_the_drone_is_where_it_truly_was_and_moves(seen):
+def test_the_drone_is_shown_at_its_true_positions_and_moves(seen):
     folder, observed = seen
     sent = [display.ned_of(m["position"]) for m in observed["before"]
             if m["type"] == "SetPositionMessage" and m["name"] == NODE]  # fmt: skip
     assert len(sent) > 100
     poses = [row for row in truth(folder) if isinstance(row, Pose)]
-    # lines between the positions: a busy machine sends fewer of them
+    # compared with the lines between the sent positions, because a busy machine sends fewer positions
     ends = np.array(sent)
     starts, steps = ends[:-1], np.diff(ends, axis=0)
     lengths = np.maximum((steps**2).sum(axis=1), 1e-12)
@@ -174,7 +174,7 @@ def test_the_drone_is_where_it_truly_was_and_moves(seen):
     assert (np.abs(before - after).max(axis=2) > 40).mean() > 0.001  # nothing else of the page moves
 
 
-def test_the_reply_and_the_ringed_frame_are_those_of_the_log(seen):
+def test_the_reply_and_the_ringed_frame_equal_the_log(seen):
     folder, observed = seen
     decisions = {str(one.step): one for one in rows(folder / layout.DECISIONS, Decision)}
     shown = decisions[observed["step"]]
@@ -189,7 +189,7 @@ def test_the_reply_and_the_ringed_frame_are_those_of_the_log(seen):
     assert ring["near"][0] == pytest.approx(ring["near"][1], abs=1.0)  # the drawing covers the picture
 
 
-def test_nothing_of_the_judges_is_sent_before_it_is_asked_for(seen):
+def test_judge_data_is_sent_only_on_demand(seen):
     folder, observed = seen
     sent_text = json.dumps(observed["before"], default=str)
     verdict = json.loads((folder / layout.VERDICT).read_text())

@@ -1,4 +1,4 @@
-"""The messages to a browser: everything once, the judge's knowledge only on demand, no foreign markup."""
+"""The messages to a browser: each value once, judge data only on demand, and escaped text."""
 
 import itertools
 import json
@@ -29,7 +29,7 @@ PATIENCE_S = 30.0
 
 
 class Page:
-    """A server with one flight's scene and panels, and a browser's end of it."""
+    """A server with one flight's scene and panels, and a client of it."""
 
     def __init__(self, world, drones: int = 1) -> None:
         self.server = LoopbackServer("test", 0)
@@ -69,21 +69,21 @@ def of(messages, kind: str) -> list[dict[str, Any]]:
 
 
 def tick(page: Page, messages) -> None:
-    """Tick the judge's box as a browser does, and wait until the page has received it."""
+    """Toggle the judge's checkbox as a browser does, and wait until the page has received it."""
     (box,) = of(messages, "GuiCheckboxMessage")
     wanted, due_s = not page.panels.judge_shown, time.monotonic() + PATIENCE_S
     page.client.send({"type": "GuiUpdateMessage", "uuid": box["uuid"], "updates": {"value": wanted}})
-    while page.panels.judge_shown != wanted:  # another thread takes it
+    while page.panels.judge_shown != wanted:  # another thread processes it
         assert time.monotonic() < due_s
         page.sent()
 
 
-def test_the_judges_knowledge_is_not_sent_before_it_is_asked_for(page, world):
+def test_judge_data_is_sent_only_on_demand(page, world):
     one = moment(world)
     target = display.place_of(one.judge.target_ned or (0.0, 0.0, 0.0))
     page.show(one)
     before = page.sent()
-    assert any(str(m.get("name", "")).endswith("/drone-0") for m in before)  # so a flight was sent
+    assert any(str(m.get("name", "")).endswith("/drone-0") for m in before)  # the page shows a flight
     sent_text = json.dumps(before, default=str)
     for word in ("judge/", "6.54", "verdict", "(judge)"):
         assert word not in sent_text
@@ -107,8 +107,8 @@ def test_the_judges_knowledge_is_not_sent_before_it_is_asked_for(page, world):
     assert "6.54" not in sent_text
 
 
-def test_things_in_the_pictures_are_shown_by_default_and_move_the_same(yard):
-    """The drone looks at its target from the first moment on. The target itself is not marked."""
+def test_target_and_look_alikes_are_shown_by_default_and_move(yard):
+    """The drone sees its target from the beginning, so the page shows it. The page does not mark it."""
     still = World(Drafting(maps.build(yard)).new(yard).record)
     lane = Path3D(waypoints_ned=((4.0, -6.0, 0.0), (4.0, 14.0, 0.0)), speed_mps=0.5)
     target = replace(still.record.target, position_ned=None, yaw_deg=None, path=lane)
@@ -126,7 +126,7 @@ def test_things_in_the_pictures_are_shown_by_default_and_move_the_same(yard):
             pytest.approx((-6.0, 3.0, 0.0)),
             pytest.approx(world.target_pose(0.0)[0]),
         ]
-        ((name, place),) = after.items()  # still things are not sent again
+        ((name, place),) = after.items()  # things at rest are not sent again
         assert name in before
         assert display.ned_of(place) == pytest.approx((4.0, -1.0, 0.0))
     finally:
@@ -144,7 +144,7 @@ def test_an_unchanged_moment_is_sent_once(page, world):
     assert page.sent() == []
 
 
-def test_a_drone_that_moves_costs_a_few_messages(page, world):
+def test_a_moving_drone_needs_at_most_three_messages(page, world):
     page.show(moment(world, 1.0))
     page.sent()
     page.show(moment(world, 1.05))
@@ -154,7 +154,7 @@ def test_a_drone_that_moves_costs_a_few_messages(page, world):
     assert not any("Image" in kind or "Glb" in kind for kind in kinds)
 
 
-def test_the_drone_is_where_the_moment_says(page, world):
+def test_the_drone_has_the_pose_of_the_moment(page, world):
     page.show(moment(world, 1.0))
     page.show(moment(world, 3.0, attitude=(0.8, 0.2, -0.4, 0.4)))
     sent = page.sent()
@@ -169,7 +169,7 @@ def test_a_followed_drone_keeps_its_place_in_the_view(page, world):
     page.scene.follow(0)
     page.show(moment(world, 1.0))
     page.show(moment(world, 4.0))
-    assert page.scene.offset == pytest.approx((0.0, 0.0, 3.0))  # three metres north are the world's three to the south
+    assert page.scene.offset == pytest.approx((0.0, 0.0, 3.0))  # the drone moves 3 m north, the world 3 m south
     page.scene.follow(None)
     page.show(moment(world, 9.0))
     assert page.scene.offset == pytest.approx((0.0, 0.0, 3.0))  # the view does not move
@@ -187,7 +187,7 @@ def test_four_drones_have_four_pictures_and_four_bodies(world):
     page.close()
 
 
-def test_where_nobody_pilots_there_are_no_pictures_and_no_replies(world):
+def test_a_page_without_a_pilot_has_no_pictures_and_no_replies(world):
     server = LoopbackServer("test", 0)
     client = PageClient(server.url)
     try:
@@ -204,8 +204,8 @@ def test_where_nobody_pilots_there_are_no_pictures_and_no_replies(world):
         server.stop()
 
 
-def test_a_ray_that_meets_something_on_its_way_says_where(page, world):
-    """The shed of the small map stands nine metres north and east, its near wall seven metres away."""
+def test_an_obstacle_on_the_ray_is_marked(page, world):
+    """The shed of the small map is 9 m north and 9 m east. The ray to the north meets its wall at 6 m."""
     page.show(moment(world, lens_ned=(0.0, 9.0, -1.5), chosen_ned=(20.0, 9.0, -1.5)))
     met = [m for m in of(page.sent(), "SetPositionMessage") if m["name"].endswith("/met-0")]
     assert display.ned_of(met[-1]["position"]) == pytest.approx((6.0, 9.0, -1.5), abs=1e-3)
@@ -213,7 +213,7 @@ def test_a_ray_that_meets_something_on_its_way_says_where(page, world):
     assert any(m["name"].endswith("/met-0") for m in of(page.sent(), "RemoveSceneNodeMessage"))
 
 
-def test_without_a_world_there_is_a_grid(world):
+def test_a_page_without_a_world_shows_a_grid(world):
     page = Page(None)
     page.show(replace(moment(world), judge=JudgeMoment()))
     assert any(m["type"] == "GridMessage" for m in page.sent())
@@ -233,7 +233,7 @@ def test_two_flights_share_a_map(page, world):
     assert not any(name.startswith("/world/flight") for name in gone)
 
 
-def test_a_trail_grows_at_its_end_alone(page, world):
+def test_a_growing_trail_sends_only_its_new_part(page, world):
     for k in range(400):
         page.scene.show(moment(world, 0.2 * k))
     page.sent()
@@ -241,13 +241,13 @@ def test_a_trail_grows_at_its_end_alone(page, world):
     page.scene.show(moment(world, 0.2 * 401))
     grown = [m["name"] for m in page.sent() if "/trail-" in m.get("name", "")]
     assert len(grown) == 1
-    assert page.client.bytes - before < 4_000  # the whole way would be 10 kB
+    assert page.client.bytes - before < 4_000  # the complete trail would be 10 kB
 
 
-# ---- words
+# ---- text
 
 
-def test_nobodys_words_become_markup(world):
+def test_text_is_escaped_in_html(world):
     (drone,) = moment(world).drones
     assert drone.decision is not None
     evil = '</pre><script>alert(1)</script><img src=x onerror="x">'
@@ -286,7 +286,7 @@ def test_a_newer_picture_is_shown_without_the_ring_of_the_last_one(world):
     assert "ring" not in html
 
 
-def test_actions_in_words():
+def test_actions_are_described_in_words():
     for action, parts in (
         ({"action": "go", "point": [1.0, 2.0], "depth_m": 3.5}, r"^go .*\(1, 2\).* 3\.5 m$"),
         ({"action": "rotate", "angle_deg": -30.0}, "^rotate 30° left"),
@@ -299,7 +299,7 @@ def test_actions_in_words():
         assert re.search(parts, action_or_reason(decision)), action
 
 
-def test_a_drone_of_which_nothing_is_known_is_shown_too():
+def test_a_drone_without_data_is_shown():
     empty = DroneMoment(0)
     assert "<img" not in markup.frame_html(empty, "")
     assert markup.decision_html(empty)
@@ -308,7 +308,7 @@ def test_a_drone_of_which_nothing_is_known_is_shown_too():
     markup.numbers_html([empty, empty])
 
 
-def test_the_drones_of_a_fleet_are_counted_from_one():
+def test_drone_numbers_start_at_one():
     fleet = [DroneMoment(drone, messages=("Armed",)) for drone in range(2)]
     shown = (markup.frames_html, markup.decisions_html, markup.numbers_html, markup.messages_html)
     for html in (show(fleet) for show in shown):

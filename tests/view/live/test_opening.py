@@ -1,4 +1,4 @@
-"""The page beside a command: its fate never affects the flight."""
+"""The page beside a command: a failure of the page never affects the flight."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ PATIENCE_S = 60.0
 
 
 class Notices:
-    """The notices so far, and a wait for one of them."""
+    """Collects the notices, and can wait for one of them."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -53,7 +53,7 @@ def gone(pid: int) -> bool:
     return False
 
 
-def test_no_page_is_no_process(tmp_path, children):
+def test_without_a_page_no_process_starts(tmp_path, children):
     with opened(None, tmp_path, "", Notices()):
         pass
     assert children == []
@@ -67,7 +67,7 @@ def test_the_address_is_printed_and_the_page_ends_with_the_command(tmp_path, chi
     assert len(log.lines) == 1
 
 
-def test_a_page_that_hangs_from_the_start_holds_nobody_up(tmp_path, children, port):
+def test_a_hanging_page_does_not_delay_the_command(tmp_path, children, port):
     log, began_s = Notices(), time.monotonic()
     with opened(WantedPage(port=port, stays=True), tmp_path, "", log):
         os.kill(children[0].pid, signal.SIGSTOP)

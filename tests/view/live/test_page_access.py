@@ -1,4 +1,4 @@
-"""Access to a page: only a browser of this machine with the complete address."""
+"""Access to a page: only browsers on this machine that have the complete address."""
 
 import http.server
 import threading
@@ -46,7 +46,7 @@ def listens(server, address, **headers):
         return refused.response.status_code
 
 
-def test_only_the_token_opens_the_page_and_its_cookie_does_so_from_then_on(server):
+def test_the_page_opens_with_the_token_and_then_with_its_cookie(server):
     assert get_page(server, "/") == (403, None)
     assert get_page(server, "/?token=wrong") == (403, None)
     assert get_page(server, "/?token=") == (403, None)
@@ -60,14 +60,14 @@ def test_only_the_token_opens_the_page_and_its_cookie_does_so_from_then_on(serve
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:{port}", "127.0.0.1.evil.example:{port}", "[::1", ""])
-def test_a_name_that_leads_here_does_not(server, host):
+def test_a_foreign_host_name_is_rejected(server, host):
     named = host.format(port=server.get_port())
     assert get_page(server, server.url, Host=named)[0] in (400, 403)
     assert get_page(server, server.url, Host=f"localhost:{server.get_port()}")[0] == 200
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1"])
-def test_a_web_site_does_not_although_it_knows_the_token(server, origin):
+def test_a_foreign_origin_is_rejected_even_with_the_token(server, origin):
     address = server.url.replace("http://", "ws://")
     assert listens(server, address) == 101
     assert listens(server, address, Origin=f"http://127.0.0.1:{server.get_port()}") == 101
@@ -84,7 +84,7 @@ def behind_a_proxy():
 
 @pytest.mark.parametrize("host", ["drone.example.org", "Drone.Example.org:8443"])
 @pytest.mark.parametrize("scheme", ["http", "https"])
-def test_a_name_that_was_asked_for_opens_the_page_too(behind_a_proxy, host, scheme):
+def test_a_configured_host_name_opens_the_page(behind_a_proxy, host, scheme):
     address = behind_a_proxy.url.replace("http://", "ws://")
     assert get_page(behind_a_proxy, "/", Host=host) == (403, None)  # the token is required under any name
     assert get_page(behind_a_proxy, behind_a_proxy.url, Host=host)[0] == 200
@@ -92,10 +92,10 @@ def test_a_name_that_was_asked_for_opens_the_page_too(behind_a_proxy, host, sche
     assert get_page(behind_a_proxy, behind_a_proxy.url, Host=host, Origin=f"{scheme}://{host}1")[0] == 403
     assert get_page(behind_a_proxy, behind_a_proxy.url, Host="evil.example")[0] == 403
     assert get_page(behind_a_proxy, behind_a_proxy.url)[0] == 200
-    assert listens(behind_a_proxy, address, Origin=f"{scheme}://{host}") == 403  # it came to a loopback name
+    assert listens(behind_a_proxy, address, Origin=f"{scheme}://{host}") == 403  # its Host is the loopback address
 
 
-def test_a_page_with_another_name_still_listens_on_the_loopback_address_alone(behind_a_proxy):
+def test_a_page_with_a_configured_name_listens_only_on_loopback(behind_a_proxy):
     connections = psutil.Process().net_connections("tcp")
     here = {c.laddr.ip for c in connections if c.laddr and c.laddr.port == behind_a_proxy.get_port()}
     assert here == {"127.0.0.1"}
@@ -108,7 +108,7 @@ socket.onerror = () => document.title = "refused";
 </script>"""
 
 
-def test_in_a_browser_another_site_is_refused_while_the_page_itself_works(browser, server):
+def test_another_site_in_the_browser_is_rejected_and_the_page_works(browser, server):
     """The other site is a page on another port, whose requests carry the cookies of 127.0.0.1."""
     body = SITE.replace("{port}", str(server.get_port())).replace("{version}", viser.__version__).encode()
 

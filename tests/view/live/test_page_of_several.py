@@ -1,4 +1,4 @@
-"""The page over a benchmark's folder: its list of flights, the shown flight, and the end of the last one."""
+"""The page of a benchmark's folder: its list of flights, the shown flight, and the end of the last one."""
 
 import json
 import os
@@ -18,7 +18,7 @@ PATIENCE_S = 30.0
 
 
 def begun(folder: Path, record: str, at_s: int) -> Path:
-    """Create an episode's folder like a flight that began then."""
+    """Create the episode folder of a flight that began at the file time `at_s`."""
     folder.mkdir(parents=True)
     for name in (layout.DECISIONS, layout.TRUTH):
         (folder / name).touch()
@@ -40,7 +40,7 @@ def bench(tmp_path, world):
     return tmp_path / "bench"
 
 
-def test_flights_are_found_newest_first_and_what_was_broken_off_is_not(bench):
+def test_flights_are_listed_newest_first_without_unfinished_ones(bench):
     judged(bench / "run-b/one")
     episodes = EpisodeList(bench).look()
     assert [(episode.name, episode.over) for episode in episodes] == [
@@ -50,19 +50,19 @@ def test_flights_are_found_newest_first_and_what_was_broken_off_is_not(bench):
     ]
 
 
-def test_a_run_and_an_episode_are_folders_too(bench):
+def test_a_run_or_an_episode_folder_can_be_listed(bench):
     assert [one.name for one in EpisodeList(bench / "run-a").look()] == ["two", "one"]
     assert [one.name for one in EpisodeList(bench / "run-a/two").look()] == ["two"]
 
 
-def test_a_missing_or_unset_folder_has_no_flight(tmp_path):
+def test_a_missing_or_incomplete_folder_has_no_flight(tmp_path):
     assert EpisodeList(tmp_path / "nowhere").look() == []
     (tmp_path / "run" / "made").mkdir(parents=True)
     (tmp_path / "run" / "made" / layout.DECISIONS).touch()
     assert EpisodeList(tmp_path / "run").look() == []
 
 
-def test_the_newest_is_shown_until_another_is_chosen(bench):
+def test_the_newest_flight_is_shown_until_the_user_chooses_another(bench):
     server = LoopbackServer("test", 0)
     page, episodes = LivePage(server), EpisodeList(bench)
     client = PageClient(server.url)
@@ -80,7 +80,7 @@ def test_the_newest_is_shown_until_another_is_chosen(bench):
         assert not [m for m in sent if m.get("name") == "/world/map"]  # the map is the same, and is not sent again
         client.send({"type": "GuiUpdateMessage", "uuid": choice["uuid"], "updates": {"value": "run-b/one"}})
         due_s = time.monotonic() + PATIENCE_S
-        while page._choice.value != "run-b/one":  # another thread takes it
+        while page._choice.value != "run-b/one":  # another thread processes it
             assert time.monotonic() < due_s
             client.receive(0.05)
         page.listed(episodes.look())
@@ -92,14 +92,14 @@ def test_the_newest_is_shown_until_another_is_chosen(bench):
 
 
 def placed(client):
-    """Return the page's view for this browser, once it exists."""
+    """Wait for the camera position that the page sets in this browser, and return it."""
     kind = "SetCameraPositionMessage"
     sent = client.until(lambda m: m["type"] == kind and not m["initial"], PATIENCE_S)
     return next(m["position"] for m in sent if m["type"] == kind and not m["initial"])
 
 
-def test_each_flight_is_looked_at_and_what_was_chosen_stays(bench, world):
-    """Also in a browser that came before the flight did, such as one that opens the address at once."""
+def test_a_new_flight_moves_the_camera_and_keeps_the_users_options(bench, world):
+    """This also holds for a browser that connects before the first flight begins."""
     there = replace(world.record, starts=(replace(world.record.starts[0], position_ned=(4.0, 3.0, -2.0), yaw_deg=0.0),))
     (bench / "run-a/two" / layout.EPISODE).write_text(there.to_json())
     os.utime(bench / "run-a/two" / layout.EPISODE, (1_001, 1_001))
@@ -126,12 +126,12 @@ def test_each_flight_is_looked_at_and_what_was_chosen_stays(bench, world):
         assert (page._shown._panels._follow.value, page._shown._panels._judge.value) == ("drone 1", True)
         client.send({**CAMERA, "position": (50.0, 5.0, 5.0)})
         due_s = time.monotonic() + PATIENCE_S
-        while [each.camera.position[0] for each in server.get_clients().values()] != [50.0]:  # another thread hears it
+        while [each.camera.position[0] for each in server.get_clients().values()] != [50.0]:  # another thread does it
             assert time.monotonic() < due_s
             client.receive(0.05)
         page.turn()
         (browser,) = server.get_clients().values()
-        assert browser.camera.position == pytest.approx((50.0, 5.0, 5.0))  # it is the browser's own now
+        assert browser.camera.position == pytest.approx((50.0, 5.0, 5.0))  # the user's own view stays
     finally:
         client.close()
         server.stop()

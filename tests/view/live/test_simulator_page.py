@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 TURNS = 3000
 
 
-def test_a_simulator_that_stands_on_the_ground(tmp_path):
+def test_the_page_follows_two_drones_on_the_ground(tmp_path):
     kind = ChildKind("simulator", "dronecats.flight.sitl.simulator_process", SimulatorConfig)
     simulator = ChildProcess(kind, SimulatorConfig(episode=catalogue.DEFAULT, count=2), tmp_path / "log")
     follower = None
@@ -40,7 +40,7 @@ def test_a_simulator_that_stands_on_the_ground(tmp_path):
         first, second = (drone.position_ned for drone in moment.drones)
         assert first is not None
         assert second is not None
-        assert second[1] - first[1] == pytest.approx(2.0, abs=0.05)  # beside one another
+        assert second[1] - first[1] == pytest.approx(2.0, abs=0.05)  # side by side
         assert "ground" in moment.state
     finally:
         if follower is not None:

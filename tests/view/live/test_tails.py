@@ -1,4 +1,4 @@
-"""Growing files, read while they grow: nothing is lost, nothing comes twice, and no torn row is taken."""
+"""Files that grow while they are read: each entry comes exactly once, and no incomplete row is read."""
 
 import itertools
 from typing import Any
@@ -12,7 +12,7 @@ from foundation.run_folder.writing import TelemetryLog
 
 
 def frames(count: int) -> list[bytes]:
-    """Return frames of several lengths, one of them a text."""
+    """Return frames of several lengths. Every third is a text message."""
     packer = Packer(1, 1)
     made = []
     for k in range(count):
@@ -32,7 +32,7 @@ def tlog(path, count: int = 24) -> tuple[bytes, list[tuple[int, bytes]]]:
 
 
 def read_in_pieces(path, tail, data: bytes, cuts: list[int]) -> list[Any]:
-    """Let a file grow from cut to cut, and return its tail's entries on the way."""
+    """Write a file in pieces, read its tail after each piece, and return all entries."""
     entries = []
     edges = [0, *sorted(min(cut, len(data)) for cut in cuts), len(data)]
     with path.open("wb") as file:
@@ -54,7 +54,7 @@ LINE = st.binary(max_size=40).filter(lambda line: b"\n" not in line)
 
 
 @given(lines=st.lists(LINE, max_size=8), cuts=st.lists(st.integers(0, 400), max_size=8), torn=LINE)
-def test_a_log_cut_anywhere_gives_each_line_once_and_no_half_one(tmp_path_factory, lines, cuts, torn):
+def test_a_log_cut_anywhere_gives_each_line_once_and_no_partial_line(tmp_path_factory, lines, cuts, torn):
     folder = tmp_path_factory.mktemp("lines")
     data = b"".join(line + b"\n" for line in lines) + torn
     assert read_in_pieces(folder / "log", LineTail(folder / "log"), data, cuts) == lines
@@ -63,8 +63,8 @@ def test_a_log_cut_anywhere_gives_each_line_once_and_no_half_one(tmp_path_factor
 @given(
     noise=st.binary(min_size=1, max_size=120), after=st.integers(0, 23), cuts=st.lists(st.integers(0, 2000), max_size=6)
 )
-def test_behind_bytes_that_are_no_frames_it_finds_its_way_again(tmp_path_factory, noise, after, cuts):
-    """A kill in the middle costs the frames around it. The frames behind it are found."""
+def test_the_tail_resynchronizes_after_invalid_bytes(tmp_path_factory, noise, after, cuts):
+    """Invalid bytes, as after a kill, cost the frames around them. The tail reads the frames that follow."""
     folder = tmp_path_factory.mktemp("noise")
     _, written = tlog(folder / "whole", 60)
     packed = [time_us.to_bytes(8, "big") + frame for time_us, frame in written]
@@ -75,8 +75,8 @@ def test_behind_bytes_that_are_no_frames_it_finds_its_way_again(tmp_path_factory
     assert written[-10:] == good[-10:]
 
 
-def test_bytes_that_look_like_a_frame_swallow_no_frame(tmp_path):
-    """A time, a marker and a length that cover the six frames behind them."""
+def test_bytes_that_look_like_a_frame_header_hide_no_frame(tmp_path):
+    """The bytes are a time, a start marker and a length that spans the next six frames."""
     _, written = tlog(tmp_path / "whole", 12)
     packed = [time_us.to_bytes(8, "big") + frame for time_us, frame in written]
     noise = b"\xff" * 9 + bytes(8) + b"\xfd\xff\x00"
@@ -84,7 +84,7 @@ def test_bytes_that_look_like_a_frame_swallow_no_frame(tmp_path):
     assert FrameTail(tmp_path / "torn").read() == written
 
 
-def test_a_file_that_is_not_there_is_empty_until_it_is(tmp_path):
+def test_a_missing_file_reads_as_empty_until_it_exists(tmp_path):
     tail = LineTail(tmp_path / "late")
     assert tail.read() == []
     (tmp_path / "late").write_bytes(b"one\ntw")

@@ -1,4 +1,4 @@
-"""Two short flights of one episode after a moving target, unrendered, in lockstep."""
+"""Two short unrendered lockstep flights of one episode, behind a moving target."""
 
 import json
 import shutil
@@ -26,7 +26,7 @@ def runs(unrendered_runs, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def folder(runs) -> Path:
-    """The folder of an episode whose frames show something: each a different grey."""
+    """The folder of an episode whose frames are plain, each in a different grey."""
     path = Path(runs / "paper" / EPISODE)
     about = json.loads((path.parent / layout.RUN).read_text())
     about["flight"]["simulated"]["rendered"] = True
@@ -38,13 +38,13 @@ def folder(runs) -> Path:
 
 @pytest.fixture(scope="session")
 def flight(folder) -> FlightMoments:
-    """That flight."""
+    """The flight of that folder."""
     return flight_moments(folder)
 
 
 @pytest.fixture
 def copied(folder, tmp_path) -> Path:
-    """The same folder in another place, to be damaged."""
+    """A copy of that folder, which a test may damage."""
     shutil.copytree(folder.parent, tmp_path / "run")
     return Path(tmp_path / "run" / EPISODE)
 

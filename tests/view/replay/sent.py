@@ -4,7 +4,7 @@ from typing import Any
 
 from benchmarks.page_client import PageClient
 
-QUIET_S = 0.5  # s without a message after which all have come
+QUIET_S = 0.5  # s; after such a pause, all messages have arrived
 
 
 class Sent:
@@ -15,7 +15,7 @@ class Sent:
         self.messages: list[dict[str, Any]] = []
 
     def update(self) -> list[dict[str, Any]]:
-        """Return all messages that have come by now."""
+        """Read all pending messages, and return all messages so far."""
         while came := self._client.receive(QUIET_S):
             self.messages += came
         return self.messages
@@ -30,7 +30,7 @@ class Sent:
         return "\n".join(word for message in self.update() for word in _words(message))
 
     def close(self) -> None:
-        """Disconnect with nothing unread; else the end of the wire would wait."""
+        """Read all pending messages, then disconnect. With unread messages the disconnection would block."""
         self.update()
         self._client.close()
 

@@ -1,4 +1,4 @@
-"""The clock of a replay: the shown time after any orders."""
+"""The clock of a replay: the shown time after any sequence of orders."""
 
 import math
 
@@ -13,7 +13,7 @@ ORDERS = ("toggled", "faster", "slower", "settled")
 walls = st.floats(0.0, 1e4)
 
 
-def test_it_stands_until_it_plays_and_stops_at_the_end():
+def test_the_clock_starts_paused_and_stops_at_the_end():
     clock = PlaybackClock(20.0)
     assert clock.at(100.0) == 0.0
     playing = clock.toggled(100.0)
@@ -26,14 +26,14 @@ def test_it_stands_until_it_plays_and_stops_at_the_end():
     assert over.toggled(2000.0).at(2001.0) == pytest.approx(1.0)  # played once more, from the beginning
 
 
-def test_speed_is_flight_over_wall_and_a_change_of_it_is_no_jump():
+def test_speed_scales_the_flight_time_and_a_change_causes_no_jump():
     for speed in SPEEDS:
         playing = PlaybackClock(1e4).toggled(10.0).at_speed(speed, 12.0)
         assert playing.at(12.0) == pytest.approx(2.0), speed
         assert playing.at(15.0) == pytest.approx(2.0 + 3.0 * speed), speed
 
 
-def test_plus_and_minus_go_through_all_speeds_and_stay_at_the_last():
+def test_faster_and_slower_step_through_all_speeds_and_stop_at_the_ends():
     clock, speeds = PlaybackClock(20.0, speed=SPEEDS[0]), [SPEEDS[0]]
     for _ in range(2 * len(SPEEDS)):
         clock = clock.faster(0.0)
@@ -47,13 +47,13 @@ def test_plus_and_minus_go_through_all_speeds_and_stay_at_the_last():
     assert PlaybackClock(20.0, speed=0.7).slower(0.0).speed == 0.5
 
 
-def test_other_speeds_are_refused():
+def test_speeds_out_of_range_are_rejected():
     for speed in (0.0, -1.0, 0.05, 21.0, math.nan, math.inf):
         with pytest.raises(UsageError, match=r"--speed .*0\.1 .*20"):
             PlaybackClock(20.0).at_speed(speed, 0.0)
 
 
-def test_a_step_and_a_scrub_stand_still():
+def test_a_step_or_a_scrub_pauses_the_clock():
     playing = PlaybackClock(20.0).toggled(0.0)
     stepped = playing.stepped(0.1, 5.0)
     assert not stepped.playing
@@ -64,7 +64,7 @@ def test_a_step_and_a_scrub_stand_still():
 
 
 @given(st.lists(st.tuples(st.sampled_from(ORDERS), walls, st.floats(-50.0, 50.0)), max_size=12), st.floats(0.0, 60.0))
-def test_whatever_is_ordered_the_time_is_within_the_flight_and_goes_on_where_it_was(orders, end_s):
+def test_any_orders_keep_the_time_continuous_and_within_the_flight(orders, end_s):
     clock, wall = PlaybackClock(end_s), 0.0
     for order, later, by_s in orders:
         wall += later

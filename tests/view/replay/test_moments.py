@@ -1,4 +1,4 @@
-"""Any moment of a run folder, compared with truth.jsonl, decisions.jsonl and the tlog from other readers."""
+"""Moments of a run folder, compared with other readers of truth.jsonl, decisions.jsonl and the tlog."""
 
 import json
 import math
@@ -32,7 +32,7 @@ def places(folder):
     return [(row["t"], row["position_ned"], row["yaw_deg"], row["distance_m"]) for row in placed_rows]
 
 
-def test_a_drone_is_where_truth_jsonl_has_it(flight, folder):
+def test_poses_and_distances_equal_truth_jsonl(flight, folder):
     true_places = places(folder)
     assert len(true_places) > 12
     for t, place, yaw_deg, distance_m in true_places:
@@ -46,7 +46,7 @@ def test_a_drone_is_where_truth_jsonl_has_it(flight, folder):
     assert flight.missing == ()
 
 
-def test_it_moves_as_fast_as_the_truth_bus_says(flight, folder):
+def test_velocities_equal_the_truth_bus(flight, folder):
     log = mavutil.mavlink_connection(str(folder / layout.TLOG), dialect="development")
     t0_us, worst, speed = rows(folder / layout.TRUTH, "begin")[0]["t0_us"], 0.0, 0.0
     while (m := log.recv_match(type="HIL_STATE_QUATERNION")) is not None:
@@ -59,7 +59,7 @@ def test_it_moves_as_fast_as_the_truth_bus_says(flight, folder):
     assert speed > 0.5
 
 
-def test_pictures_and_decisions_come_when_they_came(flight, folder):
+def test_pictures_and_decisions_appear_at_their_logged_times(flight, folder):
     decisions = rows(folder / layout.DECISIONS)
     assert len(decisions) > 1
     for before, one in zip([None, *decisions], decisions, strict=False):
@@ -74,7 +74,7 @@ def test_pictures_and_decisions_come_when_they_came(flight, folder):
     assert flight.moment(decisions[0]["t_frame"] - SOON).drones[0].picture is None
 
 
-def test_the_chosen_place_is_behind_its_pixel_at_the_pilots_depth(flight):
+def test_the_chosen_position_projects_to_its_pixel_and_depth(flight):
     gos = [one for one in flight.recorded.logs.decisions if one.kind == "go"]
     assert gos
     camera = CameraModel()
@@ -98,7 +98,7 @@ def test_a_moment_shows_the_autopilots_own_state(flight):
     assert drone.height_m == pytest.approx(flight.world.scene.terrain.at(north, east) - down, abs=0.05)
 
 
-def test_the_judge_says_nothing_before_it_can_and_the_verdict_at_the_end(flight):
+def test_the_judge_shows_no_message_at_the_start_and_the_verdict_at_the_end(flight):
     assert flight.moment(0.0).judge.messages == ()
     end = flight.moment(flight.end_s)
     assert flight.recorded.verdict.outcome in end.judge.messages[-1]
@@ -110,13 +110,13 @@ def test_the_judge_says_nothing_before_it_can_and_the_verdict_at_the_end(flight)
     assert moved > 1.0  # it follows a moving target
 
 
-def test_it_needs_nothing_but_the_folder(flight, copied):
+def test_a_copy_of_the_folder_gives_the_same_moments(flight, copied):
     again = flight_moments(copied)
     for t in (0.0, 2.0, flight.end_s):
         assert again.moment(t) == flight.moment(t)
 
 
-def test_without_a_tlog_it_is_level_and_says_so(copied, folder):
+def test_without_a_tlog_the_drone_is_level_and_the_missing_file_is_reported(copied, folder):
     (copied / layout.TLOG).unlink()
     flight = flight_moments(copied)
     assert flight.missing == (moments.NO_TLOG,)
@@ -128,7 +128,7 @@ def test_without_a_tlog_it_is_level_and_says_so(copied, folder):
     assert (drone.mode, drone.armed, drone.setpoint_ned, drone.velocity_ned) == ("", None, None, None)
 
 
-def test_a_torn_tlog_is_read_as_far_as_it_goes(copied, flight):
+def test_a_truncated_tlog_is_read_up_to_its_end(copied, flight):
     tlog = copied / layout.TLOG
     tlog.write_bytes(tlog.read_bytes()[: tlog.stat().st_size * 9 // 10 + 1])
     assert math.dist(flight_moments(copied).pose(0, 1.0).position_ned, flight.pose(0, 1.0).position_ned) < 0.02
@@ -143,7 +143,7 @@ def test_missing_pictures_are_reported(copied, runs):
     assert flight_moments(runs / "other").missing == (moments.NOT_DRAWN,)
 
 
-def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(copied, flight, rewrite):
+def test_without_truth_the_pose_is_the_autopilot_estimate(copied, flight, rewrite):
     def unknown(row):
         return {**row, "source": "estimate"} if row["kind"] == "begin" else row if row["kind"] == "end" else None
 
@@ -160,7 +160,7 @@ def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(
         assert shown.drones[0].position_ned == own.pose(0, t).position_ned
         displacement = np.subtract(own.pose(0, t).position_ned, own.pose(0, 0.0).position_ned)
         truly = np.subtract(flight.pose(0, t).position_ned, flight.pose(0, 0.0).position_ned)
-        assert math.dist(displacement, truly) < 0.5  # estimated: half a metre is its wander
+        assert math.dist(displacement, truly) < 0.5  # the estimate may wander by half a metre
         leans = quat_multiply(quat_conjugate(flight.pose(0, t).attitude), own.pose(0, t).attitude)
         assert 2.0 * math.acos(min(1.0, abs(leans[0]))) < math.radians(4.0)
         assert shown.drones[0].velocity_ned is not None
@@ -168,15 +168,15 @@ def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(
         check_same_episode([flight, own])
 
 
-def test_a_vehicle_of_another_number_is_still_the_first_drone(copied, flight):
-    """Ours are 1, 2, …; a real one may be any."""
+def test_a_vehicle_with_another_system_id_is_the_first_drone(copied, flight):
+    """Our system ids are 1, 2, …; a real vehicle may have any."""
     path = copied / layout.TLOG
     autopilot, packer = [m for m in logged_messages(path, KINDS) if m.get_srcComponent() == 1], Packer(42, 1)
     path.unlink()
     log = TelemetryLog(path)
     for message in autopilot:
         log.write(0, packer.pack(message))
-    log.write(0, Packer(255, 1).pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))  # flies nothing
+    log.write(0, Packer(255, 1).pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))  # a ground station
     log.close()
     logs = telemetry(path, flight.recorded.t0_us)
     assert list(logs) == [0]
@@ -184,7 +184,7 @@ def test_a_vehicle_of_another_number_is_still_the_first_drone(copied, flight):
     assert logs[0].states.values == flight.recorded.telemetry[0].states.values
 
 
-def test_a_map_that_is_not_here_leaves_a_plain_grid(copied, folder):
+def test_an_unknown_map_is_reported_and_leaves_the_flight_without_a_world(copied, folder):
     record = json.loads((copied / layout.EPISODE).read_text())
     (copied / layout.EPISODE).write_text(json.dumps({**record, "map": "somebodys-own"}))
     flight = flight_moments(copied)
@@ -196,7 +196,7 @@ def test_a_map_that_is_not_here_leaves_a_plain_grid(copied, folder):
         assert flight.moment(t).judge.distance_m[0] == pytest.approx(distance_m, abs=0.2)
 
 
-def test_a_fleet_made_of_rows_alone(tmp_path):
+def test_a_fleet_is_read_from_log_rows_alone(tmp_path):
     run = run_folder(tmp_path / "run", {"nowhere-commanding-01": "go there"}, drones=3)
     flight = flight_moments(run)
     assert flight.drones == (0, 1, 2)
@@ -206,14 +206,14 @@ def test_a_fleet_made_of_rows_alone(tmp_path):
     assert len(moment.judge.distance_m) == 3
 
 
-def test_a_flight_that_never_began_is_refused(copied, rewrite):
+def test_a_flight_without_a_begin_row_is_rejected(copied, rewrite):
     rewrite(copied / layout.TRUTH, lambda row: None if row["kind"] == "begin" else row)
     with pytest.raises(UsageError, match=r"truth\.jsonl"):
         flight_moments(copied)
 
 
-def test_a_flight_that_was_killed_is_shown_as_far_as_its_logs_go(flight, copied):
-    """Killed in the middle of a line, after two thirds of its logs. The rows before that are unchanged."""
+def test_a_killed_flight_is_shown_up_to_the_end_of_its_logs(flight, copied):
+    """The logs end in the middle of a line, after two thirds of their bytes. Earlier rows are unchanged."""
     for name in (layout.TRUTH, layout.DECISIONS):
         whole = (copied / name).read_bytes()
         (copied / name).write_bytes(whole[: 2 * len(whole) // 3])
@@ -244,7 +244,7 @@ def test_damaged_and_invalid_flights_are_rejected(copied, tmp_path):
         flight_moments(copied)
 
 
-def test_flights_of_two_episodes_are_not_laid_over_one_another(flight, copied, tmp_path, runs):
+def test_flights_of_different_episodes_cannot_be_combined(flight, copied, tmp_path, runs):
     check_same_episode([flight, flight_moments(runs / "other")])
     stranger = flight_moments(run_folder(tmp_path / "stranger", {"nowhere-approaching-07": "go there"}))
     with pytest.raises(UsageError, match=r"residential-tracking-01 and .*nowhere-approaching-07"):
@@ -255,8 +255,8 @@ def test_flights_of_two_episodes_are_not_laid_over_one_another(flight, copied, t
         check_same_episode([flight, flight_moments(copied)])
 
 
-def test_open_axes_of_a_setpoint_are_zero_as_on_the_live_page(tmp_path):
-    """Earlier, a velocity with a NaN climb did not count as new and left the last setpoint on the page."""
+def test_ignored_axes_of_a_setpoint_are_zero(tmp_path):
+    """The live page does the same. A velocity with a NaN climb must not leave the previous setpoint on the page."""
     log, vehicle = TelemetryLog(tmp_path / layout.TLOG), Packer(1, 1)
     for time_ms, down, mask in ((1000, 0.3, 0), (2000, math.nan, 0b100000)):
         log.write(0, vehicle.pack(dialect.MAVLink_local_position_ned_message(time_ms, 0, 0, -2, 0, 0, 0)))
@@ -273,7 +273,7 @@ def test_open_axes_of_a_setpoint_are_zero_as_on_the_live_page(tmp_path):
     assert velocity.values[1] == (1.0, 0.5, 0.0)
 
 
-def test_the_estimate_is_that_of_the_log_on_board_where_it_was_kept(flight, copied):
+def test_the_estimate_comes_from_the_log_on_board_if_it_exists(flight, copied):
     true = with_onboard_log(copied, off=(7.0, 0.0, 0.0))
     with_log = flight_moments(copied)
     own, wire = with_log.recorded.estimated_tracks[0], flight.recorded.estimated_tracks[0]

@@ -1,4 +1,4 @@
-"""The occurrences to jump to: each event at its time, and none of the judge's."""
+"""Occurrences to jump to: each event at its time, without judge data."""
 
 import json
 
@@ -17,14 +17,14 @@ DECISION, DECLARATION, FAULT = OccurrenceKind.DECISION, OccurrenceKind.DECLARATI
 LATER_US = 10_000_000  # µs after the flight's own messages, so additions come last
 
 
-def test_decisions_are_those_of_the_log(flight, folder):
+def test_decision_occurrences_equal_the_log(flight, folder):
     decisions = rows(folder / layout.DECISIONS)
     assert [occurrence.t_s for occurrence in flight.of(DECISION)] == [row["t_decided"] for row in decisions]
     assert flight.of(FAULT) == ()
     assert all("step" in occurrence.words for occurrence in flight.of(DECISION))
 
 
-def test_a_declaration_and_an_unreadable_reply(copied, rewrite, folder):
+def test_a_declaration_and_an_unreadable_reply_are_occurrences(copied, rewrite, folder):
     last = rows(folder / layout.DECISIONS)[-1]["step"]
 
     def another(row):
@@ -49,7 +49,7 @@ def test_a_declaration_and_an_unreadable_reply(copied, rewrite, folder):
     assert flight.moment(fault.t_s - 0.01).drones[0].messages == ()
 
 
-def test_the_envelope(copied):
+def test_a_period_of_envelope_limits_is_one_fault(copied):
     t0_us = rows(copied / layout.TRUTH, "begin")[0]["t0_us"]
     lines = [{"time_us": t0_us + 2_000_000, "drone": 0, "limits": ["ceiling", "speed"]},
              {"time_us": t0_us + 2_500_000, "drone": 0, "limits": ["speed"]},
@@ -61,8 +61,8 @@ def test_the_envelope(copied):
 
 
 @pytest.mark.parametrize("component", [1, TRUTH_COMPONENT])
-def test_warnings_and_collisions(copied, component):
-    """Of the autopilot, and of the simulator that reports contacts; a notice is no fault."""
+def test_a_warning_is_a_fault_and_a_notice_is_not(copied, component):
+    """The messages come from the autopilot, or from the simulator, which reports collisions."""
     t_s = added(copied, component, dialect.MAV_SEVERITY_WARNING, "Collision: hit a tree at 1.4 m/s")
     flight = flight_moments(copied)
     (fault,) = flight.of(FAULT)
@@ -72,7 +72,7 @@ def test_warnings_and_collisions(copied, component):
     assert len(flight_moments(copied).of(FAULT)) == 1
 
 
-def test_a_failsafe_and_an_end_that_none_wanted(copied, rewrite):
+def test_a_failsafe_mode_and_a_takeover_are_faults(copied, rewrite):
     mode = MODES["RETURN"]
     spliced(copied, 1, dialect.MAVLink_heartbeat_message(2, 12, 128 | 1, mode.custom_mode, 4, 3))
     rewrite(copied / layout.TRUTH, lambda row: {**row, "reason": "takeover"} if row["kind"] == "end" else row)
@@ -86,12 +86,12 @@ def test_a_failsafe_and_an_end_that_none_wanted(copied, rewrite):
 
 
 def added(folder, component, severity, text):
-    """Let a component send a text in the middle of the flight; return its time, s."""
+    """Add a status text of a component in the middle of the flight; return its time, s."""
     return spliced(folder, component, dialect.MAVLink_statustext_message(severity, text.encode(), 0, 0))
 
 
 def spliced(folder, component, message):
-    """Put a message of vehicle 1 into the tlog three seconds after the beginning; return that time, s."""
+    """Insert a message of vehicle 1 into the tlog, 3 s after the beginning; return that time, s."""
     begin_us = rows(folder / layout.TRUTH, "begin")[0]["t0_us"]
     data, at = (folder / layout.TLOG).read_bytes(), 0
     while int.from_bytes(data[at : at + 8], "big") < begin_us + 3_000_000:
@@ -106,7 +106,7 @@ def spliced(folder, component, message):
 
 
 @given(st.lists(st.floats(0.0, 300.0), max_size=20), st.floats(0.0, 300.0))
-def test_next_and_before_are_the_nearest_on_their_side(times, t_s):
+def test_following_and_preceding_return_the_nearest_occurrence(times, t_s):
     occurrences = [Occurrence(t, DECISION, 0, "") for t in sorted(times)]
     ahead, back = following(occurrences, t_s), preceding(occurrences, t_s)
     assert (ahead.t_s if ahead else None) == min((t for t in times if t > t_s + 1e-6), default=None)

@@ -1,4 +1,4 @@
-"""The page without a browser: a fleet from rows alone, over a plain grid, as sent to every viewer."""
+"""The replay page without a browser: its messages to a viewer, mostly of a fleet over a plain grid."""
 
 import itertools
 import math
@@ -37,7 +37,7 @@ def sent(page):
     made.close()
 
 
-def test_a_fleet_over_a_plain_grid_and_what_is_missing(page, sent, fleet):
+def test_a_fleet_is_shown_on_a_plain_grid_with_the_missing_files(page, sent, fleet):
     page.go_to(4.0)
     assert page.idle(PATIENCE_S)
     for drone in range(3):
@@ -49,14 +49,14 @@ def test_a_fleet_over_a_plain_grid_and_what_is_missing(page, sent, fleet):
     assert "/world/map" in text
 
 
-def test_a_trail_is_the_way_flown_so_far_however_one_came_there(page, sent):
+def test_a_trail_is_redrawn_after_a_jump_back(page, sent):
     page.go_to(10.0)
     assert page.idle(PATIENCE_S)
     page.go_to(4.0)
     assert page.idle(PATIENCE_S)
     trail = [each for each in sent.update() if str(each.get("name", "")).startswith("/world/flight/trail-0/")]
     kinds = [each["type"] for each in trail]
-    assert kinds[-1] != "RemoveSceneNodeMessage"  # laid anew
+    assert kinds[-1] != "RemoveSceneNodeMessage"  # the trail exists again
     assert "RemoveSceneNodeMessage" in kinds
     assert fleet_way(page) == pytest.approx(1.3 * 4.0, abs=1e-6)
 
@@ -67,7 +67,7 @@ def fleet_way(page):
     return sum(math.dist(a, b) for a, b in itertools.pairwise(way))
 
 
-def test_digits_choose_a_drone_and_the_view_goes_with_it(page, sent):
+def test_the_view_follows_the_chosen_drone(page, sent):
     page.choose(2)
     page.go_along()
     assert page.idle(PATIENCE_S)
@@ -77,11 +77,11 @@ def test_digits_choose_a_drone_and_the_view_goes_with_it(page, sent):
     assert any((each.get("updates") or {}).get("value") == "drone 3" for each in sent.update())  # in the panel
     x, y, z = sent.newest("SetPositionMessage", "/world")["position"]
     assert math.dist(display.ned_of((-x, -y, -z)), (5.2, 0.0, 0.0)) < 1e-3
-    page.choose(7)  # no drone has that number: it means the first one
+    page.choose(7)  # no drone has that number, so the page takes the first one
     assert page.idle(PATIENCE_S)
 
 
-def test_a_view_of_a_world_that_is_not_known_says_why(page, sent):
+def test_a_view_without_a_world_shows_the_reason(page, sent):
     page.next_view()
     assert page.idle(PATIENCE_S)
     assert page.state.view is RedrawnView.CHASE
@@ -91,7 +91,7 @@ def test_a_view_of_a_world_that_is_not_known_says_why(page, sent):
         assert page.state.view is view
 
 
-def test_the_judges_data_is_sent_only_on_demand(page, sent):
+def test_judge_data_is_sent_only_on_demand(page, sent):
     page.go_to(1e9)
     assert page.idle(PATIENCE_S)
     assert "verdict:" not in sent.text()
@@ -102,8 +102,8 @@ def test_the_judges_data_is_sent_only_on_demand(page, sent):
     assert "/judge/ring" in sent.text()
 
 
-def test_the_target_is_shown_unasked_where_it_is_then_and_of_the_chosen_flight_alone(flight, runs):
-    """With both flights it would appear twice when one is over and the other goes on."""
+def test_the_target_is_shown_by_default_and_only_for_the_chosen_flight(flight, runs):
+    """With both flights, the target would appear twice when one flight is over and the other continues."""
     page = ReplayPage([flight, flight_moments(runs / "other")], free_port(socket.SOCK_STREAM), at_s=3.0)
     sent = Sent(page.url)
     try:

@@ -1,4 +1,4 @@
-"""The thread that plays: every order is shown, in order, and errors end nothing."""
+"""The playback thread: it shows every order in sequence, and continues after an error."""
 
 import threading
 from functools import partial
@@ -23,7 +23,7 @@ def player(shown):
     made.close()
 
 
-def test_orders_are_shown_and_nothing_else_while_the_clock_stands(player, shown):
+def test_a_paused_player_shows_only_the_orders(player, shown):
     assert player.idle(PATIENCE_S)
     assert shown == [0.0]
     player.order(lambda clock, wall_s: clock.scrubbed(4.0, wall_s))
@@ -34,10 +34,10 @@ def test_orders_are_shown_and_nothing_else_while_the_clock_stands(player, shown)
     assert shown == [0.0, 4.0, 4.0]
 
 
-def test_it_plays_to_the_end_and_stands_there(player, shown):
+def test_the_player_stops_at_the_end(player, shown):
     player.order(lambda clock, wall_s: clock.at_speed(20.0, wall_s))
     player.order(PlaybackClock.toggled)
-    assert player.idle(PATIENCE_S)  # half a second of the wall
+    assert player.idle(PATIENCE_S)  # half a second of wall time
     assert shown == sorted(shown)
     assert shown[-1] == 10.0 == player.t_s
     assert not player.clock.playing
@@ -48,7 +48,7 @@ def scrubbed(t_s, clock, wall_s):
     return clock.scrubbed(t_s, wall_s)
 
 
-def test_a_time_that_cannot_be_shown_ends_nothing(monkeypatch):
+def test_the_player_continues_after_an_exception(monkeypatch):
     exceptions: list[Any] = []
     shown: list[float] = []
     monkeypatch.setattr(threading, "excepthook", exceptions.append)
@@ -69,7 +69,7 @@ def test_a_time_that_cannot_be_shown_ends_nothing(monkeypatch):
     assert [str(exception.exc_value) for exception in exceptions] == ["no"]
 
 
-def test_a_slow_page_skips_times_and_falls_behind_by_none(shown):
+def test_a_slow_page_skips_times_and_does_not_fall_behind(shown):
     held = threading.Event()
 
     def show(t_s, clock):

@@ -20,7 +20,7 @@ from tests.support.run_folders import run_folder
 
 @pytest.mark.slow
 def test_the_address_is_printed_and_an_interrupt_ends_the_command(runs):
-    port = str(free_port(socket.SOCK_STREAM))  # the page takes the next free one if this is gone
+    port = str(free_port(socket.SOCK_STREAM))  # the page takes the next free one if this one is taken
     command = [*DRONECATS, "replay", str(runs / "paper"), str(runs / "other"), "--no-browser", "--port", port]
     before = sorted(runs.rglob("*"))
     with subprocess.Popen(
@@ -43,7 +43,7 @@ def test_the_address_is_printed_and_an_interrupt_ends_the_command(runs):
     assert sorted(runs.rglob("*")) == before  # nothing is written into a run
 
 
-def test_wrong_options_are_one_sentence(capsys):
+def test_wrong_options_are_a_one_line_error(capsys):
     for options, parts in (
         (["--port", "70000"], "--port 70000 "),
         (["--speed", "0"], "--speed .*0.1 .*20, .*0"),
@@ -56,7 +56,7 @@ def test_wrong_options_are_one_sentence(capsys):
         assert error.count("\n") == 1, options
 
 
-def test_wrong_runs_are_one_sentence(tmp_path, capsys):
+def test_wrong_runs_are_a_one_line_error(tmp_path, capsys):
     first = run_folder(tmp_path / "first", {"nowhere-approaching-01": "go there"})
     second = run_folder(tmp_path / "second", {"nowhere-approaching-02": "go there"})
     many = run_folder(tmp_path / "many", {f"nowhere-approaching-{k:02}": "go there" for k in (1, 2)})

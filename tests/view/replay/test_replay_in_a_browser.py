@@ -1,4 +1,4 @@
-"""The page of recorded flights in a real browser: keys, places, several flights, the judge's view, other views."""
+"""The replay page in a real browser: keys, positions, several flights, the judge's view and redrawn views."""
 
 import math
 import re
@@ -29,7 +29,7 @@ def flights(flight, runs):
 
 @pytest.fixture
 def opened(browser):
-    """Open a page of flights in the browser; it is closed with the test."""
+    """A function that opens a page of flights in the browser. The fixture closes the page after the test."""
     made: list[ReplayPage | Sent] = []
 
     def serve(flights, **options):
@@ -37,7 +37,7 @@ def opened(browser):
         made.append(page)
         sent = Sent(page.url)
         made.append(sent)
-        browser.get_log("browser")  # of pages before
+        browser.get_log("browser")  # drops the log of earlier pages
         browser.get(page.url)
         until(
             browser,
@@ -85,11 +85,11 @@ def shown_at(browser, page, t_s):
 
 @pytest.fixture
 def plain(tmp_path):
-    """The folder of an episode that was never flown: over a plain grid, which a browser draws at once."""
+    """The folder of a made-up episode without a world. A browser draws its plain grid quickly."""
     return run_folder(tmp_path / "plain", {"nowhere-approaching-01": "go there"}) / "nowhere-approaching-01"
 
 
-def test_every_key_moves_what_it_should(browser, opened, plain):
+def test_keys_control_time_speed_playback_and_help(browser, opened, plain):
     from selenium.webdriver.common.keys import Keys
 
     flight = flight_moments(plain)
@@ -109,7 +109,7 @@ def test_every_key_moves_what_it_should(browser, opened, plain):
     shown_at(browser, page, decided[0])
     press(browser, Keys.END)
     shown_at(browser, page, flight.end_s)
-    press(browser, Keys.ARROW_RIGHT)  # there is nothing more
+    press(browser, Keys.ARROW_RIGHT)  # there is no later decision
     press(browser, Keys.HOME)
     shown_at(browser, page, 0.0)
     for key, speed in (("+", 2.0), ("=", 5.0), ("-", 2.0), ("-", 1.0)):
@@ -128,7 +128,7 @@ def test_every_key_moves_what_it_should(browser, opened, plain):
     assert page.clock.speed in SPEEDS
 
 
-def test_d_and_f_jump_to_declarations_and_to_what_went_wrong(browser, opened, plain, rewrite):
+def test_d_and_f_jump_to_declarations_and_faults(browser, opened, plain, rewrite):
     from selenium.webdriver.common.keys import Keys
 
     steps = [row["step"] for row in rows(plain / layout.DECISIONS)]
@@ -155,7 +155,7 @@ def test_d_and_f_jump_to_declarations_and_to_what_went_wrong(browser, opened, pl
     shown_at(browser, page, declared.t_s)
 
 
-def test_a_drone_on_the_page_is_where_truth_jsonl_has_it(browser, opened, flight, folder):
+def test_the_drone_is_shown_at_the_positions_of_truth_jsonl(browser, opened, flight, folder):
     page, sent = opened([flight])
     poses = rows(folder / layout.TRUTH, "pose")
     for row in poses[1:10:3]:
@@ -165,12 +165,12 @@ def test_a_drone_on_the_page_is_where_truth_jsonl_has_it(browser, opened, flight
 
 
 def away(sent, node, place):
-    """Return the distance of a browser's node from a place, m."""
+    """Return the distance between a node of the page and a position, m."""
     position = sent.newest("SetPositionMessage", node)["position"]
     return math.dist(display.ned_of(tuple(position)), place)
 
 
-def test_two_flights_lie_over_one_another_and_digits_choose(browser, opened, flights, runs):
+def test_two_flights_are_shown_together_and_digits_choose_one(browser, opened, flights, runs):
     page, sent = opened(flights)
     assert re.search(r"1 paper\b.*oracle", text(browser))
     assert re.search(r"2 other\b.*oracle.*seed 3", text(browser))
@@ -188,7 +188,7 @@ def test_two_flights_lie_over_one_another_and_digits_choose(browser, opened, fli
     until(browser, lambda: page.state.flight == 0 and page.idle(0.0))
 
 
-def test_the_judges_view_is_not_sent_before_it_is_wanted(browser, opened, flight):
+def test_judge_data_is_sent_only_on_demand(browser, opened, flight):
     from selenium.webdriver.common.keys import Keys
 
     page, sent = opened([flight])
@@ -209,7 +209,7 @@ def test_the_judges_view_is_not_sent_before_it_is_wanted(browser, opened, flight
     until(browser, lambda: "known to the judge only" not in text(browser))
 
 
-def test_views_are_drawn_again(browser, opened, flight):
+def test_v_cycles_through_the_redrawn_views(browser, opened, flight):
     page, _ = opened([flight], at_s=3.0)
     shown = []
     for view in RedrawnView:
@@ -224,14 +224,14 @@ def test_views_are_drawn_again(browser, opened, flight):
 
 
 def picture(browser):
-    """Return the identity of the picture shown among the views; None without one."""
+    """Return the URL of the picture of the shown view; None without one."""
     from selenium.webdriver.common.by import By
 
     images = [image for image in browser.find_elements(By.CSS_SELECTOR, "img[src^=blob]") if image.is_displayed()]
     return images[0].get_attribute("src") if images else None
 
 
-def test_g_goes_with_a_drone_and_buttons_and_lists_do_what_keys_do(browser, opened, flight):
+def test_g_follows_a_drone_and_buttons_and_lists_act_like_keys(browser, opened, flight):
     from selenium.webdriver.common.by import By
 
     page, sent = opened([flight])

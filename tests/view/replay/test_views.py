@@ -1,4 +1,4 @@
-"""Redrawn views: the drone is visible from outside, and not in its own view."""
+"""Redrawn views: the drone is visible from outside, but not in its own view."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def views(flight):
 
 
 @pytest.mark.parametrize("view", list(RedrawnView))
-def test_a_view_shows_the_world_and_who_flies_in_it(views, flight, view):
+def test_a_view_shows_the_world_and_from_outside_the_drone(views, flight, view):
     stage = views.stage(view)
     seen = stage.view(views.eye(0, view, 3.0), 3.0)
     drone = (seen.ids == stage.ids[0]).sum()
@@ -34,13 +34,13 @@ def test_a_view_shows_the_world_and_who_flies_in_it(views, flight, view):
     assert (picture != views.picture(0, view, 5.0)).mean() > 0.05  # it moves
 
 
-def test_through_its_camera_is_where_the_frame_was_taken(flight):
+def test_the_lens_of_a_decision_is_at_the_pose_of_its_frame(flight):
     one = flight.recorded.logs.decisions[0]
     shown = flight.moment(one.t_decided).drones[0]
     assert shown.lens_ned == pytest.approx(aboard(flight.pose(0, one.t_frame), CameraModel()).position_ned)
 
 
-def test_only_the_newest_wish_is_drawn_and_what_cannot_be_says_why(flight):
+def test_only_the_newest_request_is_drawn_and_a_missing_world_is_reported(flight):
     drawn = []
     made = ViewRenderer([flight.recorded, None], lambda wish, picture: drawn.append((wish, picture)))
     try:

@@ -1,4 +1,4 @@
-"""Take-off, landing, return, sticks and failsafes over the kinematic stand-in."""
+"""Take-off, landing, return, sticks and failsafes with the kinematic stand-in for the vehicle."""
 
 import itertools
 import math
@@ -21,7 +21,7 @@ def test_a_flight_from_arming_to_disarming(bench: Bench) -> None:
     client.arm()
     bench.run(0.5)
     assert bench.core.setpoint["armed"] == 1
-    assert bench.core.setpoint["kind"] == 0  # armed on the ground: idle, with any target of HOLD
+    assert bench.core.setpoint["kind"] == 0  # idle on the ground, although HOLD has a target
     client.command(dialect.MAV_CMD_NAV_TAKEOFF)
     bench.until(lambda: not bench.commander.landed, 10)
     assert landed_state(bench) == dialect.MAV_LANDED_STATE_TAKEOFF
@@ -41,7 +41,7 @@ def test_a_flight_from_arming_to_disarming(bench: Bench) -> None:
     assert bench.commander.mode == "HOLD"
 
 
-def test_thrust_is_let_in_gradually(bench: Bench) -> None:
+def test_the_thrust_limit_rises_gradually_at_take_off(bench: Bench) -> None:
     bench.client.arm()
     bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF)
     limits: list[float] = []
@@ -54,7 +54,7 @@ def test_thrust_is_let_in_gradually(bench: Bench) -> None:
     assert max(b - a for a, b in itertools.pairwise(limits)) < 0.02
 
 
-def test_take_off_height_from_the_command(bench: Bench) -> None:
+def test_take_off_uses_the_height_of_the_command(bench: Bench) -> None:
     bench.client.arm()
     assert bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF, *[math.nan] * 6, 488.0 + 7.0) == 0
     bench.until(lambda: bench.commander.mode == "HOLD", 20)
@@ -108,7 +108,7 @@ def test_return_climbs_goes_home_and_lands(bench: Bench) -> None:
 
 def test_position_control_by_sticks(bench: Bench) -> None:
     bench.fly()
-    assert bench.client.mode(3) == dialect.MAV_RESULT_TEMPORARILY_REJECTED  # nobody holds the sticks
+    assert bench.client.mode(3) == dialect.MAV_RESULT_TEMPORARILY_REJECTED  # no stick input yet
     sticks(bench)
     assert bench.client.mode(3) == 0
     bench.run(3.0, lambda: sticks(bench, x=550))  # half way beyond the deadzone: 0.4·0.5 + 0.6·0.5³ of 10 m/s
@@ -120,7 +120,7 @@ def test_position_control_by_sticks(bench: Bench) -> None:
     assert bench.client.of("HEARTBEAT")[-1].base_mode & 64
 
 
-def test_sticks_lost_in_flight_return_home() -> None:
+def test_loss_of_the_sticks_in_flight_causes_a_return() -> None:
     bench = Bench(profile="minimal")
     sticks(bench)
     assert bench.client.arm() == 0
@@ -160,12 +160,12 @@ def test_the_pilot_overrides_a_battery_failsafe(bench: Bench) -> None:
     assert bench.client.mode(4, 3) == 0
     bench.run(1.0)
     assert bench.commander.mode == "HOLD"
-    bench.sensors["battery_remaining"] = 0.04  # a worse level is reported
+    bench.sensors["battery_remaining"] = 0.04  # a worse level triggers the failsafe again
     bench.run(5.5)
     assert bench.commander.mode == "LAND"
 
 
-def test_position_loss_sinks(bench: Bench) -> None:
+def test_position_loss_causes_a_landing(bench: Bench) -> None:
     bench.fly()
     bench.core.estimate["position_valid"] = bench.core.estimate["velocity_valid"] = 0
     bench.run(1.5)
@@ -173,15 +173,15 @@ def test_position_loss_sinks(bench: Bench) -> None:
     assert bench.velocity[2] == pytest.approx(0.7, abs=0.05)
     assert bench.commander.in_failsafe
     bench.core.converge()
-    bench.run(1.3)  # a regained estimate must be good for a second
+    bench.run(1.3)  # a regained estimate must be valid for 1 s
     assert bench.commander.mode == "HOLD"
 
 
-def test_ground_station_loss(bench: Bench) -> None:
+def test_ground_station_loss_causes_the_configured_landing(bench: Bench) -> None:
     bench.autopilot.parameters.set("NAV_DLL_ACT", 3)
     bench.fly()
     bench.run(12.0)
-    assert bench.commander.mode == "HOLD"  # there was never a link
+    assert bench.commander.mode == "HOLD"  # a link that never existed cannot be lost
     bench.client.send(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
     bench.run(9.5)
     assert not bench.commander.in_failsafe
@@ -191,15 +191,15 @@ def test_ground_station_loss(bench: Bench) -> None:
     assert bench.commander.mode == "LAND"
 
 
-def test_shown_modes_have_numbers() -> None:
+def test_modes_have_px4s_custom_mode_numbers() -> None:
     assert MODES["HOLD"].custom_mode == 50593792
     assert MODES["OFFBOARD"].custom_mode == 393216
 
 
-def test_the_height_of_a_repeated_take_off_is_not_that_of_a_later_flight(bench: Bench) -> None:
+def test_a_take_off_height_does_not_carry_over_to_the_next_flight(bench: Bench) -> None:
     nan = math.nan
     assert bench.client.arm() == 0
-    for height in (518.0, 518.0):  # m above sea level: 30 m; the second as if the first answer was lost
+    for height in (518.0, 518.0):  # m above sea level (30 m of height); repeated, as after a lost answer
         assert bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, height) == 0
     bench.until(lambda: bench.commander.mode == "HOLD", 60)
     assert bench.height == pytest.approx(30.0, abs=1.0)
@@ -211,7 +211,7 @@ def test_the_height_of_a_repeated_take_off_is_not_that_of_a_later_flight(bench: 
     assert bench.height == pytest.approx(2.5, abs=0.5)
 
 
-def test_a_speed_that_is_not_positive_is_the_usual_one_again(bench: Bench) -> None:
+def test_a_negative_speed_command_restores_the_default_cruise_speed(bench: Bench) -> None:
     bench.fly()
     usual = bench.commander.flight.cruise()
     for speed, cruise in ((3.0, 3.0), (-2.0, usual), (3.0, 3.0), (-1.0, usual)):

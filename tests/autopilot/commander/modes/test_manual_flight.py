@@ -42,7 +42,7 @@ def test_position_control_directions_and_speeds(bench: Bench) -> None:
     assert bench.velocity[2] == pytest.approx(1.5, abs=0.1)
 
 
-def test_centred_sticks_hold_the_place(bench: Bench) -> None:
+def test_centred_sticks_hold_the_position(bench: Bench) -> None:
     bench.fly(10.0)
     fly_mode(bench, 3, 3.0, x=1000)
     fly_mode(bench, 3, 3.0)
@@ -67,7 +67,7 @@ def test_altitude_control_tilts_and_keeps_the_height(bench: Bench) -> None:
     assert bench.core.setpoint["velocity_ned"][2] == pytest.approx(-3.0)
 
 
-def test_stabilized_tilts(bench: Bench) -> None:
+def test_stabilized_mode_commands_attitude_and_thrust(bench: Bench) -> None:
     bench.fly(10.0)
     fly_mode(bench, 7, 0.5, x=500, y=-500)
     assert bench.core.setpoint["kind"] == KIND_ATTITUDE
@@ -77,7 +77,7 @@ def test_stabilized_tilts(bench: Bench) -> None:
     assert bench.core.setpoint["thrust"] == pytest.approx(0.5)
 
 
-def test_acro_commands_rates(bench: Bench) -> None:
+def test_acro_mode_commands_rates(bench: Bench) -> None:
     bench.fly(10.0)
     fly_mode(bench, 5, 0.5, x=1000, y=500, r=-1000, z=1000)
     s = bench.core.setpoint
@@ -98,7 +98,7 @@ def test_take_off_and_landing_by_hand(bench: Bench) -> None:
 
 
 @given(st.floats(-1, 1))
-def test_stick_curves_are_odd_bounded_and_rise(x: float) -> None:
+def test_stick_curves_are_odd_bounded_and_increasing(x: float) -> None:
     for curve in (lambda v: shaped(v, P, "MPC_XY_MAN_EXPO"), lambda v: super_expo(v, 0.69, 0.7)):
         y = curve(x)
         assert abs(y) <= 1.0 + 1e-12
@@ -109,7 +109,7 @@ def test_stick_curves_are_odd_bounded_and_rise(x: float) -> None:
 
 
 @given(st.floats(-1, 1), st.floats(-1, 1))
-def test_diagonals_are_not_faster(x: float, y: float) -> None:
+def test_diagonal_stick_input_is_limited_to_the_unit_circle(x: float, y: float) -> None:
     a, b = within_circle(x, y)
     assert math.hypot(a, b) <= 1.0 + 1e-12
     assert a * y == pytest.approx(b * x, abs=1e-12)

@@ -1,4 +1,4 @@
-"""Missions flown over the kinematic stand-in, and the first legs of one over the real physics."""
+"""Missions with the kinematic stand-in for the vehicle."""
 
 import math
 
@@ -35,7 +35,7 @@ def test_take_off_waypoints_and_landing(bench: Bench) -> None:
     start(bench, [item(0, 22, z=8.0), item(1, north=40.0, z=12.0, p=(2.0, 1.0, 0, 90.0)), item(2, 21, north=40.0, z=0)])
     bench.until(lambda: bench.commander.mission.current == 1, 30)
     assert place(bench)[2] == pytest.approx(8.0, abs=1.0)
-    assert abs(place(bench)[0]) < 1.0  # straight up first
+    assert abs(place(bench)[0]) < 1.0  # the climb is vertical
     assert bench.commander.mission.reached == []
     bench.until(lambda: bench.commander.mission.current == 2, 60)
     assert place(bench) == pytest.approx((40.0, 0.0, 12.0), abs=1.2)
@@ -48,7 +48,7 @@ def test_take_off_waypoints_and_landing(bench: Bench) -> None:
     assert state(bench) == dialect.MISSION_STATE_COMPLETE
 
 
-def test_a_waypoint_first_takes_off_by_itself_and_the_end_is_a_return(bench: Bench) -> None:
+def test_a_mission_that_begins_with_a_waypoint_takes_off_and_ends_with_a_return(bench: Bench) -> None:
     bench.autopilot.parameters.set("RTL_RETURN_ALT", 20.0)
     start(bench, [item(0, north=30.0, z=20.0), item(1, 178, frame=2, p=(1, 8.0, -1, 0), z=0),
                   item(2, east=30.0, z=20.0), item(3, 20, frame=2)])  # fmt: skip
@@ -65,13 +65,13 @@ def test_a_waypoint_first_takes_off_by_itself_and_the_end_is_a_return(bench: Ben
     assert math.hypot(*place(bench)[:2]) < 1.5
 
 
-def test_a_mission_without_an_end_holds_at_its_last_place(bench: Bench) -> None:
+def test_a_mission_without_an_end_item_holds_at_its_last_waypoint(bench: Bench) -> None:
     start(bench, [item(0, 22, z=5.0), item(1, north=25.0, z=5.0)])
     bench.until(lambda: bench.commander.mode == "HOLD", 60)
     bench.run(8.0)
     assert place(bench) == pytest.approx((25.0, 0.0, 5.0), abs=0.3)
     assert "Mission finished" in bench.client.texts()
-    assert bench.client.mode(4, 4) == 0  # once more, from the beginning
+    assert bench.client.mode(4, 4) == 0  # the mission starts again from the beginning
     assert bench.commander.mission.current == 0
 
 
@@ -128,7 +128,7 @@ def test_a_mission_cleared_in_flight_holds(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("far", [True, False])
-def test_missions_that_would_leave_are_refused(bench: Bench, far: bool) -> None:
+def test_missions_too_far_away_or_outside_the_geofence_are_rejected(bench: Bench, far: bool) -> None:
     if far:
         bench.autopilot.parameters.set("MIS_DIST_1WP", 50.0)
     else:
@@ -147,7 +147,7 @@ def test_a_mission_sets_home_and_returns_there(bench: Bench) -> None:
     assert bench.commander.flight.home.position_ned[:2] == pytest.approx((30.0, 0.0), abs=0.5)
 
 
-def test_an_item_without_autocontinue_is_held_until_another_is_ordered(bench: Bench) -> None:
+def test_an_item_without_autocontinue_holds_until_another_item_is_commanded(bench: Bench) -> None:
     items = [item(0, 22, z=5.0), item(1, north=10.0, z=5.0), item(2, north=30.0, z=5.0)]
     items[1].autocontinue = 0
     start(bench, items)
@@ -160,7 +160,7 @@ def test_an_item_without_autocontinue_is_held_until_another_is_ordered(bench: Be
     assert place(bench)[0] == pytest.approx(30.0, abs=1.0)
 
 
-def test_orders_go_to_the_item_that_they_name(bench: Bench) -> None:
+def test_commands_select_the_mission_item_that_they_name(bench: Bench) -> None:
     assert upload(bench.client, [item(k, north=20.0 * k) for k in range(4)]) == 0
     current, begin = dialect.MAV_CMD_DO_SET_MISSION_CURRENT, dialect.MAV_CMD_MISSION_START
     for command, numbers, there in (

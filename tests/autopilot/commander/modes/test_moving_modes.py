@@ -1,4 +1,4 @@
-"""Following a target, circling a place, and returning to the nearest safe one."""
+"""Modes that follow a target, orbit a place, or return to the nearest safe place."""
 
 import math
 
@@ -44,12 +44,12 @@ class Walker:
 
 
 @pytest.mark.parametrize(("angle", "behind"), [(180.0, -1.0), (0.0, 1.0)])
-def test_follow_keeps_its_place_beside_a_walker(bench: Bench, angle: float, behind: float) -> None:
+def test_follow_keeps_its_position_relative_to_a_walking_target(bench: Bench, angle: float, behind: float) -> None:
     put(bench, FLW_TGT_DST=6, FLW_TGT_HT=9, FLW_TGT_FA=angle)
     bench.fly()
     assert bench.client.mode(4, 8) == 0
     bench.run(2.0)
-    assert math.hypot(*place(bench)) < 0.3  # no target yet: it waits
+    assert math.hypot(*place(bench)) < 0.3  # no target yet: the vehicle waits
     walker = Walker(bench, 10.0, 0.0, ve=1.5)
     bench.run(25.0, walker)
     n, e = (a - b for a, b in zip(place(bench), walker.now, strict=True))
@@ -67,7 +67,7 @@ def test_follow_keeps_its_place_beside_a_walker(bench: Bench, angle: float, behi
     assert bench.commander.mode == "FOLLOW"
 
 
-def test_follow_is_no_faster_than_it_may(bench: Bench) -> None:
+def test_follow_respects_its_maximum_speed(bench: Bench) -> None:
     put(bench, FLW_TGT_MAX_VEL=3)
     bench.fly()
     assert bench.client.mode(4, 8) == 0
@@ -79,7 +79,7 @@ def test_follow_is_no_faster_than_it_may(bench: Bench) -> None:
     assert 2.5 < fastest < 3.3
 
 
-def test_a_target_nowhere_is_ignored(bench: Bench) -> None:
+def test_a_target_with_invalid_coordinates_is_ignored(bench: Bench) -> None:
     bench.fly()
     for lat in (2_000_000_000, -2_000_000_000):
         bench.client.send(
@@ -124,7 +124,7 @@ def test_an_orbit_too_tight_for_its_speed_is_flown_slower(bench: Bench) -> None:
     assert bench.client.command(ORBIT, 5000.0, 2.0) == dialect.MAV_RESULT_DENIED
 
 
-def test_sticks_change_an_orbit(bench: Bench) -> None:
+def test_sticks_change_the_orbit_radius(bench: Bench) -> None:
     bench.fly(8.0)
     bench.client.command(ORBIT, 10.0, 2.0, 0, math.nan, math.nan, math.nan, math.nan)
 

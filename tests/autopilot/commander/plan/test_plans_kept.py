@@ -1,4 +1,4 @@
-"""Missions, fences and rally points survive a restart, as in PX4's dataman. A damaged file is reported, never flown."""
+"""Missions, fences and rally points survive a restart, as in PX4's dataman. A damaged file is an error."""
 
 import json
 import math
@@ -31,39 +31,39 @@ def loaded(file: Path | None) -> Bench:
     return bench
 
 
-def test_a_new_process_serves_the_very_bits_of_the_upload(tmp_path: Path) -> None:
+def test_a_new_process_serves_the_uploaded_plans_bit_for_bit(tmp_path: Path) -> None:
     file = tmp_path / "plans.json"
     before = loaded(file)
     after = Bench(profile="minimal", plan_file=file)
     for kind in PLANS:
         assert wire(after, kind) == wire(before, kind) != []
-    assert json.loads(file.read_text())  # contains no number outside JSON
+    assert json.loads(file.read_text())  # valid JSON
     assert "NaN" not in file.read_text()
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_without_a_file_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_plan_file_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     loaded(None)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("numbers", [(math.nan,) * 4, (math.inf, -math.inf, -0.0, 1e-45)])
-def test_unusual_numbers_are_kept(tmp_path: Path, numbers: tuple[float, ...]) -> None:
+def test_special_numbers_survive_a_restart(tmp_path: Path, numbers: tuple[float, ...]) -> None:
     file = tmp_path / "plans.json"
     bench = Bench(profile="minimal", plan_file=file)
     assert upload(bench.client, [item(0, p=numbers)]) == ACCEPTED
     assert wire(Bench(profile="minimal", plan_file=file), 0) == wire(bench, 0)
 
 
-def test_clearing_is_kept_too(tmp_path: Path) -> None:
+def test_a_cleared_plan_stays_cleared_after_a_restart(tmp_path: Path) -> None:
     file = tmp_path / "plans.json"
     loaded(file).client.send(dialect.MAVLink_mission_clear_all_message(1, 1, dialect.MAV_MISSION_TYPE_FENCE))
     after = Bench(profile="minimal", plan_file=file)
     assert [len(download(after.client, kind)) for kind in (0, 1, 2)] == [4, 0, 1]
 
 
-def test_a_mission_goes_on_with_its_item(tmp_path: Path) -> None:
+def test_the_current_mission_item_survives_a_restart(tmp_path: Path) -> None:
     file = tmp_path / "plans.json"
     loaded(file).client.send(dialect.MAVLink_mission_set_current_message(1, 1, 2))
     after = Bench(profile="minimal", plan_file=file)
@@ -73,7 +73,7 @@ def test_a_mission_goes_on_with_its_item(tmp_path: Path) -> None:
     assert Bench(profile="minimal", plan_file=file).commander.mission.current == 0
 
 
-def test_a_finished_mission_begins_anew(tmp_path: Path) -> None:
+def test_a_finished_mission_restarts_at_its_first_item(tmp_path: Path) -> None:
     file = tmp_path / "plans.json"
     bench = Bench(profile="minimal", plan_file=file)
     assert upload(bench.client, [item(0, 22), item(1, north=60.0), item(2, 21)]) == ACCEPTED
@@ -87,14 +87,14 @@ def test_a_finished_mission_begins_anew(tmp_path: Path) -> None:
     assert len(Plans(file).mission) == 3
 
 
-def test_a_disk_that_refuses_does_not_refuse_the_plan(tmp_path: Path) -> None:
+def test_a_failed_write_to_disk_does_not_reject_the_plan(tmp_path: Path) -> None:
     bench = Bench(profile="minimal", plan_file=tmp_path / "gone" / "plans.json")
     assert upload(bench.client, PLANS[0]) == ACCEPTED
     assert bench.commander.flight.plans.unsaved
     assert len(download(bench.client)) == 4
 
 
-def test_a_damaged_file_is_refused_with_its_name(tmp_path: Path) -> None:
+def test_a_damaged_file_is_rejected_by_name_and_left_unchanged(tmp_path: Path) -> None:
     for content in [
         "", "[]", '{"mission": 3}', '{"mission": [{}]}', '{"mission": [{"command": 16}]}', '{"current": "two"}',
         '{"fence": [{"command": 5001, "frame": 5, "p": [3, 0, 0, 0], "x": 1, "y": 1, "z": 0, "autocontinue": 1}]}',
@@ -102,12 +102,12 @@ def test_a_damaged_file_is_refused_with_its_name(tmp_path: Path) -> None:
         file = tmp_path / "plans.json"
         file.write_text(content)
         assert "plans.json" in refusal(Plans, file), content
-        assert file.read_text() == content, content  # and left for a person to mend
+        assert file.read_text() == content, content  # unchanged, for manual repair
 
 
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(st.data())
-def test_any_damage_is_refused_or_still_a_plan_that_flies(tmp_path: Path, data: st.DataObject) -> None:
+def test_any_damaged_file_is_rejected_or_gives_a_usable_plan(tmp_path: Path, data: st.DataObject) -> None:
     file = tmp_path / "plans.json"
     if not (tmp_path / "whole").exists():
         loaded(tmp_path / "whole")
@@ -130,7 +130,7 @@ def test_any_damage_is_refused_or_still_a_plan_that_flies(tmp_path: Path, data: 
         assert len(download(bench.client, kind)) == len(plans.items[kind])
 
 
-def test_a_partial_write_is_refused_at_once_and_changes_nothing() -> None:
+def test_a_partial_write_is_rejected_at_once_and_changes_nothing() -> None:
     bench = loaded(None)
     bench.run(6.0)  # until a repeated last item of the upload is no longer expected
     before = wire(bench, 0)
@@ -138,5 +138,5 @@ def test_a_partial_write_is_refused_at_once_and_changes_nothing() -> None:
     bench.client.send(dialect.MAVLink_mission_write_partial_list_message(1, 1, 1, 2, 0))
     assert [(ack.type, ack.mission_type) for ack in bench.client.of("MISSION_ACK")] == [(UNSUPPORTED, 0)]
     bench.client.send(item(1, north=400.0))
-    assert bench.client.of("MISSION_ACK")[-1].type != ACCEPTED  # an unrequested item is not taken either
+    assert bench.client.of("MISSION_ACK")[-1].type != ACCEPTED  # an unrequested item is rejected too
     assert wire(bench, 0) == before

@@ -1,4 +1,4 @@
-"""The acceptance checks: a sound record is green throughout, and each fault turns its own rule red."""
+"""The acceptance checks: a sound record passes all rules, and each fault fails its own rule."""
 
 import json
 import math
@@ -31,7 +31,7 @@ def red(record: EpisodeRecord) -> dict[str, RuleFinding]:
 
 
 def start_at(record: EpisodeRecord, place: Vec3, yaw_deg: float | None = None) -> EpisodeRecord:
-    """Return a record with another start whose distance and bearing are right."""
+    """Return a record with another start, and with the distance and bearing that fit it."""
     goal = World(record).target_centre(0.0)
     ahead = sight.bearing_deg(place, goal)
     one = replace(record.starts[0], position_ned=place, yaw_deg=ahead if yaw_deg is None else yaw_deg)
@@ -39,7 +39,7 @@ def start_at(record: EpisodeRecord, place: Vec3, yaw_deg: float | None = None) -
 
 
 def turned(record: EpisodeRecord, off_deg: float) -> EpisodeRecord:
-    """Return a record whose drone looks past its target."""
+    """Return a record whose drone faces `off_deg` away from its target."""
     return start_at(record, record.starts[0].position_ned, record.bearing_deg + off_deg)
 
 
@@ -66,7 +66,7 @@ def house(record: EpisodeRecord) -> Vec3:
 
 
 @pytest.mark.parametrize("record", [STANDING, HIDDEN, MOVING], ids=lambda r: r.id)
-def test_a_sound_record_is_green(record: EpisodeRecord) -> None:
+def test_a_sound_record_passes_all_rules(record: EpisodeRecord) -> None:
     assert red(record) == {}
 
 
@@ -93,20 +93,20 @@ def test_a_sound_record_is_green(record: EpisodeRecord) -> None:
         (MOVING, lambda r: on_path(r, *r.target.path.waypoints_ned[::9]), "path from the ground", "target.path"),
     ],
 )  # fmt: skip
-def test_each_wrong_thing_turns_its_own_rule_red(record: EpisodeRecord, change: Change, rule: str, field: str) -> None:
+def test_each_fault_fails_its_own_rule(record: EpisodeRecord, change: Change, rule: str, field: str) -> None:
     findings = [f for name, f in red(change(record)).items() if rule in name]
     assert [f.field for f in findings] == [field]
     assert findings[0].measured in findings[0].sentence
     assert findings[0].wanted in findings[0].sentence
 
 
-def test_a_start_beside_a_lamp_is_not_free() -> None:
+def test_a_start_beside_a_lamp_fails_the_free_space_rule() -> None:
     lamp = next(i for i in World(STANDING).scene.instances if i.kind == "lamp")
     n, e, d = lamp.position_ned
     assert "the free space around a drone's start and climb" in red(start_at(STANDING, (n, e + 0.5, d - 1.8)))
 
 
-def test_a_start_over_a_kerb_is_not_level() -> None:
+def test_a_start_over_a_kerb_fails_the_unevenness_rule() -> None:
     world = World(STANDING)
     kerb = next(e / 20 for e in range(60, 120) if placement.unevenness_m(world, -10.0, e / 20) > 0.1)
     rule = "the unevenness of the ground under a start"
@@ -114,13 +114,13 @@ def test_a_start_over_a_kerb_is_not_level() -> None:
     assert rule not in red(start_at(STANDING, (-10.0, 0.0, world.ground_down(-10.0, 0.0) - 1.6)))
 
 
-def test_a_path_that_passes_the_start_is_refused() -> None:
+def test_a_path_near_the_start_fails_the_distance_rule() -> None:
     n, e, d = World(MOVING).target_pose(60.0)[0]
     assert "the path's distance from the start" in red(start_at(MOVING, (n + 2.0, e, d - 1.8)))
 
 
-def test_a_path_over_a_kerb_at_a_slant_lifts_a_wheel() -> None:
-    """The path itself is on the ground; the four wheels cannot all touch it."""
+def test_a_slanted_path_over_a_kerb_fails_the_wheel_rule() -> None:
+    """The path itself is on the ground, but the four wheels cannot all touch it."""
     world = World(MOVING)
     drive = world.target_pose(0.0)[0]
     slant = [(drive[0] + k * 0.1, drive[1] + k * 0.1) for k in range(-150, 151)]
@@ -129,7 +129,7 @@ def test_a_path_over_a_kerb_at_a_slant_lifts_a_wheel() -> None:
     assert rule in {f.rule for f in check(world)}
 
 
-def test_pixels_are_those_that_the_renderer_draws() -> None:
+def test_pixel_counts_match_the_renderer() -> None:
     world, camera = World(STANDING), CameraModel(640, 360)
     renderer = Renderer(world.scene, camera)
     goal, rng = world.target_centre(0.0), np.random.default_rng(4)
@@ -150,8 +150,11 @@ def test_pixels_are_those_that_the_renderer_draws() -> None:
     assert drawn_some >= 3
 
 
-def test_a_triangle_reaches_into_a_box_when_a_point_of_it_does() -> None:
-    """Against points spread over the triangle. A triangle beyond a separating plane never counts."""
+def test_a_triangle_overlaps_a_box_when_one_of_its_points_is_inside() -> None:
+    """Compares `overlaps` with random points of the triangle.
+
+    If a box contains a point, they overlap. If they overlap, a slightly larger box contains a point.
+    """
     rng = np.random.default_rng(8)
     weights = rng.dirichlet((1.0, 1.0, 1.0), 4000)
     met = 0
@@ -163,12 +166,12 @@ def test_a_triangle_reaches_into_a_box_when_a_point_of_it_does() -> None:
         inside = bool((np.abs(local) <= box.half).all(axis=1).any())
         met += inside
         assert overlaps(triangle, box) or not inside
-        grown = Box(box.centre_ned, box.half + 0.35, box.yaw)  # farther than the distance between the points
+        grown = Box(box.centre_ned, box.half + 0.35, box.yaw)  # the margin exceeds the distance between the points
         assert (np.abs(local) <= grown.half).all(axis=1).any() or not overlaps(triangle, box)
     assert 50 < met < 250
 
 
-def test_the_nearest_thing_is_named() -> None:
+def test_nearest_returns_the_gap_and_the_name() -> None:
     scene = World(STANDING).scene
     lamp = next(i for i in scene.instances if i.kind == "lamp")
     n, e, d = lamp.position_ned

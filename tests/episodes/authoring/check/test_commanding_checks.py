@@ -1,4 +1,4 @@
-"""The rules on fleets and look-alikes, each broken in turn."""
+"""The rules for fleets and look-alike candidates. Each test case breaks one rule."""
 
 import math
 from collections.abc import Callable
@@ -38,7 +38,7 @@ def beside(place: Vec3, metres: float) -> Vec3:
 
 
 def fleet_at(record: EpisodeRecord, away_m: float) -> EpisodeRecord:
-    """Return the record with its fleet moved along its line of sight to that distance from its target."""
+    """Return the record with its fleet moved along the first drone's line of sight to `away_m` from the target."""
     goal = World(record).target_centre(0.0)
     first = record.starts[0].position_ned
     share = 1.0 - away_m / math.dist(first[:2], goal[:2])
@@ -53,7 +53,7 @@ def fleet_at(record: EpisodeRecord, away_m: float) -> EpisodeRecord:
 
 
 @pytest.mark.parametrize("record", [SIGNS, PLATES], ids=lambda r: r.id)
-def test_shipped_ones_are_green(record: EpisodeRecord) -> None:
+def test_shipped_records_pass_all_rules(record: EpisodeRecord) -> None:
     assert red(record) == set()
 
 
@@ -82,14 +82,15 @@ def test_shipped_ones_are_green(record: EpisodeRecord) -> None:
         ),
     ],
 )
-def test_each_wrong_thing_turns_its_own_rule_red(change: Callable[[EpisodeRecord], EpisodeRecord], rule: str) -> None:
+def test_each_fault_fails_its_own_rule(change: Callable[[EpisodeRecord], EpisodeRecord], rule: str) -> None:
     assert rule in red(change(SIGNS))
 
 
 def second_drone_before(record: EpisodeRecord, which: int, aside_m: float) -> EpisodeRecord:
-    """Return the record with its second drone before the first one's lens, in the way to a candidate or beside it.
+    """Return the record with its second drone close to the lens of the first.
 
-    `which` is 0 for the target. The first drone faces it.
+    The first drone faces the object `which`: 0 is the target, others are candidates. The second drone is `aside_m` to
+    the side of this line of sight.
     """
     world = World(record)
     things = [world.target, *(i for i in world.scene.instances if i.name.startswith("candidate-"))]
@@ -108,7 +109,7 @@ def second_drone_before(record: EpisodeRecord, which: int, aside_m: float) -> Ep
     ("which", "rule"),
     [(0, "the visible share of the target when faced"), (2, "the smallest visible part of a candidate")],
 )
-def test_a_drone_in_the_way_hides_what_is_behind_it(which: int, rule: str) -> None:
+def test_a_drone_in_the_line_of_sight_hides_the_target_or_candidate(which: int, rule: str) -> None:
     def measured(aside_m: float) -> str:
         findings = check(World(second_drone_before(FACING, which, aside_m)))
         return next(f.measured for f in findings if f.rule == rule)
@@ -118,14 +119,14 @@ def test_a_drone_in_the_way_hides_what_is_behind_it(which: int, rule: str) -> No
     assert float(measured(3.0).split()[0]) > 0.4
 
 
-def test_an_asset_without_an_inscription_is_no_candidate() -> None:
+def test_an_asset_without_an_inscription_fails_the_inscription_rule() -> None:
     bare = replace(SIGNS, target=replace(SIGNS.target, asset="quadrotor"))
     bare = replace(bare, candidates=tuple(replace(c, asset="quadrotor") for c in bare.candidates))
     assert "the inscription" in red(bare)
 
 
 def facing(distance_m: float, turned_deg: float) -> float:
-    """Return the letter height of the named sign for a drone straight before its board, after the sign is turned."""
+    """Return the letter height (px) of the target sign, turned by `turned_deg`, for a drone in front of its board."""
     world = World(SIGNS)
     one = replace(world.target, position_ned=(0.0, 0.0, 0.0), yaw=math.pi + math.radians(turned_deg))
     other = Instance(99, "other", "sign", one.mesh, (500.0, 0.0, 0.0))
@@ -133,7 +134,7 @@ def facing(distance_m: float, turned_deg: float) -> float:
     return candidates.letters_px(one, str(SIGNS.target.inscription), Solids([other]), here, 0.0)
 
 
-def test_letters_are_as_high_as_the_pinhole_has_them() -> None:
+def test_letter_height_matches_the_pinhole_model() -> None:
     assert facing(10.0, 0.0) == pytest.approx(320.0 * 0.136 / 10.0, rel=0.03)
     assert facing(20.0, 0.0) == pytest.approx(facing(10.0, 0.0) / 2.0, rel=0.03)
     assert facing(10.0, 60.0) == pytest.approx(facing(10.0, 0.0), rel=0.08)
@@ -146,8 +147,8 @@ near = st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(-4.0,
 
 @settings(max_examples=12, deadline=None)
 @given(place=somewhere | near, spot=somewhere | near, yaw=st.floats(-360.0, 360.0), count=st.integers(1, 8))
-def test_any_record_that_can_be_read_gets_findings(place: Vec3, spot: Vec3, yaw: float, count: int) -> None:
-    """Nonsense is red, never an exception: a drone inside its target, below the ground, or a kilometre away."""
+def test_every_readable_record_gets_findings(place: Vec3, spot: Vec3, yaw: float, count: int) -> None:
+    """Nonsense fails rules and never raises: a drone inside its target, below the ground, or a kilometre away."""
     wild = replace(
         SIGNS,
         target=replace(SIGNS.target, position_ned=spot, yaw_deg=yaw),

@@ -1,4 +1,4 @@
-"""Referring expressions: left depends on the viewer's position, and an ambiguous expression does not refer."""
+"""Referring expressions: left and right depend on the viewer's position, and ambiguous expressions do not refer."""
 
 import math
 from typing import Any
@@ -31,7 +31,7 @@ def named(relation: str, place: tuple[float, float], *marks: str, others: dict[s
     return refers(Expression("bench", relation, marks or ("the fountain",)), "it", things, MARKS, VIEWER)
 
 
-def test_sides_as_one_sees_them() -> None:
+def test_sides_depend_on_the_viewers_position() -> None:
     for relation, place in (
         ("left of", (20.0, -5.0)),
         ("right of", (20.0, 5.0)),
@@ -48,14 +48,14 @@ def test_sides_as_one_sees_them() -> None:
             assert seen == ([], []), relation
 
 
-def test_between_two_landmarks() -> None:
+def test_between_refers_to_the_space_between_two_landmarks() -> None:
     assert named("between", (20.0, 11.0), "the fountain", "the statue")
     assert not named("between", (20.0, 30.0), "the fountain", "the statue")
     assert not named("between", (30.0, 10.0), "the fountain", "the statue")
     assert not named("between", (10.0, 25.0), "the fountain", "Euler Hall")  # a hall is not a point
 
 
-def test_a_rival_that_might_be_meant_spoils_the_reference() -> None:
+def test_a_plausible_rival_makes_a_reference_ambiguous() -> None:
     assert named("left of", (20.0, -5.0), others={"far": (-60.0, 3.0, 0.0)})
     assert not named("left of", (20.0, -5.0), others={"rival": (24.0, -3.0, 0.0)})
     assert named("nearest", (20.0, -3.0), others={"rival": (20.0, 9.0, 0.0)})
@@ -63,7 +63,7 @@ def test_a_rival_that_might_be_meant_spoils_the_reference() -> None:
     assert not named("nearest", (20.0, -40.0))
 
 
-def test_the_distance_to_a_long_hall_is_to_its_wall() -> None:
+def test_distance_to_a_building_is_measured_to_its_wall() -> None:
     assert HALL.distance_m((19.0, 44.0)) == pytest.approx(1.0)
     turned = Footprint(0.0, 0.0, (10.0, 1.0), math.pi / 2)
     assert turned.distance_m((0.0, 12.0)) == pytest.approx(2.0)
@@ -72,8 +72,8 @@ def test_the_distance_to_a_long_hall_is_to_its_wall() -> None:
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(3.0, 11.0), st.floats(0.0, 2.0 * math.pi))
-def test_directions_do_not_depend_on_the_compass(off: float, away: float, turned: float) -> None:
-    """Turning the whole scene, viewer included, changes no reference."""
+def test_references_do_not_change_when_the_scene_is_rotated(off: float, away: float, turned: float) -> None:
+    """The rotation includes the viewer."""
 
     def around(n: float, e: float) -> tuple[float, float, float]:
         c, s = math.cos(turned), math.sin(turned)
@@ -91,7 +91,7 @@ def test_directions_do_not_depend_on_the_compass(off: float, away: float, turned
                 assert len(here[0]) == len(there[0]) or abs(away - 12.0) < 0.01
 
 
-def test_an_expression_in_words_is_read_back() -> None:
+def test_a_worded_expression_is_parsed_back() -> None:
     for pattern in ("go to {}", "find {} and go to it", "locate {}, go after it and reach it"):
         for relation in RELATIONS:
             marks = ("the fountain", "Euler Hall") if relation == "between" else ("Euler Hall",)
@@ -99,14 +99,14 @@ def test_an_expression_in_words_is_read_back() -> None:
             assert read(pattern.format(expression.words), MARKS) == expression, (relation, pattern)
 
 
-def test_only_known_landmarks_are_read() -> None:
+def test_an_expression_with_an_unknown_landmark_is_not_parsed() -> None:
     assert read("go to the bench left of the obelisk", MARKS) is None
     assert read("go to the bench", MARKS) is None
     assert read("go to the bench to the left of the statue", MARKS) == Expression("bench", "left of", ("the statue",))
     assert read("go to the bench nearest the statues", MARKS) is None
 
 
-def test_every_expression_offered_refers() -> None:
+def test_every_suggested_expression_is_unambiguous() -> None:
     things = {"it": (20.0, -5.0, 0.0), "other": (21.0, 15.0, 0.0)}
     offered = expressions("bench", "it", things, MARKS, VIEWER)
     assert {expression.relation for expression in offered} >= {"left of", "nearest"}

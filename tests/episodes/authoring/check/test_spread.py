@@ -1,4 +1,4 @@
-"""The rules about a suite: even draws are green, and each way to reveal a target's place turns its rule red."""
+"""The rules for a suite: even layouts pass, and each way to reveal the target's position fails its rule."""
 
 import dataclasses
 import json
@@ -54,7 +54,7 @@ def layout_of_record(episode: EpisodeRecord) -> Layout:
 
 
 def made(map_name: str = "residential", cell: str = "approaching") -> list[Layout]:
-    """Return ten even layouts of a cell; the headings within a few degrees of the target pass it."""
+    """Return ten even layouts of a cell. Straight flights within 10° of the target's bearing pass the target."""
     hidden, layouts = cell in HIDDEN, []
     for k in TEN:
         off = 50.0 + 28.0 * k if hidden else math.degrees(math.atan(-0.8 + 1.6 * k / 9.0))
@@ -84,7 +84,7 @@ def change(layouts: list[Layout], cell: str, **values: Any) -> list[Layout]:
     return [dataclasses.replace(one, **values) if f"{one.map} {one.cell}" == cell else one for one in layouts]
 
 
-def test_an_even_suite_is_green() -> None:
+def test_an_even_suite_passes_all_rules() -> None:
     assert red(suite()) == set()
 
 
@@ -114,14 +114,14 @@ def test_an_even_suite_is_green() -> None:
          "the rows between the uppermost and the lowest target"),
     ],
 )  # fmt: skip
-def test_layouts_that_reveal_the_place_turn_their_rule_red(
+def test_layouts_that_reveal_the_target_position_fail_their_rule(
     worse: Callable[[list[Layout]], list[Layout]], rule: str
 ) -> None:
     assert any(rule in one for one in red(worse(suite())))
 
 
-def test_the_shipped_records_are_spread_and_those_of_version_1_are_not() -> None:
-    """By the records' own numbers; a slow test builds the scenes for it."""
+def test_shipped_records_are_evenly_spread_and_version_1_records_are_not() -> None:
+    """Uses only the numbers in the records. A slow test builds the scenes."""
     drawn = [layout_of_record(record(name)) for name in catalogue.ids()]
     about = ("off the nose", "uneven", "seeds", "campus")
     assert not [rule for rule in red(drawn) if any(word in rule for word in about)]
@@ -136,12 +136,12 @@ def test_seeds_are_distinct() -> None:
 
 
 @pytest.mark.slow("checks the hundred episodes")
-def test_the_suite_that_ships_keeps_the_rules_about_a_suite() -> None:
+def test_the_shipped_suite_passes_the_suite_rules() -> None:
     layouts = [report.layout for report in check_all(catalogue.ids(), laid_out=True)]
     assert [f.sentence for f in rules.check_suite([one for one in layouts if one]) if not f.passed] == []
 
 
-def test_a_straight_flight_passes_targets_ahead_of_it() -> None:
+def test_straight_deg_contains_only_headings_towards_the_target() -> None:
     world = World(record(catalogue.DEFAULT))
     measured = layout(world)
     middle = [h for h in measured.straight_deg if abs(math.remainder(h - measured.off_deg, 360.0)) < 3.0]
@@ -156,8 +156,8 @@ def test_a_straight_flight_passes_targets_ahead_of_it() -> None:
     assert {h - 40 for h in measured.straight_deg} == set(moved)
 
 
-def test_a_passing_flight_was_within_the_radius_and_saw_the_target() -> None:
-    """A second count, in steps of a decimetre and without bounds on the search."""
+def test_each_heading_in_straight_deg_reaches_and_sees_the_target() -> None:
+    """Recomputes the result independently, in steps of 0.1 m."""
     world = World(record(catalogue.DEFAULT))
     measured, start = layout(world), world.record.starts[0]
     for heading in range(-40, 80, 2):
@@ -172,7 +172,7 @@ def test_a_passing_flight_was_within_the_radius_and_saw_the_target() -> None:
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=30))
-def test_unevenness_is_kolmogorovs(values: list[float]) -> None:
+def test_unevenness_is_the_kolmogorov_smirnov_statistic(values: list[float]) -> None:
     points = np.linspace(-0.01, 1.01, 3000)
     share = np.array([sum(v <= p for v in values) / len(values) for p in points])
     worst = float(np.abs(share - np.clip(points, 0.0, 1.0)).max())
@@ -188,8 +188,8 @@ def test_shares_use_every_stratum_once(count: int, seed: int) -> None:
             assert sorted(round(v * (count - 1)) for v in values) == list(range(count))
 
 
-def test_framing_agrees_with_the_pixels() -> None:
-    """Fully shown: nothing reaches an edge. Hidden: no pixel, and a little nearer there is one."""
+def test_framing_agrees_with_the_pixel_counts() -> None:
+    """A shown target does not touch the image's edge. A hidden target has no pixel, but has some after a 4° turn."""
     world = World(record("residential-searching-01"))
     place, yaw = world.target_upright(0.0)
     here = world.record.starts[0].position_ned
@@ -215,7 +215,7 @@ def test_framing_agrees_with_the_pixels() -> None:
     assert 300.0 < right < 315.0
 
 
-def test_a_drone_that_hides_a_candidate_is_found_out() -> None:
+def test_a_drone_that_hides_a_candidate_reduces_its_pixel_count() -> None:
     one = record("blocks-commanding-01")
     assert fewest_candidate_pixels(World(one)) >= SPOTTED_PX
     world = World(one)
@@ -226,7 +226,7 @@ def test_a_drone_that_hides_a_candidate_is_found_out() -> None:
     assert fewest_candidate_pixels(World(dataclasses.replace(one, starts=starts))) < SPOTTED_PX
 
 
-def test_check_says_what_is_wrong_with_a_suite(
+def test_check_reports_the_faults_of_a_suite(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     name = "residential-approaching-02"
@@ -240,11 +240,11 @@ def test_check_says_what_is_wrong_with_a_suite(
     (wrong,) = answer["suite"]
     assert "'seed'" in wrong
     assert f"{catalogue.DEFAULT}, {name}" in wrong
-    assert main(["episodes", "check", "--jobs", "1", name]) == 0  # a rule about the suite does not apply to a record
+    assert main(["episodes", "check", "--jobs", "1", name]) == 0  # suite rules do not apply to a single record
 
 
-def test_the_middle_of_the_picture_is_no_better_than_its_sides() -> None:
-    """The camera's own geometry: a share is even in columns."""
+def test_equal_shares_are_equal_steps_in_image_columns() -> None:
+    """So the target is as likely at the sides of the image as in its middle."""
     corners = sight.box_corners(World(record(catalogue.DEFAULT)).target.mesh, (16.0, 0.0, 0.0), 0.0)
     framed = sight.framing(corners, (0.0, 0.0, -1.7))
     camera = CameraModel()

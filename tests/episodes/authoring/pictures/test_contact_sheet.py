@@ -1,4 +1,4 @@
-"""Contact sheets: one row per asset, visible in every column, with the same bytes each time."""
+"""Contact sheets have one row per asset and one column per distance. Repeated runs write the same bytes."""
 
 import re
 from pathlib import Path
@@ -45,7 +45,7 @@ def test_a_sheet_shows_each_asset_at_each_distance(tmp_path: Path) -> None:
     assert again.read_bytes() == out.read_bytes()
 
 
-def test_wrong_names_and_places_are_reported_in_one_sentence(tmp_path: Path) -> None:
+def test_invalid_names_and_unwritable_paths_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"'quadrotr'.* 'quadrotor'"):
         write_contact_sheet(["quadrotr"], tmp_path / "sheet.jpg")
     (tmp_path / "file").write_text("")
@@ -53,7 +53,7 @@ def test_wrong_names_and_places_are_reported_in_one_sentence(tmp_path: Path) -> 
         write_contact_sheet(["sign"], tmp_path / "file" / "sheet.jpg")
 
 
-def test_the_documented_sheets_show_everything() -> None:
+def test_the_documented_sheets_show_every_asset() -> None:
     text = (SHEETS / "README.md").read_text()
     drawn = re.findall(r"`dronecats episodes sheet --out docs/assets/([a-z-]+\.jpg) ([a-z_ -]+)`", text)
     shown = [name for _, row in drawn for name in row.split()]

@@ -1,4 +1,4 @@
-"""The pictures of the maps: one of each, small enough, drawn the same each time."""
+"""The pictures of the maps: each map has one, below the size limit. Repeated runs write the same bytes."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from tests import pictures
 SHIPPED = Path(__file__).parents[4] / "docs" / "maps"
 
 
-def test_same_map_same_bytes(tmp_path: Path) -> None:
+def test_a_map_view_has_the_same_bytes_each_time(tmp_path: Path) -> None:
     first, second = tmp_path / "a.jpg", tmp_path / "deeper" / "b.jpg"
     write_map_view("blocks", first)
     write_map_view("blocks", second)
@@ -22,10 +22,10 @@ def test_same_map_same_bytes(tmp_path: Path) -> None:
     picture = pictures.read(first)
     assert picture.shape == (720, 1280, 3)
     assert picture[:100].mean() > picture[-100:].mean()  # the sky is above, and brighter than the floor
-    assert np.abs(np.diff(picture[300:500].astype(int), axis=1)).max() > 60  # solids stand out before it
+    assert np.abs(np.diff(picture[300:500].astype(int), axis=1)).max() > 60  # solids contrast with the background
 
 
-def test_unknown_maps_and_unwritable_files_are_refused(tmp_path: Path) -> None:
+def test_unknown_maps_and_unwritable_files_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="blocks"):
         write_map_view("blokcs", tmp_path / "a.jpg")
     (tmp_path / "file").write_text("")
@@ -33,8 +33,8 @@ def test_unknown_maps_and_unwritable_files_are_refused(tmp_path: Path) -> None:
         write_map_view("blocks", tmp_path / "file" / "a.jpg")
 
 
-def test_the_plan_names_what_stands(tmp_path: Path) -> None:
-    """Without names the plan would have no ink as dark as theirs."""
+def test_the_plan_labels_its_objects(tmp_path: Path) -> None:
+    """Only the labels have ink this dark."""
     write_map_plan("blocks", tmp_path / "plan.jpg")
     plan = pictures.read(tmp_path / "plan.jpg", cv2.IMREAD_GRAYSCALE)
     assert plan.shape == (SIDE_PX, SIDE_PX)

@@ -1,4 +1,4 @@
-"""The reading probe: letters of the geometric height, in the same pictures that a model gets."""
+"""The reading probe: its pictures equal those that a model gets, and its letters have the geometric height."""
 
 import json
 
@@ -22,11 +22,14 @@ def written(tmp_path_factory):
 
 
 def height_of_ink(grey, focal, kind, text, distance):
-    """Return the height of the letters, px: rows between the half heights of the ink's profile, to sub-pixels."""
+    """Return the height of the letters in px, with sub-pixel accuracy.
+
+    It is the distance between the rows where the profile of the ink crosses half of its maximum.
+    """
     face = reading.face_of(assets.build(kind.asset, kind.paint, text), kind.material)
     middle = grey.shape[0] / 2 + focal * max(0.0, reading.LEAST_EYE_M - face.height) / distance
     letter = focal * kind.letter_m / distance
-    wide, high = round(1.6 * letter), 0.68 * letter  # the letters about the middle, and some ground around them
+    wide, high = round(1.6 * letter), 0.68 * letter  # covers the middle letters and a margin of background
     x = grey.shape[1] // 2
     rows = np.arange(int(middle - high), int(middle + high) + 1)
     ink = grey[rows, x - wide : x + wide].astype(float).mean(axis=1)
@@ -41,14 +44,14 @@ def height_of_ink(grey, focal, kind, text, distance):
 
 @pytest.mark.parametrize("kind", reading.KINDS, ids=lambda kind: kind.name)
 @pytest.mark.parametrize("distance", [4, 6])
-def test_letters_stand_as_high_as_geometry_has_them(kind, distance):
+def test_drawn_letters_have_the_geometric_height(kind, distance):
     text = "HHH 00" if kind is SIGN else "HH 1111"
     seen = cv2.imdecode(np.frombuffer(encode(reading.view(kind, text, distance)), np.uint8), 0)
     measured = height_of_ink(seen, 320.0, kind, text, distance)
     assert measured == pytest.approx(reading.letter_px(kind, distance), rel=0.10)
 
 
-def test_every_file_is_what_the_agent_would_send(written):
+def test_each_file_has_the_bytes_that_the_agent_sends(written):
     folder, probes = written
     for probe in (probes[0], probes[-1]):
         kind = SIGN if probe.kind == "sign" else PLATE
@@ -57,7 +60,7 @@ def test_every_file_is_what_the_agent_would_send(written):
         assert pictures.read(folder / probe.file).shape == (360, 640, 3)
 
 
-def test_the_index_tells_every_picture_of_both_kinds_at_every_distance(written):
+def test_the_index_lists_every_picture_of_both_kinds_at_every_distance(written):
     folder, probes = written
     index = json.loads((folder / "index.json").read_text(encoding="utf-8"))
     assert index["seed"] == 3
@@ -69,14 +72,14 @@ def test_the_index_tells_every_picture_of_both_kinds_at_every_distance(written):
     )
 
 
-def test_no_inscription_is_used_by_an_episode_or_twice(written):
+def test_inscriptions_are_unique_and_not_used_by_an_episode(written):
     texts = [probe.text for probe in written[1]]
     assert len(set(texts)) == len(texts)
     assert not set(texts) & reading.used_inscriptions()
     assert len(reading.used_inscriptions()) > 20
 
 
-def test_inscriptions_depend_on_the_seed_alone():
+def test_inscriptions_depend_only_on_the_seed():
     def drawn(seed):
         rng = np.random.default_rng(seed)
         return [reading.invent(kind, rng, set()) for kind in ("sign", "plate", "sign")]
@@ -84,7 +87,7 @@ def test_inscriptions_depend_on_the_seed_alone():
     assert drawn(1) == drawn(1) != drawn(2)
 
 
-def test_wrong_words_are_one_sentence(tmp_path, capsys):
+def test_invalid_arguments_print_one_error_and_exit_with_2(tmp_path, capsys):
     file = tmp_path / "file"
     file.write_text("")
     assert main(["episodes", "probe", "--out", str(file / "below"), "--seed", "1"]) == 2

@@ -1,4 +1,4 @@
-"""Proposed records: the same from the same seed, and always sound."""
+"""Proposed records pass all rules. The same seed gives the same records."""
 
 import itertools
 import math
@@ -33,7 +33,7 @@ from foundation.terrain import HeightField
         pytest.param(RecordRequest("blocks", "commanding", 1, 2, 5), id="commanding", marks=pytest.mark.slow),
     ],
 )
-def test_proposals_are_sound_and_the_same_again(wanted: RecordRequest) -> None:
+def test_proposals_are_sound_and_reproducible(wanted: RecordRequest) -> None:
     proposals = propose(wanted)
     assert [r.id for r in proposals] == [
         f"{wanted.map}-{wanted.cell}-{wanted.first + k:02d}" for k in range(wanted.count)
@@ -53,30 +53,30 @@ def test_another_seed_makes_other_records() -> None:
 def test_command_writes_records_that_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--map", "residential", "--cell", "approaching", "--count", "1", "--seed", "3", "--out", str(tmp_path)]
     assert main(["episodes", "new", *options]) == 0
-    file = tmp_path / "residential-approaching-11.json"  # ten ship
+    file = tmp_path / "residential-approaching-11.json"  # ten records are shipped
     assert str(file) in capsys.readouterr().out
     assert catalogue.load(file).cell == "approaching"
-    assert main(["episodes", "new", *options]) == 0  # the same once more
+    assert main(["episodes", "new", *options]) == 0  # a repeated command succeeds
     file.write_text("what somebody has made of it")
     assert main(["episodes", "new", *options]) == 2
     assert str(file) in capsys.readouterr().err
     assert file.read_text() == "what somebody has made of it"
 
 
-def test_a_file_that_cannot_be_written_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unwritable_file_is_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "blocks-commanding-20.json").mkdir()
     options = ["--map", "blocks", "--cell", "commanding", "--first", "20", "--out", str(tmp_path)]
     assert main(["episodes", "new", *options]) == 2
     assert "blocks-commanding-20.json" in capsys.readouterr().err
 
 
-def test_numbers_go_on_after_what_ships() -> None:
+def test_new_numbers_follow_the_shipped_records() -> None:
     assert first_free("blocks", "commanding") == 11
     assert first_free("residential", "search-and-track") == 11
     assert first_free("campus", "commanding") == first_free("my-yard", "tracking") == 1
 
 
-def test_wrong_requests_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_requests_are_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, says in (
         (["--map", "moon", "--cell", "approaching"], "'moon'"),
         (["--map", "campus", "--cell", "chasing"], "'chasing'"),
@@ -89,7 +89,7 @@ def test_wrong_requests_are_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
         assert says in capsys.readouterr().err, arguments
 
 
-def test_a_stretch_of_a_lane_keeps_to_the_ground() -> None:
+def test_a_stretch_of_a_lane_follows_the_terrain() -> None:
     north, east = np.meshgrid(np.arange(-10, 70, 0.25), np.arange(-10, 30, 0.25), indexing="ij")
     terrain = HeightField(-10.0, -10.0, 0.25, 0.4 * np.sin(north / 3.0) * np.cos(east / 5.0))
     lane = [(0.0, 0.0, 0.0), (20.0, 4.0, 0.0), (40.0, 0.0, 0.0), (60.0, 20.0, 0.0)]
@@ -103,7 +103,7 @@ def test_a_stretch_of_a_lane_keeps_to_the_ground() -> None:
             assert abs(d - terrain.at(n, e)) < 0.02
 
 
-def test_words_suit_cell_and_target() -> None:
+def test_instructions_suit_the_cell_and_the_target() -> None:
     rng = random.Random(1)
     for cell in CELLS:
         for asset in assets.names():
@@ -115,7 +115,7 @@ def test_words_suit_cell_and_target() -> None:
     assert not any(text.endswith(" it") for text in instructions)
 
 
-def test_plates_are_alike_but_not_the_same() -> None:
+def test_plates_are_similar_and_distinct() -> None:
     for seed in range(20):
         texts = draft.plates(4, random.Random(seed))
         assert len(set(texts)) == 4
@@ -123,7 +123,7 @@ def test_plates_are_alike_but_not_the_same() -> None:
             assert 1 <= sum(x != y for x, y in zip(a, b, strict=True)) <= 4
 
 
-def test_a_map_without_places_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_map_without_places_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     for cell in CELLS:
         monkeypatch.setattr(referring, "places", lambda name, seed: Places((), ()))
         with pytest.raises(UsageError, match="blocks"):

@@ -1,4 +1,4 @@
-"""Each effect against its physical law, on scenes with a known picture."""
+"""Compares each effect with its physical law, on scenes whose picture is known."""
 
 import dataclasses
 import hashlib
@@ -32,7 +32,10 @@ SUN = Sun((-0.6, 0.0, -0.8))
 
 
 def wall(north, width, height, color=(0.02, 0.02, 0.02), centre=(0.0, -2.0)):
-    """Return an upright board that faces south at `north` m, its middle at (east, down) `centre`."""
+    """Return the mesh and position of an upright board at `north` m that faces south, with its middle at `centre`.
+
+    `centre` is (east, down) in m.
+    """
     (e, d), w, h = centre, width / 2, height / 2
     v = np.array([(0, e - w, d + h), (0, e + w, d + h), (0, e + w, d - h), (0, e - w, d - h)], np.float32)
     normals = np.tile(np.array((-1.0, 0.0, 0.0), np.float32), (4, 1))
@@ -69,20 +72,20 @@ EVERYTHING = Optics(
 )
 
 
-def test_codes_survive_the_way_to_light_and_back():
+def test_codes_survive_conversion_to_light_and_back():
     codes = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
     both = Codes()
     np.testing.assert_array_equal(both.shown(both.light(codes)), codes)
     assert (np.diff(both.light(codes)[..., 0].ravel()) > 0).all()
 
 
-def test_no_option_changes_no_byte():
+def test_without_options_the_picture_equals_the_plain_render():
     pose = camera_pose(STILL.position_ned, STILL.attitude, CAMERA)
     plain = Renderer(BOARD, CAMERA, 1).render(pose).rgb
     np.testing.assert_array_equal(picture(BOARD, Optics()), plain)
 
 
-def test_the_same_frame_is_the_same_bytes_and_another_is_not():
+def test_the_bytes_depend_on_frame_and_seed_but_not_on_threads():
     made = [
         hashlib.sha256(picture(BOARD, optics, frame_id=frame, threads=threads).tobytes()).hexdigest()
         for optics, frame, threads in (
@@ -109,13 +112,13 @@ def test_haze_follows_koschmieders_law():
         assert (0.8 - far) / (0.8 - near) == pytest.approx(math.exp(-density * north), abs=0.02)
 
 
-def test_haze_goes_by_the_ray_and_not_by_the_planar_depth():
+def test_haze_depends_on_the_ray_length_not_on_the_planar_depth():
     scene = scene_of(wall(30.0, 200.0, 100.0))
     seen = Codes().light(picture(scene, Optics(haze=Haze(0.03, color=(1.0, 1.0, 1.0)))))
     assert seen[45, 2].mean() > 1.15 * seen[45, 80].mean()  # 42 m and 30 m
 
 
-def test_a_layer_of_haze_lets_the_sky_overhead_through():
+def test_a_haze_layer_hides_the_horizon_but_not_the_sky_overhead():
     up = dataclasses.replace(STILL, attitude=quat_from_euler(0.0, math.radians(80.0), 0.0))
     layer = Optics(haze=Haze(0.004, 50.0, (1.0, 0.2, 0.2)))
     clear = picture(scene_of(), Optics(), up)[45, 80].astype(int)
@@ -129,8 +132,8 @@ def test_a_layer_of_haze_lets_the_sky_overhead_through():
 @pytest.mark.parametrize(
     "lens", [LensModel(k1=-0.12, k2=0.01), LensModel(k1=0.2), LensModel(k1=-0.1, p1=0.02, p2=-0.015, k3=0.004)]
 )
-def test_the_lens_is_opencvs(lens):
-    """Projecting the rays with cv2.projectPoints gives the pixels back."""
+def test_the_lens_model_matches_opencv(lens):
+    """cv2.projectPoints maps the rays back to their pixels."""
     x, y = pinhole_rays(lens, CAMERA)
     matrix = np.array([[CAMERA.focal_px, 0, 79.5], [0, CAMERA.focal_px, 44.5], [0, 0, 1]])
     rays = np.stack((x, y, np.ones_like(x)), axis=-1).reshape(-1, 3)
@@ -140,7 +143,7 @@ def test_the_lens_is_opencvs(lens):
     np.testing.assert_allclose(shown, np.stack((i, j), axis=-1), atol=1e-3)
 
 
-def test_the_picture_is_bent_where_the_lens_says_and_full_to_its_corners():
+def test_distortion_moves_edges_to_opencvs_columns_and_uses_a_wider_render():
     """The right edge of a board is at the column that OpenCV's model predicts."""
     lens, camera = LensModel(k1=-0.12, k2=0.01), CameraModel(640, 360, 90.0, (0.0, 0.0, 0.0))
     scene = scene_of(wall(10.0, 14.0, 8.0))
@@ -157,7 +160,7 @@ def test_full_vignetting_is_the_fourth_power_of_the_cosine():
     assert lit[44, 159] == pytest.approx(math.cos(math.atan(79.5 / 80)) ** 4, rel=1e-2)
 
 
-def test_noise_has_the_variance_of_its_electrons():
+def test_noise_variance_is_shot_noise_plus_read_noise():
     rng, sensor = np.random.default_rng(1), Sensor(1000.0, 10.0)
     for electrons in (100.0, 400.0, 900.0):
         light = np.full((300, 300, 3), electrons / 1000.0 * WHITE, np.float32)
@@ -166,21 +169,21 @@ def test_noise_has_the_variance_of_its_electrons():
         assert counted.var() == pytest.approx(electrons + 100.0, rel=0.02)
 
 
-def test_blur_is_as_long_as_the_way_moved_while_the_shutter_was_open():
-    """A board's edge, seen in sideways flight, becomes a ramp of f · v · T / depth pixels about its place."""
+def test_blur_length_matches_the_motion_during_the_exposure():
+    """In sideways flight, a board's edge becomes a ramp of f · v · T / depth pixels around its position."""
     camera = CameraModel(640, 64, 90.0, (0.0, 0.0, 0.0))
     scene = scene_of(wall(8.0, 8.0, 20.0, centre=(-4.0, -2.0)))
     flying = dataclasses.replace(STILL, velocity_ned=(0.0, 4.0, 0.0))
     row = Codes().light(picture(scene, Optics(exposure=Exposure(0.1, 32)), flying, camera=camera))[32, :, 2]
     dark, bright = row[200], row[420]
     share = (row - dark) / (bright - dark)
-    share[:200] = 0.0  # its other edge
+    share[:200] = 0.0  # removes the other edge
     first, last = np.argmax(share > 0.05), np.argmax(share > 0.95)
     assert last - first == pytest.approx(0.9 * 320 * 0.4 / 8.0, abs=2)
     assert np.argmax(share > 0.5) == pytest.approx(320, abs=1.5)
 
 
-def test_a_turn_blurs_too_and_so_does_a_target_that_moves():
+def test_rotation_and_moving_targets_cause_blur():
     camera = CameraModel(640, 64, 90.0, (0.0, 0.0, 0.0))
     scene = scene_of(wall(8.0, 8.0, 20.0, centre=(-4.0, -2.0)), movable=True)
     optics = Optics(exposure=Exposure(0.1, 16))
@@ -202,20 +205,20 @@ def mask_of(depth, rate=20.0, shutter=0.01, velocity=(0.0, 0.0, 0.0), seed=1, ca
     return streaks(far, pose, velocity, (0.0, 0.0, 0.0), rate, shutter, camera, np.random.default_rng(seed))
 
 
-def test_drops_are_as_many_and_as_fast_as_the_sources_say():
+def test_fall_speed_matches_its_source_and_drop_density_grows_with_rain():
     assert fall_speed(np.array([2.0]))[0] == pytest.approx(6.55, abs=0.01)
     assert drops_per_m3(50.0)[0] > 2.0 * drops_per_m3(5.0)[0]
     assert drops_per_m3(50.0)[1] > drops_per_m3(5.0)[1]
 
 
-def test_nothing_is_rained_upon_that_stands_before_the_drops():
+def test_rain_does_not_cover_objects_nearer_than_the_drops():
     assert not mask_of(0.1).any()
     assert 0.0 < mask_of(2.0).sum() < mask_of(np.inf).sum()
 
 
 def test_streaks_are_vertical_when_hovering_and_slant_in_flight():
     def spread(mask):
-        """Return the mask's change across columns relative to its change along them."""
+        """Return the mask's total change along rows divided by its total change along columns."""
         return np.abs(np.diff(mask, axis=1)).sum() / np.abs(np.diff(mask, axis=0)).sum()
 
     camera = CameraModel(640, 360, 90.0, (0.0, 0.0, 0.0))
@@ -225,13 +228,13 @@ def test_streaks_are_vertical_when_hovering_and_slant_in_flight():
     assert sideways < 0.7
 
 
-def test_a_longer_shutter_hides_as_much_light_and_a_heavier_rain_more():
+def test_streak_cover_is_independent_of_exposure_and_grows_with_rain_rate():
     short, long = mask_of(np.inf, shutter=0.004).sum(), mask_of(np.inf, shutter=0.016).sum()
     assert long == pytest.approx(short, rel=0.1)  # the same drops, spread out
     assert mask_of(np.inf, rate=60.0).sum() > 1.8 * mask_of(np.inf, rate=10.0).sum()
 
 
-def test_rain_takes_contrast_away():
+def test_rain_changes_the_picture_without_adding_contrast():
     dry, wet = (picture(BOARD, optics)[:, :, 1].astype(float) for optics in (Optics(), Optics(rain=Rain(50.0))))
     near = np.s_[60:]  # below the horizon, where there are no clouds
     assert wet[near].std() <= dry[near].std() + 1.0

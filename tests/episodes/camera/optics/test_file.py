@@ -1,4 +1,4 @@
-"""Camera options from TOML: the flight uses the file's options, and an invalid file gives one sentence."""
+"""Camera options from TOML: the file sets the options, and an invalid file gives an error of one sentence."""
 
 import json
 import re
@@ -40,7 +40,7 @@ WANTED = Optics(
 )
 
 
-def test_a_file_says_what_is_flown_and_json_keeps_it(tmp_path):
+def test_a_file_sets_the_options_and_json_preserves_them(tmp_path):
     file = tmp_path / "optics.toml"
     file.write_text(ALL)
     optics = load(file)
@@ -48,13 +48,13 @@ def test_a_file_says_what_is_flown_and_json_keeps_it(tmp_path):
     assert optics_of(json.loads(json.dumps(optics.as_dict())), "run.json") == optics
 
 
-def test_an_empty_file_switches_nothing_on(tmp_path):
+def test_an_empty_file_enables_no_effect(tmp_path):
     file = tmp_path / "optics.toml"
     file.write_text("")
     assert load(file) == Optics()
 
 
-def test_a_broken_file_is_refused_in_one_sentence(tmp_path):
+def test_an_invalid_file_is_rejected_in_one_sentence(tmp_path):
     for text, part in (
         ("[lens", "optics.toml"),
         ("[lenz]\nk1 = 0", "'lens'"),
@@ -81,7 +81,7 @@ def test_a_broken_file_is_refused_in_one_sentence(tmp_path):
         assert "optics.toml" in str(refused.value), text
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path):
+def test_the_error_names_a_missing_file(tmp_path):
     with pytest.raises(UsageError, match=r"none\.toml"):
         load(tmp_path / "none.toml")
 
@@ -97,7 +97,7 @@ NAMES = st.sampled_from(["sensor", "exposure", "haze", "rain", "lens", "seed"]) 
 
 
 @given(st.dictionaries(NAMES, SECTION | VALUE, max_size=4))
-def test_any_table_gives_options_or_a_sentence(table):
+def test_any_table_gives_options_or_a_usage_error(table):
     try:
         optics = optics_of(table, "here")
     except UsageError:

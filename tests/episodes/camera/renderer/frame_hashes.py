@@ -1,8 +1,8 @@
-"""Views of the shipped maps from a handful of poses, as one SHA-256 per frame.
+"""SHA-256 hashes of frames of the shipped maps, from four poses each.
+
+After an intended change of the pictures, record the hashes again:
 
     python -m tests.episodes.camera.renderer.frame_hashes
-
-records them anew, after a change that is meant to change pictures.
 """
 
 import hashlib
@@ -18,12 +18,12 @@ from foundation.frames import quat_from_euler
 FILE = Path(__file__).with_suffix(".json")
 MAPS = ("residential", "campus", "blocks")
 CAMERA = CameraModel(640, 360)
-# m above the ground at the spawn, degrees of pitch and of yaw against the spawn's
+# height above the spawn (m), pitch (degrees), yaw relative to the spawn's (degrees)
 VIEWS = ((2.0, 0.0, 0.0), (2.0, 0.0, 135.0), (8.0, -20.0, 250.0), (30.0, -70.0, 60.0))
 
 
 def frame_hashes(name: str, threads: int) -> list[str]:
-    """Return the digest of picture, depth and ids of every view of the map `name`."""
+    """Return a digest of picture, depth and ids for each view of the map `name`."""
     scene = maps.build(name)
     n, e, d = scene.spawn_ned
     renderer = Renderer(scene, CAMERA, threads)

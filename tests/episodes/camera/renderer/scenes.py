@@ -15,7 +15,7 @@ EASTERN = Sun(toward_ned=(0.0, math.sqrt(0.5), -math.sqrt(0.5)))
 
 
 def mesh_of(vertices, triangles, material=GREY, uv=None):
-    """Return an unwelded mesh with flat normals."""
+    """Return a mesh with flat normals. Triangles do not share vertices."""
     corners = np.asarray(vertices, np.float32)[np.asarray(triangles)]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
@@ -32,7 +32,7 @@ def mesh_of(vertices, triangles, material=GREY, uv=None):
 
 
 def box_mesh(length, width, height, material=GREY):
-    """Return a closed box (m) that stands on its origin, corners counter-clockwise seen from outside."""
+    """Return a closed box (sizes in m) that stands on its origin. Its triangles are counter-clockwise from outside."""
     x, y = 0.5 * length, 0.5 * width
     v = [(sx * x, sy * y, z) for z in (0.0, -height) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     sides = [(0, 1, 2, 3), (7, 6, 5, 4), (4, 5, 1, 0), (5, 6, 2, 1), (6, 7, 3, 2), (7, 4, 0, 3)]
@@ -41,12 +41,12 @@ def box_mesh(length, width, height, material=GREY):
 
 
 def quad_mesh(corners, material=GREY):
-    """Return the quadrilateral of the corners top-left, top-right, bottom-right, bottom-left of its picture."""
+    """Return a quadrilateral. `corners` are the top-left, top-right, bottom-right and bottom-left of its texture."""
     return mesh_of(corners, [(0, 2, 1), (0, 3, 2)], material, uv=[(0, 0), (1, 0), (1, 1), (0, 1)])
 
 
 def ground_mesh(half=500.0, material=GREY):
-    """Return a level square of two triangles, facing up."""
+    """Return a level square of two triangles that faces up. `half` is half its side, in m."""
     return quad_mesh([(half, -half, 0), (half, half, 0), (-half, half, 0), (-half, -half, 0)], material)
 
 
@@ -64,7 +64,7 @@ def looking(position, yaw_deg=0.0, pitch_deg=0.0, roll_deg=0.0):
 
 
 def random_boxes(seed, count=60):
-    """Return ground and boxes of random size, place and yaw within 60 m."""
+    """Return a scene of ground and boxes with random size, yaw and position, up to 60 m north and east."""
     rng = np.random.default_rng(seed)
     things = [instance(1, ground_mesh(), (0.0, 0.0, 0.0), "ground")]
     for k in range(count):

@@ -1,4 +1,4 @@
-"""Cut-out surfaces: the picture, the shadows, rays and obstacles agree on the holes."""
+"""Cut-out surfaces: picture, shadows, rays and obstacles have the same holes."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from tests.episodes.camera.renderer.scenes import (
 from tests.episodes.camera.renderer.test_geometry import pixel_rays
 
 CAMERA = CameraModel(width=160, height=90)
-LEFT = np.array([[True, False]])  # the left half is there
+LEFT = np.array([[True, False]])  # only the left half is solid
 UPRIGHT = [(0.0, -2.0, -4.0), (0.0, 2.0, -4.0), (0.0, 2.0, 0.0), (0.0, -2.0, 0.0)]  # seen from the south
 WHITE = np.full((1, 2, 3), 255, np.uint8)
 
@@ -31,7 +31,7 @@ def board(there=LEFT, foliage=False, corners=UPRIGHT):
 
 
 def leafy(seed):
-    """Return ground, boxes and boards with random holes and repeats of their texture, turned every way."""
+    """Return a scene of ground, boxes and boards with random holes, texture repeats and yaw."""
     rng = np.random.default_rng(seed)
     things = [instance(1, ground_mesh(), (0.0, 0.0, 0.0), "ground")]
     for k in range(60):
@@ -43,7 +43,7 @@ def leafy(seed):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_depth_and_ids_are_those_of_rays_through_the_holes(seed):
+def test_depth_and_ids_match_rays_through_the_holes(seed):
     scene = leafy(seed)
     renderer = Renderer(scene, CAMERA, shadow_cells=64)
     rays_through = RayScene.of_instances(scene.instances)
@@ -61,7 +61,7 @@ def test_depth_and_ids_are_those_of_rays_through_the_holes(seed):
         np.testing.assert_allclose(hits.distance[both] + 0.05, view.depth.ravel()[both], rtol=1e-3)
 
 
-def test_a_hole_shows_what_is_behind_it():
+def test_the_wall_behind_a_hole_is_visible():
     wall = instance(2, box_mesh(1.0, 40.0, 40.0), (10.5, 0.0, 10.0))
     view = Renderer(scene_of([instance(1, board(), (0.0, 0.0, 0.0)), wall]), CAMERA, shadow_cells=64).render(
         looking((-5.0, 0.0, -2.0))
@@ -77,11 +77,11 @@ def test_the_sun_shines_through_holes():
     things = [instance(1, ground_mesh(20.0), (0.0, 0.0, 0.0), "ground"), instance(2, board(corners=level), (0, 0, 0))]
     renderer = Renderer(scene_of(things), CAMERA, shadow_cells=256)
     rgb = renderer.render(looking((-8.0, 0.0, -1.0))).rgb.astype(int).sum(axis=2)
-    row = 45 + 80 // 8  # of the ground below the board's middle
+    row = 45 + 80 // 8  # the row of the ground below the board's middle
     assert rgb[row, 70] < 0.7 * rgb[row, 90]
 
 
-def test_rays_pass_through_holes_and_are_stopped_by_what_is_there():
+def test_rays_pass_through_holes_and_stop_at_solid_parts():
     solids = Solids([instance(1, board(), (0.0, 0.0, 0.0))])
     behind = np.array([(3.0, -1.0, -2.0), (3.0, 1.0, -2.0)])
     assert solids.hidden((-3.0, -1.0, -2.0), behind[:1]).tolist() == [True]
@@ -99,8 +99,8 @@ def test_only_foliage_does_not_stop_a_vehicle():
     assert Solids([crown, trunk]).clearance_m((-1.0, 0.0, -0.5)) == pytest.approx(9.5)
 
 
-def test_foliage_is_lit_alike_from_both_sides():
-    """By its normals, from either side."""
+def test_only_foliage_has_the_same_light_on_both_sides():
+    """Foliage uses its mesh normals on both sides."""
     lit = []
     for foliage in (False, True):
         mesh = board(np.array([[True, True]]), foliage)

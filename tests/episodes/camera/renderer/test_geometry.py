@@ -1,4 +1,4 @@
-"""Depth and ids equal those of a ray through the middle of each pixel."""
+"""Depth and ids of each pixel equal those of a ray through its middle."""
 
 import math
 
@@ -26,7 +26,7 @@ def dots():
 
 
 def pixel_rays(camera, pose):
-    """Return the (H, W, 3) NED directions of the pixels, one metre along the optical axis."""
+    """Return the pixels' ray directions in NED, (H, W, 3), scaled to 1 m along the optical axis."""
     x = (np.arange(camera.width) + 0.5 - camera.width / 2) / camera.focal_px
     y = (np.arange(camera.height) + 0.5 - camera.height / 2) / camera.focal_px
     axes = np.array([rotate(pose.attitude, axis) for axis in ((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0))])
@@ -38,7 +38,7 @@ def pixel_rays(camera, pose):
 @pytest.mark.parametrize(
     "pose", [looking((0, 0, -3.0)), looking((5, 2, -30.0), 40, -35, 20), looking((0, 0, -0.2), 90)]
 )
-def test_depth_of_level_ground_is_the_analytic_one(pose):
+def test_depth_of_level_ground_is_analytic(pose):
     view = Renderer(scene_of([instance(1, ground_mesh(), (0, 0, 0), "ground")]), CAMERA, shadow_cells=64).render(pose)
     rays = pixel_rays(CAMERA, pose)
     with np.errstate(divide="ignore"):
@@ -51,8 +51,8 @@ def test_depth_of_level_ground_is_the_analytic_one(pose):
     np.testing.assert_allclose(view.depth[hit], distance[hit], rtol=1e-5)
 
 
-def test_ground_below_and_behind_survives_the_near_plane():
-    """Corners behind the camera, and a plane that crosses the near distance."""
+def test_ground_below_the_camera_is_clipped_at_the_near_plane():
+    """The ground has corners behind the camera and crosses the near plane (0.05 m)."""
     renderer = Renderer(scene_of([instance(1, ground_mesh(), (0, 0, 0), "ground")]), CAMERA, shadow_cells=64)
     for height in (0.01, 0.06, 0.5):
         view = renderer.render(looking((0, 0, -height), 10.0))
@@ -79,7 +79,7 @@ def test_depth_is_planar_not_radial():
     down=st.floats(-0.5, 0.5),
 )
 def test_a_point_lands_on_the_predicted_pixel(dots, yaw, pitch, roll, forward, right, down):
-    """The inverse of the paper's back-projection: p = centre + f · offset / depth."""
+    """Inverts the paper's back-projection: p = centre + f · offset / depth."""
     pose = looking((3.0, -4.0, -20.0), yaw, pitch, roll)
     offset = rotate(pose.attitude, (forward, right * forward, down * forward))
     center = tuple(p + o for p, o in zip(pose.position_ned, offset, strict=True))
@@ -88,7 +88,7 @@ def test_a_point_lands_on_the_predicted_pixel(dots, yaw, pitch, roll, forward, r
     rows, columns = np.nonzero(view.ids == 1)
     u = CAMERA.width / 2 + CAMERA.focal_px * right
     v = CAMERA.height / 2 + CAMERA.focal_px * down
-    half = 0.0867  # m, from the cube's middle to a corner; nearer corners off the axis appear farther out
+    half = 0.0867  # m, from the cube's middle to a corner; off the axis, nearer corners appear farther out
     reach = half * (1.0 + max(abs(right), abs(down))) / (forward - half) * CAMERA.focal_px + 1.0
     if 0.1 / forward * CAMERA.focal_px > 1.5 and reach < v < CAMERA.height - reach:
         assert len(rows)
@@ -97,7 +97,7 @@ def test_a_point_lands_on_the_predicted_pixel(dots, yaw, pitch, roll, forward, r
 
 
 def embree(scene):
-    """Return an Embree scene of the same triangles and the id of each."""
+    """Return an Embree scene of the same triangles, and the instance id of each triangle."""
     corners, ids = [], []
     for thing in scene.instances:
         c, s = math.cos(thing.yaw), math.sin(thing.yaw)
@@ -111,7 +111,7 @@ def embree(scene):
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_agrees_with_rays_traced_by_embree(seed):
+def test_depth_and_ids_agree_with_embree_rays(seed):
     scene = random_boxes(seed)
     camera = CameraModel(width=320, height=180)
     renderer = Renderer(scene, camera, shadow_cells=64)
@@ -133,18 +133,18 @@ def test_agrees_with_rays_traced_by_embree(seed):
         assert (error < 1e-3 * np.maximum(1.0, view.depth.ravel()[both])).mean() > 0.9999
 
 
-def test_more_samples_change_neither_depth_nor_ids():
+def test_sample_count_changes_neither_depth_nor_ids():
     scene, pose = random_boxes(3), looking((-40, 5, -4), 10, -5, 3)
     coarse, fine = (Renderer(scene, CAMERA, shadow_cells=64, grain=grain).render(pose) for grain in (2, 4))
     np.testing.assert_array_equal(fine.ids, coarse.ids)
     np.testing.assert_allclose(fine.depth, coarse.depth, rtol=1e-5)
 
 
-def test_a_closed_box_has_walls_for_an_eye_within():
-    """Backs of closed surfaces are omitted only if they cannot be seen."""
+def test_a_camera_inside_a_closed_box_sees_its_walls():
+    """Back faces of closed surfaces are omitted only if they are not visible."""
     room = instance(1, box_mesh(10.0, 8.0, 6.0), (0.0, 0.0, 0.0), movable=True)
     renderer = Renderer(scene_of([room]), CAMERA, shadow_cells=64)
-    for north, distance in ((0.0, 5.0), (-4.99, 9.99), (-5.02, 10.02)):  # the last one: the near plane cuts the wall
+    for north, distance in ((0.0, 5.0), (-4.99, 9.99), (-5.02, 10.02)):  # in the last case the near plane cuts the wall
         view = renderer.render(looking((north, 0.0, -3.0)))
         assert (view.ids == 1).all()
         assert view.depth[45, 80] == pytest.approx(distance, abs=1e-3)
@@ -154,7 +154,7 @@ def test_a_closed_box_has_walls_for_an_eye_within():
     assert outside.depth[45, 80] == pytest.approx(15.0, abs=1e-3)
 
 
-def test_the_camera_sits_ahead_of_and_below_the_body():
+def test_the_camera_is_ahead_of_and_below_the_body():
     attitude = quat_from_euler(0.1, -0.2, 2.0)
     pose = camera_pose((1.0, 2.0, -3.0), attitude, CameraModel())
     north, east, down = pose.position_ned

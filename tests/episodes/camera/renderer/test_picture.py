@@ -1,4 +1,4 @@
-"""The picture: light, shadow, textures and moving things, and the same picture every time."""
+"""The rendered picture: light, shadow, textures, moving objects, and identical bytes each time."""
 
 import dataclasses
 import hashlib
@@ -53,14 +53,14 @@ def post():
 
 
 def ground_at(view, height, north, east):
-    """Return the brightness of the ground at a place, seen by `from_above(height)`."""
+    """Return the brightness of the ground at (north, east) in a view from `from_above(height)`."""
     x = CAMERA.width / 2 + CAMERA.focal_px * east / height
     y = CAMERA.height / 2 - CAMERA.focal_px * north / height
     assert view.ids[int(y), int(x)] == 1
     return float(view.rgb[int(y), int(x)].mean())
 
 
-def test_shadow_falls_away_from_the_sun_and_nowhere_else(post):
+def test_only_the_side_away_from_the_sun_is_in_shadow(post):
     view = post.render(from_above(20.0))
     lit = ground_at(view, 20.0, 8.0, -8.0)
     for east in (-2.0, -3.0, -4.0):
@@ -69,8 +69,8 @@ def test_shadow_falls_away_from_the_sun_and_nowhere_else(post):
         assert ground_at(view, 20.0, north, east) == pytest.approx(lit, abs=4.0)
 
 
-def test_shadow_begins_at_the_foot(post):
-    """No visible gap between a thing and its shadow (a few cells of the map)."""
+def test_the_shadow_begins_at_the_foot_of_the_object(post):
+    """There is no visible gap between an object and its shadow (a few cells of the shadow map)."""
     view = post.render(from_above(12.0))
     assert ground_at(view, 12.0, 0.0, -2.2) < 0.75 * ground_at(view, 12.0, 4.0, -4.0)
     low = post.render(looking((0.0, -6.0, -1.0), 90.0, -10.0))
@@ -79,7 +79,7 @@ def test_shadow_begins_at_the_foot(post):
 
 
 def test_lit_planes_do_not_shade_themselves(post):
-    """Acne would spread the brightness on ground and walls in full sun."""
+    """Shadow acne would increase the spread of the brightness on sunlit ground and walls."""
     view = post.render(looking((8.0, 8.0, -3.0), 20.0, -25.0))
     ground = view.rgb[(view.ids == 1) & (view.depth < 6.0)].mean(axis=1)
     assert ground.size > 500
@@ -90,7 +90,7 @@ def test_lit_planes_do_not_shade_themselves(post):
     assert np.percentile(face, 95) - np.percentile(face, 15) < 6.0
 
 
-def test_a_moved_thing_moves_with_its_shadow_and_comes_back(post):
+def test_a_moved_object_moves_its_shadow_and_returns_exactly(post):
     home = post.render(from_above(20.0))
     away = post.render(from_above(20.0), {2: ((5.0, 0.0, 0.0), 0.3)})
     assert away.ids[CAMERA.height // 2, CAMERA.width // 2] == 1
@@ -99,23 +99,23 @@ def test_a_moved_thing_moves_with_its_shadow_and_comes_back(post):
     assert digest(post.render(from_above(20.0))) == digest(home)
 
 
-def test_a_moved_thing_may_be_tilted_or_not_be_there(post):
+def test_a_movable_object_can_be_tilted_or_absent(post):
     place = (3.0, -2.0, -1.0)
     yawed = post.render(from_above(20.0), {2: (place, 0.7)})
     level = post.render(from_above(20.0), {2: (place, quat_from_euler(0.0, 0.0, 0.7))})
     assert (yawed.ids != level.ids).mean() < 1e-4
     rolled = post.render(from_above(20.0), {2: (place, quat_from_euler(np.pi / 2, 0.0, 0.0))})
-    rows, columns = np.nonzero(rolled.ids == 2)  # its right is now down, so its top points to the right
+    rows, columns = np.nonzero(rolled.ids == 2)  # its right side is down, so its top points to the right
     assert np.ptp(columns) > 3.0 * np.ptp(rows)
     assert columns.mean() > CAMERA.width / 2 + CAMERA.focal_px * -2.0 / 19.0
     assert (post.render(from_above(20.0)).ids == 2).any()
     gone = post.render(from_above(20.0), {2: None})
     assert not (gone.ids == 2).any()
     lit = ground_at(gone, 20.0, 8.0, -8.0)
-    assert ground_at(gone, 20.0, 0.0, -3.0) == pytest.approx(lit, abs=4.0)  # nor its shadow
+    assert ground_at(gone, 20.0, 0.0, -3.0) == pytest.approx(lit, abs=4.0)  # its shadow is absent too
 
 
-def test_only_movable_things_can_be_moved(post):
+def test_only_movable_objects_can_be_moved(post):
     with pytest.raises(UsageError, match="3"):
         post.render(from_above(20.0), {3: ((0.0, 0.0, 0.0), 0.0)})
 
@@ -127,7 +127,7 @@ def test_faces_towards_the_sun_are_brighter():
     assert east > 1.5 * west
 
 
-def test_both_sides_of_a_triangle_are_drawn_and_lit_alike():
+def test_both_sides_of_a_triangle_have_the_same_light():
     corners = [(0.0, -1.0, -1.0), (0.0, 1.0, -1.0), (0.0, 1.0, 1.0), (0.0, -1.0, 1.0)]
     shown = []
     for order in (corners, corners[::-1]):
@@ -141,14 +141,14 @@ def test_both_sides_of_a_triangle_are_drawn_and_lit_alike():
 
 
 def quarters():
-    """Return a picture whose quarters are red, green (top), blue, white (bottom)."""
+    """Return a picture whose quarters are red and green (top), and blue and white (bottom)."""
     picture = np.zeros((64, 64, 3), np.uint8)
     picture[:32, :32], picture[:32, 32:], picture[32:, :32], picture[32:, 32:] = RED, GREEN, BLUE, WHITE
     return picture
 
 
-def test_a_texture_stands_upright_and_is_not_mirrored():
-    """uv (0, 0) is the top-left corner of the picture, as seen from in front."""
+def test_a_texture_is_upright_and_not_mirrored():
+    """uv (0, 0) is the top-left corner of the texture, seen from the front."""
     material = Material("sign", (1.0, 1.0, 1.0), quarters())
     sign = quad_mesh([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], material)
     view = Renderer(scene_of([instance(1, sign, (2.0, 0, 0))]), CAMERA, shadow_cells=64).render(looking((0, 0, 0)))
@@ -157,8 +157,8 @@ def test_a_texture_stands_upright_and_is_not_mirrored():
     assert np.ptp(colors[3]) < 60
 
 
-def test_texture_coordinates_are_correct_in_perspective():
-    """On a floor with a boundary every metre, the boundaries are at their analytic places."""
+def test_texture_coordinates_are_perspective_correct():
+    """A striped floor has a boundary every metre. The drawn boundaries are at their analytic positions."""
     stripes = np.zeros((64, 64, 3), np.uint8)
     stripes[:32] = 255
     uv = [(0.0, 0.0), (1.0, 0.0), (1.0, 20.0), (0.0, 20.0)]  # two metres per repeat, counted from 40 m towards 0 m
@@ -182,8 +182,8 @@ def test_texture_coordinates_are_correct_in_perspective():
     assert (column[seen & white].min()) > column[seen & ~white].max() + 50
 
 
-def test_a_fine_texture_far_away_becomes_its_mean():
-    """A checkerboard finer than the pixels must turn grey, without a pattern of its own."""
+def test_a_fine_distant_texture_becomes_its_mean():
+    """A checkerboard finer than the pixels becomes grey, without a moiré pattern."""
     checks = np.where(np.indices((64, 64)).sum(axis=0) % 2, 255, 0).astype(np.uint8)
     material = Material("checks", (1.0, 1.0, 1.0), np.repeat(checks[..., None], 3, axis=2))
     wall = mesh_of(
@@ -198,7 +198,7 @@ def test_a_fine_texture_far_away_becomes_its_mean():
     assert view.rgb[:55].std(axis=(0, 1)).max() < 6.0  # above the foot of the wall, which is darker
 
 
-def test_lettering_of_a_tenth_of_a_metre_is_read_at_eight_metres():
+def test_letters_of_10_cm_keep_their_contrast_at_8_m():
     """Bars 2 cm wide with 2 cm between them (strokes of 0.1 m letters) keep their contrast at 1280 px."""
     bars = np.zeros((8, 160, 3), np.uint8)
     bars[:, (np.arange(160) // 8) % 2 == 0] = 255
@@ -214,7 +214,7 @@ def test_lettering_of_a_tenth_of_a_metre_is_read_at_eight_metres():
     assert ((np.diff(np.sign(row - row.mean())) != 0).sum()) >= 12
 
 
-def test_edges_are_smoothed():
+def test_edges_are_antialiased():
     view = Renderer(scene_of([instance(1, box_mesh(1, 4, 4), (8.0, 0, 2.0))]), CAMERA, shadow_cells=64).render(
         looking((0, 0, 0), roll_deg=10.0)
     )
@@ -222,7 +222,7 @@ def test_edges_are_smoothed():
     assert len(levels) > 12
 
 
-def test_a_picture_with_more_samples_is_the_larger_one_reduced():
+def test_more_samples_are_closer_to_a_downscaled_large_picture():
     scene = maps.build("blocks")
     n, e, d = scene.spawn_ned
     pose = looking((n, e, d - 3.0), 40.0, -5.0)
@@ -258,7 +258,7 @@ def test_the_same_pose_gives_the_same_bytes_from_any_thread():
     renderer.close()
 
 
-def test_looking_at_nothing_but_sky():
+def test_an_empty_scene_shows_only_blue_sky():
     clear = dataclasses.replace(OVERHEAD, clouds=0.0)
     view = Renderer(scene_of([], clear), CAMERA, shadow_cells=64).render(looking((0, 0, -5.0)))
     assert not view.ids.any()
@@ -266,8 +266,8 @@ def test_looking_at_nothing_but_sky():
     assert view.rgb[0].astype(int)[:, 2].min() > view.rgb[0].astype(int)[:, 0].max()  # blue
 
 
-def test_clouds_hide_their_share_of_the_sky():
-    """A cloudy place in the sky is less blue than in a clear sky."""
+def test_more_clouds_hide_more_of_the_sky():
+    """A pixel of the sky counts as hidden if it is less blue than in a clear sky."""
 
     def blue(clouds):
         sun = dataclasses.replace(OVERHEAD, toward_ned=(0.8, 0.0, -0.6), clouds=clouds)
@@ -282,8 +282,8 @@ def test_clouds_hide_their_share_of_the_sky():
     assert blue(1.0).max() < 0.5 * clear.min()
 
 
-def test_sky_and_haze_meet_at_the_horizon():
-    """Ground at the end of the world has the colour of the sky above it, in each direction."""
+def test_sky_and_ground_have_the_same_colour_at_the_horizon():
+    """The most distant ground has the colour of the sky directly above it, in each direction."""
     sun = dataclasses.replace(OVERHEAD, toward_ned=(0.6, 0.0, -0.8))
     level = instance(1, ground_mesh(60000.0), (0, 0, 0), "ground")
     renderer = Renderer(scene_of([level], sun), CameraModel(width=64, height=240, hfov_deg=4.0), shadow_cells=64)
@@ -295,8 +295,8 @@ def test_sky_and_haze_meet_at_the_horizon():
         assert np.abs(sky - ground).max() <= 16
 
 
-def test_a_thing_on_the_ground_darkens_it_under_and_around_itself():
-    """In overcast light nothing throws a shadow, but a thing must not seem to float."""
+def test_an_object_on_the_ground_darkens_the_ground_around_it():
+    """In overcast light no object casts a shadow. The dark ground keeps it from looking as if it floats."""
     grey = dataclasses.replace(EASTERN, strength=0.0, clouds=1.0)
     things = [
         instance(1, ground_mesh(40.0), (0, 0, 0), "ground"),
@@ -307,7 +307,7 @@ def test_a_thing_on_the_ground_darkens_it_under_and_around_itself():
     view = renderer.render(from_above(20.0))
     far = ground_at(view, 20.0, 8.0, -8.0)
     assert ground_at(view, 20.0, 1.25, 0.0) < 0.9 * far
-    assert ground_at(view, 20.0, 12.7, 15.0) < 0.9 * far  # of static things
+    assert ground_at(view, 20.0, 12.7, 15.0) < 0.9 * far  # beside a static object
     away = renderer.render(from_above(20.0), {2: ((6.0, 0.0, 0.0), 0.3)})
     assert ground_at(away, 20.0, 0.0, 0.0) == pytest.approx(far, abs=4.0)
     flying = renderer.render(from_above(20.0), {2: ((0.0, 0.0, -3.0), 0.3)})
@@ -315,7 +315,7 @@ def test_a_thing_on_the_ground_darkens_it_under_and_around_itself():
     assert digest(renderer.render(from_above(20.0))) == digest(view)
 
 
-def test_a_roof_below_the_open_sky_is_as_bright_as_open_ground():
+def test_a_roof_is_as_bright_as_open_ground():
     hall = instance(2, box_mesh(8.0, 10.0, 12.0), (0.0, 0.0, 0.0))
     renderer = Renderer(scene_of([instance(1, ground_mesh(60.0), (0, 0, 0), "ground"), hall]), CAMERA)
     view = renderer.render(from_above(40.0))
@@ -324,7 +324,7 @@ def test_a_roof_below_the_open_sky_is_as_bright_as_open_ground():
     assert np.percentile(roof, 5) == pytest.approx(ground_at(view, 40.0, 20.0, 20.0), rel=0.02)
 
 
-def test_the_far_side_of_a_cage_is_seen_through_its_holes():
+def test_the_far_side_of_a_cage_is_visible_through_its_holes():
     holes = np.zeros((8, 8), np.bool_)
     holes[:, :2] = True
     bars = Material("bars", (0.5, 0.0, 0.0), np.full((8, 8, 3), 255, np.uint8), cutout=holes)
@@ -342,8 +342,8 @@ def test_the_far_side_of_a_cage_is_seen_through_its_holes():
     assert shares[0] > 0.1
 
 
-def test_a_pane_shows_what_is_before_it():
-    """At a grazing angle glass mirrors the sky, and the ground if it leans forward."""
+def test_a_glass_pane_reflects_the_sky():
+    """Glass reflects the sky if it leans back, and the ground if it leans forward."""
     glass = Material("glass", (0.02, 0.02, 0.02), specular=1.0)
     pane = quad_mesh([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], glass)
     clear = dataclasses.replace(EASTERN, clouds=0.0)
@@ -358,7 +358,7 @@ def test_a_pane_shows_what_is_before_it():
     assert max(shown, key=lambda c: c[2])[2] > max(shown, key=lambda c: c[2])[0]
 
 
-def test_the_sun_stands_where_the_scene_says():
+def test_the_sun_is_in_the_direction_that_the_scene_sets():
     up = Renderer(scene_of([], OVERHEAD), CAMERA, shadow_cells=64).render(looking((0, 0, 0), pitch_deg=80.0))
     bright = np.argwhere(up.rgb.sum(axis=2) == up.rgb.sum(axis=2).max()).mean(axis=0)
     expected = CAMERA.height / 2 - CAMERA.focal_px * np.tan(np.radians(10.0))
@@ -366,19 +366,19 @@ def test_the_sun_stands_where_the_scene_says():
     assert bright[1] == pytest.approx(CAMERA.width / 2, abs=1.5)
 
 
-def test_a_texture_of_the_wrong_kind_is_refused():
+def test_a_texture_of_the_wrong_shape_is_rejected():
     with pytest.raises(UsageError, match="texture 0"):
         build_atlas([np.zeros((4, 4), np.uint8)])
 
 
-def test_a_mesh_with_a_corner_at_infinity_is_refused():
+def test_a_mesh_with_infinite_texture_coordinates_is_rejected():
     uv = [(0, 0), (1, 0), (float("inf"), 1)]
     mesh = mesh_of([(0, -1, -1), (0, 1, -1), (0, 1, 1)], [(0, 1, 2)], uv=uv)
     with pytest.raises(UsageError, match="finite"):
         Renderer(scene_of([instance(1, mesh, (0, 0, 0))]), CAMERA, shadow_cells=64)
 
 
-def test_the_picture_alone_is_that_of_the_view():
+def test_picture_equals_the_rgb_of_render():
     renderer = Renderer(random_boxes(8), CAMERA, shadow_cells=512)
     for pose in (looking((0, 0, -2.0)), looking((-6.0, 3.0, -4.0), pitch_deg=-20.0)):
         assert (renderer.picture(pose) == renderer.render(pose).rgb).all()

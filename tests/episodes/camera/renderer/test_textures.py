@@ -1,4 +1,4 @@
-"""Texels without weight need no read: the colour equals that of all reads in the footprint."""
+"""`texture_color` skips texels without weight. Its colour equals that of a computation which reads every texel."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ ATLAS = build_atlas([np.random.default_rng(5).integers(0, 256, (48, 96, 3), dtyp
 
 
 def every_read(places, level, mix, doublings, step_u, step_v):
-    """Return the mean colour of places (u, v) with every read made, also those without weight."""
+    """Return the mean colour at `places` (u, v) from all reads, including those without weight."""
 
     def read(of, at_u, at_v, weight):
         first, w, h = ATLAS.levels[of]
@@ -34,7 +34,7 @@ def every_read(places, level, mix, doublings, step_u, step_v):
     )
 
 
-def test_a_colour_is_that_of_every_read():
+def test_texture_color_equals_the_colour_of_all_reads():
     for mix in (0, 1, 3, 700, WEIGHT - 1):
         for doublings in (0, 1, 2, 3):
             draw = np.random.default_rng((doublings, mix))

@@ -1,4 +1,4 @@
-"""The targets' meshes: within budget, facing outwards, on the ground, in their paint; letters of an exact height."""
+"""The targets' meshes: triangle budget, outward faces, position on the ground, paint, and exact letter height."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ from foundation.terrain import FLAT
 
 LETTERS_M = {"sign": 0.136}  # paper, appendix "Maps and Episodes"
 PLATE_M = 0.10
-# length, width, height in metres: plausible sizes of such things
+# ranges of length, width and height in metres: plausible real sizes
 SIZES = {
     "bus": ((9.5, 12.0), (2.3, 2.7), (2.8, 3.4)),
     "cyclist": ((1.6, 1.9), (0.5, 0.8), (1.6, 1.9)),
@@ -36,23 +36,23 @@ def triangles(mesh: Mesh) -> np.ndarray:
     return mesh.vertices[mesh.triangles].astype(np.float64)
 
 
-def test_an_asset_is_sound() -> None:
+def test_each_asset_is_sound() -> None:
     for name in assets.names():
         mesh = assets.build(name, "green", "AB 123")
         assert len(mesh.triangles) <= 15_000, name
         assert np.isfinite(mesh.vertices).all(), name
         assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-3), name
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-        assert high[2] == pytest.approx(0.0, abs=2e-3), name  # it stands on the ground …
-        assert np.abs(low + high)[:2].max() / 2 < 0.1, name  # … above its origin
+        assert high[2] == pytest.approx(0.0, abs=2e-3), name  # it stands on the ground
+        assert np.abs(low + high)[:2].max() / 2 < 0.1, name  # its middle is above its origin
         for extent, bounds in zip(high - low, SIZES.get(name, ()), strict=False):
             assert bounds[0] <= extent <= bounds[1], name
         assert mesh is assets.build(name, "green", "AB 123"), name
 
 
 @pytest.mark.parametrize("name", assets.names())
-def test_faces_look_outwards(name: str) -> None:
-    """From all around, almost no back face is visible: neither holes nor triangles turned inside out."""
+def test_faces_point_outwards(name: str) -> None:
+    """Almost no back face is visible from any side, so there are no holes and no inverted triangles."""
     mesh = assets.build(name, "red", "AB 123")
     points, _ = surface_samples(mesh, 4000)
     own = RayScene.of_mesh(mesh)
@@ -71,7 +71,7 @@ def test_faces_look_outwards(name: str) -> None:
     assert wrong < 0.01 * seen
 
 
-def test_an_asset_wears_its_paint() -> None:
+def test_assets_show_their_paint() -> None:
     for color in ("cyan", "black"):
         for name in assets.names():
             mesh = assets.build(name, color)
@@ -82,7 +82,7 @@ def test_an_asset_wears_its_paint() -> None:
             assert share > 0.15, name
 
 
-def test_every_paint_will_do_and_no_other() -> None:
+def test_every_listed_paint_is_accepted_and_others_are_rejected() -> None:
     for color in assets.PAINTS:
         assert f"paint-{color}" in {m.name for m in assets.build("quadrotor", color).materials}
     for name in assets.names():
@@ -98,7 +98,7 @@ def test_only_inscribed_assets_show_an_inscription() -> None:
 
 
 def test_letters_have_the_height_of_the_reading_probe() -> None:
-    """Measured in place: rows of ink in the texture times the height of one row on the mesh."""
+    """Measures the height on the mesh: the rows of ink in the texture times the height of one row."""
     for text in ("HEH 308", "88", "QB 0"):
         for name in sorted(assets.inscribed()):
             mesh = assets.build(name, "white", text)
@@ -113,7 +113,7 @@ def test_letters_have_the_height_of_the_reading_probe() -> None:
                     spread = np.ptp(mesh.uv[corners, 1])
                     grey = look.texture.astype(int).mean(axis=2)
                     ground = np.median(grey)
-                    inner = np.abs(grey[4:-4, 4:-4] - ground) > 60  # a plate's frame is no letter
+                    inner = np.abs(grey[4:-4, 4:-4] - ground) > 60  # without the frame of a plate
                     rows = np.flatnonzero(inner.any(axis=1))
                     high = (rows[-1] - rows[0] + 1) / look.texture.shape[0] / spread * rise
                     assert high == pytest.approx(wanted, rel=0.01), (name, text)
@@ -123,7 +123,7 @@ def test_letters_have_the_height_of_the_reading_probe() -> None:
 
 
 def test_a_sign_contrasts_with_its_letters_in_every_paint() -> None:
-    """Contrast ratio of relative luminances, as WCAG defines it; 3 is its least for large text."""
+    """Uses the contrast ratio of WCAG, from relative luminances. WCAG requires at least 3 for large text."""
     for color in assets.PAINTS:
         board, ink = (
             sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), materials.linear(srgb), strict=True))
@@ -132,7 +132,7 @@ def test_a_sign_contrasts_with_its_letters_in_every_paint() -> None:
         assert (max(board, ink) + 0.05) / (min(board, ink) + 0.05) >= 3.0, color
 
 
-def test_long_inscriptions_make_room_for_themselves() -> None:
+def test_long_inscriptions_wrap_and_widen_the_sign() -> None:
     short, long = (assets.build("sign", "white", t) for t in ("A 1", "NORTH GATE 17 WAREHOUSES"))
     wide = [np.ptp(m.vertices[:, 1]) for m in (short, long)]
     assert wide[0] == pytest.approx(1.26, abs=0.02)
@@ -142,7 +142,7 @@ def test_long_inscriptions_make_room_for_themselves() -> None:
 
 
 def seen(name: str, color: str, text: str, away: float) -> np.ndarray:
-    """Return the 640 px picture of an asset's inscription, from behind at `away` metres."""
+    """Return a grey 640 × 360 px picture of an asset's inscription, from `away` metres behind the asset."""
     mesh = assets.build(name, color, text)
     back = -float(mesh.vertices[:, 0].min()) if name != "sign" else 0.0
     one = Instance(1, name, name, mesh, (0.0, 0.0, 0.0))
@@ -157,7 +157,7 @@ def seen(name: str, color: str, text: str, away: float) -> np.ndarray:
 @pytest.mark.parametrize(("name", "color", "away"), [("sign", "blue", 8.0), ("sign", "yellow", 8.0),
                                                      ("sedan", "white", 6.0), ("bus", "black", 6.0)])  # fmt: skip
 def test_similar_characters_are_distinguished(name: str, color: str, away: float) -> None:
-    """If the paper's models still read them, a changed character changes the picture by much of its contrast."""
+    """At distances where the paper's models read, one other character changes pixels by over 12 % of the contrast."""
     texts = ("RB 8063", "RB 8083", "PB 8063", "RB 3063", "R8 8063", "RB 8068")
     pictures = [seen(name, color, text, away) for text in texts]
     contrast = max(np.ptp(p[150:230, 300:340]) for p in pictures)
@@ -165,14 +165,14 @@ def test_similar_characters_are_distinguished(name: str, color: str, away: float
         assert np.abs(a - b).max() > 0.12 * contrast
 
 
-def test_targets_from_sixteen_metres_fill_enough_of_the_picture() -> None:
-    """The paper accepts 0.40 … 12 % of the frame; people and cyclists are for nearer starts."""
+def test_targets_at_16_m_fill_an_accepted_share_of_the_picture() -> None:
+    """The paper accepts 0.40 … 12 % of the frame. People and cyclists are omitted: their starts are nearer."""
     for name in set(assets.names()) - {"cyclist", "pedestrian", "person", "sign"}:
         mesh = assets.build(name, "cyan")
         one = Instance(2, name, name, mesh, (0.0, 0.0, 0.0))
         renderer = Renderer(Scene("stage", (one,), FLAT, Sun((-0.5, 0.3, -0.81)), 47.0, 8.0, 400.0), CameraModel(),
                             shadow_cells=256)  # fmt: skip
-        turn, away = math.radians(50.0), 15.5  # the camera sits half a metre ahead of the body
+        turn, away = math.radians(50.0), 15.5  # the camera is 0.5 m ahead of the body
         eye = (away * math.cos(turn), away * math.sin(turn), -1.6)
         view = renderer.render(CameraPose(eye, quat_from_euler(0.0, 0.0, turn + math.pi)))
         renderer.close()

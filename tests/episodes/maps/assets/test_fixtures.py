@@ -1,4 +1,4 @@
-"""Fixtures of the campus: faces look outwards, feet reach the ground, sizes are realistic."""
+"""Objects of the campus: faces point outwards, feet reach the ground, sizes are realistic."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from foundation.errors import UsageError
 
 DRIVEN = {"delivery_robot": service_vehicles.delivery_robot, "service_cart": service_vehicles.service_cart}
 RAYS = 4000
-# kind → length along its forward axis, width, height (m), as sold
+# kind → length along its forward axis, width, height (m), as in products on the market
 SIZES = {
     "bench": (0.7, 2.6, 1.0),
     "bike-rack": (2.4, 4.5, 2.4),
@@ -54,18 +54,18 @@ def facing_share(mesh: Mesh, seed: int = 1) -> float:
     return float((np.einsum("ij,ij->i", normal, way[met]) < 0.0).mean())
 
 
-def test_fixtures() -> None:
+def test_fixtures_have_realistic_sizes_grounded_feet_and_outward_faces() -> None:
     for kind in sorted(assets.FIXTURES):
         mesh = assets.FIXTURES[kind]()
         size = np.ptp(mesh.vertices, axis=0)
         assert size == pytest.approx(np.array(SIZES[kind]), abs=0.12 + 0.02 * max(SIZES[kind])), kind
-        assert 0.0 <= mesh.vertices[:, 2].max() <= 0.45, kind  # feet a little below the ground
+        assert 0.0 <= mesh.vertices[:, 2].max() <= 0.45, kind  # feet end on the ground or a little below it
         assert facing_share(mesh.without_foliage()) > 0.97, kind
         assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-3), kind
 
 
 @pytest.mark.parametrize("name", sorted(DRIVEN))
-def test_driven_fixtures_stand_on_wheels_and_show_their_paint(name: str) -> None:
+def test_driven_fixtures_have_wheels_on_the_ground_and_show_their_paint(name: str) -> None:
     mesh, other = DRIVEN[name]("white"), DRIVEN[name]("orange")
     assert mesh.vertices[:, 2].max() == pytest.approx(0.0, abs=1e-6)  # wheels on the ground
     assert np.array_equal(mesh.vertices, other.vertices)
@@ -74,13 +74,13 @@ def test_driven_fixtures_stand_on_wheels_and_show_their_paint(name: str) -> None
     painted = np.array([m.name == "paint-white" for m in mesh.materials])[mesh.material]
     t = mesh.vertices[mesh.triangles].astype(np.float64)
     area = np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
-    assert area[painted].sum() > 0.3 * area.sum()  # enough to name its colour
+    assert area[painted].sum() > 0.3 * area.sum()  # enough to identify its colour
     with pytest.raises(UsageError, match="orange"):
         DRIVEN[name]("orang")
 
 
 @pytest.mark.parametrize("plan", [plan for plan, *_ in HALLS], ids=lambda plan: plan.name)
-def test_halls(plan: buildings.HallPlan) -> None:
+def test_halls_match_their_plan(plan: buildings.HallPlan) -> None:
     mesh = buildings.hall(plan)
     forward, back, side = buildings.reach(plan)
     assert mesh.vertices[:, 0].max() <= forward
@@ -93,8 +93,8 @@ def test_halls(plan: buildings.HallPlan) -> None:
 
 
 @pytest.mark.parametrize("plan", [plan for plan, *_ in HALLS], ids=lambda plan: plan.name)
-def test_nothing_stands_before_a_hall_s_doors(plan: buildings.HallPlan) -> None:
-    """From three metres before each door, the first thing hit is the door."""
+def test_nothing_blocks_the_doors_of_a_hall(plan: buildings.HallPlan) -> None:
+    """A ray from 3 m in front of a door hits the door first."""
     mesh = buildings.hall(plan)
     corners = mesh.vertices[mesh.triangles].astype(np.float32)
     scene = EmbreeScene()

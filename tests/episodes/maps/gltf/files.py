@@ -1,4 +1,4 @@
-"""glTF files built field by field, so each test can write files that no exporter would."""
+"""Builds glTF files field by field. Tests can write files that no exporter would write."""
 
 import json
 import struct
@@ -15,7 +15,7 @@ SQUARE = np.array([0, 1, 2, 0, 2, 3])
 
 
 class Glb:
-    """A file under construction. Tests change `doc` freely before `write`."""
+    """A GLB file under construction. Tests may change `doc` before they call `write`."""
 
     def __init__(self) -> None:
         self.binary = bytearray()
@@ -84,7 +84,7 @@ def container(text: bytes, binary: bytes = b"") -> bytes:
 
 
 def block(size: tuple[float, float, float], colour: tuple[int, int, int] = (150, 150, 150)) -> Any:
-    """Return a trimesh box (glTF axes) that stands on height 0, in one base colour, without vertex colours."""
+    """Return a trimesh box (glTF axes) that stands at height 0. It has one base colour and no vertex colours."""
     import trimesh
 
     made = trimesh.creation.box(size)

@@ -1,4 +1,4 @@
-"""Maps from files of other programs, with every way that their exporters write the same geometry."""
+"""Maps from files of other programs. Their exporters write the same geometry in several ways."""
 
 import base64
 import math
@@ -14,7 +14,7 @@ from episodes.world.visibility import Solids
 from foundation.errors import UsageError
 from tests.episodes.maps.gltf.files import LAWN, SQUARE, Glb, block
 
-FACES_UP = np.array([(0, 0, 1), (1, 0, 1), (0, 0, 0)], np.float32)  # a triangle of half a square metre, glTF axes
+FACES_UP = np.array([(0, 0, 1), (1, 0, 1), (0, 0, 0)], np.float32)  # a triangle of 0.5 m², glTF axes
 
 
 def picture(rgb, kind=".png", size=8, alpha=None) -> bytes:
@@ -43,7 +43,7 @@ def normals_outward(one) -> bool:
     return bool(volume > 0)
 
 
-def test_a_lawn_alone_is_a_map(tmp_path):
+def test_a_single_ground_mesh_is_a_map(tmp_path):
     scene = gltf.load(Glb().lawn().write(tmp_path / "a lawn.glb"), (0.0, 0.0))
     assert scene.name == "a-lawn"
     assert [one.kind for one in scene.instances] == ["ground"]
@@ -60,30 +60,30 @@ def test_minus_z_is_north_x_is_east_and_y_is_up(tmp_path):
     assert np.allclose(corners(mast)[0], [(6.0, 5.0, -2.0), (6.0, 6.0, -2.0), (7.0, 5.0, -2.0)])
 
 
-def test_indices_of_every_size(tmp_path):
+def test_indices_of_each_component_type_are_read(tmp_path):
     for component in ("u1", "u2", "u4"):
         file = Glb()
         file.node(mesh=file.mesh(file.primitive(component=component)))
         assert len(gltf.load(file.write(tmp_path / "m.glb"), (0, 0)).instances[0].mesh.triangles) == 2, component
 
 
-def test_strips_and_fans_are_the_same_square(tmp_path):
+def test_strips_and_fans_give_the_same_triangles(tmp_path):
     for mode, order in ((4, [0, 1, 2, 0, 2, 3]), (5, [0, 1, 3, 2]), (6, [0, 1, 2, 3])):
         file = Glb()
         file.node(mesh=file.mesh(file.primitive(order=order, mode=mode)))
         scene = gltf.load(file.write(tmp_path / "m.glb"), (0, 0))
         tri = corners(scene.instances[0])
         area = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
-        assert np.allclose(area, [(0, 0, -1600.0)] * 2), mode  # wound alike, both facing up
+        assert np.allclose(area, [(0, 0, -1600.0)] * 2), mode  # both triangles face up
 
 
-def test_no_indices_at_all(tmp_path):
+def test_a_primitive_without_indices_is_read(tmp_path):
     file = Glb()
     file.node(mesh=file.mesh(file.primitive(LAWN[SQUARE], order=None)))
     assert len(gltf.load(file.write(tmp_path / "m.glb"), (0, 0)).instances[0].mesh.triangles) == 2
 
 
-def test_points_and_lines_are_left_out_with_a_remark(tmp_path):
+def test_points_and_lines_are_omitted_with_a_note(tmp_path):
     file = Glb().lawn()
     file.node(mesh=file.mesh(file.primitive(mode=1), file.primitive(mode=0)))
     scene = gltf.load(file.write(tmp_path / "m.glb"), (0, 0))
@@ -91,8 +91,8 @@ def test_points_and_lines_are_left_out_with_a_remark(tmp_path):
     assert any("2 sets" in note for note in scene.notes)
 
 
-def test_a_tree_of_moved_turned_and_scaled_nodes(tmp_path):
-    """A cube under three parents is at its correct corners, for any way of writing the transform."""
+def test_nested_node_transforms_are_combined(tmp_path):
+    """The transforms are a matrix, a rotation and a scale, in three levels of nodes."""
     file = Glb().lawn()
     box = block((1.0, 1.0, 1.0))
     mesh = file.mesh(file.primitive(box.vertices, box.faces.ravel()))
@@ -103,8 +103,8 @@ def test_a_tree_of_moved_turned_and_scaled_nodes(tmp_path):
     scene = gltf.load(file.write(tmp_path / "m.glb"), (0, 0))
     cube = thing(scene, "cube")
     spots = corners(cube).reshape(-1, 3)
-    assert spots[:, 2].max() == pytest.approx(-1.0, abs=1e-5)  # lifted by a metre
-    assert spots[:, 2].min() == pytest.approx(-7.0, abs=1e-5)  # and 3 · 2 m tall
+    assert spots[:, 2].max() == pytest.approx(-1.0, abs=1e-5)  # 1 m above the ground
+    assert spots[:, 2].min() == pytest.approx(-7.0, abs=1e-5)  # 3 · 2 m tall
     c, s = math.cos(math.radians(30)), math.sin(math.radians(30))
     east, north = 1.0 * c + 2.0 * s, 1.0 * s + 2.0 * c  # half widths of the turned 2 m × 4 m footprint
     assert (spots[:, 1].min(), spots[:, 1].max()) == pytest.approx((4.0 - east, 4.0 + east), abs=1e-5)
@@ -112,7 +112,7 @@ def test_a_tree_of_moved_turned_and_scaled_nodes(tmp_path):
     assert normals_outward(cube)
 
 
-def test_a_mirrored_node_still_faces_outwards(tmp_path):
+def test_faces_of_a_mirrored_node_point_outwards(tmp_path):
     file = Glb().lawn()
     box = block((1.0, 2.0, 3.0))
     mesh = file.mesh(file.primitive(box.vertices, box.faces.ravel()))
@@ -127,7 +127,7 @@ def test_a_mirrored_node_still_faces_outwards(tmp_path):
     assert (np.einsum("ij,ij->i", face, one.normals[one.triangles[:, 0]]) > 0).all()
 
 
-def test_a_thing_placed_twice_shares_its_mesh(tmp_path):
+def test_instances_of_one_mesh_share_it(tmp_path):
     file = Glb().lawn()
     mesh = file.mesh(file.primitive(FACES_UP + np.array([0, 1, 0]), [0, 1, 2]))
     for k in range(3):
@@ -140,7 +140,7 @@ def test_a_thing_placed_twice_shares_its_mesh(tmp_path):
     assert len({one.name for one in signs}) == 3
 
 
-def test_scaled_to_nothing_is_left_out(tmp_path):
+def test_a_node_with_scale_zero_is_omitted_with_a_note(tmp_path):
     file = Glb().lawn()
     file.node(mesh=0, scale=[0, 0, 0])
     scene = gltf.load(file.write(tmp_path / "m.glb"), (0, 0))
@@ -150,7 +150,7 @@ def test_scaled_to_nothing_is_left_out(tmp_path):
 
 @pytest.mark.parametrize("kind", [".png", ".jpg"])
 @pytest.mark.parametrize("embedded", ["bufferView", "data URI"])
-def test_textures(tmp_path, kind, embedded):
+def test_embedded_textures_are_read(tmp_path, kind, embedded):
     file = Glb()
     data, mime = picture((200, 40, 10), kind), "image/png" if kind == ".png" else "image/jpeg"
     if embedded == "bufferView":
@@ -179,11 +179,11 @@ def test_the_texture_transform_is_applied(tmp_path):
     file.node(mesh=file.mesh(file.primitive(material=0, attributes={"TEXCOORD_0": uv})))
     mesh = gltf.load(file.write(tmp_path / "m.glb"), (0, 0)).instances[0].mesh
     coordinates = {tuple(np.round(row, 4)) for row in mesh.uv}
-    # counter-clockwise as a picture is looked at, v down: (2, 0) → (0, −2) and (0, 3) → (3, 0)
+    # The rotation is counter-clockwise in the image, with v down: (2, 0) → (0, −2) and (0, 3) → (3, 0).
     assert coordinates == {(0.5, 0.25), (0.5, -1.75), (3.5, -1.75), (3.5, 0.25)}
 
 
-def test_the_alpha_of_a_texture_cuts_out_what_is_below_the_cutoff(tmp_path):
+def test_alpha_below_the_cutoff_is_cut_out(tmp_path):
     alpha = np.full((8, 8), 100)
     alpha[:, :4] = 255
     image = np.zeros((8, 8, 3), np.uint8)
@@ -202,7 +202,7 @@ def test_the_alpha_of_a_texture_cuts_out_what_is_below_the_cutoff(tmp_path):
     assert masked.cutout is not None
     assert opaque.texture is not None
     assert np.array_equal(masked.cutout, alpha == 255)
-    # surfaces under holes are invisible, except a trace at the edges
+    # Transparent pixels get the colour of opaque ones, because they show a little at the edges of holes.
     assert np.all(masked.texture == (30, 160, 20))
     assert np.all(blended.texture == (30, 160, 20))
     assert low.cutout is blended.cutout is opaque.cutout is None
@@ -210,7 +210,7 @@ def test_the_alpha_of_a_texture_cuts_out_what_is_below_the_cutoff(tmp_path):
     assert not masked.foliage
 
 
-def test_vertex_colours_tint_the_material(tmp_path):
+def test_vertex_colours_multiply_the_material_colour(tmp_path):
     file = Glb()
     file.doc["materials"].append({"pbrMetallicRoughness": {"baseColorFactor": [1.0, 0.5, 0.0, 1.0]}})
     colour = file.accessor([(0, 255, 255, 255)] * 4, "u1", normalized=True)
@@ -219,7 +219,7 @@ def test_vertex_colours_tint_the_material(tmp_path):
     assert material.color == pytest.approx((0.0, 0.5, 0.0))
 
 
-def test_materials_keep_roughness_and_light(tmp_path):
+def test_materials_keep_roughness_emission_and_diffuse_colour(tmp_path):
     file = Glb()
     file.doc["materials"] = [
         {"pbrMetallicRoughness": {"roughnessFactor": 0.25}},
@@ -235,7 +235,7 @@ def test_materials_keep_roughness_and_light(tmp_path):
     assert (plain.color, plain.specular, plain.emission) == ((1.0, 1.0, 1.0), 0.0, 0.0)
 
 
-def test_quantised_positions(tmp_path):
+def test_quantised_positions_are_scaled(tmp_path):
     file = Glb()
     file.doc["extensionsRequired"] = ["KHR_mesh_quantization"]
     raw = np.array([(-127, 0, 127), (127, 0, 127), (127, 0, -127), (-127, 0, -127)])
@@ -250,7 +250,7 @@ def test_quantised_positions(tmp_path):
 
 
 def hill(size=41, extent=40.0):
-    """Return (positions, order) of a bumpy square of ground, glTF axes, facing up."""
+    """Return the positions and the indices of a bumpy square of ground that faces up (glTF axes)."""
     line = np.linspace(-extent / 2, extent / 2, size)
     x, z = np.meshgrid(line, line, indexing="ij")
     y = 1.5 * np.sin(x / 6) * np.cos(z / 5)
@@ -260,7 +260,7 @@ def hill(size=41, extent=40.0):
     return np.stack([x, y, z], axis=-1).reshape(-1, 3), order.ravel()
 
 
-def test_the_ground_of_a_hilly_map_is_where_it_is_drawn(tmp_path):
+def test_the_height_field_matches_the_drawn_hills(tmp_path):
     file = Glb()
     positions, order = hill()
     file.node(name="Terrain", mesh=file.mesh(file.primitive(positions, order)))
@@ -274,7 +274,7 @@ def test_the_ground_of_a_hilly_map_is_where_it_is_drawn(tmp_path):
 
 
 def test_roofs_bridges_and_table_tops_are_not_ground_even_in_one_mesh(tmp_path):
-    """A whole village as one mesh, as scanners and some shops deliver it."""
+    """The file holds a village as a single mesh, as scanners and some asset shops deliver it."""
     import trimesh
 
     parts = [block((60, 0.5, 60))]
@@ -296,14 +296,14 @@ def test_roofs_bridges_and_table_tops_are_not_ground_even_in_one_mesh(tmp_path):
     soil, rest = thing(scene, "Village ground"), thing(scene, "Village")
     assert soil.kind == "ground"
     assert len(soil.mesh.triangles) + len(rest.mesh.triangles) == len(village.faces)
-    assert len(soil.mesh.triangles) == 4  # the tops of slab and kerb
+    assert len(soil.mesh.triangles) == 4  # the top faces of slab and kerb
     hit = obstacles(scene)
     tops = hit.corners.reshape(-1, 3, 3)[:, :, 2].min()
     assert tops == pytest.approx(-5.0)  # a drone can still hit the house
     assert len(hit.corners) == len(rest.mesh.triangles)
 
 
-def test_a_spawn_without_a_height_takes_the_floor_with_room_above(tmp_path):
+def test_a_spawn_without_height_is_on_the_lowest_floor_with_headroom(tmp_path):
     file = Glb().lawn()
     low = block((6, 0.2, 6))
     file.node(name="shelf", translation=[0, 1.0, 0], mesh=file.mesh(file.primitive(low.vertices, low.faces.ravel())))
@@ -313,14 +313,14 @@ def test_a_spawn_without_a_height_takes_the_floor_with_room_above(tmp_path):
     assert gltf.load(path, (9, 9)).spawn_ned[2] == pytest.approx(0.0, abs=1e-4)
 
 
-def test_ground_wound_the_wrong_way_is_ground_all_the_same(tmp_path):
+def test_ground_with_reversed_winding_is_still_ground(tmp_path):
     file = Glb()
     file.node(mesh=file.mesh(file.primitive(order=SQUARE[::-1])))
     scene = gltf.load(file.write(tmp_path / "m.glb"), (0, 0))
     assert [one.kind for one in scene.instances] == ["ground"]
 
 
-def test_custom_properties_say_what_a_thing_is(tmp_path):
+def test_custom_properties_set_kind_and_solidity(tmp_path):
     file = Glb().lawn()
     extras = {"dronecats_kind": "bench", "dronecats_solid": 0}
     file.node(name="Bank", mesh=file.mesh(file.primitive(FACES_UP + np.array([0, 1, 0]), [0, 1, 2])), extras=extras)

@@ -1,4 +1,4 @@
-"""Randomly changed files: each loads to a sound scene or is rejected in one sentence."""
+"""Randomly changed files: each file loads as a sound scene or is rejected in one sentence."""
 
 import copy
 import json
@@ -16,7 +16,7 @@ from tests.episodes.maps.gltf.files import LAWN, Glb, container
 
 
 def healthy() -> Glb:
-    """Return a small file with a bit of everything, the seed of the fuzzers."""
+    """Return a small valid file that uses many features. The fuzzers change it."""
     file = Glb().lawn()
     picture = cv2.imencode(".png", np.full((4, 4, 3), 99, np.uint8))[1].tobytes()
     file.doc["images"].append({"bufferView": file.view(picture), "mimeType": "image/png"})
@@ -83,7 +83,7 @@ def loads_or_is_refused(path) -> None:
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.integers(0, 10**6), st.sampled_from(NASTY), st.booleans()), min_size=1, max_size=3))
-def test_fuzzed_documents(tmp_path, changes):
+def test_a_file_with_a_fuzzed_document_loads_or_is_rejected(tmp_path, changes):
     file = healthy()
     file.doc["buffers"] = [{"byteLength": len(file.binary)}]
     file.doc = copy.deepcopy(file.doc)
@@ -104,7 +104,7 @@ def test_fuzzed_documents(tmp_path, changes):
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
-def test_fuzzed_bytes(tmp_path, data):
+def test_a_file_with_fuzzed_bytes_loads_or_is_rejected(tmp_path, data):
     raw = bytearray(healthy().bytes())
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, len(raw) - 1))
@@ -115,6 +115,6 @@ def test_fuzzed_bytes(tmp_path, data):
     loads_or_is_refused(path)
 
 
-def test_the_seed_of_the_fuzzers_is_healthy(tmp_path):
+def test_the_unchanged_seed_file_loads(tmp_path):
     scene = gltf.load(healthy().write(tmp_path / "m.glb"))
     assert len(scene.instances) == 2

@@ -1,4 +1,4 @@
-"""Damaged and hostile files: one sentence each, before memory is spent, and only UsageError."""
+"""Damaged and hostile files are rejected with a UsageError of one sentence, before they use much memory."""
 
 import base64
 import math
@@ -18,7 +18,7 @@ from tests.episodes.maps.gltf.files import LAWN, SQUARE, Glb, container
 
 
 def refused(path, *words, spawn=(0.0, 0.0)) -> str:
-    """Return the sentence that rejects a file; it names the file and every one of `words`."""
+    """Load a file that is rejected, and return the error. The error names the file and contains all `words`."""
     with pytest.raises(UsageError) as raised:
         gltf.load(path, spawn)
     text = str(raised.value)
@@ -31,7 +31,7 @@ def refused(path, *words, spawn=(0.0, 0.0)) -> str:
 
 
 def png(width, height, body=b"\0" * 100) -> bytes:
-    """Return a PNG with this width and height in its header, for any body."""
+    """Return a PNG with this width and height in its header, whatever its body contains."""
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -52,7 +52,7 @@ def textured(image: dict[str, Any], file: Glb | None = None) -> Glb:
 # ---- containers
 
 
-def test_containers_that_lie(tmp_path):
+def test_invalid_containers_are_rejected(tmp_path):
     for data, words in (
         (b"", ("'glTF'",)),
         (b"glTF", ("'glTF'",)),
@@ -86,7 +86,7 @@ def test_missing_and_invalid_files_are_rejected(tmp_path):
     refused(tmp_path / "pipe.glb", "regular file")
 
 
-def test_a_gigabyte_is_refused_before_it_is_read(tmp_path):
+def test_a_file_of_1_gib_is_rejected_before_it_is_read(tmp_path):
     path = tmp_path / "huge.glb"
     with path.open("wb") as file:
         file.write(struct.pack("<4sII", b"glTF", 2, 2**30))
@@ -166,13 +166,13 @@ WRONG = {
 }  # fmt: skip
 
 
-def test_contents_that_lie(tmp_path):
+def test_invalid_contents_are_rejected(tmp_path):
     for case in WRONG:
         change, words = WRONG[case]
         refused(bent(change).write(tmp_path / "hostile.glb"), words)
 
 
-def test_corners_at_no_place(tmp_path):
+def test_vertices_that_are_not_finite_or_too_far_are_rejected(tmp_path):
     for value in (math.nan, math.inf, -math.inf, 3e38):
         positions = LAWN.copy()
         positions[2, 1] = value
@@ -181,20 +181,20 @@ def test_corners_at_no_place(tmp_path):
         refused(file.write(tmp_path / "hostile.glb"))
 
 
-def test_an_index_beyond_the_vertices(tmp_path):
+def test_an_index_beyond_the_vertices_is_rejected(tmp_path):
     file = Glb()
     file.node(mesh=file.mesh(file.primitive(order=[0, 1, 9])))
     refused(file.write(tmp_path / "hostile.glb"), "vertex 9")
 
 
-def test_attributes_of_other_lengths(tmp_path):
+def test_attributes_of_different_lengths_are_rejected(tmp_path):
     file = Glb()
     normal = file.accessor([(0, 1, 0)] * 3)
     file.node(mesh=file.mesh(file.primitive(attributes={"NORMAL": normal})))
     refused(file.write(tmp_path / "hostile.glb"), "3 ", "4 vertices")
 
 
-def test_a_tree_of_a_thousand_levels(tmp_path):
+def test_a_node_tree_of_a_thousand_levels_is_rejected(tmp_path):
     file = Glb()
     below = file.node(root=False, mesh=file.mesh(file.primitive()))
     for _ in range(1000):
@@ -203,7 +203,7 @@ def test_a_tree_of_a_thousand_levels(tmp_path):
     refused(file.write(tmp_path / "hostile.glb"), "nodes")
 
 
-def test_a_small_mesh_placed_too_often(tmp_path):
+def test_too_many_instances_of_a_mesh_are_rejected(tmp_path):
     file = Glb()
     mesh = file.mesh(file.primitive(order=np.tile(SQUARE, 50)))
     for _ in range(10_001):
@@ -216,8 +216,8 @@ def test_a_small_mesh_placed_too_often(tmp_path):
         tracemalloc.stop()
 
 
-def test_one_block_of_vertices_read_over_and_over(tmp_path):
-    """A few kilobytes of JSON that refer to one megabyte of vertices hundreds of times."""
+def test_repeated_references_to_one_block_of_vertices_are_rejected(tmp_path):
+    """A few kilobytes of JSON refer hundreds of times to one megabyte of vertices."""
     file = Glb()
     many = file.accessor(np.zeros((100_000, 3)))
     order = file.accessor([0, 1, 2], "u2")
@@ -249,7 +249,7 @@ def test_a_picture_bomb_is_not_decoded(tmp_path):
         tracemalloc.stop()
 
 
-def test_pictures_that_are_none(tmp_path):
+def test_invalid_pictures_are_rejected(tmp_path):
     for data, word in (
         (png(16, 16), "images[0]"),  # the body is too short
         (png(0, 16), "0×16"),
@@ -263,13 +263,13 @@ def test_pictures_that_are_none(tmp_path):
         refused(textured({"uri": uri}).write(tmp_path / "hostile.glb"), word)
 
 
-def test_pictures_beside_the_file_are_never_opened(tmp_path):
+def test_pictures_outside_the_file_are_never_opened(tmp_path):
     for uri in ("texture.png", "../secret.png", "/etc/passwd", "file:///etc/passwd", "data:,abc"):
         (tmp_path / "texture.png").write_bytes(png(1, 1, b"\0" * 4))
         refused(textured({"uri": uri}).write(tmp_path / "hostile.glb"), "images[0].uri")
 
 
-def test_many_pictures_are_reduced_together(tmp_path, monkeypatch):
+def test_many_pictures_are_downscaled_to_a_total_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(gltf.materials, "MAX_TEXELS", 3 * 256 * 256)
     file = Glb()
     data = cv2.imencode(".png", np.full((512, 512, 3), 77, np.uint8))[1].tobytes()
@@ -282,10 +282,10 @@ def test_many_pictures_are_reduced_together(tmp_path, monkeypatch):
     assert [m.texture.shape for m in mesh.materials if m.texture is not None] == [(256, 256, 3)] * 3
 
 
-# ---- our own words
+# ---- the project's own extras
 
 
-def test_wrong_facts_about_the_scene(tmp_path):
+def test_invalid_scene_extras_are_rejected(tmp_path):
     for facts in (
         {"sun": 3},
         {"sun": {"toward_ned": [0, 0, 0]}},

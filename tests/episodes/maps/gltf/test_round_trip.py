@@ -1,4 +1,4 @@
-"""A map of ours written as glTF and read back: the same scene, the same bytes, the same picture."""
+"""A built map, written as glTF and read back, has the same scene, bytes and picture."""
 
 import dataclasses
 import math
@@ -13,7 +13,7 @@ from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun
 from foundation.camera import CameraModel, CameraPose
 from foundation.terrain import HeightField
 
-VIEWS = ((0.0, 0.0, 0.0), (-30.0, 2.0, 20.0), (20.0, -1.0, 200.0), (45.0, 1.0, 170.0))  # m north, m east, degrees
+VIEWS = ((0.0, 0.0, 0.0), (-30.0, 2.0, 20.0), (20.0, -1.0, 200.0), (45.0, 1.0, 170.0))  # m north, m east, yaw (°)
 
 
 @pytest.fixture(scope="module")
@@ -52,20 +52,20 @@ def same_material(a: Material, b: Material) -> bool:
     return alike and holes and np.array_equal(a.texture, b.texture)
 
 
-def test_the_second_file_is_the_first_byte_for_byte(loaded, built, tmp_path):
+def test_saving_a_loaded_map_writes_the_same_bytes(loaded, built, tmp_path):
     one, two = tmp_path / "one.glb", tmp_path / "two.glb"
     gltf.save(built, one)
     gltf.save(loaded, two)
     assert one.read_bytes() == two.read_bytes()
 
 
-def test_everything_comes_back_exactly(built, loaded):
+def test_every_field_of_a_map_is_restored_exactly(built, loaded):
     for a, b in zip(built.instances, loaded.instances, strict=True):
         for name in ("id", "name", "kind", "position_ned", "yaw", "movable", "solid"):
             assert getattr(a, name) == getattr(b, name), (a.name, name)
     meshes = {id(a.mesh): (a.mesh, b.mesh) for a, b in zip(built.instances, loaded.instances, strict=True)}
     assert all(same_mesh(a, b) for a, b in meshes.values())
-    assert len({id(b) for _, b in meshes.values()}) == len(meshes)  # shared meshes are shared still
+    assert len({id(b) for _, b in meshes.values()}) == len(meshes)  # shared meshes are still shared
     assert np.array_equal(built.terrain.down, loaded.terrain.down)
     assert dataclasses.replace(built.terrain, down=None) == dataclasses.replace(loaded.terrain, down=None)
     for name in ("latitude_deg", "longitude_deg", "altitude_m", "spawn_ned", "spawn_yaw", "notes", "name"):
@@ -74,14 +74,14 @@ def test_everything_comes_back_exactly(built, loaded):
 
 
 @pytest.mark.parametrize(("north", "east", "degrees"), VIEWS)
-def test_the_loaded_map_gives_the_very_picture_of_the_built_one(built, loaded, north, east, degrees, renderers):
+def test_the_loaded_map_renders_the_same_picture_as_the_built_map(built, loaded, north, east, degrees, renderers):
     half = math.radians(degrees) / 2
     pose = CameraPose((north, east, -1.8), (math.cos(half), 0.0, 0.0, math.sin(half)))
     a, b = (renderer.render(pose) for renderer in renderers)
     assert np.array_equal(a.rgb, b.rgb)
     assert np.array_equal(a.ids, b.ids)
     assert np.array_equal(a.depth, b.depth)
-    assert len(np.unique(a.ids)) > 10  # and the picture is not empty
+    assert len(np.unique(a.ids)) > 10  # the picture is not empty
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def renderers(built, loaded):
 
 
 def small(**changes) -> Scene:
-    """Return a scene with every field at an unusual value."""
+    """Return a scene whose fields all have unusual values."""
     rng = np.random.default_rng(5)
     picture = rng.integers(0, 256, (5, 7, 3), dtype=np.uint8)
     looks = (
@@ -124,7 +124,7 @@ def small(**changes) -> Scene:
     return dataclasses.replace(scene, **changes)
 
 
-def test_unusual_values_come_back_too(tmp_path):
+def test_unusual_values_are_restored_exactly(tmp_path):
     scene, path = small(), tmp_path / "small.glb"
     gltf.save(scene, path)
     back = gltf.load(path)
@@ -138,8 +138,8 @@ def test_unusual_values_come_back_too(tmp_path):
     assert (back.spawn_ned, back.spawn_yaw, back.notes) == (scene.spawn_ned, scene.spawn_yaw, scene.notes)
 
 
-def test_another_program_reads_what_we_write(tmp_path):
-    """trimesh reads the same corners at the same places: north is −Z, east +X, up +Y."""
+def test_trimesh_reads_the_same_geometry(tmp_path):
+    """The axes of the file: north is −Z, east is +X, up is +Y."""
     import trimesh
 
     scene, path = small(), tmp_path / "small.glb"
@@ -161,7 +161,7 @@ def test_changes_by_another_program_override_our_extras(tmp_path):
     data = path.read_bytes()
     span = struct.unpack("<I", data[12:16])[0]
     doc, rest = json.loads(data[20 : 20 + span]), data[20 + span :]
-    doc["nodes"][0]["rotation"] = [0.0, math.sin(0.25), 0.0, math.cos(0.25)]  # half a radian, counter-clockwise
+    doc["nodes"][0]["rotation"] = [0.0, math.sin(0.25), 0.0, math.cos(0.25)]  # 0.5 rad, counter-clockwise
     doc["nodes"][1]["translation"] = [4.0, 0.5, -6.0]
     doc["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = [0.5, 0.25, 0.125, 1.0]
     text = json.dumps(doc).encode()

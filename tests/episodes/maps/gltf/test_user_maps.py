@@ -1,4 +1,4 @@
-"""User maps: stored under a name, listed, drawn, bumped into, and flown like the shipped ones."""
+"""User maps are stored under a name, listed, rendered, solid and flown like shipped maps."""
 
 import json
 import math
@@ -27,7 +27,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def yard(tmp_path):
-    """Return a .glb written by trimesh: a yard with a shed and a wall, without any further data."""
+    """Return the path of a .glb that trimesh writes: a yard with a shed and a wall, without extras."""
     import trimesh
 
     scene = trimesh.Scene()
@@ -46,7 +46,7 @@ def yard(tmp_path):
 
 
 def a_record(name: str) -> record.EpisodeRecord:
-    """Return an episode with a red suv sixteen metres ahead of the start on the map `name`."""
+    """Return an episode on the map `name`, with a red SUV 16.5 m from the start."""
     target, start = (17.0, 1.0, 0.0), (0.5, 0.0, -1.5)
     return record.EpisodeRecord(
         version=record.VERSION,
@@ -64,7 +64,7 @@ def a_record(name: str) -> record.EpisodeRecord:
     )
 
 
-def test_a_map_is_kept_listed_and_shown(folder, yard, capsys):
+def test_an_imported_map_is_listed_shown_and_replaceable(folder, yard, capsys):
     assert main(["maps", "import", str(yard), "--name", "my-yard", "--spawn", "0,0"]) == 0
     assert "2 m north, east, down" not in capsys.readouterr().out
     assert maps.names() == [*maps.shipped(), "my-yard"]
@@ -84,7 +84,7 @@ def test_a_map_is_kept_listed_and_shown(folder, yard, capsys):
     assert maps.build("my-yard").spawn_ned[:2] == (5.0, 5.0)
 
 
-def test_an_exported_map_comes_back_under_another_name(folder, tmp_path, capsys):
+def test_an_exported_map_can_be_imported_under_another_name(folder, tmp_path, capsys):
     out = tmp_path / "street.glb"
     assert main(["maps", "export", "residential", "--seed", "2", "--out", str(out)]) == 0
     assert main(["maps", "import", str(out), "--name", "my-street"]) == 0  # the spawn is in the file
@@ -94,7 +94,7 @@ def test_an_exported_map_comes_back_under_another_name(folder, tmp_path, capsys)
     assert np.array_equal(ours.terrain.down, theirs.terrain.down)
 
 
-def test_a_name_never_leads_out_of_the_folder(folder, yard):
+def test_invalid_map_names_are_rejected_and_write_nothing(folder, yard):
     for name in ("", ".", "..", "../evil", "a/b", "A", "über", "-a", "a-", "x" * 41, "a.glb", "a\0b"):
         with pytest.raises(UsageError, match="map"):
             user.add(yard, name, (0.0, 0.0))
@@ -106,12 +106,12 @@ def test_a_name_never_leads_out_of_the_folder(folder, yard):
         assert not folder.exists(), name
 
 
-def test_shipped_names_are_taken(folder, yard):
+def test_names_of_shipped_maps_are_rejected(folder, yard):
     with pytest.raises(UsageError, match="residential"):
         user.add(yard, "residential", (0.0, 0.0), maps.shipped())
 
 
-def test_a_bad_file_leaves_nothing_behind(folder, tmp_path, capsys):
+def test_an_invalid_file_is_not_stored(folder, tmp_path, capsys):
     bad = tmp_path / "bad.glb"
     bad.write_bytes(b"glTF" + b"\0" * 40)
     assert main(["maps", "import", str(bad), "--name", "bad", "--spawn", "0,0"]) == 2
@@ -119,14 +119,14 @@ def test_a_bad_file_leaves_nothing_behind(folder, tmp_path, capsys):
     assert user.names() == []
 
 
-def test_a_spawn_is_two_or_three_numbers(folder, yard, capsys):
+def test_a_spawn_that_is_not_two_or_three_numbers_is_rejected(folder, yard, capsys):
     for spawn in ("1", "a,b", "1,2,3,4", "nan,0", "1,inf"):
         with pytest.raises(SystemExit) as stopped:
             main(["maps", "import", str(yard), "--name", "yard", "--spawn", spawn])
         assert stopped.value.code == 2, spawn
 
 
-def test_a_world_on_a_users_map_is_measured_drawn_and_solid(folder, yard):
+def test_a_user_map_can_be_measured_rendered_and_collided_with(folder, yard):
     user.add(yard, "yard", (0.0, 0.0))
     parsed = record.parse(a_record("yard").to_json(), "episode.json")
     world = World(parsed)
@@ -142,7 +142,7 @@ def test_a_world_on_a_users_map_is_measured_drawn_and_solid(folder, yard):
     assert world.clearance_m((9.0, 3.0, -1.0)) == pytest.approx(1.0, abs=0.01)  # to the ground
 
 
-def test_a_file_need_hold_no_more_than_a_lawn(folder, tmp_path):
+def test_a_map_of_only_a_ground_mesh_is_stored_exactly(folder, tmp_path):
     path = Glb().lawn().write(tmp_path / "lawn.glb")
     scene = user.add(path, "lawn", (0.0, 0.0))
     again = maps.build("lawn", 7)
@@ -150,7 +150,7 @@ def test_a_file_need_hold_no_more_than_a_lawn(folder, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_oracle_flies_a_users_map_to_success(folder, yard, tmp_path, capsys):
+def test_the_oracle_succeeds_on_a_user_map(folder, yard, tmp_path, capsys):
     assert main(["maps", "import", str(yard), "--name", "yard", "--spawn", "0,0"]) == 0
     episode = tmp_path / "yard-approaching-01.json"
     episode.write_text(a_record("yard").to_json(), encoding="utf-8")
@@ -161,6 +161,6 @@ def test_the_oracle_flies_a_users_map_to_success(folder, yard, tmp_path, capsys)
     assert json.loads((flight_folder / "episode.json").read_text())["map"] == "yard"
 
 
-def test_a_map_has_no_negative_seed(capsys):
+def test_a_negative_map_seed_is_rejected(capsys):
     assert main(["maps", "show", "blocks", "--seed", "-1"]) == 2
     assert "-1" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""A board at the end of a pseudo-terminal: recorded messages of a real PX4 in HIL mode, and our end of the line."""
+"""A simulated board on a pseudo-terminal plays recorded messages of a real PX4 in HIL mode to our simulator."""
 
 import itertools
 import os
@@ -32,7 +32,7 @@ def heartbeat(base_mode):
 
 
 class Board:
-    """The far end of a serial line."""
+    """The board's end of a serial line."""
 
     def __init__(self, path):
         self.master, self.slave = pty.openpty()
@@ -50,7 +50,7 @@ class Board:
 
     def play(self, speech):
         began_s = time.monotonic()
-        for at_s, data in speech:  # recorded time is the subject here
+        for at_s, data in speech:  # sleeps, because the test replays recorded times
             time.sleep(max(0.0, began_s + at_s - time.monotonic()))
             self.say(data)
 
@@ -114,7 +114,7 @@ def test_a_board_that_is_not_in_hil_mode_gets_no_sensors(vehicle, board):
     for _ in range(20):
         vehicle.advance()
     assert not vehicle.is_flying
-    until(vehicle, lambda: board.count("HEARTBEAT"))  # but it hears that a client is there
+    until(vehicle, lambda: board.count("HEARTBEAT"))  # but it gets heartbeats
     assert {m.get_type() for m in board.messages()} == {"HEARTBEAT"}
 
 
@@ -127,13 +127,13 @@ def test_a_recorded_board_gets_its_sensors_in_real_time_and_drives_the_rotors(ve
     until(vehicle, lambda: board.count("HIL_SENSOR") >= before + 240)
     player.join(20.0)
     got = board.messages()
-    assert {"HIL_SENSOR", "HIL_GPS", "HEARTBEAT"} == {m.get_type() for m in got}  # no truth: PX4 would fly on it
+    assert {"HIL_SENSOR", "HIL_GPS", "HEARTBEAT"} == {m.get_type() for m in got}  # no truth: PX4 would use it to fly
     times = [m.time_usec for m in got if m.get_type() == "HIL_SENSOR"]
     assert {b - a for a, b in itertools.pairwise(times)} == {4000}
-    assert vehicle.plant.actuators["command"][:4].tolist() == pytest.approx([0.15] * 4)  # disarmed, as it was recorded
+    assert vehicle.plant.actuators["command"][:4].tolist() == pytest.approx([0.15] * 4)  # disarmed, as in the recording
 
 
-def test_clients_get_all_but_the_motor_outputs_byte_for_byte(vehicle, board):
+def test_clients_get_all_messages_except_motor_outputs_byte_for_byte(vehicle, board):
     for _, data in SPEECH:
         board.say(data)
         vehicle.line.exchange()
@@ -149,7 +149,7 @@ def test_clients_get_all_but_the_motor_outputs_byte_for_byte(vehicle, board):
     assert len(wanted) < len(speech)
 
 
-def test_a_client_s_words_reach_the_board_unchanged(vehicle, board):
+def test_messages_of_a_client_reach_the_board_unchanged(vehicle, board):
     words = Packer(255, 190).pack(dialect.MAVLink_param_request_list_message(1, 1))
     vehicle.line.give(words)
     until(vehicle, lambda: words in board.received)
@@ -164,7 +164,7 @@ def test_rotors_stop_when_the_board_falls_silent(vehicle, board):
     assert not vehicle.is_flying
 
 
-def test_a_cable_that_was_pulled_may_be_put_back(vehicle, board, path):
+def test_the_simulator_reconnects_after_the_cable_was_unplugged(vehicle, board, path):
     board.say(heartbeat(HIL))
     until(vehicle, lambda: vehicle.line.in_hil)
     board.unplug()
@@ -180,7 +180,7 @@ def test_a_cable_that_was_pulled_may_be_put_back(vehicle, board, path):
         again.unplug()
 
 
-def test_frames_are_found_between_noise_and_across_cuts():
+def test_frames_are_parsed_between_noise_and_across_chunk_boundaries():
     one, two = heartbeat(0), heartbeat(HIL)
     old = bytes([0xFE, 1, 0, 1, 1, 200, 7, 0, 0])  # MAVLink 1, one byte of payload
     stream = b"\r\nNuttShell\r\n" + one + old + b"\x00" + two
@@ -199,14 +199,14 @@ def test_frames_are_found_between_noise_and_across_cuts():
         ("udpin://0.0.0.0:14560", 4000),
     ],
 )
-def test_rates_fit_the_wire(url, period_us):
+def test_the_sensor_rate_fits_the_baud_rate(url, period_us):
     assert sensor_period_us(url) == period_us
     if url.rpartition(":")[2].isdigit() and url.startswith("serial"):
         assert 10 * 74 * 1e6 / period_us <= 0.5 * int(url.rpartition(":")[2])
 
 
-def test_a_wire_that_is_too_slow_is_refused(capsys):
-    for url in ("serial:///dev/ttyUSB0:57600", "serial:///dev/ttyUSB0"):  # with the rate of a line that names none
+def test_a_serial_line_that_is_too_slow_is_rejected(capsys):
+    for url in ("serial:///dev/ttyUSB0:57600", "serial:///dev/ttyUSB0"):  # the second has the default baud rate
         with pytest.raises(UsageError, match=r"57600 .* 39 "):
             sensor_period_us(url)
     assert main(["sitl", "--hitl", "serial:///dev/ttyUSB0:57600"]) == 2
@@ -231,7 +231,7 @@ def free_instance():
     raise AssertionError("no free instance")
 
 
-def test_a_client_on_the_offboard_port_talks_with_the_board(board, path):
+def test_a_client_on_the_offboard_port_exchanges_messages_with_the_board(board, path):
     instance = free_instance()
     notices: list[str] = []
     client = connect(f"udpin://127.0.0.1:{14540 + instance}")

@@ -31,7 +31,7 @@ from tests.support.ports import free_instance
         (["sitl", "--autopilot", "px4", "--instance", "7", "--px4", ""], "--px4"),
     ],
 )
-def test_wrong_words_are_one_sentence_and_status_2(words, word, capsys, tmp_path):
+def test_conflicting_options_end_with_a_message_and_status_2(words, word, capsys, tmp_path):
     state = ["--state", str(tmp_path)] if words[0] == "sitl" else []
     assert main([*words, *state]) == 2
     assert word in capsys.readouterr().err
@@ -42,7 +42,7 @@ def turn_for_ever(simulator):
         simulator.turn()
 
 
-def test_a_px4_that_ends_before_it_answered_is_an_error_that_names_its_log(tmp_path):
+def test_the_error_of_a_px4_that_exits_before_it_answers_names_its_log(tmp_path):
     simulator = Px4Simulator(
         SimulatorConfig(
             episode="blocks-commanding-01",
@@ -63,8 +63,8 @@ def test_a_px4_that_ends_before_it_answered_is_an_error_that_names_its_log(tmp_p
         simulator.close()
 
 
-def test_the_log_that_px4_wrote_is_kept_when_it_has_ended(tmp_path):
-    """PX4 writes two logs, and the end of the newest one at its exit."""
+def test_the_newest_px4_log_is_kept_after_px4_exits(tmp_path):
+    """PX4 writes two logs. It completes the newest one when it exits."""
     script = tmp_path / "px4.py"
     script.write_text(
         "import pathlib, signal, sys, time\n"
@@ -94,8 +94,8 @@ def test_the_log_that_px4_wrote_is_kept_when_it_has_ended(tmp_path):
     assert {path.name: path.read_text() for path in kept.iterdir()} == {"onboard.ulg": "whole"}
 
 
-def test_instances_in_use_are_passed_over():
-    """A simulator on one instance's TCP port, and another program on a UDP port of the next."""
+def test_instances_in_use_are_skipped():
+    """A simulator uses the TCP port of one instance, and another program uses a UDP port of the next."""
     [server] = free_servers(1)
     first, second = server.port - PORT, free_instance()
     udp = UdpPort(("127.0.0.1", UDP_PORTS[1] + second), None, bytes, lambda data: None)
@@ -108,7 +108,7 @@ def test_instances_in_use_are_passed_over():
 
 
 def test_two_simulators_that_start_at_the_same_time_choose_different_instances(tmp_path, monkeypatch):
-    """The second one starts while the first, which has chosen its instance, builds its vehicles."""
+    """The second simulator starts after the first has chosen its instance, while the first builds its vehicles."""
     build, others = build_with, []
 
     def build_later(*arguments, **words):
@@ -126,7 +126,7 @@ def test_two_simulators_that_start_at_the_same_time_choose_different_instances(t
 
 
 def waiting(folder):
-    """Return a simulator whose PX4 never connects, on an instance that it has chosen."""
+    """Return a simulator whose PX4 never connects, on an instance of its own choice."""
     config = SimulatorConfig(
         episode="blocks-commanding-01",
         count=1,
@@ -136,7 +136,7 @@ def waiting(folder):
     return Px4Simulator(config, lambda line: None)
 
 
-def test_no_free_instance_is_one_sentence():
+def test_the_error_without_a_free_instance_names_the_ports():
     held = [server for server in map(hold, range(INSTANCES)) if server]
     try:
         with pytest.raises(UsageError, match=f"TCP {PORT} to {PORT + INSTANCES - 1}"):
@@ -149,12 +149,12 @@ def test_no_free_instance_is_one_sentence():
 def hold(instance):
     try:
         return SimulatorServer(PORT + instance)
-    except UsageError:  # another program has it
+    except UsageError:  # another program uses it
         return None
 
 
 @pytest.mark.parametrize(("instance", "advice"), [(None, "{instance}"), (INSTANCES - 1, "--instance")])
-def test_a_port_in_use_comes_with_advice_that_the_command_can_follow(instance, advice, tmp_path):
+def test_the_error_for_a_port_in_use_gives_applicable_advice(instance, advice, tmp_path):
     held = hold(instance or 0)
     config = SimulatorConfig(episode="blocks-commanding-01", count=1, instance=instance, state_dir=str(tmp_path))
     try:
@@ -165,8 +165,8 @@ def test_a_port_in_use_comes_with_advice_that_the_command_can_follow(instance, a
             held.close()
 
 
-def test_no_time_passes_until_px4_has_come(tmp_path):
-    """The process as a user starts it: it reports that it waits, and an interrupt ends it with status 0."""
+def test_no_simulated_time_passes_until_px4_connects(tmp_path):
+    """The process, started like a user starts it, reports that it waits. An interrupt ends it with status 0."""
     instance = str(free_instance())
     words = [*DRONECATS, "sitl", "--autopilot", "px4", "--instance", instance]
     process = subprocess.Popen([*words, "--state", str(tmp_path)], stdout=subprocess.PIPE, text=True)

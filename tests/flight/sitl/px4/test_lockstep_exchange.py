@@ -1,4 +1,4 @@
-"""The simulated vehicle and PX4's end of the wire: waiting for each other, and PX4 that connects and disconnects."""
+"""The simulated vehicle and PX4 wait for each other. PX4 may connect and disconnect at any time."""
 
 import threading
 
@@ -51,13 +51,13 @@ def fly(vehicle, seconds):
 
 
 def come_into_step(vehicle, client):
-    """Advance until PX4 is waited for. Until then nothing else keeps both at the same pace."""
+    """Advance until the vehicle waits for PX4. Until then, only this loop keeps both at the same pace."""
     while not vehicle.in_step:
         vehicle.advance()
         client.keep_up(vehicle.time_us // EXCHANGE_US * EXCHANGE_US)
 
 
-def test_every_sensor_message_is_answered_before_time_goes_on(vehicle, connect):
+def test_every_sensor_message_is_answered_before_time_advances(vehicle, connect):
     ahead = []
 
     def answer(sensor):
@@ -73,7 +73,7 @@ def test_every_sensor_message_is_answered_before_time_goes_on(vehicle, connect):
     assert set(ahead[-240:]) == {0}
 
 
-def test_until_the_first_answer_time_goes_on_and_sensors_flow(vehicle, connect):
+def test_time_advances_and_sensors_are_sent_before_the_first_answer(vehicle, connect):
     client = connect(lambda sensor: controls(sensor.time_usec) if sensor.time_usec >= SETTLED_US + 200_000 else b"")
     fly(vehicle, 0.15)
     assert not vehicle.in_step
@@ -83,7 +83,7 @@ def test_until_the_first_answer_time_goes_on_and_sensors_flow(vehicle, connect):
     assert times[:3] == [SETTLED_US + 4000, SETTLED_US + 8000, SETTLED_US + 12000]
 
 
-def test_an_answer_to_an_earlier_message_is_not_taken_for_one_to_this(vehicle, connect):
+def test_an_answer_to_an_earlier_message_does_not_count_for_the_current_one(vehicle, connect):
     release, slow_us = threading.Event(), [10**9]
 
     def answer(sensor):
@@ -109,7 +109,7 @@ def test_an_answer_to_an_earlier_message_is_not_taken_for_one_to_this(vehicle, c
     assert not worker.is_alive()
 
 
-def test_the_groups_come_at_their_sensors_rates(vehicle, connect):
+def test_each_sensor_group_is_sent_at_its_own_rate(vehicle, connect):
     client = connect(always(armed=False))
     come_into_step(vehicle, client)
     fly(vehicle, 2.0)
@@ -123,7 +123,7 @@ def test_the_groups_come_at_their_sensors_rates(vehicle, connect):
 
 
 def test_the_first_samples_are_those_of_a_vehicle_at_rest(connect):
-    """PX4 connects at boot, when the legs still drop onto a slope of one in fifty."""
+    """PX4 connects at boot, while the vehicle still settles onto a slope of 1:50."""
     pose, server = BootPose((0.0, 0.0, 0.0), 0.0), SimulatorServer(0)
     slope = HeightField(-5.0, -5.0, 5.0, np.repeat([[-0.1], [0.0], [0.1]], 3, axis=1))
     vehicle = Px4Vehicle(0, airframe.load("x500"), pose, seed=0, origin=ORIGIN, terrain=slope, server=server)
@@ -139,7 +139,7 @@ def test_the_first_samples_are_those_of_a_vehicle_at_rest(connect):
         vehicle.close()
 
 
-def test_standing_on_the_ground_it_feels_gravity_and_knows_its_place(vehicle, connect):
+def test_a_vehicle_on_the_ground_measures_gravity_pressure_and_position(vehicle, connect):
     client = connect(always(armed=False))
     come_into_step(vehicle, client)
     fly(vehicle, 1.0)
@@ -151,7 +151,7 @@ def test_standing_on_the_ground_it_feels_gravity_and_knows_its_place(vehicle, co
     assert 0 <= client.named("HIL_SENSOR")[-1].time_usec - fix.time_usec <= 120_000
 
 
-def test_outputs_lift_the_vehicle_and_each_rotor_sits_where_px4_has_it(vehicle, connect):
+def test_motor_outputs_lift_the_vehicle_and_rotors_are_in_px4s_order(vehicle, connect):
     client = connect(always(0.8, 0.8, 0.8, 0.8))
     come_into_step(vehicle, client)
     fly(vehicle, 1.0)
@@ -161,7 +161,7 @@ def test_outputs_lift_the_vehicle_and_each_rotor_sits_where_px4_has_it(vehicle, 
     assert rotors == [(1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1)]
 
 
-def test_px4_dies_in_the_air_and_comes_back(vehicle, connect):
+def test_px4_may_exit_in_the_air_and_reconnect(vehicle, connect):
     first = connect(always(0.85, 0.85, 0.85, 0.85))
     come_into_step(vehicle, first)
     fly(vehicle, 1.0)
@@ -180,14 +180,14 @@ def test_px4_dies_in_the_air_and_comes_back(vehicle, connect):
     assert vehicle.server.connections == 2
 
 
-def test_without_px4_time_goes_on_tick_by_tick(vehicle):
+def test_without_px4_time_advances_tick_by_tick(vehicle):
     vehicle.advance()
     vehicle.advance()
     assert vehicle.time_us == SETTLED_US + 2 * TICK_US
     assert not vehicle.server.connected
 
 
-def test_a_wait_is_given_up_when_nobody_needs_it_any_more(vehicle, connect):
+def test_releasing_the_vehicle_ends_its_wait_for_an_answer(vehicle, connect):
     quiet = threading.Event()
     client = connect(lambda sensor: b"" if quiet.is_set() else controls(sensor.time_usec))
     come_into_step(vehicle, client)
@@ -201,10 +201,10 @@ def test_a_wait_is_given_up_when_nobody_needs_it_any_more(vehicle, connect):
     assert not worker.is_alive()
 
 
-def test_after_a_flight_is_terminated_time_goes_on_and_the_rotors_stand(vehicle, connect, monkeypatch):
+def test_time_advances_and_rotors_stop_after_a_flight_termination(vehicle, connect, monkeypatch):
     """A real PX4 then publishes no more outputs, and waits for time to pass like other clients."""
     monkeypatch.setattr(px4_vehicle, "ANSWER_S", 0.3)
-    quiet = [10**9, 10**9]  # µs, from the begin to the end of PX4's silence
+    quiet = [10**9, 10**9]  # µs, begin and end of PX4's silence
 
     def answer(sensor):
         silenced = quiet[0] <= sensor.time_usec < quiet[1]
@@ -218,11 +218,11 @@ def test_after_a_flight_is_terminated_time_goes_on_and_the_rotors_stand(vehicle,
     assert not vehicle.in_step
     assert vehicle.server.connected
     assert vehicle.plant.actuators["armed"] == 0
-    come_into_step(vehicle, client)  # and a PX4 that recovers is waited for as before
+    come_into_step(vehicle, client)  # PX4 answers again, so the vehicle waits for it as before
     assert vehicle.plant.actuators["armed"] == 1
 
 
-def test_a_recorded_boot_of_a_real_px4_brings_it_into_step(vehicle, connect):
+def test_a_recorded_px4_boot_reaches_lockstep(vehicle, connect):
     replay = Replay("px4-boot.bin", later_us=SETTLED_US)  # its first sensor message was sent at 0
     come_into_step(vehicle, connect(replay))
     assert vehicle.time_us < max(replay.frames)
@@ -234,7 +234,7 @@ def test_a_recorded_boot_of_a_real_px4_brings_it_into_step(vehicle, connect):
 
 
 def test_the_same_answers_give_the_same_flight(connect):
-    """Lockstep: the vehicle's side is a function of what PX4 answers."""
+    """In lockstep, the vehicle's state depends only on PX4's answers."""
     outputs = [m.controls[:4] for m in recorded("px4-takeoff.bin")]
 
     def fly_once():

@@ -1,4 +1,4 @@
-"""A PX4 that we start never outlives us. A command that does not run is reported before anything starts."""
+"""A PX4 process never outlives its parent. A command that cannot run is reported before anything starts."""
 
 import os
 import signal
@@ -12,7 +12,7 @@ import pytest
 from dronecats.flight.sitl.px4 import Px4Process, arguments, environment
 from foundation.errors import UsageError
 
-# a wrapper script that leaves its PX4 in the background and waits, as many do; `pids` exists once the rest is done
+# a typical wrapper script: it starts PX4 in the background and waits; it writes the file `pids` last
 WRAPPER = "echo $PX4_SIM_MODEL $PX4_INSTANCE $PWD; sleep 600 & sleep 601 & echo $! > pids; wait"
 
 
@@ -35,7 +35,7 @@ def script(tmp_path):
     return path
 
 
-def test_it_runs_in_a_folder_of_its_own_and_ends_with_all_it_started(tmp_path, script, monkeypatch):
+def test_px4_runs_in_its_own_folder_and_ends_with_all_its_child_processes(tmp_path, script, monkeypatch):
     monkeypatch.delenv("PX4_SIM_MODEL", raising=False)
     folder = tmp_path / "vehicle-1"
     process = Px4Process(f"'{script}' {{instance}}", 3, folder, folder / "px4.log", 1.0)
@@ -46,7 +46,7 @@ def test_it_runs_in_a_folder_of_its_own_and_ends_with_all_it_started(tmp_path, s
     assert (folder / "px4.log").read_text().split() == ["none_iris", "3", str(folder)]
 
 
-def test_it_ends_when_whoever_started_it_is_killed(tmp_path, script):
+def test_px4_ends_when_its_parent_is_killed(tmp_path, script):
     folder = tmp_path / "vehicle-1"
     code = f"""
 import time
@@ -63,7 +63,7 @@ time.sleep(600)
     wait_for(lambda: running(folder) == [])
 
 
-def test_its_exit_status_is_reported_and_it_can_be_started_again(tmp_path):
+def test_the_exit_status_is_reported_and_px4_can_be_restarted(tmp_path):
     process = Px4Process("sh -c 'exit 7'", 0, tmp_path, tmp_path / "px4.log", 1.0)
     for _ in range(2):
         wait_for(lambda: process.poll() is not None)
@@ -72,7 +72,7 @@ def test_its_exit_status_is_reported_and_it_can_be_started_again(tmp_path):
     process.close()
 
 
-def test_paths_in_the_command_may_be_relative_to_here(tmp_path, monkeypatch):
+def test_paths_in_the_command_may_be_relative_to_the_current_folder(tmp_path, monkeypatch):
     (tmp_path / "build").mkdir()
     monkeypatch.chdir(tmp_path)
     assert arguments("sh -i {instance} ./build other/none", 2) == [
@@ -90,7 +90,7 @@ def test_a_command_that_cannot_be_run_is_reported(command):
         arguments(command, 0)
 
 
-def test_the_environment_is_what_px4_s_start_script_asks_for(monkeypatch):
+def test_the_environment_has_the_variables_of_px4s_start_script(monkeypatch):
     for name in ("PX4_SIM_MODEL", "PX4_SYS_AUTOSTART", "PX4_SIM_SPEED_FACTOR"):
         monkeypatch.delenv(name, raising=False)
     assert environment(2, 1.0)["PX4_SIM_MODEL"] == "none_iris"
