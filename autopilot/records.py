@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from foundation import frames
+from foundation import atmosphere, frames
 from foundation.compiled import njit
 from foundation.frames import Quat, Vec3
 
@@ -121,6 +121,7 @@ quat_from_euler = njit(cache=True)(frames.quat_from_euler)
 quat_yaw = njit(cache=True)(frames.quat_yaw)
 wrap_pi = njit(cache=True)(frames.wrap_pi)
 geodetic_to_ned = njit(cache=True)(frames.geodetic_to_ned)
+pressure_altitude = njit(cache=True)(atmosphere.pressure_altitude)
 
 
 @njit(cache=True)

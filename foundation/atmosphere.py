@@ -1,6 +1,7 @@
-"""The troposphere of the International Standard Atmosphere (ISA, ISO 2533): pressure and altitude below 11 km."""
+"""The troposphere of the International Standard Atmosphere (ISA, ISO 2533): pressure and altitude below 11 km.
 
-from foundation.compiled import njit
+As in `foundation.frames`, the functions take and return plain floats, so that kernels can compile them.
+"""
 
 PRESSURE_0 = 1013.25  # hPa, at sea level
 TEMPERATURE_0 = 288.15  # K, at sea level
@@ -8,14 +9,12 @@ LAPSE = 0.0065  # K/m
 EXPONENT = 5.255876  # g·M / (R·LAPSE)
 
 
-@njit(cache=True)
 def pressure(altitude: float) -> float:
     """Return the pressure (hPa) at an altitude (m above mean sea level)."""
     hpa: float = PRESSURE_0 * (1.0 - LAPSE / TEMPERATURE_0 * altitude) ** EXPONENT
     return hpa
 
 
-@njit(cache=True)
 def pressure_altitude(pressure_hpa: float) -> float:
     """Return the altitude (m above mean sea level) at which a pressure (hPa, above 0) is found."""
     altitude: float = 44330.769 * (1.0 - (pressure_hpa / PRESSURE_0) ** 0.190263)

@@ -64,7 +64,7 @@ def sensor_message(sensors: Any, time_us: int, sent: SampleTimes) -> dialect.MAV
         *sensors["mag_frd"].tolist(),
         pressure_hpa,
         0.0,
-        pressure_altitude(pressure_hpa),
+        pressure_altitude(max(pressure_hpa, 0.0)),
         float(sensors["temperature_c"]),
         updated,
         0,

@@ -7,7 +7,7 @@ copy of the vehicle. Sensor, actuator and truth records are in `foundation/senso
 import numpy as np
 from numpy.typing import NDArray
 
-from foundation import frames
+from foundation import atmosphere, frames
 from foundation.airframe import MAX_CONTACTS
 from foundation.compiled import njit
 from foundation.frames import Vec3
@@ -121,3 +121,4 @@ rotate = njit(cache=True)(frames.rotate)
 rotate_inverse = njit(cache=True)(frames.rotate_inverse)
 quat_normalized = njit(cache=True)(frames.quat_normalized)
 ned_to_geodetic = njit(cache=True)(frames.ned_to_geodetic)
+pressure = njit(cache=True)(atmosphere.pressure)

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from foundation.atmosphere import LAPSE, TEMPERATURE_0, pressure
+from foundation.atmosphere import LAPSE, TEMPERATURE_0
 from foundation.compiled import Grid, Record, njit
 from foundation.errors import UsageError
 from foundation.frames import Quat
 from foundation.sensors import RANGE_M
 from vehicles.faults import ACCEL, BARO, BIAS, DELAY, FAIL, FREEZE, GPS, GYRO, MAG, RANGE, active
 from vehicles.ground import surface
-from vehicles.records import GPS_QUEUE, STEP_US, RandomStream, ned_to_geodetic, rotate, rotate_inverse
+from vehicles.records import GPS_QUEUE, STEP_US, RandomStream, ned_to_geodetic, pressure, rotate, rotate_inverse
 from vehicles.solids import SolidTriangles, first_solid
 from vehicles.wind import normal
 

@@ -12,8 +12,7 @@ from autopilot.estimator.alignment import align, clear, collect_imu
 from autopilot.estimator.covariance import deviation, propagate
 from autopilot.estimator.fusion import fuse_fix, fuse_heading, fuse_height, fuse_stillness
 from autopilot.estimator.records import HISTORY, STATUS_ALIGNING, STATUS_RUNNING
-from autopilot.records import TESTS, quat_advance, rotate
-from foundation.atmosphere import pressure_altitude
+from autopilot.records import TESTS, pressure_altitude, quat_advance, rotate
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 

@@ -15,10 +15,10 @@ from autopilot.records import (
     POSITION_TEST,
     VELOCITY_TEST,
     geodetic_to_ned,
+    pressure_altitude,
     rotate,
     wrap_pi,
 )
-from foundation.atmosphere import pressure_altitude
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
