@@ -286,7 +286,7 @@ class Slow(Executor):
         return Polled()
 
 
-def test_pilots_and_commander_are_asked_concurrently(tmp_path):
+def test_the_pilots_are_asked_concurrently(tmp_path):
     executor = Slow()
     fly(tmp_path, FunctionModel(lambda request: DONE if request.step == 2 else GO), script({"orders": EVERYBODY}),
         policy="real", executor=executor, seconds=30.0)  # fmt: skip

@@ -124,7 +124,6 @@ def test_with_a_frame_rate_a_lost_image_is_replaced_by_the_next(tmp_path):
     results = questions(tmp_path, 400, dropped=0.3, rate_hz=0.5, every_s=61.0)
     late_s = {taken_s(frames[0]) - 2.0 * int(asked_s / 2.0) for frames, asked_s, _ in results}
     assert {0.0, 2.0, 4.0} <= {round(delay_s, 6) for delay_s in late_s}
-    assert all(had_s >= taken_s(frames[0]) for frames, _, had_s in results)
 
 
 def test_image_faults_depend_only_on_question_and_drone():

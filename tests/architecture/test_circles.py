@@ -1,8 +1,8 @@
 """There are no import cycles, late imports included, and no package outside the listed rooms."""
 
+import re
 from functools import cache
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 
@@ -44,15 +44,13 @@ def test_no_package_imports_tests_or_benchmarks_and_every_package_is_listed():
     assert packages - BESIDE == set(ROOMS)
     for path in modules().values():
         text = path.read_text(encoding="utf-8")
-        assert not any(f"\n{verb} {name}" in text for verb in ("from", "import") for name in BESIDE), path
+        assert not re.search(rf"^\s*(from|import) ({'|'.join(BESIDE)})\b", text, re.MULTILINE), path
 
 
 def test_child_process_modules_named_in_strings_can_be_imported():
-    module_paths = modules()
     named = {name for needed in edges().values() for name in needed if name.endswith(("_process", ".worker"))}
     assert {"dronecats.flight.sitl.simulator_process", "dronecats.bench.worker"} <= named
     assert all(find_spec(name) for name in named)
-    assert Path(module_paths["dronecats.bench.worker"]).is_file()
 
 
 def test_only_one_module_uses_the_wire_format_classes():

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 import os
 import re
 import subprocess
@@ -71,7 +70,7 @@ def test_precision_and_recall_are_undefined_without_moved_or_marked_flights():
     assert comparison.of_verdicts.recall is None
     assert comparison.idle_error_m is None
     assert "| – | – |" in as_markdown(tables(comparison)[1])
-    assert not math.isnan(json.loads(json.dumps(comparison.as_json()))["rows"][0]["solved"])
+    json.dumps(comparison.as_json(), allow_nan=False)
 
 
 def test_busy_processes_use_the_cpu_and_end_with_the_block():
@@ -97,9 +96,8 @@ def test_busy_processes_end_if_their_parent_is_killed():
     starter.kill()
     starter.wait()
     starter.stdout.close()
-    gone, alive = psutil.wait_procs([computing], timeout=60)
+    _, alive = psutil.wait_procs([computing], timeout=60)
     assert not [process for process in alive if process.status() != psutil.STATUS_ZOMBIE]
-    assert gone or alive
 
 
 def test_invalid_levels_are_rejected(tmp_path, capsys):

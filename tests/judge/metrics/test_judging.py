@@ -82,7 +82,9 @@ def test_a_custom_metric_is_computed_and_printed(runs, tmp_path, capsys):
     (tmp_path / "own.py").write_text(OWN)
     assert main(["judge", str(runs / "one" / "e-1"), "--metric", str(tmp_path / "own.py"), "--json"]) == 0
     values = json.loads(capsys.readouterr().out)["episodes"]["e-1"]["metrics"]
-    assert values["last_yaw_deg"] == pytest.approx(float(values["last_yaw_deg"]))
+    truth = (runs / "one" / "e-1" / "truth.jsonl").read_text().splitlines()
+    poses = [row for row in map(json.loads, truth) if row["kind"] == "pose"]
+    assert values["last_yaw_deg"] == pytest.approx(poses[-1]["yaw_deg"])
     assert main(["judge", str(runs), "--metric", str(tmp_path / "own.py")]) == 0
     assert f"{values['last_yaw_deg']:g}" in capsys.readouterr().out
 

@@ -15,7 +15,7 @@ from dronecats.judge.metrics.failure_mode import failure_mode
 from dronecats.pilots import roster
 from dronecats.pilots.oracle import failing
 from foundation.errors import UsageError
-from foundation.protocol import FINISHED, GO, RADIUS_M, ROTATE, THINK
+from foundation.protocol import FINISHED, GO, RADIUS_M, THINK
 from foundation.run_folder.reading import Logs, read
 from foundation.run_folder.results import Verdict
 from foundation.run_folder.rows import FrameTruth
@@ -203,4 +203,3 @@ def test_run_json_names_the_failing_pilot_and_no_model(failed_flight):
     flight = failed_flight("declares-at-once")
     fields = json.loads((flight.folder.parent / "run.json").read_text(encoding="utf-8"))["flight"]
     assert (fields["pilot"], fields["model"]) == ("failing:declares-at-once", None)
-    assert ROTATE not in flight.kinds
