@@ -100,7 +100,7 @@ def test_decompression_bombs_are_rejected(small, tmp_path, monkeypatch):
     bomb = tmp_path / "bomb.tar.xz"
     with lzma.open(bomb, "wb", preset=0) as file:
         file.write(b"\0" * (16 << 20))
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError, match="not an archive"):  # only the first block is unpacked
         verify(bomb, reread)
 
     def grown(files):
@@ -111,7 +111,7 @@ def test_decompression_bombs_are_rejected(small, tmp_path, monkeypatch):
     with pytest.raises(UsageError, match=r"truth\.jsonl.* large"):
         verify(changed(small, tmp_path / "x.tar.xz", grown, digests=False), reread)
     monkeypatch.setattr(tar, "TOTAL_MAX", 4096)
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError, match="more data"):
         verify(small, reread)
 
 
@@ -120,7 +120,7 @@ def test_a_high_compression_ratio_is_rejected(small, tmp_path):
         out.write(archive.read())
         for _ in range(100):
             out.write(b"\0" * (1 << 20))
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError, match="more data"):
         verify(tmp_path / "x.tar.xz", reread)
 
 
@@ -166,7 +166,7 @@ def test_files_that_are_not_archives_are_rejected(tmp_path):
 
 def test_data_after_the_end_of_the_archive_is_rejected(small, tmp_path):
     (tmp_path / "x").write_bytes(small.read_bytes() + small.read_bytes())
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError, match="after its end"):
         verify(tmp_path / "x", reread)
 
 
