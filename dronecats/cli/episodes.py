@@ -191,7 +191,7 @@ def _tables(reports: "list[Report]", about_suite: "list[RuleFinding]", rules: bo
     blocks = [(f"{name}: {verdict}", r.findings) for (name, verdict), r in zip(verdicts, reports, strict=True)]
     blocks += [("the suite", tuple(about_suite))] if about_suite else []
     rows = (
-        (title, row("ok" if finding.passed else "RED", finding.rule, finding.measured, finding.wanted))
+        (title, row("ok" if finding.passed else "failed", finding.rule, finding.measured, finding.wanted))
         for title, findings in blocks
         for finding in findings
     )

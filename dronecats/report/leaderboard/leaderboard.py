@@ -83,7 +83,7 @@ HEADER = """# Leaderboard
 After this page you can read the ranking, verify an entry and submit your own.
 
 The figures are percentages of successful flights. *SR* is the success rate over all episodes of the entry, with its
-[95 % interval](report.md#how-sure-it-is). *Flights* is the number of flights of each episode. *Scored* is the
+[95 % interval](report.md#uncertainty). *Flights* is the number of flights of each episode. *Scored* is the
 number of all flights with a score. Compare only entries of the same suite with the same settings, for example with the
 same `latency`. Entries of an earlier [version of the benchmark](episodes-reference.md#versions) have their own tables.
 """
