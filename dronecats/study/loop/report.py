@@ -117,23 +117,23 @@ def _finite(value: float, digits: int = 3) -> float | None:
 
 NAME = "loop-margins"
 MARGINS = """A small step of the setpoint in a hover, with the outer loops open, the inner loops closed, and perfect
-sensors. A delay line is in the feedback of this loop alone. At the delay margin the damping ratio of the oscillation
-after the step (by the matrix pencil) is 0. The other margins are by python-control. Predicted: from
-the same cascade, linearised about the same hover. As designed: from the loops of `dronecats tune`, with the airframe's
-constants only."""
-STREAM = """A circle of 1.2 m/s in ten seconds, commanded twenty times a second over a wire that delays each setpoint by
-up to the jitter, or loses a share of them. The limit is twice the rms velocity error on a perfect wire, or the end of
-offboard (COM_OF_LOSS_T, 1 s) in any of three flights (dotted)."""
+sensors. Only the feedback of this loop is delayed. At the delay margin the damping ratio of the oscillation after the
+step (by the matrix pencil) is 0. The other margins are by python-control. Predicted: from the same cascade, linearised
+about the same hover. Designed: from the loops of `dronecats tune`, with the airframe's constants only. Prediction
+error: of the injected delay margin."""
+STREAM = """A circle of 1.2 m/s in ten seconds, commanded twenty times a second over a link that delays each setpoint by
+up to the jitter, or loses a share of them. The limit is twice the rms velocity error on a perfect link, or the end of
+Offboard (COM_OF_LOSS_T, 1 s) in any of three flights (dotted)."""
 TRACE = (
-    "Velocity setpoints from a standstill, twenty a second, with the usual sensor errors; the values are of the"
-    " truth. Rise: time from 10 to 90 % of the step. Delay: time to 50 %. Settled: time until it stays within 10 %"
+    "Velocity setpoints from a standstill, twenty a second, with the usual sensor errors. The values are true"
+    " values. Rise: time from 10 to 90 % of the step. Delay: time to 50 %. Settled: time until it stays within 10 %"
     " of the step."
 )
 
 
 STEP = {"rise": ("rise_s", "g", " s"), "overshoot": ("overshoot_percent", "g", " %"), "delay": ("delay_s", "g", " s")}
-DELAYS = {"as designed": ("designed_ms", "g", " ms"), "predicted": ("predicted_ms", "g", " ms"),
-          "injected": ("injected_ms", "g", " ms"), "off": ("off_percent", "+.1f", " %")}  # fmt: skip
+DELAYS = {"designed": ("designed_ms", "g", " ms"), "predicted": ("predicted_ms", "g", " ms"),
+          "injected": ("injected_ms", "g", " ms"), "prediction error": ("off_percent", "+.1f", " %")}  # fmt: skip
 SETTLED = {"settled": ("settled_s", "g", " s")}
 
 
