@@ -276,32 +276,32 @@ def _marking_json(marking: Marking) -> dict[str, Any]:
 
 
 NAME = "host-load"
-TEXT = """This page shows how a busy host changes flights. Each episode is flown in lockstep and in real time, while
-several processes keep the processor busy (*busy* is their number). Each flight is compared with the lockstep flight of
-the same episode and seed without busy processes (the first level).
+TEXT = """This page shows how a busy host changes flights. The study flies each episode in lockstep and in real
+time. Meanwhile several processes load the processor (*busy* is their number). The study compares each flight with the
+lockstep flight of the same episode and seed at the first level, which has no busy processes.
 
 | column | meaning |
 | --- | --- |
 | solved | flights that succeeded |
-| moved | flights with another verdict |
-| other bytes | flights with another log; in real time this is every flight |
+| changed | flights whose verdict differs from that of the compared flight |
+| other bytes | flights whose log differs in a byte; in real time this is every flight |
 | marked | flights that `bench` marks as delayed by the host; `--drop-stalled` leaves them out |
 | delayed steps | steps that the host delayed, of all steps |
 | change of NE | median change of the navigation error |
-| precision | share of the marked flights that moved |
-| recall | share of the moved flights that were marked |"""
+| precision | share of the marked flights that changed |
+| recall | share of the changed flights that were marked |"""
 
 
 def tables(findings: LoadFindings) -> list[ReportTable]:
     """Return the table of levels, and the table of marked and moved flights."""
-    levels = [words("clock"), *map(numbers, ("busy", "flights", "solved", "moved", "other bytes", "marked",
+    levels = [words("clock"), *map(numbers, ("busy", "flights", "solved", "changed", "other bytes", "marked",
                                              "delayed steps", "change of NE"))]  # fmt: skip
     rows = (
         (r.clock, r.busy, r.flights, r.solved, r.moved, r.other_bytes, r.marked, f"{r.stalled_steps} of {r.steps}",
          None if r.ne_moved_m is None else f"{r.ne_moved_m:.2f} m")
         for r in findings.rows
     )  # fmt: skip
-    marks = [words("in real time, moved means"), *map(numbers, ("moved", "marked", "both", "precision", "recall"))]
+    marks = [words("in real time, changed means"), *map(numbers, ("changed", "marked", "both", "precision", "recall"))]
     lines = [_mark_cells("another verdict", findings.of_verdicts)]
     if findings.idle_error_m is not None:
         error = f"NE changed by more than {findings.idle_error_m:.2f} m, the largest change at the first level"
