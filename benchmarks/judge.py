@@ -5,7 +5,8 @@
 First makes the episodes (not timed): random walks with the same logs as a real flight. Of every five episodes, four
 have one drone and one has a fleet of four. Each lasts 300 s (its cap), with a decision every 2.6 s. `judge_s` is the
 wall time for all episodes. `cpu_ms_per_episode` is the processor time per episode, summed over all processes.
-`…_per_loop` is the same in empty loops (`benchmarks/machine.py`). `--short` only checks that it works.
+`…_per_loop` is the same time, in units of an empty loop's time (`benchmarks/machine.py`). `--short` only checks that it
+works.
 """
 
 import json

@@ -1,11 +1,11 @@
 """Measures the delay, the update rate and the cost of the live page: `python -m benchmarks.view --json`.
 
 `dronecats fly --view` flies an episode in real time. A client connects to the page as a browser does, and notes when
-each true attitude arrives. The offset between the simulator's clock and the wall clock is the smallest time from any
-sample to its appearance in flight.tlog. The delay therefore includes the waits in logger, file, viewer and socket, but
-the smallest wait in logger and file is subtracted. Drawing in the browser is not included; it takes one frame (17 ms)
-with a graphics card. `flush_ratio` is the median processor time of lockstep flights whose logger flushes every
-delivery, divided by the median of flights whose logger does not flush. The two kinds of flights alternate.
+each true attitude arrives. The offset between the clocks is estimated: the smallest difference, over all samples,
+between the wall time of a sample in flight.tlog and its vehicle time. So the delay includes the waits in viewer and
+socket, and those in logger and file beyond their smallest value. Drawing in the browser is not included; it takes one
+frame (17 ms) with a graphics card. `flush_ratio` is the median processor time of lockstep flights whose logger flushes
+every delivery, divided by the median of flights whose logger does not flush. The two kinds of flights alternate.
 """
 
 import math

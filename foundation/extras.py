@@ -23,7 +23,7 @@ class Extra:
         return f'pip install "dronecats[{self.name}]"'
 
 
-# If two extras add a package, the first one is recommended.
+# If several extras add the same package, messages recommend the first of them.
 EXTRAS = (
     Extra(
         "sim",
@@ -69,7 +69,7 @@ def is_installed(module: str) -> bool:
 
 
 def require(*modules: str) -> None:
-    """Raise UsageError, with the command that installs it, for the first module that is not installed.
+    """Raise UsageError for the first module that is not installed, with its install command.
 
     Nothing is imported, so that a command can check what it needs before it flies or writes anything.
     """
@@ -85,7 +85,7 @@ def not_installed(module: str) -> str:
 
 
 def missing_package(error: ImportError) -> str | None:
-    """Return the message about a failed import; None for a module of this project, which is a bug."""
+    """Return the message about a failed import; None if the module is of this project: that is a bug."""
     if error.name is None:
         return f"a package cannot be loaded: {error}"
     if error.name.split(".")[0] in OWN_PACKAGES:

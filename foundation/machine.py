@@ -26,7 +26,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-PER_CORE_GB = 0.08  # address space that numerical libraries reserve for one thread per core
+PER_CORE_GB = 0.08  # GB of address space per core: numerical libraries start a thread per core
 CORES_MEASURED = 2  # cores of the machine on which callers measured `needed_gb`
 
 

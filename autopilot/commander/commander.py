@@ -1,7 +1,7 @@
 """The commander: it executes requests, selects the flight mode, and writes the setpoint of the inner loop.
 
 `intended` is the requested mode. `mode` is the mode in HEARTBEAT; the two differ during a failsafe.
-Requests return a MAV_RESULT, as measured on a real PX4.
+Requests return the MAV_RESULT that a real PX4 returned in measurements.
 """
 
 import math
@@ -157,7 +157,7 @@ class Commander:
     # requests
 
     def arm(self, force: bool = False) -> int:
-        """Start the rotors. Returns ACCEPTED, also if armed; else sends the reason and returns REJECTED or DENIED."""
+        """Start the rotors. Returns ACCEPTED (also if armed), or sends a reason and returns REJECTED or DENIED."""
         if self.armed:
             return ACCEPTED
         mode = self._mode_after_arming()

@@ -25,7 +25,8 @@ LEAST_LIFT = 0.2 * GRAVITY  # m/s²; the thrust vector always points up, also in
 def limit_force(params: Record, hover_thrust: float, ceiling: float, acceleration: Vec3) -> Vec3:
     """Return the specific force (NED, m/s²) of the rotors, within tilt and thrust limits.
 
-    The vertical force has priority. Only `thrust_horizontal_margin` is reserved for the horizontal force.
+    The vertical force has priority. Only the fraction `thrust_horizontal_margin` of the thrust is kept for the
+    horizontal force.
     """
     per_thrust = GRAVITY / hover_thrust  # m/s² at full collective
     top = min(params.thrust_max, ceiling) * per_thrust
@@ -140,8 +141,8 @@ def mix(
     """Write rotor thrust fractions in [floor, 1] and return (achieved roll-pitch scale, yaw scale, collective).
 
     `matrix` (MAX_ROTORS, 4) is `Allocation.mix`. `roll`, `pitch` and `yaw` are in [-1, 1], `thrust` in [0, 1].
-    `fractions` (MAX_ROTORS,) is the output. Roll and pitch may lower the collective. They raise it above idle only with
-    `airmode`.
+    `fractions` (MAX_ROTORS,) is the output. Roll and pitch may lower the collective. Without `airmode` they do not
+    raise the collective above the least at which all rotors are at their floor.
     """
     thrust = min(max(thrust, 0.0), 1.0)
     # roll and pitch: the largest share for which a collective exists that keeps every rotor in range

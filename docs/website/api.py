@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from importlib import import_module
 from itertools import groupby
 
-# The modules that programs outside the project may import. Others can change without notice in CHANGELOG.md.
+# The modules that programs outside the project may import. Other modules may change without a note in CHANGELOG.md.
 MODULES = (
     "foundation.airframe",
     "foundation.camera",

@@ -40,9 +40,9 @@ class Bench:
         """`limit` and `shard` select the episodes that this process flies. `retry`: repeat flights that did not move.
 
         First, existing run folders are opened and checked. Second, each model with flights left gets one small test
-        question; `report` gets the lines about it. Third, `first` is called and bench.json is written. New run folders
-        are created last, so that bench.json names every run folder even after a kill. Raises UsageError, ModelError,
-        InfrastructureError.
+        question; `report` gets the lines about it. Third, the callback `first` runs, and bench.json is written. New run
+        folders are created last, so that bench.json names every run folder even after a kill. Raises UsageError,
+        ModelError, InfrastructureError.
         """
         self.out = out
         self._opened = ExitStack()

@@ -322,7 +322,7 @@ def _number(name: str, text: str) -> float:
 
 
 def add_page(group: "argparse._ActionsContainer", prefix: str = "") -> None:
-    """Declare the options of a browser page. `prefix` is the start of their names, for example of --view-port."""
+    """Declare the options of a browser page. `prefix` begins their names, for example `view-` in --view-port."""
     text = f"with --{prefix.rstrip('-')}: port of the page" if prefix else "port of the page on this machine"
     group.add_argument(f"--{prefix}port", type=int, metavar="N", help=f"{text} (default {PAGE_PORT})")
     group.add_argument(

@@ -3,7 +3,7 @@
 The two flights usually have the same decisions, and differ in the autopilot or the place. Positions are relative to the
 first pose, in axes along the first heading (ahead, right, down), or NED with `keep_north`. The paths are compared at
 the same second of the episode. With `by_step`, they are compared at the same second of the same step. This removes
-differences in the times of replies and frames, which do not depend on the autopilot.
+differences that come from the times of replies and frames, and not from the autopilot.
 """
 
 import math
@@ -32,7 +32,7 @@ class Trace:
     position: Array  # (n, 3) m from the first pose; ahead, right, down, or NED with `keep_north`
 
     def at(self, t: Array) -> Array:
-        """Return the positions (m, 3) at times (m,) within the trace, interpolated linearly."""
+        """Return the positions (k, 3), m, at k times within the trace, interpolated linearly."""
         return np.column_stack([np.interp(t, self.t, self.position[:, axis]) for axis in range(3)])
 
 
@@ -158,7 +158,7 @@ def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) ->
 
 
 def _after(steps: list[float], count: int, path: Trace) -> float:
-    """Return the time (s) at which the step after `count` decisions ends."""
+    """Return the end (s) of the step that follows decision number `count`."""
     return steps[count] if len(steps) > count else float(path.t[-1])
 
 

@@ -16,7 +16,8 @@ from typing import Any
 from dronecats.report.table import NOTHING, ReportTable, TableBlock, TableCell, TableColumn, groups
 
 GAP = 2  # characters between two columns of a terminal
-NARROWEST, LONG_WORD = 16, 24  # characters, least width of a column of words: 16, or its longest word up to 24
+NARROWEST = 16  # characters, least width of a column of words
+LONG_WORD = 24  # characters; a column is as wide as its longest word, up to this
 BREAK = re.compile(r"(?<=\s)|(?<=/)|(?<=\w-)")  # where a line of words may be broken
 EXTRA_CSV_FIELDS = ("low", "high", "count", "of")  # further fields of a cell in CSV
 MARKUP = re.compile(r"([\\`*_\[\]<>|#{}!~&])")
@@ -291,7 +292,7 @@ def as_html(table: ReportTable) -> str:
 
 def _html_heads(columns: Sequence[TableColumn]) -> Iterator[str]:
     if any(column.group for column in columns):
-        first = [] if columns[0].group else [("", 1)]  # the first column does not scroll with the others
+        first = [] if columns[0].group else [("", 1)]  # the first column stays while the others scroll
         heads = [
             f'<th class="group" scope="colgroup" colspan="{count}">{html.escape(group)}</th>'
             if group else f'<td colspan="{count}"></td>'

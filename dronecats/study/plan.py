@@ -1,6 +1,6 @@
 """Plans a study: the runs of a campaign in which every pilot flies every point of the design, several times.
 
-A factor without effect on any flight is an error. Example: a factor that refines another factor whose level is 0.
+A factor that changes no flight is an error. Example: a factor that refines another factor whose level is 0.
 Disturbances of pictures, wire and vehicle apply to every pilot, even to a pilot that knows the truth.
 """
 
@@ -43,10 +43,11 @@ def plan(
 ) -> StudyPlan:
     """Return the plan of a study.
 
-    `pilots`: (name, flight); the flights have no episode and no levels yet. The k-th flight of a pair (an episode and a
-    pilot) has the same seed at every point of the design. A pair flies all points before the next pair starts, and all
-    pairs fly their first flight before any pair flies its second. So if a study stops early, all but its last flights
-    are paired. Raises UsageError for contradicting levels, a factor without an effect, and if there is nothing to fly.
+    `pilots`: (name, flight); the flights have no episode and no levels yet. The k-th flight of an episode by a pilot
+    has the same seed at every point of the design. In the first round, each episode and pilot flies its first flight at
+    all points before the next one begins. Then the second round follows, with the second flights, and so on. So if a
+    study stops early, only its last flights lack a counterpart at other points. Raises UsageError for contradicting
+    levels, a factor without an effect, and if there is nothing to fly.
     """
     factors = tuple(design.points[0]) if design.points else ()
     if overlap := next((factor for factor in factors if factor in held), None):

@@ -4,7 +4,7 @@
 RUN = "run.json"
 LEDGER = "ledger.sqlite"  # cost of the run's models, and rate limits
 UNFINISHED = "unfinished"  # folder of flights without a score, kept for inspection
-RETRIES = "retries.json"  # episodes that did not move and were retried once
+RETRIES = "retries.json"  # episodes in which no drone moved; they are flown again once
 
 # files of a benchmark or a study, in the folder of its runs
 BENCH = "bench.json"  # of a benchmark: its suite and its runs

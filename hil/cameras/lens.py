@@ -143,7 +143,7 @@ class Lens:
 
 
 def straightening(calibration: Calibration) -> tuple[tuple[Any, Any], float]:
-    """Return cv2.remap's two maps and the focal length (px) of the widest pinhole without an empty corner.
+    """Return cv2.remap's two maps, and the focal length (px) of the widest pinhole view without empty corners.
 
     Raises UsageError if there is no such pinhole.
     """
@@ -173,7 +173,7 @@ def _focal_px(matrix: Any, distortion: Any, size: tuple[int, int], fisheye: bool
     """Return the focal length (px) at which the corrected picture is completely inside the camera's picture."""
     if fisheye:
         best = cv2.fisheye.estimateNewCameraMatrixForUndistortRectify(matrix, distortion, size, np.eye(3), balance=0.0)
-        # the principal point is off the centre, so the nearer edge needs a longer focal length
+        # our principal point is the centre, so the focal length grows until the edge nearest to OpenCV's point fits
         reach = [min(best[k, 2], size[k] - 1 - best[k, 2]) / ((size[k] - 1) / 2) for k in (0, 1)]
         return float(max(best[k, k] / reach[k] if reach[k] > 0 else math.nan for k in (0, 1)))
     best, _ = cv2.getOptimalNewCameraMatrix(matrix, distortion, size, 0.0, size, centerPrincipalPoint=True)
@@ -181,11 +181,11 @@ def _focal_px(matrix: Any, distortion: Any, size: tuple[int, int], fisheye: bool
 
 
 def _within(places: NDArray[np.float32], length: int) -> bool:
-    return bool(np.all((places > -1.5) & (places < length + 0.5)))  # OpenCV checks the edges only at a few places
+    return bool(np.all((places > -1.5) & (places < length + 0.5)))  # tolerance: OpenCV checks few places
 
 
 def _unfolded(x: NDArray[np.float32], y: NDArray[np.float32]) -> bool:
-    """Return whether no part of the picture appears twice. A polynomial beyond its calibrated range may do this."""
+    """Return whether no part of the picture appears twice. Beyond its calibrated range, a polynomial may fold it."""
     x_down, x_right = np.gradient(x)
     y_down, y_right = np.gradient(y)
     return bool(np.all(x_right * y_down - x_down * y_right > 0.0))

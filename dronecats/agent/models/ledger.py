@@ -187,7 +187,7 @@ def cost(spec: ModelSpec, tokens_in: int, tokens_out: int) -> float:
 def spent_on(spec: ModelSpec, request: Request, reply: Reply) -> Spent:
     """Return the cost of a question with its failed attempts and its reply.
 
-    Tokens that an endpoint does not count are estimated, but not those of failed attempts.
+    Tokens that an endpoint does not count are estimated. Failed attempts add only reported tokens.
     """
     tokens_in = tokens_of(request) if reply.tokens_in is None else reply.tokens_in
     tokens_out = tokens_of_text(reply.text) if reply.tokens_out is None else reply.tokens_out
@@ -225,7 +225,7 @@ class BudgetedModel(WrappedModel):
                 self._ledger.spend(self._spec.title, spent)
 
     def book_open(self) -> None:
-        """Book the questions without a reply yet. A vendor charges for these replies, too.
+        """Book the questions without a reply yet. A vendor charges for a reply, even if nobody receives it.
 
         Each reply is assumed to have the mean length of the run's replies. Raises InfrastructureError.
         """

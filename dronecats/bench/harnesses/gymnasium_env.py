@@ -128,7 +128,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         return last, float(won and self._reward == "verdict"), won, not won, {"verdict": result.as_json()}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return the newest picture, (360, 640, 3) RGB; for n drones stacked, (n · 360, 640, 3)."""
+        """Return the newest picture, (360, 640, 3) RGB; with n drones, the stacked pictures, (n · 360, 640, 3)."""
         return self._frames.reshape(-1, *self._frames.shape[-2:]).copy() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:

@@ -63,9 +63,9 @@ def dronecats(
     `suite`: one-drone, commanding, quick, all, or comma-separated ids and files. Inspect splits the text at the commas.
 
     `latency`: the vehicle time that a reply costs (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
-    `axis_order`: xy or yx, the order of the model's points. `out`: the folder for one run per epoch; None: a new one.
-    `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of calls after a `think`. None: the
-    evaluation's effort for all calls, because some models have no such setting.
+    `axis_order`: xy or yx, the order of the model's points. `out`: a folder in which each epoch gets its own
+    run folder; None: a new folder. `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of calls after a
+    `think`; None: all calls use the evaluation's effort. Some models have no such setting.
 
     Raises UsageError for an effort that Inspect does not know.
     """

@@ -1,4 +1,4 @@
-"""Limits and records the costs of a flight's models: test question, ledger, rate limiter, budget and cache.
+"""The costs of a flight's models: test question before take-off, ledger, budget, rate limiter and reply cache.
 
 On a Ray cluster (extra `cluster`), one actor keeps the ledger for all workers. `Accounts.ledger` is then ON_CLUSTER
 followed by the actor's name.
@@ -199,7 +199,7 @@ class FirstQuestions:
         self._costs: list[tuple[str, Spent, Accounts]] = []  # PROVIDER/NAME, its cost, its accounts
 
     def ask(self) -> None:
-        """Ask each model once. Raises UsageError if a model rejects every question, ModelError if it does not answer.
+        """Ask each model once. Raises UsageError if a model rejects the question, ModelError if it does not answer.
 
         Skips replays, runs whose limit is spent, and flights whose cache has replies.
         """
@@ -237,7 +237,7 @@ def flight_folder(
 ) -> Iterator[Path]:
     """Create the folder of a flight after the models have answered their test questions, and yield it.
 
-    The other arguments and the errors are those of `folders.create`. Also raises ModelError.
+    `out`, `episode`, `configuration` and the errors are as in `folders.create`. Also raises ModelError.
     """
     questions = FirstQuestions([spec], out, notify)
     with folders.create(out, spec.pilot_name, episode, configuration, questions.ask) as folder:

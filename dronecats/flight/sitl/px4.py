@@ -5,7 +5,8 @@ A PX4 that has just connected does not answer yet. Until its first answer, and a
 does not wait: it sends sensors, and its rotors stand still.
 
 In lockstep, vehicle and PX4 are synchronised, but PX4's MAVLink threads are not: after each tick the agent waits a
-short wall time for telemetry. So a flight is as fast as the machine allows, but its bytes differ at each repetition.
+short wall time for telemetry. So a flight is as fast as the machine allows, but the logs of a repetition differ in
+their bytes.
 """
 
 import os
@@ -57,7 +58,7 @@ from vehicles import fault_script
 from vehicles.sensors import Suite
 
 EXCHANGE_US = 4_000  # PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
-TRUTH_US = 8_000  # period of the truth in PX4's own log; PX4 asks for 5 ms
+TRUTH_US = 8_000  # period of the truth that PX4 gets for its log; PX4 asks for 5 ms
 # Wall seconds to wait for an answer. After that, vehicle time advances without PX4, because PX4 never answers again
 # after a flight termination. The agent's link detects a PX4 that hangs.
 ANSWER_S = 3.0
@@ -221,7 +222,7 @@ class Px4Process:
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=log,
-                start_new_session=True,  # a Ctrl-C in the terminal reaches only this process
+                start_new_session=True,  # a Ctrl-C in the terminal does not reach PX4
             )
 
 
@@ -252,7 +253,7 @@ def environment(instance: int, speed: float) -> dict[str, str]:
 
 INSTANCES = 10  # number of PX4's instances with an offboard port of their own
 UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # UDP ports that an instance needs besides its TCP port
-ULOGS = "log/*/*.ulg"  # in the folder in which a PX4 runs; sorted by date
+ULOGS = "log/*/*.ulg"  # PX4's logs, in the folder in which it runs
 IDLE_S = 0.02  # wall seconds between two checks for a PX4 that has not connected yet
 
 

@@ -13,7 +13,7 @@ from foundation.signing import load_key, timestamp
 from vehicles import airframe as airframes
 from vehicles import fault_script
 
-WORK_SHARE = 0.1  # largest share of a tick for the messages of clients, once before and once after the simulation step
+WORK_SHARE = 0.1  # largest share of a tick for client messages, before the simulation step and again after it
 
 
 class Simulator:

@@ -35,7 +35,7 @@ def draw(
     scenes: int,
     pictures: int,
 ) -> Iterator[tuple[bytes, Truth]]:
-    """Yield JPEGs with their truth: `pictures` of each of `scenes` scenes. The first scene has the seed `first`."""
+    """Yield JPEGs with their truth: `pictures` pictures for each of `scenes` seeds, beginning with the seed `first`."""
     for seed in range(first, first + scenes):
         scene = build(seed)
         renderer = Renderer(scene, CAMERA, threads=1, shadow_cells=SHADOW_CELLS)

@@ -98,7 +98,7 @@ class DroneTelemetry:
 
     @cached_property
     def setpoints(self) -> Array:
-        """(n, 12): µs; position (m), velocity (m/s), yaw (rad), yaw rate (rad/s) as sent; velocity, 0 on unset axes."""
+        """(n, 12): µs; position (m), velocity (m/s), yaw (rad), yaw rate (rad/s); velocity again, 0 on unset axes."""
         return rising(self._autopilot.setpoints)
 
     @cached_property
@@ -109,7 +109,7 @@ class DroneTelemetry:
 
     @property
     def origin(self) -> Vec3 | None:
-        """lat °, lon °, alt m above mean sea level of the autopilot's local frame; None: not received."""
+        """the origin of the autopilot's local frame: lat °, lon °, alt m above mean sea level; None: not received."""
         return self._autopilot.origin
 
     @cached_property
@@ -186,7 +186,7 @@ class _Accuracy:
 
 @dataclass
 class _Autopilot:
-    """Collects the messages of one autopilot. Each type of message with a time stamp has its own clock."""
+    """Collects the messages of one autopilot. A separate clock object follows the time stamps of each message type."""
 
     places: list[tuple[float, ...]] = field(default_factory=list)
     angles: list[tuple[float, ...]] = field(default_factory=list)

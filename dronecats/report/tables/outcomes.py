@@ -1,4 +1,4 @@
-"""Tables of outcomes: by cell and map, of the approaching cell, by failure mode, of fleets, and of their drones."""
+"""Tables of outcomes: results by cell and by map, the cell `approaching`, failure modes, fleets and their drones."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence

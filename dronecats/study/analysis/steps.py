@@ -115,7 +115,7 @@ class ServedRate:
 
 @dataclass(frozen=True, slots=True)
 class TargetMotionResult:
-    """The motion of moving targets during one decision at a level, of one entrant in one cell or in all."""
+    """The motion of targets during one decision, for one entrant at one level, in one cell or in all cells."""
 
     entrant: str
     cell: str

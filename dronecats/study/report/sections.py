@@ -155,7 +155,7 @@ def _insignificant_factors(findings: Findings) -> Iterator[str]:
 def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
     """Yield (sentence, whether a difference is significant) for each entrant.
 
-    The sentence states the cost of the level nearest to the reference that differs significantly from it.
+    Of the levels that differ significantly from the reference, the sentence states the loss at the nearest one.
     """
     reference = along.factor.label(along.factor.reference)
     name = "" if len(findings.factors) <= FACTORS_FEW else f" along {along.factor.words}"

@@ -23,7 +23,7 @@ from episodes.records.record import HIDDEN, MOVING, STATIONARY, Path3D, TargetRe
 from foundation.protocol import CAP_S
 
 # Targets that the instruction identifies by paint
-# signs are for fleets, robots and carts for the campus, and people are too small in the picture at 16 m
+# signs are only for fleets; robots and carts are only for the campus; people are too small at 16 m
 NOT_PAINTED = ("sign", "person", "pedestrian", "delivery_robot", "service_cart")
 SPEED_MPS = 0.3  # on a map that requires no speed
 PAINTED_SPARE_M = 1.5  # length of the path beyond the distance that the target covers
@@ -73,7 +73,7 @@ def painted_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Propo
             for draft in drafts:
                 previous = share
                 share = yield draft
-                if share != previous:  # the other drafts are for the previous record
+                if share != previous:  # a changed draw: the caller went on to another record
                     break
             if drafts:
                 break

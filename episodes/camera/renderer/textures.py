@@ -3,7 +3,7 @@
 A texel packs three ten-bit channels, each the square root of a linear value. In the dark this is finer than eight bits
 of linear light, and squaring is cheaper than the sRGB curve. The channels are 21 bits apart, so that one multiplication
 applies a weight to all three. uv (0, 0) is the top-left corner of the picture, u to the right, v down. Beyond 0 … 1 the
-picture repeats. For this, every level has a border of one texel from its opposite side.
+picture repeats. For this, every level has a border of one texel, copied from the opposite side.
 """
 
 import math
@@ -19,7 +19,7 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3
 
 LARGEST_SIDE = 2048  # texels; larger pictures are reduced
-MOST_DOUBLINGS = 3  # of the number of reads along the longer axis of a pixel's footprint: at most eight reads
+MOST_DOUBLINGS = 3  # the reads along the longer axis of a pixel's footprint double at most three times, to eight
 WEIGHT = 2048  # sum of a pixel's integer weights; see `_bilinear`
 ONE_BITS = 0x3F800000  # the float 1.0
 SHARPEN = -0.35  # levels; a slightly finer level keeps letters readable, and edge smoothing hides the aliasing
@@ -104,7 +104,7 @@ def drift_table() -> NDArray[np.float32]:
 
 @njit(cache=True, nogil=True, inline="always")
 def drift(table: NDArray[np.float32], n: float, e: float, z: float) -> float:
-    """Return the drift of the tone of natural ground at (n, e), m, within -1.2 … 1.2: small patches on large ones.
+    """Return how much lighter or darker natural ground is at (n, e), m, from -1.2 to 1.2: small and large patches.
 
     The small patches fade at distances `z` of about 60 m, the large ones at about 800 m, where pixels are coarser.
     """
@@ -151,9 +151,9 @@ def footprint(
     """Return the parameters of `texture_color` for one texture: (level, mix, doublings, step_u, step_v).
 
     (ux, vx) and (uy, vy) are the changes of (u, v) from one read to the next, to the right and down. The shorter axis
-    of the footprint selects the level. The next level has the share `mix` / WEIGHT. 2^doublings reads follow the longer
-    axis in steps of (step_u, step_v). So a road at a grazing angle is sharp across its direction and does not shimmer
-    along it.
+    of the footprint selects the level. The next coarser level is blended in with the weight `mix` / WEIGHT. 2^doublings
+    reads follow the longer axis in steps of (step_u, step_v). So a road at a grazing angle is sharp across its
+    direction and does not shimmer along it.
     """
     first = atlas.first_level[texture]
     w = float(atlas.levels[first, 1])
