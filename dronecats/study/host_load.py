@@ -301,10 +301,13 @@ def tables(findings: LoadFindings) -> list[ReportTable]:
          None if r.ne_moved_m is None else f"{r.ne_moved_m:.2f} m")
         for r in findings.rows
     )  # fmt: skip
-    marks = [words("in real time, changed means"), *map(numbers, ("changed", "marked", "both", "precision", "recall"))]
-    lines = [_mark_cells("another verdict", findings.of_verdicts)]
+    marks = [
+        words("definition of changed (real time only)"),
+        *map(numbers, ("changed", "marked", "both", "precision", "recall")),
+    ]
+    lines = [_mark_cells("other verdict", findings.of_verdicts)]
     if findings.idle_error_m is not None:
-        error = f"NE changed by more than {findings.idle_error_m:.2f} m, the largest change at the first level"
+        error = f"NE differs by more than {findings.idle_error_m:.2f} m, the largest difference at the first level"
         lines.append(_mark_cells(error, findings.of_errors))
     return [table_of(levels, rows), table_of(marks, lines)]
 

@@ -110,12 +110,12 @@ METRICS = (
     ),
     Metric(
         name="identical_share", title="Coordinate copying", unit="ratio", level="episode", better="less",
-        definition="share of the steps with a go for all drones in which all drones got the same point",
+        definition="of the steps in which every drone got a go: share in which all points are equal",
         paper=COMMAND, of=_commanding_value("identical_share"),
     ),
     Metric(
         name="one_candidate_share", title="All at one candidate", unit="ratio", level="episode", better="less",
-        definition="of the steps in which all drones got a go: share in which all drones approached the same candidate",
+        definition="of the steps in which every drone got a go: share in which all gos lead towards the same candidate",
         paper=COMMAND, of=one_candidate_share,
     ),
     Metric(
@@ -126,7 +126,7 @@ METRICS = (
     ),
     Metric(
         name="spread_m", title="Spread", unit="m", level="episode", better=None,
-        definition="mean distance between any two places that drones are sent to in one step; median over the steps",
+        definition="per step, the mean distance of each two places to which drones are sent; median over the steps",
         paper=COMMAND, of=_commanding_value("spread_m"),
     ),
 )  # fmt: skip
