@@ -7,6 +7,7 @@ two calls it answers `{"alive": true}` with the same line, so the parent notices
 ends, even by a kill -9, standard input closes, and then the child ends too.
 """
 
+import faulthandler
 import importlib
 import json
 import os
@@ -48,6 +49,7 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C: it lands the vehicle first
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like an answer
+    faulthandler.enable()  # a crash in compiled code writes the stacks of all threads to the log
 
     def reply(value: dict[str, Any]) -> None:
         replies.write(json.dumps(value) + "\n")

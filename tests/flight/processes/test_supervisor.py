@@ -59,6 +59,16 @@ def test_the_error_of_a_killed_child_names_the_child_and_the_signal(supervisor):
         supervisor.check()
 
 
+def test_the_log_of_a_crashed_child_has_the_stacks_of_its_threads(supervisor, tmp_path):
+    child = supervisor.start(ENDING, EndingConfig())
+    child.ready()
+    os.kill(child.pid, signal.SIGSEGV)
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+    with pytest.raises(InfrastructureError, match=r"ending.*SIGSEGV"):
+        supervisor.check()
+    assert "processes/child.py" in (tmp_path / "ending.log").read_text()
+
+
 def looks(supervisor, until, limit_s=60):
     """Check repeatedly, as a flight does, until a condition holds."""
     deadline = time.monotonic() + limit_s
