@@ -176,10 +176,7 @@ def misses(airframes: dict[str, dict[str, Any]]) -> list[str]:
 def table(airframes: dict[str, dict[str, Any]]) -> str:
     """Return the figures as Markdown."""
     heads = " | ".join(step.name for step in STEPS)
-    lines = [
-        f"| airframe | {heads} | drift in a minute |",
-        "| --- |" + " --- |" * (len(STEPS) + 1),
-    ]
+    lines = [f"| airframe | {heads} | drift in a minute |", "| --- |" + " --- |" * (len(STEPS) + 1)]
     for name, rows in airframes.items():
         cells = [
             f"{r['rise_s']:.2f} s · {r['overshoot_percent']:.1f} % · {r['steady_error_percent']:.2f} %"

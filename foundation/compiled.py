@@ -117,12 +117,7 @@ def njit(*, cache: bool = True, allocates: bool = False, **options: Any) -> Call
     it gets out of date and fails if the sources are read-only. The wrapper for calls from C is omitted, which saves a
     tenth of the compile time. Division by zero is not checked and gives infinity or NaN, as in numpy.
     """
-    defaults = {
-        "cache": cache and CAN_CACHE,
-        "no_cfunc_wrapper": True,
-        "error_model": "numpy",
-        "_nrt": allocates,
-    }
+    defaults = {"cache": cache and CAN_CACHE, "no_cfunc_wrapper": True, "error_model": "numpy", "_nrt": allocates}
     compiled: Callable[[Callable[P, R]], Kernel[P, R]] = numba.njit(**{**defaults, **options})
     return compiled
 

@@ -93,8 +93,7 @@ def _touch(
     scale = 1.0 / math.sqrt(1.0 + steep) if steep > 0.0 else 1.0
     normal = (slope_north * scale, slope_east * scale, -scale)
     spin = rotate(
-        attitude,
-        (rates[1] * pz - rates[2] * py, rates[2] * px - rates[0] * pz, rates[0] * py - rates[1] * px),
+        attitude, (rates[1] * pz - rates[2] * py, rates[2] * px - rates[0] * pz, rates[0] * py - rates[1] * px)
     )
     moving = (velocity[0] + spin[0], velocity[1] + spin[1], velocity[2] + spin[2])
     closing = -(moving[0] * normal[0] + moving[1] * normal[1] + moving[2] * normal[2])

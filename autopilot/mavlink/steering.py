@@ -149,8 +149,7 @@ def attitude_target(node: Node, port: Port, message: Message) -> None:
             node.complain("SET_ATTITUDE_TARGET invalid: attitude")
             return
         _accept(
-            node,
-            CascadeSetpoint(kind=KIND_ATTITUDE, attitude=quat_normalized(q), yaw_rate=yaw_rate, thrust=thrust),
+            node, CascadeSetpoint(kind=KIND_ATTITUDE, attitude=quat_normalized(q), yaw_rate=yaw_rate, thrust=thrust)
         )
     elif not mask & 0x3 and abs(m.body_roll_rate) < LIMIT and abs(m.body_pitch_rate) < LIMIT:
         rates = (m.body_roll_rate, m.body_pitch_rate, yaw_rate)

@@ -58,9 +58,7 @@ def choose_suite(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
     title = None if episodes else "+".join(names)
     digest = suite_digest((record.id, record.to_json()) for record in records.values())
     return ChosenSuite(
-        name=title,
-        records=records,
-        identity=FlownSuite(name=title, version=catalogue.VERSION, sha256=digest),
+        name=title, records=records, identity=FlownSuite(name=title, version=catalogue.VERSION, sha256=digest)
     )
 
 

@@ -27,16 +27,10 @@ def add_compare_options(parser: argparse.ArgumentParser) -> None:
         help="largest distance that counts as equal, in metres (default 1)",
     )
     parser.add_argument(
-        "--seconds",
-        type=float,
-        default=60.0,
-        metavar="S",
-        help="compare the first S seconds (default 60)",
+        "--seconds", type=float, default=60.0, metavar="S", help="compare the first S seconds (default 60)"
     )
     parser.add_argument(
-        "--align",
-        choices=("step", "time"),
-        help="pair poses by this (default step if all replies are equal)",
+        "--align", choices=("step", "time"), help="pair poses by this (default step if all replies are equal)"
     )
     parser.add_argument("--keep-north", action="store_true", help="keep north up, instead of the first heading")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw both paths: .png, .svg or .pdf")

@@ -8,12 +8,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli.episode_authoring import (
-    add_new_options,
-    add_optics_options,
-    add_probe_options,
-    add_sheet_options,
-)
+from dronecats.cli.episode_authoring import add_new_options, add_optics_options, add_probe_options, add_sheet_options
 from dronecats.cli.episodes_audit import add_audit_options
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import Drawing, show

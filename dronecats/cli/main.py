@@ -58,7 +58,7 @@ MEMORY_GB = {
 DEFAULT_GB = 1.2  # for a report with figures
 READER_LOST = {  # messages, for verbs that continue for minutes after the reader of the output has gone
     "fly": "dronecats fly: the reader of the output has gone; the flight continues, and its results are"
-    " in the run folder",
+    " in the run folder"
 }
 
 

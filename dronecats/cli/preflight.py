@@ -41,13 +41,7 @@ def add_preflight_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--camera", metavar="URL", help="also check this camera")
     parser.add_argument("--seconds", type=float, default=5.0, metavar="N", help="time to listen (default 5)")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("runs"),
-        metavar="DIR",
-        help="folder of runs (default runs)",
-    )
+    parser.add_argument("--out", type=Path, default=Path("runs"), metavar="DIR", help="folder of runs (default runs)")
     parser.add_argument("--fix", action="store_true", help="propose parameter changes, and set them after you confirm")
     parser.add_argument("--json", action="store_true", help="print one JSON object on standard output")
     parser.set_defaults(run=run)

@@ -52,10 +52,7 @@ def commanding(logs: Logs, cap_s: float = CAP_S) -> CommandingDiagnostics | None
 
 
 def _step(
-    step: int,
-    decisions: Sequence[Decision],
-    frames: Mapping[tuple[int, int], FrameTruth],
-    candidates: Sequence[Vec3],
+    step: int, decisions: Sequence[Decision], frames: Mapping[tuple[int, int], FrameTruth], candidates: Sequence[Vec3]
 ) -> CommandedStep:
     """Return the commands of one step."""
     gos = [decision.go for decision in decisions]

@@ -10,11 +10,7 @@ from typing import Any
 from msgspec import UNSET
 
 from dronecats.judge.judged_flight import gaps, outcome
-from dronecats.judge.verdict import (
-    NOTHING_KNOWN,
-    SAME_S,
-    consistent,
-)
+from dronecats.judge.verdict import NOTHING_KNOWN, SAME_S, consistent
 from foundation.errors import InfrastructureError, UsageError
 from foundation.files import write_json
 from foundation.protocol import CAP_S, RADIUS_M
@@ -120,11 +116,7 @@ def judge_folder(folder: Path, delta_m: float = RADIUS_M, reread: Rereading | No
 
 
 def judged_against_files(
-    folder: Path,
-    logs: Logs,
-    record: Mapping[str, Any] | None,
-    verdict: Verdict,
-    reread: Rereading | None = None,
+    folder: Path, logs: Logs, record: Mapping[str, Any] | None, verdict: Verdict, reread: Rereading | None = None
 ) -> Judged:
     """Return the verdict of a folder's logs, compared with the other files; replies are parsed again by `reread`."""
     sentences = log_contradictions(logs)

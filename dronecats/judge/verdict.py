@@ -51,10 +51,7 @@ def in_order(declarations: Iterable[Measured], cap_s: float = CAP_S) -> list[Mea
 
 
 def judge(
-    declarations: Iterable[Measured],
-    last_action: Measured | None,
-    delta_m: float = RADIUS_M,
-    cap_s: float = CAP_S,
+    declarations: Iterable[Measured], last_action: Measured | None, delta_m: float = RADIUS_M, cap_s: float = CAP_S
 ) -> Judgement:
     """Return the verdict over the pooled declarations of all drones.
 

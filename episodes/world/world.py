@@ -117,12 +117,7 @@ class World:
         return self.fleet.among(self.solids, poses) if poses else self.solids
 
     def measure(
-        self,
-        t_s: float,
-        position_ned: Vec3,
-        attitude: Quat,
-        camera: CameraModel,
-        drones: Iterable[DronePose] = (),
+        self, t_s: float, position_ned: Vec3, attitude: Quat, camera: CameraModel, drones: Iterable[DronePose] = ()
     ) -> TargetMeasurement:
         """Return the true measurement of a drone with this body origin (m) and attitude (FRD → NED).
 

@@ -42,12 +42,7 @@ def train(folder: Path, out: Path, training: Training) -> None:
         f" the threshold {result.declares_at:g}, {result.declared:.0%} of the arrivals are declared and"
         f" {result.precise:.0%} of the declarations are true"
     )
-    save(
-        out,
-        head,
-        result.declares_at,
-        {"flights": flights, "training": asdict(training), "held_out": asdict(result)},
-    )
+    save(out, head, result.declares_at, {"flights": flights, "training": asdict(training), "held_out": asdict(result)})
     script.print_line(f"{out}, {time.monotonic() - begun:.0f} s")
 
 

@@ -62,8 +62,7 @@ class EpisodeIdentity:
         str | None, doc("digest of their JPEG bytes in the order of their names; null: no picture")
     ]
     served: Annotated[
-        tuple[str, ...],
-        doc("names and versions of models in the vendor's replies; empty: only the requested name"),
+        tuple[str, ...], doc("names and versions of models in the vendor's replies; empty: only the requested name")
     ]
     pace: Annotated[dict[str, float], doc("how well a real-time flight kept its pace")] | UnsetType = UNSET
 
@@ -273,8 +272,7 @@ class FrameTruth(TargetMeasurement):
     position_ned: Annotated[Place | None, doc("m, NED, position of the body")] = None
     yaw_deg: Annotated[Number | None, doc("°, heading of the nose from north, + east")] = None
     camera_pitch_deg: Annotated[
-        Number | UnsetType,
-        doc("°, camera's pitch, up from the nose; with a gimbal, up from the horizon; missing: 0"),
+        Number | UnsetType, doc("°, camera's pitch, up from the nose; with a gimbal, up from the horizon; missing: 0")
     ] = UNSET
 
 

@@ -43,8 +43,7 @@ class LineLog:
     """Appends rows to a file of JSON lines."""
 
     def __init__(self, path: Path) -> None:
-        # escapes half a surrogate pair, which JSON allows and UTF-8 does not
-        self._file: TextIO = path.open("a", encoding="utf-8", errors="backslashreplace")
+        self._file: TextIO = path.open("a", encoding="utf-8")
 
     def write(self, row: Any) -> None:
         """Append a row and flush it."""

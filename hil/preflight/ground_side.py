@@ -146,9 +146,7 @@ def camera_row(url: str, now_us: Callable[[], int], keep_up: Callable[[], None],
 
 
 DISK = "disk"
-DISK_LEAST_GB = (
-    1.0  # an episode keeps some 120 frames of 40 kB and 30 MB of telemetry; a full disk ends a log in mid-flight
-)
+DISK_LEAST_GB = 1.0  # an episode keeps about 120 frames of 40 kB and 30 MB of telemetry; a full disk ends its logs
 
 
 def disk_row(folder: Path) -> Row:

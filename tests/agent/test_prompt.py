@@ -119,8 +119,7 @@ def test_a_template_with_fleet_fields_is_rendered_without_additions(tmp_path, kn
 
 
 @pytest.mark.parametrize(
-    ("field", "hint"),
-    [("{instrution}", "{instruction}"), ("{point_format}", "{point_fmt}"), ("{wind}", "history_len")],
+    ("field", "hint"), [("{instrution}", "{instruction}"), ("{point_format}", "{point_fmt}"), ("{wind}", "history_len")]
 )
 def test_an_unknown_field_is_rejected_with_a_hint(tmp_path, field, hint):
     path = tmp_path / "prompt.txt"

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from dronecats.bench.tables import ScoreRow, audit_table, blind_flights, floor, groups, score_row
 from dronecats.cli.main import main
-from dronecats.judge.statistics.shares import wilson
 from dronecats.pilots.scripted import PATTERNS, RANDOM
 from dronecats.report.writers import as_terminal
 from episodes.records import catalogue
@@ -196,8 +195,7 @@ def test_every_cell_has_a_floor() -> None:
 def too_good(table: BlindTable, cell: str) -> list[str]:
     """Return the unaware pilots above SR₃ 10 % in a cell, or above SR 20 % without a sweep.
 
-    All random patterns are pooled. They are a sample, so the lower end of the 95 % interval of their rate is compared.
-    The other patterns always fly the same way, so their rate itself is compared.
+    All random patterns are pooled, so that one lucky draw of ten flights does not decide.
     """
     of_cell = made([{"episode": name} for name in IDS if name.rpartition("-")[0] == cell])
     solved_rows: dict[str, list[ScoreRow]] = defaultdict(list)
@@ -209,8 +207,7 @@ def too_good(table: BlindTable, cell: str) -> list[str]:
         flown, solved = sum(row.flown for row in lines), sum(row.solved for row in lines)
         within_three = sum(row.solved_within_three or 0 for row in lines)
         sweeps = PATTERNS[name].sweeps or cell.endswith("commanding")  # four drones that spread out count as a sweep
-        rates = [wilson(count, flown)[0] if name == RANDOM else count / flown for count in (within_three, solved)]
-        if rates[0] > 0.10 or (rates[1] > 0.20 and not sweeps):
+        if within_three > 0.10 * flown or (solved > 0.20 * flown and not sweeps):
             pilots.append(name)
     return pilots
 
@@ -219,6 +216,21 @@ def test_patterns_unaware_of_the_draw_stay_below_the_allowed_rates() -> None:
     """Patterns that know the 16 m are left out: no draw of residential records keeps them at the floor (see docs)."""
     for cell in CELLS:
         assert too_good(KEPT, cell) == [], cell
+
+
+def test_the_page_has_the_blind_scores_of_the_table() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "episodes-reference.md").read_text(encoding="utf-8")
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line.startswith("| ")]
+    head = next(row for row in rows if row[:2] == ["pilot", "approaching"])
+    for pilot, *scores in (row for row in rows if row[0].split()[0] in PATTERNS and len(row) == len(head)):
+        name = pilot.split()[0]
+        pooled = [f"blind:{n}" for n in PATTERNS if n == name or (name == RANDOM and n.startswith(RANDOM))]
+        for task, score in zip(head[1:], scores, strict=True):
+            flights = [
+                f for n in pooled for key, f in KEPT[n].items() if key.split("-", 1)[1].rpartition("-")[0] == task
+            ]
+            counts = (sum(getattr(f, kind) for f in flights) for kind in ("success", "first", "within_three"))
+            assert score == (", ".join(map(str, counts)) if flights else "–"), (pilot, task)
 
 
 def test_pilots_above_the_allowed_rates_are_detected() -> None:
@@ -233,10 +245,9 @@ def test_pilots_above_the_allowed_rates_are_detected() -> None:
         ("straight", [luck[1]] * 3 + [luck[2]] * 7, ["straight"]),
     ):
         assert too_good({f"blind:{pilot}": dict(zip(of_cell, flights_of, strict=True))}, cell) == expected
-    lucky, unlucky = (dict(zip(of_cell, [luck[0]] * count + [luck[2]] * (10 - count), strict=True)) for count in (4, 0))
-    assert too_good({"blind:random": lucky}, cell) == ["random"]
+    lucky, unlucky = (dict(zip(of_cell, [luck[0]] * count + [luck[2]] * (10 - count), strict=True)) for count in (2, 0))
     assert too_good({"blind:random": lucky, "blind:random-2": unlucky}, cell) == []
-    assert too_good({"blind:random": lucky, "blind:random-2": lucky, "blind:random-3": unlucky}, cell) == ["random"]
+    assert too_good({"blind:random": lucky, "blind:random-2": lucky}, cell) == ["random"]
 
 
 @flown_yet

@@ -186,13 +186,7 @@ def test_the_matrix_combines_every_pilot_latency_and_command():
     latencies = [LatencyPolicy.parse(text) for text in ("fixed:0.5", "rate:2")]
     suite = choose_suite([*FOUR, FLEET], [])
     two = [("oracle", ORACLE), ("vision", FlightSpec(pilot="vision", simulated=Simulated(speed=None), seed=7))]
-    runs = entries(
-        two,
-        suite,
-        commands=("flat", "solo"),
-        latencies=latencies,
-        flights=2,
-    )
+    runs = entries(two, suite, commands=("flat", "solo"), latencies=latencies, flights=2)
     assert len({run.name for run in runs}) == len(runs) == 2 * 2 * 2 * 2
     assert {run.episodes for run in runs if run.flight.command == "solo"} == {(FLEET,)}
     assert {run.episodes for run in runs if run.flight.command == "flat"} == {(*FOUR, FLEET)}

@@ -53,10 +53,7 @@ def test_invalid_usage_prints_one_sentence_and_exits_with_2(capsys, tmp_path, mo
         (["fly", "--sitl", "--no-envelope", "--envelope", "x.toml"], "--no-envelope .*--envelope"),
         (["fly", "--sitl", "--prompt", "/nowhere/prompt.txt"], "/nowhere/prompt.txt"),
         *(
-            (
-                ["fly", "--sitl", *MODEL, option, value],
-                f"{option} .*'{value}'",
-            )
+            (["fly", "--sitl", *MODEL, option, value], f"{option} .*'{value}'")
             for option in ("--cost-limit", "--token-limit")
             for value in ("inf", "nan", "-1", "0", "much", "1e999", "")
         ),

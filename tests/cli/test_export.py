@@ -59,10 +59,7 @@ def test_runs_of_the_same_episode_get_separate_files(place, capsys):
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
-    [
-        (["nowhere", "--to", "kml"], "nowhere"),
-        (["made", "--to", "kml", "--out", "made/run.json"], "made/run.json"),
-    ],
+    [(["nowhere", "--to", "kml"], "nowhere"), (["made", "--to", "kml", "--out", "made/run.json"], "made/run.json")],
 )
 def test_errors_are_one_sentence(arguments, expected, place, capsys):
     assert main(["export", *arguments]) == 2

@@ -47,11 +47,7 @@ def test_the_dataset_holds_every_decision_with_its_inputs(run_folder, dataset_fo
         if isinstance(action, Rotate):
             assert data.angles_deg[k] == pytest.approx(action.angle_deg)
         past.append(features.as_past(action))
-    assert {KINDS[kind] for kind in data.kinds} == {
-        "go",
-        "rotate",
-        "finished",
-    }  # the flights must show all three
+    assert {KINDS[kind] for kind in data.kinds} == {"go", "rotate", "finished"}  # the flights must show all three
 
 
 def test_the_dataset_holds_the_pictures_that_the_pilot_saw(run_folder, dataset_folder):

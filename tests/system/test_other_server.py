@@ -28,10 +28,7 @@ from tests.support.ports import free_port
 
 COMMAND = os.environ.get("DRONECATS_LITELLM")
 START_S = 300.0  # wall s; the proxy's imports take 15 s
-pytestmark = [
-    pytest.mark.slow("starts LiteLLM's proxy and flies through it"),
-    needs("litellm"),
-]
+pytestmark = [pytest.mark.slow("starts LiteLLM's proxy and flies through it"), needs("litellm")]
 
 
 @dataclass(frozen=True)

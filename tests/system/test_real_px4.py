@@ -29,10 +29,7 @@ from tests.support.ports import free_instance, free_port
 from tests.system.courses import holds, record
 
 COMMAND = os.environ.get("DRONECATS_PX4")
-pytestmark = [
-    pytest.mark.slow,
-    needs("px4"),
-]
+pytestmark = [pytest.mark.slow, needs("px4")]
 
 
 def dronecats(*words):

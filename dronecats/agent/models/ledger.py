@@ -225,7 +225,7 @@ class BudgetedModel(WrappedModel):
                 self._ledger.spend(self._spec.title, spent)
 
     def book_open(self) -> None:
-        """Book the questions without a reply yet. A vendor charges for a reply, even if nobody receives it.
+        """Add the cost of the questions that wait for a reply: the vendor charges for a reply that nobody receives.
 
         Each reply is assumed to have the mean length of the run's replies. Raises InfrastructureError.
         """

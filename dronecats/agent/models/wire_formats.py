@@ -103,10 +103,7 @@ class GeminiModel(HttpModel):
         if schema := self.schema(request):
             config["responseMimeType"] = "application/json"
             config["responseJsonSchema"] = schema
-        return {
-            "contents": [{"parts": [{"text": request.text}, *images], "role": "user"}],
-            "generationConfig": config,
-        }
+        return {"contents": [{"parts": [{"text": request.text}, *images], "role": "user"}], "generationConfig": config}
 
     def tokens(self, data: Any) -> tuple[int | None, int | None]:
         usage = data.get("usageMetadata") or {}

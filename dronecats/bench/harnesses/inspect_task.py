@@ -16,17 +16,7 @@ from anyio.to_thread import run_sync
 from inspect_ai import Task, task
 from inspect_ai.dataset import MemoryDataset, Sample
 from inspect_ai.model import ChatMessageUser, Content, ContentImage, ContentText, GenerateConfig, get_model
-from inspect_ai.scorer import (
-    CORRECT,
-    INCORRECT,
-    Score,
-    Scorer,
-    Target,
-    accuracy,
-    grouped,
-    scorer,
-    stderr,
-)
+from inspect_ai.scorer import CORRECT, INCORRECT, Score, Scorer, Target, accuracy, grouped, scorer, stderr
 from inspect_ai.solver import Generate, Solver, TaskState, solver
 
 from dronecats.agent.models.model import Request
@@ -139,9 +129,7 @@ def flight(
                 used = output.usage
                 outside.answer(
                     OutsideReply(
-                        output.completion,
-                        used.input_tokens if used else None,
-                        used.output_tokens if used else None,
+                        output.completion, used.input_tokens if used else None, used.output_tokens if used else None
                     )
                 )
         finally:

@@ -7,23 +7,13 @@ from typing import Any, Unpack
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.pace import PaceReport, RateKeeper
 from dronecats.flight.sitl.px4 import HilVehicle
-from dronecats.flight.sitl.simulation import (
-    BootPose,
-    Physics,
-    Simulation,
-    build_with,
-    load_world,
-)
+from dronecats.flight.sitl.simulation import BootPose, Physics, Simulation, build_with, load_world
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, GCS_PORT, LOOPBACK, UdpPort, truth_port
 from foundation.airframe import Airframe
 from foundation.mavlink import Packer
 from foundation.truth import TRUTH_COMPONENT
 from hil.link.transport import connect
-from hil.simulator import (
-    BoardLine,
-    gps_message,
-    sensor_period_us,
-)
+from hil.simulator import BoardLine, gps_message, sensor_period_us
 from vehicles.sensors import Suite
 
 SILENCE_S = 0.5  # wall seconds without motor outputs after which the rotors stop

@@ -41,12 +41,7 @@ class LockstepStage:
             clock = Px4Lockstep(self._px4)
         else:
             clock = Lockstep(
-                build(
-                    world,
-                    airframe=simulated.airframe,
-                    seed=spec.seed,
-                    disturbances=spec.disturbances.vehicle,
-                )
+                build(world, airframe=simulated.airframe, seed=spec.seed, disturbances=spec.disturbances.vehicle)
             )
             ours = clock.simulation.vehicles
         self._clock, self._simulation = clock, clock.simulation

@@ -53,11 +53,7 @@ class MixedLogit:
 
 
 def fit(
-    design: Array,
-    trials: Trials,
-    offset: Array | None = None,
-    begin: MixedLogit | None = None,
-    narrowest: float = 0.0,
+    design: Array, trials: Trials, offset: Array | None = None, begin: MixedLogit | None = None, narrowest: float = 0.0
 ) -> MixedLogit:
     """Return the most likely coefficients and scatter.
 

@@ -191,9 +191,7 @@ USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0
 HIDDEN = 80  # units of the hidden layer
 DECAY = 2e-4  # weight decay
 COVERED = 0.2  # share of a window's cells that are blanked in a step
-BRIGHTNESS_LOG_STD = (
-    0.25  # standard deviation of the log of a random brightness factor, for the shadows of halls and trees
-)
+BRIGHTNESS_LOG_STD = 0.25  # of the log of a random brightness factor, for the shadows of halls and trees
 
 CHECKED_M = (3.2, 20.0, 40.0)  # m, edges of the distance bands near and far of the check
 PLAINLY = 0.5  # visible share from which a thing must be detected

@@ -57,11 +57,7 @@ def page(entries: Iterable[Verification]) -> str:
     models = [entry for entry in ordered if entry.is_model]
     ours = [entry for entry in ordered if not entry.is_model]
     sections = [HEADER, "## Models\n", _tables(models) or "No entry yet.\n"]
-    sections += [
-        "## Built-in pilots\n",
-        ABOUT_PILOTS,
-        _tables(ours) or "No entry yet.\n",
-    ]
+    sections += ["## Built-in pilots\n", ABOUT_PILOTS, _tables(ours) or "No entry yet.\n"]
     common = [
         sentence
         for sentence in (ordered[0].unchecked if ordered else ())

@@ -149,10 +149,7 @@ def _page_runs(collection: Collection) -> tuple[list[PageRun], list[PageEntrant]
     ]
     page_entrants = [
         PageEntrant(
-            key=key,
-            title=entrant.label,
-            model=entrant.is_model,
-            runs=tuple(places[run.folder] for run in entrant.runs),
+            key=key, title=entrant.label, model=entrant.is_model, runs=tuple(places[run.folder] for run in entrant.runs)
         )
         for key, entrant in zip(keys([entrant.label for entrant in found_entrants]), found_entrants, strict=True)
     ]

@@ -70,12 +70,7 @@ def stream_rows(tolerances: Sequence[Tolerance]) -> list[LoopRow]:
 def trace_rows(traces: Sequence[TraceResponse]) -> list[LoopRow]:
     """Return a row for each step of the trace and each autopilot."""
     return [
-        {
-            "autopilot": trace.autopilot,
-            "step": name,
-            **_step_fields(figures),
-            "settled_s": _finite(figures.settled_s),
-        }
+        {"autopilot": trace.autopilot, "step": name, **_step_fields(figures), "settled_s": _finite(figures.settled_s)}
         for trace in traces
         for name, figures in trace.steps()
     ]

@@ -87,13 +87,7 @@ def step_at(t_s: float) -> TraceStep | None:
     return None
 
 
-def fly(
-    airframe: str,
-    *,
-    px4: str | None = None,
-    log_dir: Path | None = None,
-    seed: int = 0,
-) -> TraceResponse:
+def fly(airframe: str, *, px4: str | None = None, log_dir: Path | None = None, seed: int = 0) -> TraceResponse:
     """Return the response to TRACE of this project's autopilot, or of the PX4 that the command `px4` starts.
 
     log_dir: existing folder for the output of PX4; None: the output is discarded.

@@ -57,7 +57,7 @@ POINTS = (
 EFFECTS = (
     "main_effects",
     "Change of the log odds of success from each factor's lowest to its highest level, with the other factors at"
-    " their middle, and 95 % intervals. Filled: significant after Holm's correction.",
+    " their mean, and 95 % intervals. Filled: significant after Holm's correction.",
 )
 HEAT_MAP = "Success rate over two factors, pooled over the others."
 

@@ -33,9 +33,7 @@ OFF_CENTRE_DEG = 15.0  # at least half of the visible targets must be farther of
 UNEVEN = 0.25  # largest difference (Kolmogorov's D) of a cell's ten values from an even spread
 CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # limits of the nearest and of the farthest start on campus
 HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # limits of the lowest and of the highest start
-LEAST_ROW_SPREAD = (
-    0.05  # least distance of the uppermost from the lowest target of a suite, as a share of the picture's height
-)
+LEAST_ROW_SPREAD = 0.05  # of the picture's height, from the lowest to the uppermost target of a suite
 # A straight flight passes within 5 m of all targets at 16 m that are up to 14° off its heading. These 28° are more than
 # a third of the picture's usable 74°. So for any spread of ten visible targets, some heading passes at least three.
 # Key: whether the targets are visible at the start. Value: how many of ten targets a straight flight may pass.

@@ -56,11 +56,7 @@ class ShadingInput(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def measure_rows(
-    thread: int,
-    threads: int,
-    shot: ShadingInput,
-    depth: NDArray[np.float32],
-    ids: NDArray[np.int32],
+    thread: int, threads: int, shot: ShadingInput, depth: NDArray[np.float32], ids: NDArray[np.int32]
 ) -> None:
     """Fill this thread's rows of `depth` (H, W, m) and `ids` (H, W) from the samples at the middles of the pixels."""
     drawn, samples, instance = shot.drawn, shot.samples, shot.triangles.instance

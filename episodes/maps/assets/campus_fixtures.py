@@ -144,10 +144,7 @@ def planter() -> Mesh:
     """Return a wide cast tub with a clipped shrub."""
     soil = materials.plain("soil", (70, 54, 42))
     outline = [(0.0, -SINK), (0.66, -SINK), (0.72, 0.1), (0.92, 0.66), (0.98, 0.68), (0.98, 0.78), (0.88, 0.78)]
-    solids = [
-        g.lathe([*outline, (0.88, 0.7)], CAST, 18),
-        g.lathe([(0.88, 0.71), (0.0, 0.73)], soil, 18),
-    ]
+    solids = [g.lathe([*outline, (0.88, 0.7)], CAST, 18), g.lathe([(0.88, 0.71), (0.0, 0.73)], soil, 18)]
     turns = 2.0 * np.pi * np.arange(7) / 7
     lobes = [plants.Lobe(np.array((0.0, 0.0, 1.12)), np.array((0.68, 0.68, 0.52)))]
     lobes += [plants.Lobe(np.array((0.68 * np.cos(a), 0.68 * np.sin(a), 0.86)), np.full(3, 0.24)) for a in turns]

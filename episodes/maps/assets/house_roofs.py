@@ -32,9 +32,7 @@ def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitc
         near, far = sorted((end + np.sign(end - middle) * 0.03, end - np.sign(end - middle) * 0.05))
         solids.append(
             g.box(
-                (near, y0 - overhang + 0.02, eave - drop - 0.10),
-                (far, y1 + overhang - 0.02, eave - drop + 0.12),
-                trim,
+                (near, y0 - overhang + 0.02, eave - drop - 0.10), (far, y1 + overhang - 0.02, eave - drop + 0.12), trim
             )
         )
     return solids

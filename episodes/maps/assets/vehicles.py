@@ -257,10 +257,7 @@ def wheel(radius: float, width: float, spokes: int = 5, rim: Material = material
         (0.70 * radius, half),
     ]
     dish = [(0.70 * radius, half), (0.66 * radius, 0.80 * half), (0.60 * radius, 0.45 * half), (0.0, 0.45 * half)]
-    solids = [
-        g.lathe(outline, materials.RUBBER, 20),
-        g.lathe(dish[:2], rim, 14),
-    ]
+    solids = [g.lathe(outline, materials.RUBBER, 20), g.lathe(dish[:2], rim, 14)]
     if spokes == 0:
         cap = [dish[1], (0.56 * radius, 0.92 * half), (0.30 * radius, 0.70 * half), (0.14 * radius, 0.95 * half)]
         return [about_y(p) for p in [*solids, g.lathe([*cap, (0.0, 0.95 * half)], rim, 14)]]

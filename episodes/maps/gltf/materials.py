@@ -261,12 +261,7 @@ def _ours(document: Document, entry: Mapping[str, Any], where: str, read: Materi
         return None
     red, green, blue, emission, specular, drift, foliage = (float(v) for v in (*look, 0.0, 0.0)[:7])
     exact = replace(
-        read,
-        color=(red, green, blue),
-        emission=emission,
-        specular=specular,
-        drift=drift,
-        foliage=foliage > 0.0,
+        read, color=(red, green, blue), emission=emission, specular=specular, drift=drift, foliage=foliage > 0.0
     )
     pbr = document.mapping(entry, "pbrMetallicRoughness", where)
     written = (
@@ -276,9 +271,5 @@ def _ours(document: Document, entry: Mapping[str, Any], where: str, read: Materi
     )
     fields = standard(exact)
     surface = fields["pbrMetallicRoughness"]
-    wanted = (
-        *surface["baseColorFactor"],
-        surface["roughnessFactor"],
-        *fields.get("emissiveFactor", (0.0, 0.0, 0.0)),
-    )
+    wanted = (*surface["baseColorFactor"], surface["roughnessFactor"], *fields.get("emissiveFactor", (0.0, 0.0, 0.0)))
     return exact if np.allclose(written, wanted, rtol=0.0, atol=1e-5) else None

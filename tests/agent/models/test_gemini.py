@@ -40,12 +40,7 @@ def test_request_is_one_user_message_with_text_first_and_the_papers_sampling(mon
     (message,) = sent.body["contents"]
     assert [next(iter(part)) for part in message["parts"]] == ["text", "inlineData", "inlineData"]
     assert sent.body.keys() == {"contents", "generationConfig"}  # no system message, no tools
-    assert sent.body["generationConfig"] == {
-        "temperature": 0.4,
-        "topP": 0.95,
-        "topK": 40,
-        "maxOutputTokens": 8192,
-    }
+    assert sent.body["generationConfig"] == {"temperature": 0.4, "topP": 0.95, "topK": 40, "maxOutputTokens": 8192}
 
 
 def test_declared_options_override_the_providers_defaults(monkeypatch):

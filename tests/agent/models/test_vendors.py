@@ -61,10 +61,7 @@ def texts() -> list[Any]:
 CHAT = b'{"id":"1","object":"chat.completion","created":1,"model":"m","choices":[{"index":0,"finish_reason":"stop","message":{"role":"assistant","content":"{}"}}]}'  # noqa: E501
 SWITCHES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "openai": ({"reasoning_effort": "minimal"}, {"reasoning_effort": "medium"}),
-    "openrouter": (
-        {"extra_body": {"reasoning": {"enabled": False}}},
-        {"extra_body": {"reasoning": {"enabled": True}}},
-    ),
+    "openrouter": ({"extra_body": {"reasoning": {"enabled": False}}}, {"extra_body": {"reasoning": {"enabled": True}}}),
     "ollama": ({"reasoning_effort": "none"}, {"reasoning_effort": "medium"}),
     "vllm": (
         {"extra_body": {"chat_template_kwargs": {"enable_thinking": False}}},
@@ -134,12 +131,7 @@ def test_requests_equal_those_of_geminis_client(monkeypatch):
         parts: list[Any] = [
             types.Part(inline_data=types.Blob(data=jpeg, mime_type="image/jpeg")) for jpeg in question.images_jpeg
         ]
-        config = types.GenerateContentConfig(
-            temperature=0.4,
-            top_p=0.95,
-            top_k=40,
-            max_output_tokens=8192,
-        )
+        config = types.GenerateContentConfig(temperature=0.4, top_p=0.95, top_k=40, max_output_tokens=8192)
         budget: Any = {"thinkingConfig": {"thinkingBudget": -1 if thinking else 0}}
         if row:
             config.thinking_config = types.ThinkingConfig(thinking_budget=-1 if thinking else 0)

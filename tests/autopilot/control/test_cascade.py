@@ -170,11 +170,7 @@ class Bench:
 
 def test_every_combination_of_uncontrolled_axes_gives_commands():
     """Position, velocity, acceleration per axis, yaw and yaw rate, each controlled or not: 2048 combinations."""
-    values = {
-        "position_ned": (5.0, 1.0, -9.0),
-        "velocity_ned": (1.0, -0.5, 0.2),
-        "acceleration_ned": (0.3, 0.2, -0.1),
-    }
+    values = {"position_ned": (5.0, 1.0, -9.0), "velocity_ned": (1.0, -0.5, 0.2), "acceleration_ned": (0.3, 0.2, -0.1)}
     bench = Bench()
     setpoint = bench.core.setpoint
     for controlled in itertools.product((False, True), repeat=11):

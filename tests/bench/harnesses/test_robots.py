@@ -17,9 +17,7 @@ class Turns(PolicyBase):
 
     def __init__(self, embodiment):
         self.info = PolicyInfo(
-            name="turns",
-            action_space=embodiment.info.action_space,
-            observation_space=embodiment.info.observation_space,
+            name="turns", action_space=embodiment.info.action_space, observation_space=embodiment.info.observation_space
         )
         self.pictures = []
 

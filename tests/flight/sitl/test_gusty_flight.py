@@ -63,12 +63,7 @@ class Flight:
 def fly(seed: int, folder: Path) -> Flight:
     """Return the records of one flight: take-off, hover, laps, a position hold."""
     vehicle = SimulatedVehicle(
-        0,
-        airframe.load("x500"),
-        BootPose((0.0, 0.0, 0.0), 0.7),
-        seed=seed,
-        origin=ORIGIN,
-        state_dir=folder,
+        0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.7), seed=seed, origin=ORIGIN, state_dir=folder
     )
     vehicle.plant.set_wind(WIND)
     lockstep = Lockstep(Simulation([vehicle]))

@@ -102,9 +102,7 @@ def test_the_bridge_sends_poses_on_our_map_to_all_clients_of_its_bus(tmp_path, p
     vehicle = ReportingVehicle(port)
     world = load_world(EPISODE)
     bridge = ChildProcess(
-        TRUTH_BRIDGE,
-        TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{port}"),
-        tmp_path / "bridge.log",
+        TRUTH_BRIDGE, TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{port}"), tmp_path / "bridge.log"
     )
     try:
         ready = bridge.ready()

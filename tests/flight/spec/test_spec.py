@@ -100,10 +100,7 @@ def test_invalid_flights_are_rejected(tmp_path, capsys):
         ({"simulated": {"autopilot": "ardupilot"}}, "autopilot"),
         ({"command": "chain"}, "command"),
         ({"scripted": "scripted:divide"}, "hierarchical"),
-        (
-            {"command": "hierarchical", "scripted": "x", "commander": {"provider": "local", "name": "m"}},
-            "commander",
-        ),
+        ({"command": "hierarchical", "scripted": "x", "commander": {"provider": "local", "name": "m"}}, "commander"),
     ]
     for change, word in wrong:
         file = tmp_path / "spec.json"

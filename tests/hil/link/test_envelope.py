@@ -151,8 +151,7 @@ def test_no_position_setpoint_exceeds_the_speed_limits(north, east, down):
 
 
 @pytest.mark.parametrize(
-    ("least", "remaining", "expected"),
-    [(0.3, None, "battery_min = 0.3"), (0.3, 0.2, None), (None, None, None)],
+    ("least", "remaining", "expected"), [(0.3, None, "battery_min = 0.3"), (0.3, 0.2, None), (None, None, None)]
 )
 def test_a_battery_without_a_level_is_reported_as_unwatched(least, remaining, expected):
     warning = unwatched(state((0, 0, -2), battery_remaining=remaining), Limits(battery_min=least))

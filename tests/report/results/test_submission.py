@@ -155,10 +155,7 @@ FLOWN: dict[str, Any] = {
 
 @pytest.mark.parametrize(
     ("changed_fields", "parts"),
-    [
-        ({"code_sha256": "b" * 64}, "code.*a{8}.*b{8}"),
-        ({"served": ["openai/gpt-5-2026"]}, "model.*openai/gpt-5-2026"),
-    ],
+    [({"code_sha256": "b" * 64}, "code.*a{8}.*b{8}"), ({"served": ["openai/gpt-5-2026"]}, "model.*openai/gpt-5-2026")],
 )
 def test_runs_with_different_code_or_served_model_are_rejected(changed_fields, parts, tmp_path):
     for k, more in enumerate(({}, changed_fields)):

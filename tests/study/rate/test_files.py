@@ -15,14 +15,7 @@ from dronecats.cli.next_commands import next_commands
 from dronecats.cli.study_rate import next_command_values
 from dronecats.flight.spec.flight_spec import read_trace
 from dronecats.report.writers import as_terminal
-from dronecats.study.rate.chain import (
-    COLUMNS,
-    ChainLog,
-    QuestionTimes,
-    summarize,
-    summary_table,
-    write_replay,
-)
+from dronecats.study.rate.chain import COLUMNS, ChainLog, QuestionTimes, summarize, summary_table, write_replay
 from foundation.errors import InfrastructureError
 from tests.docs.pages import ROOT
 

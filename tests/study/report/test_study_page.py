@@ -8,13 +8,7 @@ from dronecats.report.kit import palette
 from dronecats.study.report import report_folder
 from tests.study.report.test_report_files import FIGURES
 from tests.study.studies import APPROACHING, TRACKING, falling, write_study
-from tests.support.narrow_pages import (
-    DESK,
-    PHONE,
-    assert_rows_can_be_read_while_scrolling,
-    sized,
-    wider_than_shown,
-)
+from tests.support.narrow_pages import DESK, PHONE, assert_rows_can_be_read_while_scrolling, sized, wider_than_shown
 
 HOSTILE = "</style><script>window.hacked=1</script><img src=x onerror='window.hacked=2'>{{body}}"
 

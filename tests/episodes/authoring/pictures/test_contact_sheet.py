@@ -6,14 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from episodes.authoring.asset_pictures import (
-    DISTANCES_M,
-    HEIGHT_PX,
-    LABEL_PX,
-    WIDTHS_PX,
-    names,
-    write_contact_sheet,
-)
+from episodes.authoring.asset_pictures import DISTANCES_M, HEIGHT_PX, LABEL_PX, WIDTHS_PX, names, write_contact_sheet
 from episodes.maps import assets
 from foundation.errors import UsageError
 from tests import pictures

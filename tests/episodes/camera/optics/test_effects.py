@@ -63,12 +63,7 @@ def picture(scene, optics, motion=STILL, frame_id=1, camera=CAMERA, moved=nothin
 
 BOARD = scene_of(wall(10.0, 6.0, 6.0), wall(40.0, 30.0, 12.0, (0.5, 0.1, 0.1)))
 EVERYTHING = Optics(
-    LensModel(k1=-0.1, p1=0.01, vignetting=0.6),
-    Sensor(2000.0, 5.0),
-    Exposure(0.02, 3),
-    Haze(0.01),
-    Rain(20.0),
-    3,
+    LensModel(k1=-0.1, p1=0.01, vignetting=0.6), Sensor(2000.0, 5.0), Exposure(0.02, 3), Haze(0.01), Rain(20.0), 3
 )
 
 

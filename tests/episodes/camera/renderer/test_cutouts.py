@@ -9,15 +9,7 @@ from episodes.world.obstacles import obstacles
 from episodes.world.rays import NOTHING, RayScene
 from episodes.world.visibility import Solids
 from foundation.camera import CameraModel
-from tests.episodes.camera.renderer.scenes import (
-    EASTERN,
-    box_mesh,
-    ground_mesh,
-    instance,
-    looking,
-    quad_mesh,
-    scene_of,
-)
+from tests.episodes.camera.renderer.scenes import EASTERN, box_mesh, ground_mesh, instance, looking, quad_mesh, scene_of
 from tests.episodes.camera.renderer.test_geometry import pixel_rays
 
 CAMERA = CameraModel(width=160, height=90)

@@ -31,7 +31,7 @@ def refused(path, *words, spawn=(0.0, 0.0)) -> str:
 
 
 def png(width, height, body=b"\0" * 100) -> bytes:
-    """Return a PNG with this width and height in its header, whatever its body contains."""
+    """Return a PNG whose header has this width and height; `body` need not match them."""
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
