@@ -15,7 +15,7 @@ from dronecats.agent.commanding.command_prompt import INTERVAL_S, STALL_STEPS, C
 from dronecats.agent.commanding.hierarchy import CommandQuestions, Hierarchy
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import Questions
-from dronecats.agent.models.model import Reply
+from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.prompt import Prompt
 from dronecats.pilots import actions
 from foundation.errors import ModelError
@@ -258,13 +258,15 @@ def test_latency_is_charged_on_both_levels_with_separate_reproducible_draws(tmp_
 
 
 class Slow(Executor):
-    """Runs every call at once and reports it as done some polls later. Counts the calls in progress."""
+    """Runs every call at once and reports it as done some polls later. `together`: roles of calls in progress."""
 
     def __init__(self):
-        self.under_way, self.most = 0, 0
+        self.under_way: list[str] = []
+        self.together: set[tuple[str, ...]] = set()
 
     def submit(self, fn, /, *args, **kwargs):
         executor, inner = self, InlineExecutor().submit(fn, *args, **kwargs)
+        role = next((value.role for value in args if isinstance(value, Request)), "picture")
 
         class Polled(Future[Any]):
             polls = 0
@@ -272,7 +274,7 @@ class Slow(Executor):
             def done(self):
                 self.polls += 1
                 if self.polls == 5:
-                    executor.under_way -= 1
+                    executor.under_way.remove(role)
                 return self.polls >= 5
 
             def exception(self, timeout=None):
@@ -281,16 +283,18 @@ class Slow(Executor):
             def result(self, timeout=None):
                 return inner.result()
 
-        self.under_way += 1
-        self.most = max(self.most, self.under_way)
+        self.under_way.append(role)
+        self.together.add(tuple(sorted(self.under_way)))
         return Polled()
 
 
-def test_the_pilots_are_asked_concurrently(tmp_path):
+def test_pilots_and_commander_are_asked_concurrently(tmp_path):
+    """The commander is asked again while the pilots go on."""
     executor = Slow()
-    fly(tmp_path, FunctionModel(lambda request: DONE if request.step == 2 else GO), script({"orders": EVERYBODY}),
-        policy="real", executor=executor, seconds=30.0)  # fmt: skip
-    assert executor.most >= 3
+    fly(tmp_path, FunctionModel(lambda request: GO), script({"orders": EVERYBODY}), policy="real", executor=executor,
+        seconds=3.0 * INTERVAL_S)  # fmt: skip
+    assert ("pilot",) * 3 in executor.together
+    assert any({"commander", "pilot"} <= set(roles) for roles in executor.together)
 
 
 @pytest.mark.parametrize("role", ["pilot", "commander"])
