@@ -4,13 +4,13 @@ import contextlib
 import functools
 import hmac
 import http
-import io
 import logging
 import secrets
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from urllib.parse import parse_qs, urlsplit
 
+import rich
 import viser
 import websockets.asyncio.server as websocket_server
 from websockets import Headers, Request, Response
@@ -107,7 +107,8 @@ class LoopbackServer(viser.ViserServer):
         loopback address only.
         """
         self._gate = Gate(hosts)
-        with contextlib.redirect_stdout(io.StringIO()), _gated(self._gate):
+        rich.get_console().quiet = True  # viser prints to it, in threads as well
+        with _gated(self._gate):
             super().__init__(host=HOST, port=port, label=label, verbose=False)
         accent = palette.rgb(palette.LIGHT["accent"])
         self.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=accent)
@@ -120,11 +121,6 @@ class LoopbackServer(viser.ViserServer):
 
     def request_share_url(self, verbose: bool = True) -> None:
         """Do nothing, since a page has no public address."""
-
-    def stop(self) -> None:
-        """Stop the server. Browsers show that the page is closed."""
-        with contextlib.redirect_stdout(io.StringIO()):  # viser prints to standard output
-            super().stop()
 
 
 @contextlib.contextmanager

@@ -1,6 +1,7 @@
 """Access to a page: only browsers on this machine that have the complete address."""
 
 import http.server
+import socket
 import threading
 import time
 import urllib.error
@@ -99,6 +100,23 @@ def test_a_page_with_a_configured_name_listens_only_on_loopback(behind_a_proxy):
     connections = psutil.Process().net_connections("tcp")
     here = {c.laddr.ip for c in connections if c.laddr and c.laddr.port == behind_a_proxy.get_port()}
     assert here == {"127.0.0.1"}
+
+
+def test_a_browser_that_delays_the_end_of_the_server_makes_it_print_nothing(capfd):
+    server = LoopbackServer("test", 0)
+    address = urllib.parse.urlsplit(server.url)
+    with socket.socket() as browser:
+        browser.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        browser.connect((address.hostname, address.port))
+        request = f"GET {address.path}?{address.query} HTTP/1.1\r\nHost: {address.netloc}\r\n\r\n"
+        browser.sendall(request.encode())
+        browser.recv(1)  # the page is larger than the buffers, so the server has to wait for the rest to be read
+        server.stop()
+    thread = server._websock_server._server_thread
+    assert thread is not None
+    thread.join(30.0)
+    assert not thread.is_alive()
+    assert capfd.readouterr().out == ""
 
 
 SITE = """<script>
