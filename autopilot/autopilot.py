@@ -113,7 +113,7 @@ class Autopilot:
 
     @property
     def stream_us(self) -> int:
-        """The interval (µs) of the fastest stream on all ports. Below 10 ms, `stream` must be called too."""
+        """The interval (µs) of the fastest stream of all ports. If it is below 10 ms, call `stream` too."""
         return self.node.shortest_us
 
     def close(self) -> None:
@@ -208,9 +208,10 @@ def request_data_stream(node: Node, port: Port, message: Message) -> None:
 
 
 def setup_signing(node: Node, port: Port, message: Message) -> None:
-    """Set the key of SETUP_SIGNING on every port, as PX4 does. Only the addressed vehicle does this.
+    """Set the key of SETUP_SIGNING on every port, as PX4 does. A message for another vehicle is ignored.
 
-    The message is not forwarded. An armed vehicle refuses the key, because a new key would lock out its agent.
+    The message is not forwarded. An armed vehicle refuses the key, because a new key would lock out the client that
+    flies it.
     """
     if message.target_system != node.system_id:
         return
@@ -256,11 +257,15 @@ HANDLERS: dict[str, MessageHandler] = {
     "LOG_REQUEST_END": file_transfer.request_end,
     "LOG_ERASE": file_transfer.erase,
 }
-_COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # commands to other systems and components get FAILED
+_COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # also handled if for another target; the result is then FAILED
 
 
 def handle(node: Node, port: Port, message: Message) -> None:
-    """Call the handler of a message. An error of the handler is counted, not raised. The first is sent as a text."""
+    """Call the handler of a message. Messages from this component are ignored, and so are those for other targets.
+
+    Commands for other targets are handled, because their senders get an answer. An error of the handler is counted, not
+    raised. The first error is also sent to the clients as a text.
+    """
     kind = message.get_type()
     handler = HANDLERS.get(kind)
     if handler is None or (message.get_srcSystem() == node.system_id and message.get_srcComponent() == COMPONENT_ID):

@@ -1,6 +1,6 @@
 """Records that the compiled inner loop and the commander exchange, the setpoint as a tuple, and compiled conversions.
 
-The inner loop writes ESTIMATE a thousand times a simulated second; the commander reads it at its own rate and writes
+The inner loop writes ESTIMATE 1000 times per simulated second; the commander reads it at its own rate and writes
 SETPOINT. As in PX4's TrajectorySetpoint, NaN in a setpoint field means "not controlled". The conversions are compiled
 versions of those in `foundation.frames`.
 """
@@ -32,10 +32,10 @@ SETPOINT = np.dtype(
         ("attitude", "f8", (4,)),  # (w, x, y, z), FRD → NED
         ("rates_frd", "f8", (3,)),  # rad/s
         ("thrust", "f8"),  # 0 … 1, collective thrust as a fraction of all rotors at full speed
-        ("speed_limit_up", "f8"),  # m/s, limits that the active flight mode sets
+        ("speed_limit_up", "f8"),  # m/s; the active flight mode sets this limit and the next two
         ("speed_limit_down", "f8"),  # m/s
         ("speed_limit_horizontal", "f8"),  # m/s
-        ("thrust_limit", "f8"),  # 0 … 1, below 1 while a take-off ramps up
+        ("thrust_limit", "f8"),  # 0 … 1, upper limit of the collective thrust; below 1 during the take-off ramp
     ],
     align=True,
 )

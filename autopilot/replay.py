@@ -16,7 +16,8 @@ from autopilot.records import SETPOINT
 from foundation.errors import UsageError
 from foundation.sensors import ACTUATORS, SENSORS
 
-GROUPS = {  # fields that are sampled together: the time that changes with a new sample, the fields, single precision
+# sensor → field with the time of its sample, fields of a sample, whether they are stored in single precision
+GROUPS = {
     "imu": ("imu_time_us", ("accel_frd", "gyro_frd"), True),
     "mag": ("mag_time_us", ("mag_frd",), True),
     "baro": ("baro_time_us", ("pressure_hpa", "temperature_c"), False),
@@ -41,7 +42,7 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayedFlight:
-    """The inner loop's outputs for a recording, at every n-th row."""
+    """The inner loop's outputs at m rows of a recording."""
 
     time_us: NDArray[np.int64]  # (m,)
     position_ned: NDArray[np.float64]  # (m, 3) m
@@ -51,7 +52,7 @@ class ReplayedFlight:
     accel_bias: NDArray[np.float64]  # (m, 3) m/s²
     rates_setpoint: NDArray[np.float64]  # (m, 3) rad/s
     thrust_setpoint: NDArray[np.float64]  # (m,) share of full thrust
-    command: NDArray[np.float64]  # (m, 8) of each actuator, 0 … 1
+    command: NDArray[np.float64]  # (m, 8) command of each actuator, 0 … 1
 
 
 def save(recording: Recording, path: Path, **extra: NDArray[Any]) -> None:
@@ -99,7 +100,7 @@ def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:
 
 
 def replay(core: FlightCore, recording: Recording, every: int) -> ReplayedFlight:
-    """Return the outputs of an inner loop for a recording. `core` must be fresh; its state changes."""
+    """Return the outputs of `core` at every `every`-th row of a recording. `core` must be new; its state changes."""
     sample, actuators = np.zeros(1, SENSORS), np.zeros(1, ACTUATORS)[0]
     arguments = core.kernel_args(sample[0], actuators)  # an element of a structured array is a view of it
     kept: dict[str, list[Any]] = {name: [] for name in ReplayedFlight.__slots__}

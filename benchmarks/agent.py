@@ -122,7 +122,10 @@ def frames() -> list[Frame]:
 
 
 def own_time(seen: Sequence[Frame], steps: int) -> dict[str, float]:
-    """Return the agent's own milliseconds per step, for one model that decides for all drones of `seen`."""
+    """Return the agent's own milliseconds per step.
+
+    `seen` has one frame for each drone. One model decides for all these drones.
+    """
     reply = ACTION if len(seen) == 1 else "[" + ", ".join([ACTION] * len(seen)) + "]"
     aircraft = [StandInAircraft() for _ in seen]
     camera = StandInCamera(seen, aircraft)

@@ -5,12 +5,12 @@
 Every row is a whole flight in real time over one wire: connecting, arming, take-off, a minute of velocities, turns and
 holds, landing. Figures of a row:
 
-    astray_m          largest distance from the true path over the perfect wire, at the same second
+    astray_m          largest distance between the true paths over this wire and over the perfect wire, at the same time
     end_m             this distance at the end of the minute
     cut_speed_mps     true speed two seconds after the cable was pulled
     heading_off_deg   error of the autopilot's heading at the start of the minute
 
-A flight with a cut survives if the link comes back and the autopilot is in Hold. Hold ends the agent's flight. By
+A flight with a cut ends when the link comes back and finds the autopilot in Hold. This counts as survived. By
 default each row starts a new simulator of this project, with its own autopilot or with the PX4 that COMMAND starts.
 With --to, a running autopilot on the ground flies. Then `heading_off_deg` shows whether paths can be compared: PX4's
 own simulation was up to 4° off in both directions. `--short` flies a part of the minute over the perfect wire and a
@@ -45,8 +45,8 @@ from hil.link.parameters import Parameters
 from hil.link.transport import UdpTransport, connect
 
 EPISODE = "campus-approaching-01"
-SILENCE_S = 30.0  # s of wall time, longer than a cut; `fly --connect` gives up after 6 s
-PROPOSED = {"COM_OBL_RC_ACT": 5.0, "COM_OF_LOSS_T": 0.5}  # for rows with a cut: Hold, after half a second
+SILENCE_S = 30.0  # s of wall time without a message until the link gives up, longer than a cut (`fly --connect`: 6)
+PROPOSED = {"COM_OBL_RC_ACT": 5.0, "COM_OF_LOSS_T": 0.5}  # set for rows with a cut: Hold after 0.5 s without setpoints
 CUT_AT_S, CUT_S = 20.0, 10.0  # s: start of the cut in the minute, duration of the cut
 MOVES: tuple[tuple[Setpoint, float], ...] = (
     (Velocity(1.2, None), 5.0),
@@ -55,7 +55,7 @@ MOVES: tuple[tuple[Setpoint, float], ...] = (
     (Hold(), 3.5),
 )
 MINUTE = MOVES * 5
-SHORT_ROWS = ("perfect", "10 % loss")  # no delay, cut or baud rate, because these use wall time
+SHORT_ROWS = ("perfect", "10 % loss")  # no delay, cut or baud rate: they count wall time, but vehicle time runs faster
 SHORT_SPEED = 3.0
 
 
@@ -91,7 +91,10 @@ ROWS = (
 
 
 class Truth:
-    """Listens to the truth bus on its own thread. PX4's own simulation sends no time: then it uses the wall clock."""
+    """Listens to the truth bus on its own thread.
+
+    PX4's own simulation sends samples without a time. They get the wall time of their arrival.
+    """
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -126,7 +129,10 @@ class Truth:
         return vehicle_us if self._stamped else _wall_us()
 
     def at(self, time_us: int) -> TruthSample:
-        """Return the sample nearest to a vehicle time. Raises InfrastructureError when there is none."""
+        """Return the sample nearest to a time (µs) on the clock of the samples.
+
+        Raises InfrastructureError if there are no samples.
+        """
         if not self.samples:
             raise InfrastructureError(f"no truth arrives on {self.url}")
         return min(self.samples, key=lambda s: abs(s.time_us - time_us))
@@ -168,8 +174,8 @@ Path3 = list[tuple[float, float, float]]
 def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
     """Return the figures of a flight, and its path: m ahead, right and down of its start, every 0.1 s.
 
-    Ahead is the heading that the autopilot estimates, because a compass error turns the whole path and is not caused by
-    the wire.
+    Ahead is along the heading that the autopilot estimates at the start. So a compass error, which the wire does not
+    cause, does not count as an error of the path.
     """
     figures: dict[str, Any] = {"wire": row.name, "survived": False, "why": ""}
     path: Path3 = []
@@ -230,7 +236,7 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
 
 
 def _seen_from(start: TruthSample, heading: float, sample: TruthSample) -> tuple[float, float, float]:
-    """Return a sample's place ahead (of a heading, rad), right and down of the start, m."""
+    """Return a sample's place relative to the start (m): ahead along `heading` (rad), right and down."""
     north, east, down = (p - s for p, s in zip(sample.position_ned, start.position_ned, strict=True))
     c, s = math.cos(heading), math.sin(heading)
     return c * north + s * east, c * east - s * north, down

@@ -35,7 +35,7 @@ class CommandedFlight:
     steps: int  # as numbered in decisions.jsonl
     seconds: float  # s of vehicle time
     questions: int  # questions to the pilot
-    question_tokens: int | None  # in and out, of all questions; None: not reported
+    question_tokens: int | None  # input and output tokens of these questions; None: not reported
     commanded: int  # questions to the commander
     commanded_tokens: int
 

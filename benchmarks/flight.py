@@ -2,10 +2,10 @@
 
     python -m benchmarks.flight [--json] [--repeat N] [--seconds S] [--quick] [--short] [--peers --peers-dir DIR]
 
-Prints the factor on real time (`…_rtf`) for the plant with its autopilot (`core`), for a client that flies it through
-MAVLink as an agent does (`mavlink`), and for a fleet of four (`fleet4`). Also prints the memory of one simulator
-process, the compile time of a first run, and how well real-time mode holds its rate. The task is always the same: hover
-and steps of 1 m/s.
+Prints the real-time factor (`…_rtf`) for the plant with its autopilot (`core`), for a client that flies it through
+MAVLink as an agent does (`mavlink`; with more telemetry `mavlink_onboard`), and for a fleet of four (`fleet4`). Also
+prints the memory of one simulator process, the compile time of a first run, and how well real-time mode holds its rate.
+The task is always the same: hover and steps of 1 m/s.
 
 Every `…_rtf` is the median over the repetitions of vehicle seconds per wall second. `…_rtf_cpu` counts processor
 seconds instead, which other programs on a shared machine disturb less. `…_rtf_x_loop` is `…_rtf_cpu` times
@@ -54,7 +54,7 @@ class Stretch:
 
 
 def stretch(clock_us: Callable[[], int], fly_on: Callable[[float], None], seconds: float) -> Stretch:
-    """Return the durations of `fly_on(seconds)`."""
+    """Return the durations of `fly_on(seconds)`. `clock_us` reads the vehicle time (µs)."""
     began_us, wall, cpu = clock_us(), time.perf_counter(), time.process_time()
     fly_on(seconds)
     return Stretch((clock_us() - began_us) / 1e6, time.perf_counter() - wall, time.process_time() - cpu)
@@ -113,7 +113,7 @@ class CoreFlight:
 
 
 class LinkedFlight:
-    """A fleet flown through `hil.link.link.Link` at 20 Hz each. Every message is encoded, decoded and handled.
+    """A fleet, each vehicle flown by a `hil.link.link.Link` at 20 Hz. Every message is encoded, decoded and handled.
 
     `profile` is the stream profile of the MAVLink ports, by default the profile of an agent's port.
     """
@@ -167,7 +167,7 @@ class LinkedFlight:
 
 
 def figures(name: str, runs: list[Stretch]) -> dict[str, float]:
-    """Return the median factors on real time, by wall time and by processor time."""
+    """Return the median real-time factors, by wall time and by processor time."""
     return {
         f"{name}_rtf": round(statistics.median(r.vehicle_s / r.wall_s for r in runs), 1),
         f"{name}_rtf_cpu": round(statistics.median(r.vehicle_s / r.cpu_s for r in runs), 1),

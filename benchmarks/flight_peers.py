@@ -16,7 +16,7 @@ from typing import Any
 
 HEIGHT_M = 1.0
 STEP_S = 2.0
-UNTIMED_S = 8.0  # s of vehicle time: two hovers and two steps
+UNTIMED_S = 8.0  # s of vehicle time before the timing starts: two hovers and two steps
 REPEAT = 3
 LIMIT_S = 300  # wall time of one peer
 
@@ -151,9 +151,7 @@ PEERS: dict[str, Callable[[], dict[str, float]]] = {
 
 
 def compare(folder: Path, core_rtf: float, core_rtf_cpu: float) -> dict[str, Any]:
-    """Return for each peer its speed (factor on real time) and our speed divided by its speed, or a `note`.
-
-    The `note` says why a peer was skipped.
+    """Return for each peer its real-time factor and ours divided by the peer's, or a `note` on why it was skipped.
 
     Both figures are by wall time and by processor time (`…_cpu`). If other programs run too, use only `…_cpu`.
     """

@@ -7,7 +7,7 @@ port and to the truth bus. A client on the agent's port sends a PING 20 times a 
 
     lag        greatest delay of a tick of the simulator
     late       share of the ticks that were more than 2 ms late
-    given up   time by which the simulation fell behind for good
+    given up   time that the simulator never catches up: it skips a lag above 0.5 s
     core       share of a processor core that the simulator used; below 1 it can hold real time
     answered   share of the PINGs that were answered within 1 s, and the time within which 95 % of these answers came
 

@@ -27,7 +27,7 @@ from foundation.run_folder.rows import Begin, Decision, End, FrameTruth, Pose
 from foundation.run_folder.writing import write_lines
 
 EVERY_S = 2.6  # s between two decisions
-FLEET_EVERY, FLEET = 5, 4  # every fifth episode has a fleet; drones in a fleet
+FLEET_EVERY, FLEET = 5, 4  # every fifth episode has a fleet, of four drones
 GOAL_S = 5.0
 TARGET: Vec3 = (20.0, 0.0, -0.7)
 

@@ -1,8 +1,8 @@
 """Measures the speed of a benchmark's machine and processor times, and prints figures.
 
 `python_loop_ms` is the processor time of one loop: a million turns of an empty `for` in Python. It is measured before
-and after the benchmark, because the speed of a machine varies. Two kinds of figures are relative to it. They would be
-the same on a machine that is three times slower:
+and after the benchmark, because the speed of a machine varies. Two kinds of figures are relative to this time. They
+would be the same on a machine that is three times slower:
 
     …_rtf_x_loop   milliseconds of flight in the time of one loop; more is faster
     …_per_loop     processor time in loops; less is faster

@@ -131,7 +131,7 @@ def opened(page: Path) -> dict[str, Any]:
 
 
 def figures(folder: Path, flights: int, steps: int, embed: bool) -> dict[str, Any]:
-    """Return the size of a report of made-up flights in `folder`, and the times to write and open it."""
+    """Return the size of a report of artificial flights in `folder`, and the times to write and open it."""
     machine = Machine()
     write_artificial_runs(folder / "runs", flights, steps)
     began = time.perf_counter()

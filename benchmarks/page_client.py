@@ -43,7 +43,10 @@ class PageClient:
         return decoded(data)
 
     def until(self, wanted: Any, timeout_s: float) -> list[dict[str, Any]]:
-        """Return all messages up to the first delivery with one for which `wanted` is true. Raises TimeoutError."""
+        """Return all messages up to the end of the first delivery that has a message for which `wanted` is true.
+
+        Raises TimeoutError if there is none within `timeout_s`.
+        """
         due_s, messages = time.monotonic() + timeout_s, []
         while True:
             left_s = due_s - time.monotonic()

@@ -39,7 +39,7 @@ from vehicles.solids import in_triangle
 
 SPEED = 1.2  # m/s, as fast as the agent's controller flies
 BEFORE_M = 3.0  # m of free way before the obstacle
-ROOM_M = 3.0  # m beside the way to the obstacle; more room is not needed
+ROOM_M = 3.0  # m; free room around the way to the obstacle counts up to this distance
 AHEAD_S = 12.0  # s within which the vehicle must meet the obstacle
 BACK_S = 6.0
 AWAY_M = 2.0  # m that the vehicle must back off within BACK_S, unless it meets another obstacle
@@ -60,7 +60,7 @@ class Press:
     episode: str  # its map is used
     thing: str  # name of an instance, or 'ground'
     turn_deg: float = 0.0  # angle between the course and the nearest axis of the obstacle; 0: head-on
-    beside: float = 0.0  # distance of the course from the obstacle's middle, over half of its width
+    beside: float = 0.0  # distance of the course from the obstacle's middle, as a fraction of half its width
     seconds: float = 30.0  # duration of pushing
     wind_n: float = 0.0  # m/s, wind to the north
 
@@ -138,7 +138,7 @@ class Outcome:
     resets: int
     clipped: int  # samples of 1 ms beyond the accelerometer's range, counted for each axis
     crashed: bool
-    left_m: float  # distance backed off; it ends at AWAY_M or at another obstacle
+    left_m: float  # distance backed off, measured until AWAY_M is reached or another obstacle is hit
     met_another: bool  # whether it backed off into another obstacle
     fastest: Fastest | None
     px4: bool = False  # flown by a real PX4
@@ -150,7 +150,7 @@ class Outcome:
 
     @property
     def beyond(self) -> tuple[str, ...]:
-        """The names of the limits that were exceeded."""
+        """The names of the limits that were exceeded, or a note that the drone touched nothing."""
         stuck = ("left_m",) if not self.px4 and self.left_m < AWAY_M and not self.met_another else ()
         if not self.hits and self.press.thing != "ground":
             return ("the drone touched nothing",)
@@ -244,7 +244,7 @@ class Watch:
     worst: dict[str, float] = field(default_factory=lambda: dict.fromkeys(COMPARED, 0.0))
     passed: dict[int, Pose] = field(default_factory=dict)  # the truth of the last second, by tick
     resetting: ResetWatch = field(default_factory=ResetWatch)
-    target: NDArray[np.float64] | None = None  # of the last ATTITUDE_TARGET
+    target: NDArray[np.float64] | None = None  # commanded attitude in the last ATTITUDE_TARGET
     believed: float = 0.0  # m/s, of the last LOCAL_POSITION_NED
     touched: int = 0  # tick of the first contact
     hit: int = 0  # tick of the last hit
@@ -310,7 +310,7 @@ class Watch:
                 self._worst("position_error_m", math.dist(truth.position_ned, where))
 
     def _moment(self, tick: int) -> Fastest:
-        """Describe this tick by the flight since the last hit, within the last second."""
+        """Return the figures of this tick and of the flight since the last hit, at most of the last second."""
         since = [pose for then, pose in self.passed.items() if then >= self.hit]
         steered = [(pose.attitude, pose.target) for pose in since if pose.target is not None]
         off_target = [between_axes_deg(*pair) for pair in steered]
@@ -337,7 +337,7 @@ class Watch:
 
 
 def aim(link: Link, vehicle: Vehicle, start: StartPose) -> float:
-    """Fly to the true start of the press, and return the bearing (rad, + right) of the obstacle from there.
+    """Fly to the true start of the press, and return the obstacle's bearing from the nose there (rad, + right).
 
     The start is corrected by the truth, because the estimate's errors are larger than the width of a post.
     """

@@ -8,7 +8,7 @@ agent's picture with its JPEG encoding, and for the pictures of four drones in o
 memory in MB. `ssim…` compares the agent's picture with the frame of 1280×720 reduced to the same size, at `--poses`
 places of the map. `cpu_ms…` counts all processors, which is more meaningful than wall time if other programs run too.
 `…_per_loop` is `cpu_ms…` divided by `python_loop_ms`; it depends little on the machine (`benchmarks/machine.py`). The
-first figures are those of the residential map. `--peers` draws that map, from the same poses, with the software
+figures at the top are those of the residential map. `--peers` draws that map, from the same poses, with the software
 renderers of MuJoCo and PyBullet. `--short` takes seconds and only checks that every figure can be measured: one round
 over the simplest map, which the peers then draw too.
 """
@@ -48,7 +48,7 @@ LARGE, SMALL = CameraModel(1280, 720), CameraModel(640, 360)
 
 
 def headings(scene: Scene, count: int, height: float = 6.0) -> list[CameraPose]:
-    """Return poses above the map's free place that look around and slightly down."""
+    """Return poses above the map's spawn point that look around and slightly down."""
     n, e, d = scene.spawn_ned
     turns = (scene.spawn_yaw + 2.0 * math.pi * k / count for k in range(count))
     return [CameraPose((n, e, d - height), quat_from_euler(0.0, -0.08, turn)) for turn in turns]
@@ -94,7 +94,7 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
 
 
 def places(scene: Scene, count: int) -> list[CameraPose]:
-    """Return poses from 1.5 to 20 m above the ground around the map's free place, drawn at random from a fixed seed."""
+    """Return poses from 1.5 to 20 m above the ground around the map's spawn point, random from a fixed seed."""
     rng = np.random.default_rng(1)
     poses = []
     for k in range(count):

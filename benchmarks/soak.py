@@ -61,7 +61,7 @@ NEAR_M, SLOW_MPS = 0.8, 0.3  # m and m/s, tolerances of a reached place
 PICTURE_S = 2.0  # s of vehicle time
 KEPT = 10  # logs per vehicle
 GIVEN_UP = 3  # consecutive failed rounds, after which a pilot gives up
-LEAST_CHARGE = 0.5  # as in `dronecats sitl`
+LEAST_CHARGE = 0.5  # 0 … 1, lower bound of the battery charge, as in `dronecats sitl`
 
 
 @dataclass

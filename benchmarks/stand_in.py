@@ -2,9 +2,9 @@
 
     python -m benchmarks.stand_in SECONDS REPLY
 
-The endpoint is OpenAI-compatible and on the loopback. It prints its address as the first line, and ends when its
-standard input ends. `GET /times` returns the times of the newest question and of its reply, in s of the monotonic clock
-that all processes of the machine share.
+The endpoint is OpenAI-compatible and on the loopback. The server prints its address as the first line, and ends
+when its standard input ends. `GET /times` returns the times of the newest question and of its reply, in s of the
+monotonic clock that all processes of the machine share.
 """
 
 import json

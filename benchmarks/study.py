@@ -4,7 +4,8 @@
 
 Three benchmarks are timed from the start of the command to its end:
 
-    undrawn   `dronecats bench --pilot noisy --flights 2`: the eighty episodes of one drone, with one job and with two
+    undrawn   `dronecats bench --pilot noisy --flights 2`, which renders no pictures: the eighty episodes of one drone,
+              with one job and with two
     fleets    the same command for the twenty episodes of four drones, with two jobs
     drawn     the twelve episodes of `quick` with the pilot vision, which needs every frame, with two jobs
 
@@ -36,7 +37,7 @@ from episodes.records import catalogue
 ROOT = Path(__file__).parent.parent
 SAMPLE_PERIOD_S = 0.002  # s of processor time between samples
 PROFILED = 12  # number of episodes, evenly spread over the suite
-WORK = {  # folder or file → its work; the first match counts
+WORK = {  # folder or file → the kind of work that it does; the first match counts
     "dronecats/flight/sitl/fused.py": "physics, estimator and inner loops (compiled)",
     "foundation/wire.py": "MAVLink packed and parsed",
     "foundation/mavlink.py": "MAVLink packed and parsed",
@@ -65,14 +66,14 @@ GOALS = {
 
 
 class Sampler:
-    """Counts the running work and the phase, at fixed intervals of processor time."""
+    """Counts the kind of work in progress and the phase of the flight, at fixed intervals of processor time."""
 
     def __init__(self) -> None:
         self.work: Counter[str] = Counter()
         self.phases: Counter[str] = Counter()
 
     def look(self, number: int, frame: FrameType | None) -> None:
-        """Count one sample: the work of the innermost function of the project, and the phase."""
+        """Count one sample: the kind of work of the innermost function of the project, and the phase."""
         part = phase = None
         while frame is not None:
             place = _place(frame.f_code.co_filename)
@@ -98,7 +99,7 @@ class Sampler:
 
 
 def part_of(place: str) -> str:
-    """Return the work of a file of the project, by its path in the repository."""
+    """Return the kind of work that a file of the project does, by its path in the repository."""
     return next((name for folder, name in WORK.items() if place.startswith(folder)), "else")
 
 

@@ -1,11 +1,12 @@
 """Measures the delay, the update rate and the cost of the live page: `python -m benchmarks.view --json`.
 
 `dronecats fly --view` flies an episode in real time. A client connects to the page as a browser does, and notes when
-each true attitude arrives. The offset between the clocks is estimated: the smallest difference, over all samples,
-between the wall time of a sample in flight.tlog and its vehicle time. So the delay includes the waits in viewer and
-socket, and those in logger and file beyond their smallest value. Drawing in the browser is not included; it takes one
-frame (17 ms) with a graphics card. `flush_ratio` is the median processor time of lockstep flights whose logger flushes
-every delivery, divided by the median of flights whose logger does not flush. The two kinds of flights alternate.
+each true attitude arrives. The delay of a sample is this wall time minus its vehicle time minus the offset between the
+two clocks. The offset is the smallest difference, over all samples, between the wall time at which a sample appears in
+flight.tlog and its vehicle time. So the delay includes the waits in viewer and socket. It includes those in logger and
+file only as far as they exceed their smallest value. Drawing in the browser is not included; it takes one frame (17 ms)
+with a graphics card. `flush_ratio` is the median processor time of lockstep flights whose logger flushes every
+delivery, divided by the median of flights whose logger does not flush. The two kinds of flights alternate.
 """
 
 import math
@@ -37,7 +38,7 @@ EPISODE = "residential-approaching-03"
 NODE = "/world/flight/drone-0"
 GOALS = {"late_ms_p95": "<= 150", "updates_hz": ">= 15", "viewer_core": "<= 0.10"}
 READY_S = 300.0
-DIGITS = 9  # decimals of a quaternion, by which a sample is recognised
+DIGITS = 9  # decimals to which quaternions are rounded; a sample is recognised by its quaternion
 
 
 class Arrivals(threading.Thread):
@@ -111,14 +112,14 @@ def free_port() -> int:
 
 
 def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
-    """Return the processor time of lockstep flights with a flush after every delivery, divided by that without."""
+    """Return the ratio of the processor times of lockstep flights: with a flush after every delivery, to without."""
     spec = FlightSpec(
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True
     )
     flush, used = TelemetryLog.flush, {True: list[float](), False: list[float]()}
-    for flight in range(-1 if flights > 1 else 0, flights):  # the first one loads the kernels
+    for flight in range(-1 if flights > 1 else 0, flights):  # flight -1 loads the compiled code
         for handed_on in (True, False):
-            setattr(TelemetryLog, "flush", flush if handed_on else _keep_back)  # noqa: B010 - a method of another flight
+            setattr(TelemetryLog, "flush", flush if handed_on else _keep_back)  # noqa: B010 - replaces a method
             began_s = time.process_time()
             try:
                 fly(spec, scratch / f"lockstep-{flight}-{handed_on}", lambda line: None)

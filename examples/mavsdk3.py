@@ -18,7 +18,10 @@ WAIT_S = 60.0
 
 
 async def first(stream: AsyncIterator[Any], is_wanted: Callable[[Any], bool]) -> Any:
-    """Return the first value of a telemetry stream for which `is_wanted` is true. Raises TimeoutError after WAIT_S."""
+    """Return the first value of a telemetry stream for which `is_wanted` is true.
+
+    Raises TimeoutError after WAIT_S, or ConnectionError if the stream ends.
+    """
 
     async def wait() -> Any:
         async for value in stream:

@@ -29,7 +29,10 @@ class Vehicle:
         self.system: int = beat.get_srcSystem()
 
     def wait_for(self, kind: str, is_wanted: Callable[[Any], bool]) -> Any:
-        """Return the first wanted message. Send heartbeats and setpoints until then. Raises TimeoutError."""
+        """Return the first message of a kind for which `is_wanted` is true. Raises TimeoutError after WAIT_S.
+
+        While it waits, the method sends heartbeats, and setpoints if `forward_mps` is set.
+        """
         end = time.monotonic() + WAIT_S
         while time.monotonic() < end:
             self.link.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)

@@ -9,12 +9,10 @@ from msgspec import Meta
 from foundation.camera_mount import LEVEL, CameraMount
 from foundation.frames import GRAVITY, Vec3
 from foundation.sensors import MAX_ROTORS
+from foundation.typed_file import NotNegative, Positive
 
-MAX_CONTACTS = 16  # contact points in the records of the compiled physics (`vehicles/records.py`)
-LARGE = 1e12  # upper bound of all constants
+MAX_CONTACTS = 16  # most contact points that a record of the compiled physics can hold (`vehicles/records.py`)
 
-Positive = Annotated[float, Meta(gt=0.0, lt=LARGE)]
-NotNegative = Annotated[float, Meta(ge=0.0, lt=LARGE)]
 CellCount = Annotated[int, Meta(gt=0, lt=1000)]
 MavType = Annotated[int, Meta(gt=0, lt=1000)]
 

@@ -1,6 +1,6 @@
 """The troposphere of the International Standard Atmosphere (ISA, ISO 2533): pressure and altitude below 11 km.
 
-As in `foundation.frames`, the functions take and return plain floats, so that kernels can compile them.
+As in `foundation.frames`, the functions take and return plain floats, so that numba can compile them into kernels.
 """
 
 PRESSURE_0 = 1013.25  # hPa, at sea level

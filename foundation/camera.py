@@ -49,7 +49,8 @@ def camera_pose(position_ned: Vec3, attitude: Quat, camera: CameraModel) -> Came
     """Return the pose of a vehicle's camera.
 
     `position_ned` (m) is the body origin and `attitude` rotates body FRD into NED. The camera is at `camera.offset_frd`
-    and looks along body forward, raised by its pitch. A gimbal keeps it level in roll, at a pitch from the horizon.
+    and looks along body forward, raised by its pitch. On a gimbal it is level in roll, and its pitch is measured from
+    the horizon.
     """
     offset = rotate(attitude, camera.offset_frd)
     position = (position_ned[0] + offset[0], position_ned[1] + offset[1], position_ned[2] + offset[2])
@@ -134,7 +135,7 @@ def decode_depth(data: bytes) -> NDArray[np.uint16] | None:
 
 
 def encode(image_rgb: NDArray[np.uint8]) -> bytes:
-    """Return an (H, W, 3) RGB image as the JPEG for the model, reduced in size. Raises ValueError."""
+    """Return an (H, W, 3) RGB image as the JPEG for the model, reduced in size. Raises ValueError if that fails."""
     import cv2
 
     picture = cv2.cvtColor(reduced(image_rgb), cv2.COLOR_RGB2BGR)

@@ -13,7 +13,7 @@ class GimbalLimits:
     """Limits of a gimbal that changes the camera's pitch and holds it level in roll."""
 
     pitch_min_deg: PitchDeg = -90.0  # up from the horizon
-    pitch_max_deg: PitchDeg = 30.0
+    pitch_max_deg: PitchDeg = 30.0  # up from the horizon
     rate_deg_s: Annotated[float, Meta(gt=0.0, le=1000.0)] = 60.0
 
 

@@ -26,7 +26,7 @@ from foundation.machine import user_cache
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
 # types in the signatures of kernels
-Record = Any  # a numpy record with its fields as attributes; the argument's name tells its dtype
+Record = Any  # a numpy record with its fields as attributes; the name of the argument tells the record's dtype
 Grid = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -67,7 +67,7 @@ def cache_folder() -> Path:
 
 
 def _prepare() -> bool:
-    """Set numba's cache folder and return whether it is writable. Runs at import, because decorators need it."""
+    """Set numba's cache folder; return whether it is writable. Runs at import, before the decorators of any kernel."""
     try:
         folder = cache_folder()
     except UsageError:

@@ -22,7 +22,7 @@ AS_BUILT = SceneConditions()
 
 
 def recorded(flight: Any) -> SceneConditions:
-    """Return the conditions in the flight object of a run.json; AS_BUILT if it has none."""
+    """Return the conditions in the flight object of a run.json; AS_BUILT if they are missing or invalid."""
     try:
         return msgspec.convert(flight["disturbances"]["conditions"], SceneConditions)
     except (KeyError, TypeError, msgspec.ValidationError):

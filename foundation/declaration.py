@@ -29,8 +29,8 @@ class DeclaredNumber:
 
     name: str  # in options, files, studies and errors: "frame_delay"
     help: str  # its meaning, one line
-    low: float = 0.0  # both bounds are allowed values
-    high: float
+    low: float = 0.0  # lowest allowed value
+    high: float  # highest allowed value
     unit: str = ""  # "s", "m/s" …; "" for shares
     whole: bool = False  # whole numbers only
 
@@ -60,7 +60,8 @@ class Declaration:
 
     quantity: DeclaredNumber | None = None  # None: the value is checked elsewhere
     size: Callable[[Any], float] = float  # value → the number to check, such as the speed of a wind vector
-    words: str | Callable[[Any], str] = ""  # about a non-default value; uses {value}, {percent}, {owner}
+    # sentence about a value that is not the default: a format with {value}, {percent} or {owner}, or a function
+    words: str | Callable[[Any], str] = ""
     first: bool = False  # its words come before those of the other fields
 
 

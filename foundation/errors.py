@@ -26,7 +26,7 @@ class LinkError(InfrastructureError):
 class ModelError(InfrastructureError):
     """The model endpoint cannot be reached or answers with something that is not a chat completion."""
 
-    lost: tuple[int, int] = (0, 0)  # tokens (in, out) of answers without a reply, as counted by the vendor
+    lost: tuple[int, int] = (0, 0)  # tokens (in, out) that the vendor counted for answers without a usable reply
 
 
 class ModelRejectedError(ModelError):

@@ -85,7 +85,7 @@ def not_installed(module: str) -> str:
 
 
 def missing_package(error: ImportError) -> str | None:
-    """Return the message about a failed import; None if the module is of this project: that is a bug."""
+    """Return the message about a failed import; None if the module is the project's own, because that is a bug."""
     if error.name is None:
         return f"a package cannot be loaded: {error}"
     if error.name.split(".")[0] in OWN_PACKAGES:

@@ -11,7 +11,7 @@ kernels of `vehicles` and `autopilot` use the same source.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 EARTH_RADIUS_M = 6371000.0  # PX4's CONSTANTS_RADIUS_OF_EARTH, so that local frames agree with PX4's
 GRAVITY = 9.80665  # m/s²
@@ -33,6 +33,16 @@ def wrap_pi(angle: float) -> float:
     if 0.0 <= turned < 2.0 * math.pi:
         return turned - math.pi  # same result as below, without the slow division
     return turned % (2.0 * math.pi) - math.pi
+
+
+def course(origin: Sequence[float], goal: Sequence[float]) -> float:
+    """Return the horizontal direction (rad, a yaw) from `origin` to `goal`, which are (north, east, …) in m."""
+    return math.atan2(goal[1] - origin[1], goal[0] - origin[0])
+
+
+def bearing_deg(origin: Sequence[float], goal: Sequence[float]) -> float:
+    """Return the compass bearing (°, 0 … 360) from `origin` to `goal`, which are (north, east, …) in m."""
+    return math.degrees(course(origin, goal)) % 360.0
 
 
 def quat_multiply(a: Quat, b: Quat) -> Quat:

@@ -17,7 +17,7 @@ from foundation.machine import user_cache
 
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARIES = ("numpy", "scipy", "opencv-python-headless")  # whose arithmetic may differ from version to version
-KEPT_S = 86_400.0  # a file of older sources that was unused for this long is removed
+KEPT_S = 86_400.0  # s; when a new value is stored, files of its name that were unused for longer are removed
 T = TypeVar("T")
 
 

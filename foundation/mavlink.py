@@ -43,7 +43,7 @@ class Parser:
         """Return the message of a MAVLink 1 or signed frame; empty if pymavlink rejects it."""
         try:
             return [self._mav.decode(bytearray(frame))]
-        except Exception:  # malformed lengths raise other errors than MAVError too; none may stop the flight
+        except Exception:  # malformed lengths raise other errors than MAVError too; no error may stop the flight
             self.bad += 1
             return []
 

@@ -8,10 +8,9 @@ from typing import Annotated
 
 from msgspec import Meta
 
-LARGE = 1e12  # a larger number counts as damage
+from foundation.typed_file import LARGE, Number
 
 # `wrong` is the message of the reader about an invalid value
-Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
 Distance = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a distance"})]
 Place = Annotated[tuple[Number, Number, Number], Meta(extra={"wrong": "is not three numbers"})]  # north, east, down
 InPicture = Annotated[tuple[Number, Number, Number, Number], Meta(extra={"wrong": "is not four numbers"})]

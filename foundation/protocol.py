@@ -1,6 +1,7 @@
 """Constants of the benchmark's protocol, which make flights comparable. Comments cite the paper's sections.
 
-Numbers that the paper leaves open are in the package that decides them. The camera is `foundation.camera.CameraModel`.
+Most numbers that the paper leaves open are defined in the package that uses them. The camera is
+`foundation.camera.CameraModel`.
 """
 
 # One Success Criterion for the Whole Grid; appendix "Metrics"

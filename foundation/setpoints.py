@@ -27,7 +27,7 @@ class Turn:
     """Yaw at a rate, and hold place and height."""
 
     yaw_rate: float  # rad/s, + right
-    angle: float | None = None  # rad from the sight's heading, with the sign of the rate; None: turn without end
+    angle: float | None = None  # rad from the `PicturePose`'s heading, with the rate's sign; None: turn without end
     is_before_move: bool = False  # whether a move follows: the held place is then on the line of that move
 
 
@@ -35,12 +35,12 @@ class Turn:
 class Velocity:
     """Fly at a velocity along a straight line, with the nose along the line.
 
-    With a bearing, the line passes through the position of the sight.
+    With a bearing, the line passes through the position of the `PicturePose` of the decision.
     """
 
     forward: float  # m/s, horizontal, along the line
     up: float | None  # m/s; None holds the height
-    bearing: float | None = None  # rad from the sight's heading, + right; None: along the held heading
+    bearing: float | None = None  # rad from the `PicturePose`'s heading, + right; None: along the held heading
 
 
 Setpoint = Hold | Turn | Velocity

@@ -87,7 +87,10 @@ class Signing:
         self._newest_times.clear()
 
     def accepts(self, message: dialect.MAVLink_message, now_us: int) -> bool:
-        """Return whether the receiver may act on a message, and count the result."""
+        """Return whether the receiver may act on a message, and count the result.
+
+        Without a key, every message is accepted and none is counted. The same applies to UNSIGNED_MESSAGES.
+        """
         if not self._key or message.get_type() in UNSIGNED_MESSAGES:
             return True
         frame = bytes(message.get_msgbuf())

@@ -88,7 +88,7 @@ T = TypeVar("T")
 
 
 def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Return a decorator that caches the `maxsize` last used values. Thread-safe: each value is computed once."""
+    """Return a decorator that caches the `maxsize` last used values. Thread-safe: one value is computed at a time."""
 
     def keeping(make: Callable[P, T]) -> Callable[P, T]:
         kept: OrderedDict[object, T] = OrderedDict()
@@ -135,7 +135,7 @@ class NewestItemWorker(Generic[T]):
             return self._news.wait_for(lambda: not self._waiting and not self._busy, timeout_s)
 
     def close(self) -> None:
-        """End the thread once its present work is done."""
+        """End the thread once its present work is done. An item that still waits is dropped."""
         with self._news:
             self._open = False
             self._news.notify_all()

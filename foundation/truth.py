@@ -41,7 +41,7 @@ class FrameTaken:
 
     drone: int
     frame_id: int
-    time_us: int  # µs, whole milliseconds
+    time_us: int  # µs, vehicle clock, in whole milliseconds
 
 
 def truth_message(
@@ -182,7 +182,7 @@ class NewestTruth:
     def at(self, drone: int, time_us: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
         """Return a drone's first sample at or after a time (µs), and the others' of that time by drone number.
 
-        For a time in the future, it is the newest sample. For a time too long ago, it is the oldest kept sample.
+        For a time in the future, the drone's newest sample is used; for a time too long ago, its oldest kept sample.
         Returns None without a sample of `drone`.
         """
         with self._lock:

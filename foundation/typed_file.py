@@ -33,6 +33,11 @@ WRONG = {
     dict: "is not a table",
 }  # fmt: skip
 
+LARGE = 1e12  # bound of the numbers in files and rows; a larger one counts as damage
+Number = Annotated[float, msgspec.Meta(gt=-LARGE, lt=LARGE)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0, lt=LARGE)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0, lt=LARGE)]
+
 T = TypeVar("T")
 PlacedFault = tuple[str, str]  # place of a value in the file, and what is wrong with it
 

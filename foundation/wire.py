@@ -59,7 +59,7 @@ def _decoded_class(base: Any) -> Any:
         "_instance_offset": base.instance_offset,
         "_header": _OnDemand("_header", _header),
         "_msgbuf": _OnDemand("_msgbuf", bytearray),
-        # from byte 6, not from the end of the header, as in pymavlink
+        # pymavlink's `_payload` begins at byte 6, not at the end of the header
         "_payload": _OnDemand("_payload", lambda frame: bytearray(frame[6:-CHECKSUM_BYTES])),
         "_crc": _OnDemand("_crc", lambda frame: frame[-2] | frame[-1] << 8),
         "get_msgId": lambda message, number=base.id: number,
@@ -99,7 +99,7 @@ class MessageLayout:
     def payload_of(self, fields: Fields) -> bytes:
         """Return the payload of a message with these fields, without trailing zeros; texts are bytes.
 
-        This is three times as fast as to make a message object and call `payload`. Raises struct.error.
+        This is three times as fast as making a message object and calling `payload`. Raises struct.error.
         """
         return self._packed(self._in_wire_order(fields + self._zeros[len(fields) :]))
 
@@ -195,6 +195,7 @@ def int32(value: float) -> int:
 def scan(data: bytes) -> tuple[list[bytes], int, int]:
     """Return (intact frames, offset of an incomplete last frame, count of garbage) of a part of a byte stream.
 
+    Without an incomplete frame, the offset is the length of the data.
     Garbage is skipped and counted as in pymavlink: a stretch without a marker counts 1, and so does a damaged frame or
     a frame of an unknown message. Frames are MAVLink 1 or 2, signed or not; signatures are not verified.
     """
@@ -286,7 +287,7 @@ def message(frame: bytes) -> Any:
 
 
 def logged_frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
-    """Return the (µs, frame) pairs in a part of a tlog, and the offset of an incomplete last frame.
+    """Return the (µs, frame) pairs in a part of a tlog, and the offset of the rest, which has no complete frame.
 
     A tlog has frames of MAVLink 1 or 2, each after eight bytes of time. Frames are found by their lengths.
     Garbage is skipped. Only the frame after garbage is checked here; the caller checks the others.

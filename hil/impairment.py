@@ -44,7 +44,7 @@ class Impairment:
     jitter_s: float = number(
         0.0,
         "jitter",
-        "largest random delay, added to the constant delay; the order of the frames stays",
+        "largest random delay that is added to the constant delay; frames keep their order",
         high=60.0,
         unit="s",
         words="jitter of {value:g} s",
@@ -207,7 +207,7 @@ class OneWay:
         self._coming = (impairment, seconds)
 
     def carry(self, now_s: float, data: bytes) -> list[bytes]:
-        """Take the entering units; return the arrived units, in the order of arrival."""
+        """Take the bytes that enter at `now_s`; return the units that have arrived by then, in the order of arrival."""
         if self._coming is not None:
             (impairment, seconds), self._coming = self._coming, None
             self._begin(impairment, now_s, now_s + seconds)

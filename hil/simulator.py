@@ -13,7 +13,6 @@ as its estimate. Therefore that message is never sent. Source: PX4 mavlink_recei
 import contextlib
 import math
 import select
-import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,7 +23,7 @@ from foundation.errors import LinkError, UsageError
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.sensors import MAX_ROTORS
 from foundation.wire import Frames, clamped, int16, is_frame, message_id
-from hil.link.transport import BAUD, BITS_PER_BYTE, Transport, bind_error
+from hil.link.transport import BAUD, BITS_PER_BYTE, TcpListener, Transport
 
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # groups of HIL_SENSOR.fields_updated
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -122,10 +121,9 @@ def is_armed(message: dialect.MAVLink_message) -> bool:
 
 
 PORT = 4560  # TCP port for PX4's instance 0; instance n uses PORT + n
-SEND_S = 5.0  # wall seconds after which a PX4 that no longer reads is dropped
 
 
-class SimulatorServer:
+class SimulatorServer(TcpListener):
     """Listens for one PX4 at a time. A newer connection replaces the older one."""
 
     def __init__(self, port: int, host: str = "127.0.0.1", instead: str = "choose another port") -> None:
@@ -133,69 +131,23 @@ class SimulatorServer:
 
         Raises UsageError for a port that is in use, with the advice `instead`.
         """
-        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # PX4 may come back within a minute
-        try:
-            self._listener.bind((host, port))
-            self._listener.listen(1)  # the second of two servers on the same port fails here
-        except OSError as error:
-            self._listener.close()
-            raise bind_error(error, "TCP", host, port, instead) from None
-        self._listener.setblocking(False)
-        self._peer: socket.socket | None = None
+        super().__init__(f"tcpin://{host}:{port}", host, port, instead)
         self._parser = Parser()
-        self.connections = 0  # number of connections so far
-
-    @property
-    def port(self) -> int:
-        """The TCP port of the server."""
-        return int(self._listener.getsockname()[1])
-
-    @property
-    def connected(self) -> bool:
-        """Whether a PX4 is connected. A lost connection is noticed at the next `send` or `receive`."""
-        return self._peer is not None
 
     def accept(self) -> bool:
-        """Accept a waiting connection; return whether there was one."""
-        try:
-            peer, _ = self._listener.accept()
-        except BlockingIOError:
-            return False
-        self._drop()
-        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        peer.settimeout(SEND_S)
-        self._peer, self._parser = peer, Parser()
-        self.connections += 1
-        return True
+        accepted = super().accept()
+        if accepted:
+            self._parser = Parser()
+        return accepted
 
-    def send(self, data: bytes) -> None:
-        """Send to the connected PX4. A lost connection is closed, but is not an error."""
-        if self._peer is not None:
-            try:
-                self._peer.sendall(data)
-            except OSError:
-                self._drop()
+    def messages(self, timeout_s: float) -> list[dialect.MAVLink_message]:
+        """Wait up to `timeout_s` wall seconds for data and return its messages; none if PX4 is silent or has gone.
 
-    def receive(self, timeout_s: float) -> list[dialect.MAVLink_message]:
-        """Wait up to `timeout_s` wall seconds for data and return its messages; none if PX4 is silent or has gone."""
-        if self._peer is None or not select.select([self._peer], [], [], timeout_s)[0]:
+        Accepts no new connection, because the caller must notice it: see `accept`.
+        """
+        if self._client is None or not select.select([self._client], [], [], timeout_s)[0]:
             return []
-        data = b""
-        with contextlib.suppress(OSError):
-            data = self._peer.recv(65536)
-        if not data:
-            self._drop()
-        return self._parser.feed(data)
-
-    def close(self) -> None:
-        self._drop()
-        self._listener.close()
-
-    def _drop(self) -> None:
-        if self._peer is not None:
-            self._peer.close()
-            self._peer = None
+        return self._parser.feed(self._read())
 
 
 RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # of HIL_SENSOR; below the least, a rate controller cannot hold the vehicle
@@ -230,7 +182,10 @@ def sensor_period_us(url: str) -> int:
 
 
 class BoardLine:
-    """One board on a cable, which may be unplugged and plugged in again."""
+    """One board on a cable, which may be unplugged and plugged in again.
+
+    Clients (the agent, a ground station) share the cable: `give` sends their bytes, `take` returns bytes for them.
+    """
 
     def __init__(self, connect: Callable[[], Transport], packer: Packer) -> None:
         """`connect` opens the link, now and after it breaks. Only the first call raises its errors."""
@@ -238,7 +193,7 @@ class BoardLine:
         self._transport: Transport | None = connect()
         self._parser = Parser()
         self._frames = Frames()
-        self._clients = bytearray()  # bytes for the clients that were not sent yet
+        self._clients = bytearray()  # bytes from the board for the clients, until the next `take`
         self._hello_due_s = self._reopen_due_s = 0.0
         self._alive_s = -FORGET_S  # wall time of the autopilot's last heartbeat
         self._hil = False

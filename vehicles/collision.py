@@ -33,7 +33,7 @@ HIT_LEAST = 0.15  # m/s; a contact that begins more slowly is reported as a hit 
 FRICTION = 0.45  # of plastic and carbon on dry walls and car bodies
 ROUNDS = 8  # iterations of the impulses: enough for four feet on a roof
 AHEAD = 0.15  # m of motion for which candidate triangles are gathered in advance
-TURN = 2.25  # angle (rad) between two attitudes / distance of their quaternions is at most 2.22, so below this
+TURN = 2.25  # the angle (rad) between two attitudes is at most 2.22 times the distance of their quaternions
 BREAKING = 2.0  # m/s, closing speed above which a propeller breaks
 CAMERA_RADIUS = 0.085  # m; up to 3 m/s no surface gets nearer to the lens than the renderer's near plane
 BUMPER_SHARES = (1 / 3, 2 / 3)  # places of a bumper's balls, as shares of the way from a rotor to the camera
@@ -63,7 +63,7 @@ def collide(params: Record, state: Record, solids: Record, near: Record, triangl
         count = _find_contacts(state, solids, near, triangles, count)
     if count > 0:
         _solve_contacts(params, state, solids, near, count)
-        near.free = 0.0  # the contacts changed the vehicle's motion
+        near.free = 0.0  # the next step searches again, because the contacts changed the vehicle's motion
 
 
 @njit(cache=True)
@@ -165,7 +165,8 @@ def _gather_candidates(state: Record, solids: Record, near: Record, triangles: S
         return
     i, j, k = int(u), int(v), int(w)
     u, v, w = u - i, v - j, w - k
-    # the cell lists all triangles within the grid's reach; plus the margin of 1 mm in `solids.reach`
+    # The cell lists all triangles within the grid's reach, so the list holds until the vehicle leaves the cell. Add the
+    # margin of 1 mm that `solids.reach` contains.
     holds = cell * min(min(min(u, 1.0 - u), min(v, 1.0 - v)), min(w, 1.0 - w)) + 1e-3
     number = (i * columns + j) * layers + k
     corners, bounds, start = triangles.corners, triangles.bounds, triangles.start
@@ -190,7 +191,7 @@ def _gather_candidates(state: Record, solids: Record, near: Record, triangles: S
 
 @njit(cache=True)
 def _collide_with_box(state: Record, solids: Record, near: Record) -> None:
-    """Write the contacts with the moving box, before all other contacts."""
+    """Write the contacts with the moving box. They come first in the arrays of `near`."""
     near.box_count = 0
     since = (state.time_us - solids.box_time_us) * 1e-6
     mx = solids.box_centre[0] + solids.box_velocity[0] * since
@@ -332,7 +333,7 @@ def _apply_friction(params: Record, state: Record, near: Record, n: int, q: Quat
 
 @njit(cache=True)
 def record_hit(state: Record, solids: Record, ball: int, owner: int, closing: float) -> None:
-    """Note a hit. Above `ball_sound` it latches a crash. Above BREAKING it also breaks the propeller of the ball."""
+    """Note a hit at `closing` (m/s). Above `ball_sound` it is a crash; above BREAKING the ball's propeller breaks."""
     state.hits += 1
     state.hit_speed = closing
     state.hit_owner = owner

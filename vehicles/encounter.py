@@ -25,7 +25,10 @@ SEPARATION_RATE = 3.0  # 1/s, speed (m/s) of separation per m of overlap
 
 @njit(cache=True)
 def _first_touch(gap: Vec3, speed: Vec3, reach: float, tick_s: float) -> float:
-    """Return when (s, within the tick) the centres of two balls are `reach` (m) apart; -1 if they never are."""
+    """Return when (s) two balls touch within the tick; 0 if they overlap already, -1 if they do not touch.
+
+    `gap` (m) and `speed` (m/s): place and velocity of one centre relative to the other. `reach` (m): sum of the radii.
+    """
     apart = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2] - reach * reach
     if apart <= 0.0:
         return 0.0
@@ -69,7 +72,10 @@ def _push(state: Record, arm: Vec3, force: Vec3, sign: float) -> None:
 
 @njit(cache=True)
 def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
-    """Note a hit. Above CRASH_BODY it latches a crash. Above BREAKING it also breaks the nearest propeller."""
+    """Note a hit at `closing` (m/s). Above CRASH_BODY it is a crash; above BREAKING a propeller breaks.
+
+    That propeller is the nearest to `arm` (m, NED, from the vehicle's origin to the point of contact).
+    """
     state.hits += 1
     state.hit_speed = closing
     state.hit_owner = DRONE
@@ -88,7 +94,7 @@ def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
 
 @njit(cache=True)
 def _note_contact(state: Record, near: Record, closing: float, tick_s: float) -> None:
-    """Note a contact, whether or not it began with a hit."""
+    """Note a contact in `near`, even if it is no hit. For a vehicle on the ground, note only the time."""
     near.newest_us = state.time_us
     if state.on_ground != 0:
         return

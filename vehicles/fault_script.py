@@ -7,18 +7,17 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from foundation.errors import UsageError
-from foundation.typed_file import toml_table, typed
+from foundation.typed_file import Number, toml_table, typed
 from vehicles.faults import FOR_EVER_US, Fault, fault_record
 from vehicles.records import MAX_FAULTS
 from vehicles.sensors import Suite
 
 LONGEST_S = 1e9  # s, thirty years; keeps times within the range of the record's integers
-LARGE = 1e12
 WITH_VALUE = ("bias", "delay", "weaken")
 
 BootSeconds = Annotated[float, Meta(ge=0.0, le=LONGEST_S, description="s since boot")]
-Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
-# not `tuple[Number, Number, Number]`: in a union with a bounded number, msgspec 0.22 loses its length and crashes
+# not `tuple[Number, Number, Number]`, because msgspec 0.22 loses the tuple's length in a union with a bounded number
+# and crashes
 Triple = Annotated[tuple[Number, ...], Meta(min_length=3, max_length=3)]
 FaultValue = Annotated[Number | Triple | None, Meta(extra={"wrong": "is not a finite number or a list of three"})]
 

@@ -86,7 +86,7 @@ def active(faults: Record, part: int, now: int) -> tuple[int, int]:
 
 @njit(cache=True)
 def apply_rotor_faults(faults: Record, state: Record, rotors: int) -> None:
-    """Set the health of each rotor that has a fault in the script."""
+    """Set the health of each rotor that has a fault in the script; 1 while none of its faults is active."""
     for i in range(faults.count):
         rotor = faults.part[i] - ROTOR_1
         if 0 <= rotor < rotors:

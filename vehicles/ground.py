@@ -20,10 +20,12 @@ RESONANCE = 120.0
 DAMPING_RATIO = 0.6
 FRICTION = 0.7  # rubber or plastic on dry hard ground
 TANGENTIAL = 0.7  # stiffness along the surface relative to the normal one
-DEEPEST = 0.2  # m, penetration above which the spring force is constant: steps of the terrain do not catapult a vehicle
+# m, penetration above which the spring force stays constant, so that a step of the terrain does not catapult a vehicle
+DEEPEST = 0.2
 MARGIN = 0.005  # m, added to the travel in one step to allow for accelerations
 STILL = 1e-5  # m/s, rad/s and m/s²; a vehicle below these limits stands still
-STEADY = 1e-4  # share of the weight (moments: times `reach`); smaller changes of the rotors' load have no effect
+# share of the weight (for moments: of the weight times `reach`); smaller changes of the rotors' load do not end a rest
+STEADY = 1e-4
 CRASH_FOOT = 5.0  # m/s, normal speed that breaks a landing gear: a fall of 1.3 m
 CRASH_BODY = 1.0  # m/s, normal speed that breaks a propeller or the hull
 

@@ -210,13 +210,17 @@ class Multirotor:
     def set_sensor_suite(self, suite: Suite) -> None:
         """Use this sensor suite from now on. Errors drawn at boot and the times of samples stay.
 
-        Slowly varying errors are scaled at once, because their correlation times are longer than a flight.
+        Slowly varying errors are scaled at once. Otherwise they would change only over their correlation times, a
+        minute or more.
         """
         before, self.record["suite"] = self.record["suite"].copy(), suite_record(suite, self._origin)
         scale_slow_errors(self.memory, before, self.record["suite"])
 
     def place_box(self, position_ned: Vec3, yaw: float, velocity_ned: Vec3, yaw_rate: float) -> None:
-        """Set the moving obstacle's pose at this vehicle's time (m, rad) and its velocities (m/s, rad/s)."""
+        """Set the moving box's pose (m, rad) at this vehicle's time and its velocities (m/s, rad/s).
+
+        `position_ned` is the origin of the asset. Raises UsageError if the obstacles have no moving box.
+        """
         box, solids = self.obstacles.moving, self.solids
         if box is None:
             raise UsageError("these obstacles have no moving box: build them from a scene with a movable solid")

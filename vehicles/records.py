@@ -20,7 +20,7 @@ STEP_US = 1000  # µs, the plant's step
 STEP_S = 1e-3
 
 MAX_FAULTS = 16
-GPS_QUEUE = 16  # largest number of fixes that wait for delivery; limits latency · rate
+GPS_QUEUE = 16  # largest number of GPS fixes that wait for delivery; a fix must arrive within so many periods
 
 PARAMS = np.dtype(
     [
@@ -53,9 +53,9 @@ PARAMS = np.dtype(
         ("charge_least_ah", "f8"),  # Ah, the charge never falls below this
         ("resistance_ohm", "f8"),
         ("avionics_w", "f8"),
-        ("ground_north", "f8"),  # m, NED origin and cell of the height field
-        ("ground_east", "f8"),
-        ("ground_cell", "f8"),
+        ("ground_north", "f8"),  # m, north of the height field's first grid point
+        ("ground_east", "f8"),  # m, east of it
+        ("ground_cell", "f8"),  # m, side of its cells
     ],
     align=True,
 )
@@ -79,7 +79,7 @@ STATE = np.dtype(
         ("height", "f8"),  # m, body origin above the ground below it
         ("anchor", "f8", (MAX_CONTACTS, 3)),  # m, NED, where friction holds each contact point
         ("contact", "i8", (MAX_CONTACTS,)),  # bool: the point touches the ground
-        ("carried", "f8", (4,)),  # N and N·m, vertical force and moment of the rotors when the rest began
+        ("carried", "f8", (4,)),  # N and N·m, vertical force and moment of the rotors when the vehicle came to rest
         ("on_ground", "i8"),  # bool: any point touches
         ("crashed", "i8"),  # bool, latched: a hit faster than CRASH_FOOT (landing feet) or CRASH_BODY (other parts)
         ("hits", "i8"),  # number of hits so far: contacts with obstacles that began faster than HIT_LEAST

@@ -27,7 +27,7 @@ COLLAPSE = -0.01  # charge at which the voltage of an over-discharged pack is 0
 
 @njit(cache=True)
 def open_circuit(charge: float) -> float:
-    """Return the volts of one cell at rest for a charge in [0, 1]; below 0 the cell collapses."""
+    """Return the volts of one cell at rest for a charge in [0, 1]; below 0 they fall to 0 at COLLAPSE."""
     volts: float = _VOLTAGE[-1]
     if charge <= 0.0:
         volts = max(_VOLTAGE[0] * (1.0 - charge / COLLAPSE), 0.0)

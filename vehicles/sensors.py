@@ -56,8 +56,8 @@ class Suite:
     mag_noise: float = 0.003  # gauss: IST8310 data sheet, 0.3 µT
     mag_bias: float = 0.004  # gauss: hard iron that remains after a calibration
     mag_declination_deg: float = 3.2  # WMM 2025 near Zurich
-    mag_inclination_deg: float = 63.5  # the same
-    mag_strength: float = 0.48  # gauss, the same
+    mag_inclination_deg: float = 63.5  # WMM 2025 near Zurich
+    mag_strength: float = 0.48  # gauss, WMM 2025 near Zurich
     baro_period_us: int = 20_000
     baro_noise_hpa: float = 0.012  # hPa, about 0.1 m: BMP388 data sheet at low oversampling
     baro_drift_hpa: float = 0.04  # hPa: weather and warming, Gauss-Markov
@@ -70,8 +70,8 @@ class Suite:
     # s: correlation time of the atmosphere's delay, 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of
     # their troposphere model)
     gps_error_time_s: float = 1800.0
-    # m per horizontal axis: estimated effect of reflections in the open. They change within about a minute: there the
-    # autocorrelation of recorded positions has a bend (D. L. Wilson, GPS accuracy page), and PX4's Gazebo has 60 s
+    # m per horizontal axis: estimated effect of reflections in the open. They change within about a minute: at this lag
+    # the autocorrelation of recorded positions has a bend (D. L. Wilson, GPS accuracy page), and PX4's Gazebo has 60 s
     gps_multipath_h: float = 0.25
     gps_multipath_v: float = 0.5  # m
     gps_multipath_time_s: float = 60.0
@@ -238,7 +238,7 @@ def _integrate(suite: Record, memory: Record, state: Record) -> None:
 
 @njit(cache=True)
 def _inertial(suite: Record, memory: Record, faults: Record, state: Record, sensors: Record) -> None:
-    """Write one inertial sample: the mean over the steps since the last one, plus white noise for the period."""
+    """Write one inertial sample: the mean over the steps since the last sample, plus white noise for the period."""
     rng = memory.rng
     accel_fault, accel_row = active(faults, ACCEL, state.time_us)
     gyro_fault, gyro_row = active(faults, GYRO, state.time_us)

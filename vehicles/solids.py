@@ -77,7 +77,7 @@ class SolidTriangles(NamedTuple):
     corners: Grid32  # (T, 9) m, NED
     bounds: Grid32  # (T, 4) m, NED, middle and radius
     start: Index  # (cells + 1,) index in `numbers` at which each cell begins
-    numbers: Index  # of the triangles, cell by cell
+    numbers: Index  # numbers of the triangles in each cell, cell by cell
     owner: Index  # (T,) index in `Obstacles.names` of the obstacle to which a triangle belongs
 
 

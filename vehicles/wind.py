@@ -43,7 +43,7 @@ _INNER = _EDGE[1:] / _EDGE[:-1]  # share of each layer that is certainly under t
 
 
 def streams(seed: int, count: int) -> RandomStream:
-    """Return `count` independent stream states, shape (count,), that depend on `seed` alone."""
+    """Return the initial states of `count` independent streams, shape (count,); they depend on `seed` alone."""
     return np.random.SeedSequence(seed).generate_state(count, np.uint64).astype(np.uint64, copy=False)
 
 

@@ -137,7 +137,7 @@ class Commander:
 
     @property
     def failsafe(self) -> Failsafe:
-        """The active failsafe."""
+        """The active failsafe; NO_FAILSAFE if none is active."""
         return self.supervision.failsafe
 
     @property
@@ -202,7 +202,10 @@ class Commander:
         return ACCEPTED
 
     def set_mode(self, mode: str) -> int:
-        """Request a flight mode by name (see `foundation.mavlink.MODES`)."""
+        """Request a flight mode by name (see `foundation.mavlink.MODES`).
+
+        Returns REJECTED if the vehicle is armed, and the flight is terminated or the mode cannot be flown now.
+        """
         if self.mode == "TERMINATION" and self.armed:
             return REJECTED
         if self.armed:
@@ -240,9 +243,9 @@ class Commander:
         return result
 
     def reposition(self, position_ned: Vec3, yaw: float, speed: float) -> int:
-        """Fly to a local position (m, NED) in HOLD. A nan coordinate or yaw means the present one.
+        """Fly to a local position (m, NED) in HOLD. For nan, the vehicle keeps its present coordinate or yaw.
 
-        A `speed` (m/s) that is not positive means MPC_XY_CRUISE.
+        A `speed` (m/s) that is not positive means MPC_XY_CRUISE. A disarmed vehicle only selects HOLD.
         """
         result = self.set_mode("HOLD")
         if result != ACCEPTED or not self.armed:
@@ -255,7 +258,7 @@ class Commander:
         return result
 
     def circle(self, centre_ned: Vec3, radius: float, speed: float, yaw_behaviour: int = 0) -> int:
-        """Request ORBIT. A nan coordinate of the centre means the present one. `yaw_behaviour`: ORBIT_YAW_BEHAVIOUR.
+        """Request ORBIT. A nan coordinate of the centre means the vehicle's own. `yaw_behaviour`: ORBIT_YAW_BEHAVIOUR.
 
         Returns DENIED if the vehicle is armed and the radius (m) is not in 1 … MC_ORBIT_RAD_MAX. Returns REJECTED if
         the vehicle has fallen over on the ground.
@@ -295,7 +298,7 @@ class Commander:
         self.flight.cruise_speed = min(speed, limit) if 0.0 < speed < math.inf else math.nan
 
     def terminate(self) -> int:
-        """End the flight at once: the rotors idle until the vehicle is disarmed."""
+        """End the flight at once: the rotors idle until the vehicle is disarmed. A disarmed vehicle returns DENIED."""
         if not self.armed:
             return DENIED
         self.intended = self.mode = "TERMINATION"

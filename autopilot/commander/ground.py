@@ -79,7 +79,7 @@ class TakeoffRamp:
 
 # A vehicle in the air sinks if its thrust is clearly below hover thrust. If the thrust is low and the vertical speed
 # stays near zero for LNDMC_TRIG_TIME, then the ground carries the vehicle.
-SUPPORTED_THRUST = 0.8  # fraction of hover thrust
+SUPPORTED_THRUST = 0.8  # fraction of hover thrust; less counts as low
 RANGE_IN_AIR_M = 1.0  # if the rangefinder measures more, the vehicle is in the air
 LIFT_OFF_M = 0.25
 LIFT_OFF_SPEED = 0.3  # m/s
@@ -160,9 +160,9 @@ class LandDetector:
 
 
 def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
-    """Return the least speed (m/s) of a demanded descent; None if the demand is not a clear descent.
+    """Return the speed (m/s) that a demanded descent has at least; None if the demand is not a clear descent.
 
-    A demand with horizontal speed returns None: an obstacle, not the ground, may carry the vehicle, which slides along.
+    A demand with a horizontal speed above SIDEWAYS_SPEED is none: the vehicle may only slide along an obstacle.
     """
     north, east, vz = demand.velocity_ned
     sinks = vz >= CONTACT_SPEED
@@ -191,7 +191,7 @@ class LandingWatch:
 
     def __init__(self, send_text: Callable[[int, str], None]) -> None:
         self._send_text = send_text
-        self._lowest: tuple[int, float] | None = None  # time (µs) and z (m, NED) of the last descent
+        self._lowest: tuple[int, float] | None = None  # time (µs) and z (m, NED) of the last descent by SUNK_M
         self._has_warned = False
 
     def follow(self, state: EstimatedState, landing: bool) -> None:

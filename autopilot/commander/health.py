@@ -29,7 +29,7 @@ LASTING_US = 500_000
 
 
 def required(parameters: ParameterTable, name: str) -> float:
-    """Return the largest deviation that COM_POS_FS_EPH (m) or COM_VEL_FS_EVH (m/s) allows; inf if negative."""
+    """Return the largest deviation that COM_POS_FS_EPH (m) or COM_VEL_FS_EVH (m/s) allows; inf for a negative value."""
     value = float(parameters[name])
     return value if value >= 0.0 else math.inf
 
@@ -38,15 +38,16 @@ class _Hysteresis:
     """Decides with a hysteresis whether one quantity is valid."""
 
     def __init__(self, lasting_us: int = 0) -> None:
-        """`lasting_us` (µs): a large deviation counts after this time."""
+        """A deviation that is too large counts only after it has lasted for `lasting_us` (µs)."""
         self._lasting_us = lasting_us
         self._believed = True
         self._failed_us = 0
         self._good_us = 0  # last time at which the deviation was small enough
 
     def limit(self, now_us: int, valid: bool, deviation: float, wanted: float) -> float:
-        """Return the deviation above which the quantity is invalid; -inf: it is invalid at any deviation.
+        """Return the deviation above which the quantity is invalid.
 
+        -inf means that it is invalid now. With `lasting_us`, inf means that it is valid now, whatever the deviation is.
         `valid` is the estimator's own flag; `wanted` is the value of `required`.
         """
         if valid and deviation < (wanted * HYSTERESIS_FACTOR if self._believed else wanted):
@@ -235,7 +236,10 @@ class SensorCalibration:
         return bool(self._queue)
 
     def start(self, sensors: list[str]) -> bool:
-        """Calibrate `sensors` ("gyro", "mag", "accel", "level") one by one. Returns False while another one runs."""
+        """Calibrate `sensors` ("gyro", "mag", "accel", "level") one by one.
+
+        Returns False while a calibration of other sensors runs. A repeated request has no effect and returns True.
+        """
         if self._queue:
             return self._queue == sensors  # the same request repeated
         self._queue = list(sensors)

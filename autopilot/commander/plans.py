@@ -4,7 +4,8 @@ The geofence has polygons and circles, and the cylinder of GF_MAX_HOR_DIST and G
 must be inside at least one inclusion area, if there is any, and outside all exclusion areas.
 
 A plan is always replaced as a whole: an incomplete upload changes nothing. A file keeps the plans and the number of the
-next mission item across restarts, as PX4's dataman does. The checks return MAV_MISSION_RESULT numbers.
+next mission item across restarts, as PX4's dataman does. The checks of uploads return MAV_MISSION_RESULT
+numbers.
 """
 
 import json
@@ -95,7 +96,7 @@ class PlanItem:
 
 
 def horizontal(lat_deg: float, lon_deg: float, state: EstimatedState) -> tuple[float, float]:
-    """Return a latitude and longitude as (north, east) in m, local frame; nan for nan."""
+    """Return a latitude and longitude as (north, east) in m, local frame; both nan if one of them is not finite."""
     if not (math.isfinite(lat_deg) and math.isfinite(lon_deg)):
         return (math.nan, math.nan)
     north, east, _ = geodetic_to_ned(state.origin_lat_deg, state.origin_lon_deg, 0.0, lat_deg, lon_deg, 0.0)
@@ -103,7 +104,11 @@ def horizontal(lat_deg: float, lon_deg: float, state: EstimatedState) -> tuple[f
 
 
 def local_place(item: PlanItem, state: EstimatedState, home: Home | None) -> Vec3:
-    """Return the item's local position (m, NED). A coordinate is nan if the item or the reference lacks it."""
+    """Return the item's local position (m, NED).
+
+    A coordinate is nan if the item does not give it, or gives a height above home while home is unknown. In a frame
+    that is not global, all are nan.
+    """
     if item.frame not in GLOBAL_FRAMES:
         return (math.nan, math.nan, math.nan)
     north, east = horizontal(item.lat_deg, item.lon_deg, state)

@@ -51,7 +51,7 @@ class Conditions(NamedTuple):
     position_valid: bool
     velocity_valid: bool
     altitude_valid: bool
-    flight_time_s: float
+    flight_time_s: float  # s since the last lift-off; nan before it
     fence_breach: str  # the limit that is broken, empty if none
     attitude_failed: bool
     just_armed: bool  # within COM_SPOOLUP_TIME + COM_LKDOWN_TKO of the arming
@@ -242,7 +242,7 @@ class StickOverride:
 
 
 StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
-# causes that the pilot cannot overrule: they end when the mode changes, or the vehicle has no other choice
+# causes that the pilot cannot overrule: the first ends when the mode changes, the second leaves no other choice
 NOT_OVERRIDABLE = frozenset({OFFBOARD_LOST, POSITION_LOST})
 DELAYED = frozenset({Reaction.RETURN, Reaction.LAND, Reaction.DESCEND})
 NAMES = {Reaction.HOLD: "Hold", Reaction.RETURN: "Return", Reaction.LAND: "Land", Reaction.DESCEND: "Descend"}
@@ -252,8 +252,8 @@ LOOK_US = 100_000  # slow conditions (battery, links, fence) are checked 10 time
 class Supervision:
     """Decides on the failsafe of an armed vehicle.
 
-    `failsafe` is the present reaction: HOLD for COM_FAIL_ACT_T, so that the pilot can choose another mode, and then the
-    action itself. `breach` is the broken limit of the geofence, empty if none.
+    `failsafe` is the present reaction. A delayed failsafe has the action HOLD for COM_FAIL_ACT_T, so that the pilot can
+    choose another mode, and then its own action. `breach` is the broken limit of the geofence, empty if none.
     """
 
     def __init__(self, parameters: ParameterTable, send_text: StatusText) -> None:
@@ -293,7 +293,10 @@ class Supervision:
         self._accuracy.reset()
 
     def overrule(self) -> None:
-        """Overrule the present failsafe, because the pilot has chosen a mode: its cause only warns until it ends."""
+        """Overrule the present failsafe, because the pilot has chosen a mode.
+
+        Its cause then only warns, until all causes of failsafes have ended.
+        """
         if self.failsafe.action > Reaction.WARN and self.failsafe.cause not in NOT_OVERRIDABLE:
             self._overridden |= {self.failsafe.cause}
         self._due = NO_FAILSAFE if self._due.sticky else self._due

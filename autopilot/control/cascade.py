@@ -47,7 +47,7 @@ def wanted_rates(params: Record, attitude: Quat, target: Quat, yaw_rate: float) 
     tilt = (half, -axis[1] / (2.0 * half), axis[0] / (2.0 * half), 0.0) if half > 1e-3 else over
     twist = quat_multiply(quat_conjugate(tilt), error)
     turn = twist[3] if twist[0] >= 0.0 else -twist[3]
-    turn = min(max(turn, -params.yaw_weight), params.yaw_weight)  # a large heading error must not limit roll and pitch
+    turn = min(max(turn, -params.yaw_weight), params.yaw_weight)  # leaves thrust for roll and pitch
     ahead = rotate_inverse(attitude, (0.0, 0.0, yaw_rate))
     p = params.attitude_p
     x = 2.0 * p[0] * tilt[1] + ahead[0]
@@ -117,7 +117,7 @@ ROTOR_LAG_S = 0.02  # s, lag of the thrust behind its command, for the estimate 
 
 @njit(cache=True)
 def fallback(params: Record, state: Record, estimate: Record) -> None:
-    """Command level flight with the present heading at hover thrust, and reset every state that may not be finite."""
+    """Command level flight with the present heading at hover thrust; reset all states that could be NaN or infinite."""
     q = estimate.attitude
     yaw = quat_yaw((q[0], q[1], q[2], q[3]))
     level = quat_from_euler(0.0, 0.0, yaw if math.isfinite(yaw) else 0.0)
@@ -198,7 +198,7 @@ def apply_direct_setpoint(params: Record, state: Record, setpoint: Record, estim
 
 @njit(cache=True)
 def stop(params: Record, state: Record, setpoint: Record, actuators: Record) -> None:
-    """Stop the rotors (disarmed) or let them idle (armed), and reset the state of the last flight."""
+    """Set all rotor commands to 0 and reset the state of the last flight. At 0, an armed rotor idles."""
     for i in range(3):
         state.rate_integral[i] = 0.0
         state.velocity_integral[i] = 0.0

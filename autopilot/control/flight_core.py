@@ -69,8 +69,8 @@ class FlightCore:
     """The estimator and the cascade of one vehicle, and the records that they share with the commander.
 
     The commander writes `setpoint` (SETPOINT) and reads `estimate` (ESTIMATE). It sets `state["landed"]` to 1 while the
-    armed vehicle stands on the ground, which resets the integrals. `params` and `filter_params` hold gains, limits and
-    noise figures.
+    vehicle is landed or disarmed, which resets the integrals. `params` and `filter_params` hold gains, limits and noise
+    figures.
     """
 
     def __init__(

@@ -57,7 +57,7 @@ CONTROL_PARAMS = np.dtype(
 
 CONTROL_STATE = np.dtype(
     [
-        ("landed", "i8"),  # input: 1 while the armed vehicle stands on the ground, which resets the integrals
+        ("landed", "i8"),  # input: 1 while the vehicle is landed or disarmed, which resets the integrals
         ("time_us", "i8"),  # time of the newest inertial sample
         ("outer_time_us", "i8"),  # when the position and velocity loops last ran
         ("attitude_time_us", "i8"),
@@ -90,7 +90,7 @@ CONTROL_STATE = np.dtype(
         ("torque_scale", "f8", (3,)),  # 0 … 1, achieved torque over demanded torque
         ("hover_thrust", "f8"),  # 0 … 1, running estimate
         ("thrust_filtered", "f8"),  # 0 … 1, collective with the lag of the rotors
-        ("not_finite", "i8"),  # number of steps with a result that was not finite, in which `fallback` flew
+        ("not_finite", "i8"),  # number of steps with a result that was not finite; `cascade.fallback` flew them
     ],
     align=True,
 )
@@ -159,11 +159,11 @@ GAINS: dict[str, GainField] = {
 
 
 def default_parameters(gains: Gains, allocation: Allocation, rotors: int) -> np.void:
-    """Return one CONTROL_PARAMS record: gains from the design, and PX4's default limits if it has them.
+    """Return one CONTROL_PARAMS record: gains from the design, and limits that are PX4's defaults if PX4 has them.
 
     Two limits differ from PX4 1.15 on purpose. MPC_JERK_MAX is 40 instead of 8 m/s³: a real PX4 does not smooth
     offboard velocity setpoints at all, so it flies 1.4 m/s half a second after a setpoint of 2 m/s. MPC_YAWRAUTO_MAX is
-    60 °/s, the yaw rate of the paper's rotations.
+    60 °/s, the rate of the agent's turns (`foundation.protocol.YAW_RATE_DEG`).
     """
     params: np.void = np.zeros(1, CONTROL_PARAMS)[0]
     for name in ("attitude_p", "velocity_p", "velocity_i", "velocity_d", "position_p"):

@@ -23,10 +23,10 @@ LEAST_LIFT = 0.2 * GRAVITY  # m/s²; the thrust vector always points up, also in
 
 @njit(cache=True)
 def limit_force(params: Record, hover_thrust: float, ceiling: float, acceleration: Vec3) -> Vec3:
-    """Return the specific force (NED, m/s²) of the rotors, within tilt and thrust limits.
+    """Return the specific force (NED, m/s²) of the rotors for an acceleration (NED), within tilt and thrust limits.
 
-    The vertical force has priority. Only the fraction `thrust_horizontal_margin` of the thrust is kept for the
-    horizontal force.
+    `ceiling` is the setpoint's thrust limit (0 … 1). The vertical force has priority. Only the fraction
+    `thrust_horizontal_margin` of the thrust is kept for the horizontal force.
     """
     per_thrust = GRAVITY / hover_thrust  # m/s² at full collective
     top = min(params.thrust_max, ceiling) * per_thrust
@@ -141,8 +141,8 @@ def mix(
     """Write rotor thrust fractions in [floor, 1] and return (achieved roll-pitch scale, yaw scale, collective).
 
     `matrix` (MAX_ROTORS, 4) is `Allocation.mix`. `roll`, `pitch` and `yaw` are in [-1, 1], `thrust` in [0, 1].
-    `fractions` (MAX_ROTORS,) is the output. Roll and pitch may lower the collective. Without `airmode` they do not
-    raise the collective above the least at which all rotors are at their floor.
+    `fractions` (MAX_ROTORS,) is the output. Roll and pitch may lower the collective. They may also raise it,
+    without `airmode` only up to the collective at which every rotor would reach `floor` without torque.
     """
     thrust = min(max(thrust, 0.0), 1.0)
     # roll and pitch: the largest share for which a collective exists that keeps every rotor in range

@@ -27,7 +27,10 @@ def braking_speed(distance: float, gain: float, acceleration: float) -> float:
 
 @njit(cache=True)
 def wanted_acceleration(gap: float, limit: float, jerk: float) -> float:
-    """Return the acceleration (m/s²) that closes a velocity gap (m/s, ≥ 0) and can end in time at `jerk` (m/s³)."""
+    """Return the acceleration (m/s²) that closes a velocity gap (m/s, ≥ 0), at most `limit`.
+
+    It is low enough to return to 0 with `jerk` (m/s³) by the time at which the gap is closed.
+    """
     return min(limit, min(RESPONSE * gap, math.sqrt(2.0 * jerk * gap)))
 
 
@@ -75,30 +78,30 @@ def expect(params: Record, state: Record, dt: float) -> None:
         v[i] += (a[i] + 0.5 * (state.velocity_reference[i] - params.velocity_lag[i] * a[i] - v[i])) * dt
 
 
-YAW_LEAD_MAX = math.radians(30.0)  # largest lead of the yaw reference, if the vehicle cannot follow a yaw rate setpoint
+YAW_LEAD_MAX = math.radians(30.0)  # rad, largest lead of the yaw reference over the yaw of a vehicle that turns slowly
 YAW_GAIN = 3.0  # 1/s, yaw rate per yaw error near a yaw setpoint
 YAW_ACCELERATION = 2.5  # rad/s²; yaw torque is weak, so a faster start would saturate the rotors
 FOLLOWING_ERROR_MAX = 0.4  # m/s; with a smaller velocity error, the vehicle follows its setpoint
 TRIM_S = 2.0  # s, time constant of `free_integral`
 TEST_STEP = 0.8  # m/s²; after the integral has grown this much, its effect on the velocity error is checked
 ERROR_DROP = 0.05  # m/s; in wind, the second half of that growth reduces the velocity error at least this much
-BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s; a vehicle faster than this against the push, or along it, is free
+BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s; a vehicle that moves faster, back or ahead, is not blocked
 DESCENDS = 0.2  # m/s, NED; a faster demand is a descent
 SIDEWAYS_SPEED = 0.3  # m/s; with a faster horizontal demand, the object under the vehicle is an obstacle, not ground
 INITIAL_PUSH_LIMIT, FIRST_S = 2.5, 2.0  # m/s², s: first limit of the P term against an obstacle, and its duration
 LASTING_PUSH_LIMIT = 1.0  # m/s², the limit after that
 BLOCKED_S = 3.0  # s, after which the integral may grow again, because the cause may have been a gust
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
-KNOCK = 8.0  # m/s², least sudden unexplained acceleration of a knock; wind of 10 m/s: 3.3 (X500), 6.1 (30 g drone)
+KNOCK = 8.0  # m/s², least sudden unexplained acceleration of a knock; 10 m/s of wind: 3.3 (X500), 6.1 (30 g drone)
 KNOCK_TORQUE = 0.15  # the same as a fraction of the rotors' largest torque; wind of 10 m/s causes 0.06 and 0.08
-KNOCK_S, GUST_S = 0.016, 0.3  # s, time constants of the band-pass for knocks: 10 Hz, and the fastest gusts of wind
+KNOCK_S, GUST_S = 0.016, 0.3  # s, time constants of the band-pass for knocks: up to 10 Hz, above wind gusts
 TOUCHED_S = 1.0  # s after a knock, during which the vehicle is assumed to touch the obstacle
 FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²; a larger value is an invalid measurement
 
 
 @njit(cache=True)
 def smaller_limit(own: float, mode: float) -> float:
-    """Return the smaller of a parameter's limit and the mode's limit, which counts only if finite and positive."""
+    """Return the smaller of a parameter's limit and the mode's limit. The latter counts only if finite and positive."""
     return min(own, mode) if math.isfinite(mode) and mode > 0.0 else own
 
 
@@ -256,7 +259,11 @@ def integrate(
     vertical: bool,
     dt: float,
 ) -> None:
-    """Advance the velocity integrals. The limits cut off `wanted` minus `flown`; feeding it back prevents wind-up."""
+    """Advance the velocity integrals.
+
+    The tilt and thrust limits reduce the acceleration from `wanted` to `flown`. The difference is fed back to the
+    integrals, which prevents wind-up.
+    """
     rests = obstacle_axes(state, vertical) if horizontal and 0.0 < state.blocked_s < BLOCKED_S else 0
     for i in range(3):
         if (i < 2 and not horizontal) or (i == 2 and not vertical):
@@ -273,7 +280,10 @@ def integrate(
 
 @njit(cache=True)
 def obstacle_axes(state: Record, vertical: bool) -> int:
-    """Return the number of axes (2: north and east, 3: all) that an obstacle may block: 2 in a vertical descent."""
+    """Return the number of axes (2: north and east, 3: all) that an obstacle may block.
+
+    It is 2 in a vertical descent, which the ground may stop, and without vertical velocity feedback.
+    """
     north, east, down = state.velocity_expected
     aside = north * north + east * east > SIDEWAYS_SPEED * SIDEWAYS_SPEED
     return 3 if vertical and (down < DESCENDS or aside) else 2
@@ -290,8 +300,8 @@ def component_along(vector: Grid, way: Vec3) -> float:
 def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: float) -> None:
     """Detect an obstacle, such as a wall, and reduce the integrals that push against it.
 
-    A vehicle at rest measures the same velocity error in wind and at a wall. Two signs show a wall. Its impact causes a
-    knock. While the integral grows, the velocity error does not fall; in wind it falls.
+    A vehicle at rest measures the same velocity error in wind and at a wall. Two signs show a wall: the impact
+    causes a knock, and the velocity error does not fall while the integral grows. In wind the error falls.
     """
     total, free, tried, blocked = state.velocity_integral, state.free_integral, state.tried_integral, state.blocked_way
     north = state.velocity_expected[0] - estimate.velocity_ned[0]
@@ -330,7 +340,7 @@ def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: flo
             tried[i] = total[i]
         state.tried_error = size
     elif grown < 0.5 * TEST_STEP:
-        state.tried_error = size  # the rebound of an impact ends before half of the growth
+        state.tried_error = size  # compared from half of the growth on, when the rebound has ended
     elif grown >= TEST_STEP:
         for i in range(axes):
             tried[i] = total[i]

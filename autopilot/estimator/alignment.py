@@ -56,7 +56,7 @@ def level(ax: float, ay: float, az: float, mx: float, my: float, mz: float, decl
 
 @njit(cache=True)
 def align(params: Record, state: Record, P: Grid, time_us: int) -> None:
-    """At the end of a window, start the filter if the vehicle was at rest; else begin the next window."""
+    """At a window's end, start the filter if the vehicle was at rest or the window is the last; else begin the next."""
     if time_us - state.align_since_us < params.align_us:
         return
     enough = state.align_count >= 50 and state.align_mag_count >= 5 and state.align_baro_count >= 5

@@ -164,7 +164,7 @@ def hard_iron_slopes(q: Grid, horizontal: float, declination: float) -> tuple[fl
 
 @njit(cache=True)
 def trust_compass(P: Grid, state: Record, horizontal: float, declination: float, hard_iron: float) -> None:
-    """Reset the covariance of the hard iron (gauss, 1 sigma), and add its effect to the yaw variance."""
+    """Reset the hard iron to the standard deviation `hard_iron` (gauss), and add its effect to the yaw variance."""
     forward, right = hard_iron_slopes(state.attitude, max(horizontal, 0.02), declination)
     variance = hard_iron * hard_iron
     for i, slope in ((MOTION, forward), (MOTION + 1, right)):

@@ -105,7 +105,7 @@ class EstimatedState:
         self.refresh()
 
     def refresh(self) -> None:
-        """Start a new snapshot with its time. Before the first estimate, this is the sensors' time."""
+        """Start a new snapshot with the time of the estimate; before the first estimate, with the sensors' time."""
         (time_us,) = self._time()
         self.__dict__ = {"time_us": time_us or int(self.sensors["time_us"])}
 
@@ -146,7 +146,10 @@ class EstimatedState:
         return bool(self.origin_set and self.position_valid and self.altitude_valid and believable)
 
     def age_us(self, sensor: str) -> int:
-        """Return the age (µs) of a sensor's newest sample ('imu', 'mag', 'baro', 'gps', 'range', 'battery')."""
+        """Return the age (µs) of a sensor's newest sample; 2⁶² before the first one.
+
+        `sensor` is 'imu', 'mag', 'baro', 'gps', 'range' or 'battery'.
+        """
         stamp = int(self.sensors[f"{sensor}_time_us"])
         return self.time_us - stamp if stamp else 1 << 62
 

@@ -1,7 +1,7 @@
 """Fusion of each sensor into the filter: magnetic heading, pressure altitude, delayed GNSS fixes, zero velocity.
 
-Each function fuses scalars one after the other. It writes its innovations with their variances and test ratios, and the
-time of the last accepted sample, to the state.
+Each function fuses scalars one after the other. The functions for sensors write their innovations with variances and
+test ratios, and the time of the last accepted sample, to the state.
 """
 
 import math
@@ -120,7 +120,7 @@ def fuse_height(params: Record, state: Record, P: Grid, pressure_hpa: float, tim
 
 @njit(cache=True)
 def fuse_stillness(state: Record, P: Grid, noise: float) -> None:
-    """Fuse zero velocity with the standard deviation `noise` (m/s), if there are no fixes."""
+    """Fuse zero velocity with the standard deviation `noise` (m/s). Used while there are no fixes."""
     for axis in range(3):
         variance = innovation_variance(P, state.work, 3 + axis, 1.0, 3, 0.0, 3, 0.0, noise * noise)
         apply(P, state, -state.velocity[axis], variance)

@@ -67,7 +67,7 @@ ESTIMATOR_STATE = np.dtype(
         ("work", "f8", (STATES,)),  # P·Hᵀ of the scalar update in progress
         ("align_since_us", "i8"),
         ("align_count", "i8"),
-        ("align_accel", "f8", (3,)),  # sums over the alignment window
+        ("align_accel", "f8", (3,)),  # this and the fields up to align_baro_count: sums over the alignment window
         ("align_gyro", "f8", (3,)),
         ("align_gyro_squared", "f8"),
         ("align_mag", "f8", (3,)),
@@ -81,7 +81,7 @@ ESTIMATOR_STATE = np.dtype(
         ("origin_lat_deg", "f8"),
         ("origin_lon_deg", "f8"),
         ("origin_alt_m", "f8"),
-        ("position_fused_us", "i8"),  # when each quantity was last accepted; 0 = never
+        ("position_fused_us", "i8"),  # µs; the `…_fused_us`: when a sample of the quantity was last accepted; 0 = never
         ("velocity_fused_us", "i8"),
         ("baro_fused_us", "i8"),
         ("mag_fused_us", "i8"),
@@ -94,8 +94,8 @@ ESTIMATOR_STATE = np.dtype(
         ("bad_samples", "i8"),  # samples that were not finite
         ("restarts", "i8"),  # number of alignments because the state was not finite
         ("published_us", "i8"),  # when deviations and ratios were last written to the ESTIMATE record
-        ("looked_accel", "f8", (3,)),  # m/s², accel_frd at that time
-        ("looked_rates", "f8", (3,)),  # rad/s, rates_frd at that time
+        ("looked_accel", "f8", (3,)),  # m/s², accel_frd at `published_us`
+        ("looked_rates", "f8", (3,)),  # rad/s, rates_frd at `published_us`
     ],
     align=True,
 )
@@ -119,7 +119,9 @@ def default_parameters(declination_rad: float) -> np.void:
     params["baro_noise"] = 1.0
     params["gps_velocity_noise"] = 0.15
     params["gps_position_noise"] = 0.5
-    params["gps_fixes_alike"] = 18.0  # 1.8 s; a minute makes moves of 3 m most exact, but is too slow after an impact
+    # 18 fixes last 1.8 s. With the fixes of a minute, moves of 3 m would be more exact, but the estimate would recover
+    # too slowly from an impact.
+    params["gps_fixes_alike"] = 18.0
     params["gate_mag"] = 3.0
     params["gate_baro"] = 5.0
     params["gate_velocity"] = 5.0

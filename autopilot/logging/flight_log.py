@@ -109,7 +109,7 @@ class _Logged:
 
     topic: Topic
     packer: ulog.DataPacker
-    stamp: int = 0  # of the last logged sample
+    stamp: int = 0  # µs, time of the last logged sample
 
 
 @dataclass(slots=True)

@@ -8,7 +8,6 @@ import struct
 
 MAGIC = bytes((0x55, 0x4C, 0x6F, 0x67, 0x01, 0x12, 0x35))
 VERSION = 1
-LONGEST = 65_535  # bytes of one message's payload, a uint16 on the wire
 
 _HEAD = struct.Struct("<HB")  # size of the payload, type of the message
 _CODES = {
@@ -28,7 +27,7 @@ def header(time_us: int) -> bytes:
 
 
 def layout(fields: str) -> str:
-    """Return the struct codes of a field list such as `uint64_t timestamp;float[4] q`. Raises ValueError."""
+    """Return the struct codes of a field list such as `uint64_t timestamp;float[4] q`. Raises ValueError if invalid."""
     codes = ""
     for field in fields.split(";"):
         match = _FIELD.fullmatch(field)
@@ -64,7 +63,7 @@ def parameter(name: str, value: int | float) -> bytes:
 
 
 def subscription(number: int, name: str, instance: int = 0) -> bytes:
-    """Return the subscription message: later data messages with this `number` belong to an instance of a topic."""
+    """Return the subscription message: data messages with this `number` belong to this instance of topic `name`."""
     return _message("A", struct.pack("<BH", instance, number) + name.encode())
 
 

@@ -56,7 +56,7 @@ def get_message_interval(port: Port, p: Sequence[float]) -> int:
 
 
 def request_message(port: Port, p: Sequence[float]) -> int:
-    """Send message param1 now. Returns DENIED for an unknown message."""
+    """Send message param1 now. Returns DENIED for an unknown message, or a gimbal message without a gimbal."""
     message_id = _message_id(p)
     if message_id == dialect.MAVLINK_MSG_ID_AVAILABLE_MODES:
         _send_modes(port, p[1])
@@ -215,7 +215,7 @@ def _takeoff(node: Node, port: Port, c: Command) -> int:
 def _place(node: Node, c: Command, relative: bool) -> Vec3:
     """Return params 5 to 7 as a local position (m, NED); nan if not given.
 
-    `relative`: the altitude may be above home, according to the frame. Otherwise it is above sea level.
+    `relative`: the frame states whether the altitude is above home. Otherwise it is always above sea level.
     """
     state, home = node.vehicle.state, node.vehicle.commander.flight.home
     _, _, _, _, lat, lon, alt = c.p
@@ -275,7 +275,7 @@ def _run_prearm_checks(node: Node, port: Port, c: Command) -> int:
 
 
 def _calibrate(node: Node, port: Port, c: Command) -> int:
-    """Calibrate the sensor of the one parameter set: 1 gyro, 2 compass, 5 accelerometer or level. All 0: cancel."""
+    """Calibrate the sensors whose params are set: 1 gyro, 2 compass, 5 accelerometer or level. All 0: cancel."""
     calibration = node.vehicle.calibration
     if node.vehicle.commander.armed:
         return int(REJECTED)

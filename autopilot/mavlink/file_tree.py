@@ -92,7 +92,7 @@ class FileTree:
     def __init__(
         self, logs: LogDirectory | None, parameter_file: Callable[[], bytes], card: Path | None = None
     ) -> None:
-        """`logs` and `card` are existing folders; None: clients see no such folder."""
+        """`logs` and `card` are existing folders; None: clients see no files of it."""
         self._logs = logs
         self._parameter_file = parameter_file
         self._card = card

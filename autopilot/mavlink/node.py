@@ -2,7 +2,7 @@
 
 A port is one MAVLink connection. It has its own stream rates, sequence numbers, and queue of bytes to send. TABLE lists
 the streams: message, rate (Hz) on each kind of port, and maker. The rates are as measured on PX4 1.15; 0 = only on
-request. A stream sends at most one message per tick of the autopilot.
+request. A stream sends at most one message per call of `Port.tick` or `Port.stream`.
 
 An upload is a plan that a client sends. Its items are collected separately, and the plan takes effect as a whole.
 Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
@@ -105,7 +105,7 @@ GROUPS[dialect.MAV_DATA_STREAM_ALL] = tuple(sorted({name for names in GROUPS.val
 
 
 COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
-PARAMETERS_PER_TICK = 18  # PX4 lists 900 parameters in 0.9 s
+PARAMETERS_PER_TICK = 18  # of the parameter list: 1800 a second at 100 ticks a second; PX4 sends 900 in 0.9 s
 TRANSFERS_PER_TICK = 20  # messages of each download: 180 kB/s of a log at 100 ticks a second
 TRANSFER_BACKLOG = 200  # queued messages; downloads pause while there are as many or more
 FASTEST_US = 1_000

@@ -81,7 +81,7 @@ def standard_mode(mode: str) -> int:
 
 
 def system_status(v: TelemetrySource) -> int:
-    """Return MAV_STATE: 0 not ready, 3 ready, 4 armed, 5 failsafe, 8 terminated (as measured on PX4)."""
+    """Return MAV_STATE: 0 not ready, 2 calibrating, 3 ready, 4 armed, 5 failsafe, 8 terminated (as measured on PX4)."""
     c = v.commander
     if c.armed and c.mode == "TERMINATION":
         return int(dialect.MAV_STATE_FLIGHT_TERMINATION)

@@ -1,6 +1,7 @@
 """Messages that steer the vehicle: external setpoints, the sticks of a ground station, and the target to follow.
 
-Setpoints are decoded and rejected by PX4's rules for type masks and frames. An accepted one is stored with its time.
+Setpoints are decoded and rejected by PX4's rules for type masks and frames. An accepted setpoint is stored
+with the time of its arrival.
 Sources: MAVLink POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK; the rules as read and measured on PX4 1.15.
 """
 
@@ -51,7 +52,7 @@ def trajectory(mask: int, frame: int, position: Vec3, velocity: Vec3, accelerati
     """Return the raw fields of a message (frame LOCAL_NED or BODY_NED) as a setpoint in the local frame.
 
     `attitude` and `heading` (rad) are the vehicle's. In BODY_NED the position is ignored. The velocity is rotated by
-    the heading only (z stays world down), and ignored if any of its components is. The acceleration is rotated by the
+    the heading only (z stays world down), and ignored if one of its components is. The acceleration is rotated by the
     attitude. Raises RejectedError for another frame, for a force setpoint, or if no axis is controlled.
     """
     if mask & FORCE:
@@ -163,7 +164,10 @@ FASTEST = 100.0  # m/s; a larger component of a target's velocity counts as 0
 
 
 def follow_target(node: Node, port: Port, message: Message) -> None:
-    """Store the target's position and the time the message arrived; ignore a message without a position."""
+    """Store the target's position and velocity, and the time at which the message arrived.
+
+    A message is ignored if it has no position, or while the local frame's origin is unknown.
+    """
     state, target = node.vehicle.state, node.vehicle.commander.flight.target
     # some clients leave the capabilities at 0 but do send a position
     placed = message.est_capabilities == 0 or message.est_capabilities & POSITION
@@ -186,7 +190,7 @@ def _axis(value: int) -> float:
 
 
 def manual_control(node: Node, port: Port, message: Message) -> None:
-    """Store the sticks and the time the message arrived."""
+    """Store the sticks and the time at which the message arrived."""
     if message.target not in (0, node.system_id):
         return
     sticks = node.vehicle.commander.flight.sticks

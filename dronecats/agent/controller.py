@@ -73,7 +73,10 @@ def _go(go: Go, camera: CameraModel) -> tuple[Segment, ...]:
 
 
 def turn(angle: float, *, onto_line: bool = False) -> Segment:
-    """Return the turn by an angle (rad, + right) from the heading when the picture was taken."""
+    """Return the turn by an angle (rad, + right) from the heading when the picture was taken.
+
+    `onto_line`: a move follows, and the turn already holds the place on the line of that move.
+    """
     return Segment(Turn(math.copysign(YAW_RATE, angle), angle, onto_line), abs(angle) / YAW_RATE, SETTLE_S)
 
 
@@ -123,7 +126,7 @@ class Aircraft(Protocol):
 
 
 class Drone:
-    """One drone, which flies one action after another. `loop.Decider` chooses them."""
+    """One drone, which flies one action after another. `loop.Decider` chooses the actions."""
 
     def __init__(self, index: int, aircraft: Aircraft, camera_model: CameraModel) -> None:
         self.index, self.aircraft = index, aircraft
@@ -143,11 +146,12 @@ class Drone:
     def see(self, time_us: int) -> None:
         """Remember the pose at the time of a picture (µs, vehicle's clock). The next action is relative to it."""
         self.aircraft.listen()  # telemetry has arrived while the frame was under way
-        if self._seen is None or time_us != self._seen_us:  # a second look-up may be too late for the track
+        # once per picture: later, the link may no longer have the telemetry of that time
+        if self._seen is None or time_us != self._seen_us:
             self._seen, self._seen_us = self.aircraft.sight(time_us), time_us
 
     def _settle(self) -> None:
-        """Look up an extrapolated sight again: telemetry may have come since."""
+        """Look up the pose of the picture again if it was extrapolated, because newer telemetry may have arrived."""
         if self._seen is not None and self._seen.carried_on:
             self._seen = self.aircraft.sight(self._seen_us)
 

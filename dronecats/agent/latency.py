@@ -175,8 +175,8 @@ def _recorded(text: str, name: str, trace: Sequence[float] | None) -> tuple[floa
 
 
 # Random streams. Each kind has its own stream, so that joined kinds are independent. A draw is a quantile, so that the
-# same questions are slow at all parameters of a policy. Stream 0 is not used: NumPy's seed sequences ignore a 0 at the
-# end. `pictures.py` uses stream 6. Without a stream, a draw would equal those of the noisy pilot
+# same questions are slow whatever the parameters of a policy are. Stream 0 is not used: NumPy's seed sequences ignore a
+# 0 at the end. `pictures.py` uses stream 6. Without a stream, the draws would equal those of the noisy pilot
 # (`pilots/oracle/noisy.py`).
 GAMMA_STREAM, BIMODAL_STREAM, STALL_STREAM, JITTER_STREAM, TRACE_STREAM = range(1, 6)
 LOGNORMAL_STREAM = 7
@@ -207,7 +207,7 @@ def _bimodal_s(question: Question, _of: Circumstance, fast_s: float, slow_s: flo
 
 
 def _stall_s(question: Question, _of: Circumstance, probability: float, seconds: float) -> float:
-    """Return `seconds` with a probability, else nothing."""
+    """Return `seconds` with this probability, else 0."""
     return seconds if _share(question, STALL_STREAM) < probability else 0.0
 
 
@@ -265,7 +265,7 @@ class LatencyKind:
     charge: Callable[..., float]  # (question, circumstance, *numbers) → vehicle seconds
     quantities: tuple[DeclaredNumber, ...] = ()
     optional: int = 0  # number of optional quantities, the last ones
-    foreseen: bool = True
+    foreseen: bool = True  # whether the charge is known before the reply
     file: str = ""  # placeholder of a file name, for a kind that has a file instead of numbers
 
     def form(self, name: str) -> str:

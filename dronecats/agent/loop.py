@@ -1,4 +1,4 @@
-"""The loop of the paper: see, decide, act, log. It gets a frame, an instruction and its history, and uses MAVLink.
+"""The loop of the paper's agent: see, decide, act, log. A step gets a frame, the instruction and the past actions.
 
 A `Decider` decides for a group of drones. It sends their pictures in one question, and one reply has an action for each
 drone. Its `fly` is a generator that yields while vehicle time passes, so several deciders run side by side.
@@ -84,7 +84,7 @@ class PendingQuestion:
 
     @property
     def answered(self) -> bool:
-        """Return whether the call has come back, with a reply or with an error."""
+        """Return whether the call has come back, with a reply or with an error. With `beside`, wait until it has."""
         if self._beside:
             self._wait()
         return self._future.done()
@@ -336,7 +336,7 @@ class SideBySideAgent:
 
     @property
     def now_s(self) -> float:
-        """Vehicle seconds since the episode began, by the newest telemetry of any drone; all drones boot at once."""
+        """Vehicle seconds since the episode began, by the newest telemetry of any drone; all clocks start together."""
         return (max(drone.aircraft.time_us for drone in self._drones) - self._cockpit.t0_us) / 1e6
 
     @property
@@ -369,7 +369,7 @@ class SideBySideAgent:
 
 
 class PaperAgent(SideBySideAgent):
-    """The paper's agent: each drone completes one action before the next picture. A fleet has joint command."""
+    """The paper's agent: each drone completes one action before the next picture. Groups of drones share a decider."""
 
     decider_type: type[Decider] = Decider
 

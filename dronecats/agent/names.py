@@ -1,4 +1,4 @@
-"""Names of the built-in agents, which `dronecats.flight.run.pilot` creates. Reports need only the names."""
+"""Names of the built-in agents, which `dronecats.flight.run.pilot` creates. Reports import only the names."""
 
 PAPER = "paper"  # the paper's agent, the default
 STEADY = "steady"  # tolerates a slow model: docs/steady.md

@@ -1,4 +1,4 @@
-"""Declared disturbances of pictures between camera and decider: delay, loss, staleness, low rate.
+"""Declared disturbances of pictures between the camera and `loop.Decider`: delay, loss, staleness, low rate.
 
 All times are vehicle time. The seed, the question and the drone determine each random draw, so the draws are the same
 in lockstep and in real time. A picture keeps the time at which it was taken, and an action counts from the drone's pose
@@ -16,7 +16,7 @@ from dronecats.agent.latency import Question
 from foundation.camera import Camera, Frame
 
 AGAIN_S = 0.1  # vehicle s, the shortest time before a lost picture is requested again
-PICTURES = 6  # random stream of these draws; `latency.py` has the others
+PICTURES = 6  # number of the random stream of these draws; `latency.py` has the numbers of the other streams
 CLOSE_S = 1e-9  # s, tolerance of comparisons
 
 Fetch = Callable[[Callable[[], Frame]], Generator[None, None, Frame]]  # runs a slow call, and yields until it returns
@@ -31,7 +31,7 @@ class PictureLoss:
 
 
 class PicturePath:
-    """The path of pictures from a camera to the deciders of one flight."""
+    """Passes the pictures of a camera to the deciders of one flight, with the disturbances."""
 
     def __init__(
         self,
@@ -49,8 +49,8 @@ class PicturePath:
         self._delay_s, self._dropped, self._stale = delay_s, dropped, stale
         self._rate_hz, self._recall = rate_hz, recall
         self._got: dict[tuple[int, int], Frame] = {}  # (first drone of the question, drone) → its last frame
-        self._numbers: dict[tuple[int, int], int] = {}  # same key → number of that frame at `rate_hz`, from 0
-        # first drone of the newest question → vehicle s by which disturbances delayed its pictures
+        self._numbers: dict[tuple[int, int], int] = {}  # same key → number of that frame, counted from 0 at `rate_hz`
+        # first drone of a question → vehicle s by which disturbances delayed the pictures of its newest question
         self.held_s: dict[int, float] = {}
 
     def drawn(self, question: Question, drone: int) -> PictureLoss:

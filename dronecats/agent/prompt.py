@@ -1,4 +1,4 @@
-"""The prompt of a pilot: one template file and the history in it. Only that file declares the action space."""
+"""The prompt of a pilot: one template file, filled with the history. Only the template declares the action space."""
 
 import hashlib
 import re
@@ -129,7 +129,8 @@ _LISTING = re.compile(
 def prompt_listing(source: str, where: str) -> str:
     """Return the only listing of a LaTeX source that is a prompt template: one that has all fields of NEEDED.
 
-    `where` names the source in errors. Raises UsageError when there is none, several, or one with an unknown field.
+    `where` names the source in errors. Raises UsageError if there is no such listing or more than one, and if the
+    listing has an unknown field.
     """
     texts = list(_listings(source.replace("\r\n", "\n")))
     fields = [f"{{{name}}}" for name in NEEDED]
@@ -175,8 +176,8 @@ NONE_YET = "(none yet — this is the first step)"  # the history at the first s
 def compact(action: Action, camera: CameraModel | None = None) -> str:
     """Return the action on one line.
 
-    With `camera`, a GO has pixel coordinates, as in the history of the paper's prompt; without, it has 0–1000, as in
-    a reply.
+    With `camera`, the point of a GO is in pixels, as in the history of the paper's prompt. Without `camera`, it is on
+    the scale 0–1000, as in a reply.
     """
     if camera is None or not isinstance(action, Go):
         return action.line

@@ -86,7 +86,10 @@ class Bench:
         ]
 
     def scores(self, broken: Callable[[OpenRun, str], Result | None]) -> list[EpisodeScore]:
-        """Return the scores of the selected episodes. `broken` returns the error result of a failed flight."""
+        """Return the scores of the selected episodes that have a result.
+
+        `broken` returns the result of a flight that ended in an error; None if there was no such flight.
+        """
         scores = []
         stored = {(run.entry.name, episode): result for run, episode, result in self.stored()}
         for run in self.runs:
@@ -147,7 +150,8 @@ def _configurations(suite: ChosenSuite, entries: Sequence[BenchEntry]) -> list[t
     """Return the contents of each run.json. Raises UsageError."""
     configurations = []
     for entry in entries:
-        spec = entry.flight  # without the ledger: `look_up` would open it, but its folder may not exist yet
+        spec = entry.flight
+        # without the ledger: `look_up` would open it, but its folder may not exist yet
         flight = look_up(replace(spec, accounts=replace(spec.accounts, ledger=None)))
         configuration = {
             **settings(flight, flight.camera),

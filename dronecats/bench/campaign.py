@@ -36,7 +36,7 @@ class Batch:
     def __init__(self, run: Path, configuration: Mapping[str, Any]) -> None:
         """Create the folder, or resume an existing one.
 
-        Raises UsageError when it has another configuration or cannot be written.
+        Raises UsageError when the folder is not a run, has another configuration or cannot be written.
         """
         self.run = run
         self._records: dict[str, EpisodeRecord] = {}
@@ -100,7 +100,8 @@ class Batch:
     def fresh(self, episode: str) -> Path:
         """Return an empty folder for an episode.
 
-        An earlier attempt moves to `unfinished`, or to `retried` when it did not move. Raises OSError.
+        The folder of an earlier attempt is moved to `unfinished`, or to `retried` if its drones did not move. Raises
+        OSError.
         """
         folder = self.folder(episode)
         if folder.exists():
@@ -170,7 +171,7 @@ class Campaign:
 
     @property
     def left(self) -> frozenset[tuple[str, str]]:
-        """The remaining flights with retries, as (name of the run, episode)."""
+        """The flights that remain, including those to be retried, as (name of the run, episode)."""
         return frozenset((run.entry.name, episode) for run, episode in self._todo)
 
     def fly(self, engine: Engine, on_end: Callable[[EndedFlight], None] = lambda flight: None) -> Ending:
@@ -203,7 +204,7 @@ class Campaign:
         return ending
 
     def _drop(self, rejected: OpenRun) -> int:
-        """Remove the remaining flights of a run's models; return the number of removed flights."""
+        """Remove the remaining flights of all runs with the same models as this run; return their number."""
         models, before = rejected.entry.flight.models, len(self._todo)
         self._todo = deque((run, episode) for run, episode in self._todo if run.entry.flight.models != models)
         return before - len(self._todo)

@@ -80,7 +80,7 @@ class _Actor:
 class _Flying:
     sortie: Sortie
     worker: _Actor
-    written: int = -1  # bytes in its logs at the last check; -1: not checked yet
+    written: int = -1  # size of the flight's logs in bytes at the last check; -1: not checked yet
     since_s: float = field(default_factory=time.monotonic)  # wall time of the last change of `written`
 
 
@@ -88,7 +88,7 @@ class ClusterEngine:
     """Flies on a Ray cluster. The failure of a flight raises nothing: its result has the error."""
 
     def __init__(self, jobs: int, ledger: Path | None, address: str | None = None) -> None:
-        """`jobs`: flights at a time. `ledger`: file on this machine for the cost of models, None: pilots are free.
+        """`jobs`: flights at a time. `ledger`: file on this machine for the cost of models; None: no model is paid.
 
         `address`: HOST:PORT of the cluster; None: a cluster of this machine only. Raises UsageError,
         InfrastructureError.
@@ -178,7 +178,8 @@ class ClusterEngine:
     def _hire(self) -> _Actor | None:
         """Start a worker and return it; None: the cluster has no core for it. Raises DronecatsError."""
         options = {"num_cpus": 1, "max_concurrency": FLIGHTS_MAX, "scheduling_strategy": "SPREAD"}
-        nodes = len(ray.nodes())  # a lost node is listed until the cluster notices, so try once per node
+        # Ray lists a lost node until it notices the loss, and may place a worker there: so try once per node
+        nodes = len(ray.nodes())
         for attempt in range(1, nodes + 1):
             handle = ray.remote(ClusterWorker).options(**options).remote()
             try:

@@ -65,7 +65,7 @@ class WorkerSlots:
     """
 
     def __init__(self, jobs: int, workers: int) -> None:
-        """`jobs`: most flights in the air, at most the number of all flights. `workers`: most workers, at least 1."""
+        """`jobs`: most flights in the air at a time, not more than there are flights. `workers`: most workers (≥ 1)."""
         self._most = max(1, min(jobs, workers))
         self._room = math.ceil(jobs / self._most)  # flights per worker when all are equally busy
         self._flights: list[set[Path]] = []
@@ -103,8 +103,8 @@ ANSWER_S = 120.0  # wall s that a worker has to answer a command; it usually tak
 # is 300 s, after which a question with all its retries is given up.
 HANG_S = 900.0
 LOGS = (layout.DECISIONS, layout.TRUTH, layout.TLOG, layout.COMMANDER)
-# files that show the progress of a flight; the record is written first, so a flight has begun even if its map does not
-# finish loading
+# Files that show the progress of a flight. The record is written before the map is loaded, so a flight counts as begun
+# even if the loading of its map hangs.
 PROGRESS_FILES = (layout.EPISODE, *LOGS)
 
 

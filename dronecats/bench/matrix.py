@@ -40,7 +40,10 @@ class ChosenSuite:
 
 
 def choose_suite(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
-    """Return `episodes`, or those of the suites `names`. Raises UsageError if there is none, or an invalid one."""
+    """Return `episodes`, or the episodes of the suites `names`.
+
+    Raises UsageError if both are given, if there is no episode, and for an invalid episode.
+    """
     if episodes and names:
         raise UsageError("choose episodes by name or with --suite, not both")
     chosen = list(dict.fromkeys(episodes))
@@ -95,7 +98,7 @@ def entries(
             for command in dict.fromkeys(("flat", *commands)):
                 flight = replace(
                     base, seed=base.seed + number, **command_fields(command)
-                )  # raises UsageError if impossible
+                )  # raises UsageError if this command does not fit the flight
                 selected = {*(single if command == "flat" else ()), *(fleets if command in commands else ())}
                 agent = "" if base.agent == PAPER else f"-{slug(base.agent)}"
                 for latency in latencies if selected else ():

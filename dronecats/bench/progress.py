@@ -82,7 +82,7 @@ class Progress:
         left_s = self.left_s(wall_s)
         if left_s is not None and self.done < self.total:
             fields.append(f"{_clock(left_s)} left, {self.per_hour(wall_s):.0f} an hour")
-        if self.outcomes:  # the same interval as in the table: episodes are the unit
+        if self.outcomes:  # the same interval as in the table, which counts episodes and not single flights
             share = estimate_share(list(self.outcomes.values()))
             fields.append(f"SR {share.share:.0%} ({share.low:.0%}–{share.high:.0%})")
         fields.append(f"{self.solved} solved, {self.failed} failed, {counted(self.errors, 'error')}")
@@ -181,7 +181,7 @@ def foreseen_usd(flight: FlightSpec, record: Mapping[str, Any]) -> float:
 
 
 def _question_usd(model: ModelSpec, text: str, pictures: int) -> float:
-    """Return the cost ($) of a question with `pictures`, and of a reply with one action or order per picture."""
+    """Return the cost ($) of a question with this number of pictures, and of a reply of REPLY_TOKENS per picture."""
     tokens_in = tokens_of(Request(text, (b"",) * pictures, thinking=False))
     return cost(model, tokens_in, REPLY_TOKENS * pictures)
 

@@ -92,7 +92,7 @@ def cell_of(episode: str) -> str:
 def cell_order(group: str) -> tuple[int, str]:
     """Return the sort key of maps and cells: the paper's order of the cells, then all other groups."""
     cells = [k for k, cell in enumerate(CELLS) if group.endswith(f"-{cell}")]
-    # `-search-and-track` does not end with `-tracking`; a user's own episodes may have no cell
+    # at most one cell fits, since `-search-and-track` does not end with `-tracking`; a user's episodes may have none
     return (cells[-1] if cells else len(CELLS), group)
 
 
@@ -121,8 +121,8 @@ def blind_flights(results: Iterable[Result]) -> dict[str, BlindFlight]:
 class BlindBaseline:
     """The best blind pilots on the episodes of a row."""
 
-    solved: tuple[str, ScoreRow]  # (pilot, its row): most solved
-    within_three: tuple[str, ScoreRow]  # (pilot, its row): most solved within three declarations
+    solved: tuple[str, ScoreRow]  # the pilot with the most solved flights, and its row
+    within_three: tuple[str, ScoreRow]  # the pilot with the most flights solved within three declarations, and its row
 
 
 def floor(blind: BlindTable, name: str, results: Iterable[Result]) -> BlindBaseline | None:
@@ -192,7 +192,7 @@ CLOSE_S = 1e-6  # s, resolution of a logged latency
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeScore:
-    """The values of one flight of a benchmark that its table counts."""
+    """The values of one flight that the table of a benchmark counts."""
 
     setting: str  # the run's name without the number of its flight
     episode: str  # id
@@ -215,7 +215,7 @@ class BenchRow:
     flights: int  # scored
     solved: int
     share: float | None  # SR, 0 … 1; None: nothing is scored
-    interval: tuple[float, float]  # 95 % interval of the SR, 0 … 1; episodes are the unit
+    interval: tuple[float, float]  # 95 % interval of the SR, 0 … 1, by `estimate_share`
     rate_hz: tuple[float, float, float] | None  # the quantiles 0.1, 0.5 and 0.9 of the control rate over all steps
     errors: int  # not scored
     retries: int
@@ -257,7 +257,10 @@ def broken_pins(latency: LatencyPolicy, decisions: Iterable[Decision]) -> int:
 
 
 def bench_rows(scores: Sequence[EpisodeScore], *, drop_stalled: bool = False) -> list[BenchRow]:
-    """Return the rows of each setting: one per map and cell, in the paper's order, and one over all flights."""
+    """Return the rows of each setting: one per map and cell, in the paper's order, and one over all flights.
+
+    `drop_stalled`: leave flights unscored that the host delayed.
+    """
     table: list[BenchRow] = []
     for setting in dict.fromkeys(s.setting for s in scores):
         own = [s for s in scores if s.setting == setting]

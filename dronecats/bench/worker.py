@@ -30,8 +30,8 @@ class WorkerConfig:
     poll_s: float = 0.2  # wall s, longest wait of the command `ended` for a flight
 
 
-# s, switch interval of the interpreter. It is short, because a flight requests the interpreter after each picture and
-# each written line, and waits this long if another flight computes.
+# s, switch interval of the interpreter. It is short, because a flight needs the interpreter's lock (GIL) again after
+# each picture and each written line, and waits this long for it if another flight computes.
 SWITCH_S = 0.0005
 # New objects between two garbage collections. With Python's default of 700, collections take 7 % of the time of a
 # flight without rendering. They free almost nothing, because reference counting frees the objects of a tick.

@@ -51,7 +51,7 @@ FILE_OPTIONS = {
 # valid keys of a model that is a table in a file; `reasoning` is a short name of reasoning_effort
 ROW = ("name", "called", "reasoning", *(option.name for option in MODEL))
 DEFAULTS: dict[str, Any] = {"flights": 1, "seed": 0, "parser": "strict", "speed": "max"}
-MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}
+MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}  # largest value of each count
 
 
 def with_file(args: argparse.Namespace) -> argparse.Namespace:
@@ -86,7 +86,8 @@ def filled(args: argparse.Namespace, values: dict[str, Any]) -> argparse.Namespa
 def checked(path: Path, table: dict[str, Any], names: Sequence[str], more_names: Sequence[str] = ()) -> dict[str, Any]:
     """Return the values of a file by option. `names` are the valid keys.
 
-    Raises UsageError with the file and the key, and a suggestion from `names` and `more_names` or the valid values.
+    Raises UsageError for an invalid value, and for an unknown key. The error then suggests a similar key of `names` or
+    `more_names`.
     """
     values: dict[str, Any] = {}
     for key, value in table.items():
@@ -125,7 +126,7 @@ def runs(args: argparse.Namespace, chosen: "ChosenSuite", out: Path) -> "list[Be
 
 
 def shard(args: argparse.Namespace) -> tuple[int, int] | None:
-    """Return (i, n) of --shard i/n. Raises UsageError."""
+    """Return (i, n) of --shard i/n; None without --shard. Raises UsageError."""
     if args.shard is None:
         return None
     index, _, count = args.shard.partition("/")
@@ -188,7 +189,10 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
 
 
 def _model(row: Any, args: argparse.Namespace) -> tuple[str, dict[str, Any]]:
-    """Return a model's name for folders, and its field of a flight. `row`: the model's name, or its table in a file."""
+    """Return a model's name for folders, and the field of `FlightSpec` with the model.
+
+    `row`: PROVIDER/NAME, or the model's table in a file.
+    """
     if isinstance(row, str):
         model = model_of(row, args)
         return model.title, {"model": model}

@@ -59,7 +59,8 @@ def _check(args: argparse.Namespace) -> int:
         raise UsageError(f"--save {str(args.save)!r} must end in .jpg or .png")
     began_s = time.monotonic()
     calibration = load(args.calibration) if args.calibration else None
-    camera = open_camera(args.url, host_us, calibration, max_age_s=math.inf)  # stamps may be on the vehicle's clock
+    # no limit on the age: the time stamps may be on the vehicle's clock, which is not comparable with `host_us`
+    camera = open_camera(args.url, host_us, calibration, max_age_s=math.inf)
     try:
         camera.newest()
         first_s = time.monotonic() - began_s
@@ -117,8 +118,8 @@ def _table(measured: dict[str, Any]) -> "ReportTable":
                          f"longest {ms(measured['longest_ms'])}"),
             ("age", age),
             ("missing", f"{measured['missing']} (gaps between the frames)"),
-            ("repeated", f"{measured['repeated']}, equal to the frame before"),
-            ("skipped", f"{measured['unseen']}, because this computer was busy"),
+            ("repeated", f"{measured['repeated']} (equal to the frame before)"),
+            ("skipped", f"{measured['unseen']} (arrived while this computer was busy with an earlier frame)"),
             ("reopened", f"{measured['reopened']} times"),
         ),
         "The camera's own delay (exposure, coding, network) is not included. To measure it: docs/cameras.md",
@@ -156,7 +157,10 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 
 def _views_in_folder(args: argparse.Namespace, board: Any, report: Callable[[str], None]) -> tuple[list[Any], int, int]:
-    """Return the board's corners in the pictures of a folder that show it, and the pictures' width and height, px."""
+    """Return the board's corners in each picture of a folder that shows the board, and the pictures' size (px).
+
+    The result is (corners by picture, width, height).
+    """
     from hil.cameras.lens import corners
     from hil.cameras.stream import decoded, pictures
 

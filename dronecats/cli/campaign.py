@@ -179,7 +179,8 @@ def status(result: CampaignResult, verb: str) -> int:
     """Return the exit status. If it is not 0, print the reason on standard error."""
     if result.ending == "budget":
         spent = (flight.error for flight in result.broken.values() if flight.reason == "budget")
-        reason = next(spent, "the budget is spent")  # default: the flight that spent it may have succeeded
+        # the default is needed if the flight that spent the rest of the budget succeeded: then no flight has an error
+        reason = next(spent, "the budget is spent")
         print_note(f"dronecats {verb}: {reason}. The same command resumes")
         return 3
     if result.broken:

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(result))
     else:
         _print(result)
-        if a.true == b.true and len({_record(path) for path in (args.a, args.b)}) == 1:  # the page can overlay them
+        if a.true == b.true and len({_record(path) for path in (args.a, args.b)}) == 1:  # one page can show both
             print_next("compare", flights=[args.a, args.b])
     return 0 if result["agree"] else 1
 

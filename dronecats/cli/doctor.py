@@ -160,7 +160,7 @@ def _package(distribution: str, module: str) -> Diagnosis:
 
 
 def _extra(extra: Extra) -> Diagnosis:
-    """Return whether an extra is installed. Only SIM's packages are imported: the others take seconds."""
+    """Return whether an extra is installed. Only the packages of SIM are imported, because the others import slowly."""
     if not all(map(is_installed, extra.modules)):
         return Diagnosis(extra.name, MISSING if extra.name == SIM else NOTE, extra.enables, extra.command, EXTRA)
     if extra.name == SIM and (faults := [*filter(None, map(_import_fault, extra.modules))]):

@@ -134,7 +134,7 @@ def add_probe_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _probe(args: argparse.Namespace) -> int:
-    """Write the pictures, their index and a contact sheet."""
+    """Write pictures of signs and plates at several distances, their index and a contact sheet."""
     if args.seed < 0:
         raise UsageError(f"--seed must be 0 or more, got {args.seed}")
     from dronecats.report.table import numbers, table_of, words

@@ -158,7 +158,7 @@ def _check(args: argparse.Namespace) -> int:
     order = {name: k for k, name in enumerate(names)}
     reports.sort(key=lambda r: order[r.source])
     count = Counter(r.name for r in reports)
-    # several files may have the same id
+    # if several files have the same id, the output names the files instead
     reports = [r if count[r.name] == 1 else dataclasses.replace(r, name=r.source) for r in reports]
     rejected = {r.name: r.reason for r in reports if r.reason}
     about_suite = list(check_suite([r.layout for r in reports if r.layout is not None])) if of_suite else []

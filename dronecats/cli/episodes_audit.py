@@ -123,7 +123,8 @@ def _flight(args: argparse.Namespace) -> "FlightSpec":
         simulated=Simulated(speed=None, rendered=args.rendered or roster.needs_pictures(args.pilot)),
         seed=args.seed,
         latency=LatencyPolicy.parse(args.latency),
-        # flights to the cap count all declarations; the par is the oracle's steps to its first declaration
+        # Other pilots fly to the cap, so that all their declarations are counted. The oracle's flight ends with its
+        # success, because par is the number of its steps until then.
         full=args.pilot != "oracle",
     )
 

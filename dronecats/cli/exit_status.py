@@ -31,8 +31,8 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
         print(f"{program}: interrupted", file=sys.stderr)
         return INTERRUPTED
     finally:
-        # A Ctrl-C during an `exec` of text, as in dataclasses and Numba, sets a flag in Python, even if it is caught.
-        # With this flag set, Python ends by a signal instead of a status. Each `exec` clears the flag.
+        # A Ctrl-C during an `exec` of text, as in dataclasses and Numba, sets a flag in Python. The flag stays set if
+        # the KeyboardInterrupt is caught, and Python then ends by a signal instead of a status. Each `exec` clears it.
         exec("")
 
 

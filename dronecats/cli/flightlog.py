@@ -75,13 +75,16 @@ def _on_board(args: argparse.Namespace) -> int:
             print(json.dumps({"file": str(file), **asdict(chosen[-1])}))
         else:
             print(f"{file}  ({chosen[-1].size_bytes:,} bytes, written {chosen[-1].date})")
-            if len(episodes(args.out)) == 1:  # the log belongs to this flight
+            if len(episodes(args.out)) == 1:  # --out is a run of one flight, so the log is probably of this flight
                 print_next("flightlog fetch", run=args.out, log=file)
     return 0
 
 
 def _trace(args: argparse.Namespace) -> int:
-    """Write estimate.jsonl and judge the flight by it. If the truth is known, print the path's error instead."""
+    """Write estimate.jsonl, the estimated path, and judge the flight by it.
+
+    If the flight has a truth, print the error of the estimated path instead of a judgement.
+    """
     from dronecats.judge.diagnostics import distances_sentence
     from dronecats.judge.episode import write_verdict
     from dronecats.report.afterflight import against_truth, derive, target_from

@@ -52,7 +52,7 @@ def no_options() -> argparse.Namespace:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly one episode. Return 0 if it was flown and judged, 3 after a failure, 130 if interrupted."""
+    """Fly one episode. Return 0 if it was flown to its end, 130 if interrupted, 2 or 3 after an error."""
     interrupt_on_signals()
     spec, view = spec_of(args), view_of(args)
     if spec.connected and spec.connected.authority.arm:
@@ -113,7 +113,7 @@ def _incidents(run: Path) -> list[str]:
     from dronecats.judge.judged_flight import JudgedFlight
 
     flight = JudgedFlight.read(run)
-    lines, speeds = [], dict[str, float]()  # the highest closing speed by obstacle, m/s
+    lines, speeds = [], dict[str, float]()  # speeds: the highest closing speed (m/s) by obstacle
     for hit in hits_of(flight.logs, flight.cap_s) or []:
         speeds[hit.what] = max(speeds.get(hit.what, 0.0), hit.closing_speed or 0.0)
     contact = contacts(flight.logs, flight.cap_s)

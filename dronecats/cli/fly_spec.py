@@ -141,7 +141,15 @@ RUN = (
     Option(name="json", kind=bool, help="end with one JSON object on standard output", beside_spec=True),
 )  # fmt: skip
 OPTIONS = (*VEHICLE, *PILOT, COMMAND, LATENCY, *DISTURBANCES, *RUN)
-ALLOWED_WITH_SPEC = {"verb", "run", "view", "view_port", "view_stay", *(o.name for o in OPTIONS if o.beside_spec)}
+ALLOWED_WITH_SPEC = {
+    "verb",
+    "run",
+    "view",
+    "view_port",
+    "view_host",
+    "view_stay",
+    *(o.name for o in OPTIONS if o.beside_spec),
+}
 REPLAY = "replay:"
 SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which the flight of a connected vehicle ends
@@ -349,7 +357,7 @@ def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
     if args.commander:
         fields["commander"] = commander = row_or_name(args.commander, args.commander_url)
         has_url = commander.base_url is not None or provider_of(commander.provider).base_url is not None
-        if args.command == "hierarchical" and not has_url:  # with another --command, FlightSpec raises
+        if args.command == "hierarchical" and not has_url:  # FlightSpec rejects a commander with other commands
             raise UsageError(f"--commander {commander.title} needs --commander-url http://HOST:PORT/v1")
     return fields
 

@@ -8,7 +8,7 @@ from foundation.errors import UsageError
 from hil.impairment import Impairment
 
 DIRECTIONS = "A both ways, or A,B: A towards the autopilot and B from it"
-QUANTITIES: dict[str, DeclaredNumber] = {  # by field of Impairment; 0 baud: no limit
+QUANTITIES: dict[str, DeclaredNumber] = {  # field of Impairment → the number that its option takes; baud 0: no limit
     name: field.quantity for name, field in declarations(Impairment).items() if field.quantity
 }
 

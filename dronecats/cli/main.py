@@ -151,8 +151,8 @@ def command_parser(named: str | None) -> VerbParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    0: done. 2: wrong usage. 3: a failure. 130: interrupted. 1 and 4: a negative result, for example an unsolved
-    episode, a vehicle that is not fit to fly, a verdict that differs.
+    0: done. 2: wrong usage. 3: an error, or a spent budget. 130: interrupted. 1 and 4: a negative result, for example
+    a vehicle that is not fit to fly, or a stored verdict that differs from the logs.
     If the reader of the output ends early, as `head` does, the verb continues and the status is the same.
     """
     arguments = sys.argv[1:] if argv is None else argv

@@ -88,9 +88,10 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def listed(endpoint: str) -> list[str]:
-    """Return the models that a server lists. Raises UsageError for an invalid address, ModelError if it sends no list.
+    """Return the models that a server lists.
 
-    `endpoint` is an address or a provider's name. Only a provider's own address gets that provider's key.
+    `endpoint` is an address or a provider's name. Only a provider's own address gets that provider's key. Raises
+    UsageError for an invalid address, and ModelError if the server sends no list.
     """
     from dronecats.agent.models.spec import PROVIDERS, ModelSpec
     from dronecats.agent.models.wire_formats import open_model
@@ -191,7 +192,7 @@ def _request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
     from foundation.protocol import HISTORY_LENGTH
 
     provider = provider_of(spec.provider)
-    # a model with a base_url needs no key
+    # with the base_url set, `open_model` does not require the key
     model = open_model(replace(spec, base_url=spec.base_url or provider.base_url))
     jpeg = marked_picture()
     text = Prompt.load().render(INSTRUCTION, History(CameraModel()).render(), HISTORY_LENGTH, spec.axis_order)

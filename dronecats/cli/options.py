@@ -310,7 +310,7 @@ def describe_model(spec: "ModelSpec") -> str:
 
 
 def _number(name: str, text: str) -> float:
-    """Return the number in an option's text. Raises UsageError if the model does not allow this number."""
+    """Return the number in an option's text. Raises UsageError if the field `name` of ModelSpec does not allow it."""
     from dronecats.agent.models.spec import ModelSpec
     from foundation.typed_file import fields_of, typed
 
@@ -329,7 +329,7 @@ def add_page(group: "argparse._ActionsContainer", prefix: str = "") -> None:
         f"--{prefix}host",
         action="append",
         metavar="NAME",
-        help="another host name of the page, for example a reverse proxy's; may be repeated",
+        help="also accept this host name in the page's address, for example a reverse proxy's; may be repeated",
     )
 
 

@@ -107,7 +107,7 @@ def _fly_file(args: argparse.Namespace) -> int:
 
 
 def _fly(request: study_spec.StudyRequest) -> int:
-    """Fly the missing flights of a study. Return 0 if all were flown, 3 after a failure or if the budget is spent.
+    """Fly the missing flights of a study. Return 0 if all were flown, 3 after an error or if the budget is spent.
 
     A flight in which the drone did not move is not retried. In lockstep a retry with the same seed would be identical.
     With another seed it would not match the flights that it is compared with.

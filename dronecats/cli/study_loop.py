@@ -38,7 +38,7 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the experiments. Return 1 if a predicted margin differs from the injected one by more than 20 %, else 0."""
+    """Run the experiments. Return 1 if a predicted delay margin is more than 20 % off the measured one, else 0."""
     from dronecats.study.loop import margins, report, stream, trace
     from dronecats.study.loop.hover import Hover, select_loops
     from vehicles import airframe

@@ -54,7 +54,11 @@ def add_rate_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure the times. Return 0 if all requested questions were answered, 2 if too few were, 3 after a failure."""
+    """Measure the times.
+
+    Return 0 if all questions, or at least LEAST of them in the time, were answered, 2 if fewer were, 3 after an error,
+    and 130 if interrupted before the last question.
+    """
     wanted = _wanted(args)
     spec = rehearsal(args)
     interrupt_on_signals()

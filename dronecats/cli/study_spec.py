@@ -40,7 +40,7 @@ OWN_KEYS: dict[str, Any] = {  # keys of a study file that a benchmark file does 
 }
 PILOT_FACTORS = ("pilot", "model")
 CHOSEN = ("suite", "cells", "maps")  # keys that select episodes by group, not by name
-FACTOR_KEYS = ("agent", "command", "latency", "rate")
+FACTOR_KEYS = ("agent", "command", "latency", "rate")  # keys of a benchmark file that are factors in a study
 BENCH_KEYS = [key for key in FILE_OPTIONS if key not in (*FACTOR_KEYS, "no_retry", "drop_stalled")]
 
 
@@ -77,7 +77,7 @@ def of_file(args: argparse.Namespace) -> StudyRequest:
         )
     values = bench_spec.checked(path, of_bench, BENCH_KEYS, tuple(OWN_KEYS))
     values |= {key: own.pop(key) for key in ("cells", "maps", "seconds") if key in own}
-    # on the command line, --episodes overrides the file's suite, cells and maps, and these override its episodes
+    # --episodes overrides the file's suite, cells and maps; --suite, --cells and --maps override the file's episodes
     if args.episodes:
         values = {key: value for key, value in values.items() if key not in CHOSEN}
     if any(getattr(args, key) for key in CHOSEN):
@@ -232,9 +232,9 @@ def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
 def _pilots(
     args: argparse.Namespace, out: Path, levels: "Mapping[str, tuple[Level, ...]]"
 ) -> "list[tuple[str, FlightSpec]]":
-    """Return the name and the flight specification of each pilot. `levels` are those of all factors, varied or held.
+    """Return the name and the flight specification of each pilot. If the pilot is a factor: one, with an empty name.
 
-    If the pilot is a factor, return one entry with an empty name.
+    `levels`: the levels of each varied or held factor, by the factor's name.
     """
     from dronecats.agent.latency import LatencyPolicy
     from dronecats.flight.spec.flight_spec import LATENCY

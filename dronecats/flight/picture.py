@@ -65,7 +65,7 @@ def draw(run_episode_dir: Path, map_picture: NDArray[np.uint8] | None, extent: E
         axes = figure.add_axes((0.01 + column * 0.247, bottom, 0.24, (_ROW_IN - 0.42) / height))
         _frame(axes, flight, decision)
     path = run_episode_dir / layout.PICTURE
-    figure.savefig(path, metadata={"Software": None})  # the file depends on the flight, not on the library's version
+    figure.savefig(path, metadata={"Software": None})  # no library version: equal flights give equal files
     return path
 
 

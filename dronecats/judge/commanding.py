@@ -1,8 +1,8 @@
 """Diagnostics of a fleet's commands: identical points, spread of the places, and the candidates that drones approach.
 
-Paper, "Commanding Several Drones". The diagnostics do not affect the verdict. A place is the position of a go's point
-at its declared depth. It assumes the declared camera on a level drone, at the drone's true position and heading at the
-time of the frame.
+Paper, "Commanding Several Drones". The diagnostics do not affect the verdict. A `go` commands a drone to a point of its
+frame at a depth. A place is the 3-D position of that point, for the benchmark's camera on a level drone with the
+drone's true position and heading at the time of the frame.
 """
 
 import itertools
@@ -19,13 +19,16 @@ from foundation.run_folder.reading import Logs
 from foundation.run_folder.results import CommandedStep, CommandingDiagnostics
 from foundation.run_folder.rows import Decision, FrameTruth, PointedGo
 
-COMMANDING = "commanding"  # the cell
+COMMANDING = "commanding"  # the cell (kind of episode) that these diagnostics are for
 _CAMERA = CameraModel()
 _FOCAL_PX = _CAMERA.focal_px
 
 
 def commanding(logs: Logs, cap_s: float = CAP_S) -> CommandingDiagnostics | None:
-    """Return the diagnostics of a commanding episode within the cap; None for other episodes."""
+    """Return the diagnostics of a commanding episode, for its decisions until `cap_s`.
+
+    None for other episodes, without truth, and if the position of a candidate is unknown.
+    """
     record = logs.record
     if record is None or record.cell != COMMANDING or not logs.true:
         return None

@@ -55,7 +55,7 @@ def _samples(logs: Logs, cap_s: float) -> tuple[list[Sample], list[Pose], float]
     acted = {(d.drone, d.frame_id) for d in logs.decisions if d.t_decided <= cap_s}
     frames = [row for key, row in logs.frames.items() if row.t <= cap_s or key in acted]
     poses = [pose for pose in logs.poses if pose.t <= cap_s]
-    samples: list[Sample] = [*poses, *frames]  # poses first, so that at equal times the frame is last
+    samples: list[Sample] = [*poses, *frames]  # poses first: at equal times the frame is last, and its values hold
     measured = [row for row in samples if row.distance_m is not None or row.visible is not None]
     last_s = max((row.t for row in measured), default=0.0)
     return measured, poses, min(cap_s, max(last_s, logs.end.t if logs.end else 0.0))
@@ -64,7 +64,8 @@ def _samples(logs: Logs, cap_s: float) -> tuple[list[Sample], list[Pose], float]
 def fleet_diagnostics(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
     """Return the diagnostics of an episode; None if nothing was measured.
 
-    Each value is that of the best drone, because one drone is enough for success. The paths are summed.
+    Each value is that of the best drone, because one drone is enough for success. Exceptions: the paths are summed, and
+    `flown_s` and `untraced_s` are the largest values of all drones.
     """
     if not drones:
         return None
@@ -84,7 +85,7 @@ def fleet_diagnostics(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
 
 
 def wide_rotations(decisions: Iterable[Decision], cap_s: float = CAP_S) -> int:
-    """Return the number of rotations within the cap that exceed the ±90° of the prompt. The drones fly them."""
+    """Return the number of rotations within the cap that exceed the ±90° of the prompt. Drones still fly them."""
     return sum(is_wide_rotation(d) is True for d in decisions if d.t_decided <= cap_s)
 
 
@@ -127,7 +128,7 @@ def path(poses: Sequence[Pose]) -> float:
 
 
 def stretches(samples: Sequence[Sample], ended_s: float) -> Iterator[Stretch]:
-    """Yield the stretches of samples in the order of their times, from 0 to `ended_s`; gaps are left out.
+    """Yield the stretches from 0 to `ended_s`; gaps are left out. `samples`: at least one, in the order of time.
 
     The first sample also holds for the time before it, unless that time is longer than GAP_S.
     """
@@ -160,7 +161,7 @@ def _drone_diagnostics(samples: Sequence[Sample], poses: Sequence[Pose], ended_s
 
 
 def _of(rows: Iterable[Kind], drone: int) -> list[Kind]:
-    """Return a drone's rows in the order of their times; at equal times the frame is last, because it is judged."""
+    """Return a drone's rows in the order of their times. Rows with equal times keep their order in `rows`."""
     return sorted((row for row in rows if row.drone == drone), key=attrgetter("t"))
 
 
@@ -236,9 +237,9 @@ SURE = 2.0  # standard deviations
 
 
 def distances(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Distances | None:
-    """Return the estimated distances of a flight without truth to a surveyed target; None without an estimate.
+    """Return the estimated distances of a flight without truth to a surveyed target; None without estimate or target.
 
-    They never show a success, because a success needs the target in view. `within` is known only if SURE
+    The distances never show a success, because a success needs the target in view. `within` is known only if SURE
     standard deviations lie between the distance and the radius; otherwise `within` is None (open).
     """
     estimate = logs.estimate

@@ -50,7 +50,7 @@ class Comparison:
 
 
 def compare(stored: Mapping[str, Any], derived: Mapping[str, Any]) -> Comparison:
-    """Return the comparison of two verdicts at one radius, without fields that an older version did not store."""
+    """Return the comparison of two verdicts at one radius. If `stored` lacks a field, only CORE is compared."""
     text = json.dumps(derived)
     if json.dumps(stored) == text:
         return Comparison((), older=False)
@@ -110,7 +110,7 @@ class Judged:
 
 
 def judge_folder(folder: Path, delta_m: float = RADIUS_M, reread: Rereading | None = None) -> Judged:
-    """Return the `outcome` of an episode folder, compared with its other files. Raises UsageError."""
+    """Return the verdict (`outcome`) of an episode folder, compared with its other files. Raises UsageError."""
     logs = read(folder)
     return judged_against_files(folder, logs, json_object(folder / layout.EPISODE), outcome(logs, delta_m), reread)
 
@@ -143,7 +143,7 @@ def _stored(path: Path, verdict: Verdict) -> Comparison | None:
 
 
 def judge_run(run: Path, delta_m: float = RADIUS_M, reread: Rereading | None = None) -> dict[str, Judged]:
-    """Return `judge_folder` of every episode of a run folder, or of a single episode folder, by episode id.
+    """Return `judge_folder` of every episode of a run folder, or of a single episode folder, by the folder's name.
 
     A damaged episode gets the outcome "error", and the others are still judged. Raises UsageError.
     """
@@ -181,9 +181,9 @@ def check_radius(delta_m: float) -> None:
 
 
 def write_verdict(folder: Path, delta_m: float = RADIUS_M) -> Verdict:
-    """Judge an episode folder, store verdict.json in it, and return the verdict; damaged logs are an error.
+    """Judge an episode folder, store verdict.json in it, and return the verdict.
 
-    Raises InfrastructureError if it cannot be stored.
+    Damaged logs have the outcome "error". Raises InfrastructureError if verdict.json cannot be stored.
     """
     verdict = verdict_of(folder, delta_m)
     path = folder / layout.VERDICT
@@ -195,7 +195,7 @@ def write_verdict(folder: Path, delta_m: float = RADIUS_M) -> Verdict:
 
 
 def verdict_of(folder: Path, delta_m: float = RADIUS_M) -> Verdict:
-    """Return the `outcome` of an episode folder; damaged logs are an error."""
+    """Return the verdict of an episode folder; damaged logs have the outcome "error"."""
     try:
         return outcome(read(folder), delta_m)
     except UsageError as damage:
@@ -222,7 +222,7 @@ def log_contradictions(logs: Logs) -> list[str]:
 
 
 def reply_contradictions(logs: Logs, reread: Rereading) -> list[str]:
-    """Return the decisions whose action differs from their reply, in one sentence.
+    """Return one sentence about the decisions whose action differs from their reply; empty if there are none.
 
     A reply has one action for each drone of its group (`reply_groups`), in the order of their numbers.
     """
@@ -253,7 +253,7 @@ def reply_groups(logs: Logs) -> dict[int, list[int]]:
 
 
 def commander_contradictions(logs: Logs, exchanges: Sequence[Exchange]) -> list[str]:
-    """Return the declarations by a commander that its log does not confirm, in one sentence."""
+    """Return one sentence about the declarations that commander.jsonl does not confirm; empty if there are none."""
     confirmed = {
         (exchange.number, drone, exchange.frames[drone])
         for exchange in exchanges

@@ -51,9 +51,9 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
 
     A qualifying declaration is a success, however the flight ended. Without one, three cases are errors of the
     infrastructure and never a failure: the logger recorded neither an end at the cap nor a decided end, the logs
-    contradict their end, or a declaration was not measured. A flight is censored if it ended before `cap_s`, because it
-    was decided at another radius. Without truth `success` is None. The outcome is then "distance only" if the
-    autopilot's estimate and a surveyed target give `distances`, else "unknown".
+    contradict their end, or a declaration was not measured. A flight is censored if it ended before `cap_s`, for
+    example because it was decided at another radius. Without truth `success` is None. The outcome is then "distance
+    only" if the autopilot's estimate and a surveyed target give `distances`, else "unknown".
     """
     declared = declarations(logs, cap_s) if logs.true else []
     last = last_action(logs, cap_s) if logs.true else None
@@ -101,7 +101,7 @@ def succeeded(logs: Logs) -> bool | None:
 
 
 def _fault(logs: Logs, verdict: Judgement) -> str | None:
-    """Return the reason why a flight without success is an error; None: it is not one."""
+    """Return the reason why a flight without success is an error; None: no error."""
     return reasons(verdict.unknown) or ending(logs) or gaps(logs)
 
 
@@ -187,7 +187,7 @@ class FlightStep:
 
     decision: Decision
     truth: FrameTruth | None  # at the time of its picture; None: the logger has no such row
-    is_question: bool  # it is the first decision of its reply, which has the cost of the reply
+    is_question: bool  # first decision from a reply of the pilot; metrics count the cost of the reply here
     counts: bool  # it was made within the cap
     go: PointedGo | None  # None: another action, or none
 
@@ -239,12 +239,12 @@ class JudgedFlight:
 
     @cached_property
     def steps(self) -> tuple[FlightStep, ...]:
-        """Its decisions, in the order of the log."""
+        """The decisions in the order of the log, each with the truth of its picture."""
         steps, answered_steps = [], set[int]()
         for decision in self.logs.decisions:
             frame = self.logs.frames.get((decision.drone, decision.frame_id))
             is_same = frame is not None and abs(frame.t - decision.t_frame) <= SAME_S
-            # a confirmation is a reply of the commander, which commander.jsonl has
+            # a confirmation has no reply of the pilot; the reply of the commander is in commander.jsonl
             is_question = decision.step not in answered_steps and decision.confirmed_by is UNSET
             counts = decision.t_decided <= self.cap_s
             answered_steps.add(decision.step)

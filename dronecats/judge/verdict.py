@@ -1,7 +1,8 @@
 """Applies the success criterion: measures each declaration at its own frame and gives the verdict (pure functions).
 
 The same rule (paper, Algorithm 1) applies to every cell of the grid. The truth at a frame is known if the logger
-measured it and its records agree. `measures` adds counts of declarations, which are not part of the paper's criterion.
+measured it, and the logged times, positions and distances agree. `measures` adds counts of declarations, which are not
+part of the paper's criterion.
 """
 
 import math
@@ -46,7 +47,7 @@ class Judgement:
 
 
 def in_order(declarations: Iterable[Measured], cap_s: float = CAP_S) -> list[Measured]:
-    """Return the declarations that count, by time, then step, then drone."""
+    """Return the declarations within the cap, in the order of time, then step, then drone."""
     return sorted((d for d in declarations if d.t <= cap_s), key=lambda d: (d.t, d.step, d.drone))
 
 
@@ -76,15 +77,15 @@ def declaring_decisions(logs: Logs) -> list[Decision]:
 
 
 def declarations(logs: Logs, cap_s: float = CAP_S) -> list[Measured]:
-    """Return the declarations that could count, with the truth at their frames."""
+    """Return the declarations within the cap, with the truth at their frames."""
     return [measured(d, logs) for d in declaring_decisions(logs) if d.t_decided <= cap_s]
 
 
 def last_action(logs: Logs, cap_s: float = CAP_S) -> Measured | None:
-    """Return the last action within the cap; None without actions.
+    """Return the last decision within the cap, even if its reply has no action; None without decisions.
 
-    For a fleet it is the drones' last action with the smallest distance. If one of the last actions was not measured,
-    the smallest distance is unknown, and the distance of the result is None.
+    For a fleet, the result is the one with the smallest distance among the drones' last decisions. If one of these was
+    not measured, the smallest distance is unknown, and the distance of the result is None.
     """
     newest = {d.drone: d for d in sorted(logs.decisions, key=lambda d: d.step) if d.t_decided <= cap_s}
     last = [measured(newest[drone], logs) for drone in sorted(newest)]

@@ -37,5 +37,5 @@ class PilotPart:
 
 
 def create(config: PilotConfig) -> PilotPart:
-    """Return the endpoint of a pilot. Raises UsageError for a file without replies."""
+    """Return the endpoint of a pilot. Raises UsageError for a recording without replies."""
     return PilotPart(config)

@@ -38,7 +38,8 @@ def check(name: str) -> str:
 
 
 def _similar(name: str, prefix: str, kinds: Iterable[str]) -> str:
-    return suggestion(name, [f"{prefix}{kind}" for kind in kinds], count=2, cutoff=0.8)  # all have the same prefix
+    """Return a hint with the nearest names. The cutoff is high, because the common prefix makes all names similar."""
+    return suggestion(name, [f"{prefix}{kind}" for kind in kinds], count=2, cutoff=0.8)
 
 
 def check_installed(name: str, instructions: Iterable[str]) -> None:
@@ -72,7 +73,7 @@ def needs_truth(name: str | None) -> bool:
 
 
 def answer(name: str) -> Pilot:
-    """Return a served pilot for one flight. Raises UsageError for a recording without replies."""
+    """Return the pilot that an endpoint (`PilotServer`) serves. Raises UsageError for a recording without replies."""
     if name.startswith(RECORDED):
         from dronecats.pilots.scripted import player
 
@@ -91,7 +92,7 @@ def answer(name: str) -> Pilot:
 
 
 def owner(name: str) -> str:
-    """Return the owner of a served pilot in its endpoint's list of models."""
+    """Return the text that the endpoint of a pilot gives as its owner in the list of models."""
     if name.startswith(BLIND):
         return f"{SERVED['blind'][:-1]}: {PATTERNS[name.removeprefix(BLIND)].description})"
     return (SERVED | COMMANDERS).get(name, "dronecats (repeats the replies of another flight, not a model)")

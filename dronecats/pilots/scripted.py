@@ -189,7 +189,7 @@ PATTERNS = {
 
 
 def answer(prompt: str, images: list[bytes]) -> str:
-    """Return the next action of the pilot `blind`: think, go, rotate, go, rotate … Only the last action counts."""
+    """Return the next action of the pilot `blind`: think, go, rotate, go, rotate … Only the last action affects it."""
     briefing = actions.read_prompt(prompt)
     return actions.join([_next_action(briefing.past(k)) for k in range(max(1, len(images)))])
 
@@ -259,7 +259,7 @@ def scripted_orders(prompt: str, images: list[bytes]) -> str:
 
 
 def read_roster(prompt: str) -> tuple[dict[int, str], list[int]]:
-    """Return the goals by drone number, and the numbers of the drones whose report of arrival needs an answer."""
+    """Return, from a commander's prompt, the goals by drone number, and the drones whose report needs an answer."""
     goals: dict[int, str] = {}
     waiting: list[int] = []
     drone = 0

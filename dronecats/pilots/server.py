@@ -154,7 +154,7 @@ class _Http(ThreadingHTTPServer):
     owned_by: str
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore a client that disconnects during a request."""
+        """Print no error: usually a client has disconnected during a request."""
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -102,7 +102,7 @@ def target_of(value: Any) -> SurveyedTarget:
 
 
 Array = NDArray[np.float64]
-CORRELATION_S = 300.0  # s, about a flight; the error of a receiver under open sky is correlated for less time
+CORRELATION_S = 300.0  # s, about the length of a flight; the error of a receiver is correlated for less time
 POSITION_NOISE_M = 0.05  # m, white noise of one report, from the small corrections of the estimator
 ACCELERATION_PSD = 1.0  # (m/s²)²/Hz, of a multirotor at the speeds of these flights
 UNREPORTED_M = 1.0  # m, assumed for positions without a reported accuracy; the smoothed accuracy is NaN
@@ -176,7 +176,7 @@ def _thinned(time_us: Array) -> NDArray[np.int64]:
 
 
 def _filled(std: Array) -> Array:
-    """Fill gaps with the previous accuracy. Before the first accuracy, use the first; without any, UNREPORTED_M."""
+    """Return accuracies with gaps filled by the previous one, else by the first one, else by UNREPORTED_M."""
     reported = np.flatnonzero(np.isfinite(std))
     if not len(reported):
         return np.full_like(std, UNREPORTED_M)
@@ -381,7 +381,7 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
     """Return the errors of estimate.jsonl against the logged truth, whose origin is `map_origin` (lat °, lon °, alt m).
 
     `rms_m` and `max_m` are distances. `within_2_std` is the share of coordinates with an error of at most two standard
-    deviations. Raises UsageError if the logs have no common time, or the estimate has no origin.
+    deviations. Raises UsageError without estimate.jsonl, without common times, or if the estimate has no origin.
     """
     logs, estimated_log = read(folder), estimate(folder)
     if estimated_log is None:
@@ -404,7 +404,7 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
 
 
 class _TruePath:
-    """The first drone's true path: a pose every 0.5 s, up to 20 ms later than the estimated pose."""
+    """The first drone's true path: a pose every 0.5 s, each up to 20 ms later than the estimated pose beside it."""
 
     def __init__(self, logs: Logs) -> None:
         poses = sorted((p.t, *p.position_ned) for p in logs.poses if p.drone == 0)

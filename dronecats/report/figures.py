@@ -264,7 +264,7 @@ def episode_grid(data: ReportData) -> Any:
 
 
 def _grid_square(axis: Any, x: int, y: float, scored: Any, tried: bool) -> None:
-    """Draw the square of an entrant's flights of one episode."""
+    """Draw the square of an entrant's flights of one episode: a cross if none is scored, nothing without flights."""
     from matplotlib.patches import Rectangle
 
     if scored:

@@ -69,9 +69,9 @@ class PathComparison:
 
 
 def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool = False) -> tuple[PathComparison, ...]:
-    """Return the comparison of every drone that both flights have, over the first `seconds`.
+    """Return the comparison of every drone that both flights have. `seconds`: duration of `PathComparison.first`.
 
-    Raises UsageError if the flights have no common drone or no common time.
+    Raises UsageError if the flights have no common drone or no common time, or if a path has less than two poses.
     """
     drones = sorted({p.drone for p in a.poses} & {p.drone for p in b.poses})
     if not drones:
@@ -158,7 +158,7 @@ def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) ->
 
 
 def _after(steps: list[float], count: int, path: Trace) -> float:
-    """Return the end (s) of the step that follows decision number `count`."""
+    """Return the time (s) of the decision after the first `count` decisions; without one, the end of the path."""
     return steps[count] if len(steps) > count else float(path.t[-1])
 
 

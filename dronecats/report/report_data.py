@@ -37,9 +37,9 @@ class Setting:
     latency: str  # latency policy, which may also fix the decision rate
     agent: str  # paper, or another agent
     disturbed: str = ""  # disturbances of the flights, in words; empty: none
-    temperature: str = ""  # in words, like the next three; empty: no model, or not sent
-    top_p: str = ""
-    max_tokens: str = ""
+    temperature: str = ""  # in words, such as "temperature 0.5"; empty: no model, or not sent
+    top_p: str = ""  # in the same form
+    max_tokens: str = ""  # in the same form
     reasoning: str = ""  # request fields that set reasoning on steps that do not follow a `think`
 
 
@@ -308,7 +308,10 @@ def pilot_description(pilot: str) -> str:
 
 
 def best_blind(table: BlindTable, episodes: Iterable[str]) -> tuple[str, int, int] | None:
-    """Return (pilot, solved, flown) of the blind pilot with most solved episodes; None: no pilot flew all of them."""
+    """Return (pilot, solved, flown) of the blind pilot that solved most of these episodes.
+
+    None: no pilot flew all of them, or there are no episodes.
+    """
     ids = sorted(set(episodes))
     solved = [
         (pilot, sum(flights[episode].success for episode in ids), len(ids))

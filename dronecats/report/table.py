@@ -52,7 +52,7 @@ class TableCell:
     high: float | None = None  # upper end of the interval
     count: int | None = None  # numerator of a share
     of: int | None = None  # denominator of a share; number of values of a mean
-    best: bool = False  # the best of its block, or equal to it
+    best: bool = False  # the best value in its block; equal values are all best
     link: str = ""  # address that the cell links to in Markdown and HTML
 
     def text(self, column: TableColumn) -> str:
@@ -68,7 +68,7 @@ class TableCell:
         return rounded(self.value, column.decimals)
 
     def interval(self, column: TableColumn) -> str:
-        """Return its interval as text, without brackets; empty: it has none."""
+        """Return the interval as text, without brackets; empty: no interval, or a share shown as a count."""
         if self.low is None or self.high is None or column.as_count:
             return ""
         between = " to " if self.low < 0 else "–"  # a dash before a minus sign is hard to read

@@ -170,7 +170,7 @@ def _generated(names: Sequence[str], generators: Sequence[str]) -> dict[int, tup
 
 
 def _places(text: str, names: Sequence[str], generator: str) -> list[int]:
-    """Return the indices of the factors in one side of a generator, which names them by name or letter."""
+    """Return the indices of the factors in one side of a generator. The side has names or letters of factors."""
     places = []
     letters = {letter: place for place, letter in enumerate(ascii_uppercase[: len(names)])}
     for word in filter(None, re.split(r"[*×·\s]+", text)):

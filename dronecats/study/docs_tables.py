@@ -1,6 +1,7 @@
 """Generates the tables of docs/metrics.md, docs/studies.md and docs/disturbances.md.
 
-`make metrics` and `make studies` write them from the registries and declarations.
+`make metrics` and `make studies` write the tables from the registries of metrics and factors and from the declarations
+of disturbances.
 """
 
 from collections.abc import Mapping, Sequence

@@ -74,7 +74,7 @@ def _at(levels: Mapping[str, Level], where: str) -> dict[str, Level]:
 
 MERGED_FIELDS = ("flights", "runs")  # fields in which a resumed study may differ from the earlier one
 PILOT_FIELDS = ("pilot", "model", "outside", "commander", "scripted")  # fields that differ between pilots
-RENDERED = "simulated.rendered"  # a field of PILOT_FIELDS; some pilots need pictures
+RENDERED = "simulated.rendered"  # this field may differ between pilots too, because only some pilots need pictures
 SHOWN_MAX = 3  # largest number of differences in an error
 
 
@@ -127,9 +127,8 @@ def _factor_text(factor: StudyFactor) -> str:
 def _check_flights(folder: Path, before: Study, plan: StudyPlan) -> None:
     """Raise UsageError if a recorded flight differs from the planned one.
 
-    A resumed study skips recorded flights, so these must equal the planned ones.
-    Runs of the same name must be equal. Runs of other pilots at the same levels must be equal in all fields except
-    PILOT_FIELDS.
+    A resumed study skips recorded flights, so these must equal the planned ones. Runs of the same name must be equal.
+    Runs of other pilots at the same levels must be equal in all fields except PILOT_FIELDS and RENDERED.
     """
     by_name = {run.name: run for run in before.runs}
     bench = json_object(folder / layout.BENCH) or {}

@@ -1,4 +1,4 @@
-"""Measures the effect of a busy host: flies the same episodes in lockstep and in real time while processes compute."""
+"""Measures the effect of a busy host on flights in lockstep and in real time, while other processes load the CPU."""
 
 import hashlib
 import json
@@ -201,8 +201,8 @@ class LoadFindings:
 
     rows: Sequence[LevelRow]
     of_verdicts: Marking  # moved: the verdict differs from the reference
-    of_errors: Marking  # moved: NE differs from the reference by more than idle_error_m
-    idle_error_m: float | None  # m, largest difference in NE at the first level
+    of_errors: Marking  # without the first level; moved: NE differs from the reference by more than idle_error_m
+    idle_error_m: float | None  # m, largest difference in NE from the reference in real time at the first level
 
     def as_json(self) -> dict[str, Any]:
         """Return the findings as JSON values."""
@@ -278,7 +278,7 @@ def _marking_json(marking: Marking) -> dict[str, Any]:
 NAME = "host-load"
 TEXT = """This page shows how a busy host changes flights. The study flies each episode in lockstep and in real
 time. Meanwhile several processes load the processor (*busy* is their number). The study compares each flight with the
-lockstep flight of the same episode and seed at the first level, which has no busy processes.
+lockstep flight of the same episode and seed without busy processes (the first level).
 
 | column | meaning |
 | --- | --- |

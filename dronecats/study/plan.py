@@ -44,9 +44,9 @@ def plan(
     """Return the plan of a study.
 
     `pilots`: (name, flight); the flights have no episode and no levels yet. The k-th flight of an episode by a pilot
-    has the same seed at every point of the design. In the first round, each episode and pilot flies its first flight at
-    all points before the next one begins. Then the second round follows, with the second flights, and so on. So if a
-    study stops early, only its last flights lack a counterpart at other points. Raises UsageError for contradicting
+    has the same seed at every point of the design. The first round has the first flights: pilot after pilot, and for
+    each pilot episode after episode, each episode at all points. The second round has the second flights, and so on. If
+    a study stops early, only its last flights lack a counterpart at other points. Raises UsageError for contradicting
     levels, a factor without an effect, and if there is nothing to fly.
     """
     factors = tuple(design.points[0]) if design.points else ()

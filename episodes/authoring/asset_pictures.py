@@ -3,7 +3,8 @@
 A contact sheet shows assets at several distances, at the resolution of the model's pictures. The reading probe shows
 inscriptions at several distances, to test from how far a model can read them. Source: paper, appendix "Maps and
 Episodes". The paper has one probe for each type of inscription: a sign with letters of 0.136 m and a plate with digits
-of 0.10 m. The pictures have the benchmark's size and are reduced to 640 px. No episode uses the inscriptions.
+of 0.10 m. The pictures are rendered at 1280×720 px and reduced to a width of 640 px, like the model's pictures. No
+episode uses the inscriptions of the probe.
 """
 
 import json
@@ -34,7 +35,7 @@ from foundation.wording import suggestion
 GROUND_M = 160.0  # half the ground's width
 
 # Contact sheets
-DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from the camera to the asset's box, on the line to the asset's origin
+DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from the camera to the asset's bounding box, on the line to its origin
 WIDTHS_PX = (448, 320, 192, 128)  # of the tiles, one per distance; each tile is cut from the middle of the picture
 HEIGHT_PX, LABEL_PX, GAP_PX = 248, 26, 6
 EYE_M = 1.6  # height of the camera above the ground

@@ -18,9 +18,9 @@ Result = TypeVar("Result")
 def process_map(work: Callable[[Item], Result], items: Sequence[Item], jobs: int | None = None) -> Iterator[Result]:
     """Yield the result of each item in the order in which `jobs` processes (default: one per core) finish them.
 
-    Call it in the main thread. A terminal sends Ctrl-C to all processes. Only the parent handles it. The others end
-    with the parent, even if the parent is killed. Raises the exceptions of `work`, and InfrastructureError if a process
-    dies.
+    Call it in the main thread. If there is only one job or item, this process does the work itself. A terminal sends
+    Ctrl-C to all processes, but the new processes ignore it. They end with their parent, even if the parent is killed.
+    Raises the exceptions of `work`, and InfrastructureError if a process dies.
     """
     jobs = min(jobs or os.cpu_count() or 1, len(items))
     if jobs <= 1:
@@ -29,7 +29,7 @@ def process_map(work: Callable[[Item], Result], items: Sequence[Item], jobs: int
     before_us, complete = set(multiprocessing.active_children()), False
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _end_with_the_parent) as pool:
         interrupts = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # Ctrl-C waits until SIG_SETMASK
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # `submit` starts the processes, which inherit this
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited by the processes, which `submit` starts
         try:
             futures = [pool.submit(work, item) for item in items]
         finally:

@@ -69,7 +69,9 @@ TILE_PX, COLUMNS, LABEL_PX, SHEET_QUALITY = (480, 270), 2, 24, 82
 
 
 def write_map_plan(name: str, out: Path) -> None:
-    """Write a plan of a map as JPEG, north up, with the names of native targets (targets that belong to the map).
+    """Write a plan of a map as JPEG, north up, with the names of its instances, except those of kinds in UNNAMED.
+
+    A record uses such a name for a native target (a target that belongs to the map).
 
     Raises UsageError for an unknown map, or a file that cannot be written.
     """
@@ -98,7 +100,7 @@ def from_above(scene: Scene, north: float, east: float, half: float, side_px: in
 
 
 def _label(picture: Picture, text: str, x: int, y: int, taken: list[Rect]) -> None:
-    """Draw a dot and write its name beside it, if possible where no earlier name is."""
+    """Draw a dot, and write `text` beside it, if possible where no earlier text is."""
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.36
     (wide, tall), _ = cv2.getTextSize(text, font, size, 1)
     around = ((5, 4), (-wide - 5, 4), (-wide // 2, -6), (-wide // 2, tall + 6), (5, -8), (5, tall + 8), (-wide - 5, -8))
@@ -116,7 +118,7 @@ def _meet(a: Rect, b: Rect) -> bool:
 
 
 def write_map_view(name: str, out: Path) -> None:
-    """Write a JPEG of at most LARGEST_BYTES that shows a map from its vantage point.
+    """Write a JPEG that shows a map from its vantage point. It has at most LARGEST_BYTES, or the lowest of QUALITIES.
 
     Raises UsageError for an unknown map, or a file that cannot be written.
     """

@@ -121,7 +121,11 @@ def landmarks() -> tuple[Landmark, ...]:
 
 @lru_cache(maxsize=4)
 def places(seed: int = 1) -> Places:
-    """Return the free places, lanes and landmarks. They do not depend on the seed, because it changes no positions."""
+    """Return the free places, lanes and landmarks.
+
+    `seed` turns the footprints of plants, so it can change a few free places beside them. It does not change lanes and
+    landmarks.
+    """
     terrain = campus_ground.terrain()
     lanes = tuple(
         Lane(name, tuple((n, e, round(terrain.at(n, e), 4)) for n, e in _stepped(corners)), campus_plan.LANE_WIDTH_M)

@@ -1,7 +1,8 @@
 """The ground of the campus: one gently rolling surface, cut along the edges of plazas and walks.
 
 Areas are convex polygons of (north, east) in metres. Their corners are counter-clockwise if north is drawn as x, to the
-right, and east as y, upwards. The cuts do not change the surface: drawn ground and height field agree everywhere.
+right, and east as y, upwards. The cuts do not change the surface, so drawn ground and height field agree to a few
+millimetres.
 """
 
 import math
@@ -15,11 +16,12 @@ from episodes.maps import geometry as g
 from episodes.maps.assets.materials import surface
 from episodes.maps.geometry import Array
 from episodes.maps.scene import Material, Mesh
+from foundation.frames import course
 from foundation.terrain import HeightField
 
 REACH = 95.0  # m, half extent of the height field; beyond it the ground keeps the height of its edge
 CELL = 0.5  # m, of the height field
-LATTICE = 2.5  # m, of the drawn surface; a multiple of CELL
+LATTICE = 2.5  # m, spacing of the nodes of the drawn surface; a multiple of CELL
 FAR = (120.0, 170.0, 260.0, 430.0)  # m, grid lines of the drawn surface beyond REACH
 RISE = 0.008  # m per m, slope of the ground, which rises to the north
 MOUNDS = (  # north, east, height, spread in m: all in lawns
@@ -53,7 +55,7 @@ def rect(use: str, north: tuple[float, float], east: tuple[float, float]) -> Pav
 
 def ribbon(use: str, start: tuple[float, float], end: tuple[float, float], width: float) -> Paving:
     """Return the straight walk between two places, `width` (m) wide."""
-    yaw = math.atan2(end[1] - start[1], end[0] - start[0])
+    yaw = course(start, end)
     n, e = -math.sin(yaw) * width / 2, math.cos(yaw) * width / 2
     ring = (
         (start[0] - n, start[1] - e),

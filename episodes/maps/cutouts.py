@@ -1,6 +1,6 @@
 """Looks up the opacity of cut-out textures, for the renderer, its shadows and ray casts.
 
-A texel is opaque or a hole. Textures are not filtered, so that renderer, shadows and rays agree. Distant leaves keep
+A texel is opaque or a hole. Opacity is not filtered, so that renderer, shadows and rays agree. Distant leaves keep
 their share of the picture, because the share of samples that hit opaque texels stays the same.
 """
 

@@ -68,7 +68,7 @@ def face_normals(corners: Array) -> Array:
 
 
 def creased_normals(corners: Array, crease_deg: float = CREASE_DEG) -> Array:
-    """Return (T, 3, 3) unit corner normals: area-weighted means over the faces at a corner within the crease angle."""
+    """Return (T, 3, 3) unit corner normals: area-weighted means of the faces at a corner within the crease angle."""
     area = face_normals(corners)
     unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-12)
     if crease_deg <= 0.0:
@@ -248,7 +248,7 @@ def transformed(part: MeshPart, offset: ArrayLike = (0.0, 0.0, 0.0), yaw: float 
 
 
 def without(part: MeshPart, outward: ArrayLike) -> MeshPart:
-    """Return the part without the triangles that face along the unit vector `outward`. It removes hidden sides."""
+    """Return the part without the triangles that face along the unit vector `outward`, to leave out hidden sides."""
     area = face_normals(part.corners)
     kept = area @ np.asarray(outward, dtype=np.float64) < 0.999 * np.linalg.norm(area, axis=1)
     return MeshPart(part.corners[kept], part.normals[kept], part.uv[kept], part.material)

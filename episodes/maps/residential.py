@@ -56,7 +56,7 @@ class Parked:
     paint: str
     street: Street
     along: float  # m along the street
-    out: float  # m from the centre line; positive to the east of a street that runs north, else to the north
+    out: float  # m from the centre line: east if the street runs north, north if it runs east
     yaw: float  # rad
 
 
@@ -158,7 +158,7 @@ def _fence(
 def _fences(plot: Plot, homes: tuple[Plot, ...], terrain: HeightField) -> Iterator[Furnishing]:
     """Yield the fences at the back and sides of a garden. Adjacent gardens share a fence, which one of them yields."""
     neighbours = {round(o.along - plot.along) for o in homes if o.street is plot.street and o.side == plot.side}
-    # the garden lies between the two streets that run east, so one of its sides meets the gardens of another street
+    # a garden between the two streets that run east: one side is the back fence of another street's gardens
     is_inner = plot.street.dead and plot.along < 107.0 and abs(plot.at(0.0, DEPTH)[0]) < 60.0
     for direction in (1, -1):
         if direction == -1 and -20 in neighbours:

@@ -82,14 +82,14 @@ def _zones() -> Iterator[tuple[float, float, float, float, str]]:
 
 
 def _nodes(low: float, high: float, across: tuple[float, float], north: bool, homes: tuple[Plot, ...]) -> Array:
-    """Return a zone's lattice coordinates (m) along the north or the east axis; `across` is its range on the other."""
+    """Return a zone's lattice coordinates (m) along one axis; `across` is its range along the other axis."""
     cuts: list[float] = [low, high]
     if high - low < 2 * FAR_M - 1.0 and abs(low) < FAR_M and abs(high) < FAR_M:
         cuts += np.arange(np.ceil(low / STEP_M) * STEP_M, high, STEP_M).tolist()
     else:
         cuts += [x for x in (-220.0, -140.0, *np.arange(-100.0, 121.0, 20.0).tolist(), 160.0, 240.0) if low < x < high]
     if not north:
-        cuts += np.arange(23.0, 41.1, 2.0).tolist()  # the slope to the east is curved
+        cuts += np.arange(23.0, 41.1, 2.0).tolist()  # finer, because the slope to the east is curved here
     rings = (0.0, *RINGS, DRIVE_END)
     for street in STREETS:
         if street.north is not north and across[0] < street.ends[1] + CORNER and across[1] > street.ends[0] - CORNER:
@@ -126,7 +126,7 @@ def _tint(north: Array, east: Array, homes: tuple[Plot, ...]) -> NDArray[np.int_
 
 
 def _cells(zone: tuple[float, float, float, float, str], homes: tuple[Plot, ...]) -> Iterator[tuple[str, Array]]:
-    """Yield (use, corners (T, 3, 3) FLU) of one zone. Each cell is split along the diagonal that fits best."""
+    """Yield (use, corners (T, 3, 3) FLU) of one zone. Each cell is split along the diagonal nearer to the ground."""
     n0, n1, e0, e1, grass = zone
     north, east = _nodes(n0, n1, (e0, e1), True, homes), _nodes(e0, e1, (n0, n1), False, homes)
     z = height(north[:, None], east[None, :], homes)
@@ -160,7 +160,7 @@ def _cells(zone: tuple[float, float, float, float, str], homes: tuple[Plot, ...]
 
 
 def _corners(homes: tuple[Plot, ...]) -> Iterator[tuple[str, Array, Array]]:
-    """Yield (use, corners, texture coordinates in metres) of the round kerbs where two streets meet."""
+    """Yield (use, corners, texture coordinates in metres) of the round corners where two streets meet: lawn to road."""
     turn = np.linspace(0.0, np.pi / 2, 9)
     square = CORNER / np.maximum(np.cos(turn), np.sin(turn))
     rings = [np.zeros(9)] + [np.full(9, CORNER - r) for r in RINGS[-2::-1]] + [square]

@@ -12,7 +12,7 @@ from episodes.maps.geometry import Array
 from episodes.maps.residential import KERBSIDE_OUT, Furnishing, bays, furnishings, heading
 from episodes.maps.residential_plan import LOWER, MAIN, SECOND, UPPER, Plot, Street
 from episodes.maps.scene import Lane, Places, Spot
-from foundation.frames import Vec3
+from foundation.frames import Vec3, course
 
 # place → length and width (m) of the free ground that it needs
 ROOM = {"kerb": (5.9, 2.2), "bus stop": (12.0, 2.6), "drive": (5.9, 2.2), "lawn": (2.0, 2.0), "pavement": (1.2, 1.2)}
@@ -24,7 +24,7 @@ DRIVE_TURN = 3.4  # m, radius of a lane out of a drive
 LANE_LENGTH_M = 108.0  # m, length of lanes: more than a target covers in 300 s at the paper's 0.3 m/s
 POINT_SPACING_M = 0.25  # m between the points of a lane before it is thinned
 LANE_TOLERANCE_M = 0.008  # m, greatest distance between a thinned lane and the ground
-LANE_WIDTH = {"road": 2.4, "drive": 2.2, "pavement": 1.2}
+LANE_WIDTH = {"road": 2.4, "drive": 2.2, "pavement": 1.2}  # m, by kind of lane
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def _onward(start: tuple[float, float], yaw: float, clockwise: bool) -> list[tup
     ring = _loop(clockwise)
     for k in range(4):
         a, b = ring[k], ring[(k + 1) % 4]
-        if abs(math.remainder(math.atan2(b[1] - a[1], b[0] - a[0]) - yaw, 2 * math.pi)) < 0.1:
+        if abs(math.remainder(course(a, b) - yaw, 2 * math.pi)) < 0.1:
             ahead = (b[0] - start[0]) * math.cos(yaw) + (b[1] - start[1]) * math.sin(yaw)
             if ahead > 2 * TURN:
                 return [ring[(k + j) % 4] for j in range(1, 4)]
@@ -191,7 +191,7 @@ def _walks() -> Iterator[tuple[Street, int, float, float]]:
 
 
 def _from_drive(plot: Plot, turn: str) -> Array | None:
-    """Return the points of a lane out of a drive and along the road; None if the road is too short for it."""
+    """Return the points of a lane out of a drive and along the road; None if no road goes on for LANE_LENGTH_M."""
     out = plot.yaw
     yaw = math.remainder(out + (math.pi / 2 if turn == "right" else -math.pi / 2), 2 * math.pi)
     lane = LANE_OFFSET_M if math.cos(heading(plot.street, 1) - yaw) > 0.5 else -LANE_OFFSET_M

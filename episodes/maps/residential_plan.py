@@ -26,6 +26,7 @@ FLANK = 0.25  # m along the street, the slope on each side of a dropped kerb
 
 # distance from the centre line → NED z: road, kerb, verge, pavement, bank, plot
 PROFILE = ((0.0, 0.05), (4.0, 0.05), (4.25, -0.07), (5.5, -0.09), (7.0, -0.12), (9.5, -0.45), (50.0, -0.45))
+# the same across a drive, where the kerb is dropped
 PROFILE_DRIVE = ((0.0, 0.05), (4.0, 0.05), (5.5, -0.09), (7.0, -0.12), (9.5, -0.45), (50.0, -0.45))
 RINGS = (4.0, 4.25, 5.5, 7.0, 8.25, CORNER)  # m from the centre line, where the use or the slope of the ground changes
 
@@ -163,7 +164,7 @@ def height(north: Array, east: Array, homes: tuple[Plot, ...]) -> Array:
 
 
 def terrain(homes: tuple[Plot, ...]) -> HeightField:
-    """Return the height field. Each drive changes only a small window, because there are 0.7 million nodes."""
+    """Return the height field. For each drive, only a small window of the 0.7 million nodes is computed again."""
     n0, n1, e0, e1 = REACH
     north, east = np.arange(n0, n1 + CELL / 2, CELL)[:, None], np.arange(e0, e1 + CELL / 2, CELL)[None, :]
     down = height(north, east, ())

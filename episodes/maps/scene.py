@@ -30,7 +30,7 @@ class Material:
     specular: float = 0.0  # 0 matt … 1 glass and car paint
     drift: float = 0.0  # relative variation of the tone of natural ground from place to place
     cutout: NDArray[np.bool_] | None = None  # (H, W) mask of the texture's opaque texels; None = all
-    foliage: bool = False  # leaves: lit on both sides by their normals alone; vehicles pass through them
+    foliage: bool = False  # leaves: both sides are lit alike, by the corner normals; vehicles pass through them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +102,7 @@ class Sun:
     """A directional light and its sky."""
 
     toward_ned: Vec3  # unit vector from the scene towards the sun
-    color: Vec3 = (1.0, 0.96, 0.88)  # linear RGB, times `strength`
+    color: Vec3 = (1.0, 0.96, 0.88)  # linear RGB; multiplied by `strength`
     strength: float = 2.6
     sky: Vec3 = (0.36, 0.52, 0.78)  # linear RGB of the ambient light from above
     clouds: float = 0.35  # share of the sky that clouds cover, 0 … 1; does not change `color`, `strength` or `sky`
@@ -117,9 +117,9 @@ class Scene:
     instances: tuple[Instance, ...]
     terrain: HeightField
     sun: Sun
-    latitude_deg: float  # geodetic place of the NED origin
-    longitude_deg: float
-    altitude_m: float  # m above mean sea level
+    latitude_deg: float  # geodetic, of the NED origin
+    longitude_deg: float  # of the NED origin
+    altitude_m: float  # m above mean sea level, of the NED origin
     spawn_ned: Vec3 = (0.0, 0.0, 0.0)  # m, a free place on the ground
     spawn_yaw: float = 0.0  # rad
     notes: tuple[str, ...] = field(default=())
@@ -167,7 +167,7 @@ class Landmark:
     """An instance by which instructions distinguish other objects."""
 
     name: str  # of the instance
-    phrase: str  # its name in instructions, with article; fits no other instance of the map
+    phrase: str  # its name in instructions, with article if it needs one; fits no other instance of the map
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ def folder() -> Path:
 
 
 def names() -> list[str]:
-    """Return the names of the user's maps, sorted."""
+    """Return the names of the user's maps, sorted; [] if the folder cannot be read."""
     try:
         return sorted(path.stem for path in folder().glob("*.glb") if _NAME.fullmatch(path.stem))
     except (OSError, UsageError):
@@ -44,7 +44,7 @@ def build(name: str) -> Scene:
 
 
 def path_of(name: str) -> Path:
-    """Return the file of a user's map. Raises UsageError for an unknown name, or one outside the folder."""
+    """Return the file of a user's map. Raises UsageError if the name is not in `names()`."""
     if name not in names():
         near = nearest(name, names(), cutoff=0.4)
         hint = did_you_mean(near) if near else "import one with `dronecats maps import`."
@@ -57,9 +57,11 @@ def add(
 ) -> Scene:
     """Check the glTF file of a map and store it under a name; return the map as flights will use it.
 
-    In the stored file, the ground is found, the transforms are applied and the pictures are reduced.
-    Raises UsageError if the name is invalid or in `taken`, if the user already has it and `replace` is false, or if
-    the file cannot be a map.
+    In the stored file, the ground is separate from the other objects, all transforms are applied, and the pictures are
+    reduced.
+
+    Raises UsageError if the name is invalid or in `taken`, if the user already has a map of this name and `replace` is
+    false, or if the file cannot be a map.
     """
     from episodes.maps import gltf
 

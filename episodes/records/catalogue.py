@@ -69,7 +69,7 @@ def is_shipped(record: EpisodeRecord) -> bool:
 
 
 def must_exist(id_or_path: str | Path) -> None:
-    """Raise UsageError if this is neither the id of a shipped episode nor a path that could be a record."""
+    """Raise UsageError if this is not a shipped episode's id, `OPEN_GROUND` or a path that could be a record."""
     name = str(id_or_path)
     if name not in (*all_ids(), OPEN_GROUND) and _file(name) is None:
         raise UsageError(_unknown(name))
@@ -91,7 +91,10 @@ def load(id_or_path: str | Path) -> EpisodeRecord:
 
 
 def _file(name: str) -> Path | None:
-    """Return the record file that a path names, or that is in the folder which it names; None if there is none."""
+    """Return the path of a record: `episode.json` in the folder `name`, or `name` itself; None if it cannot be one.
+
+    A path that ends in `.json` is returned even if the file does not exist.
+    """
     path = Path(name)
     try:
         if path.is_dir() and (path / "episode.json").is_file():
@@ -157,7 +160,7 @@ BlindTable = dict[str, dict[str, BlindFlight]]  # pilot → episode → flight
 
 
 def load_par(file: Path = PAR) -> Pars:
-    """Return the par of each episode; {} if there is no table. Raises UsageError for a wrong table."""
+    """Return the par of each episode (the oracle's steps); {} without a table. Raises UsageError for a wrong table."""
     return _table(file, Pars)
 
 
@@ -167,7 +170,10 @@ def load_blind(file: Path = BLIND) -> BlindTable:
 
 
 def merged(table: BlindTable, pilot: str, flights: dict[str, BlindFlight], episodes: list[str]) -> dict[str, Any]:
-    """Return the table as JSON. New flights of a pilot replace its earlier flights of the same episodes."""
+    """Return the table with new flights of a pilot, as JSON values; only flights of `episodes` remain.
+
+    A new flight replaces the pilot's earlier flight of the same episode.
+    """
     new = {**table, pilot: {**table.get(pilot, {}), **flights}}
     return {name: {id_: asdict(new[name][id_]) for id_ in episodes if id_ in new[name]} for name in sorted(new)}
 

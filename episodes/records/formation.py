@@ -20,7 +20,7 @@ from episodes.world.world import World
 from foundation.errors import UsageError
 
 FLEET = 4  # drones of the shipped commanding records
-RINGS = 3  # of lattice places around the square that are tried
+RINGS = 3  # number of rings of lattice places around the square where a start is tried
 
 
 def with_drones(record: EpisodeRecord, drones: int) -> EpisodeRecord:

@@ -1,6 +1,7 @@
 """The episode record, which defines one flight completely: its types, its JSON, and the published schema.
 
-The annotations are the rules of the file. `make schemas` publishes them in `record.schema.json` beside this module.
+The type annotations of the fields are the rules for a record file. `make schemas` publishes them in
+`record.schema.json` beside this module.
 Source: paper, "Maps and Episodes".
 """
 
@@ -166,7 +167,7 @@ def load(path: Path) -> EpisodeRecord:
 
 
 def parse(data: bytes | str, source: str) -> EpisodeRecord:
-    """Return the record in JSON text; `source` is named in errors. Raises UsageError."""
+    """Return the record in JSON text. Raises UsageError, which names `source`, if the record is wrong."""
     document = json_of(data.encode("utf-8", "surrogatepass") if isinstance(data, str) else data, source)
     if not isinstance(document, dict):
         raise UsageError(f"{source}: an episode record is a JSON object, not {short_repr(document)}")
@@ -275,7 +276,7 @@ def schema() -> dict[str, Any]:
 
 
 def write_schema() -> None:
-    """Write the schema file unless it has this schema already, in any layout. Raises OSError."""
+    """Write the schema file, unless the file already has this schema (in whatever JSON layout). Raises OSError."""
     if not SCHEMA_FILE.exists() or json.loads(SCHEMA_FILE.read_text(encoding="utf-8")) != schema():
         SCHEMA_FILE.write_text(json.dumps(schema(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 

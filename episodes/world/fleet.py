@@ -57,7 +57,7 @@ class Fleet:
         return {k: pose for k, pose in enumerate(self.starts) if k != drone}
 
     def among(self, solids: Occluder, poses: Iterable[DronePose]) -> Occluder:
-        """Return solids and drones at `poses` as one obstacle to views."""
+        """Return solids and drones at `poses` as one obstacle to views; only `solids` in an episode with one drone."""
         return _OccluderWithDrones(solids, self._shape, tuple(poses)) if self._shape else solids
 
 
@@ -94,7 +94,7 @@ class _Shape:
         if len(near):
             start = np.broadcast_to((-(axes @ toward)).astype(np.float32), (len(near), 3))
             ray = np.ascontiguousarray((way[near] @ axes.T).astype(np.float32))
-            reach = np.full(len(near), 0.999, dtype=np.float32)  # a ray's parameter is 1 at its point
+            reach = np.full(len(near), 0.999, dtype=np.float32)  # of the way: a hit at the point itself does not count
             hidden[near] = self._scene.are_blocked(np.ascontiguousarray(start), ray, reach)
         return hidden
 

@@ -14,7 +14,7 @@ from foundation.threads import once
 
 CELL_M = 2.0
 BATCH = 4096  # triangles sorted at a time, to limit the memory that sorting takes
-REACH_M = 0.7  # m, from a vehicle's origin to its farthest part: the camera is half a metre ahead
+REACH_M = 0.7  # m, from a vehicle's origin to its farthest part, with room for the camera 0.5 m ahead
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def _static_triangles(instances: Sequence[Instance]) -> tuple[Array, NDArray[np.
 
 
 def bounding_box(instance: Instance) -> MovingBox:
-    """Return the box around an instance, in its own axes."""
+    """Return the box around an instance, in the instance's axes."""
     low, high = instance.mesh.vertices.min(axis=0), instance.mesh.vertices.max(axis=0)
     return MovingBox(instance.name, vec3((high - low) / 2), vec3((high + low) / 2))
 
@@ -65,7 +65,7 @@ def sorted_into_cells(
     cell_m: float = CELL_M,
     moving: MovingBox | None = None,
 ) -> Obstacles:
-    """Return triangles (T, 3, 3) in metres NED as Obstacles. Each triangle is in all cells within `reach_m`."""
+    """Return triangles (T, 3, 3) in metres NED as Obstacles. All cells within `reach_m` of a triangle list it."""
     low, high = triangles.min(axis=1) - reach_m, triangles.max(axis=1) + reach_m
     origin = np.floor(low.min(axis=0) / cell_m) * cell_m
     cells = np.ceil((high.max(axis=0) - origin) / cell_m).astype(np.int64)
@@ -90,9 +90,9 @@ def sorted_into_cells(
 def with_more(
     before: Obstacles, triangles: Array, owner: NDArray[np.int32], names: tuple[str, ...]
 ) -> Obstacles | None:
-    """Return `before` with more triangles: the same bytes as `sorted_into_cells` for all of them, but faster.
+    """Return `before` with more triangles: the same result as `sorted_into_cells` of all triangles, computed faster.
 
-    None if the new triangles reach beyond the cells of `before`, because the cells would change.
+    Return None if the new triangles reach beyond the cells of `before`, because other cells would be needed.
     """
     low, high = triangles.min(axis=1) - before.reach_m, triangles.max(axis=1) + before.reach_m
     origin, cells = np.array(before.origin_ned), np.array(before.cells, np.int64)
@@ -124,7 +124,7 @@ def _bounds(triangles: Array) -> NDArray[np.float32]:
 def _in_cells(
     triangles: Array, low: Array, high: Array, origin: Array, cells: NDArray[np.int64], cell_m: float, reach_m: float
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return (cell, triangle) of `_cells_of` for all triangles, batch by batch."""
+    """Return the pairs (cell, triangle) of all triangles, computed batch by batch with `_cells_of`."""
     pairs = [
         _cells_of(triangles[k : k + BATCH], k, low[k : k + BATCH], high[k : k + BATCH], origin, cells, cell_m, reach_m)
         for k in range(0, len(triangles), BATCH)
@@ -142,7 +142,9 @@ def _cells_of(
     cell_m: float,
     reach_m: float,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return (cell, triangle) for all cells within reach of a batch; `number`: index of its first triangle.
+    """Return a pair (cell, triangle) for each triangle of a batch and each cell within `reach_m` of the triangle.
+
+    `number`: index of the batch's first triangle among all triangles.
 
     Cells far from a triangle's plane are left out. Otherwise a slanted roof would fill all cells of its bounding box.
     """

@@ -12,7 +12,7 @@ from episodes.maps.cutouts import Cutouts, cutouts_of, is_cut_out, is_opaque_tex
 from episodes.maps.scene import Instance, Mesh
 from foundation.compiled import njit
 
-NOTHING = -1  # index of the triangle of a ray without a hit
+NOTHING = -1  # triangle index of a ray without a hit
 BEYOND_M = 1e-4  # from a hole to the start of the continued ray
 MOST_HOLES = 200  # along one ray; a ray through more holes counts as blocked
 FAR = np.float32(1e30)
@@ -26,10 +26,10 @@ class Hits(NamedTuple):
 
 
 class RayScene:
-    """Triangles indexed for ray casting. Their numbers are their order in the meshes."""
+    """Triangles indexed for ray casting. The triangles of all meshes are numbered in one sequence, in their order."""
 
     def __init__(self, meshes: Sequence[Mesh], corners: Sequence[NDArray[np.floating]]) -> None:
-        """`corners`: (T, 3, 3) of each mesh's triangles, m in any axes."""
+        """`corners`: for each mesh, the corners (T, 3, 3) of its triangles, m; all meshes in the axes of the rays."""
         materials = list({id(m): m for mesh in meshes for m in mesh.materials}.values())
         self._cutouts, which = cutouts_of(materials)
         row_of = {id(m): k for k, m in enumerate(materials)}
@@ -83,7 +83,7 @@ class RayScene:
     def _first_cutout_hits(
         self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32], hits: Hits
     ) -> None:
-        """Replace the hits of rays that hit an opaque texel of a cut-out surface within `reach`."""
+        """Write into `hits` the first hit of each ray on an opaque texel of a cut-out surface within `reach`."""
         if self._cut is None:
             return
         going = np.arange(len(way))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from episodes.maps.scene import Mesh
 from episodes.records.record import TargetRecord
-from foundation.frames import Quat, Vec3, quat_from_euler, rotate
+from foundation.frames import Quat, Vec3, course, quat_from_euler, rotate
 from foundation.terrain import HeightField
 
 # Distance (m) between the two points of the path that define the heading: the wheelbase of a vehicle, or about one step
@@ -28,9 +28,9 @@ AXLES_OF_OTHERS_M = 1.0
 WALKERS = ("person", "pedestrian")  # upright on a slope; the other assets of HEADING_BASE_M have wheels
 
 TOUCHES_M = 0.01  # height of the part of a wheel that counts as touching the ground
-ONE_TRACK_M = 0.3  # m; a vehicle whose wheels are closer across is single-track and does not roll
+ONE_TRACK_M = 0.3  # m; a vehicle with a narrower track counts as single-track, like a motorcycle, and does not roll
 LEVEL_RAD = 1e-6  # smaller slopes are rounding errors
-TURNS = 3  # iterations, after which the position changes by less than 0.1 mm
+TURNS = 3  # iterations of `Wheels.on`; another iteration would change the position by less than 0.1 mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +49,16 @@ class TargetMotion:
         return self.reached_m[-1]
 
     def pose(self, t_s: float) -> tuple[Vec3, float]:
-        """Return (position_ned of the asset's origin in m, yaw in rad in [-π, π]) at time t_s ≥ 0.
+        """Return (position_ned of the asset's origin in m, yaw in rad) at time t_s ≥ 0; earlier times count as 0.
 
-        Earlier times count as 0. The target follows the path once and stays at its end. The heading points from the
-        path half a wheelbase behind the target to the path half a wheelbase ahead (of a walker: half a step), so it
-        changes gradually at a corner.
+        The target follows the path once and stays at its end. Its heading is the direction between two points of the
+        path: half of `axles_m` behind the target and half of `axles_m` ahead. So it changes gradually at a corner.
         """
         if self.speed_mps == 0.0:
             return self.waypoints_ned[0], self.yaw
         s = min(max(t_s, 0.0) * self.speed_mps, self.reached_m[-1])
         rear, front = self._at(s - self.axles_m / 2), self._at(s + self.axles_m / 2)
-        return self._at(s), math.atan2(front[1] - rear[1], front[0] - rear[0])
+        return self._at(s), course(rear, front)
 
     def _at(self, s: float) -> Vec3:
         """Return the point at arc length s; the first and last legs are extended beyond the ends."""
@@ -119,8 +118,8 @@ class Wheels:
     def on(self, ground: HeightField, level_ned: Vec3, yaw: float) -> tuple[Vec3, float | Quat]:
         """Return the pose (m NED, attitude FRD → NED) in which the wheels touch the ground.
 
-        `level_ned` is the origin of the asset in its level pose. The middle of its box keeps its north and east
-        coordinates. On level ground, the result is the level pose with `yaw`.
+        `level_ned` is the origin of the asset in its level pose. In both poses, the middle of the asset's box has the
+        same north and east coordinates. On level ground, the result is (`level_ned`, `yaw`).
         """
         c, s = math.cos(yaw), math.sin(yaw)
         x, y, _ = self.middle_frd

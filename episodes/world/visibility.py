@@ -19,7 +19,7 @@ from foundation.protocol import DETECTION_RANGE_M, POINT_SPAN
 SAMPLES = 1600  # points on the target's whole surface; about 300 … 500 of them face the camera
 SPHERE_MARGIN_M = 0.01  # m, margin around the target's bounding sphere for rounding errors
 NEAR_M = 0.05  # m, the renderer's near plane
-VISIBLE_FRACTION = 0.05  # least share of the silhouette, in view and not hidden, of a visible target
+VISIBLE_FRACTION = 0.05  # a target is visible if at least this share of its silhouette is in the picture and not hidden
 
 Array = NDArray[np.float64]
 
@@ -57,10 +57,10 @@ def surface_samples(mesh: Mesh, count: int = SAMPLES) -> tuple[Array, Array]:
     reach = np.cumsum(area)
     which = np.searchsorted(reach, (np.arange(count) + 0.5) / count * reach[-1])
     which = np.minimum(which, len(tri) - 1)
-    # the two-dimensional golden-ratio sequence, folded into the triangle
-    golden = 1.32471795724474602596
+    # Roberts's two-dimensional sequence R2, folded into the triangle
+    plastic = 1.32471795724474602596
     k = np.arange(count) + 0.5
-    u, v = np.mod(k / golden, 1.0), np.mod(k / golden**2, 1.0)
+    u, v = np.mod(k / plastic, 1.0), np.mod(k / plastic**2, 1.0)
     fold = u + v > 1.0
     u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
     a, b, c = tri[which, 0], tri[which, 1], tri[which, 2]
@@ -129,7 +129,7 @@ class SolidsUnion(Solids):
 
 
 class SolidsExcept(Solids):
-    """A map's solids without one instance, for the view of that instance. Shares the ray scene of all solids."""
+    """A map's solids without one instance, which they can hide when it is the target. Shares all solids' ray scene."""
 
     def __init__(self, everything: Solids, left_out: Instance) -> None:
         """Share the ray scene of `everything`. Raises ValueError if `left_out` is not part of it."""
@@ -144,8 +144,8 @@ class SolidsExcept(Solids):
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether something solid lies between it and the origin.
 
-        The points must be on the surface of `left_out` that faces the origin. A ray whose first hit is on `left_out`
-        has therefore reached its point.
+        `left_out` itself must hide none of the points, which are on its surface. So if a ray's first hit is on
+        `left_out`, nothing lies before its point.
         """
         start = np.ascontiguousarray(np.broadcast_to(np.array(origin, dtype=np.float32), points.shape))
         way = np.ascontiguousarray((points - np.array(origin)).astype(np.float32))
@@ -170,10 +170,10 @@ class SolidsExcept(Solids):
 
 
 def distance_to_mesh(mesh: Mesh, point: Array) -> float:
-    """Return the distance (m) from a point in the mesh's axes to its nearest triangle; inf if it has none.
+    """Return the distance (m) from a point, in the mesh's axes, to the mesh's nearest triangle; inf if it has none.
 
-    The nearest point of a triangle is the foot on its plane if inside the triangle, else the nearest point of its edges
-    (Ericson, Real-Time Collision Detection, section 5.1.5).
+    If the point's projection onto the triangle's plane is inside the triangle, it is the nearest point. Otherwise the
+    nearest point is on an edge (Ericson, Real-Time Collision Detection, section 5.1.5).
     """
     tri = mesh.vertices[mesh.triangles].astype(np.float64)
     a, b, c = tri[:, 0], tri[:, 1], tri[:, 2]
@@ -281,7 +281,7 @@ def in_camera(point_ned: Vec3, pose: CameraPose) -> Vec3:
 
 
 def picture_box(corners: Sequence[Vec3], camera: CameraModel) -> InPicture | None:
-    """Return the smallest upright box in the picture, x0, y0, x1, y1 on 0 … 1000, around a box in space.
+    """Return the smallest rectangle x0, y0, x1, y1 (0 … 1000) of the picture that contains a box in space.
 
     `corners` (m, camera axes) are numbered as in EDGES. The result is cut at the picture's edges and includes hidden
     parts. None if no part of the box is in the picture.

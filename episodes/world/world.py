@@ -19,7 +19,7 @@ from episodes.world.visibility import Occluder, Solids, SolidsExcept, SolidsUnio
 from foundation.camera import CameraModel, camera_pose
 from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.errors import UsageError
-from foundation.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
+from foundation.frames import Quat, Vec3, course, quat_yaw, rotate, wrap_pi
 from foundation.measurement import TargetMeasurement
 from foundation.terrain import HeightField
 from foundation.threads import once
@@ -83,7 +83,7 @@ class World:
         return on_ground(self._wheels, self.scene.terrain, self._motion.pose(t_s))
 
     def target_upright(self, t_s: float) -> tuple[Vec3, float]:
-        """Return the pose (origin in m NED, yaw in rad) of the target, made level about its centre."""
+        """Return the target's pose without pitch and roll (origin in m NED, yaw in rad); its box keeps its centre."""
         place, yaw = self._motion.pose(t_s)
         leaning, turned = self.target_pose(t_s)
         if not isinstance(turned, tuple):
@@ -104,9 +104,10 @@ class World:
         return (place[0] + c * x - s * y, place[1] + s * x + c * y, place[2] + z)
 
     def moved(self, t_s: float, drones: Mapping[int, DronePose] | None = None) -> Moved:
-        """Return the poses of all moving instances for the renderer: of `filmed` with `drones`, of `scene` without.
+        """Return the poses of all moving instances for the renderer.
 
-        `drones` are the drones to draw, by number: all except the drone that carries the camera.
+        `drones` are the drones to draw, by number: all except the drone that carries the camera. With `drones`, the
+        poses are for the scene `filmed`; without, for `scene`.
         """
         moved: Moved = {self.target_id: self.target_pose(t_s)} if self._motion.speed_mps > 0.0 else {}
         return moved if drones is None else {**moved, **self.fleet.moved(drones)}
@@ -119,7 +120,7 @@ class World:
     def measure(
         self, t_s: float, position_ned: Vec3, attitude: Quat, camera: CameraModel, drones: Iterable[DronePose] = ()
     ) -> TargetMeasurement:
-        """Return the true measurement of a drone with this body origin (m) and attitude (FRD → NED).
+        """Return the true measurement of the target from a drone with this body origin (m) and attitude (FRD → NED).
 
         The other drones at the poses `drones` may hide the target.
         """
@@ -129,7 +130,7 @@ class World:
         beyond = [max(abs(float(v)) - h, 0.0) for v, h in zip(local, self._half, strict=True)]
         pose = camera_pose(position_ned, attitude, camera)
         sight = self._view.sight(place, turned, pose, camera, self.past(drones))
-        toward = math.atan2(centre[1] - position_ned[1], centre[0] - position_ned[0])
+        toward = course(position_ned, centre)
         return TargetMeasurement(
             target_ned=centre,
             distance_m=math.dist(position_ned, centre),
@@ -167,7 +168,7 @@ class World:
 
 
 def solids(name: str, seed: int) -> Solids:
-    """Return the static solids of a map. Those of a shipped map are indexed once per process."""
+    """Return the static solids of a map. Shipped maps are cached: the last four stay indexed in this process."""
     return _solids(name, seed) if name in maps.shipped() else Solids(maps.build(name, seed).instances)
 
 
@@ -177,7 +178,7 @@ def _solids(name: str, seed: int) -> Solids:
 
 
 def _placed(number: int, name: str, target: TargetRecord, ground: HeightField, *, movable: bool = False) -> Instance:
-    """Return a target or look-alike of a record as an instance at its start pose; any wheels touch the ground."""
+    """Return a record's target or look-alike as an instance at its start pose, on its wheels if it has wheels."""
     if target.paint is None:
         raise UsageError(f"field '{name}.paint' is missing. Only a target of the map may lack it.")
     mesh = assets.build(target.asset, target.paint, target.inscription)

@@ -34,9 +34,9 @@ class Decisions:
     words: NDArray[np.float32]  # (2, n, WORDS)
     past: NDArray[np.float32]  # (2, n, PAST)
     kinds: NDArray[np.int64]  # (n,), indices in KINDS
-    points: NDArray[np.float32]  # (n, 2), x and y 0 … 1 from the top left; of a go
-    depths_m: NDArray[np.float32]  # (n,), m; of a go
-    angles_deg: NDArray[np.float32]  # (n,), °, positive to the right; of a rotate
+    points: NDArray[np.float32]  # (n, 2), x and y 0 … 1 from the top left; used only if the action is a go
+    depths_m: NDArray[np.float32]  # (n,), m; used only if the action is a go
+    angles_deg: NDArray[np.float32]  # (n,), °, positive to the right; used only if the action is a rotate
     flights: NDArray[np.int64]  # (n,), index of the flight
     held_out: NDArray[np.bool_]  # (n,), whether the flight is held out for evaluation
 
@@ -56,7 +56,7 @@ class _Row:
 def read(folder: Path) -> Decisions:
     """Return the decisions of a dataset's flights that succeeded.
 
-    Raises UsageError if the dataset is missing or damaged, or has no successful flight.
+    Raises UsageError if the dataset is missing or damaged, has blank pictures, or has no successful flight.
     """
     if not (folder / "meta" / "info.json").is_file():
         raise UsageError(f"{folder} is not a dataset. Make one: dronecats export RUN --to lerobot --out {folder}")
@@ -72,7 +72,7 @@ def read(folder: Path) -> Decisions:
 
 
 def _rows(file: Path) -> Iterator[_Row]:
-    """Yield the decisions of successful flights that have an action. Pictures are scaled down to save memory."""
+    """Yield the decisions with an action, from successful flights only. Pictures are scaled down to save memory."""
     for batch in pq.ParquetFile(file).iter_batches(
         batch_size=64, columns=[IMAGE, "action", "episode_index", "judge.success"]
     ):

@@ -57,7 +57,7 @@ def history(past: Sequence[PastAction], *, mirrored: bool = False) -> NDArray[np
     """Return the history as a vector (PAST,).
 
     It has the last three actions (newest first), the turn since the last go, and the number of actions. The depths of
-    past gos are omitted. They are true in the training flights, so the head would rely on them.
+    past gos are omitted: they are exact in the training flights, but only estimates in the head's own flights.
     """
     sign, width = -1.0 if mirrored else 1.0, float(CameraModel().width)
     vector = np.zeros(PAST, np.float32)

@@ -22,7 +22,7 @@ _SHIFT_CELLS = (9, 2)  # largest shift of a picture: horizontal, vertical
 _MISNAMED = 0.15  # share of pictures that get the words of another flight, whose target they do not show
 _HISTORY_DROPOUT = 0.3  # share of decisions whose history is set to zero
 _SPREAD_CELLS = 0.7  # σ of the wanted heat map around the point
-_WEIGHTS = {GO: 1.0, ROTATE: 1.5, FINISHED: 2.0}  # loss weights; rare actions weigh more
+_WEIGHTS = {GO: 1.0, ROTATE: 1.5, FINISHED: 2.0}  # loss weights; rare actions weigh more; a think has no weight
 _WARM = 0.1  # share of the steps in which the learning rate rises
 
 
@@ -129,7 +129,10 @@ def moved(picture: Tensor, right_px: int, down_px: int) -> Tensor:
 
 
 def loss_of(head: ActionHead, batch: Batch) -> Tensor:
-    """Return the loss of a batch: the loss of the kind, and the loss of each number that the action has."""
+    """Return the loss of a batch: the loss of the kind, and the loss of each number that the action has.
+
+    A go whose point is outside the shifted picture does not count.
+    """
     kinds, heat, depth, turns = head(batch.pictures, batch.words, batch.past)
     inside = ((batch.points >= 0.0) & (batch.points < 1.0)).all(1)
     go = (batch.kinds == KINDS.index(GO)) & inside

@@ -24,7 +24,7 @@ FORMAT = 1  # version of the file format of a head
 
 
 class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library without types here
-    """Maps (pictures, words, past) to logits of kinds, of cells and of turns, and the logarithm of the depth."""
+    """Maps (pictures, words, past) to logits of kinds and of cells, the logarithm of the depth, and logits of turns."""
 
     def __init__(self, shape: Shape) -> None:
         super().__init__()
@@ -46,8 +46,10 @@ class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library witho
         self.turns = nn.Linear(shape.hidden, len(TURNS_DEG))
 
     def forward(self, pictures: Tensor, words: Tensor, past: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Return logits of kinds (n, 4), cells (n, ROWS · COLUMNS) and turns, and depths (n,), the logarithm of metres.
+        """Return four outputs for n decisions.
 
+        The outputs: logits of kinds (n, 4), logits of cells (n, ROWS · COLUMNS), the natural logarithm of the depth in
+        metres (n,), and logits of turns (n, len(TURNS_DEG)).
         pictures: uint8 (n, 3, HEIGHT, WIDTH); words: (n, WORDS); past: (n, PAST).
         """
         instruction = self.words(words)

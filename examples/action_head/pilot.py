@@ -19,11 +19,11 @@ from examples.action_head.features import KINDS
 from foundation.errors import UsageError
 from foundation.protocol import FINISHED, GO, HISTORY_LENGTH, POINT_SPAN, ROTATE, THINK
 
-COLUMNS, ROWS = 32, 18  # size of the heat map of the point; a cell has 8 px of the input picture
+COLUMNS, ROWS = 32, 18  # size of the heat map of the point; a cell covers 8 × 8 px of the input picture
 TURNS_DEG = tuple(float(angle) for angle in range(-90, 91, 15))
 ELSEWHERE_M = 6.0  # depth of the go to another place: a full stride
 NEAREST_M, FARTHEST_M = 0.5, 60.0  # limits of the depth
-_AROUND = 1  # cells on each side of the highest one that are averaged to the point
+_AROUND = 1  # cells on each side of the highest cell; the point is the weighted mean of these cells
 
 
 @dataclass(frozen=True, slots=True)

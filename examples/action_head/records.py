@@ -1,7 +1,7 @@
 """Make the training episodes: `python -m examples.action_head.records --out runs/learnt/records`.
 
-Their maps have other seeds than the benchmark's maps, so they share no record and no neighbourhood with the benchmark.
-Roads, plots and halls' sites are the same for every seed of a map.
+Their maps have other seeds than the benchmark's maps, so no record is in the benchmark. The seed changes the plants
+and, in residential, also the houses and most parked cars. The roads, the plots and the sites of the halls stay.
 """
 
 import argparse
@@ -21,7 +21,7 @@ CELLS = ("approaching", "searching", "tracking", "search-and-track")
 FIRST_ID = 11  # ids continue after the ten shipped records of each cell
 FIRST_MAP_SEED = 2  # the benchmark's maps have the seed 1
 BATCH = 4  # records of a request, all on one map
-REQUESTS = {"residential": 20, "campus": 8}  # requests of each cell, each with its own map seed
+REQUESTS = {"residential": 20, "campus": 8}  # map → requests for each cell; each request of a cell has its own map seed
 _APART_M = 0.5  # a start nearer than this to a shipped record's start is the same place
 
 

@@ -66,8 +66,8 @@ def read_prompts(folder: Path) -> tuple[SentPrompt, ...]:
 def prompts_of(decisions: Iterable[Decision], prompts: Iterable[SentPrompt]) -> dict[tuple[int, int], SentPrompt]:
     """Return the questions of decisions by (drone, step). A decision without a question has no entry.
 
-    A question's `number` counts the steps of the pilot that answers it. Steps that a commander confirms do not count,
-    because they answer no question to a pilot.
+    Question `number` n to a pilot belongs to the n-th step that this pilot answered, counted from 0. Steps that a
+    commander confirms do not count, because they answer no question to a pilot.
     """
     answers: dict[int, list[int]] = defaultdict(list)  # first drone of a question → steps that answer
     drones: dict[int, list[int]] = defaultdict(list)  # step → its drones

@@ -15,7 +15,6 @@ from typing import Any, TypeVar, cast
 import msgspec
 
 from foundation.errors import UsageError
-from foundation.measurement import LARGE
 from foundation.run_folder import layout
 from foundation.run_folder.results import Result
 from foundation.run_folder.rows import (
@@ -36,7 +35,7 @@ from foundation.run_folder.rows import (
     Reset,
     drone_label,
 )
-from foundation.typed_file import MISSING, fields_of, rule_of
+from foundation.typed_file import LARGE, MISSING, fields_of, rule_of
 
 SCHEMA = 1  # version of the run folder's files: rises when a field changes its meaning, not when one is added
 
@@ -180,7 +179,7 @@ def run_configuration(run: Path) -> dict[str, Any] | None:
 
 
 def check_version(run: Path) -> None:
-    """Raise UsageError when the files of a run folder have an unknown version."""
+    """Raise UsageError when the files of a run folder have a newer version, or run.json has an invalid one."""
     version = (json_object(run / layout.RUN) or {}).get("schema", SCHEMA)  # the first files had no version
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
         raise UsageError(f"{run / layout.RUN} is damaged: its schema is not a version")
@@ -191,7 +190,7 @@ def check_version(run: Path) -> None:
 
 
 def json_object(path: Path) -> dict[str, Any] | None:
-    """Return the object in a JSON file; None when the file is missing or incomplete."""
+    """Return the object in a JSON file; None when the file is missing, damaged, or not an object."""
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

@@ -13,8 +13,9 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
-from foundation.measurement import LARGE, Distance, Number, Place, TargetMeasurement, Visible, doc
+from foundation.measurement import Distance, Place, TargetMeasurement, Visible, doc
 from foundation.protocol import FINISHED, GO
+from foundation.typed_file import LARGE, Number
 
 DRONES = 255  # number of MAVLink system ids
 
@@ -223,7 +224,7 @@ class ActiveLimits:
         self._of_drone: dict[int, tuple[str, ...]] = {}
 
     def begun(self, row: EnvelopeRow) -> tuple[str, ...]:
-        """Take the next row; return its limits that did not act on this drone before."""
+        """Take the next row; return its limits that are not in this drone's previous row."""
         before = self._of_drone.get(row.drone, ())
         self._of_drone[row.drone] = row.limits
         return tuple(name for name in row.limits if name not in before)

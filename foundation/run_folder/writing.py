@@ -1,4 +1,4 @@
-"""Writes the append-only logs of a run folder. They are flushed line by line, and stay readable after any kill."""
+"""Writes the append-only logs of a run folder. JSON lines are flushed one by one, and stay readable after any kill."""
 
 import json
 import struct
@@ -75,7 +75,7 @@ class TelemetryLog:
 class PromptLog:
     """Writes prompts.jsonl. Each line is on disk before the question is sent.
 
-    Most of a prompt is the same at every step, so a row holds only the lines of text that differ from an earlier one.
+    Most of a prompt is the same at every step, so most rows hold only the lines that differ from the last whole text.
     """
 
     def __init__(self, path: Path) -> None:

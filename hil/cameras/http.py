@@ -43,7 +43,7 @@ class Caller:
     def get(self, read_s: float, params: dict[str, int] | None = None) -> httpx.Response:
         """Return the response with an unread body; the caller must close it. Raises CameraError.
 
-        `read_s` is the longest silence of the camera.
+        `read_s`: s of silence after which the camera counts as broken.
         """
         response = self._send(read_s, params)
         challenge = response.headers.get("www-authenticate", "").lower()
@@ -217,7 +217,7 @@ class Multipart:
         if len(self._boundary) < 3:
             raise CameraError("its stream has no boundary between pictures")
         self._buffer = bytearray()
-        self._searched = 0  # bytes of the buffer that contain no boundary
+        self._searched = 0  # number of bytes at the buffer's beginning that were searched and contain no boundary
         self._in_body = False
         self._length: int | None = None  # bytes of the body, if its header has them
         self._began_s: float | None = None  # time of the body's first bytes; None: no bytes yet

@@ -173,7 +173,8 @@ def _focal_px(matrix: Any, distortion: Any, size: tuple[int, int], fisheye: bool
     """Return the focal length (px) at which the corrected picture is completely inside the camera's picture."""
     if fisheye:
         best = cv2.fisheye.estimateNewCameraMatrixForUndistortRectify(matrix, distortion, size, np.eye(3), balance=0.0)
-        # our principal point is the centre, so the focal length grows until the edge nearest to OpenCV's point fits
+        # OpenCV's principal point may be off the centre, but ours is the centre. So the focal length is raised until
+        # the side with the least room also fits.
         reach = [min(best[k, 2], size[k] - 1 - best[k, 2]) / ((size[k] - 1) / 2) for k in (0, 1)]
         return float(max(best[k, k] / reach[k] if reach[k] > 0 else math.nan for k in (0, 1)))
     best, _ = cv2.getOptimalNewCameraMatrix(matrix, distortion, size, 0.0, size, centerPrincipalPoint=True)
@@ -181,11 +182,11 @@ def _focal_px(matrix: Any, distortion: Any, size: tuple[int, int], fisheye: bool
 
 
 def _within(places: NDArray[np.float32], length: int) -> bool:
-    return bool(np.all((places > -1.5) & (places < length + 0.5)))  # tolerance: OpenCV checks few places
+    return bool(np.all((places > -1.5) & (places < length + 0.5)))  # tolerance, because OpenCV checks few points only
 
 
 def _unfolded(x: NDArray[np.float32], y: NDArray[np.float32]) -> bool:
-    """Return whether no part of the picture appears twice. Beyond its calibrated range, a polynomial may fold it."""
+    """Return whether no part of the picture appears twice. Outside the calibrated area, the polynomial may fold it."""
     x_down, x_right = np.gradient(x)
     y_down, y_right = np.gradient(y)
     return bool(np.all(x_right * y_down - x_down * y_right > 0.0))
@@ -195,7 +196,7 @@ VIEWS_MIN = 10
 ERROR_MAX_PX = 1.0  # root mean square
 FOCAL_SIGMA_MAX = 0.01  # standard deviation of the focal length, as a share of it
 # Least standard deviation of the boards' normals, for their components across and down the picture. If all boards face
-# the camera, any focal length fits, and the solver may report a small sigma for a wrong one. So boards must be tilted.
+# the camera, any focal length fits, and the solver may report a small sigma for a wrong focal length.
 TILT_MIN = 0.1
 COVERAGE_MIN = 0.5  # share of the picture's area with corners; the fit is unreliable outside it
 MOVED_MIN = 0.04  # mean shift of the corners in a new view, as a share of the picture's width

@@ -25,11 +25,11 @@ class CameraMeasurement:
     frames: int
     seconds: float  # s, host's clock, from the first frame to the last
     rate_hz: float | None  # Hz, of all arriving pictures; None: fewer than two frames
-    interval_ms: float | None  # median; None, like the next two: no two consecutive frames
-    jitter_ms: float | None  # standard deviation of the interval
-    longest_ms: float | None
-    age_ms: float | None  # median; None: the camera stamps by its own clock
-    oldest_ms: float | None
+    interval_ms: float | None  # median interval; None: no two consecutive frames
+    jitter_ms: float | None  # standard deviation of the interval; None: no two consecutive frames
+    longest_ms: float | None  # longest interval; None: no two consecutive frames
+    age_ms: float | None  # median age; None: the camera stamps by its own clock
+    oldest_ms: float | None  # highest age; None: the camera stamps by its own clock
     missing: int  # number of missing pictures, computed from the gaps
     repeated: int  # pictures that are equal to the previous one, bit for bit
     unseen: int  # pictures that arrived while this computer was busy with an earlier one
@@ -53,7 +53,7 @@ def measure(camera: RealCamera, seconds: float) -> tuple[CameraMeasurement, Fram
             break
         try:
             following = camera.following(frame.frame_id)
-        except StreamEndedError:  # the recording is shorter
+        except StreamEndedError:  # the recording is shorter than `seconds`
             break
         repeated += bool(np.array_equal(following.image_rgb, frame.image_rgb))
         frame = following

@@ -34,9 +34,10 @@ def open_camera(
 ) -> RealCamera:
     """Return the open camera at an address; its frames are stamped on the clock of `now_us`.
 
-    With a calibration its frames are corrected, and `model` follows from the calibration. Without one, `hfov_deg` is
-    assumed. A frame older than `max_age_s` is a CameraError. Raises UsageError for an invalid address and a lens that
-    cannot be corrected, CameraError if no frame arrives. No error message contains the password of an address.
+    With a calibration, the frames are corrected, and the camera's `model` follows from the calibration. Without one,
+    `hfov_deg` is assumed. The camera raises CameraError instead of a frame older than `max_age_s`. Raises UsageError
+    for an invalid address and a lens that cannot be corrected, CameraError if the camera cannot be opened. No error
+    message contains the password of an address.
     """
     address = parse(url)
     lens = Lens(calibration, hfov_deg)

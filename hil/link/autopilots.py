@@ -23,8 +23,8 @@ class Firmware:
 
     version: str  # major.minor.patch, with alpha, beta or rc before a release
     git: str  # first 8 bytes of the commit's hash, in hexadecimal; empty: not sent
-    vendor: int  # USB ids of the board; 0: not sent
-    product: int
+    vendor: int  # USB vendor id of the board; 0: not sent
+    product: int  # USB product id of the board; 0: not sent
     uid: int  # id of the board; 0: not sent
     capabilities: int  # MAV_PROTOCOL_CAPABILITY bits
 

@@ -76,7 +76,7 @@ CHECK = ". Check that the vehicle or simulator runs, and that the URL is right"
 PATIENCE_S = 0.5  # longest wait of one read, in s of the transport's clock
 GAP_US = 500_000  # µs of vehicle time without telemetry after which the last mode is not trusted
 AWAY_S = 0.5  # s of the transport's clock between two sends; after a longer pause, received bytes are read first
-ASK_AGAIN_S = 1.5  # s of the transport's clock between requests; an estimator has no position in the first second
+ASK_AGAIN_S = 1.5  # s of the transport's clock between requests in `connect`; estimators take a second for a position
 COMMAND_RETRY_US = 500_000
 COMMAND_TRIES = 6
 KEY_TRIES = 5
@@ -167,7 +167,8 @@ class Conversation:
         began_s, requested_s, complete_s, system = self._time_s(), -math.inf, math.inf, self.system
         while not self._has_telemetry() or (self.firmware is None and self._time_s() < complete_s + 1.0):
             now_s = self._time_s()
-            if now_s >= requested_s + ASK_AGAIN_S or system != self.system:  # a request restarts the interval
+            # not at every pass, because each request restarts the interval of its message
+            if now_s >= requested_s + ASK_AGAIN_S or system != self.system:
                 requested_s, system = now_s, self.system
                 self._send_heartbeat()
                 if self.system:
@@ -182,7 +183,7 @@ class Conversation:
                 raise LinkError(
                     f"{missing} on {self.transport.url} within {timeout_s:g} s{self._why_unheard() or CHECK}"
                 )
-        # the first heartbeat comes before the clock is known
+        # the first heartbeat came before the clock was known, so it counts as received now
         self.state = self.state._replace(heartbeat_us=max(self.state.heartbeat_us, self.time_us))
         self._request_streams()
 
@@ -407,7 +408,7 @@ class Conversation:
             self._send_heartbeat()
             for interval in self.streams.check(self.time_us):
                 self._request(interval.message_id, interval.interval_us)
-            self._request_once()  # an autopilot without a fix has neither origin nor home to send
+            self._request_once()  # again, because an autopilot without a fix has neither origin nor home to send
 
     def mode_is_known(self) -> bool:
         """Return whether the autopilot has sent its mode since the last gap of telemetry."""
@@ -435,7 +436,7 @@ class Conversation:
                 raise LinkError(f"the vehicle on {self.transport.url} {fault} for {silent_s:.3g} s")
 
     def wait(self, seconds: float) -> None:
-        """Wait for vehicle time to pass, and continue to send setpoints."""
+        """Wait for `seconds` of vehicle time, and continue to send what is due."""
         end_us = self.time_us + round(seconds * 1e6)
         while self.time_us < end_us:
             self.tick()

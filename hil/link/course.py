@@ -121,7 +121,7 @@ class PoseHistory:
         return (north, east, down)
 
     def mean_range(self, seconds: float) -> float | None:
-        """Return the mean of the rangefinder (m) over the last `seconds`; None without a rangefinder."""
+        """Return the mean of the rangefinder (m) over the last `seconds`; None if it sent no range in this time."""
         late = self._late(self._ranges, seconds)
         return sum(range_m for (range_m,) in late) / len(late) if late else None
 

@@ -16,21 +16,19 @@ from msgspec import Meta
 from foundation.errors import LinkError, UsageError
 from foundation.frames import Vec3, geodetic_to_ned, wrap_pi
 from foundation.polygon import contains
-from foundation.typed_file import replaced, toml_table
+from foundation.typed_file import Number, Positive, replaced, toml_table
 from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoint
 from hil.link.telemetry import VehicleState
 
 PLACE_GAIN = 1.0  # 1/s, speed per metre of distance at which a PX4 flies to a place: MPC_XY_P 0.95, MPC_Z_P 1
-GAIN = 0.5  # 1/s, speed per metre to a limit; a real PX4 reaches nine tenths of a velocity step within a second
+# 1/s, highest speed per metre of distance to a limit. A real PX4 can stop in time: it reaches nine tenths of a velocity
+# step within a second.
+GAIN = 0.5
 STANDSTILL = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 BACK_MAX = 0.5  # m/s, highest speed at which a vehicle beyond a limit is brought back
 TOUCHING_M = 1e-3  # m: a line this near to a corner touches it
 STALE_US = 500_000  # µs without a new position, after which the last one is not used
 
-LARGE = 1e12  # no limit is larger
-
-Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
-Positive = Annotated[float, Meta(gt=0.0, lt=LARGE)]
 Corner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [north, east]"})]  # m, from home
 GeodeticCorner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [latitude, longitude]"})]  # °
 Polygon = Annotated[tuple[Corner, ...], Meta(min_length=3)]

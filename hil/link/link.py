@@ -55,9 +55,9 @@ class Link(Conversation):
     ) -> None:
         """`limits`: the safety envelope of every setpoint. `dry`: send nothing that would move the vehicle.
 
-        `key`, `unix_s`: as in `Conversation`. `simulated`: a simulated vehicle, whose failsafes are part of its flight,
-        for example after a crash. They are not a takeover: the stream of setpoints continues, and PX4 returns to it
-        when it can.
+        `silence_s`, `key`, `unix_s`: as in `Conversation`. `simulated`: a simulated vehicle, whose failsafes are part
+        of its flight, for example after a crash. They are not a takeover: the stream of setpoints continues, and PX4
+        returns to Offboard when it can.
         """
         super().__init__(transport, silence_s=silence_s, key=key, unix_s=unix_s)
         self.limits = limits
@@ -70,7 +70,7 @@ class Link(Conversation):
         self._rate = SetpointRate()
         self._offboard = False  # whether we are in Offboard
         self._expected: tuple[str, ...] = ()  # modes that our last order leads to; (): no check for a takeover
-        self._leaving: tuple[str, ...] = ()  # earlier modes, accepted until OVERTAKEN_US after it is obeyed
+        self._leaving: tuple[str, ...] = ()  # earlier modes, accepted until OVERTAKEN_US after `_obeyed_us`
         self._obeyed_us = 0  # µs, vehicle clock when telemetry first showed an expected mode; 0: not yet
         self._taken_by: str | None = None
         self.simulated = simulated
@@ -95,7 +95,7 @@ class Link(Conversation):
         if name != "OFFBOARD":
             self._offboard = False
         self._expect(name, *self.family.goes_on_to(name))
-        # on a lossy link, the setpoints may not have arrived yet
+        # on a lossy link our setpoints may arrive late, and an autopilot may refuse Offboard until they do
         insist_s = OFFERED_S if name == "OFFBOARD" else 0.0
         self.order(
             f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, *self.family.mode_parameters(name), insist_s=insist_s
@@ -209,9 +209,9 @@ class Link(Conversation):
         return self._failed or self.state.heartbeat_us <= self._strayed_us  # the heartbeat may be late on a bad link
 
     def tick(self) -> None:
-        """Wait for the next tick of vehicle time (20 Hz), then send the setpoint.
+        """Wait for the next tick of vehicle time (20 Hz, or the higher rate of `stream_at`), then send the setpoint.
 
-        Raises LinkError, and TakeoverError if another client has ended Offboard.
+        Raises LinkError; TakeoverError if the vehicle was taken over; EnvelopeError if the envelope ends the flight.
         """
         super().tick()
         if self._taken_by is not None and not self.dry:
@@ -269,7 +269,10 @@ class Link(Conversation):
 
     @property
     def steady(self) -> bool:
-        """Whether a turn is over: the nose is within 1° of its end and slower than 5°/s, and the place is held."""
+        """Whether a turn is over: the nose is within 1° of its end and slower than 5°/s.
+
+        If a move follows the turn, the position must also be within 5 cm of the line of that move.
+        """
         state = self.state
         if self.dry:
             return True  # nothing will turn, so there is nothing to wait for

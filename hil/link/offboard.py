@@ -23,7 +23,7 @@ LINE_REACHED_M = 0.05
 ROUNDING = 1e-6  # rad of tolerance for the rounding of an angle that is summed over ticks
 YAW_RATE_STILL = math.radians(5.0)  # rad/s; a turn is not over above this rate
 GRACE_US = 150_000  # µs, three ticks; a setpoint lasts this much longer, because the next may come just after its end
-GAP_US = 200_000  # µs; of a longer time between two updates of a turn, only this part counts
+GAP_US = 200_000  # µs; if more time passes between two updates of a turn, only this much of it counts
 STAMP_US = 1_000  # µs, resolution of the vehicle's time stamps
 LATE_MAX_US = 250_000  # µs; a hold is not corrected for a move that ended late by more than this
 
@@ -34,7 +34,7 @@ class TurnProgress:
 
     start: float  # rad, 0 = north, clockwise: heading at the start of the turn
     yaw_rate: float  # rad/s, + right
-    angle: float | None  # rad, with the sign of the rate; None: until the end of its time
+    angle: float | None  # rad, with the sign of the rate; None: the turn lasts until `ends_us`
     ends_us: int | None  # µs, vehicle clock; None: no end time
     counted_us: int | None = None  # µs, vehicle clock of the last update; None: not begun
     turned: float = 0.0  # rad, unsigned, commanded until the last update

@@ -15,7 +15,7 @@ Value = int | float
 
 INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
 NAME_MOST = 16  # characters
-TRIES = 6  # if a link loses one message in ten in each direction, one try in five fails
+TRIES = 6  # six failures in a row are rare, even if a link loses one message in ten: then one try in five fails
 RETRY_US = 500_000  # µs of vehicle time
 AT_ONCE = 4  # requests per tick of the link, 80 a second: 3 kB/s, which a telemetry radio carries
 ERRORS = {

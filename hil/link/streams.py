@@ -30,12 +30,13 @@ CHECK_US = 3_000_000  # µs of vehicle time over which arrivals are counted
 SHORT = 0.6  # share of the requested rate; below it, link or autopilot are too slow
 DOUBLINGS = 2  # doublings of the fast messages' interval, down to 5 Hz: PX4's Offboard needs setpoints above 2 Hz
 SMALL = 0.05  # share of all bytes; smaller streams that we do not read are not stopped
+# messages that are never stopped, although they are not requested either
 KEEP = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_STATUSTEXT})
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A request: `interval_us` µs between two messages of `message_id`; −1 stops it."""
+    """A request: `interval_us` µs between two messages of `message_id`; −1 stops these messages."""
 
     message_id: int
     interval_us: int

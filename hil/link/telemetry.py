@@ -73,7 +73,7 @@ def _plain(text: str | bytes) -> str:
 
 
 WRAP_MS = 1 << 32  # time_boot_ms is a uint32
-FAR_MS = 60_000  # a stamp further ahead, or from after a reboot, counts only after others confirm it
+FAR_MS = 60_000  # ms; a stamp further ahead than this, or below this after a reboot, counts only if others confirm it
 LATE_MS = 5_000  # a stamp older than this is not from a late packet
 CONFIRMED = 5  # stamps in a row that must agree with each other, to confirm such a stamp
 CONFIRMED_S = 0.3  # s that must pass from the first to the last of them, for live messages

@@ -16,6 +16,7 @@ from foundation.machine import port_holder
 FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, tcpin://HOST:PORT or serial://DEVICE:BAUD"
 BITS_PER_BYTE = 10  # of a serial line, 8N1: a start bit, eight data bits, a stop bit
 BAUD = 57_600  # default rate of a serial line, as in MAVSDK and for PX4's TELEM1
+SEND_S = 5.0  # wall seconds after which a TCP client that no longer reads is dropped
 PEER_S = 3.0  # wall seconds of silence after which an address gets no more answers
 BUFFER_BYTES = 4 * 1024 * 1024  # a renderer that is busy for 100 ms must not lose telemetry
 
@@ -31,9 +32,9 @@ class Transport(Protocol):
         return time.monotonic()
 
     def receive(self, timeout_s: float) -> bytes:
-        """Return the bytes from one address; b'' if none arrived within `timeout_s` of `time_s`.
+        """Return the bytes from one address; b'' if none arrived within `timeout_s` (s). Raises LinkError.
 
-        Raises LinkError.
+        Real links measure the time-out by the wall clock; links in lockstep measure it by `time_s`.
         """
         ...
 
@@ -154,47 +155,73 @@ class TcpTransport(Transport):
 class TcpListener(Transport):
     """A TCP server for one client at a time. A later client replaces an earlier one."""
 
-    def __init__(self, url: str, host: str, port: int) -> None:
+    def __init__(self, url: str, host: str, port: int, instead: str = "choose another port") -> None:
+        """Listen. Port 0: the system chooses a free port.
+
+        Raises UsageError for a port that is in use, with the advice `instead`.
+        """
         self.url = url
         self._listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a client may come back within a minute
         try:
             self._listening.bind((host, port))
+            self._listening.listen(1)  # the second of two servers on the same port fails here
         except OSError as error:
             self._listening.close()
-            raise bind_error(error, "TCP", host, port) from None
-        self._listening.listen(1)
+            raise bind_error(error, "TCP", host, port, instead) from None
+        self._listening.setblocking(False)
         self._client: socket.socket | None = None
+        self.connections = 0  # number of connections so far
 
     @property
     def port(self) -> int:
         """The local port, useful if port 0 was requested."""
         return int(self._listening.getsockname()[1])
 
+    @property
+    def connected(self) -> bool:
+        """Whether a client is connected. A lost connection is noticed at the next `send` or `receive`."""
+        return self._client is not None
+
+    def accept(self) -> bool:
+        """Accept a waiting client; return whether there was one. Never waits."""
+        try:
+            client, _ = self._listening.accept()
+        except BlockingIOError:
+            return False
+        self._drop()
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client.settimeout(SEND_S)
+        self._client = client
+        self.connections += 1
+        return True
+
     def receive(self, timeout_s: float) -> bytes:
+        """Return the client's bytes; b'' if none arrived in time, or if a client has just connected or gone."""
         watched = [self._listening] + ([self._client] if self._client else [])
         ready = select.select(watched, [], [], timeout_s)[0]
         if self._listening in ready:
-            self._drop()
-            self._client = self._listening.accept()[0]
-            self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self.accept()
             return b""
-        if self._client is None or self._client not in ready:
-            return b""
-        try:
-            data = self._client.recv(65536)
-        except OSError:
-            data = b""
-        if not data:
-            self._drop()
-        return data
+        return self._read() if ready else b""
 
     def send(self, data: bytes) -> None:
+        """Send to the client, if there is one. A lost connection is closed, but is not an error."""
         if self._client is not None:
             try:
                 self._client.sendall(data)
             except OSError:
                 self._drop()
+
+    def _read(self) -> bytes:
+        """Return the bytes of a client that has data to read; b'' if it has gone."""
+        assert self._client is not None
+        data = b""
+        with contextlib.suppress(OSError):
+            data = self._client.recv(65536)
+        if not data:
+            self._drop()
+        return data
 
     def _drop(self) -> None:
         if self._client is not None:

@@ -53,7 +53,7 @@ class Check:
         return [finding.change for finding in self._findings() if finding.change is not None]
 
     def _shown(self, finding: Finding) -> Row:
-        """Return a finding's row. A failed row mentions a PX4 default that our simulator also has."""
+        """Return a finding's row. A row that fails on a simulated vehicle because of PX4's default says so."""
         row, change = finding.row, finding.change
         if row.passed is not False or change is None or PX4_DEFAULTS.get(change.name) != change.old:
             return row
@@ -101,8 +101,8 @@ def vehicle_clock(observed: Observation, link: Link) -> Callable[[], int]:
 def apply_changes(link: Link, before: Check, changes: Sequence[Change]) -> Check:
     """Set the parameters, read each back, and return the check with the new values. Changes nothing else.
 
-    Raises LinkError with the first parameter that could not be set; the earlier parameters are set. Raises UsageError
-    for an armed vehicle.
+    Raises LinkError with the first parameter that could not be set; the changes before it stay in effect. Raises
+    UsageError for an armed vehicle.
     """
     if link.state.armed:
         raise UsageError("the vehicle is armed; parameters are only changed on one that is not: disarm it first")

@@ -1,4 +1,4 @@
-"""The rules for the autopilot's failsafe parameters, which set what the vehicle does by itself: one rule for each.
+"""One rule for each failsafe parameter of the autopilot. These parameters set what the vehicle does by itself.
 
 A wrong proposal is dangerous, so a rule proposes only a value that is right for every vehicle. A value that is the
 owner's choice is shown, and no change is proposed. Sources: PX4's parameter reference; failsafe.cpp, if a rule names
@@ -27,7 +27,8 @@ EXCEPT_OFFBOARD = 4  # bit 2 of COM_RCL_EXCEPT
 OVERRIDE = 1 | 2
 MANUAL_SLOTS = (0, 1, 2, 6, 8, 9)  # COM_FLTMODEn: Manual, Altitude, Position, Acro, Stabilized, Position Slow
 SLOTS = tuple(f"COM_FLTMODE{n}" for n in range(1, 7))
-LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5  # s; below 0.5 s a short gap of the radio would end Offboard
+# s, lowest, highest and proposed COM_OF_LOSS_T. Below 0.5 s a short gap of the radio would end Offboard.
+LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,8 +20,8 @@ FLIGHT_STREAMS = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG
 RATE_LEAST = 8.0  # Hz; below it the link's loops for height and position lag too much
 SHARE_LEAST = 0.8  # share of the requested rate; a lower one is reported
 ROUND_TRIP_MOST = 0.5  # s; with more, a setpoint arrives after more than half of COM_OF_LOSS_T
-LOST_MOST = 0.35  # share of the requests; about one lost message in five in each direction
-DRIFT_MOST = 2e-3  # relative; a quartz drifts 1e-4, so with more the vehicle is simulated or overloaded
+LOST_MOST = 0.35  # share of unanswered requests; reached if about one message in five is lost in each direction
+DRIFT_MOST = 2e-3  # s per s; a quartz clock drifts 1e-4, so a larger drift shows a simulated or overloaded vehicle
 CALENDAR_MOST = 2.0  # s between the vehicle's date and this machine's
 SIMULATED_MOST_US = 7 * 86_400_000_000  # a simulator seldom runs longer than a week
 

@@ -139,7 +139,7 @@ class Watch:
         with link.listening(self._take):
             for message_id, rate in STREAM_HZ.items():
                 link.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(1e6 / rate))
-            link.command(dialect.MAV_CMD_RUN_PREARM_CHECKS)  # makes PX4 send the reasons again
+            link.command(dialect.MAV_CMD_RUN_PREARM_CHECKS)  # makes PX4 send again why it would not arm
             self._counts.clear()
             self._began_us = link.time_us
             sync_us, end_us = 0, self._began_us + seconds * 1e6

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.http_model import HttpModel
+from dronecats.agent.models.rate_limits import Limiters
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.agent.models.turns import Limiters
 from dronecats.agent.models.wire_formats import open_model
 from dronecats.flight.run.accounts import TEXT
 

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 COMPOSED = {"FD_FAIL_P_TTRI", "FD_FAIL_R_TTRI"}  # read under a composed name
 INSTEAD = {
     "GF_SOURCE": "the geofence uses the estimated position, as in PX4's default",
-    "GF_PREDICT": "a breach begins when the vehicle is outside, as in PX4's default",
+    "GF_PREDICT": "a breach begins when the vehicle is outside the fence, as in PX4's default",
     "COM_FLTT_LOW_ACT": "the remaining flight time is not estimated; `COM_FLT_TIME_MAX` and the battery levels act",
 }
 
@@ -41,5 +41,5 @@ def section() -> str:
 | --- | --- |
 {rows}
 
-{len(unused) - len(INSTEAD)} more parameters have no effect. Clients expect them:
+{len(unused) - len(INSTEAD)} more parameters have no effect. They exist because clients expect them:
 {others}."""

@@ -10,7 +10,7 @@ import jsonschema
 import pytest
 
 from dronecats.agent.latency import LatencyPolicy
-from dronecats.agent.models import turns
+from dronecats.agent.models import rate_limits
 from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.cli.main import main
@@ -34,7 +34,7 @@ LOCKSTEP = Simulated(speed=None)
 @pytest.fixture
 def serve(monkeypatch):
     monkeypatch.setattr(accounts, "open_model", opened_without_pauses)
-    monkeypatch.setattr(turns, "SLOW_INTERVAL_S", 0.0)  # between questions to a server that was busy
+    monkeypatch.setattr(rate_limits, "SLOW_INTERVAL_S", 0.0)  # between questions to a server that was busy
     opened = []
 
     def start(reply, *faults):

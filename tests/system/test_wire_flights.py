@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from dronecats.agent.latency import LatencyPolicy
-from dronecats.agent.models import turns
+from dronecats.agent.models import rate_limits
 from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.cli.main import main
@@ -71,7 +71,7 @@ def replayed(capsys, folder, out, *words):
 
 def test_a_connection_that_fails_twice_per_step_does_not_change_the_flight(serve, tmp_path, monkeypatch):
     monkeypatch.setattr(accounts, "open_model", opened_without_pauses)
-    monkeypatch.setattr(turns, "SLOW_INTERVAL_S", 0.0)  # pause between questions to a busy server
+    monkeypatch.setattr(rate_limits, "SLOW_INTERVAL_S", 0.0)  # pause between questions to a busy server
     result, whole = fly_spec(asking(serve()), tmp_path / "whole")
     broken = serve(*AGAIN.values())
     hurt, folder = fly_spec(asking(broken), tmp_path / "broken")

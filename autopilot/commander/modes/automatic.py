@@ -12,7 +12,7 @@ from autopilot.records import IDLE, NAN, CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
 BRAKING_SHARE = 0.5  # fraction of the acceleration limit; the position controller needs the other half
-LEAST_SPEED = 1.0  # m/s; near the target the position loop limits the speed
+LEAST_SPEED = 1.0  # m/s; near the target the limit falls no further, because the position loop slows the vehicle
 
 
 def approach_speed(distance: float, cruise: float, acceleration: float) -> float:
@@ -80,14 +80,15 @@ class Takeoff(Mode):
         self._wanted_z = math.nan
 
     def aim(self, z_ned: float) -> None:
-        """Set the local z (m, NED) of the next climb; nan = MIS_TAKEOFF_ALT above the ground."""
+        """Set the local z (m, NED) of the next climb; nan = MIS_TAKEOFF_ALT above the ground, in the air above home."""
         self._wanted_z = z_ned
 
     def enter(self, flight: FlightContext) -> None:
         self.next_mode = None
         n, e, z = flight.state.position_ned
         target = z - float(flight.parameters["MIS_TAKEOFF_ALT"])
-        if self._wanted_z < z - LEAST_CLIMB_M:  # a lower height (clients send 0 for 'any') or nan means the default
+        # nan, or a height that needs no climb (clients send 0 for 'any'), means the default
+        if self._wanted_z < z - LEAST_CLIMB_M:
             target = self._wanted_z
         elif not flight.landed and flight.home is not None:
             # already in the air: climb to MIS_TAKEOFF_ALT above home, but never descend
@@ -111,7 +112,7 @@ LANDING_STOPPED_SPEED = 0.5  # m/s, horizontal; below it LAND stores the positio
 
 
 def landing_speed(flight: FlightContext) -> float:
-    """Return the sink rate (m/s): MPC_Z_V_AUTO_DN above MPC_LAND_ALT1, MPC_LAND_SPEED below MPC_LAND_ALT2."""
+    """Return the sink rate (m/s): from MPC_Z_V_AUTO_DN above MPC_LAND_ALT1 to MPC_LAND_SPEED below MPC_LAND_ALT2."""
     p = flight.parameters
     high, low = float(p["MPC_LAND_ALT1"]), float(p["MPC_LAND_ALT2"])
     fast, slow = float(p["MPC_Z_V_AUTO_DN"]), float(p["MPC_LAND_SPEED"])
@@ -184,7 +185,10 @@ def return_height(flight: FlightContext, distance: float, height: float) -> floa
 
 
 def safe_places(flight: FlightContext) -> list[Vec3]:
-    """Return the landing places (m, NED): home first, then the rally points with a known position."""
+    """Return the landing places (m, NED): home first, then the rally points with a known position.
+
+    Without home, the vehicle's present position is the first one.
+    """
     home: Home | None = flight.home
     places = [home.position_ned if home is not None else flight.state.position_ned]
     for item in flight.plans.rally:
@@ -254,9 +258,9 @@ class ReturnHome(Mode):
             self._leg = "land"
 
 
-TARGET_TIMEOUT_US = 3_000_000  # without FOLLOW_TARGET for longer, the vehicle waits in place
+TARGET_TIMEOUT_US = 3_000_000  # if no FOLLOW_TARGET arrives for longer, the vehicle holds its position
 COURSE_SPEED = 1.0  # m/s; the course of a slower target is not updated
-HEIGHT_LEAST = 1.0  # m; FLW_TGT_HT below this has no effect
+HEIGHT_LEAST = 1.0  # m; a lower FLW_TGT_HT counts as this height
 CONSTANT, TERRAIN, TARGET = range(3)  # FLW_TGT_ALT_M
 
 
@@ -318,7 +322,7 @@ class Follow(Mode):
     def _wanted(self, flight: FlightContext) -> Vec3:
         p = flight.parameters
         assert self._seen is not None
-        bearing = self._course + math.radians(p["FLW_TGT_FA"])  # 0 ahead of the target, 180 behind
+        bearing = self._course + math.radians(p["FLW_TGT_FA"])  # FLW_TGT_FA: 0° ahead of the target, 180° behind
         distance, height = float(p["FLW_TGT_DST"]), max(float(p["FLW_TGT_HT"]), HEIGHT_LEAST)
         reference = p["FLW_TGT_ALT_M"]
         ground = flight.home.position_ned[2] if flight.home is not None else 0.0
@@ -333,7 +337,7 @@ class Follow(Mode):
         )
 
 
-CAPTURE_GAIN = 0.8  # 1/s, radial error to radial speed
+CAPTURE_GAIN = 0.8  # 1/s, radial speed per radial error
 LEAD_S = 0.4  # s, lag of the velocity behind its setpoint; measured with the x500 on circles of 8 to 40 m
 ACCELERATION = 2.0  # m/s², largest centripetal acceleration: PX4's FlightTaskOrbit
 RADIUS_LEAST = 1.0  # m
@@ -360,7 +364,11 @@ class Orbit(Mode):
         self._time_us = 0
 
     def around(self, centre_ned: Vec3 | None, radius: float, speed: float, yaw_behaviour: int = TO_CENTRE) -> None:
-        """Set the circle. A centre of None is the position at which the mode is entered. `speed` is limited."""
+        """Set the circle. A centre of None is the position at which the mode is entered.
+
+        The sign of `radius` (m) gives the direction: positive is clockwise. The sign of `speed` (m/s) is ignored, and
+        its size is limited to `speed_limit`.
+        """
         self.centre, self.radius = centre_ned, max(abs(radius), RADIUS_LEAST)
         self.speed = math.copysign(min(abs(speed), speed_limit(self.radius)), radius)
         self.yaw_behaviour = yaw_behaviour
@@ -381,8 +389,8 @@ class Orbit(Mode):
         on_circle = abs(distance - self.radius) < max(2.0, 0.3 * self.radius)
         tangential = self.speed if on_circle else 0.0
         turn = tangential / max(distance, 1.0)
-        # The setpoint is the wanted velocity after the lag. The velocity smoothing adds the feed-forward of the
-        # acceleration. A second feed-forward in this setpoint would pull the vehicle inside the circle.
+        # The setpoint is the velocity that the vehicle needs LEAD_S later. The velocity smoothing adds the feed-forward
+        # of the acceleration. A second feed-forward in this setpoint would pull the vehicle inside the circle.
         radial = captured - LEAD_S * turn * tangential
         yaw, yaw_rate = self._heading(flight, wrap_pi(math.atan2(-ue, -un)), turn, on_circle)
         return CascadeSetpoint(

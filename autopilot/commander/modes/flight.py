@@ -27,7 +27,7 @@ class Sticks:
 
 @dataclass(slots=True)
 class OffboardSignal:
-    """The newest valid offboard setpoint. It is stored in every mode."""
+    """The newest valid offboard setpoint. It is stored in every mode, not only in OFFBOARD."""
 
     time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
     setpoint: CascadeSetpoint = field(default_factory=CascadeSetpoint)
@@ -118,7 +118,11 @@ class Mode:
 
 
 def flyable(setpoint: CascadeSetpoint) -> bool:
-    """Return whether the cascade can fly a trajectory setpoint: it has z, and the same quantities north and east."""
+    """Return whether a trajectory setpoint has enough finite values for the cascade.
+
+    It needs a vertical and a horizontal position, velocity or acceleration. The north and the east component of a
+    quantity must both be finite, or both not.
+    """
     finite = math.isfinite
     pn, pe, pd = setpoint.position_ned
     vn, ve, vd = setpoint.velocity_ned

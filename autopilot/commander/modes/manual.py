@@ -12,7 +12,7 @@ from foundation.frames import GRAVITY, Vec3, quat_from_euler
 
 
 def shaped(stick: float, parameters: ParameterTable, expo: str) -> float:
-    """Return a deflection (-1 … 1) after the deadzone MPC_HOLD_DZ and the cubic expo; `expo` names its parameter."""
+    """Return a deflection (-1 … 1) after the deadzone MPC_HOLD_DZ and a cubic expo. `expo` is its parameter's name."""
     dead = float(parameters["MPC_HOLD_DZ"])
     if abs(stick) <= dead:
         return 0.0
@@ -28,7 +28,10 @@ def within_circle(forward: float, right: float) -> tuple[float, float]:
 
 
 def super_expo(stick: float, expo: float, extra: float) -> float:
-    """Return a rate stick (-1 … 1) after MC_ACRO_EXPO and MC_ACRO_SUPEXPO. Full deflection stays full deflection."""
+    """Return the deflection of a rate stick (-1 … 1) after the two expos of ACRO. Full deflection is unchanged.
+
+    `expo` is the value of MC_ACRO_EXPO, `extra` that of MC_ACRO_SUPEXPO.
+    """
     x = (1.0 - expo) * stick + expo * stick**3
     return x * (1.0 - extra) / (1.0 - abs(stick) * extra)
 

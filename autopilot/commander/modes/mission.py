@@ -10,12 +10,16 @@ from autopilot.records import CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
 CLIMBED_M = 0.5
-TURN_TO_COURSE_M = 3.0  # nearer to the waypoint, the vehicle no longer turns to its course
+TURN_TO_COURSE_M = 3.0  # nearer to the waypoint, the vehicle keeps its heading
 LAND_OVER_M = 1.0
 
 
 class Mission(Mode):
-    """Flies the mission. `current` is kept while other modes fly. `reached` collects the item numbers to announce."""
+    """Flies the mission.
+
+    `current` is the number of the item in progress. It is kept while other modes fly. `reached` has the numbers of
+    completed items that are not yet announced to clients.
+    """
 
     def __init__(self) -> None:
         self.current = 0

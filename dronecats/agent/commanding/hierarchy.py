@@ -55,9 +55,9 @@ class _Shown:
 class FleetCommander:
     """The commander of a fleet: one model for all drones. It is asked after events and at intervals, not every step.
 
-    The commander sees the picture of every camera, and the roster. It gives goals. Only the commander declares arrival:
-    a pilot's report becomes a declaration when the commander confirms it. The declaration refers to the drone's picture
-    that the commander saw.
+    The commander sees the picture of every camera, and the roster (the state of each drone as text). It gives goals.
+    Only the commander declares arrival: a pilot's report becomes a declaration when the commander confirms it. The
+    declaration refers to the drone's picture that the commander saw.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class FleetCommander:
         tally: Tally,
         keep: Callable[[Exchange], None],
     ) -> None:
-        """`posts` are in the order of the drones; `keep` logs an exchange."""
+        """`posts` are in the order of the drones; `keep` logs an exchange (a question and its reply)."""
         self._command, self._posts, self._cockpit = command, posts, cockpit
         self._now_s, self._tally, self._keep = now_s, tally, keep
         self._questions_sent = 0
@@ -279,7 +279,7 @@ class Hierarchy(SideBySideAgent):
     """Flies one episode with a commander and its pilots. All run concurrently, and each pilot has its own pace."""
 
     def __init__(self, questions: Questions, command: CommandQuestions, cockpit: Cockpit) -> None:
-        """`questions`: for the pilots. Its instruction is the goal of each drone until the commander gives another."""
+        """`questions` are for the pilots; their instruction is each drone's goal until the commander gives another."""
         super().__init__(cockpit)
         self._log: LineLog | None = None
         posts = [CommandedDrone(drone, questions.instruction) for drone in self._drones]

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 
 import httpx
 
-from dronecats.agent.models.turns import Limiter, Unlimited, allowances
+from dronecats.agent.models.rate_limits import Limiter, Unlimited, allowances
 from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.redaction import hide_secrets, redacted, redacted_url, secrets_of, worth_hiding
 from foundation.threads import COMPUTING, DaemonExecutor
@@ -115,10 +115,10 @@ def _status(error: Any) -> int:
 GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses; an episode has this length
 CONNECT_S = 10.0  # wall s for each connection, included in GIVE_UP_S
 MAX_BODY_BYTES = 4 * 2**20  # of an answer, decompressed; an answer of 8192 tokens has about 40 kB
-MAX_SHOWN_CHARS = 100_000  # of an answer that `brief` reads
+MAX_READ_CHARS = 100_000  # of an answer; `brief` reads this much, and shows 200
 MAX_PAUSE_S = 60.0  # upper limit on Retry-After
 AGAIN = (408, 425, 429)  # statuses after which a question is sent again, besides 5xx
-UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # any question would get this status
+UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # every question would get this status
 _VERSION = re.compile(r"/v\d")  # in the path of an address
 HEADERS = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
 T = TypeVar("T")
@@ -173,7 +173,7 @@ class Exchanged:
 
     @property
     def rejects(self) -> bool:
-        """True if any question would get the same answer: a wrong key, model or path, or no credit."""
+        """True if every question would get the same answer: a wrong key, model or path, or no credit."""
         if self.status in (UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND):
             return True
         return 400 <= self.status < 500 and is_exhausted(self.body)
@@ -213,7 +213,7 @@ class Endpoint:
         signed = {key_header.name: key_header.before + key} if key else {}
         try:
             self._base = httpx.URL(base_url)
-            # a proxy of the environment cannot reach a server on this machine's loopback
+            # the proxy of variables such as HTTP_PROXY cannot reach this machine's loopback address
             proxied = not _is_loopback(self._base.host)
             self._http = httpx.Client(headers={**headers, **signed}, verify=_trusted(), trust_env=proxied)
         except (httpx.InvalidURL, ValueError):
@@ -237,7 +237,7 @@ class Endpoint:
     def brief(self, text: str | bytes) -> str:
         """Return the beginning of an answer on one line, redacted."""
         content = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
-        line = redacted(" ".join(content[:MAX_SHOWN_CHARS].split()), *self._secrets)
+        line = redacted(" ".join(content[:MAX_READ_CHARS].split()), *self._secrets)
         return printable(line)[:200] or "(empty)"
 
     def check(self) -> None:
@@ -274,7 +274,7 @@ class Endpoint:
         """Return the first answer of status 200 without an error. `patience` limits the number of attempts.
 
         `tokens`: an estimate for the limiter. `failed` receives the bodies of all other answers. Raises ModelError. If
-        any question would get the same answer, raises its subclass ModelRejectedError without more attempts.
+        every question would get the same answer, raises its subclass ModelRejectedError without more attempts.
         """
         return self._within(self.patience.give_up_s, lambda until: self._attempts(path, content, tokens, failed, until))
 
@@ -297,17 +297,16 @@ class Endpoint:
         url, first = self.url(path), time.monotonic()
         for attempt in range(1, self.patience.attempts + 1):
             pause_s = self.patience.pause_s * 2.0 ** (attempt - 1)
-            self._await_turn(tokens, until)
+            self._await_limits(tokens, until)
             began = time.monotonic()
             try:
                 came = self._exchange(url, content, until)
             except (httpx.ReadTimeout, httpx.WriteTimeout):  # the timeout was all the time that was left
                 raise self._silent(self.patience.give_up_s) from None
             except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
-                reason, again = (
-                    f"stopped in the middle of its reply: {self._reason(error)}",
-                    isinstance(error, httpx.TransportError),
-                )
+                is_down = isinstance(error, httpx.ConnectError)
+                what = "cannot be reached" if is_down else "stopped in the middle of its reply"
+                reason, again = f"{what}: {self._reason(error)}", isinstance(error, httpx.TransportError)
             else:
                 if came.status == 200 or came.filtered:
                     latency_s, waited_s = round(time.monotonic() - began, 6), round(began - first, 6)
@@ -325,7 +324,7 @@ class Endpoint:
             time.sleep(pause_s)
         raise ModelError(f"the model endpoint {self.shown} {reason}")
 
-    def _await_turn(self, tokens: int, until: float) -> None:
+    def _await_limits(self, tokens: int, until: float) -> None:
         """Wait for the limiter. Raises ModelError if that would take too long."""
         while (wait_s := self._limiter.claim(tokens)) > 0.0:
             if time.monotonic() + wait_s >= until:

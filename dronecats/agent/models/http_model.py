@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 
 from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, NOT_FOUND, Endpoint, KeyHeader, RetryPolicy
 from dronecats.agent.models.model import Reply, Request, tokens_of
+from dronecats.agent.models.rate_limits import Limiters
 from dronecats.agent.models.reply_schema import known_part, orders_schema, reply_schema
 from dronecats.agent.models.spec import LOOPBACK, PROVIDERS, ModelSpec, provider_of
-from dronecats.agent.models.turns import Limiters
 from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.redaction import keyless, redacted_url
 from foundation.wording import did_you_mean, nearest
@@ -39,7 +39,7 @@ class ReadAnswer:
 class HttpModel(ABC):
     """A model behind an HTTP endpoint. API keys are read from the environment and sent only in the header."""
 
-    answer: ClassVar[str]  # name of a valid answer, for error messages
+    answer: ClassVar[str]  # what the format calls an answer, in "the endpoint sent something other than a …"
     key_header: ClassVar[KeyHeader] = BEARER
     unknown: ClassVar[Collection[str]] = ()  # keywords of JSON Schema that the format does not support
 
@@ -202,7 +202,7 @@ class HttpModel(ABC):
         return of_provider if own is None else own
 
     def schema(self, request: Request) -> dict[str, Any] | None:
-        """Return the schema of the reply; None if none is sent, or if it does not fit the reply.
+        """Return the schema to send for the reply; None if there is none for this question.
 
         A commander has its own schema. The schema of a single action does not fit the reply for a fleet.
         """

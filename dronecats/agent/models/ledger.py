@@ -11,8 +11,8 @@ from typing import Protocol
 import msgspec
 
 from dronecats.agent.models.model import Model, Reply, Request, WrappedModel, tokens_of, tokens_of_text
+from dronecats.agent.models.rate_limits import Allowance, Limiter, RateLimitState
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.agent.models.turns import Allowance, Limiter, RateLimitState
 from foundation.errors import BudgetError, ModelError, UsageError
 from foundation.files import FileKind, SqliteFile
 
@@ -86,25 +86,25 @@ class Ledger:
 
 
 class SharedLimiter:
-    """A `turns.Limiter` for all processes that share a ledger."""
+    """A `rate_limits.Limiter` for all processes that share a ledger."""
 
     def __init__(self, file: SqliteFile, address: str, model: str, now_s: Callable[[], float]) -> None:
         self._file, self._address, self._model, self._now_s = file, address, model, now_s
 
     def claim(self, tokens: int) -> float:
-        """Count a request as sent and return 0, or return the s to wait. Raises InfrastructureError."""
+        """Count a request as sent and return 0, or return the time (s) to wait. Raises InfrastructureError."""
         with self._file.transaction() as db:
-            wait_s, turns = self._read(db).claim(self._model, tokens, self._now_s())
-            self._write(db, turns)
+            wait_s, limits = self._read(db).claim(self._model, tokens, self._now_s())
+            self._write(db, limits)
         return wait_s
 
     def update(self, allowances: tuple[Allowance, ...]) -> None:
         """Apply the allowances of an answer. Raises InfrastructureError."""
         with self._file.transaction() as db:
-            turns = self._read(db)
+            limits = self._read(db)
             for allowance in allowances:
-                turns = turns.updated(self._model, allowance, self._now_s())
-            self._write(db, turns)
+                limits = limits.updated(self._model, allowance, self._now_s())
+            self._write(db, limits)
 
     def hold(self, seconds: float) -> None:
         """Block all requests to the address for `seconds`. Raises InfrastructureError."""
@@ -115,8 +115,8 @@ class SharedLimiter:
         row = db.execute("SELECT state FROM turns WHERE address = ?", (self._address,)).fetchone()
         return msgspec.json.decode(row[0], type=RateLimitState) if row else RateLimitState()
 
-    def _write(self, db: Connection, turns: RateLimitState) -> None:
-        state = msgspec.json.encode(turns).decode()
+    def _write(self, db: Connection, limits: RateLimitState) -> None:
+        state = msgspec.json.encode(limits).decode()
         db.execute("INSERT OR REPLACE INTO turns VALUES (?, ?)", (self._address, state))
 
 
@@ -125,7 +125,7 @@ MILLION = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """The limits of a run's spending. All costs in the ledger count, earlier ones too. None: no limit."""
+    """The limits of a run's spending. All costs in the ledger count, also those of earlier runs. None: no limit."""
 
     cost_usd: float | None = None
     tokens: int | None = None
@@ -225,7 +225,7 @@ class BudgetedModel(WrappedModel):
                 self._ledger.spend(self._spec.title, spent)
 
     def book_open(self) -> None:
-        """Add the cost of the questions that wait for a reply: the vendor charges for a reply that nobody receives.
+        """Add the cost of questions that are open at the end: the vendor also charges for replies that come too late.
 
         Each reply is assumed to have the mean length of the run's replies. Raises InfrastructureError.
         """

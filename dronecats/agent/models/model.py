@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-REASONS = {  # by `Reply.finish`; {tokens}: length of the reply
+REASONS = {  # by `Reply.finish`; {tokens}: number of tokens of the reply, or words if it is unknown
     "length": "cut off at {tokens} tokens: raise max_tokens or lower the reasoning",
     "refusal": "the model refused to answer",
     "filtered": "the provider's filter withheld the reply",
@@ -26,10 +26,12 @@ class Request:
     thinking: bool  # extended reasoning for this call only
     labels: tuple[str, ...] = ()  # the line of text before each image; empty: no labels
     # The fields below are not sent. A replay finds the recorded reply by step, drone and role.
-    step: int = 0  # number of the question to these drones or to the commander, from 0
+    step: int = 0  # from 0: counts the questions to these drones, or to the commander
     drone: int = 0  # first drone of the question
     role: Literal["pilot", "commander"] = "pilot"
-    taken_us: tuple[int, ...] = ()  # µs, vehicle clock, of each picture, for pilots that use the true state; empty: now
+    # time of each picture (µs, vehicle clock). Pilots that use the true state take the state at this time; empty: the
+    # present state
+    taken_us: tuple[int, ...] = ()
 
     @property
     def pictures(self) -> list[tuple[str | None, bytes]]:

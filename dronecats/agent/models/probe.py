@@ -76,7 +76,10 @@ def marked_picture() -> bytes:
 
 
 def pointing_question(order: AxisOrder, lifted: bool = False) -> Request:
-    """Return the question for the point of the mark. It declares an axis order and the JSON form of a go."""
+    """Return the question for the point of the mark. It declares an axis order and the JSON form of a go.
+
+    `lifted`: ask with reasoning.
+    """
     axes = "x counts from the left edge, 0, to the right, 1000; y from the top edge, 0, to the bottom, 1000"
     text = (
         "The picture shows one red disc on a grey ground. Point at its centre. Answer with one JSON object and nothing"

@@ -40,7 +40,7 @@ class LoggedReply:
     tokens_cached: int | None = None
     tokens_reasoning: int | None = None
     endpoint: str | None = None  # the provider that a router chose
-    role: Role = "pilot"  # for a commander, `step` is the number of its exchange
+    role: Role = "pilot"  # for a commander, `step` is the number of the question to it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +50,7 @@ class FlightRecording:
     flight: str  # name of the episode folder
     steps: tuple[LoggedReply, ...]
     to_the_cap: bool  # the flight lasted to the end of the episode, so a missing reply came too late
-    decided_by: tuple[Role, int] | None = None  # role and first drone of the declaration that ended the flight
+    decided_by: tuple[Role, int] | None = None  # role and first drone of the question whose reply ended the flight
     ended: str | None = None  # the reason in the End row of the flight's log; None: no such row
     commander: str | None = None  # name of the commander; None: there was none
 
@@ -67,7 +67,7 @@ class ReplayModel:
     def ask(self, request: Request) -> Reply:
         """Return the recorded reply. Raises ModelError for a question that the flight did not have.
 
-        A question that may have been open at the end of the recorded flight gets an empty reply after LONGEST_S.
+        If the recorded flight may have ended before the reply, the reply is empty with the latency LONGEST_S.
         """
         logged = self._steps.get((request.step, request.drone))
         if logged is not None:

@@ -10,7 +10,7 @@ from dronecats.agent.action import AxisOrder
 from foundation.errors import UsageError
 from foundation.wording import suggestion
 
-Wire = Literal["openai", "gemini", "anthropic"]  # each is a class of `wire_formats`
+Wire = Literal["openai", "gemini", "anthropic"]  # names of formats; `wire_formats` has a class for each
 PAPERS_TEMPERATURE = 0.4
 LOOPBACK = "http://127."  # addresses with this prefix need no key
 _EFFORT = {"reasoning_effort": "medium"}, {"reasoning_effort": "none"}
@@ -23,7 +23,8 @@ class Provider:
 
     Its settings are the defaults of a model without a row in models.toml, so they must suit all models of the provider.
     `thinking` and `quick` are merged into the request body to switch extended reasoning on or off (for Gemini, into
-    generationConfig). Both are empty if no switch suits all models; a model without a row then keeps its own default.
+    generationConfig). Both are empty if no switch suits all models; a model without a row then reasons as the server
+    decides.
     """
 
     name: str
@@ -32,7 +33,7 @@ class Provider:
     thinking: Mapping[str, Any] = field(default_factory=dict)
     quick: Mapping[str, Any] = field(default_factory=dict)
     temperature: float | None = PAPERS_TEMPERATURE  # None: not sent, since some models reject it
-    tokens_field: str = "max_tokens"  # name of max_tokens in the OpenAI chat format
+    tokens_field: str = "max_tokens"  # request field that limits the tokens of a reply, in the OpenAI chat format
     root_choice: bool = True  # a schema may be a choice (anyOf) at its root
     wire: Wire = "openai"
     top_p: float | None = None  # None: not sent
@@ -65,7 +66,8 @@ PROVIDERS = {
             "gemini",
             "https://generativelanguage.googleapis.com/v1",
             "GEMINI_API_KEY",
-            wire="gemini",  # up to 2.5 with a thinkingBudget, from 3 on with a thinkingLevel
+            # `thinking` and `quick` are empty: Gemini up to 2.5 needs a thinkingBudget, Gemini 3 a thinkingLevel
+            wire="gemini",
             top_p=0.95,
             top_k=40,
             effort=("thinkingConfig", "thinkingLevel"),  # of Gemini 3 and later
@@ -75,7 +77,8 @@ PROVIDERS = {
             "anthropic",
             "https://api.anthropic.com/v1",
             "ANTHROPIC_API_KEY",
-            temperature=None,  # Claude Opus 4.7 and later reject it, and a thinking budget too
+            # Claude Opus 4.7 and later reject a temperature, and also a thinking budget, so `thinking` is empty
+            temperature=None,
             wire="anthropic",
             effort=("output_config", "effort"),
         ),
@@ -135,7 +138,7 @@ class ModelSpec:
     quick: dict[str, Any] | None = None  # request fields without extended reasoning; None: the provider's
     input_usd: Dollars | None = None  # price of questions; None: not known
     output_usd: Dollars | None = None  # price of replies, including reasoning; None: not known
-    # name of max_tokens in the OpenAI chat format; None: the provider's
+    # request field for `max_tokens` in the OpenAI chat format; None: the provider's
     tokens_field: Literal["max_tokens", "max_completion_tokens"] | None = None
     context_tokens: TokenCount | None = None  # limit of question and reply together; None: not known
 
@@ -148,8 +151,8 @@ class ModelSpec:
 def with_effort(spec: ModelSpec, effort: str) -> ModelSpec:
     """Return a model that reasons with this effort on every step except the one after a `think`.
 
-    `effort` is the vendor's own word, such as low or none. For none, the other request fields are those without
-    extended reasoning; for all other words, those with it.
+    `effort` is the vendor's own word, such as low or none. The request also has the fields of `quick` if the word is
+    none, and the fields of `thinking` for any other word.
     """
     provider = provider_of(spec.provider)
     lifted, quick = (

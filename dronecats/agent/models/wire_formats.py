@@ -7,9 +7,9 @@ from urllib.parse import quote
 from dronecats.agent.models.endpoint import DEFAULT, KeyHeader, RetryPolicy
 from dronecats.agent.models.http_model import HttpModel, ReadAnswer, count, finish_of, list_of, table_of, text_of
 from dronecats.agent.models.model import Request
+from dronecats.agent.models.rate_limits import Limiters
 from dronecats.agent.models.reply_schema import response_format
 from dronecats.agent.models.spec import ModelSpec, Wire, provider_of
-from dronecats.agent.models.turns import Limiters
 from foundation.errors import UsageError
 
 _CHAT_FINISH = {"stop": None, "length": "length", "content_filter": "filtered"}
@@ -157,7 +157,7 @@ class AnthropicModel(HttpModel):
     answer = "Anthropic message"
     path = "messages"
     key_header = KeyHeader("x-api-key")
-    # not supported in output_config, according to the vendor's SDK
+    # keywords of JSON Schema that output_config does not support, according to the vendor's SDK
     unknown = ("minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems")
 
     def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
@@ -189,7 +189,7 @@ class AnthropicModel(HttpModel):
             raise UsageError(f"{limits}. Raise max_tokens")
 
     def headers(self) -> dict[str, str]:
-        """Return the API's version: the newest, or for declared sampling parameters the newest that has them."""
+        """Return the version header: the newest version, or with sampling parameters the last that accepts them."""
         return {"anthropic-version": ANTHROPIC_SAMPLING_VERSION if self._sampling() else ANTHROPIC_VERSION}
 
     def _sampling(self) -> dict[str, float]:

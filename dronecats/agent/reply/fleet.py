@@ -1,6 +1,7 @@
 """Lenient parser of a fleet's reply. It divides the objects of the reply among the drones.
 
-Replies count drones from 1, as the prompt does. Objects that name no drone count in the order of the pictures.
+Replies number the drones from 1, as the prompt does. Objects that name no drone belong to the drones in the order of
+the pictures.
 """
 
 import re
@@ -26,7 +27,7 @@ DroneResult = tuple[Action | ActionError, set[Mend]]
 class Assignment:
     """The assignment of the objects of a reply to the drones."""
 
-    items: dict[int, Any]  # by drone, from 0
+    items: dict[int, Any]  # the object of each drone; drones are numbered from 0
     mends: set[Mend] = field(default_factory=set)  # of the reply as a whole
     duplicated: frozenset[int] = frozenset()  # drones that several objects name
 
@@ -61,7 +62,7 @@ def _drone_result(division: Assignment, drone: int, drones: int, axis_order: Axi
 
 
 def _assigned(answer: str, drones: int) -> Assignment:
-    """Return the division of an answer. Raises ActionError if it is ambiguous."""
+    """Return the assignment of an answer's objects to the drones. Raises ActionError if there is none, or several."""
     try:
         array = strict.first_array(answer)
         strict_error = ActionError(f"expected {drones} actions, got {len(array.value)}")
@@ -113,7 +114,10 @@ def _of_values(drone_values: list[ReadValue], drones: int) -> Assignment:
 
 
 def _of_arrays(arrays: list[ReadValue], drones: int) -> Assignment:
-    """Return the division of the only array, or of the only array with an object per drone."""
+    """Return the assignment of the only array, or of the only array with as many objects as drones.
+
+    Raises ActionError if there are several arrays and not exactly one of them has this number of objects.
+    """
     fitting = [array for array in arrays if len(_items(array.value) or []) == drones]
     if len(arrays) > 1 and len(fitting) != 1:
         raise ActionError(f"{len(arrays)} arrays of objects in the reply: nothing says which is meant")
@@ -127,7 +131,10 @@ def _of_arrays(arrays: list[ReadValue], drones: int) -> Assignment:
 
 
 def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Assignment:
-    """Return the division of one object: its keys name the drones, or it contains an array of their objects."""
+    """Return the assignment of one object: its keys name the drones, or it contains the array of the drones' objects.
+
+    Raises ActionError if it is neither.
+    """
     keyed = {key: match for key in value if (match := _NAME.fullmatch(key.strip()))}
     if keyed:
         numbers = {key: int(match.group(1)) for key, match in keyed.items()}
@@ -158,7 +165,7 @@ def _items(value: Any) -> list[Any] | None:
 
 
 def _assign_list(items: list[Any], drones: int) -> Assignment:
-    """Return the division of a list of objects: by the drones that they name, or in the order of the pictures."""
+    """Return the assignment of a list of objects: by the drones that they name, or in the order of the pictures."""
     items = items[:-1] if items and isinstance(items[-1], Cut) else items
     names = [_name(item) for item in items]
     division = Assignment({})
@@ -192,7 +199,10 @@ def _place(division: Assignment, placed_items: list[tuple[int | None, Any]], dro
 
 
 def _places(names: list[int], drones: int) -> tuple[list[int], bool]:
-    """Return the drones' indices for their numbers, and whether the numbers count from 0 (a 0 is among them)."""
+    """Return the drones' indices for their numbers, and whether the numbers count from 0.
+
+    They count from 0 if a 0 is among them and the number of drones is not.
+    """
     zero_based = 0 in names and drones not in names
     return [name if zero_based else name - 1 for name in names], zero_based
 

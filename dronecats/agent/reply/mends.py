@@ -75,9 +75,9 @@ _FENCE = re.compile(r"(?:```|~~~)[ \t]*[\w-]*")
 
 
 def around(text: str, spans: Iterable[tuple[int, int]]) -> set[Mend]:
-    """Return the mends for the text outside `spans`, which are the (begin, end) of the values, in order.
+    """Return the mends for the text around the values of a reply: fence, array and prose.
 
-    Such text is a fence, array brackets or prose.
+    `spans`: (begin, end) of each value, in order.
     """
     pieces, at = [], 0
     for begin, end in spans:

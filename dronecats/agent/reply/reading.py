@@ -1,4 +1,4 @@
-"""Parses the text of a reply, strictly or leniently. The function is pure, so a logged reply can be parsed again."""
+"""Parses the text of a reply, strictly or leniently. `reading` is a pure function, so it can parse a logged reply."""
 
 from collections.abc import Collection
 from dataclasses import dataclass

@@ -121,16 +121,17 @@ ACTION_NAME_KEYS = (
     "name",
     "function",
     "tool",
-)  # keys of the name
+)  # keys under which an object may have the name of its action
 TOOL_NAME_KEYS = ("name", "function", "tool")  # keys of ACTION_NAME_KEYS that occur in tool calls
 PARAMETERS = ("arguments", "parameters", "params", "args", "input", "action_input", "tool_input")
 TOOL_CALL_KEYS = ("function", "function_call", "tool_call", "tool_calls")
 POINTS = ("point", "point_2d", "point2d", "points", "coordinate", "coordinates")
 DEPTHS = ("depth_m", "depth", "depth_meters", "depth_metres")
 ANGLES = ("angle_deg", "angle", "angle_degrees", "degrees", "deg")
-Unfolded = tuple[str, int, dict[str, Any]]  # action, sign of the side in its name (0: no side), fields
+# name of an action; side in the name that the reply used (1: right, -1: left, 0: no side); the action's fields
+Unfolded = tuple[str, int, dict[str, Any]]
 _BETWEEN_WORDS = re.compile(r"[\s\-_]+")
-_DEPTH = 6  # objects within objects
+_DEPTH = 6  # most levels of objects within objects
 _HELD_MAX = 40  # most members of an object that may wrap an action
 _NAME_MAX = 40  # characters
 
@@ -198,7 +199,7 @@ def _unfold(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | N
 
 
 def _named(name: Any) -> tuple[str, int] | None:
-    """Return the action of a name and the sign of the side in the name, 0 for none; None for an unknown name."""
+    """Return the action of a name, and the side in the name as in `Unfolded`; None for an unknown name."""
     plain = _plain(name)
     if plain in ACTIONS:
         return plain, 0
@@ -295,7 +296,7 @@ def _wrapped(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | 
 
 
 def _within(text: str, mends: set[Mend]) -> Any:
-    """Return the only object that a string holds as JSON; the string itself when there is none."""
+    """Return the only object that a string holds as JSON; the string itself if it holds none, or several."""
     objects = read_values(text, "{")
     if len(objects) != 1:
         return text

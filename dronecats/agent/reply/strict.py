@@ -7,7 +7,7 @@ from typing import Any
 
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 
-MAX_REPLY_CHARS = 200_000  # 8192 tokens are far below this
+MAX_REPLY_CHARS = 200_000  # characters of a reply that are parsed; a reply of 8192 tokens is far shorter
 MAX_TRIES = 500  # places in a reply at which JSON may begin
 MAX_VAIN_CHARS = 5 * MAX_REPLY_CHARS  # characters that are read in all failed attempts to parse a value
 _WORD = "think(?:ing)?|thoughts?|reasoning|analysis|reflection|scratchpad"
@@ -42,9 +42,10 @@ def answer_of(reply: str) -> str:
 def without_reasoning(text: str) -> str:
     """Return a reply without the text between its reasoning marks.
 
-    Marks are tags such as <think> and [THINK], the channels of gpt-oss other than `final`, and code fences named like a
-    tag. Reasoning without a closing mark extends to the end. All text before a closing mark without an opening mark is
-    reasoning, because some models have the opening mark in their chat template and not in the reply.
+    Marks are tags such as <think> and [THINK], the channels of gpt-oss other than `final`, and code fences with the
+    name of a tag, such as ```thinking. Reasoning without a closing mark extends to the end. All text before a closing
+    mark without an opening mark is reasoning, because some models have the opening mark in their chat template and not
+    in the reply.
     """
     kept: list[str] = []
     at, within, fenced = 0, False, False

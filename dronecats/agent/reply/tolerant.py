@@ -1,7 +1,8 @@
 """Tolerant JSON reader: accepts the deviations of `mends.WRITTEN` except `escaped`, and records them.
 
-It guesses nothing: text with any other deviation is not a value. The work is bounded: each attempt reads from left to
-right once, and the search ends after too many characters without a value.
+It also reads a number with a unit (`Quantity`). It guesses nothing: text with any other deviation is not a value. The
+work is bounded: each attempt reads from left to right once, and the search ends after too many characters without a
+value.
 """
 
 import re

@@ -12,7 +12,7 @@ from dronecats.agent.loop import Decider, PaperAgent, PendingQuestion, Questions
 from dronecats.agent.steady.leg import Leg, SeenPlace, leg_to, seen_place, steer
 from dronecats.agent.steady.pursuit import Pursuit
 from foundation.camera import CameraModel, Frame
-from foundation.frames import Vec3, wrap_pi
+from foundation.frames import Vec3, course, wrap_pi
 from foundation.protocol import NEAR_M, STEP_S, STRIDE_MAX_M
 from foundation.run_folder.rows import Decision
 from foundation.setpoints import Hold
@@ -36,7 +36,7 @@ class SteadyDrone(Drone):
         self._resting = False  # the drone has reached the goal or the leg has ended, and there is no new decision
 
     def see(self, time_us: int) -> None:
-        """Remember the pose at the time of a picture (µs, vehicle's clock), and this time."""
+        """Remember the time of a picture (µs, vehicle's clock) and the pose at that time."""
         super().see(time_us)
         self._seen_s = time_us / 1e6
 
@@ -83,10 +83,10 @@ class SteadyDrone(Drone):
     def wants_picture(self, now_s: float, age_s: float) -> bool:
         """Return whether it is time for the next picture; its reply is expected `age_s` later.
 
-        No picture is taken in a turn, because the model needs the view after it. In a hold, a picture may be taken
-        `age_s` before its end. On a leg, it may be taken when the decision is due, or at most `age_s` earlier if the
-        drone has flown a full stride since the last picture, as the prompt's history says. A short stride is flown to
-        its end first.
+        During a turn: no, because the model needs the view after the turn. During a hold: in its last `age_s` seconds.
+        On a leg: when the decision is due; in the `age_s` seconds before that, if the drone has flown a full stride
+        since the last picture, as the prompt's history will say; and earlier, if the drone rests. During a short
+        stride: when the decision is due or the drone rests.
         """
         if self._segments:
             last = self._segments[-1]
@@ -121,7 +121,7 @@ class SteadyDrone(Drone):
     def _course_of(self, seen: SeenPlace, here: Vec3) -> float:
         """Return the course (rad) to the place that was pointed at; for a short stride, the course at capture."""
         place, origin = (seen.place_ned, seen.lens_ned) if self._careful else (self._place_now(seen)[0], here)
-        return math.atan2(place[1] - origin[1], place[0] - origin[0])
+        return course(origin, place)
 
     def _begin_leg(self, now_s: float) -> None:
         seen = self._place
@@ -204,7 +204,7 @@ class SteadyDecider(Decider):
 
 
 class SteadyAgent(PaperAgent):
-    """Flies one episode with steady drones, in the same groups as `PaperAgent`."""
+    """Flies one episode with steady drones. Like `PaperAgent`, it has one decider for each group of drones."""
 
     drone_type, decider_type = SteadyDrone, SteadyDecider
 

@@ -19,7 +19,7 @@ class SeenPlace:
     lens_ned: Vec3  # m, local frame, position of the optical centre at capture
     place_ned: Vec3  # m, local frame, the place itself
     reach: float  # share of the way from the lens to the place; 0: hold
-    level: bool  # the climb is within the paper's deadband: the height is held
+    level: bool  # the climb is below the paper's deadband, so the height is held
     depth_m: float  # m along the optical axis, the pilot's estimate
 
 
@@ -30,7 +30,7 @@ def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
     north, east, down = rotate(attitude, (forward, right, -up))
     lens = _lens(sight, camera)
     ahead = math.hypot(north, east)
-    # level in the picture or in space: a pilot that wants no climb points at the middle row of the picture
+    # level in the picture (a pilot that wants no climb points at its middle row), or level in space
     level = abs(up) < CLIMB_DEADBAND * math.hypot(right, forward) or abs(down) < CLIMB_DEADBAND * ahead
     place = (lens[0] + north, lens[1] + east, lens[2] + down)
     return SeenPlace(
@@ -69,8 +69,9 @@ def _lens(sight: PicturePose, camera: CameraModel) -> Vec3:
 def _reach(distance_m: float, depth_m: float) -> float:
     """Return the share of the way that a go may be flown before the next picture.
 
-    Below a depth of 5 m it gives the paper's stride. From 5 m on the share is constant, so that the way grows with the
-    depth: 3 m at 5 m, as in the paper. The next reply decides how much of the way is flown.
+    It is 0 below a depth of 2 m. From 2 to 5 m it gives the paper's stride. From 5 m on the share is constant, so that
+    the way grows with the depth, from the paper's 3 m at a depth of 5 m. The next reply decides how much of this way is
+    flown.
     """
     if depth_m < BRAKE_M:
         return 0.0
@@ -143,7 +144,7 @@ def leg_to(
 def steer(
     leg_to: Leg, position_ned: Vec3, now_s: float, course: float | None = None, *, resting: bool = False
 ) -> Steered | None:
-    """Return the setpoint of a leg at a position; None for a hold: the goal is reached, or the leg has ended.
+    """Return the setpoint of a leg at a position; None for a hold: the goal is reached or passed, or the leg has ended.
 
     course: last course (rad), kept when close to the goal; None: no course yet. resting: the drone has reached the
     goal, and follows it again only when it is more than FOLLOW_AGAIN_M away.

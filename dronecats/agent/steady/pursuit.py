@@ -39,7 +39,7 @@ class Pursued:
     """The estimated place and velocity of the target at a time."""
 
     place_ned: Vec3  # m, local frame
-    velocity_ned: Vec3  # m/s, horizontal; the more uncertain it is, the more it is reduced
+    velocity_ned: Vec3  # m/s, horizontal; an uncertain estimate is reduced towards 0
 
 
 class Pursuit:
@@ -55,7 +55,7 @@ class Pursuit:
         self.sightings = 0  # number in this track
 
     def see(self, time_s: float, lens_ned: Vec3, place_ned: Vec3) -> bool:
-        """Add a place (m, local frame) seen at a time from a lens; return whether it belongs to the track."""
+        """Add a place that was seen from a lens at a time (m, local frame); return False if it begins a new track."""
         noise = sighting_noise(lens_ned, place_ned)
         if self._filter is not None and time_s == self._time_s:
             self._believe(self._before)
@@ -86,7 +86,7 @@ class Pursuit:
         self._time_s, self.sightings = belief.time_s, belief.sightings
 
     def at(self, time_s: float) -> Pursued | None:
-        """Return the estimate at a time, which must not be before the last sighting; None without a track."""
+        """Return the estimate at a time, which must not be before the last sighting; None if no track exists then."""
         if self._filter is None or time_s - self._time_s > FORGET_S:
             return None
         velocity = self._velocity()

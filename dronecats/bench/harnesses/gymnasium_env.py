@@ -31,7 +31,8 @@ DEPTH_MAX_M = 300.0
 ANGLE_MAX_DEG = 90.0
 CHARACTERS = frozenset(map(chr, range(32, 0x2100)))  # allowed in instructions
 
-EnvObservation = dict[str, Any]  # {"frame": (360, 640, 3) uint8 RGB, "instruction": str}; a fleet has "frames"
+# {"frame": (360, 640, 3) uint8 RGB, "instruction": str}; for n drones, "frames": (n, 360, 640, 3) instead of "frame"
+EnvObservation = dict[str, Any]
 EnvAction = dict[str, Any] | tuple[dict[str, Any], ...]  # a tuple: one action per drone of a fleet
 # an action: {"kind": 0 … 3, "point": (2,) 0 … 1000, "depth_m": (1,) m, "angle_deg": (1,) °}
 

@@ -53,12 +53,15 @@ def dronecats(
     `suite`: one-drone, commanding, quick, all, or comma-separated ids and files. Inspect splits the text at the commas.
 
     `latency`: the vehicle time that a reply costs (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
-    `axis_order`: xy or yx, the order of the model's points. `out`: a folder in which each epoch gets its own
-    run folder; None: a new folder. `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of calls after a
-    `think`; None: all calls use the evaluation's effort. Some models have no such setting.
+    `axis_order`: xy or yx, the order of the model's points. `full`: fly to the time limit, even when the verdict is
+    decided. `out`: a folder in which each epoch gets its own run folder; None: a new run folder for each epoch.
+    `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of calls after a `think`; None: all calls use the
+    evaluation's effort. Some models have no setting for their effort.
 
-    Raises UsageError for an effort that Inspect does not know.
+    Raises UsageError for another `axis_order`, or an effort that Inspect does not know.
     """
+    if axis_order not in ("xy", "yx"):
+        raise UsageError(f"-T axis_order must be xy or yx, got '{axis_order}'")
     if lifted is not None and lifted not in get_args(Effort):
         raise UsageError(f"-T lifted must be one of {', '.join(get_args(Effort))}, got '{lifted}'")
     return Task(

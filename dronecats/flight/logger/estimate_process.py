@@ -21,7 +21,7 @@ from hil.link.transport import UdpTransport
 class EstimateLoggerConfig:
     """Configuration of the logger that records the autopilot's estimate."""
 
-    folder: str
+    folder: str  # of the episode's logs
 
 
 class EstimateRecorder:

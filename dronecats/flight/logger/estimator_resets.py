@@ -14,8 +14,9 @@ from foundation.run_folder.rows import Reset, ResetQuantity
 from foundation.wire import message_id
 
 COUNTS = 256  # reset_counter is a uint8
-# A quantity was reset if its jump exceeds LEAST_… plus the effect of ACCELERATION and TURNING_DEG, the largest values
-# within 0.2 s in measured flights. For a reset with smaller jumps, `quantities` is empty.
+# A quantity counts as reset if its jump exceeds LEAST_… plus the change that ACCELERATION or TURNING_DEG can cause.
+# These two are the largest values within 0.2 s in measured flights. For a reset with smaller jumps, `quantities` is
+# empty.
 LEAST_M, LEAST_MPS, LEAST_DEG = 0.2, 0.3, 3.0
 ACCELERATION = 5.0  # m/s²
 TURNING_DEG = 30.0  # °/s, change of the turn rate within 0.2 s
@@ -92,7 +93,7 @@ def reset_row(t: float, drone: int, reset: EstimatorReset) -> Reset:
 def _odometry(message: dialect.MAVLink_message) -> _Odometry:
     q = (message.q[0], message.q[1], message.q[2], message.q[3])
     velocity = (message.vx, message.vy, message.vz)
-    if message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:  # the frame of the velocity
+    if message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:  # child_frame_id is the frame of the velocity
         velocity = rotate(q, velocity)
     return _Odometry(
         time_us=message.time_usec,

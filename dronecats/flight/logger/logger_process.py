@@ -31,6 +31,7 @@ def measured_in(world: World) -> Measure:
 
 
 SYSTEM, COMPONENT = 246, 155  # MAV_COMP_ID_LOG
+# id of each requested message → its interval, µs
 WATCHED = {
     dialect.MAVLINK_MSG_ID_ATTITUDE: 200_000,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 200_000,

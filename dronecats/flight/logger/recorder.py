@@ -70,7 +70,7 @@ class Recorder:
         self._truth_parser = Parser()
         self._telemetry: dict[int, tuple[Parser, ResetWatch]] = {}  # by drone
         self._samples: dict[int, deque[LazySample]] = {}
-        self._pitches: dict[int, float] = {}  # rad, gimbal pitch by system id; sent before the pose
+        self._pitches: dict[int, float] = {}  # rad, gimbal pitch by system id; the bus sends it before the drone's pose
         self._next_pose: dict[int, int] = {}
         self._due: deque[LazySample] = deque()  # poses that wait for the positions of the other drones
         self._t0_us: int | None = None

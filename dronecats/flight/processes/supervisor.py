@@ -106,7 +106,7 @@ class ChildProcess:
         self._buffer = b""
         self._answers: deque[dict[str, Any]] = deque()
         self._heartbeat: Heartbeat | None = None  # None until the process is ready, because it may compile for minutes
-        self._silent_s = 0.0  # wall s of silence; above 0: no call waits for the process again
+        self._silent_s = 0.0  # wall s of silence, if the process was found to hang; then no call waits for it again
         self._send(msgspec.to_builtins(config))
 
     @property

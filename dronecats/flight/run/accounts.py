@@ -13,9 +13,9 @@ from dronecats.agent.models.endpoint import GIVE_UP_S, RetryPolicy
 from dronecats.agent.models.ledger import Budget, BudgetedModel, Ledger, LedgerInterface, Spent, spent_on, spent_text
 from dronecats.agent.models.model import Model, Request, ending_reason
 from dronecats.agent.models.probe import marked_picture
+from dronecats.agent.models.rate_limits import Allowance
 from dronecats.agent.models.replay import CachedModel, ReplyCache
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.agent.models.turns import Allowance
 from dronecats.agent.models.wire_formats import open_model
 from dronecats.flight.spec.flight_spec import ON_CLUSTER, Accounts, FlightSpec
 from foundation.errors import BudgetError, InfrastructureError, ModelRejectedError, UsageError
@@ -24,7 +24,7 @@ from foundation.run_folder.layout import LEDGER
 
 
 class LedgerKeeper:
-    """The actor that keeps the ledger. It serves one call at a time, so that each claim is one transaction."""
+    """The actor that keeps the ledger. It serves one call at a time, so two workers cannot use the same allowance."""
 
     def __init__(self, path: str) -> None:
         self._ledger = Ledger(Path(path))
@@ -88,7 +88,7 @@ class RemoteLedger:
 
 
 class RemoteLimiter:
-    """The rate limiter of an address for a whole cluster, a `dronecats.agent.models.turns.Limiter`."""
+    """The rate limiter of an address for a whole cluster, a `dronecats.agent.models.rate_limits.Limiter`."""
 
     def __init__(self, call: Callable[..., Any], address: str, model: str) -> None:
         self._call, self._address, self._model = call, address, model

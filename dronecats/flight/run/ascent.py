@@ -126,7 +126,10 @@ def _send(link: Link, ground: _Ground, start: StartOffset) -> _Sent:
 
 
 def _levelled(link: Link, sent: _Sent, ground: _Ground, start: StartOffset) -> _Sent:
-    """Correct a drone's height with its rangefinder, if it has one, because the barometer drifts; return its goal."""
+    """Correct a drone's height with its rangefinder, because the barometer drifts; return the new goal.
+
+    Returns `sent` itself if there is nothing to correct, or no rangefinder.
+    """
     range_m = link.track.mean_range(RANGED_S)
     place = link.track.mean_place(RANGED_S)
     if range_m is None or ground.range_m is None or place is None or start.yaw is None:

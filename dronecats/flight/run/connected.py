@@ -75,7 +75,7 @@ class VehicleFlight(FlightSetup):
             notify(f"{draw_intent(folder, self.camera_model)} decisions are drawn in {folder / layout.INTENT}")
 
     def draw(self, folder: Path, ending: EpisodeEnd) -> None:
-        """Draw flight.png. Does nothing here, because the picture needs the truth."""
+        """Draw flight.png. A flight without a truth, as in this class, has none."""
 
     @property
     def camera_model(self) -> CameraModel:

@@ -1,4 +1,4 @@
-"""Flies a vehicle that simulates itself, in an episode of the project (with a verdict) or on one of its maps."""
+"""Flies a vehicle with a simulator of its own, such as PX4 SITL, in an episode (with a verdict) or on a map."""
 
 import math
 from collections.abc import Iterator
@@ -37,14 +37,16 @@ class ConnectedWorldFlight(VehicleFlight):
             raise UsageError(
                 f"the pilot {spec.pilot} needs an episode's target, and a map has none. Choose --pilot vision"
             )
-        self._judged = spec.map is None and not vehicle.authority.dry  # a dry run cannot succeed
+        self._judged = spec.map is None and not vehicle.authority.dry  # a map has no target; a dry run cannot succeed
         self._record, self._truth, self._world = record, truth, World(record)
         if len(record.starts) > 1:
             raise UsageError(
                 f"{record.id} is for {len(record.starts)} drones, but --truth gives the pose of one drone only."
                 " Choose an episode for one drone"
             )
-        source = TruthSource(truth)  # read once before the folder is made; in flight a child process reads it
+        # a first pose is read here, so that a wrong URL fails before the run folder is created; in flight a child
+        # process reads the poses
+        source = TruthSource(truth)
         try:
             source.first()
         finally:

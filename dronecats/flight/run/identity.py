@@ -1,6 +1,7 @@
 """Computes the identity of a flight: digests of its source code, record and frames, and the protocol's constants.
 
-Digests are SHA-256 in hexadecimal. A report does not pool flights whose digests differ (docs/run-folder.md).
+Digests are SHA-256 in hexadecimal. A report does not count runs with different digests of the code together, and it
+rejects flights of one episode with different digests of the record.
 
 The digest of the source code covers statements, not their places and comments. From a Python file it covers the
 top-level statements, without imports, docstrings, comments and `__version__`. So moving a function to another file does
@@ -39,7 +40,7 @@ FITTING = "dronecats/pilots/fitting"  # makes data files of the built-in pilots;
 JUDGE = "dronecats/judge"  # without its subfolders: metrics and statistics do not affect a verdict
 OUR_MODULE = re.compile(r"(foundation|vehicles|autopilot|episodes|hil|dronecats)(\.[a-z_0-9]+)+(:\w+)?")
 MODULUS = 1 << 256
-CACHE_ENTRIES_MAX = 5000  # files in the cache; above this number, other versions of the files are dropped
+CACHE_ENTRIES_MAX = 5000  # files in the cache; above this number, only the files of the present digest are kept
 PARENTS = "parents"  # `Path.parents[n]` is digested without n, which changes when a module moves
 
 

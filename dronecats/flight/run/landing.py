@@ -54,7 +54,7 @@ def notify_safely(notify: Callable[[str], None], line: str) -> None:
 
 @contextlib.contextmanager
 def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
-    """Yield a list that is empty until the first Ctrl-C. Only a second Ctrl-C raises KeyboardInterrupt."""
+    """Yield a list that is empty until the first Ctrl-C. Within the context, only a second Ctrl-C interrupts."""
     hurried: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:

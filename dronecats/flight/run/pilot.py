@@ -43,7 +43,8 @@ def questions_of(flight: Flight, model: Model) -> Questions:
         axis_order=asker.axis_order if (asker := spec.model or spec.outside) else "xy",
         parser=spec.parser,
         patience_s=spec.patience_s,
-        beside=served and waits and spec.command == "flat",  # with several questions at a time, the order would vary
+        # only for `flat`: with several questions at a time, the order of the calls would vary
+        beside=served and waits and spec.command == "flat",
         last_reply=flight.scored,  # unscored flights do not wait for a late reply
     )
 
@@ -110,7 +111,7 @@ class OpenPilot:
 
     model: Model
     begin: Callable[[int], None] = lambda t0_us: None  # called when the episode begins, with the vehicle's time in µs
-    check: Callable[[], None] = lambda: None  # raises InfrastructureError if its server is gone
+    check: Callable[[], None] = lambda: None  # raises InfrastructureError if the server of a built-in pilot is gone
     spent: Callable[[], str] = lambda: ""  # cost of the run so far, in words; empty: no cost
     commander: Model | None = None
 
@@ -178,7 +179,7 @@ def commanded(flight: Flight, stage: Stage, folder: Path, pilot: OpenPilot) -> I
 
 @contextmanager
 def _commander(flight: Flight, folder: Path) -> Iterator[OpenPilot]:
-    """Open the commander's model with the pilot's ledger, so that the cost is that of both models."""
+    """Open the commander's model with the pilot's ledger, so that `spent` returns the cost of both models."""
     assert flight.spec.commander is not None
     with accounted(flight.spec.commander, flight.spec.accounts, folder.parent) as (model, spent):
         yield OpenPilot(model, spent=spent)

@@ -64,10 +64,10 @@ def unreadable(decision: Decision) -> str:
 
 
 class SafetyLog:
-    """Writes every change of the active limits of the envelopes to safety.jsonl. Prints notices and limits.
+    """Writes every change of the active limits of the envelopes to safety.jsonl. Prints the links' notices, and limits.
 
-    It prints a limit when it acts for the first time. A limit may act at every step, so later times are only counted,
-    and `sum_up` prints the counts. The file is created when the first limit acts.
+    A limit is printed when it first acts on a drone. It may act at every step, so later times are only counted, and
+    `sum_up` prints the counts. The file is created when the first limit acts.
     """
 
     def __init__(self, path: Path, links: Sequence[Link], notify: Callable[[str], None]) -> None:

@@ -1,4 +1,7 @@
-"""Runs a flight, from its record to its judged folder. `FlightSetup` has a subclass for each kind of vehicle."""
+"""Runs a flight: writes its record, flies, and writes the verdict into its folder.
+
+`FlightSetup` has a subclass for each kind of vehicle.
+"""
 
 import signal
 import statistics
@@ -44,7 +47,7 @@ def fly_and_judge(
     afterwards: Callable[[EpisodeEnd], None] = lambda ending: None,
     pace: Callable[[], Mapping[str, float] | None] = lambda: None,
 ) -> dict[str, Any]:
-    """Fly, leave a judged folder in every case, and return the JSON object of `fly --json`.
+    """Fly, write a verdict in every case, and return the JSON object of `fly --json`.
 
     `afterwards` writes the other files of the flight. Ctrl-C is ignored while these files and the verdict are written.
     `pace` is called after the flight and returns how well the flight kept real time.
@@ -108,7 +111,7 @@ def _try_write(write: Callable[[], Written], folder: Path) -> tuple[Written | No
 
 
 def served_rate_hz(folder: Path) -> float | None:
-    """Return the median of the served control rate, decisions per second of vehicle time."""
+    """Return the median control rate, decisions per second of vehicle time; None without a decision that has a rate."""
     rates = [d.rate_hz for d in rows(folder / DECISIONS, Decision) if d.rate_hz]
     return statistics.median(rates) if rates else None
 
@@ -120,11 +123,11 @@ class Instruments:
         """Start to watch link and camera, before the first message is sent. `run` is the run folder."""
 
     def model(self, model: Model) -> Model:
-        """Return the model that the agent asks."""
+        """Return the model for the agent: `model`, or a wrapper that measures it."""
         return model
 
     def agent(self, make: AgentFactory) -> AgentFactory:
-        """Return the agent's factory."""
+        """Return the factory of the agent: `make`, or one whose agents are measured."""
         return make
 
 

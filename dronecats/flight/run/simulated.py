@@ -67,7 +67,7 @@ class SimulatedFlight(FlightSetup):
         try:
             clearance_m = airframes.load(simulated.airframe).standing_m
             starts = [start_of(s, world.ground_down(*s.position_ned[:2]), clearance_m) for s in record.starts]
-            # only PX4 is checked, because the project's autopilot is calibrated to its start
+            # only a flight with PX4 is checked; the project's autopilot is known to reach its start pose
             checked = TrueStart(stage, world) if simulated.autopilot == "px4" else nullcontext()
             pictures = _pictures(spec.disturbances.frame, recall)
             with checked as true_start, opened_in(world, flight, stage, folder) as pilot:
@@ -99,7 +99,7 @@ def write_record(path: Path, text: str) -> None:
 
 
 def _pictures(faults: FrameFaults, recall: Callable[[int, int], Frame]) -> PicturePath | None:
-    """Return the faults of a flight's pictures; None without any."""
+    """Return the path that applies the faults to a flight's pictures; None if there are no faults."""
     return None if faults == FrameFaults() else PicturePath(**asdict(faults), recall=recall)
 
 

@@ -48,9 +48,10 @@ from hil.link.transport import bind_error
 from vehicles import airframe as airframes
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
-GRAIN = 4  # samples per pixel and axis of a reduced picture; a full picture has 2, and its pixels are half as wide
-DEPTHS_KEPT = 32  # depth pictures of the newest frames
-STALE_S = 0.5  # body rates are not computed from samples farther apart
+# samples per pixel and axis of a reduced picture: as dense as the 2 samples of a full picture, with half as wide pixels
+GRAIN = 4
+DEPTHS_KEPT = 32  # number of newest frames whose depth pictures are kept
+STALE_S = 0.5  # s; body rates are not computed from samples that are farther apart in time
 _warm: set[type] = set()  # renderer classes that this process has warmed up
 _warm_lock = threading.Lock()
 
@@ -281,7 +282,11 @@ class CameraPart:
 
 
 class FrameServer(ThreadingHTTPServer):
-    """An HTTP server with CONNECTIONS connections at most. If full, it closes the oldest one without a request."""
+    """An HTTP server with CONNECTIONS connections at most.
+
+    At this limit, a new connection replaces the oldest one that has not sent a request. If all have sent one, the new
+    connection is closed.
+    """
 
     daemon_threads = True
     request_queue_size = 2 * CONNECTIONS

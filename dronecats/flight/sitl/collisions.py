@@ -12,7 +12,7 @@ from vehicles.encounter import DRONE, balls, push_apart
 from vehicles.multirotor import Multirotor
 
 APART_US = 500_000  # µs without a touch after which a contact ends
-LASTING_US = 500_000  # µs after which a contact is reported that began too slowly to count as a hit
+LASTING_US = 500_000  # µs after which a contact is reported even if it began too slowly to count as a hit
 UPDATE_US = 50_000  # µs, period of updates of the target's pose
 AHEAD_S = 0.05  # s, time step for the finite difference of the target's velocity
 
@@ -80,8 +80,8 @@ class CollisionReport:
     def message(self) -> dialect.MAVLink_message | None:
         """Return a STATUSTEXT (`foundation.truth`) about a new event since the last call; None: no new event.
 
-        Each thing that the vehicle hits or leans on for LASTING_US in one contact is reported once. A contact ends
-        after APART_US without a touch. Standing on something is not a contact.
+        Within one contact, each thing is reported once: when the vehicle hits it, or has leaned on it for LASTING_US.
+        A contact ends after APART_US without a touch. Standing on something is not a contact.
         """
         time_us, crashed, hits = self._signs()
         touched_us, leant_us = self._touches()

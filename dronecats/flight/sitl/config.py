@@ -43,7 +43,7 @@ class CameraConfig:
     episode: str
     truth: str  # URL of the truth bus
     airframe: str | None = None  # sets the camera mount and the drones in the pictures; None: AIRFRAME
-    count: int | None = None
+    count: int | None = None  # vehicles in the pictures; None: as many as the record has starts
     port: int = 0  # TCP; 0: the system chooses one
     or_next_free: bool = False  # if the port is in use, take the next free one
     optics: dict[str, Any] | None = None

@@ -51,7 +51,7 @@ class Failures:
         now = int(self._plant.state["time_us"])
         for part in targets:
             if kind == dialect.FAILURE_TYPE_OK:
-                if part in changed:  # keep it with an end: the kernel restores a rotor when its fault ends
+                if part in changed:  # end the fault, do not remove it: the kernel restores a rotor at its fault's end
                     changed[part] = replace(changed[part], until_us=max(now, changed[part].from_us + 1))
             elif (KINDS[kind] == "delay" and part != "gps") or (part.startswith("rotor") and KINDS[kind] != "fail"):
                 return False
@@ -86,7 +86,7 @@ class Failures:
     def _write(self) -> None:
         suite = self._plant.suite
         record = fault_record(
-            (*self._faults.values(), *self._scripted),  # of several faults of a part, the first has effect
+            (*self._faults.values(), *self._scripted),  # if a part has several faults, the first one has effect
             len(self._plant.airframe.rotors),
             int(suite["gps_period_us"]),
             int(suite["gps_latency_us"] + suite["gps_late_us"]),

@@ -25,7 +25,7 @@ from vehicles.solids import Grid32, Index, SolidTriangles
 
 Addresses = NDArray[np.int64]  # address of each record; address, rows and columns of each array
 RECORDS = 7  # the plant and six of the inner loop
-PLACES = RECORDS + 3 * 9
+PLACES = RECORDS + 3 * 9  # entries of the list: one for each record, three for each of nine arrays
 
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba tells no types

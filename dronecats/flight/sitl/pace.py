@@ -10,7 +10,7 @@ LATE_S = 0.002
 LATE_SHARE = 0.001  # share of late ticks above which the lag is reported
 REPORT_S = 60.0
 RESYNC_S = 0.5  # a larger lag is skipped, so that the simulation does not catch up in a burst
-# The scheduler ends a sleep late, mostly by less than 0.1 ms. So the sleep ends this much early, and a loop that yields
+# The scheduler ends a sleep late, mostly by less than 0.1 ms. So the sleep is this much shorter, and a loop that yields
 # the processor waits for the remaining time.
 EARLY_S = 0.0003
 

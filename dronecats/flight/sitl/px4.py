@@ -58,7 +58,8 @@ from vehicles import fault_script
 from vehicles.sensors import Suite
 
 EXCHANGE_US = 4_000  # PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
-TRUTH_US = 8_000  # period of the truth that PX4 gets for its log; PX4 asks for 5 ms
+# period of the truth that PX4 gets for its log; PX4 asks for 5 ms, but the period must be a multiple of EXCHANGE_US
+TRUTH_US = 8_000
 # Wall seconds to wait for an answer. After that, vehicle time advances without PX4, because PX4 never answers again
 # after a flight termination. The agent's link detects a PX4 that hangs.
 ANSWER_S = 3.0
@@ -145,12 +146,12 @@ class Px4Vehicle(HilVehicle):
             return
         self.server.send(self._sensors())
         if not self.in_step:
-            for message in self.server.receive(0.0):
+            for message in self.server.messages(0.0):
                 self._take(message)
             return
         sent_us, sent_s = self.time_us, time.monotonic()
         while self.server.connected and not self.released and int(self.plant.actuators["time_us"]) < sent_us:
-            for message in self.server.receive(PATIENCE_S):
+            for message in self.server.messages(PATIENCE_S):
                 self._take(message)
             if self.server.accept():
                 self.in_step = False

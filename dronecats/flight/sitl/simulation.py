@@ -41,7 +41,7 @@ from vehicles.wind import Wind
 
 STEP_US = 1_000  # period of plant and inner loop
 TICK_US = 10_000  # period of commander and MAVLink
-FINER_US = (5_000, 2_000)  # steps within a tick while a client wants messages at more than 100 Hz; above 500 Hz STEP_US
+FINER_US = (5_000, 2_000)  # steps within a tick for message streams of up to 200 and 500 Hz; faster: STEP_US
 TRUTH_US = 20_000  # period of the truth, 50 Hz
 
 
@@ -53,7 +53,7 @@ class Tap:
         self._queue = bytearray()
 
     def take(self) -> bytes:
-        """Return the bytes published since the last call, without those sent with `receive`."""
+        """Return the bytes that the other subscribers published since the last call."""
         if not self._queue:
             return b""
         data = bytes(self._queue)
@@ -101,7 +101,7 @@ class BootPose:
 
 
 class Physics(TypedDict, total=False):
-    """Arguments of `Vehicle` for its plant; the defaults are those of `Multirotor`, without a payload."""
+    """Arguments of `Vehicle` for its plant. The defaults are those of `Multirotor`, and no payload."""
 
     seed: Required[int]  # of everything random about the vehicle
     origin: Required[Origin]
@@ -206,7 +206,10 @@ class VehiclePort:
         self._port.signing = signing  # PX4 keeps the key on its memory card
 
     def sign(self, key: bytes, timestamp: int, now_us: int) -> None:
-        """Sign messages and check signatures with a key. `timestamp`: 10 µs since 2015, at vehicle time `now_us`."""
+        """Sign messages and check signatures with a key.
+
+        `timestamp` is the time at vehicle time `now_us` (µs), in units of 10 µs since 2015.
+        """
         self._port.signing.set_up(key, timestamp, now_us)
 
 
@@ -292,7 +295,7 @@ class SimulatedVehicle(Vehicle):
         return port
 
     def sign(self, key: bytes, timestamp: int) -> None:
-        """Sign and check signatures on every open port; `timestamp` is now, in 10 µs since 2015."""
+        """Sign messages and check signatures on every open port. `timestamp`: now, in units of 10 µs since 2015."""
         for port in self._ports:
             port.sign(key, timestamp, self.time_us)
 
@@ -319,7 +322,7 @@ class Simulation(Generic[V]):
         self.traffic = traffic
         self._plants = tuple(vehicle.plant for vehicle in vehicles)
         self._encounters = Encounters(self._plants)
-        self.time_us = self.vehicles[0].time_us  # copied, since it is read several times a tick
+        self.time_us = self.vehicles[0].time_us  # cached, because it is read several times a tick
         if from_boot:
             self._disturb()
 
@@ -440,7 +443,11 @@ def build_with(
 def load_world(
     episode: str, airframe: str | None = None, count: int | None = None, conditions: SceneConditions = AS_BUILT
 ) -> World:
-    """Return the world of an episode id or file; pictures show `count` vehicles of an airframe. Raises UsageError."""
+    """Return the world of an episode id or file. Raises UsageError.
+
+    Pictures show the drones with the shape of `airframe` (None: the default airframe). `count`: number of drones; None:
+    one for each start of the record.
+    """
     return world_of(catalogue.load(episode), airframe, count, conditions)
 
 

@@ -64,7 +64,9 @@ def speed(message: dialect.MAVLink_message) -> float:
 
 
 class TruthClock:
-    """Finds the vehicle time of each truth sample, in whole milliseconds, the resolution of a frame's announcement.
+    """Finds the vehicle time of each truth sample, rounded down to milliseconds.
+
+    The message that announces a frame on the truth bus (CAMERA_IMAGE_CAPTURED) has this resolution.
 
     PX4's own simulation leaves the time of HIL_STATE_QUATERNION at zero. In this case the time is that of the last
     HIL_ACTUATOR_CONTROLS, which arrives on the same link at 100 Hz or more.
@@ -107,7 +109,10 @@ class TruthSource:
         return samples
 
     def first(self) -> tuple[int, dialect.MAVLink_message]:
-        """Return the first sample. Raises UsageError if none arrives within SILENT_S, or if the vehicle moves."""
+        """Wait for a sample, and return the newest one.
+
+        Raises UsageError if none arrives within SILENT_S, or if the vehicle moves.
+        """
         end_s = time.monotonic() + SILENT_S  # wall time, because no vehicle time is known yet
         while time.monotonic() < end_s:
             if samples := self.read(0.1):

@@ -28,7 +28,7 @@ class Listener:
             self._has_data = True
             self._feed(data)
         elif not self._has_data:
-            self._transport.send(self._packer.pack(HELLO))  # the simulator was not listening yet
+            self._transport.send(self._packer.pack(HELLO))  # again: the simulator may not have listened before
         return bool(data)
 
     def drain(self) -> None:

@@ -27,7 +27,7 @@ T = TypeVar("T")
 FieldValues = dict[str, Any]  # values of a section of `Disturbances`, by field
 PERFECT = Impairment()
 LOSS_MAX = 0.95  # above this share of lost telemetry there are no decisions to score
-RECALL_S = 15.0  # s; the logger can measure pictures up to 20 s old
+RECALL_S = 15.0  # s, limit of `FrameFaults.reach_s`; the logger can measure pictures that are up to 20 s old
 LOCKSTEP = "in lockstep the simulator waits for the host"
 
 
@@ -50,12 +50,12 @@ class DisturbanceOption:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisturbanceLevel(DeclaredNumber):
-    """A number that a study can vary: a factor."""
+    """A number that a study can vary: a factor. It is the declared field itself unless `put` or `get` is given."""
 
-    put: Callable[[FieldValues, float], None] | None = None  # sets it in the section's values; None: sets the field
-    get: Callable[[Any], float] | None = None  # reads it from its section; None: reads the field
-    refines: str = ""  # name of another number; if it is unset or 0, this number has no effect
-    beside: bool = False  # True: a study must set that other number too
+    put: Callable[[FieldValues, float], None] | None = None  # stores the number in the section's values
+    get: Callable[[Any], float] | None = None  # returns the number from the section
+    refines: str = ""  # name of another number; while that one is unset or 0, this one has no effect
+    beside: bool = False  # True: a study must also set the number that `refines` names
     real_time: bool = False  # True: no effect in lockstep
 
 
@@ -161,7 +161,7 @@ class FrameFaults:
 
     @property
     def reach_s(self) -> float:
-        """The largest age (s) of a picture at its request; 0 without a rate."""
+        """Largest age (s) of a picture at the agent's request; 0 without a rate: the picture is taken on request."""
         return 0.0 if self.rate_hz is None else self.delay_s + 1.0 / self.rate_hz
 
 
@@ -257,7 +257,7 @@ def _set_wind_speed(values: FieldValues, speed: float) -> None:
 
 
 def _rotate_wind(values: FieldValues, towards_deg: float) -> None:
-    """Rotate a wind that blows towards the north."""
+    """Rotate a wind that blows towards the north to the direction `towards_deg` (°, clockwise from north)."""
     speed, turned = values["wind_ned"][0], math.radians(towards_deg)
     north, east = (round(speed * share(turned), 6) for share in (math.cos, math.sin))
     if math.hypot(north, east) > speed:  # rounding must not put the strongest wind beyond its bound
@@ -314,7 +314,9 @@ class VehicleFaults:
         more="The load hangs halfway down the legs. Gains and hover thrust remain those of the bare airframe.",
     )  # fmt: skip
     gps_delay_s: float = _disturbance(
-        0.0, "gps_delay", "how much older GPS fixes are than their time stamps", high=1.4, unit="s",
+        0.0, "gps_delay",
+        "hidden delay of GPS fixes: a fix has the position of this many seconds before its time stamp",
+        high=1.4, unit="s",
         words="fixes are {value:g} s older than they say", metavar="S",
         more="The autopilot does not correct for the delay, so its estimate lags behind the motion.",
     )  # fmt: skip
@@ -335,7 +337,8 @@ class VehicleFaults:
         more="In vehicle time. The default is 20. Above 20, telemetry comes at the same rate.",
     )  # fmt: skip
     stalled: float = _disturbance(
-        0.0, "stall_share", "share of the seconds at whose start the host stalls the simulator", high=1.0,
+        0.0, "stall_share", "probability that the host stalls the simulator at the start of a second of vehicle time",
+        high=1.0,
         words="the simulator stands still for {owner.stall_s:g} s in {percent:g} % of seconds", real_time=True,
         refines="stall_length",
         option=DisturbanceOption(

@@ -25,7 +25,7 @@ from foundation.errors import UsageError
 from vehicles import airframe as airframes
 from vehicles.airframe import with_payload
 
-FREE_HEIGHT_M = 2.5  # start of a flight on a map, m above the map's spawn: PX4's MIS_TAKEOFF_ALT
+FREE_HEIGHT_M = 2.5  # start height of a flight without an episode, m above the map's spawn: PX4's MIS_TAKEOFF_ALT
 _CAMERA = CameraModel()
 DEPTH = "16-bit PNG, mm along the optical axis, 0 beyond 65.535 m"
 CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
@@ -70,7 +70,7 @@ class Flight:
 
     @property
     def camera(self) -> dict[str, Any] | None:
-        """The simulated camera for run.json: its geometry, and its optics and depth if it has any."""
+        """The camera for run.json: geometry, and optics and depth if it has any; None without rendering."""
         if self.spec.simulated and not self.spec.simulated.rendered:
             return None
         camera = {**CAMERA, **self._mount}

@@ -4,8 +4,8 @@ Command line, files and studies create a FlightSpec. It checks all rules between
 contradictions.
 
 A worker on any machine needs only the spec. The spec has the contents of files instead of their names, for example the
-latencies of a `trace:FILE`. It has only the names of the script of `recorded:`, of a user's own map and of the files of
-`Accounts`.
+latencies of a `trace:FILE`. Some files stay on the machine, and the spec has only their names: the script of
+`recorded:`, a user's own map, the key file of `Connected` and the files of `Accounts`.
 """
 
 import csv
@@ -33,7 +33,7 @@ from hil.cameras.lens import Calibration
 from hil.link.envelope import SIMULATED, Limits
 
 SCRIPTED = "scripted:divide"  # the default commander of built-in pilots
-ON_CLUSTER = "ray:"  # prefix of a ledger's name, if an actor of a cluster keeps the ledger
+ON_CLUSTER = "ray:"  # prefix of a ledger's name, if an actor of a Ray cluster keeps the ledger
 LATENCY = "fixed:0.5"  # two replies a second, like the paper's smallest model on its own server: docs/latency.md
 DEFAULT_LATENCY = LatencyPolicy.parse(LATENCY)
 SEED_MAX = 2**31 - 1
@@ -124,13 +124,13 @@ class FlightSpec:
     pilot: str | None = None  # a built-in pilot; exactly one of `pilot`, `model` and `outside` is set
     model: ModelSpec | None = None
     outside: ExternalHarness | None = None
-    replay: FlightRecording | None = None  # recorded replies, instead of pilot and model
+    replay: FlightRecording | None = None  # recorded replies, used instead of asking the pilot or model
     accounts: Accounts = Accounts()
     command: Literal["flat", "hierarchical", "solo"] = (
         "flat"  # flat: one question for all drones; hierarchical: a commander; solo: a question for each drone
     )
     commander: ModelSpec | None = None  # the commander's model; only with `command` hierarchical
-    scripted: str | None = None  # a built-in commander; if both are None: the pilot's `model`, or SCRIPTED without one
+    scripted: str | None = None  # a built-in commander; if both are None: `model`, or SCRIPTED if `model` is None
     prompt: str | None = None  # a template; None: the shipped one
     agent: str = PAPER  # a shipped agent (`dronecats.flight.run.pilot`), or MODULE:NAME of the user's own
     latency: LatencyPolicy = DEFAULT_LATENCY
@@ -140,7 +140,7 @@ class FlightSpec:
             None, "--stop-unreadable", "replies in a row that are no actions", low=1, high=COUNT_MAX, whole=True
         )
     )
-    patience_s: float | None = number(  # s without a frame or a reply until the flight ends; None: their defaults
+    patience_s: float | None = number(  # s without frame or reply that end the flight; None: limits of camera and model
         None, "--patience", "time without a frame or a reply", low=1.0, high=CAP_S, unit="s"
     )
     disturbances: Disturbances = UNDISTURBED  # faults of pictures, link and vehicle
@@ -250,8 +250,8 @@ AT = "@"  # between a file's name and the digest of its latencies
 def latency_policy(text: str, recorded: Sequence[float] | None = None) -> LatencyPolicy:
     """Return the policy of a text; the file of a `trace:FILE` is read.
 
-    `recorded`: latencies (s) for a text from `portable_policy_text`; no file is read then. Raises UsageError for an
-    invalid policy, and for a file without latencies.
+    `recorded`: the latencies (s) of a text from `portable_policy_text`. If they have the digest in the text, no file is
+    read. Raises UsageError for an invalid policy, and for a file without latencies.
     """
     file = _file(text)
     if file is None:
@@ -281,7 +281,7 @@ def from_folder(text: str, folder: Path) -> str:
 
 
 def digest_of(text: str) -> str | None:
-    """Return the digest of the recorded latencies in a text from `portable_policy_text`; None: there are none."""
+    """Return the digest of the recorded latencies in a text from `portable_policy_text`; None: it has no digest."""
     file = _file(text)
     return file.rpartition(AT)[2] if file and AT in file else None
 

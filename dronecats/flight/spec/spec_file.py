@@ -123,7 +123,7 @@ def _recording(folder: Path) -> FlightRecording:
     served: dict[int, str] = {}  # name of the served model, by the same drone; a decision has it only when it changes
     last_declared: tuple[Role, int] | None = None
     for decision in rows(folder / layout.DECISIONS, Decision):
-        if decision.confirmed_by is not UNSET:  # a decision of the commander, whose exchange has the reply
+        if decision.confirmed_by is not UNSET:  # confirmed by the commander, whose exchange has the reply
             last_declared = ("commander", 0)
             continue
         if decision.reply is UNSET:
@@ -132,7 +132,7 @@ def _recording(folder: Path) -> FlightRecording:
             )
         if decision.served is not UNSET:
             served[decision.drone] = str(decision.served)
-        if decision.step not in steps:  # all drones of a question have its reply in their decision: take the first
+        if decision.step not in steps:  # every drone of a question has a decision with the same reply: keep the first
             steps[decision.step] = LoggedReply(
                 step=questions[decision.drone],
                 drone=decision.drone,
@@ -164,7 +164,7 @@ def _recording(folder: Path) -> FlightRecording:
 
 
 def _of_commander(commanded: Sequence[Exchange]) -> Iterator[LoggedReply]:
-    """Yield the replies of the commander. Some exchanges have none."""
+    """Yield the replies of the commander. Exchanges without a reply are skipped."""
     served: str | None = None  # name of the served model; an exchange has it only when it changes
     for exchange in commanded:
         served = served if exchange.served is UNSET else str(exchange.served)

@@ -1,4 +1,7 @@
-"""The stage of a connected vehicle, which this program does not simulate: link, camera, and logger of its estimate."""
+"""The stage (the parts around the agent) of a connected vehicle, which this program does not simulate.
+
+The parts are the link, the camera, and a logger of the autopilot's estimate.
+"""
 
 from pathlib import Path
 

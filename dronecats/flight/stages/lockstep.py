@@ -1,4 +1,7 @@
-"""The lockstep stage: all parts except PX4 are in one process, with one clock that waits for the slowest part."""
+"""The lockstep stage: the simulated parts around the agent, with one clock that waits for the slowest part.
+
+All parts except PX4 are in one process.
+"""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -20,7 +23,7 @@ from foundation.mavlink import dialect
 from foundation.threads import InlineExecutor
 from hil.link.link import Link
 
-SPARE_S = 1.0  # s; link faults last this much longer than the cap, for an agent that still waits for telemetry
+SPARE_S = 1.0  # s; link faults outlast the flight's time limit by this: the agent may still wait for telemetry
 
 
 class LockstepStage:

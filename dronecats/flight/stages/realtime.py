@@ -1,4 +1,7 @@
-"""Stages with child processes: the simulator in real time, or a vehicle with its own simulation."""
+"""Stages (the parts around the agent) with child processes.
+
+There is one for the simulator in real time, and one for a vehicle with its own simulation.
+"""
 
 import time
 from collections.abc import Callable
@@ -110,7 +113,7 @@ class RealtimeStage:
             copy.begin()
 
     def _transport(self, url: str, drone: int, *, speaks_first: bool) -> Transport:
-        """Return the agent's end of a vehicle's MAVLink connection, with an impaired wire if it has disturbances."""
+        """Return the agent's end of a vehicle's MAVLink connection, through an ImpairedWire if links are disturbed."""
         if not self._disturbed.wired:
             return connect(url)
         ends = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)

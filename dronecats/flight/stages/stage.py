@@ -1,6 +1,6 @@
 """Defines the interface of a stage (the environment of an episode) and the common parts of simulated stages.
 
-Disturbances of links and setpoint rate begin with the episode, so the start is the same at every level of a study.
+Disturbances of links and setpoint rate begin with the episode, so the takeoff is the same at every level of a study.
 The disturbances of links end before the landing. The simulator disturbs air and sensors from the start of the episode.
 A payload acts from boot.
 """
@@ -126,12 +126,12 @@ def simulator_config(spec: FlightSpec, simulated: Simulated, folder: Path) -> Si
 
 
 def truth_kept(faults: FrameFaults) -> int:
-    """Return the number of truth samples that a camera keeps, so that it can draw late pictures."""
+    """Return the number of truth samples that a camera keeps, so that it can draw pictures of earlier times."""
     return KEPT + math.ceil(faults.reach_s * TRUTH_HZ)
 
 
 class ImpairableWire(Protocol):
-    """A wire without faults until `impair`."""
+    """A wire that has no faults until `impair` is called."""
 
     def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
         """Add faults from now on for this time (s of vehicle time): `up` to the vehicle, `down` from it."""
@@ -139,7 +139,7 @@ class ImpairableWire(Protocol):
 
 
 class DisturbedLinks:
-    """The disturbances of a flight's links, or none."""
+    """Applies the flight's disturbances of links and setpoint rate, if there are any."""
 
     def __init__(self, flight: Flight) -> None:
         self._disturbances, self._seconds = flight.spec.disturbances, flight.spec.seconds

@@ -35,10 +35,13 @@ STALL_M, BROKEN_M = 0.5, 1.0
 
 @dataclass(frozen=True, slots=True)
 class StepOutlook:
-    """One step of one drone with the motion before and after it. None: too few steps before or after, or unknown."""
+    """One step of one drone with the motion before and after it. None: too few steps before or after, or unknown.
+
+    Closed metres are the metres by which the distance to the target became smaller.
+    """
 
     think: bool
-    closing_m: float | None  # m closed between the previous frame and its own
+    closing_m: float | None  # m closed between the frame of the previous step and that of this step
     gained_m: float | None  # m per step closed in the three steps after it
     stalled: bool | None  # less than 0.5 m was closed in the three steps before it
     broken: bool | None  # 1 m or more was closed in the three steps after it
@@ -61,10 +64,10 @@ class Deliberation:
     """Three comparisons of `think` steps with ordinary steps."""
 
     thinks: int  # steps that think
-    matched: int  # of these, those that have ordinary steps of the same closing rate
+    matched: int  # of these, those with ordinary steps in the same interval of closing rates
     gain_m_per_step: float | None  # mean closing rate after thinks minus that after their matches; None: no matches
-    stalls: Followed  # stalled steps: the stall was broken within three steps
-    losses: Followed  # steps without the target in view: it was seen again within three steps
+    stalls: Followed  # for stalled steps; the event: the stall was broken within three steps
+    losses: Followed  # for steps without the target in view; the event: it was in view again within three steps
 
 
 def step_outlooks(flight: JudgedFlight) -> list[StepOutlook]:
@@ -151,7 +154,7 @@ Rule = Callable[[JudgedFlight], bool | None]  # success under the rule; None: un
 
 
 def last_declaration(flight: JudgedFlight) -> bool | None:
-    """Return whether the last declaration qualifies; None if the flight is censored."""
+    """Return whether the last declaration qualifies; None if the flight is censored, or if this is unknown."""
     if flight.verdict.censored:
         return None
     return flight.declarations[-1].qualifies(flight.delta_m) if flight.declarations else False
@@ -169,7 +172,7 @@ def ten_seconds(flight: JudgedFlight) -> bool | None:
 
 
 def without_cap(flight: JudgedFlight) -> bool | None:
-    """Return whether any declaration qualifies, even after the cap."""
+    """Return whether any declaration qualifies, even after the cap; None if this is unknown."""
     return judge(declarations(flight.logs, float("inf")), None, flight.delta_m, float("inf")).success
 
 
@@ -322,9 +325,10 @@ def strictness(flight: JudgedFlight) -> Strictness:
 
 
 def strictly(decision: Decision, drones: list[int]) -> dict[str, Any] | None:
-    """Return the action of a decision under strict parsing of its reply: the logged action if one axis order gives it.
+    """Return the action of a decision under strict parsing of its reply.
 
-    `drones`: the drones of the reply.
+    The result is the logged action if one of the axis orders xy and yx gives it, or if the reply was not logged;
+    otherwise the action in the order xy. `drones`: the drones of the reply.
     """
     if decision.reply is UNSET:
         return decision.action

@@ -1,14 +1,14 @@
 """Failure modes: the paper's modes and thresholds. Each scored episode has exactly one mode.
 
 Paper, "Failure Taxonomy" and appendix "Additional Results". The paper does not say which mode counts if several hold.
-Here the first mode of MODES that holds counts. After success, MODES has the order of the appendix. "did not move" is a
-fault of the simulation, so it requires commands to move. It precedes the other modes without declaration or arrival,
-because they assume a drone that moves. The appendix and `band` count it as "timed out".
+Here the first mode of MODES that holds counts. After success, MODES has the order of the appendix. "did not move" is
+meant for faults of the simulation, so it holds only if moves were commanded. It precedes the other modes without
+declaration or arrival, because they assume a drone that moves. The appendix and `band` count it as "timed out".
 
 For a fleet, declarations, arrival, closing and the share of steps with the target ahead are those of the best drone, as
 in the success criterion. A fleet oscillated, or did not move, if every drone oscillated, or did not move.
 
-A campaign retries a "did not move" flight one time. The paper's "pose track under 5 m" assumes a vehicle that hovers
+`dronecats bench` retries a "did not move" flight once. The paper's "pose track under 5 m" assumes a vehicle that hovers
 without motion. The simulated vehicle follows its drifting estimate: a hover of 300 s makes a path of about 10 m. So
 movements below half a metre are not part of the track.
 """
@@ -117,7 +117,7 @@ def wanderings(flight: JudgedFlight) -> list[Wandering]:
 
 def tracks_m(poses: Iterable[Pose]) -> Iterator[float]:
     """Yield for each pose the length (m) of its drone's track so far."""
-    places: dict[int, tuple[float, float, float]] = {}  # end of the last step, by drone
+    places: dict[int, tuple[float, float, float]] = {}  # end of the last movement that counted, by drone
     tracks: dict[int, float] = {}
     for pose in poses:
         step_m = math.dist(places.setdefault(pose.drone, pose.position_ned), pose.position_ned)

@@ -74,7 +74,7 @@ def _outcome_count(outcome: DroneOutcome) -> MetricFunction:
 
 
 def _commanding_value(name: str) -> MetricFunction:
-    """Return a function that reads a commanding diagnostic; its value is None for other episodes."""
+    """Return a function that reads a commanding diagnostic. That function returns None for other episodes."""
     return lambda flight: getattr(flight.verdict.commanding or None, name, None)
 
 
@@ -126,7 +126,8 @@ METRICS = (
     ),
     Metric(
         name="spread_m", title="Spread", unit="m", level="episode", better=None,
-        definition="per step, the mean distance of each two places to which drones are sent; median over the steps",
+        definition="per step, the mean distance over all pairs of places to which drones are sent; median over the"
+        " steps",
         paper=COMMAND, of=_commanding_value("spread_m"),
     ),
 )  # fmt: skip

@@ -92,7 +92,7 @@ def _is_value(value: object) -> bool:
 
 EPISODES_A_PROCESS = 50  # least number of episodes that is worth the start of a process
 AT_ONCE = 8  # episodes that a process gets at a time
-FORKS = "fork" in multiprocessing.get_all_start_methods()  # required: a user's metric cannot be pickled
+FORKS = "fork" in multiprocessing.get_all_start_methods()  # else one process only: a user's metric cannot be pickled
 Item = TypeVar("Item")
 ItemResult = TypeVar("ItemResult")
 
@@ -103,7 +103,7 @@ class Judging:
 
     delta_m: float = RADIUS_M  # m, success radius
     cap_s: float = CAP_S  # s, declarations after it do not count
-    measured: bool = False  # whether every metric of the registry is measured
+    measured: bool = False  # whether all of METRICS are measured
     own: tuple[Path, ...] = ()  # files of the user's metrics, which are always measured
 
     def check(self) -> None:
@@ -196,7 +196,7 @@ def _metrics(options: Judging) -> tuple[Metric, ...]:
     return (*(METRICS.values() if options.measured else ()), *own)
 
 
-@lru_cache(64)  # the drones of a fleet share a reply
+@lru_cache(64)  # the drones of a fleet share a reply, so it is parsed once
 def _read(reply: str, drones: int, order: AxisOrder, mended: bool) -> tuple[dict[str, Any] | None, ...]:
     read = reading(reply, drones, order, "lenient" if mended else "strict")
     return tuple(part.action.as_json() if part.action else None for part in read)

@@ -37,7 +37,7 @@ class Metric:
 
 
 def of_counted(steps: Iterable[FlightStep], value: Callable[[FlightStep], MetricValue]) -> list[MetricValue]:
-    """Return a value per decision; None after the cap."""
+    """Return `value` of each step, one per decision; None for decisions after the cap."""
     return [value(step) if step.counts else None for step in steps]
 
 

@@ -41,12 +41,12 @@ def min_distance_box(flight: JudgedFlight) -> float | None:
 
 
 def _diagnostic(name: str) -> MetricFunction:
-    """Return a function that reads a diagnostic of the verdict; None if nothing was measured."""
+    """Return a function that reads a diagnostic of the verdict. It returns None if nothing was measured."""
     return lambda flight: getattr(flight.verdict.diagnostics, name, None)
 
 
 def _contact(name: str) -> MetricFunction:
-    """Return a function that reads a field of Contacts; None if hits were not logged."""
+    """Return a function that reads a field of Contacts. It returns None if hits were not logged."""
     return lambda flight: getattr(contacts(flight.logs, flight.cap_s), name, None)
 
 
@@ -172,7 +172,8 @@ METRICS = (
     Metric(
         name="crashes", title="Crashes", unit="count", level="episode", better="less",
         value_type=int,
-        definition="drones that hit something faster than 1 m/s, or the ground with their feet faster than 5 m/s",
+        definition="number of drones that hit something faster than 1 m/s, or the ground with their feet faster than"
+        " 5 m/s",
         paper="", of=_contact("crashes"),
     ),
     Metric(

@@ -2,7 +2,7 @@
 
 A point is judged only if the target was visible in the picture. The log row of the picture has the truth: the depth of
 the visible target surface, the target's centre in camera axes, and its box, which older logs do not have. The camera
-model is the declared pinhole.
+model is the pinhole camera of the benchmark (`foundation.camera`).
 """
 
 import math
@@ -25,7 +25,7 @@ def on_target(flight: JudgedFlight) -> list[MetricValue]:
 
 
 def pointing_error(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision the angle (°) between a go's point and the target's centre, at the camera."""
+    """Return per decision the angle (°) at the camera between a go's point and the target's centre; None if unknown."""
     return of_counted(flight.steps, _pointing_error_deg)
 
 
@@ -129,9 +129,9 @@ METRICS = (
     ),
     Metric(
         name="rescaled", title="Rescaled copy", unit="share", level="step", better="less",
-        definition="for a go after an earlier go among the last five actions: its point equals, to half a unit, the"
-        " pixel coordinates that the history shows for the newest of them. The history shows a point (x, y) as"
-        " (1.28 x, 0.72 y)",
+        definition="for a go, if the history of the last five actions has an earlier go: the point equals, to half a"
+        " unit, the pixel coordinates that the history shows for the newest earlier go. The history shows a"
+        " point (x, y) as (1.28 x, 0.72 y)",
         paper=EXECUTION, of=rescaled,
     ),
     Metric(

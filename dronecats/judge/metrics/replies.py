@@ -42,7 +42,7 @@ def _per_question(field: str) -> MetricFunction:
 
 
 def _token_sum(field: str) -> MetricFunction:
-    """Return a function that adds up tokens; None if no server counted them."""
+    """Return a function that adds up tokens. It returns None if no server counted them."""
     return lambda flight: sum(counts) if (counts := known_values(question_values(flight, field))) else None
 
 

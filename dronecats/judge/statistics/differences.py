@@ -1,4 +1,4 @@
-"""Computes means and differences over episodes, with intervals and tests. Flights of one episode are one value."""
+"""Computes means and differences over episodes, with intervals and tests. The flights of one episode give one value."""
 
 import functools
 import math
@@ -40,7 +40,7 @@ class MeanDifference(KnownMean):
 
 
 def known_mean(values: Sequence[float], confidence: float = CONFIDENCE) -> KnownMean:
-    """Return the mean of a value per episode, with an interval within the range of the values.
+    """Return the mean of `values`, one per episode, with an interval within the range of the values.
 
     The ends are quantiles of the means of all subsets of the episodes (Hartigan, "Using subsample values as typical
     values", J. Am. Stat. Assoc. 64, 1969), so the interval is between the least and the largest value. Fewer

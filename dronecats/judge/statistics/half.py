@@ -3,7 +3,8 @@
 The model is a logistic fit with random group intercepts. The intercepts are distributed symmetrically, so the median
 group and the mean over all groups reach one half at the same place. The interval is a profile likelihood interval: all
 places at which the fit is not significantly worse than the best fit. It may be unbounded (Fieller's case). The limit
-of significance is a quantile of F with (1, groups - 1) degrees of freedom: twenty groups are too few for chi-square.
+of significance is a quantile of F with (1, groups - 1) degrees of freedom. The chi-square quantile is too small for few
+groups, for example twenty.
 """
 
 import math
@@ -46,8 +47,8 @@ class HalfSuccess:
     high: float  # upper end, with the same infinities
     slope: float | None  # of the log odds per unit of the factor; None: the likelihood has no peak
     scatter: float | None  # standard deviation of the groups' intercepts, log odds; WIDEST means at least WIDEST
-    p_slope: float  # likelihood ratio test of no slope
-    p_straight: float | None  # test of straight log odds against a share per level; None: two levels
+    p_slope: float  # p-value of the likelihood ratio test of no slope
+    p_straight: float | None  # p-value of log odds on a straight line against a share per level; None: two levels
     groups: int
     trials: int
 
@@ -143,7 +144,7 @@ class _Line:
         return float(-intercept / slope) if abs(slope) > 1e-12 else math.nan
 
     def worse(self, place: float) -> float:
-        """Return twice the loss of log likelihood if the line crosses one half at a place."""
+        """Return twice the loss of log likelihood if the line must cross one half at `place`."""
         begin = MixedLogit(self.best.coefficients[1:], self.best.scatter, 0.0)
         held = fit((self._at - place)[:, None], self._trials, begin=begin)
         return max(0.0, 2.0 * (self.best.log_likelihood - held.log_likelihood))
@@ -151,7 +152,8 @@ class _Line:
     def interval(self, value: float, limit: float) -> tuple[float, float]:
         """Return the interval of places around `value` that lose at most `limit`.
 
-        An end is infinite if the interval reaches the lowest or highest level.
+        An end is infinite if the interval reaches the lowest or highest level. Both ends are the same infinity if every
+        place within the levels loses more.
         """
         least, most = float(self._at.min()), float(self._at.max())
         places = np.unique(np.append(np.linspace(least, most, PLACES), np.clip(value, least, most)))

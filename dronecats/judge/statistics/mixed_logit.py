@@ -1,6 +1,7 @@
 """Fits a logistic regression with a random intercept per group, by the exact marginal likelihood.
 
-Group g succeeds under condition j with probability 1 / (1 + exp(-(X_j b + o_j + s z_g))), where z_g is standard normal.
+Group g succeeds under condition j with probability 1 / (1 + exp(-(X_j b + o_j + s z_g))). X is the design, b are the
+coefficients, o is the offset, s is the scatter of the groups, and z_g is standard normal.
 The trapezoid rule over ±7 integrates over z; it is practically exact for such smooth integrands. The fit maximises the
 likelihood with its gradient (McCulloch and Searle, "Generalized, Linear, and Mixed Models", 2001, 8). Coefficients are
 bounded, so the fit also ends for perfectly separated outcomes, whose best coefficient is infinite.
@@ -25,7 +26,7 @@ LEAST_PEAK = 1e-4  # least curvature (eigenvalue, scaled columns) of the log lik
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """The counts of successes and trials of each group under each condition; both are 0 without trials."""
+    """The counts of successes and trials of each group under each condition; both may be 0."""
 
     successes: Array  # (groups, conditions)
     trials: Array  # (groups, conditions)

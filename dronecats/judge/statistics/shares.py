@@ -37,7 +37,7 @@ def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> t
     middle = share + z * z / (2 * trials)
     half = z * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
     scale = 1 + z * z / trials
-    # an interval at an end of the scale includes that end, which rounding would miss
+    # without successes the interval includes 0, without failures 1; rounding would miss these ends
     low = 0.0 if successes == 0 else (middle - half) / scale
     return low, 1.0 if successes == trials else (middle + half) / scale
 
@@ -73,7 +73,7 @@ def _effective(episodes: Sequence[Sequence[bool]], share: float, trials: int) ->
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """The spread of the number of successes over several flights of the same episodes."""
+    """The spread of the number of successes over several flights. Here a flight is one pass over the same episodes."""
 
     totals: tuple[int, ...]  # number of successes of each flight
     episodes: int  # number of episodes of each flight
@@ -86,7 +86,7 @@ class Spread:
 
 
 def spread(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENCE) -> Spread:
-    """Return the spread of flights; each flight has the outcomes of the same episodes in the same order.
+    """Return the spread of flights. Each flight is a sequence of outcomes of the same episodes in the same order.
 
     Raises ValueError without flights, or if their lengths differ.
     """
@@ -159,7 +159,7 @@ class Paired:
     only_second: int  # episodes that the second pilot solved more often: McNemar's c
     difference: float  # share of successes of the first pilot minus that of the second, -1 … 1
     p: float  # two-sided, exact
-    smallest: float | None  # `smallest_difference` for this discordance; None: too few episodes
+    smallest: float | None  # `smallest_difference` at the observed share of different outcomes; None: too few episodes
 
 
 def paired(first: Sequence[Sequence[bool]], second: Sequence[Sequence[bool]]) -> Paired:
@@ -227,7 +227,7 @@ def mcnemar_power(episodes: int, difference: float, discordant: float, alpha: fl
 
 @functools.cache
 def _largest_significant_minority(pairs: int, alpha: float) -> int:
-    """Return the largest minority of the discordant pairs for which p ≤ alpha; -1: none.
+    """Return how many of `pairs` discordant pairs may at most favour the weaker pilot for p ≤ alpha; -1: not even 0.
 
     -1 means that p > alpha even if all discordant pairs favour one pilot.
     """

@@ -155,7 +155,7 @@ ASIDE_PX = 4  # px, tolerance left and right of the target's box for the middle 
 OUTLINE_PAINT = "red"  # the shape is the same for every paint
 LEVELS = 6  # height bands of an outline
 DIRECTIONS = 8  # horizontal directions; each band has its outermost points in each direction
-STEEP = 6.0  # slope of the directions for the highest and lowest points
+STEEP = 6.0  # slope of additional directions up and down; their outermost points join the outline
 
 TargetJpeg = tuple[bytes, Target]
 

@@ -2,9 +2,9 @@
 
 A random campus has the ground and the halls of the shipped campus, but the halls swap places. The things of the asset
 catalogue stand at random places, the plants have random shapes, and the sun has a random time. The fit has two stages.
-The first network is fitted to windows of the first pictures: all windows with a thing, and random empty windows. Then
-empty windows that this network mistakes for a thing join the examples, and the shipped network is fitted to all of
-them.
+The first network is fitted to windows (parts of a picture, see `shape_detector`) of the first pictures: all windows
+with a thing, and random empty windows. Then empty windows that this network mistakes for a thing join the examples, and
+the shipped network is fitted to all of them.
 """
 
 import math
@@ -175,7 +175,7 @@ CHECK_SCENES, CHECK_PICTURES = 4, 24
 EXAMPLE_TOLERANCE = (0.10, 0.36, 0.17)
 UNUSED_TOLERANCE = (0.26, 0.90, 0.40)
 PARTIAL_TOLERANCE = (0.60, 1.6, 0.80)
-# least UNUSED_TOLERANCE[1]
+# m, at least this instead of UNUSED_TOLERANCE[1] for wide things
 WIDE_M = {"fountain": 1.8, "tiered-fountain": 1.8, "clock-tower": 1.8, "kiosk": 1.3, "bike-rack": 1.3}
 VISIBLE_SHARE_LIMITS = (
     0.15,
@@ -247,7 +247,8 @@ def labels(
 ) -> NDArray[np.int8]:
     """Return for each window of a strip the index of its thing in KINDS, 0 for nothing, or NO_EXAMPLE.
 
-    `height`: index of HEIGHTS_M; `fill`: from `usual_fill`.
+    `height`: index of HEIGHTS_M; `fill`: from `usual_fill`; `near`: a window that is within these limits of a thing,
+    but is no example of it, gets NO_EXAMPLE.
     """
     right = strip.rights_m()
     kinds = np.zeros(len(right), np.int8)

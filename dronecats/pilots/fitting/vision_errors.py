@@ -3,7 +3,8 @@
 Each decision is compared with the truth of its frame, and labelled with the thing that vision took for the target:
 
 - Nothing: a turn, `think`, or a `go` with the depth of a search stride.
-- The target: a `go` within 5° of the visible target or within the sides of its box, or a declaration near the target.
+- The target: a `go` within 5° of the visible target or within the sides of its box, or a declaration with
+  the target in view and nearer than twice the success radius.
 - Something else: any other `go`.
 - A claim: any other declaration.
 
@@ -80,7 +81,7 @@ def label(step: FlightStep) -> LabelledDecision | None:
     within = box is not None and scale * box[0] - SIDES_PX <= x <= scale * box[2] + SIDES_PX
     if angle > ASIDE_DEG and not within:
         return LabelledDecision("else", seen, away, None, None, go.depth_m)
-    if go.depth_m <= NEAR_M:  # near the target, a rule of the pilot sets point and depth
+    if go.depth_m <= NEAR_M:  # near the target, a rule of the pilot sets point and depth, so they show no error
         return LabelledDecision("target", seen, away, None, None, None)
     return LabelledDecision("target", seen, away, (off_x, off_y), math.log(go.depth_m / ahead), None)
 

@@ -23,7 +23,7 @@ _AHEAD_DEG = 8.0  # largest bearing of a point that the pilot flies to without a
 _STUCK_M = 0.3  # a stride that moves less has met an obstacle
 _ARRIVED_M = RADIUS_M - 0.5  # well inside the radius of success
 _EDGE = 50.0  # 0–1000, distance of a point from the picture's edge
-_KEPT_OFF_M = 2.0 * RADIUS_M  # within this distance the pilot never strides towards the target, in the picture or not
+_KEPT_OFF_M = 2.0 * RADIUS_M  # within this distance the pilot never strides towards the target, even if unseen
 
 ActionGenerator = Generator[
     str, TrueState, None

@@ -6,9 +6,10 @@ that the picture does not show. Like vision, it declares by its own estimate of 
 only on the record's seed, the flight's seed, the drone and the step. Flights under different disturbances therefore
 have the same draws and can be compared in pairs. In studies the noisy pilot represents vision, not a model.
 
-The probabilities at a step depend on the previous step and, for a visible target, on its distance. One draw per flight
-selects the probabilities of flights that vision lost or of the other flights, because a mistake of vision lasts the
-whole flight. `python -m dronecats.pilots.fitting vision-errors` fits the numbers.
+The probabilities at a step depend on the previous step and, for a visible target, on its distance. There are two sets
+of probabilities: that of the flights in which vision failed, and that of its successes. One draw per flight selects the
+set, because a mistake of vision lasts the whole flight. `python -m dronecats.pilots.fitting vision-errors` fits the
+numbers.
 """
 
 import json
@@ -53,8 +54,8 @@ class Attention:
     `strays`, `stays` and `claims` are shares of the steps at which vision does not take the target.
     """
 
-    found: tuple[float, float, float]  # by band: takes the visible target, after a step without it
-    kept: tuple[float, float, float]  # by band: takes the visible target again
+    found: tuple[float, float, float]  # by band: takes the visible target, after a step at which it did not
+    kept: tuple[float, float, float]  # by band: takes the visible target, after a step at which it did
     strays: float  # begins to take something else
     stays: float  # takes something else, after it took something else at the previous step
     claims: float  # declares, after it took something else at the previous step
@@ -65,7 +66,7 @@ class DetectionErrors:
     """The errors for one way of naming the target."""
 
     flights: int  # number of flights in the fit
-    mistaken: float  # share of lost flights
+    mistaken: float  # share of flights that failed
     sure: Attention  # in flights that succeeded
     lost: Attention  # in flights that failed
     aside_px: float  # px of a picture 1280 wide: standard deviation of a point's horizontal error
@@ -73,8 +74,8 @@ class DetectionErrors:
     depth: float  # mean log ratio: log(depth of the `go` / true depth of the target's centre)
     depth_flight: float  # standard deviation between flights of a flight's mean log ratio
     depth_step: float  # standard deviation of the log ratio between the steps of a flight
-    astray_m: float  # m, median depth of something else
-    astray: float  # standard deviation of the log of that depth
+    astray_m: float  # m, median depth of a `go` at something else
+    astray: float  # standard deviation of the log of the depth of a `go` at something else
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,8 +1,8 @@
 """The oracle: a pilot that knows the truth.
 
 Its results are the upper bound of the benchmark and prove that an episode can be flown. The oracle has the same four
-actions as a model, so a model can fly the same way. The oracle is a pure function of the truth. The run calls it; the
-agent never does.
+actions as a model, so a model can fly the same way. The oracle is a pure function of the truth. The agent's code does
+not import the oracle; `dronecats/flight/run/truth.py` passes the oracle to the agent as a model.
 """
 
 import math
@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 from dronecats.pilots import actions
 from foundation.camera import CameraModel, camera_pose
-from foundation.frames import Quat, Vec3, quat_from_euler, rotate_inverse, wrap_pi
+from foundation.frames import Quat, Vec3, course, quat_from_euler, rotate_inverse, wrap_pi
 from foundation.protocol import NEAR_M, NEAR_SCALE, POINT_SPAN, STEP_S, STRIDE_MAX_M, STRIDE_MIN_M
 
 ARRIVED_M = 4.0  # 3-D distance at which the oracle declares; the verifier's radius is 5 m
 _CLOSE_ENOUGH_M = 4.5  # 3-D distance at which it declares if even the shortest stride is too long
 _LEVEL = 0.14  # largest slope of a level `go`: the controller ignores slopes under 0.15
-# Within this horizontal distance the drone keeps its height, if the target is less than the band above or below. With a
-# larger height difference, a level flight might move the target out of the picture.
+# Within this horizontal distance the drone keeps its height, if the height difference to the target is less than
+# _KEEPS_HEIGHT_BAND_M. With a larger difference, a level flight might move the target out of the picture.
 _KEEPS_HEIGHT_M = 7.0
 _KEEPS_HEIGHT_BAND_M = 1.2
 _TURN_MAX_DEG = 90.0
@@ -155,5 +155,5 @@ def pixel(point: Vec3, camera: CameraModel) -> tuple[float, float]:
 
 def _bearing_deg(position_ned: Vec3, yaw_rad: float, point_ned: Vec3) -> float:
     """Return the turn (deg, + right, at most 90 to either side) that brings a point ahead."""
-    bearing = wrap_pi(math.atan2(point_ned[1] - position_ned[1], point_ned[0] - position_ned[0]) - yaw_rad)
+    bearing = wrap_pi(course(position_ned, point_ned) - yaw_rad)
     return min(max(math.degrees(bearing), -_TURN_MAX_DEG), _TURN_MAX_DEG)

@@ -39,8 +39,9 @@ class OracleModel:
     ) -> None:
         """`listen` is called before each answer. It passes the waiting bytes of the truth bus to `feed`.
 
-        kept: truth samples to keep per drone, for late pictures. obeys: in a request for one drone, the drone flies to
-        the candidate that its goal names. looks: measure the target's visibility, because the pilot needs it.
+        kept: truth samples to keep per drone, for pictures of earlier times. obeys: in a request for one drone, the
+        drone flies to the candidate that the commander's goal in the prompt names. looks: measure the target's
+        visibility, because the pilot needs it.
         """
         self.name = name
         self._world, self._camera, self._listen, self._pilot = world, camera, listen, pilot
@@ -54,7 +55,7 @@ class OracleModel:
         self._t0_us = t0_us
 
     def ask(self, request: Request) -> Reply:
-        """Return the reply for the drone of every picture."""
+        """Return the reply for all drones of the request, which has one picture per drone."""
         self._listen()
         drones = range(request.drone, request.drone + len(request.images_jpeg))
         self._taken = dict(zip(drones, request.taken_us, strict=False))
@@ -97,7 +98,7 @@ class OracleModel:
         )  # fmt: skip
 
     def _visible(self, sample: TruthSample, t_s: float) -> bool:
-        """Return whether the target is visible from the pose, by the logger's measure. Other drones may hide it."""
+        """Return whether the target is visible from the pose, measured as by the logger. Other drones may hide it."""
         fleet = self._truth.at(sample.drone, sample.time_us)
         neighbours = [DronePose(d.position_ned, d.attitude) for d in fleet[1].values()] if fleet else []
         camera = self._camera.at_pitch(sample.gimbal_pitch)

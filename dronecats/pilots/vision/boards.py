@@ -167,7 +167,7 @@ def _on_posts(grey: NDArray[np.float32], box: _Box) -> bool:
 
 
 def decide(picture: Picture, board: Candidate, wanted: Inscription) -> str:
-    """Return the next action of a drone that sees its board."""
+    """Return the next action of a drone that sees its board: `think` at another board, a stride, or a declaration."""
     is_wanted = ocr.matches(wanted, read_board(picture, board)) if board.spot.ahead_m <= _READ_M else None
     if is_wanted is False:
         return actions.think()

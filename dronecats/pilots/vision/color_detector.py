@@ -40,13 +40,13 @@ _LEAST_SCORE = 0.08  # least score of a detection by size
 _LIKELY_SCORE = 0.35  # least score of a detection by the network
 _EXPECTED_SCORE = 0.12  # least score of a detection by the network at the expected place
 _EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # tolerances: fraction of the picture's width, log of the depth
-_EXPECTED_PREFERENCE = 3.0  # factor on the rank at the expected place
+_EXPECTED_PREFERENCE = 3.0  # factor on the rank of a detection at the expected place
 _AREA_POWER = 0.3  # exponent of a patch's number of pixels in the rank; larger patches are preferred
 _HORIZON_SLACK = 0.05  # of the picture's width; lower edges may be this far above the middle: the drone pitches
 
 
 class PatchNetwork(Network):
-    """The network with LENGTH inputs and two outputs: log odds, log of the distance's factor."""
+    """The network with LENGTH inputs and two outputs: log odds of the target, log of the factor on the distance."""
 
     __slots__ = ()
     FILE = "patch_network.npz"
@@ -114,7 +114,7 @@ class Detection:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedPlace:
-    """The expected place of the last action's target."""
+    """The place in the new picture at which the target of the last action is expected."""
 
     bearing: float  # horizontal offset from the picture's centre, fraction of its width, + right
     depth_m: float
@@ -132,7 +132,7 @@ class _Blob:
     right: int
     bottom: int
     pixels: int
-    members: tuple[int, ...]  # labels
+    members: tuple[int, ...]  # labels of the joined connected components
 
 
 def find(
@@ -164,7 +164,7 @@ class ColorPatch:
     """A patch of the referent's colour."""
 
     box: BoundingBox
-    range: Range  # distance for the size of the referent
+    range: Range  # distance, if the patch is of a thing with the size of the referent
     pixels: int
     lean: float  # see `Detection.lean`
 

@@ -56,7 +56,7 @@ def decode_lead(past: tuple[PastAction, ...]) -> float | None:
 
 
 def expected_place(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
-    """Return the expected place of the last long stride's target if it does not move; None without such a stride."""
+    """Return where a still target is expected after a long stride to it; None if the last action was another."""
     lead = decode_lead(past)
     if lead is None:
         return None
@@ -99,7 +99,10 @@ def passing_side(past: tuple[PastAction, ...]) -> int:
 
 
 def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
-    """Return a stride past the near end, on the flank's side. The flank's upper edge drops away from the near end."""
+    """Return a stride past the near end, on the flank's side.
+
+    The flank's upper edge drops away from the near end, so `Detection.lean` shows the flank's side.
+    """
     box = detection.box
     middle = 0.5 * (box.left + box.right)
     flank = 1 if detection.lean > 0.0 else -1

@@ -43,7 +43,7 @@ BANDS: dict[str, Band] = {
 """The keys are the values of `command.COLORS`."""
 
 _SKY_STEP = 3  # largest difference between neighbouring pixels of the sky, in grey levels
-_SKY_HUE, _SKY_SATURATION = (85, 125), 170  # largest saturation of the sky; car paint of the same hue has more
+_SKY_HUE, _SKY_SATURATION = (85, 125), 170  # hues and largest saturation of the sky; car paint of these hues has more
 _SKY_VALUE = 110  # least value of the sky by day
 
 

@@ -92,6 +92,7 @@ def read_referent(command: str) -> Referent:
     """Return the first noun of SIZES that follows a colour word, and the colour word nearest before it.
 
     'the red car parked by the white house' → red car. Without such a pair: the first colour word and the first noun.
+    Without a noun: 'thing' with the size of a car.
     """
     text = command.lower()
     nouns = list(_SIZED_NOUN.finditer(text))

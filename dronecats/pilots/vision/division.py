@@ -1,7 +1,7 @@
 """Assigns to each drone of a fleet one of the things that the drones' pictures show.
 
-The drones are about a stride apart and have the same heading. The frames of two drones therefore differ by a shift of a
-few metres at most.
+The drones are about a stride apart and have the same heading. The coordinate frames of two drones therefore differ
+by a shift of a few metres at most.
 """
 
 import math

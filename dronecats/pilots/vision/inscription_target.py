@@ -22,7 +22,7 @@ from foundation.protocol import GO, HISTORY_LENGTH, NEAR_M, ROTATE, STRIDE_MAX_M
 Past = tuple[PastAction, ...]
 OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone, its candidates) → its own thing
 
-# Scales of the change of a drone's own thing between two pictures: bearing far, bearing near, log of the distance
+# Scales of the change of a drone's own thing between two pictures: bearing if far, bearing if near, log of distance
 _ASIDE_RAD, _NEAR_ASIDE_RAD, _DISTANCE_LOG = math.radians(4.0), math.radians(8.0), 0.3
 _DETOUR_FACTOR = 3.0  # factor on the bearing's scale if the path leads round a vehicle
 _MISMATCH_MAX = 3.0  # largest change of a drone's own thing, in these scales
@@ -38,7 +38,7 @@ _SAME_LOOKS = 26.0  # largest boards.color_difference between sun and shade of t
 DULL = ("brown",)  # tried only if no other paint fits: bricks and tree trunks have this colour too
 VIVID = tuple(color for color, band in colors.BANDS.items() if band.vivid and color not in DULL)
 _LOOK_ALIKES = 4  # the usual number of candidates; at most this many count in a picture
-_ENOUGH_SCORE = 0.75  # total score per picture of a paint that fits; then DULL paints are not tried
+_ENOUGH_SCORE = 0.75  # if a paint reaches this total score per picture, DULL paints are not tried
 
 
 def decide(pictures: Sequence[Picture], wanted: Inscription, command: str, past: Sequence[Past]) -> list[str]:
@@ -133,7 +133,9 @@ def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
 def find_candidates(
     pictures: Sequence[Picture], wanted: Inscription, kind: Referent, own: OwnCandidate | None = None
 ) -> list[list[Candidate]]:
-    """Return for each picture the things that may carry the inscription, left to right. The candidates look alike.
+    """Return for each picture the things that may carry the inscription, left to right.
+
+    All candidates of an episode look alike, so all have the same paint.
 
     kind: the vehicle that the command names; not used for boards. own: finds a drone's own thing; None before the
     first action. With `own`, the scores of the drones' own things decide the paint of the vehicles.
@@ -152,7 +154,7 @@ def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidat
         views = [[_vehicle_candidate(d, p) for d in color_detector.find_all(p, referent)] for p in pictures]
         own_things = [own(k, view) for k, view in enumerate(views)] if own else []
         rank = (
-            sum(c.score * c.size_px for c in own_things if c),  # a near vehicle is larger than a brick
+            sum(c.score * c.size_px for c in own_things if c),  # by size: a near vehicle is larger than a brick
             sum(sum(sorted((c.score for c in view), reverse=True)[:_LOOK_ALIKES]) for view in views),
         )
         if rank > most:

@@ -67,7 +67,10 @@ def load_engine() -> None:
 
 
 def read_line(part: Picture, stretch: float = 1.0) -> list[ReadText]:
-    """Return the single line of text in `part` (H, W, 3) BGR. `stretch` widens a part that is seen at an angle."""
+    """Return the single line of text in `part` (H, W, 3) BGR; empty if there is none, or if `part` is too small.
+
+    `stretch` widens a part that is seen at an angle.
+    """
     if min(part.shape[:2]) < _LEAST_PX:
         return []
     result = _engine()(_enlarged(part, stretch), use_det=False, use_cls=False, use_rec=True)

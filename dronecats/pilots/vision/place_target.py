@@ -28,7 +28,7 @@ _CLOSER_M = 2.2  # distance to the thing's edge above which the drone comes clos
 _CAREFUL_M = 9.0  # within this distance strides are short
 _SURE, _LIKELY = 0.3, -0.9  # least log odds to choose a thing, and to keep a chosen thing
 _FOLLOWS_DEG, _FOLLOWS_M = 8.0, 1.8  # after a stride, largest offset of the chosen thing from the nose
-_FOLLOWS_LOG = 0.45  # after a stride, largest log ratio of its detected and expected distance
+_FOLLOWS_LOG = 0.45  # after a stride, largest log ratio of detected and expected distance of the chosen thing
 _MARK_BONUS = 0.7  # added to the log odds of a landmark, which may be less certain than the target
 _WEIGHT = 7.0  # log odds that a fulfilled relation adds
 _VISITED_M = 6.5  # after the first step, a thing nearer than this counts as visited
@@ -88,7 +88,10 @@ def _follow(
     expression: PlaceExpression,
     detections: list[PlacedThing],
 ) -> str:
-    """Continue to the thing of the last stride, if the picture shows it or it must be near; else choose anew."""
+    """Return the next action to the thing of the last stride; a choice of another thing if this one seems lost.
+
+    Without a detection, the drone flies on if the thing is near or was in the first picture.
+    """
     last = past[-1]
     stride = STRIDE_MAX_M if last.depth_m >= NEAR_M else NEAR_SCALE * last.depth_m
     expected = max(last.depth_m - stride, 3.0) if last.depth_m >= NEAR_M else _ARRIVED_M
@@ -109,7 +112,7 @@ def _follow(
         return _stride_round(picture) if _blocked(past, away) else _approach(best, away)
     if expected <= _ARRIVED_M:
         return actions.finished()
-    if expected <= _CAREFUL_M or is_there:  # many pictures miss far things; go straight on
+    if expected <= _CAREFUL_M or is_there:  # the detector often misses far things: go straight on
         return _go(PlacedThing(expression.kind, expected, 0.0, 0.0, 0.0), _depth_for(expected + ranging.CAMERA_AHEAD_M))
     return _choose(picture, wanted, past, expression, detections)
 

@@ -51,7 +51,7 @@ _WIDEST_RAD = math.radians(40.0)  # largest bearing of a stride
 _ROW = 18.0  # 0–1000, offset of a point above or below the horizon: a slope of 0.05 at most
 _TURN_DEG = 50.0  # turn to a lost vehicle
 _BROAD_RAD = math.radians(25.0)  # at smaller headings, the drone sees the end of a vehicle
-_UNREAD_M = 1.9  # shortest stride to an unread plate; its depth and longer ones are over _READ_DEPTH_M
+_UNREAD_M = 1.9  # shortest stride to an unread plate; its depth is over _READ_DEPTH_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +240,7 @@ def _approach_end(
         travel = focal * HEIGHT_M / (plate.bottom - plate.top) - _READ_M
         if travel > 0.4:
             return _stride_to(bearing, min(max(travel, _UNREAD_M), STRIDE_MAX_M), vehicle.spot.distance_m, 0)
-    if end == 0:  # side view: the end of the last strides, else the end nearer to the axis
+    if end == 0:  # side view: the end that the last strides went to, else the end nearer to the axis
         end = _chosen_end(past) or (-1 if vehicle.spot.bearing_rad > 0.0 else 1)
     vantage = vantage_point(vehicle.spot, heading, end, size)
     if vantage.distance_m <= _AT_VANTAGE_M or vantage.ahead_m <= 0.3:

@@ -22,7 +22,7 @@ CAMERA_AHEAD_M = 0.5
 _DEPTHS_M = np.geomspace(1.3, 70.0, 72)
 _HEADINGS_RAD = np.radians(np.arange(0.0, 180.0, 12.0))
 _CAMERA_HEIGHTS_M = np.array((0.7, 1.0, 1.3, 1.6, 1.9, 2.2, 2.7, 3.4, 4.5, 6.0))
-_HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))  # benchmark starts: 1.2–2.2 m
+_HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))  # weights; starts are at 1.2–2.2 m
 _EDGE = 0.005  # fraction of the picture width; a rectangle this near to an edge touches that edge
 _BELOW = 1.1  # points lower than this multiple of half the picture height do not widen the rectangle
 _SPREAD_LOG = 0.10  # relative standard deviation of the sizes of one kind
@@ -84,7 +84,8 @@ def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
 def middle_to_near_end_m(box: BoundingBox, estimate: Range, size: Size) -> float:
     """Return the distance (m) from a thing's middle to its near end.
 
-    The result is between half the width (the picture shows the side) and half the length (front or back).
+    The result is half the thing's width if the picture shows its side, half its length if it shows the front or back,
+    and between them otherwise.
     """
     width_m = (box.right - box.left) * estimate.depth_m / FOCAL_PER_WIDTH
     span = size.length_m - size.width_m
@@ -119,7 +120,7 @@ def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArr
     along = np.repeat(np.linspace(-0.5, 0.5, 6), 2) * size.length_m
     across = np.tile((0.5, -0.5), 6) * size.width_m
     waist = size.paint_from_m + 0.5 * size.paint_height_m
-    # Like a vehicle, the sill and the waist have the full footprint, and the roof has a smaller footprint.
+    # As on a vehicle, the sill and the waist have the full footprint, and the roof has a smaller footprint.
     # The points are spread along the sides: if the picture cuts off the near part, the prediction keeps the far part.
     return (
         np.concatenate((along, along, 0.7 * along)),

@@ -1,9 +1,9 @@
 """Finds things of the kinds in KINDS by their shapes, and their places on the ground.
 
-For a level camera, its height and a thing's distance give the row of the thing's foot, and the distance gives its
-scale. The picture is therefore scaled once per distance, so that a metre at that distance has a fixed length. A small
-network classifies windows on the ground that have a fixed size in metres. The camera's height is unknown, so four
-heights are tried. `python -m dronecats.pilots.fitting shapes` fits the network (`shape_network.npz`).
+For a level camera, the camera's height and a thing's distance give the row of the thing's foot, and the distance gives
+the thing's scale. The picture is therefore scaled once per distance, so that a metre at that distance has a fixed
+length. A small network classifies windows on the ground that have a fixed size in metres. The camera's height is
+unknown, so four heights are tried. `python -m dronecats.pilots.fitting shapes` fits the network (`shape_network.npz`).
 """
 
 import math
@@ -195,7 +195,10 @@ def _window_peaks(picture: Picture, kinds: tuple[str, ...], network: ShapeNetwor
 
 
 def _ground_below_m(peaks: list[PlacedThing]) -> float:
-    """Return the ground's distance (m) below the camera: the mean of HEIGHTS_M, weighted by the squared evidence."""
+    """Return the ground's distance (m) below the camera: the mean of HEIGHTS_M, weighted by the squared evidence.
+
+    1.6 m without peaks.
+    """
     if not peaks:
         return 1.6
     evidence = {h: sum(s.odds - LEAST_ODDS for s in peaks if s.below_m == h) for h in HEIGHTS_M}

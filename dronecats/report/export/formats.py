@@ -131,7 +131,7 @@ def finished_flight(folder: Path) -> RecordedFlight:
         missing = "has no beginning" if logs.begin is None else "has no end"
         raise UsageError(f"{folder} is unfinished: its {layout.TRUTH} {missing}")
     assert flight.frames is not None
-    assert flight.drone_tracks  # read both here, so that damaged files raise before the export writes a file
+    assert flight.drone_tracks  # both asserts read files, so damage raises before the export writes
     return flight
 
 

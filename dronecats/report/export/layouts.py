@@ -23,7 +23,7 @@ ESTIMATED, TRUE = "vehicle_local_position", "vehicle_local_position_groundtruth"
 
 
 def layout_files(kind: str, drones: set[int]) -> dict[str, int]:
-    """Return the layout files for flights with these numbers of drones: file name → number of drones."""
+    """Return the layout files for flights with these numbers of drones: file name → drones in the layout."""
     if kind == "mcap":
         return {FOXGLOVE: max(drones)}
     fleets = drones - {1}

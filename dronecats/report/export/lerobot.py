@@ -37,7 +37,7 @@ ACTION = ("go", "rotate", "think", "finished", "point_x", "point_y", "depth_m", 
 BODY_VELOCITY = ("forward_m_s", "right_m_s", "down_m_s", "yaw_rate_rad_s", "duration_s")
 EVERY_PX = 4  # px, spacing in rows and columns of the pixels in the statistics
 FPS = 1
-FILE_BYTES = 100_000_000  # once a data file has this size of images, the next episode begins a new file
+FILE_BYTES = 100_000_000  # bytes of images in a data file, at most; a larger episode has its own file
 IMAGE = "observation.images.front"
 DATA, EPISODES = "data/chunk-000/file-{:03d}.parquet", "meta/episodes/chunk-000/file-000.parquet"
 VECTORS = {"observation.state": STATE, "action": ACTION, "action.body_velocity": BODY_VELOCITY}
@@ -222,7 +222,7 @@ def _schema() -> pa.Schema:
 
 
 def _task_table(tasks: dict[str, int]) -> pa.Table:
-    """Return the tasks in the format of a pandas data frame with the tasks as index; LeRobot looks them up there."""
+    """Return the tasks in the format of a pandas data frame with the tasks as index, where LeRobot looks up a task."""
     index = "__index_level_0__"
     pandas_metadata = {
         "index_columns": [index],

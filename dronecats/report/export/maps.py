@@ -61,7 +61,7 @@ def paths(flight: RecordedFlight) -> Iterator[MapPath]:
 
 
 def points(flight: RecordedFlight) -> Iterator[MapPoint]:
-    """Yield the target's first position, each decision (at the position of its picture), and each declaration.
+    """Yield the target's first position, each decision (where the drone took its picture), and each declaration.
 
     Raises UsageError if the origin is unknown.
     """

@@ -104,7 +104,7 @@ def messages(flight: RecordedFlight) -> Iterator[TimedMessage]:
 
 
 def _track(name: str, track: FlightTrack, origin: Origin | None) -> Iterator[TimedMessage]:
-    """Yield a drone's poses, geodetic positions and trail. `name` is also the name of its frame."""
+    """Yield a drone's poses, geodetic positions and trail. `name` is also the name of the drone's frame."""
     judges = name.startswith(JUDGE)
     begin_s = float(track.t_s[0])
     yield _scene(begin_s, _body_arrow(begin_s, name, judges), judges)
@@ -163,7 +163,7 @@ def _logs(flight: RecordedFlight) -> Iterator[TimedMessage]:
     yield log(0.0, "/log", "instruction", flight.instruction)
     for decision in (step.decision for step in flight.steps):
         text = f"step {decision.step}: {reply_text(decision)}" + (f" ({decision.error})" if decision.error else "")
-        level = Log.WARNING if decision.action is None else Log.INFO
+        level = Log.WARNING if decision.error else Log.INFO
         yield log(decision.t_decided, "/log", drone_name(decision.drone), text, level)
     for declaration in flight.all_declarations:
         text = f"declaration of step {declaration.step} at {declaration.distance_m} m, in view: {declaration.visible}"

@@ -64,7 +64,7 @@ def write(flight: RecordedFlight, path: Path) -> int:
 
 
 def blueprint(flight: RecordedFlight) -> rrb.Blueprint:
-    """Return the blueprint: the scene without and with the judge's entities, pictures, map and log."""
+    """Return the blueprint: pictures, map, log, and the scene once without and once with the judge's entities."""
     pictures = [
         rrb.Spatial2DView(origin=f"world/{camera_body(drone)}/camera/image", name=drone_name(drone.number))
         for drone in flight.drone_tracks
@@ -76,7 +76,14 @@ def blueprint(flight: RecordedFlight) -> rrb.Blueprint:
                 rrb.Spatial3DView(origin="world", name=f"with the {JUDGE}"),
                 rrb.MapView(origin="map", contents=["+ /map/**", f"- /map/{JUDGE}/**"], name="map"),
             ),
-            rrb.Vertical(rrb.Grid(*pictures), rrb.TextLogView(origin="log", name="log"), row_shares=[2, 1]),
+            rrb.Vertical(
+                rrb.Grid(*pictures),
+                rrb.Tabs(
+                    rrb.TextLogView(origin="log", name="log"),
+                    rrb.TextLogView(origin=f"{JUDGE}/log", name=f"{JUDGE}'s log"),
+                ),
+                row_shares=[2, 1],
+            ),
         ),
         collapse_panels=True,
     )

@@ -40,7 +40,7 @@ INFO, WARNING = 6, 4  # syslog severities
 
 
 class Stamped(NamedTuple):
-    """A sample or a text with its time."""
+    """A sample of a topic, or a text for the log, with its time and drone."""
 
     t_s: float
     drone: int

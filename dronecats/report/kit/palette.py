@@ -59,7 +59,7 @@ def linear(color: str) -> tuple[float, float, float]:
     return red, green, blue
 
 
-DRONES = tuple(DARK[f"d{number}"] for number in range(8))  # colours of drones and runs on a map
+DRONES = tuple(DARK[f"d{number}"] for number in range(8))  # colours of drones and runs in 3-D scenes
 
 
 def shade(color: Sequence[float]) -> Rgb:

@@ -25,7 +25,7 @@ _EXPORT = re.compile(r"^export ((?:async )?function|const|class) (\w+)", re.MULT
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageContent:
-    """The contents of a page. `main`, `trail`, `tools` and `more` are HTML. The kit adds its style and its bar."""
+    """The contents of a page. `main`, `trail`, `tools` and `more` are HTML. The kit adds the common style and bar."""
 
     title: str
     folder: str  # package with the page's style (web/page.css) and modules

@@ -242,7 +242,7 @@ def _octal(field: bytes) -> int | None:
     return int(digits, 8) if digits and not digits.strip(b"01234567") else None
 
 
-MANIFEST_MAX = 64 << 20  # bytes
+MANIFEST_MAX = 64 << 20  # bytes, like the next limits; all but LOGS_MAX are for one file
 LOG_MAX = 256 << 20
 LOGS_MAX = 4 << 30  # bytes, all logs together
 FRAME_MAX = 32 << 20

@@ -131,8 +131,8 @@ dronecats leaderboard docs/leaderboard/*.json --out docs/leaderboard.md
 | `runs/NN/run.json` | the settings of run NN, which has one flight of each of its episodes |
 | `runs/NN/EPISODE/` | `episode.json`, `identity.json`, `decisions.jsonl`, `truth.jsonl`, `verdict.json`; also `commander.jsonl` and `estimate.jsonl` if the run has them |
 
-`submit` leaves out images and telemetry; `--with-frames` includes the images. It replaces API keys by `***`, and absolute paths by
-the name of their file. The same runs give the same archive.
+`submit` leaves out images and telemetry; `--with-frames` includes the images. In all files, `submit` replaces API
+keys by `***`, and absolute paths by the name of the file. The same runs give the same archive.
 """  # noqa: E501  # tables
 ABOUT_PILOTS = (
     "These pilots show how hard the episodes are. Some know the place of the target, some look at the images, and"

@@ -19,15 +19,15 @@ from dronecats.report.recorded.run import RecordedRun, recorded_run
 from dronecats.report.results.identity import identity, identity_digest
 from episodes.records import catalogue, record
 from foundation.errors import UsageError
-from foundation.measurement import LARGE
 from foundation.protocol import CAP_S
 from foundation.run_folder import layout
 from foundation.run_folder.reading import json_object
 from foundation.run_folder.results import SCORED, Verdict
+from foundation.typed_file import LARGE
 from foundation.wording import printable
 
-SHOWN_MAX = 50  # sentences about differences
-SHOWN_CHARS = 200  # letters of a setting
+SHOWN_MAX = 50  # most sentences about differences
+SHOWN_CHARS = 200  # most characters of a setting
 OTHER_CELL = "other"  # cell of records without a cell of the benchmark
 
 
@@ -98,7 +98,7 @@ def _verification(
     for submitted in manifest.runs:
         _check_run(place / submitted.folder / layout.RUN)
     runs = [recorded_run(place / run.folder) for run in manifest.runs]
-    verdicts: list[tuple[str, Verdict]] = []  # by cell
+    verdicts: list[tuple[str, Verdict]] = []  # (cell, verdict) of each flight
     flights: dict[str, list[bool]] = {}  # episode → whether each scored flight succeeded
     for run, submitted in zip(runs, manifest.runs, strict=True):
         judged = judge_run(run.folder, reread=reread)

@@ -1,7 +1,7 @@
 """Makes the data of one flight for the page: prompts, decisions and truth, step by step.
 
 Times are in vehicle seconds since the episode began, positions in metres in the map's NED frame, headings in degrees
-from north. The page omits fields that are None. Numbers are rounded to the digits that the page shows.
+from north. The page's JSON omits fields that are None. Numbers are rounded to the digits that the page shows.
 """
 
 import math
@@ -54,18 +54,18 @@ class ShownLookAlike:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShownTruth:
-    """The truth of a frame, which only the judge knows."""
+    """The truth of a frame, which only the judge knows; in a flight without truth, the estimate."""
 
     north: float | None  # m
     east: float | None  # m
     yaw: float | None  # °
     distance: float | None  # m, to the target's centre
-    box: float | None  # m, to the target's box
+    box: float | None  # m, to the nearest point of the target's box
     visible: bool | None
     share: float | None  # 0 … 1, visible share of the target
-    bearing: float | None  # °, + right
-    depth: float | None  # m, along the optical axis
-    qualifies: bool | None  # whether a declaration qualifies; None: unknown, or no declaration
+    bearing: float | None  # ° from the nose to the target's centre, + right
+    depth: float | None  # m, to the target's visible surface along the optical axis
+    qualifies: bool | None  # whether the declaration is a success; None: unknown, or not a declaration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +99,7 @@ class ShownStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShownExchange:
-    """A question to a commander and its effects."""
+    """One question to a commander, with its answer and the orders in it."""
 
     number: int
     asked: float  # s, time of the question
@@ -212,7 +212,7 @@ def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> ShownFlight
 
 
 class _Texts:
-    """The texts of a flight without duplicates: fleets share replies, and successive prompts have equal parts."""
+    """The texts of a flight, each stored once: drones of a fleet share replies, and successive prompts share parts."""
 
     def __init__(self) -> None:
         self.all: list[str] = []
@@ -279,7 +279,7 @@ def _path(poses: Sequence[Pose | EstimatedPose]) -> ShownPath | None:
 
 
 def _look_alikes(entries: Any) -> tuple[ShownLookAlike, ...]:
-    """Return the look-alikes that have a position in a record."""
+    """Return the look-alikes that have a position. `entries`: the candidates in an episode record."""
     look_alikes = []
     for entry in entries if isinstance(entries, list) else ():
         place = entry.get("position_ned") if isinstance(entry, dict) else None

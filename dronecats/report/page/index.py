@@ -1,4 +1,4 @@
-"""Writes the page of a report: index.html, and separate files of flights and pictures, which it loads on demand."""
+"""Writes the page of a report: index.html, and the files of flights and pictures that index.html loads on demand."""
 
 import html
 import json
@@ -37,7 +37,7 @@ from episodes.records.record import CELLS
 from foundation.errors import UsageError
 from foundation.files import whole_file
 
-RESERVED = ("of",)  # first words of addresses that cannot be the key of a run
+RESERVED = ("of",)  # first words of page addresses (#of/ENTRANT), which no run has as its key
 SETTING_KEYS = (
     "command",
     "scripted",
@@ -48,7 +48,7 @@ SETTING_KEYS = (
     "seed",
     "seconds",
     "full",
-)  # keys of a flight's configuration
+)  # fields of run.json's `flight` that the page shows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -240,7 +240,7 @@ def _settings(run: RecordedRun) -> tuple[tuple[str, str], ...]:
 
 
 PAGE = "index.html"
-DATA = "data"  # folder with a script for each flight; a page on a local disk can load only scripts
+DATA = "data"  # folder with a script for each flight, not JSON: a page on a local disk can load only scripts
 TITLE = "DroneCATS report"
 KEYS_BUTTON = '<button type="button" id="keys" class="tool" aria-haspopup="dialog" title="Keyboard (?)">Keys</button>'
 MORE = """<noscript><p>This page needs JavaScript. It loads nothing from the network.</p></noscript>
@@ -255,10 +255,10 @@ def write_page(
 ) -> Path:
     """Write the page of a collection into the folder `out`, and return its path, out/index.html.
 
-    The function writes flights and pictures to the folders data/ and pictures/ in `out`. With `embed`, it puts them
-    into the page itself, with smaller pictures, and at most as many as a browser can open at once. `every`: keep only
-    the pictures of every n-th step, the last step and the declarations. Raises UsageError if the page cannot be
-    written.
+    The function writes flights and pictures to the folders data/ and pictures/ in `out`. With `embed`, it puts both
+    into the page itself. The pictures are then smaller, and `every` is raised until a browser can open them all.
+    `every`: keep only the pictures of every n-th step, the last step and the declarations. Raises UsageError if the
+    page cannot be written.
     """
     try:
         return _write(collection, tables, out, embed, every)
@@ -338,7 +338,10 @@ def _sections(tables: Sequence[ReportTable], entrants: Sequence[PageEntrant]) ->
 
 
 def _linked(row: TableRow, columns: Sequence[TableColumn], keys: Mapping[str, str]) -> TableRow:
-    """Return a row with links: from the name to the entrant, and from the values to their cells of the grid."""
+    """Return a row with links: from its name to the entrant, and from a value of one kind of episode to these flights.
+
+    A row without an entrant is unchanged.
+    """
     key = keys.get(row.entrant)
     if key is None:
         return row

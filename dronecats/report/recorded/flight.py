@@ -73,7 +73,10 @@ class RecordedFlight(JudgedFlight):
         return self.run.camera
 
     def camera_at(self, drone: int, t_s: float) -> CameraModel:
-        """Return the camera at a time. A camera on a gimbal has the pitch of the drone's newest frame."""
+        """Return the camera at a time.
+
+        A camera on a gimbal has the pitch of the drone's newest frame; before the first frame, that of the first.
+        """
         pitches = {
             frame.t: frame.camera_pitch_deg
             for frame in self.logs.frames.values()
@@ -109,7 +112,10 @@ class RecordedFlight(JudgedFlight):
         return self.logs.estimate.poses if self.logs.estimate else ()
 
     def latest_decision(self, drone: int, t_s: float, when: DecisionTime) -> Decision | None:
-        """Return a drone's newest decision at a time. `when` selects the time of the picture or of the decision."""
+        """Return a drone's newest decision at a time; None: none yet.
+
+        `when` selects which time of a decision counts: that of its picture, or that of the decision.
+        """
         timeline = self._decisions.get((drone, when))
         return timeline.at(t_s) if timeline else None
 

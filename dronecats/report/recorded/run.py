@@ -25,7 +25,7 @@ class RecordedRun:
 
     @property
     def flight(self) -> dict[str, Any]:
-        """The fields of the FlightSpec of its flights."""
+        """The specification of the run's flights: the fields of a FlightSpec; empty: not recorded."""
         return dict(self.configuration.get("flight") or {})
 
     @property

@@ -1,5 +1,6 @@
 """Reads each drone's true poses, estimates, setpoints, modes, battery and warnings from flight.tlog."""
 
+import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
@@ -94,7 +95,7 @@ class DroneTelemetry:
 
     @cached_property
     def setpoints(self) -> Array:
-        """(n, 12): µs; position (m), velocity (m/s), yaw (rad), yaw rate (rad/s); velocity again, 0 on unset axes."""
+        """(n, 12): µs; position m, velocity m/s, yaw rad, yaw rate rad/s, NaN: unset; velocity again, 0: unset."""
         return rising(self._autopilot.setpoints)
 
     @cached_property
@@ -105,12 +106,12 @@ class DroneTelemetry:
 
     @property
     def origin(self) -> Vec3 | None:
-        """the origin of the autopilot's local frame: lat °, lon °, alt m above mean sea level; None: not received."""
+        """The origin of the autopilot's local frame: lat °, lon °, alt m above mean sea level; None: not received."""
         return self._autopilot.origin
 
     @cached_property
     def states(self) -> Timeline[AutopilotState]:
-        """The states, one at each change."""
+        """The autopilot's state at each change."""
         return _timeline([(self._t_s(us), state) for us, state in self._autopilot.states])
 
     @cached_property
@@ -141,7 +142,8 @@ def telemetry(path: Path, t0_us: int) -> dict[int, DroneTelemetry]:
     untracked = [
         system for system in sorted(kinds) if system not in with_truth and (AUTOPILOT, LOCAL_POSITION) in kinds[system]
     ]
-    number = {system: system - 1 for system in with_truth} | {system: drone for drone, system in enumerate(untracked)}
+    number = {system: system - 1 for system in with_truth}
+    number |= zip(untracked, (drone for drone in itertools.count() if drone + 1 not in with_truth), strict=False)
     drones: dict[int, list[bytes]] = {}
     for system, frame in frames:
         if system in number:
@@ -175,7 +177,7 @@ class _Accuracy:
 
     @property
     def std_ned(self) -> Vec3:
-        """m, N, E, D: per axis the larger reported value; N and E both have the horizontal one. NaN: not reported."""
+        """m, N, E, D: the larger of estimator's and receiver's value; N, E: the horizontal one. NaN: not reported."""
         horizontal, vertical = (float(np.fmax(a, b)) for a, b in zip(self.estimator, self.receiver, strict=True))
         return (horizontal, horizontal, vertical)
 
@@ -253,7 +255,10 @@ def _timeline(rows: Sequence[tuple[float, V]]) -> Timeline[V]:
 
 
 def rising(rows: Sequence[tuple[float, ...]], finite: int = 1) -> Array:
-    """Return the rows with rising times, without rows that have non-finite values in the first `finite` columns."""
+    """Return the rows that are later than all rows before them (column 0); (0, 12) without rows.
+
+    Rows with a value that is not finite in the first `finite` columns are left out.
+    """
     if not rows:
         return np.empty((0, 12))
     table = np.array(rows, np.float64)

@@ -107,7 +107,7 @@ class DroneTracks:
 
     number: int  # 0 is the first
     estimate: FlightTrack | None  # from the autopilot's telemetry, in the map's frame
-    held: FlightTrack | None  # `estimate`, and the newest sample before the episode began
+    held: FlightTrack | None  # `estimate`, preceded by the newest sample from before the episode
     truth: FlightTrack | None  # the true track, which only the judge uses; None: not measured
     setpoints: Array | None  # (n, 9): t s, position m in the map's frame, velocity m/s, yaw, yaw rate; NaN: unset
 
@@ -120,7 +120,7 @@ def drone_tracks(
     moved = np.zeros(3)
     if origin is not None and telemetry.origin is not None:
         moved = np.array(geodetic_to_ned(*origin, *telemetry.origin))
-    if estimate is not None:  # omitted without attitudes, because its heading is unknown
+    if estimate is not None:  # a level estimate is omitted: it has no attitudes and therefore no known heading
         estimate = None if estimate.level else replace(estimate, position_ned=estimate.position_ned + moved)
     if len(setpoints):
         times = (setpoints[:, 0] - telemetry.t0_us) / 1e6
@@ -144,7 +144,7 @@ def _during(track: FlightTrack | None, end_s: float, held: bool = False) -> Flig
 
 
 def true_track(samples: Iterable[TruthSample], t0_us: int) -> FlightTrack | None:
-    """Return the track of one drone's samples of the truth bus; None: no samples. `t0_us`: the clock at t = 0."""
+    """Return the track of one drone's samples of the truth bus; None: no samples. `t0_us`: vehicle µs at t = 0."""
     rows = rising(
         [((s.time_us - t0_us) / 1e6, *s.position_ned, *s.velocity_ned, *s.attitude) for s in samples]
     )  # fmt: skip
@@ -215,7 +215,7 @@ def ulog_topics(path: Path, *names: str) -> dict[str, dict[str, Any]]:
     from pyulog import ULog
 
     try:
-        return {d.name: d.data for d in reversed(ULog(str(path), list(names)).data_list)}  # keeps instance 0
+        return {d.name: d.data for d in reversed(ULog(str(path), list(names)).data_list)}  # the last wins: instance 0
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from None
     except Exception as error:  # a damaged file raises errors of many classes in pyulog

@@ -1,8 +1,8 @@
 """Reads all episodes of some runs, one row per episode. Reports, comparisons and studies use these rows.
 
-Flights can be left out by the value of a metric, for example flights with more than two estimator resets. This is never
-the default, and every report states it, because it biases a comparison if one level of a study loses more flights than
-another.
+Flights can be left out by the value of a metric, for example flights with more than two estimator resets. By default no
+flight is left out. Reports state every such rule, because it biases a comparison if one level of a study loses more
+flights than another.
 """
 
 import math
@@ -77,7 +77,7 @@ class ScoredEpisode:
 
     @property
     def success(self) -> bool:
-        """Whether it succeeded."""
+        """Whether the flight counts and is a success."""
         return self.scored and self.verdict is not None and self.verdict.outcome == "success"
 
 
@@ -106,7 +106,7 @@ def collect(
     def read(number: int) -> ScoredEpisode:
         run, folder = folders[number]
         scored = scored_episode(run, folder, delta_m, metrics)
-        return replace(scored, run=replace(run, configuration={}, episodes=()))  # the parent process has these
+        return replace(scored, run=replace(run, configuration={}, episodes=()))  # to send less: the parent has both
 
     episodes = []
     for (run, _), scored in zip(folders, parallel_map(read, range(len(folders)), processes), strict=True):
@@ -267,7 +267,7 @@ class Unflown:
 
     folder: Path  # of bench.json
     flights: int  # number of flights of the benchmark
-    missing: int  # number of them without a folder
+    missing: int  # number of these flights that have no folder
 
 
 def unflown(runs: Iterable[RecordedRun]) -> list[Unflown]:

@@ -57,7 +57,7 @@ class LoadedDatabase:
 
 
 def query(sql: str, runs: Sequence[RecordedRun], parquet: Path | None = None) -> QueryResult:
-    """Return the result of one SELECT. `parquet`: also write it to this file, completely or not at all.
+    """Return the result of one SELECT. `parquet`: also write the result to this file, completely or not at all.
 
     The database has only the tables that the query names. Raises UsageError with the error in the SQL.
     """
@@ -123,7 +123,10 @@ def _answer(loaded: LoadedDatabase, sql: str, parquet: Path | None) -> QueryResu
 
 
 def sentence(message: str) -> str:
-    """Return the first line of a database error, with the hint that follows if there is one, as one line."""
+    """Return the first line of a database error and DuckDB's hint, if any, as one line.
+
+    For an unknown table or column, the line suggests a similar name instead.
+    """
     first, *more = [line.strip() for line in message.strip().splitlines()]
     first = HEAD.sub("", first, count=1)
     if table := re.match(r"Table with name (\S+) does not exist", first):

@@ -45,7 +45,7 @@ IGNORED_FIELDS = ("seed", "episode", "record", "accounts", "prompt", "agent", "l
 OPTIONAL_PREFIXES = ("the suite ", "the protocol's ")  # compared only if both runs have them
 DIGEST = re.compile(r"\b([0-9a-f]{8})[0-9a-f]{24,}\b")
 
-Identity = Mapping[str, frozenset[str]]  # name → its values, mostly one per run
+Identity = Mapping[str, frozenset[str]]  # name of a setting → its values in the run, mostly one
 
 
 @dataclass(frozen=True, slots=True)

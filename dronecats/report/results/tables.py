@@ -172,7 +172,7 @@ class RunTable:
 
     name: str
     row: type
-    level: MetricLevel | None = None  # of the metrics
+    level: MetricLevel | None = None  # None: no metric has a column
 
     @property
     def about(self) -> str:

@@ -91,7 +91,9 @@ def _paired(a: Entrant, b: Entrant, cells: Sequence[str]) -> Paired:
 
 
 def variance(data: ReportData) -> ReportTable | None:
-    """Return the successes of each pass over the episodes, with their observed and expected scatter.
+    """Return the number of successes of each pass over the episodes, with its observed and expected scatter.
+
+    Pass k has the k-th flight of every episode.
 
     None if no entrant flew its episodes more than once.
     """

@@ -72,7 +72,7 @@ def _sampling(entrant: Entrant) -> str:
 
 
 def _reasoning(entrant: Entrant) -> str:
-    """Return the fields that set a model's reasoning, without and after a `think`; empty: unknown, or no model."""
+    """Return the request fields that set a model's reasoning: `usual | after a think`; empty: unknown, or no model."""
     model = entrant.runs[0].flight.get("model") or {}
     provider = PROVIDERS.get(str(model.get("provider")))
     if provider is None:

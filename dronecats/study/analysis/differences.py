@@ -43,7 +43,7 @@ class PairedDifference:
 
 
 def between_levels(results: StudyResults, factor: int) -> list[PairedDifference]:
-    """Return each level of a factor minus its reference level, for the same entrant, seed and other factors.
+    """Return the difference of each level of a factor from its reference, for the same entrant, seed and other factors.
 
     `level_steps` groups the levels of a factor with many levels. The reference is a single level even then, and the
     other levels of its group are in no pair.
@@ -174,9 +174,9 @@ def point_differences(results: StudyResults) -> list[PointDifference]:
 
 
 def pooled_differences(results: StudyResults, points: Iterable[PointDifference]) -> list[PairedDifference]:
-    """Return the difference in success of each pair of entrants, pooled over these points, in every cell.
+    """Return the difference in success of each pair of entrants in `points`, pooled over all points that both flew.
 
-    The statistical unit is the episode, with its mean over all points.
+    There is one difference per cell. The statistical unit is the episode, with its mean over all points.
     """
     differences, step = [], LevelStep("all", None, frozenset())
     for first, second, cell in dict.fromkeys((point.first, point.second, point.cell) for point in points):

@@ -127,7 +127,10 @@ def _with_levels(
 def _entrants(
     runs: Sequence[RecordedRun], study: Study, study_runs: Mapping[str, StudyRun]
 ) -> tuple[dict[Path, str], dict[Path, Identity]]:
-    """Return two mappings from run folders: the entrant's label, and the identity with the first run's levels."""
+    """Return two mappings from run folders: the entrant's label, and the identity without the effect of its levels.
+
+    For the identity, every run gets the levels of the first run.
+    """
     first = study_runs[runs[0].folder.name].levels
     same_levels = {factor.name: first[factor.name] for factor in study.factors if factor.name not in ENTRANT_FACTORS}
     traces = _traces(runs)

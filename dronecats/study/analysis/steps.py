@@ -21,18 +21,18 @@ VIEW_WIDTH_PER_DEPTH = 2.0 * math.tan(
 
 
 def target_moved(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per step the distance (m) that the target moves until the next picture; None for the last step."""
+    """Return per step the distance (m) that the target moves until the drone's next picture; None: not measured."""
     following = _following(flight.steps)
     return [_moved_m(step, after) for step, after in zip(flight.steps, following, strict=True)]
 
 
 def view_width(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per step the width (m) of the picture at the target's depth; None if the target is not ahead."""
+    """Return per step the width (m) of the view at the target's depth; None: not measured, or target not ahead."""
     return [_width_m(step) for step in flight.steps]
 
 
 def decision_period(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per step the time (s) from its picture to the next picture of its drone; None for the last step."""
+    """Return per step the time (s) from its picture to its drone's next one; None: last step, or beyond the cap."""
     following = _following(flight.steps)
     return [
         None if after is None or not step.counts else after.decision.t_frame - step.decision.t_frame

@@ -48,7 +48,7 @@ class StudiedFactor:
         return level if isinstance(level, str) else f"{self.short(level)}{f' {self.unit}' if self.unit else ''}"
 
     def short(self, level: float) -> str:
-        """Return a level without its unit; with three digits if there are more than MANY levels, as in a range."""
+        """Return a level without its unit; with three significant digits if the factor has more than MANY levels."""
         return f"{float(f'{level:.3g}') if len(self.levels) > MANY else level:g}"
 
 
@@ -75,7 +75,7 @@ class StudyResults:
     design: str
     factors: tuple[StudiedFactor, ...]
     entrants: tuple[str, ...]  # labels, in the order in which they were flown
-    cells: tuple[str, ...]  # cells flown, in the order of the grid
+    cells: tuple[str, ...]  # cells (kinds of episode) with flights, in the order of `record.CELLS`
     flights: tuple[StudiedFlight, ...]
     planned: int  # number of flights in the plan; fewer may have been flown
     notes: tuple[str, ...] = ()  # limits of the comparison between entrants, a sentence each
@@ -187,7 +187,7 @@ def level_steps(factor: StudiedFactor) -> tuple[LevelStep, ...]:
 
 
 def level_results(results: StudyResults, factor: int) -> list[LevelResult]:
-    """Return the result of every entrant and cell at each step of a factor, pooled over the other factors."""
+    """Return the result of every entrant and cell at each step of a factor, over its `comparable` flights."""
     steps = level_steps(results.factors[factor])
     return [_level_result(results, factor, entrant, cell, step) for entrant, cell in results.lines() for step in steps]
 

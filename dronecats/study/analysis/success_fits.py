@@ -232,7 +232,10 @@ class _Regression:
         return replace(effect, log_odds=coefficient, low=low, high=high)
 
     def _edge(self, place: int, best: float, way: float) -> float | None:
-        """Return the value of a coefficient at which the fit gets significantly worse; None if there is none."""
+        """Return the end of a coefficient's interval below (`way` −1) or above (+1) the best value.
+
+        The fit is significantly worse beyond it. None: no end within 32 of the best value.
+        """
         limit = float(special.fdtri(1, max(1, self.episodes - 1), CONFIDENCE))
         without = np.delete(self._design, place, axis=1)
         begin = MixedLogit(np.delete(self._fit.coefficients, place), self._fit.scatter, 0.0)

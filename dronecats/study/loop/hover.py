@@ -91,7 +91,7 @@ class Stack(NamedTuple):
 
 
 class Hover:
-    """A hovering vehicle, kept as records. Each trial copies them."""
+    """A hovering vehicle, kept as records of its state. Each trial flies a copy of these records."""
 
     def __init__(self, airframe: Airframe, suite: Suite = PERFECT, seed: int = 1) -> None:
         """Boot, climb and settle, with balanced rotors and by default PERFECT sensors.

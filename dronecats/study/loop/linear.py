@@ -41,7 +41,7 @@ class DelayMargin:
     """The delay at which a loop begins to oscillate, and the frequency of the oscillation."""
 
     delay_s: float  # s, in the feedback; inf: no delay makes it oscillate
-    frequency: float  # rad/s
+    frequency: float  # rad/s; nan: no delay makes it oscillate
 
 
 def hover_point(airframe: Airframe, plant: Any) -> HoverPoint:
@@ -71,8 +71,8 @@ def hover_point(airframe: Airframe, plant: Any) -> HoverPoint:
 def sag(airframe: Airframe, plant: Any) -> float:
     """Return the relative drop of the voltage per relative increase of the thrust of all rotors.
 
-    Power is proportional to the cube of the rotor speed, and so to thrust to the power of 1.5. The voltage after the
-    sag determines the current.
+    Power is proportional to the cube of the rotor speed, and so to thrust to the power of 1.5. At a lower voltage, the
+    same power needs a higher current, which increases the drop (the last factor).
     """
     state, ohm = plant["state"], airframe.battery.resistance_ohm
     voltage, current = float(state["voltage"]), float(state["current"])
@@ -87,7 +87,7 @@ def zero_order_hold(z: Complex, samples: int) -> Complex:
 
 
 def smoother(z: Complex, weight: float) -> Complex:
-    """Return the response of y += weight · (x - y), computed before y is used."""
+    """Return the response of y += weight · (x - y); y is used after its update."""
     return weight * z / (z - (1.0 - weight))
 
 

@@ -20,7 +20,8 @@ from hil.impairment import Channel, Impairment
 HEIGHT_M = 10.0
 LEVEL_MASK = 0b0000_0101_1110_0011  # ignored fields: x, y, vz, all accelerations, yaw
 STREAM_TICKS = 5  # 20 Hz, as for the agent
-SPEED, ROUND_S = 1.2, 10.0  # m/s, as in the paper; s per circle. On a circle, a late setpoint has a wrong direction
+# m/s, as in the paper; s per circle. The path is a circle because a late setpoint on it has a wrong direction
+SPEED, ROUND_S = 1.2, 10.0
 TRIAL_S, CATCH_UP_S, REST_S = 30.0, 5.0, 5.0
 SEEDS = (1, 2, 3)
 JITTERS_S = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.25, 1.5)
@@ -33,7 +34,7 @@ class StreamTrial:
     """The result of flying the circle with one wire."""
 
     level: float  # jitter (s), or share of lost setpoints
-    error: float  # m/s, rms velocity error in offboard mode
+    error: float  # m/s, rms velocity error in offboard mode after CATCH_UP_S; nan: offboard mode ended before
     left_s: float | None  # s until the vehicle left offboard mode; None: it stayed
 
 
@@ -92,7 +93,7 @@ class StreamedVehicle:
         commander = self.vehicle.autopilot.commander
         while commander.arming_failures() and self.vehicle.time_us < 60_000_000:
             self.vehicle.advance()
-        commander.take_off(HEIGHT_M)
+        commander.take_off(-HEIGHT_M)
         commander.arm()
         for _ in range(1500):
             self.vehicle.advance()

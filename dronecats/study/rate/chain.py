@@ -34,18 +34,18 @@ class QuestionTimes:
     tick_s: float  # waits for the agent's next tick, after the picture, the reply and the setpoint
     step_s: float  # from the request of the picture to the ready setpoint: the sum of all times above except age_s
     latency_s: float  # encode_s + model_s + parse_s, the latency for a simulation, which has its own ticks
-    rate_hz: float | None  # 1 / vehicle time since the last decision, flight of its action included; None: the first
+    rate_hz: float | None  # Hz, 1 / vehicle time since the previous decision; None: the first question
 
 
 @dataclass(slots=True)
 class _Question:
     """A question in progress: the moments (s) of its events."""
 
-    requested_s: float  # the picture
-    arrived_s: float = 0.0  # the picture
-    age_s: float = 0.0
+    requested_s: float  # the agent has requested the picture
+    arrived_s: float = 0.0  # the picture has arrived
+    age_s: float = 0.0  # age of the picture on arrival
     seen_s: float | None = None  # the agent has taken the picture
-    answered_s: float = 0.0
+    answered_s: float = 0.0  # the model's client has returned the reply
     reply: Reply | None = None
     reply_seen_s: float = 0.0  # the agent has taken the reply
     decision: Decision | None = None
@@ -159,7 +159,7 @@ AGE_CLOCK = "the vehicle's clock, to one message of its telemetry"
 
 @dataclass(frozen=True, slots=True)
 class LinkQuantiles:
-    """Quantiles of a link (s) or of a rate (Hz), interpolated linearly."""
+    """Quantiles of one part of the timing chain (s) or of a rate (Hz), interpolated linearly."""
 
     min: float
     median: float
@@ -279,7 +279,7 @@ def check_fresh(folder: Path) -> None:
 
 
 def write_replay(folder: Path, times: Sequence[QuestionTimes], frame_delay_s: float) -> ReplayedChain:
-    """Write trace.csv for `--latency trace:FILE`, and study.toml, a study with it. Raises InfrastructureError."""
+    """Write trace.csv for `--latency trace:FILE`, and study.toml, which uses it. Raises InfrastructureError."""
     replayed = ReplayedChain(folder / TRACE, frame_delay_s)
     lines = [COLUMN, *(f"{min(question.latency_s, LONGEST_S):.{DIGITS}f}" for question in times)]
     for path, text in ((replayed.trace, "\n".join(lines) + "\n"), (folder / STUDY, study_file(replayed))):

@@ -88,7 +88,7 @@ class TimedCamera:
         """Return the camera's newest frame. Raises CameraError."""
         self._clock.picture_requested()
         frame = self._camera.newest(drone)
-        # the clock shows the time of the newest telemetry, and a picture may be newer
+        # the age is at least 0: the clock shows the time of the newest telemetry, and a picture may be newer
         self._clock.picture_arrived(max(0.0, (self._now_us() - frame.time_us) / 1e6))
         return frame
 

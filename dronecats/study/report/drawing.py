@@ -10,7 +10,7 @@ from dronecats.study.report import curves, forests
 from dronecats.study.report.findings import FactorFindings, Findings
 
 FigureFunction = Callable[[Findings, FactorFindings], Any]
-ALONG: tuple[tuple[str, str, FigureFunction], ...] = (  # name, caption, function
+ALONG: tuple[tuple[str, str, FigureFunction], ...] = (  # the figures of each factor: name, caption, function
     (
         "success",
         "Success rate at each level with 95 % intervals; the logistic fit with its band. The mark on the 50 % line"

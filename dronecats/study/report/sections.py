@@ -37,7 +37,7 @@ class SectionBlock:
 class StudySection:
     """A section of the report."""
 
-    key: str  # of its link
+    key: str  # id of the section in the HTML page, for links to it
     title: str
     sentences: tuple[str, ...]  # above its blocks
     blocks: tuple[SectionBlock, ...]
@@ -164,7 +164,7 @@ def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple
         rows = _against_reference(along, entrant, cell)
         significant = [row for row in rows if row.p_holm <= ALPHA]
         if significant:
-            nearest = min(significant, key=_distance)  # the first one for words, whose distance is 0
+            nearest = min(significant, key=_distance)  # for words, all distances are 0 and the first row is taken
             text = (
                 f"{in_cell(entrant, cell)}{name}: {nearest.at.title} is the first level that differs significantly from"
                 f" {reference}: {_success_text(nearest)}; p {equals_p(nearest.p_holm)} after Holm's correction."

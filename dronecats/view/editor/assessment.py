@@ -31,7 +31,10 @@ def findings(record: EpisodeRecord) -> list[RuleFinding]:
 
 
 class Previews:
-    """Draws the pictures of drones' cameras. It builds a new renderer only if an object's appearance changes."""
+    """Draws the pictures of drones' cameras.
+
+    A new renderer is built only if the map, the appearance of the record's objects or the number of drones changes.
+    """
 
     def __init__(self, threads: int = 2) -> None:
         """`threads`: number of threads that draw."""
@@ -80,7 +83,7 @@ class Previews:
 
 
 def _movable(world: World) -> tuple[Scene, tuple[Instance, ...]]:
-    """Return the scene and the record's objects in it, target first. Objects of the map are not movable in it."""
+    """Return the scene and the record's placed objects, target first. In the scene, the map's objects cannot move."""
     placed = len(world.record.candidates) + (world.record.target.native is None)
     plan = world.scene.instances[: len(world.scene.instances) - placed]
     free = tuple(replace(instance, movable=True) for instance in world.scene.instances[len(plan) :])

@@ -28,7 +28,7 @@ from episodes.records.record import (
 )
 from episodes.world.target import Wheels, motion, on_ground
 from foundation.errors import UsageError
-from foundation.frames import Vec3
+from foundation.frames import Vec3, bearing_deg
 from foundation.protocol import CAP_S
 
 HEIGHT_M = 1.6  # m, height of a new drone above the ground
@@ -186,8 +186,7 @@ class Drafting:
     def face(self, draft: Draft, which: int, off_deg: float = 0.0) -> Draft:
         """Return the draft with one drone facing `off_deg` clockwise from the target."""
         here, goal = draft.record.starts[which].position_ned, self.centre(draft.record)
-        ahead = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0]))
-        return self.move_start(draft, which, here[0], here[1], ahead + off_deg)
+        return self.move_start(draft, which, here[0], here[1], bearing_deg(here, goal) + off_deg)
 
     def stand_off(self, draft: Draft, distance_m: float) -> Draft:
         """Return the draft with the first drone at a distance (m, 3-D) from the target, in the same direction."""
@@ -325,7 +324,7 @@ class Drafting:
         """Return the draft with updated derived fields: distance, bearing, visibility, suggested instruction."""
         record = draft.record
         here, goal = record.starts[0].position_ned, self.centre(record)
-        bearing = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0
+        bearing = bearing_deg(here, goal)
         record = replace(
             record,
             start_distance_m=round(math.dist(here, goal), 3),

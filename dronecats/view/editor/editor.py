@@ -65,7 +65,8 @@ class Session:
 
     def settle(self) -> None:
         """End a gesture, so that the next change is a new step."""
-        self._gesture = ""
+        with self._turn:
+            self._gesture = ""
         self.changed(self._draft, "")
 
     def undo(self) -> bool:

@@ -18,7 +18,7 @@ GREEN, RED, GREY = (LIGHT[name] for name in ("good", "bad", "mute"))
 
 
 def checks_html(findings: Sequence[RuleFinding], fresh: bool) -> str:
-    """Return the checks as HTML, failed ones first. If they are not of the current draft (`fresh`), they are dimmed."""
+    """Return the checks as HTML, failed ones first. `fresh`: they belong to the current draft; otherwise, dim them."""
     failed = [f for f in findings if not f.passed]
     title = f"{len(findings) - len(failed)} of {len(findings)} checks passed" if findings else "Checking …"
     color = GREY if not findings else RED if failed else GREEN

@@ -66,10 +66,13 @@ LANE_OFF_M = 0.25  # m, largest distance of a suggested path from its lane, so t
 
 
 def way(scene: Scene, record: EpisodeRecord, here: Knot, yaw: float, length_m: float) -> Knots:
-    """Return a first path: the nearest lane of `length_m` or more, or straight ahead until the ground ends."""
+    """Return a first path: the nearest lane of at least `length_m`.
+
+    Without such a lane, the path is straight ahead, `length_m` long but not beyond the edge of the ground.
+    """
     try:
         lanes = [lane for lane in maps.places(record.map, record.map_seed).lanes if lane.length_m >= length_m]
-    except UsageError:  # the map of a user has no lanes
+    except UsageError:  # no lanes are known, as for a user's own map
         lanes = []
     if lanes:
         nearest = min(lanes, key=lambda lane: math.dist(lane.waypoints_ned[0][:2], here))

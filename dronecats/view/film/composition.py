@@ -205,7 +205,8 @@ def verdict_words(flight: RecordedFlight) -> tuple[str, Ink]:
 def pilot_view(flight: RecordedFlight, drone: int, t: float, width: int, height: int, unit: float) -> Picture:
     """Return the newest frame of a drone at a time, (height, width, 3) RGB; `unit`: the scale of text.
 
-    After the reply, a ring marks the chosen point. A note replaces a frame that is missing from the folder.
+    After the reply, a ring marks the chosen point. Without a frame (not taken yet, not recorded, or not rendered), a
+    note replaces it.
     """
     small = max(9, round(14 * unit))
     decision = flight.latest_decision(drone, t, "t_frame")
@@ -264,7 +265,7 @@ LEAST_M = 13.0  # m, least half width and half height of the map
 SAMPLES_S = 0.2  # s between two points of a trail
 VIEW_M = 9.0  # m, length of the drawn field of view
 SHIFT = 4  # fractional bits of pixel coordinates in OpenCV's drawing functions
-JUDGE_NOTE = "target with 5 m radius (judge)"
+JUDGE_NOTE = f"target with {RADIUS_M:g} m radius (judge)"
 
 Array = NDArray[np.float64]
 
@@ -343,7 +344,7 @@ class MapPane:
         cv2.addWeighted(over, 0.32, picture, 0.68, 0.0, picture)
 
     def _target(self, picture: Picture, centre: Vec3) -> None:
-        """Mark the target and the radius for declarations. The pilot's pictures do not show these marks."""
+        """Mark the target and the success radius around it. The pilot's pictures do not show these marks."""
         around = np.linspace(0.0, 2 * math.pi, 73)
         ring = np.column_stack(
             [centre[0] + RADIUS_M * np.cos(around), centre[1] + RADIUS_M * np.sin(around), 0 * around]

@@ -1,8 +1,9 @@
 """Makes a film file: several processes draw and encode its parts, which are then joined.
 
-Parts are files in a folder beside the film. A part gets its final name when it is complete. So after a kill, all parts
-are complete, and the same command makes the missing ones. The ffmpeg of imageio-ffmpeg encodes parts as H.264 and joins
-them without encoding again. Without this ffmpeg, and for GIF, parts are Motion JPEG, and the joined film is encoded.
+Parts are files in a folder beside the film. A part gets its final name only when it is complete. If the process is
+killed, the same command keeps the parts with final names and makes the others. The ffmpeg of imageio-ffmpeg encodes
+parts as H.264 and joins them without encoding again. Without this ffmpeg, and for GIF, parts are Motion JPEG, and
+joining them encodes the film again.
 """
 
 import contextlib
@@ -120,7 +121,7 @@ def folder_beside(out: Path) -> Path:
 
 @contextlib.contextmanager
 def open_parts(out: Path, plan: FilmPlan, codec: Codec) -> Iterator[PartsFolder]:
-    """Lock the folder of a film's parts, remove parts of other films, and yield it.
+    """Lock the folder beside the film `out`, remove incomplete parts and parts of other films, and yield the folder.
 
     Raises UsageError if the folder cannot be written, or another process makes this film.
     """

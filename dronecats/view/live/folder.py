@@ -23,7 +23,7 @@ DEPTH = 2  # levels of subfolders that are searched: benchmark / run / episode
 READ_BYTES = 4_000_000  # most bytes per read; the next reads return the rest of a long log
 NAME = re.compile(r"(\d{6,})(?:_d(\d+))?\.jpg")
 END = b"\xff\xd9"  # last bytes of a complete JPEG
-KEPT = 4  # pictures per drone
+KEPT = 4  # most pictures in the cache, per drone
 SETTLED_NS = 100_000_000  # a folder that changed within this time may change again with the same timestamp
 
 

@@ -55,7 +55,7 @@ class JudgeMoment:
 class Moment:
     """The state of a flight at one time."""
 
-    t_s: float  # s of vehicle time since the episode began; at most 0 before it begins
+    t_s: float  # s of vehicle time since the episode began, at most 0 before; from a simulator: the vehicle's clock
     drones: tuple[DroneMoment, ...]
     judge: JudgeMoment = JudgeMoment()
     moved: Moved = field(default_factory=dict)  # poses of moving objects other than drones

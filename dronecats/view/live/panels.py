@@ -289,7 +289,7 @@ def clock(t_s: float) -> str:
 
 def judge_html(judge: JudgeMoment) -> str:
     """Return the judge's data as HTML: distances to the target, declarations and the verdict."""
-    far = [("" if len(judge.distance_m) < 2 else f"drone {k} ", d) for k, d in enumerate(judge.distance_m)]
+    far = [("" if len(judge.distance_m) < 2 else f"{drone_label(k)} ", d) for k, d in enumerate(judge.distance_m)]
     rows = [(f"{drone}to the target", f"{d:.2f} m") for drone, d in far if d is not None]
     lines = "".join(f"<div>{escape(line)}</div>" for line in judge.messages[-MESSAGES:][::-1])
     return (

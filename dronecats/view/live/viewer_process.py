@@ -27,7 +27,7 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import json_object
 
 NEWEST = "the newest"
-LISTED = 200  # flights that can be chosen from
+LISTED = 200  # most flights in the list of choices
 WAITING = '<div style="font-size:13px;padding:4px 10px">waiting for a flight …</div>'
 
 
@@ -110,7 +110,7 @@ class LiveFlight:
 
 
 class LivePage:
-    """Shows one of several flights: the newest, until a user chooses another."""
+    """Shows one of several flights: the newest that is not over, until a user chooses another."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server

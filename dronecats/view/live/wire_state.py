@@ -47,7 +47,8 @@ class DroneFrames:
     has_state: bool = False  # whether a message of the autopilot has arrived
     setpoint_ned: Vec3 | None = None  # m/s
     texts: StatusTexts = field(default_factory=StatusTexts)
-    new: dict[int, tuple[int, bytes]] = field(default_factory=dict)  # the newest frame of each message, not decoded yet
+    # message id → (time of arrival in µs, newest frame of this message), not decoded yet
+    new: dict[int, tuple[int, bytes]] = field(default_factory=dict)
 
 
 class WireState:

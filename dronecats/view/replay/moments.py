@@ -28,7 +28,8 @@ from foundation.run_folder.rows import ActiveLimits, Decision, EnvelopeRow, Orde
 SAME_S = 1e-6  # s, the tolerance between times
 NORMAL_END_REASONS = ("cap", "decided")  # normal reasons for the end of a flight
 OFFBOARD = "OFFBOARD"
-END_TOLERANCE_S = 1.0  # s before the end of a flight; the run itself may leave OFFBOARD then, which is no problem
+# s; a change from OFFBOARD this shortly before the end of a flight is no fault, because the run itself may cause it
+END_TOLERANCE_S = 1.0
 
 
 class OccurrenceKind(Enum):
@@ -50,7 +51,10 @@ class Occurrence:
 
 
 def envelope_faults(path: Path, t0_us: int) -> tuple[Occurrence, ...]:
-    """Return the faults in a safety.jsonl; empty without the file. Raises UsageError if the file is damaged."""
+    """Return a fault for each row of safety.jsonl in which a limit begins to act; empty if the file does not exist.
+
+    Raises UsageError if the file is damaged.
+    """
     lines, active = rows(path, EnvelopeRow) if path.is_file() else (), ActiveLimits()
     return tuple(
         Occurrence((row.time_us - t0_us) / 1e6, OccurrenceKind.FAULT, row.drone,
@@ -282,8 +286,8 @@ class FlightMoments:
 def flight_moments(path: Path) -> FlightMoments:
     """Return the flight of an episode's folder, or of a run with one episode.
 
-    A flight that was killed, or is still in the air, ends with its logs. Raises UsageError for any other folder, a
-    damaged flight, a flight that never began, and a flight without a pose.
+    A flight that was killed, or is still in the air, ends at the last time in its logs. Raises UsageError for any
+    other folder, a damaged flight, a flight that never began, and a flight without a pose.
     """
     if not path.is_dir():
         raise UsageError(f"folder {path} does not exist")
@@ -306,7 +310,7 @@ def flight_moments(path: Path) -> FlightMoments:
 
 
 def check_same_episode(flights: Sequence[FlightMoments]) -> None:
-    """Raise UsageError if the flights are of different episodes, or if only some of them have true poses."""
+    """Raise UsageError if the flights are of different episodes, or if only some of the flights have true poses."""
     first = flights[0].recorded
     for flight in flights[1:]:
         recorded, folders = flight.recorded, f"{first.folder} and {flight.recorded.folder}"

@@ -16,7 +16,7 @@ from dronecats.view.scene.page import LoopbackServer
 from foundation.errors import UsageError
 from foundation.run_folder.rows import drone_label
 
-RUN_COLORS = (*COLORS, palette.linear(palette.LIGHT["ink"]))  # linear RGB, of overlaid flights
+RUN_COLORS = (*COLORS, palette.linear(palette.LIGHT["ink"]))  # linear RGB, one colour per overlaid flight
 TRAIL_S = 0.1  # s between two positions of a replaced trail
 GAP_S = 1.0  # s, longest time step that extends a trail; a longer step replaces the trail
 VIEWS: tuple[RedrawnView | None, ...] = (None, *RedrawnView)
@@ -29,7 +29,7 @@ class PageState:
     flight: int = 0
     drone: int = 0
     along: bool = False  # whether the view follows `drone`
-    judge: bool = False
+    judge: bool = False  # whether the judge's view is shown
     view: RedrawnView | None = None
 
 
@@ -216,7 +216,7 @@ class ReplayPage:
             self._panels.forget()
         self._panels.show_wanted(state.judge, self._drone(state) if state.along else None)
         for number, scene in enumerate(self._scenes):
-            # only one flight shows objects: at the end of a shorter flight, its moving target stops
+            # only the chosen flight shows objects: a shorter flight, once over, would show its target at an old place
             scene.shows_objects = number == state.flight
             scene.judge_shown = state.judge and number == state.flight
             if before is None or replace(before, judge=state.judge, view=state.view) != state:

@@ -1,6 +1,6 @@
 """The clock of a replay, and the thread that shows its time.
 
-The clock has no side effects: the wall time is an argument.
+The clock does not read the time itself: its methods get the wall time as an argument.
 """
 
 import math
@@ -128,7 +128,7 @@ class Player:
                 threading.excepthook(threading.ExceptHookArgs((*sys.exc_info(), self._thread)))
 
     def _next(self, due: float) -> tuple[float, PlaybackClock] | None:
-        """Wait for the next update, during playback until `due`, and return (wall time, clock); None if closed."""
+        """Wait for an order, during playback at most until `due`. Return (wall time, clock); None if closed."""
         with self._news:
             self._busy = False
             self._news.notify_all()

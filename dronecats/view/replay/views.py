@@ -80,12 +80,12 @@ class FlightViews:
 
 
 class ViewRenderer:
-    """Draws the newest request in the background, and drops older ones."""
+    """Draws requests in the background. A newer request replaces a request that still waits."""
 
     def __init__(
         self, flights: list[RecordedFlight | None], shown: Callable[[ViewRequest, Picture | str], None]
     ) -> None:
-        """`flights`: None if a flight's world is unknown. `shown` gets a picture, or the reason why there is none."""
+        """`flights`: None for a flight in an unknown world. `shown` gets a picture, or the reason why there is none."""
         self._flights, self._shown = flights, shown
         self._views: dict[int, FlightViews] = {}
         self._latest = NewestItemWorker(self._draw, "replay-views")

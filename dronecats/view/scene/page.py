@@ -32,10 +32,10 @@ ProcessRequest = Callable[[ServerConnection, Request], Response | None]
 class Gate:
     """Admits requests that come from this page's own address with the page's token.
 
-    A web site in the same browser can send requests to a loopback address, and its host name can resolve to that
-    address (DNS rebinding). So the Host header must be a loopback name or one of `names`, and an Origin header must
-    name the same host. The token must be in the address, or in the cookie that the first answer sets. The cookie has
-    the port in its name, since browsers share the cookies of a host between ports.
+    A web site in the same browser can send requests to a loopback address, and the site's host name can resolve to
+    that address (DNS rebinding). So the Host header must be a loopback name or one of `names`, and an Origin header
+    must name the same host. The token must be in the address, or in the cookie that the first answer sets. The cookie
+    has the port in its name, since browsers share the cookies of a host between ports.
     """
 
     def __init__(self, names: Sequence[str] = ()) -> None:
@@ -101,7 +101,7 @@ class LoopbackServer(viser.ViserServer):
     """viser's server behind a gate. It never requests a public address."""
 
     def __init__(self, label: str, port: int, hosts: Sequence[str] = ()) -> None:
-        """Serve a page with this title on a port, or on the next free one. Raises OSError if none is free.
+        """Serve a page with the title `label` on `port`, or on the next free port. Raises OSError if no port is free.
 
         `hosts`: host names that may open the page, in addition to the loopback names. The server listens on the
         loopback address only.

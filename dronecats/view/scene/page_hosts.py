@@ -10,7 +10,7 @@ _NAME = re.compile(r"(?!-)[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
 
 
 def check(names: Sequence[str], option: str) -> None:
-    """Raise UsageError for a value of `option` that is not a host name."""
+    """Raise UsageError if one of `names`, the values of the command-line option `option`, is not a host name."""
     for name in names:
         if not _NAME.fullmatch(name):
             raise UsageError(

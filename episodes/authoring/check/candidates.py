@@ -64,7 +64,7 @@ def rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
 
 
 def spread(world: World, centres: list[Vec3]) -> Iterator[RuleFinding]:
-    """Yield the distances of the candidates from each other and from the drones."""
+    """Yield the findings about the distances between candidates, and from the middle of the starts to candidates."""
     pairs = [math.dist(a, b) for a, b in itertools.combinations(centres, 2)] or [0.0]
     yield between("the nearest pair of candidates", min(pairs), NEAREST_PAIR_M, "m")
     yield between("the widest pair of candidates", max(pairs), WIDEST_PAIR_M, "m")
@@ -77,7 +77,10 @@ def spread(world: World, centres: list[Vec3]) -> Iterator[RuleFinding]:
 
 
 def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
-    """Yield whether each drone sees all candidates from its start and reads none of their inscriptions (`texts`)."""
+    """Yield whether each drone sees all candidates from its start and reads none of their inscriptions (`texts`).
+
+    If the asset does not show its inscription, yield only this finding.
+    """
     candidates = world.target_and_lookalikes
     blank = [i.name for i, text in zip(candidates, texts, strict=True) if len(_inscription(i, text)) == 0]
     if blank:

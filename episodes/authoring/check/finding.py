@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 Bounds = tuple[float, float]  # minimum and maximum, both allowed
 
-OCCUPANCY_PERCENT: Bounds = (0.40, 12.0)  # share of the picture that the target's box fills, when faced from the start
+# share of the picture that the target's box fills when the drone at its start faces the target
+OCCUPANCY_PERCENT: Bounds = (0.40, 12.0)
 # The paper gives 0.40 % for the residential map. On the campus, every fixture fills less than that at the largest
 # distance of 48 m: a kiosk fills 0.27 %, which is 25 × 25 pixels of the model's picture.
 CAMPUS_OCCUPANCY_PERCENT: Bounds = (0.25, 12.0)
@@ -23,10 +24,10 @@ START_TO_PATH_M = 6.0  # least distance from start to target's path, so that a d
 CANDIDATES = 4
 NEAREST_PAIR_M: Bounds = (5.5, 11.2)
 WIDEST_PAIR_M: Bounds = (18.0, 32.0)
-GRID_SIDE_M, GRID_OFF_M = 2.0, 0.02
+GRID_SIDE_M, GRID_OFF_M = 2.0, 0.02  # side of the grid, and largest error of a distance in it
 GRID_TO_TARGET_M: Bounds = (12.0, 32.0)
 GRID_TO_CANDIDATES_M: Bounds = (7.0, 37.0)
-SPOTTED_PX = 90  # pixels of a 1280×720 frame; in the model's picture, they are 22 pixels, a visible dot
+SPOTTED_PX = 90  # least visible part of a candidate, px of a 1280×720 frame; 22 px of the model's picture, a small dot
 
 # Height of letters in the 640 px picture (focal length 320 px). In the paper's reading probe, no model reads a plate
 # (0.10 m) at 10 m, where its digits are 3.2 px high. Two models read a sign (0.136 m) at 13 m, where its letters are
@@ -40,8 +41,8 @@ FACING = 0.17  # least cosine of the angle between normal and view of an inscrip
 class MapRules:
     """The limits that differ between maps."""
 
-    start_distance_m: Bounds  # of an episode with one drone; in three dimensions
-    speed_mps: float | None = None  # of moving targets; None: any
+    start_distance_m: Bounds  # from start to target in three dimensions; only for episodes with one drone
+    speed_mps: float | None = None  # of moving targets; None: any speed
     off_axes_deg: float = 0.0  # the least angle between the target's bearing and the map's axes
     altitude_m: Bounds = ALTITUDE_M
     occupancy_percent: Bounds = OCCUPANCY_PERCENT

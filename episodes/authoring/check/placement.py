@@ -1,8 +1,8 @@
 """Rules about the target's place and path, and about the starts of the drones.
 
 The target must stand on the ground and touch no obstacle. A moving target must move for the whole episode. The drones
-must start at the recorded distance, at an allowed height, and with room to take off. Obstacles are the solids of the
-map except its ground.
+must start at the recorded distance, at an allowed height, and with room to take off. Obstacles are the static solids
+of the map without its ground and its leaves.
 """
 
 import itertools
@@ -35,14 +35,14 @@ from episodes.world.obstacles import REACH_M
 from episodes.world.target import TargetMotion, contact_patch, has_wheels, motion
 from episodes.world.visibility import distance_to_mesh
 from episodes.world.world import World
-from foundation.frames import Vec3
+from foundation.frames import Vec3, bearing_deg
 from foundation.protocol import CAP_S
 
 Array = NDArray[np.float64]
 
 GROUND_STEP_M = 0.1
 SWEEP_STEP_M = 0.25
-MOST_SWEEPS = 1500  # largest number of steps; on a path longer than 375 m the steps are longer
+MOST_SWEEPS = 1500  # largest number of checked poses on a path; beyond 375 m, they are more than SWEEP_STEP_M apart
 MARGIN_M = 0.05  # least distance between the target on its path and every obstacle
 LIFT_M = 0.12  # wheels pass over kerbs and roots lower than this
 
@@ -75,7 +75,7 @@ class StaticObstacles:
         self._instances = [replace(i, mesh=i.mesh.without_foliage()) for i in solids]
         self._bounds = np.zeros((len(self._instances), 2, 3))
         for k, instance in enumerate(self._instances):
-            # the bounds of the turned box: the absolute values of the matrix turn the half extents
+            # axis-aligned bounds of the turned box: half extents = |rotation matrix| · half extents of the mesh
             low, high = instance.mesh.vertices.min(axis=0), instance.mesh.vertices.max(axis=0)
             middle = turn(instance.turned) @ ((low + high) / 2) + np.array(instance.position_ned)
             reach = np.abs(turn(instance.turned)) @ ((high - low) / 2)
@@ -83,7 +83,7 @@ class StaticObstacles:
         self._placed: dict[int, Array] = {}
 
     def nearest(self, point: Vec3, within_m: float) -> tuple[float, str]:
-        """Return the distance (m) to the nearest obstacle and its name; (within_m, '') if none is nearer."""
+        """Return the distance (m) to the nearest obstacle and its name; (within_m, '') if all are farther."""
         p = np.array(point)
         outside = np.maximum(np.maximum(self._bounds[:, 0] - p, p - self._bounds[:, 1]), 0.0)
         best, name = within_m, ""
@@ -131,7 +131,10 @@ def overlaps(triangles: Array, box: Box) -> bool:
 
 
 def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
-    """Yield the findings about the target's distance from the ground, the space around it, and its path."""
+    """Yield the findings about the target's distance from the ground, the space around it, and its path.
+
+    There are none for a native target, which is an object of the map.
+    """
     record = world.record
     if record.target.native is not None:
         return
@@ -176,7 +179,10 @@ def path_off_ground(world: World) -> RuleFinding:
 
 
 def wheels(world: World) -> Iterator[RuleFinding]:
-    """Yield whether all wheels of the target and its look-alikes touch the ground, along the whole path."""
+    """Yield whether all wheels of the target and its look-alikes touch the ground, along the whole path.
+
+    Yield nothing if none of them has wheels.
+    """
     way = motion(world.record.target)
     worst, where = -1.0, (0.0, 0.0, 0.0)
     for instance in world.target_and_lookalikes:
@@ -225,7 +231,7 @@ def path_length(world: World) -> RuleFinding:
 
 
 def pace(world: World) -> Iterator[RuleFinding]:
-    """Yield whether the target moves at the speed that its map requires, if any."""
+    """Yield whether the target moves at the speed that its map requires; nothing if the map requires no speed."""
     wanted = RULES.get(world.record.map, DEFAULT_RULES).speed_mps
     speed = motion(world.record.target).speed_mps
     if wanted is not None:
@@ -241,10 +247,10 @@ def start_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindin
 
 
 def distance_and_bearing(world: World) -> Iterator[RuleFinding]:
-    """Yield whether the recorded distance and bearing are those in the scene, and within the limits of the map."""
+    """Yield whether the recorded distance and bearing are those in the scene and, for one drone, allowed on the map."""
     record, here, goal = world.record, world.record.starts[0].position_ned, world.target_centre(0.0)
     distance = math.dist(here, goal)
-    bearing = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0
+    bearing = bearing_deg(here, goal)
     off = abs(distance - record.start_distance_m)
     measured, wanted = f"{distance:.3f} m", f"{record.start_distance_m:g} m, as recorded"
     yield RuleFinding("the distance measured in the scene", off <= DISTANCE_OFF_M, measured, wanted, "start_distance_m")

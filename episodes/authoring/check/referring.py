@@ -45,7 +45,8 @@ NOUNS: dict[str, tuple[str, ...]] = {
 }
 
 COMPACT_M = 4.0  # largest half size of a landmark for all relations except `nearest`
-BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0  # m, largest distance for left of, right of, in front of and behind
+# m, largest distance for left of, right of, in front of and behind: of the clear test, of the loose test
+BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0
 NEAREST_M = 25.0  # m, largest distance for `nearest`
 APART_M = 40.0  # m, largest distance between the two landmarks of `between`
 RELATIONS = ("nearest", "left of", "right of", "in front of", "behind", "between")
@@ -58,9 +59,9 @@ _READ = re.compile(
 
 CAMERA = CameraModel(320, 180)
 SEEN_SHARE = 0.0015  # least share of the first picture that an additional landmark fills; see `landmarks`
-# kinds that no instruction names, because they are too large, too small, or too many
+# kinds that are neither targets nor additional landmarks, because they are too large, too small, or too many
 UNNAMED = ("ground", "hall", "house", "wood", "tree", "conifer", "shrub", "bush", "hedge", "fence", "lamp", "bollard")
-SLIGHT = ("bench", "bin", "person")  # kinds that may be targets, but never landmarks
+SLIGHT = ("bench", "bin", "person")  # kinds that may be targets, but never additional landmarks
 
 
 def nouns(asset: str) -> tuple[str, ...]:
@@ -101,7 +102,7 @@ class Expression:
 
     noun: str
     relation: str  # of RELATIONS
-    landmarks: tuple[str, ...]  # phrases with their articles, such as 'the fountain'
+    landmarks: tuple[str, ...]  # phrases, such as 'the clock tower' or 'Euler Hall'
 
     @property
     def words(self) -> str:
@@ -133,9 +134,10 @@ def _starts(text: str, words: str) -> bool:
 def denotes(
     expression: Expression, places: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
 ) -> tuple[list[str], list[str]]:
-    """Return the names of the things that pass the clear test of an expression, and of those that pass its loose test.
+    """Return two lists of names: the things that pass the clear test, and the things that pass the loose test.
 
-    `places`: name → position (m, NED) of all things of the kind. `landmarks`: phrase → footprint. `viewer`: m, NED.
+    Both are empty if a landmark is too large for the relation. `places`: name → position (m, NED) of all things of the
+    kind. `landmarks`: phrase → footprint. `viewer`: m, NED.
     """
     marks = [landmarks[phrase] for phrase in expression.landmarks]
     spots = {name: _flat(place) for name, place in places.items()}
@@ -234,9 +236,9 @@ def footprint(instance: Instance) -> Footprint:
 def landmarks(map_name: str, map_seed: int, kind: str, viewer: Vec3, yaw_deg: float | None) -> dict[str, Footprint]:
     """Return phrase → footprint of all landmarks that an instruction may use to distinguish things of a kind.
 
-    These are the map's own landmarks of other kinds. If the drone sees its target at the start (`yaw_deg` is given), a
-    thing is also a landmark if it is the only one of its kind in the first picture, such as 'the kiosk'. The result is
-    empty for a map without its own landmarks.
+    These are the map's own landmarks of other kinds. `yaw_deg` is the yaw of a drone that sees its target at the start.
+    If it is given, there are additional landmarks, such as 'the kiosk': things that are the only one of their kind in
+    the drone's first picture. The result is empty for a map without its own landmarks.
     """
     named = {mark.phrase: mark.name for mark in places(map_name, map_seed).landmarks}
     if not named:
@@ -335,7 +337,10 @@ def paint_rules(world: World) -> Iterator[RuleFinding]:
 
 
 def place_rule(world: World) -> RuleFinding:
-    """Return whether the instruction distinguishes the target by its place from all other things of its kind."""
+    """Return whether the instruction distinguishes the target by its place from all other things of its kind.
+
+    An instruction without a referring expression passes if there is no other thing of this kind.
+    """
     record = world.record
     kind = kind_of(record.target.asset)
     of_kind = {i.name: i.position_ned for i in world.scene.instances if kind_of(i.kind) == kind}

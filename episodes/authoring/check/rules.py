@@ -16,7 +16,7 @@ import numpy as np
 from episodes.authoring.check import candidates, placement, referring, sight
 from episodes.authoring.check.finding import SPOTTED_PX, RuleFinding, at_least, at_most, between
 from episodes.authoring.check.placement import StaticObstacles
-from episodes.authoring.check.sight import CAMERA, HALF_VIEW_DEG, bearing_deg, level, patch
+from episodes.authoring.check.sight import CAMERA, HALF_VIEW_DEG, level, patch
 from episodes.authoring.processes import process_map
 from episodes.maps.geometry import assemble, box
 from episodes.maps.scene import Instance, Material
@@ -25,17 +25,18 @@ from episodes.records.record import StartPose
 from episodes.world.visibility import Solids, SolidsUnion
 from episodes.world.world import World, solids
 from foundation.errors import UsageError
-from foundation.frames import Vec3
+from foundation.frames import Vec3, bearing_deg
 from foundation.protocol import RADIUS_M, SPEED_MAX
 
 ENOUGH = 5  # least number of records of a cell on a map for a rule about their spread
-OFF_CENTRE_DEG = 15.0  # at least half of the visible targets must be farther off the nose than this
-UNEVEN = 0.25  # largest difference (Kolmogorov's D) of a cell's ten values from an even spread
-CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # limits of the nearest and of the farthest start on campus
+OFF_CENTRE_DEG = 15.0  # at least half of a cell's visible targets must be farther off the nose than this
+UNEVEN = 0.25  # largest allowed difference (Kolmogorov's D) of a cell's values from an even spread
+CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # limits of the start distance on campus: nearest start, farthest start
 HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # limits of the lowest and of the highest start
-LEAST_ROW_SPREAD = 0.05  # of the picture's height, from the lowest to the uppermost target of a suite
-# A straight flight passes within 5 m of all targets at 16 m that are up to 14° off its heading. These 28° are more than
-# a third of the picture's usable 74°. So for any spread of ten visible targets, some heading passes at least three.
+LEAST_ROW_SPREAD = 0.05  # least distance between the lowest and the uppermost target, as a share of the picture
+# A straight flight passes, and sees, all targets at 16 m that are up to 14° off its heading. These 28° are more than a
+# third of the picture's usable 74°. So for any spread of ten visible targets, some heading passes at least four, if no
+# obstacle is in the way. To pass a target is to come within 5 m of it.
 # Key: whether the targets are visible at the start. Value: how many of ten targets a straight flight may pass.
 AHEAD = {True: 2, False: 1}  # if it flies straight ahead
 ANY_HEADING = {True: 4, False: 2}  # on the best heading
@@ -57,7 +58,7 @@ class Layout:
     seed: int
     off_deg: float  # bearing of the target's middle from the first drone's nose, -180 … 180, + to the right
     column: float | None  # 0 … 1, left to right, of the target's middle in the first picture; None if not visible
-    row: float | None  # 0 … 1, top to bottom, likewise
+    row: float | None  # 0 … 1, top to bottom, of the same point; None if not visible
     distance_m: float
     height_m: float  # of the first start above the ground under it
     straight_deg: frozenset[int]  # see `straight`; empty for a fleet
@@ -183,7 +184,10 @@ def _passes(world: World, heading_deg: float, span_m: float, drift_m: float) -> 
 
 
 def fewest_candidate_pixels(world: World) -> int:
-    """Return the least number of pixels that a drone of a fleet sees of a candidate. Other drones may hide it."""
+    """Return the fewest pixels that show a candidate in a drone's first picture, over all candidates and drones.
+
+    Other candidates and drones may hide the candidate.
+    """
     record, of_map = world.record, solids(world.record.map, world.record.map_seed)
     targets = world.target_and_lookalikes
     drones = [_drone(k, start) for k, start in enumerate(record.starts)]

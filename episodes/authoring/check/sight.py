@@ -18,7 +18,7 @@ from episodes.world.rays import RayScene
 from episodes.world.visibility import NEAR_M, Occluder
 from episodes.world.world import World
 from foundation.camera import CameraModel
-from foundation.frames import Quat, Vec3, quat_from_euler, rotate
+from foundation.frames import Quat, Vec3, bearing_deg, quat_from_euler, rotate
 from foundation.protocol import RADIUS_M
 from foundation.threads import once
 
@@ -30,7 +30,7 @@ CAMERA = CameraModel()
 HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
 
 STEP_M = 0.5
-MOST_STEPS = 201  # largest number of steps; a start farther away fails the rule about start distances anyway
+MOST_STEPS = 201  # most points checked on a way, enough for 100 m; a farther start fails the rule about distances
 FACED_FRACTION = 0.5  # share of the target's silhouette that must be visible when the drone faces it
 
 
@@ -172,7 +172,7 @@ def yaw_showing(framing: Framing, share: float) -> float | None:
 def yaw_showing_all(framings: Sequence[Framing], ahead_deg: Sequence[float], share: float) -> float | None:
     """Return the compass yaw (deg) at a share (0 … 1) of the range of yaws at which the picture shows all things whole.
 
-    `ahead_deg` has the bearing of the thing of each framing. None if no yaw shows all things.
+    `ahead_deg`: the bearing of each framing's thing. None if no yaw shows all things whole.
     """
     first = ahead_deg[0]
     common = np.ones(len(framings[0].off_deg), dtype=bool)
@@ -187,7 +187,10 @@ def yaw_showing_all(framings: Sequence[Framing], ahead_deg: Sequence[float], sha
 
 
 def yaw_hiding(framing: Framing, share: float) -> float | None:
-    """Return the yaw from a thing's bearing (deg, 0 … 360) at a share (0 … 1) of the yaws that hide it, or None."""
+    """Return the yaw from a thing's bearing (deg, 0 … 360) at a share (0 … 1) of the yaws that hide it.
+
+    None if no yaw hides the thing.
+    """
     hidden = np.flatnonzero(framing.hidden())
     if len(hidden) == 0:
         return None
@@ -207,7 +210,8 @@ def level(yaw_deg: float) -> Quat:
 def rules(world: World) -> Iterator[RuleFinding]:
     """Yield the findings about the view.
 
-    Occupancy is the share of the picture that the box around the target's pixels covers.
+    "When faced" means that the drone at its start looks straight at the target. Occupancy is the share of the picture
+    that the box around the target's pixels covers.
     """
     record, start = world.record, world.record.starts[0]
     ahead = bearing_deg(start.position_ned, world.target_centre(0.0))
@@ -255,8 +259,3 @@ def way_to_target(world: World) -> RuleFinding:
         )
         worst = min(worst, world.clearance_m(point))
     return at_least("the free space around the straight way to the target", worst, BODY_M, "m")
-
-
-def bearing_deg(origin: Vec3, goal: Vec3) -> float:
-    """Return the compass bearing (deg, 0 … 360) from an origin to a goal."""
-    return math.degrees(math.atan2(goal[1] - origin[1], goal[0] - origin[0])) % 360.0

@@ -17,23 +17,23 @@ from episodes.authoring.check.finding import (
     WIDEST_PAIR_M,
 )
 from episodes.authoring.check.placement import box_of
-from episodes.authoring.check.sight import CAMERA, bearing_deg, box_corners, yaw_showing_all
+from episodes.authoring.check.sight import CAMERA, box_corners, yaw_showing_all
 from episodes.authoring.propose.draft import BOARDS, Draw, Proposal, flight_seed, inscribed, instruction, plates
 from episodes.authoring.propose.site import PlacedTarget, Site, rounded, start
 from episodes.maps import assets
 from episodes.maps.scene import Instance, Spot
 from episodes.records.record import TargetRecord
-from foundation.frames import Vec3
+from foundation.frames import Vec3, bearing_deg, course
 
-CARS = ("sedan", "suv", "hatchback", "pickup", "van")  # with plates 0.10 m high at the front and at the rear
+CARS = ("sedan", "suv", "hatchback", "pickup", "van")  # with plates at the front and at the rear; digits 0.10 m high
 SPARE_M = 0.3  # margin kept from every limit of a distance
-ALTITUDES_M = (1.35, 2.05)  # above the ground at the middle of the grid (the fleet's square); corners may differ
+ALTITUDES_M = (1.35, 2.05)  # start height above the ground under the middle of the grid (the fleet's square)
 GROUPS = 3000  # groups of four places tried for one draft
 GRIDS = 40  # places of the fleet tried per group, checked for distances and free space
 VIEWS = 6  # largest number of these places that are checked for the drones' views
 HALF_VIEW_DEG = 40.0  # largest angle of a candidate off the axis of a 90° wide picture; leaves room for its width
 ROADSIDE = ("kerb", "drive")  # kinds of place for vehicles
-TURNED_GRIDS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # angles between the square and the way to a candidate
+TURNED_GRIDS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # angles tried between grid and way to the first candidate
 ABREAST_M = 0.4  # half width of a drone as another one sees it, with a margin
 HIDES = 0.4  # largest share of a candidate's width that another drone may cover
 TURNED_DEG = 35.0  # largest angle between a sign's direction and the fleet
@@ -42,7 +42,10 @@ FACED = 0.6  # least visible share of the target from the first drone, when the 
 
 
 def drafts(site: Site, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    """Yield None, then a draft for each `Draw` sent in. Assets and paints take turns, and places are random."""
+    """Yield None, then a draft for each `Draw` sent in. Assets and paints take turns, and places are random.
+
+    End if the map has fewer than CANDIDATES spots, or if GROUPS groups of spots give no draft.
+    """
     share = yield None
     signs = site.name != "residential"
     kinds = ["sign"] if signs else list(CARS)
@@ -114,7 +117,7 @@ def _far_enough(middle: tuple[float, float], spots: list[Spot], asset: str) -> b
     """Return whether a fleet's place roughly keeps the required distances. The rules check them exactly."""
     ways = [math.dist(middle, s.position_ned[:2]) for s in spots]
     unread = READING_FOCAL_PX * LETTER_M.get(asset, PLATE_LETTER_M) / READABLE_PX  # m, unreadable beyond this
-    bearings = [math.atan2(s.position_ned[1] - middle[1], s.position_ned[0] - middle[0]) for s in spots]
+    bearings = [course(middle, s.position_ned) for s in spots]
     ahead = math.atan2(sum(map(math.sin, bearings)), sum(map(math.cos, bearings)))
     off = max(abs(math.degrees(math.remainder(b - ahead, 2.0 * math.pi))) for b in bearings)
     low = max(GRID_TO_CANDIDATES_M[0] + SPARE_M, unread + (1.0 if asset == "sign" else 0.0))
@@ -131,7 +134,8 @@ def _draft(
 ) -> Proposal | None:
     """Return the draft of a fleet before four candidates.
 
-    None if no candidate is at an allowed distance for the target, no start fits, or a drone cannot see a candidate.
+    None if no yaw or no square of starts shows all candidates to all drones, or if no candidate can be the target. The
+    target must be at an allowed distance, and the first drone must see it and have a clear way to it.
     """
     height = share.height_m(ALTITUDES_M)
     centre = (*middle, site.ground(*middle) - height)
@@ -140,7 +144,7 @@ def _draft(
     if yaw is None:
         return None
     first = candidates[0].centre_ned
-    ahead = math.atan2(first[1] - middle[1], first[0] - middle[0])
+    ahead = course(middle, first)
     for turned in rng.sample(TURNED_GRIDS_DEG, len(TURNED_GRIDS_DEG)):
         places = _grid(site, middle, ahead + math.radians(turned), (height, height))
         if any(not site.on_map(p[0], p[1]) or not site.free(p) for p in places):
@@ -180,7 +184,7 @@ def _in_the_way(drone: int, places: list[Vec3], candidates: list[PlacedTarget], 
     yaw, lever = math.radians(yaw_deg), CAMERA.offset_frd[0]
     eye = (places[drone][0] + lever * math.cos(yaw), places[drone][1] + lever * math.sin(yaw))
     for place in (place for k, place in enumerate(places) if k != drone):
-        way = math.atan2(place[1] - eye[1], place[0] - eye[0])
+        way = course(eye, place)
         wide = math.asin(min(1.0, ABREAST_M / math.dist(eye, place[:2])))
         for candidate in candidates:
             corners = box_corners(candidate.mesh, candidate.position_ned, candidate.yaw)

@@ -75,7 +75,7 @@ def yaw_deg(cell: str, ahead_deg: float, framed: Framing, share: float) -> float
 
 
 def flight_seed(rng: random.Random) -> int:
-    """Return the seed of a flight."""
+    """Return a random seed for a flight."""
     return rng.randrange(1, MAX_SEED)
 
 
@@ -95,7 +95,8 @@ class Draw:
 def shares(count: int, rng: random.Random) -> list[Draw]:
     """Return the draws of `count` records. Each dimension is cut into `count` strata, with one draw in each stratum.
 
-    With two or more records, the first and the last stratum lie at the ends of the range, so the whole range is used.
+    With two or more records, the middles of the first and the last stratum are the ends of the range, so draws reach
+    both ends.
     """
     turns, distances, heights = (_strata(count, rng) for _ in range(3))
     return [Draw(*shares) for shares in zip(turns, distances, heights, strict=True)]
@@ -134,7 +135,7 @@ def inscribed(asset: str, text: str, rng: random.Random) -> str:
 
 
 def plates(count: int, rng: random.Random) -> list[str]:
-    """Return `count` different plates. Each differs from one text in at most two digits, so that they look alike."""
+    """Return `count` different plates. Each differs from a common text in at most two digits, so they look alike."""
     base = [rng.randrange(1, 10) for _ in range(4)]
     texts: list[str] = []
     while len(texts) < count:

@@ -14,22 +14,25 @@ from episodes.authoring.check import referring
 from episodes.authoring.check.finding import DEFAULT_RULES, RULES
 from episodes.authoring.check.placement import box_of
 from episodes.authoring.check.referring import kind_of, nouns
-from episodes.authoring.check.sight import CAMERA, bearing_deg
+from episodes.authoring.check.sight import CAMERA
 from episodes.authoring.propose.draft import Draw, Proposal, flight_seed, instruction, painted, yaw_deg
 from episodes.authoring.propose.site import ALTITUDES_M, PlacedTarget, Site, rounded, start, stretch
 from episodes.maps import assets
 from episodes.maps.scene import Instance
 from episodes.records.record import HIDDEN, MOVING, STATIONARY, Path3D, TargetRecord
+from foundation.frames import bearing_deg
 from foundation.protocol import CAP_S
 
 # Targets that the instruction identifies by paint
-# signs are only for fleets; robots and carts are only for the campus; people are too small at 16 m
+
+# assets that are never targets here: signs are only for fleets; robots and carts are only for the campus; people are
+# too small at 16 m
 NOT_PAINTED = ("sign", "person", "pedestrian", "delivery_robot", "service_cart")
 SPEED_MPS = 0.3  # on a map that requires no speed
-PAINTED_SPARE_M = 1.5  # length of the path beyond the distance that the target covers
+PAINTED_SPARE_M = 1.5  # length of the path beyond the distance that the target covers in an episode
 BAY_M = 0.25  # least free space around a parked target
-# largest reach of a target from its middle towards the start. A drone that flies to the end of a bus would hit the bus
-# before it is within 5 m of the middle.
+# largest reach of a target from its middle towards the start. A drone that flies at the end of a longer target, such as
+# a bus, would hit the target before the drone is within 5 m of the target's middle.
 REACH_M = 3.2
 PAINTED_STARTS = 2  # largest number of drafts of one target
 # kinds of spots for an asset; an asset without an entry gets ANY_GROUND
@@ -52,7 +55,10 @@ REFERRED_STARTS = 12  # largest number of starts tried for one target
 
 
 def painted_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    """Yield None, then a draft for each `Draw` sent in. Assets and paints take turns, and places are random."""
+    """Yield None, then a draft for each `Draw` sent in. Assets and paints take turns, and places are random.
+
+    End at once if the map has no place for a target: no spot or, in a cell with moving targets, no lane for vehicles.
+    """
     share = yield None
     moving = cell in MOVING
     kinds = [name for name in assets.names() if name not in NOT_PAINTED and not (moving and name in STATIONARY)]
@@ -187,8 +193,8 @@ def _referred_draft(
 ) -> Proposal | None:
     """Return a draft with a start from which an expression denotes only the target, or None.
 
-    `share` sets the start distance within the map's range. For a moving target, its size limits this range further. A
-    randomly drawn relation is preferred. 'nearest' is the last choice, and is often skipped.
+    `share` sets the start distance within the map's range. For a moving target, the range ends where the target is too
+    small in the picture. A randomly drawn relation is preferred. 'nearest' is the last choice, and is often skipped.
     """
     rules = RULES.get(site.name, DEFAULT_RULES)
     nearest, farthest = rules.start_distance_m[0] + 0.2, rules.start_distance_m[1] - 0.3

@@ -16,7 +16,7 @@ from episodes.records import catalogue
 from episodes.records.record import CELLS, HIDDEN, MAX_SEED, VERSION, EpisodeRecord
 from episodes.world.world import World
 from foundation.errors import UsageError
-from foundation.frames import Vec3
+from foundation.frames import Vec3, bearing_deg
 
 RECORDS_MAX = 99  # largest number in an id, which has two digits
 APART_M = 6.0  # least distance between the targets of a request
@@ -131,7 +131,7 @@ def _record(request: RecordRequest, number: int, draft: Proposal) -> EpisodeReco
         target=draft.target,
         starts=draft.starts,
         start_distance_m=round(math.dist(here, goal), 2),
-        bearing_deg=round(math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0, 1) % 360.0,
+        bearing_deg=round(bearing_deg(here, goal), 1) % 360.0,
         visible_at_start=draft.visible,
         seed=draft.seed,
         candidates=draft.candidates,

@@ -33,10 +33,10 @@ SHORTEST_M = 0.2  # shortest leg of a path
 OFF_M = 0.012  # largest distance of a path from the ground, before heights are rounded
 LOOK_M = 0.1  # distance between the points at which OFF_M is checked
 
-ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)
+ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)  # range of start heights: the rule's, with a margin
 EDGE_M = 3.0  # least distance from the edge of the terrain
 DIRECTIONS = 36  # number of directions tried around a target
-CLEAR_FRACTION = 0.8  # least visible share of the target when faced; the rules demand less
+CLEAR_FRACTION = 0.8  # least visible share of the target when the drone faces it; the rules demand less
 
 
 def stretch(waypoints: Sequence[Vec3], first_m: float, length_m: float, terrain: HeightField) -> tuple[Vec3, ...]:
@@ -168,7 +168,10 @@ class Site:
     def starts(
         self, target: PlacedTarget, distance_m: float, height_m: float, rng: random.Random, off_axes_deg: float = 0.0
     ) -> Iterator[Vec3]:
-        """Yield places (m) at a 3-D distance from a target with a good view of it and a clear way to it."""
+        """Yield places (m) at a 3-D distance from a target with a good view of it and a clear way to it.
+
+        The bearing of the target is more than `off_axes_deg` off the map's axes.
+        """
         goal = target.centre_ned
         turns = [360.0 * (k + rng.random()) / DIRECTIONS for k in range(DIRECTIONS)]
         rng.shuffle(turns)
@@ -198,7 +201,7 @@ class Site:
         return rounded((goal[0] - flat * math.cos(bearing), goal[1] - flat * math.sin(bearing), down))
 
     def clear(self, place: Vec3, goal: Vec3) -> bool:
-        """Return whether the straight way from a place to a goal is clear. Faster than the rule `way_to_target`."""
+        """Return whether the straight way from a place to 5 m before a goal is clear. Faster than `way_to_target`."""
         span = math.dist(place, goal)
         for k in range(1, int((span - 5.0) / 1.5) + 1):
             u = k * 1.5 / span

@@ -22,14 +22,14 @@ from foundation.frames import Quat, Vec3, quat_integrate
 WIDEST = 2.0  # largest picture drawn for a lens, relative to the width and height of the camera's picture
 ROUNDS = 15  # iterations of the inversion in `pinhole_rays`; a lens that needs more is rejected
 FARTHEST = 10.0  # largest offset from the middle in each direction, in focal lengths: 84° off the axis
-MISS_PX = 0.05  # largest error of the inversion, for a picture 1280 px wide
+MISS_PX = 0.05  # largest error of the inversion, for a focal length of 640 px
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleMotion:
     """The motion of a vehicle at the time of a frame."""
 
-    time_s: float  # s, at which `moved` gives the poses of the scene
+    time_s: float  # s, the argument of `moved` in `OpticalRenderer.picture`
     position_ned: Vec3  # m, body origin
     velocity_ned: Vec3  # m/s
     attitude: Quat  # FRD → NED
@@ -218,7 +218,8 @@ def _folds(lens: LensModel, r_max: float) -> bool:
 def wide_camera(lens: LensModel, camera: CameraModel) -> CameraModel:
     """Return a pinhole camera of the same focal length that covers the view of the lens.
 
-    Raises ValueError for a lens that folds the picture or shows more than `WIDEST` times the camera's view.
+    Return `camera` for a lens without distortion. Raises ValueError for a lens that folds the picture or shows more
+    than `WIDEST` times the camera's view.
     """
     if not lens.bends:
         return camera
@@ -256,7 +257,10 @@ class BentLens:
 
 
 def _fall_off(lens: LensModel, camera: CameraModel) -> NDArray[np.float32] | None:
-    """Return the share (H, W, 1) of light that reaches each pixel: with vignetting 1, cos⁴ of the angle to the axis."""
+    """Return the share (H, W, 1) of light that reaches each pixel: with vignetting 1, cos⁴ of the angle to the axis.
+
+    None for a lens without vignetting.
+    """
     if not lens.vignetting:
         return None
     x = (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px

@@ -13,7 +13,8 @@ from foundation.frames import Vec3
 Light = NDArray[np.float32]  # (H, W, 3) linear RGB, 0 … `sky.WHITE`
 
 CLOUDS_M = 1500.0  # m, height of the base of rain clouds above the camera
-RAIN_EXTINCTION = (0.000248, 0.67)  # 1/m and exponent of mm/h: 1.076 R^0.67 dB/km (Carbonneau and Wisely, 1998)
+# factor (1/m) and exponent of the rate R (mm/h): 1.076 R^0.67 dB/km (Carbonneau and Wisely, 1998)
+RAIN_EXTINCTION = (0.000248, 0.67)
 
 NEAR_M, FAR_M = 0.4, 7.0  # depth of drops that are drawn, along the optical axis; `veil` stands for farther drops
 SMALLEST_MM = 0.8  # smaller drops are invisible
@@ -93,8 +94,8 @@ def streaks(
     """Return (H, W) the share of each pixel's light that comes from drops in front of the scene.
 
     `depth` is the planar depth (m) of the scene, and `velocity_ned` (m/s) the velocity of the camera. A drop of
-    diameter D that moves by L in the picture during the exposure makes a streak. It covers each place of the streak for
-    the share D / (D + L) of the exposure.
+    diameter D that moves by L in the picture during the exposure makes a streak. The drop covers each place of the
+    streak for the share D / (D + L) of the exposure.
     """
     eye = eye_of(pose, camera)
     half_w, half_h = 0.5 * camera.width / eye.focal, 0.5 * camera.height / eye.focal

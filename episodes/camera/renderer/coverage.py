@@ -27,13 +27,14 @@ NOTHING = -1  # in place of a triangle: the sample sees the sky
 class Drawn(NamedTuple):
     """The values that `set_up` computes for each triangle of a scene in one picture."""
 
-    # (T, 9) (a, b, c) of three edge functions a·i + b·j + c at sample (j, i): ≥ 0 inside, ∝ the weight of a corner
+    # (T, 9) (a, b, c) of three edge functions a·i + b·j + c at sample (j, i). All three are ≥ 0 inside the triangle.
+    # Each is proportional to the weight of one corner at the sample's point of the triangle
     edges: NDArray[np.float64]
     volume: NDArray[np.float64]  # (T,) m³: planar depth = volume / (sum of the three edge functions)
     nearest: NDArray[np.float64]  # (T,) 1/m, greatest inverse depth of a corner; < 0: the near plane cuts the triangle
     rows: NDArray[np.int32]  # (T, 2) first and last row of samples; first > last: not in the picture
-    columns: NDArray[np.int32]  # (T, 2) first and last column of samples; not set if the near plane cuts it
-    chunk_seen: NDArray[np.bool_]  # (C,) whether the chunk may be in the picture
+    columns: NDArray[np.int32]  # (T, 2) first and last column of samples; undefined if nearest < 0
+    chunk_seen: NDArray[np.bool_]  # (C,) whether the chunk (triangles culled together) may be in the picture
 
 
 def new_drawn(triangles: int, chunks: int) -> Drawn:
@@ -166,7 +167,7 @@ def _widen(xa: float, za: float, xb: float, zb: float, low: float, high: float) 
 def sort_into_bands(
     triangles: Triangles, drawn: Drawn, bands: int, chunks: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Return (start, items): band k holds triangles items[start[k]:start[k + 1]] of these chunks, in their order."""
+    """Return (start, items): band k holds triangles items[start[k]:start[k + 1]], in the order of `chunks`."""
     start = np.zeros(bands + 1, np.int64)
     for chunk in chunks:
         if drawn.chunk_seen[chunk]:
@@ -213,8 +214,8 @@ def draw_bands(
 
     `samples` has the shape (grain · H + 1, grain · W + 1). Of two triangles at the same depth, the first one in the
     items wins. The opaque triangles `items` are drawn first, because they hide most of the cut-out triangles
-    `cut_items`, which have textures `cutout` at `uv`. `inverse_depths` (threads, 2 BAND, grain · W + 1) and `lowest`
-    (threads, grain · W + 1) are work arrays for each thread. `count_up` (grain · W + 1,) is 0, 1, 2 …
+    `cut_items`. `cutout` and `uv` are the fields of `Triangles`. `inverse_depths` (threads, 2 BAND, grain · W + 1) and
+    `lowest` (threads, grain · W + 1) are work arrays for each thread. `count_up` (grain · W + 1,) is 0, 1, 2 …
     """
     bands = start.size - 1
     height = samples.shape[0]
@@ -273,7 +274,10 @@ def _find_lowest(inverse_depth: NDArray[np.float32], lowest: NDArray[np.float32]
 
 @njit(cache=True, nogil=True)
 def _is_hidden(nearest: float, first: int, last: int, lowest: NDArray[np.float32]) -> bool:
-    """Return whether a triangle in columns first … last is behind `lowest`; False if the near plane cuts it."""
+    """Return whether a triangle is behind all samples of its columns first … last; False if the near plane cuts it.
+
+    `lowest` (n,) is the least inverse depth of each column.
+    """
     hidden, limit, i = nearest > 0.0, np.float32(nearest), first
     while hidden and i <= last:
         hidden = limit <= lowest[i]
@@ -287,10 +291,10 @@ class _Slopes(NamedTuple):
     wa: float
     wb: float
     wc: float
-    ia: float  # −1 / a of each edge, 0 where a is 0
-    ib: float
-    ic: float
-    iw: float  # 1 / wa, 0 where wa is 0; for a triangle that the near plane cuts
+    ia: float  # −1 / a of the first edge; 0 if a is 0
+    ib: float  # the same for the second edge
+    ic: float  # the same for the third edge
+    iw: float  # 1 / wa, 0 if wa is 0; only used for a triangle that the near plane cuts
     is_cut: bool
     limit: np.float32  # greatest inverse depth, so that no rounding brings a sliver nearer than its corners
 

@@ -20,7 +20,7 @@ from foundation.frames import Vec3
 
 CELLS = 64  # per side of a half
 EYE_M = 2.5  # height of the eye above the ground
-NEAREST_M, FARTHEST_M = 5.0, 260.0  # first and last point of a ray
+NEAREST_M, FARTHEST_M = 5.0, 260.0  # m from the eye, first and last point on a ray
 GROUND: Vec3 = (0.15, 0.15, 0.13)  # linear reflectance: roads, walks and grass together
 
 
@@ -94,6 +94,6 @@ def _look_around(
 
 @njit(cache=True, nogil=True, inline="always")
 def mirror_color(mirrored: NDArray[np.float32], n: float, e: float, d: float) -> Vec3:
-    """Return the linear (r, g, b) in the unit direction (n, e, d), NED."""
+    """Return the linear (r, g, b) that a reflection map `mirrored` shows in the unit direction (n, e, d), NED."""
     per = 1.0 / (1.0 + abs(d))
     return read_half(mirrored[0 if d <= 0.0 else 1], n * per, e * per)

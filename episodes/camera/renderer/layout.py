@@ -86,7 +86,7 @@ class Triangles(NamedTuple):
     chunk_count: NDArray[np.int32]  # (C,)
     chunk_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the chunk
     chunk_radius: NDArray[np.float64]  # (C,) m
-    chunk_cut: NDArray[np.bool_]  # (C,) whether its triangles have cut-out textures: all of them or none
+    chunk_cut: NDArray[np.bool_]  # (C,) whether the triangles of the chunk have cut-out textures: all or none have
     solid_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around all surfaces that the chunk is part of
     solid_radius: NDArray[np.float64]  # (C,) m
 
@@ -100,7 +100,7 @@ class Surfaces(NamedTuple):
     color: NDArray[np.float32]  # (M, 3) linear
     emission: NDArray[np.float32]  # (M,)
     specular: NDArray[np.float32]  # (M,)
-    texture: NDArray[np.int32]  # (M,) texture of the atlas, -1 = none
+    texture: NDArray[np.int32]  # (M,) index of the texture in the atlas, -1 = none
     drift: NDArray[np.float32]  # (M,) share by which the tone varies over the ground; 0: constant
     foliage: NDArray[np.bool_]  # (M,)
 
@@ -110,7 +110,7 @@ class MovablePart:
     """The rows of Triangles that belong to one movable instance, and its shape in the axes of the asset."""
 
     instance: Instance
-    triangles: slice  # rows by triangle
+    triangles: slice  # rows of the fields that are not in BY_CHUNK
     chunks: slice  # rows of the fields in BY_CHUNK
     position: NDArray[np.float32]  # (n, 3, 3) m, FRD of the asset
     normal: NDArray[np.float32]  # (n, 3, 3) FRD of the asset
@@ -152,9 +152,10 @@ def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: f
 
 
 def place_all(layout: SceneArrays, moved: Moved) -> list[MovablePart]:
-    """Put every movable instance at its pose in `moved`, or else in the scene, and return the instances to draw.
+    """Put every movable instance at its pose in `moved`; return all but those whose entry in `moved` is None.
 
-    Raises UsageError when `moved` names an instance that the scene lacks or that is not movable.
+    An instance without an entry gets its pose in the scene. Raises UsageError when `moved` names an instance that the
+    scene lacks or that is not movable.
     """
     ids = {part.instance.id for part in layout.movable}
     if unknown := sorted(set(moved) - ids):
@@ -180,7 +181,10 @@ def face_normals(mesh: Mesh) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class SceneLayout:
-    """The arrays of a scene, and the state that is needed to add instances. Objects are compared by identity."""
+    """The arrays of a scene, and the state that is needed to add instances.
+
+    Materials, textures and meshes are compared by identity.
+    """
 
     arrays: SceneArrays
     materials: tuple[Material, ...] = ()  # the rows of Surfaces
@@ -305,7 +309,8 @@ def _closed_surfaces(mesh: Mesh) -> tuple[NDArray[np.int8], NDArray[np.float64],
     """Return `Triangles.solid`, and the bounds (T, 3), m, of the connected surface that each triangle belongs to.
 
     A surface is closed if its triangles use every edge equally often in both directions. Its faces point outwards if
-    its volume is positive. A viewer outside sees none of its back faces. A surface with cut-out triangles is open.
+    its signed volume is positive. A viewer outside a closed surface sees none of its back faces. A surface with cut-out
+    triangles is open.
     """
     place = _numbered(mesh.vertices)
     places = np.empty((int(place.max()) + 1, 3), np.float32)

@@ -34,10 +34,10 @@ DARKEST = 0.16  # least open share: light comes from walls too
 
 SUB_CELLS = 6  # per cell and direction, of the finer grid for drawing a footprint
 REACH_M = 0.45  # standard deviation of the blur of a footprint
-CLEARANCE_M = 0.5  # height of a thing above the ground at which it loses about two thirds of its darkness
+CLEARANCE_M = 0.5  # height above the ground at which a thing's shadow below it loses two thirds of its darkness
 FOOT_M = 0.9  # the footprint has all points of a thing that are less than this above its lowest point
 FOOT_SHARE = 0.30  # factor on the open share below a thing that stands on the ground
-ON_TOP_M = 0.6  # a point less than this below a column's upper end is on top: roofs slope within a cell
+ON_TOP_M = 0.6  # a point less than this below a column's upper end is on top, because roofs slope within a cell
 FACES_UP = 0.35  # least upward component of the normal of a point on top of a column
 ROOF_M = 1.0  # least height above the ground of a point on top of a column
 
@@ -158,7 +158,10 @@ def _trace(
     heights: NDArray[np.float64],
     open_share: NDArray[np.float32],
 ) -> None:
-    """Fill `open_share` (N, N, LAYERS) where `near`: 0 … 1, or -1 within a column. `steps` (A, R, 2) are in cells."""
+    """Fill `open_share` (N, N, LAYERS) at cells that are `near`: 0 … 1, or -1 for a height within the cell's column.
+
+    `steps` (A, R, 2) are the offsets of the cells that are looked at, in cells, by azimuth and distance.
+    """
     cells, cell = columns.low.shape[0], 1.0 / columns.per_cell
     counts = np.zeros(LAYERS, np.int64)
     masks = np.zeros(LAYERS, np.int64)
@@ -242,7 +245,7 @@ def open_sky(shade: Occlusion, n: float, e: float, d: float, facing_down: float)
         first, between = 16, (level - LAYER_1_M) * (1.0 / (LAYER_2_M - LAYER_1_M))
     else:
         first, between = 32, min((level - LAYER_2_M) * (1.0 / (LAYER_3_M - LAYER_2_M)), 1.0)
-    if lies_on_top:  # the lower layer is within or under the thing
+    if lies_on_top:  # the lower layer is within or under the thing, so only the upper layer counts
         between = 1.0
     a = float((lanes >> np.uint64(first)) & np.uint64(0xFFFF))
     b = float((lanes >> np.uint64(first + 16)) & np.uint64(0xFFFF))
@@ -265,7 +268,10 @@ def footprint(corners: NDArray[np.float32]) -> ShadowFootprint:
 
 
 class ContactShadows:
-    """Darkens the cells around things that are not part of the map. Scenes of one map share the grid and take turns."""
+    """Darkens the cells around movable instances, and around those that a scene adds to its map.
+
+    Scenes of one map share the grid and take turns.
+    """
 
     def __init__(self, shade: Occlusion, turn: threading.Lock, added: Sequence[ShadowFootprint] = ()) -> None:
         """`turn` is the lock for drawing into `shade`. `added` are static things that are not in `shade`."""
@@ -295,7 +301,10 @@ class ContactShadows:
 def _footprint_factor(
     shade: Occlusion, thing: ShadowFootprint
 ) -> tuple[tuple[slice, slice], NDArray[np.float32]] | None:
-    """Return the cells around a footprint, and the factor on their open share; None if it has no effect."""
+    """Return the cells around a footprint, and the factor on their open share.
+
+    None for a footprint that is outside the grid, more than 64 cells wide, or too high above the ground.
+    """
     places = (thing.outline - (shade.low_north, shade.low_east)) * shade.per_cell
     reach = 2.0 * REACH_M * shade.per_cell + 1.0
     low = np.maximum(np.floor(places.min(axis=0) - reach), 0).astype(int)

@@ -194,7 +194,7 @@ def _static_data(scene: Scene, layout: SceneArrays, cells: int) -> _StaticData:
 
 
 def _surroundings(scene: Scene, layout: SceneArrays, stop: int) -> tuple[Columns, Occlusion]:
-    """Return the columns of triangles 0 … stop - 1 on the ground, and the open share of the sky between them."""
+    """Return the columns of triangles 0 … stop - 1 without the ground, and the open share of the sky between them."""
     columns = columns_of(layout, stop, _ground(scene), mean_reflectance(layout.surfaces, layout.atlas))
     return columns, occlusion_of(columns, scene.terrain)
 

@@ -1,8 +1,8 @@
 """Computes the light, depth and id of each pixel, and the picture with smooth edges.
 
 Shading computes the light from a surface to the camera, at the middle of each pixel. Resolving smooths edges with the
-samples in each pixel, and encodes the light as sRGB. It also shades the samples of surfaces that no pixel nearby has at
-its middle.
+samples in each pixel, and encodes the light as sRGB. For this, it also shades single samples: those of a surface that
+no nearby pixel sees at its middle.
 """
 
 import math
@@ -25,7 +25,8 @@ FRESH = 4  # px between updates of slowly changing values in `_shade`; a power o
 UNSEEN = -2  # in place of a triangle: no sample so far
 # distance from a wall, in cells of the occlusion grid, at which its open sky is read: outside the wall's own column
 AWAY_CELLS = 0.8
-FOOT_M, FOOT_DARKNESS = 0.8, 0.5  # upright things darken below this height; share of the sky's light lost at the foot
+# m, height below which upright things darken towards the foot; share of the sky's light that they lose at the foot
+FOOT_M, FOOT_DARKNESS = 0.8, 0.5
 LEAF_BIAS_M = 0.35  # leaves do not shade one another within this distance towards the sun
 LEAF_WRAP = 0.35  # wrap lighting: how far (cosine) the sun lights leaves beyond the lit side of their clump
 SLIVER = 1e-7  # least sum of weights, as a share of the volume: no rounding puts a thin triangle at infinity

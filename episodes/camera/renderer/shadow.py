@@ -219,8 +219,9 @@ def sun_slopes(sun: SunMap, nn: float, ne: float, nd: float) -> Vec3:
 def sunlight(sun: SunMap, n: float, e: float, d: float, slope_x: float, slope_y: float, bias: float) -> float:
     """Return the share (0 … 1) of the sun's disc that reaches the point (n, e, d), NED, m, of a plane.
 
-    It is the mean of 2 × 2 bilinear comparisons. Each cell is compared with the height of the receiving plane at that
-    cell. So a slanted plane does not shade itself, and a small bias is enough, also below thin things.
+    The share is 1 outside the map. Inside, it is the mean of 2 × 2 bilinear comparisons. Each cell is compared with the
+    height of the receiving plane at that cell. So a slanted plane does not shade itself, and a small bias is enough,
+    also below thin things.
     """
     x = (sun.across[0] * n + sun.across[1] * e + sun.across[2] * d - sun.low_across) * sun.per_cell - 0.5
     y = (sun.up[0] * n + sun.up[1] * e + sun.up[2] * d - sun.low_up) * sun.per_cell - 0.5

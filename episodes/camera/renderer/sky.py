@@ -22,8 +22,8 @@ WHITENING = 0.09
 WHITE = 2.14  # the light at which the curve of `display_table` reaches white
 STEPS = 8192  # number of steps of `display_table`; a step is less than one code even where sRGB is steepest
 HAZE_LENGTH_M = 2200.0  # distance at which haze replaces about two thirds of an object's colour
-DISC_COSINE = math.cos(math.radians(0.45))  # larger than the real 0.27°, so that the disc is visible
-GLOW_COSINE = math.cos(math.radians(0.9))
+DISC_COSINE = math.cos(math.radians(0.45))  # radius of the disc; more than the real 0.27°, to be visible
+GLOW_COSINE = math.cos(math.radians(0.9))  # radius of the disc with its soft edge
 USUAL_GREY = 0.553  # mean of the default `Sun.sky`
 
 Directions = NDArray[np.floating[Any]]  # (SKY_CELLS, SKY_CELLS), one value per direction
@@ -31,9 +31,9 @@ Directions = NDArray[np.floating[Any]]  # (SKY_CELLS, SKY_CELLS), one value per 
 SKY_CELLS = 1024  # per side of the table of the sky
 CLOUD_SEED = 5
 CLOUD_BASE_M, EARTH_M = 1300.0, 6.371e6
-CLOUD_TILE_M, CLOUD_CELLS = 14000.0, 1024  # the pattern of clouds repeats after this distance
+CLOUD_TILE_M, CLOUD_CELLS = 14000.0, 1024  # period of the pattern of clouds, in m and in cells
 CLOUD_FADE_M = 24000.0  # along the ray; at this distance haze hides about two thirds of a cloud
-# clouds fade out between these angles from the sun, because the sun casts shadows
+# clouds fade out between these angles from the sun: it casts shadows, so no cloud may hide it
 SUN_HOLE = math.cos(math.radians(14.0)), math.cos(math.radians(6.0))
 
 
@@ -171,7 +171,7 @@ def sky_color(day: Daylight, sky: NDArray[np.float32], n: float, e: float, d: fl
     per = 1.0 / (1.0 - min(d, 0.0))
     x, y = n * per, e * per
     below = 0.0
-    if d > 0.0:  # below eye level, where the map ends: the colour of the horizon, a little darker
+    if d > 0.0:  # below eye level, where the map ends: the colour of the horizon with some of the darker zenith
         per = 1.0 / math.sqrt(max(x * x + y * y, 1e-12))
         x, y = x * per, y * per
         below = 0.35 * min(d * 8.0, 1.0)

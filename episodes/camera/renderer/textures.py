@@ -21,7 +21,7 @@ from foundation.frames import Vec3
 LARGEST_SIDE = 2048  # texels; larger pictures are reduced
 MOST_DOUBLINGS = 3  # the reads along the longer axis of a pixel's footprint double at most three times, to eight
 WEIGHT = 2048  # sum of a pixel's integer weights; see `_bilinear`
-ONE_BITS = 0x3F800000  # the float 1.0
+ONE_BITS = 0x3F800000  # bits of the float 1.0
 SHARPEN = -0.35  # levels; a slightly finer level keeps letters readable, and edge smoothing hides the aliasing
 
 DRIFT_CELLS = 256  # a power of two
@@ -34,7 +34,7 @@ class Atlas(NamedTuple):
     """The texels of every level of every texture. The rows of a level follow each other, each with its border."""
 
     texels: NDArray[np.uint64]  # (N,) r << 42 | g << 21 | b
-    levels: NDArray[np.int64]  # (L, 3) first texel (of the border), width and height (without it) of each level
+    levels: NDArray[np.int64]  # (L, 3) of each level: first texel (of the border), width and height (without border)
     first_level: NDArray[np.int32]  # (K,) the full-size level of each texture
     depth: NDArray[np.int32]  # (K,) number of levels of each texture
 

@@ -213,7 +213,10 @@ def _steps(front: float, half: float, count: int = 3) -> list[MeshPart]:
 
 
 def _entrance(plan: HallPlan) -> list[MeshPart]:
-    """Return doors in their surround, steps, a canopy, and the hall's name above them. The wall is at x = 0."""
+    """Return doors in their surround, and the hall's name above them; steps and a canopy unless the style is 'columns'.
+
+    The wall is at x = 0.
+    """
     floor, pale = FLOOR_M, surface("concrete", (0.98, 0.94, 0.86))
     door = surface("doors", specular=0.4)
     high = floor + plan.storey_m

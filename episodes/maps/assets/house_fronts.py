@@ -25,7 +25,10 @@ def window(
     pane: Material = materials.WINDOW,
     shutter: Material | None = None,
 ) -> list[MeshPart]:
-    """Return a framed window of a style of WINDOWS. It is at `centre` and faces `face` ('+x', '-x', '+y' or '-y')."""
+    """Return a framed window of a style of WINDOWS, with its middle at `centre` (x, y) and its pane from `sill` (m) up.
+
+    The window faces `face` ('+x', '-x', '+y' or '-y').
+    """
     half, top, bar = width / 2, sill + height, 0.075
     solids = [
         g.box((-0.02, -half - bar, sill - bar), (0.06, -half, top + bar), trim),
@@ -47,7 +50,7 @@ def window(
     if shutter is not None:
         for y in (-half - bar - 0.34, half + bar):
             solids.append(g.box((-0.01, y, sill - bar), (0.045, y + 0.34, top + bar), shutter))
-    # faces against the wall are never seen
+    # leave out the faces against the wall, which are never seen
     solids = [g.without(p, (-1.0, 0.0, 0.0)) for p in solids]
     turn = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}[face]
     return [g.transformed(p, (*centre, 0.0), turn) for p in solids]
@@ -75,7 +78,7 @@ def door(plan: HousePlan, x: float, y: float, floor: float, trim: Material) -> l
 
 
 def porch(plan: HousePlan, front: float, y: float, roof: Material, roof_tile: float, trim: Material) -> list[MeshPart]:
-    """Return a deck, steps, posts, railings and a lean-to roof in front of the door."""
+    """Return a deck, steps, posts, railings and a lean-to roof in front of the wall at x = `front`, centred on `y`."""
     reach, half, high = 1.9, plan.porch / 2, FOUNDATION_M + 2.45
     stone, outer = surface("concrete"), front + reach
     solids = [

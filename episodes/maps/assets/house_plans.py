@@ -1,4 +1,4 @@
-"""Plans of suburban houses: dimensions, colours and styles, drawn from a seed. Neighbours have different plans."""
+"""Plans of suburban houses: dimensions, colours and styles, drawn from a seed and changed so that neighbours differ."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -88,7 +88,7 @@ class HousePlan:
     pitch: float = 0.55  # rise over run of the roof
     gable_front: bool = False  # ridge runs front to back instead of along the street
     wall: str = "cream"  # of WALLS
-    brick: bool = False
+    brick: bool = False  # all walls are brick
     roof: str = "charcoal"  # of ROOFS
     door: str = "oak"  # of DOORS
     garage: int = 1  # +1 on the left, -1 on the right, 0 none

@@ -81,7 +81,10 @@ def dormers(
 
 
 def on_roof(plan: HousePlan, eave: float) -> list[MeshPart]:
-    """Return a vent on the rear slope of a gabled roof, and solar panels or skylights on its front slope."""
+    """Return a vent on the rear slope of a gabled roof, and solar panels or skylights on its front slope.
+
+    Empty for a hipped roof, or if a gable is at the front.
+    """
     if plan.hipped or plan.gable_front:
         return []
     front, rise = plan.depth / 2, plan.pitch

@@ -52,7 +52,7 @@ def shakes() -> Picture:
 
 @cache
 def render() -> Picture:
-    """Return (256, 256, 3): smooth rendered wall in near white; the material tints it."""
+    """Return (256, 256, 3): smooth plaster in near white; the material tints it."""
     return tinted(1.0 + 0.025 * noise((256, 256), 0.5, 271) + 0.015 * noise((256, 256), 1.6, 272), (236, 235, 231))
 
 

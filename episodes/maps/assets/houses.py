@@ -1,4 +1,4 @@
-"""Suburban houses: walls of boards, brick or render, gabled or hipped roofs, windows, a porch, a garage."""
+"""Suburban houses: walls of boards, brick or plaster, gabled or hipped roofs, windows, a porch, a garage."""
 
 import numpy as np
 

@@ -32,8 +32,8 @@ _HEART = ((0.0, 0.02), (0.02, 0.26), (0.22, 0.4), (0.5, 0.36), (0.8, 0.14), (1.0
 _KITE = ((0.0, 0.02), (0.22, 0.3), (0.36, 0.32), (1.0, 0.0))
 _OUTLINES = {"oval": _OVAL, "lobed": _LOBED, "palmate": _PALMATE, "heart": _HEART, "kite": _KITE}
 
-# species → tint of its leaves, outline or kind of needles, length of a leaf as a share of a sprig's width, number of
-# leaves, tufts or side twigs per sprig
+# species → (tint of its leaves; outline of a leaf, or kind of needles; length of a leaf or needle as a share of a
+# sprig's width; number per sprig of leaves, 'tufts' or the side twigs of a 'frond')
 _SPECIES: dict[str, tuple[Srgb, str, float, int]] = {
     "oak": ((116, 142, 66), "lobed", 0.20, 88),
     "maple": ((142, 164, 72), "palmate", 0.18, 84),
@@ -116,7 +116,10 @@ class _Sheet:
         cv2.line(self.there, p, q, 255, width, shift=4)
 
     def reduced(self) -> tuple[Picture, NDArray[np.bool_]]:
-        """Return picture and mask at the final size. Half-covered texels are opaque. Holes get the mean colour."""
+        """Return picture and mask at the final size. Texels covered to at least one half are opaque.
+
+        Holes get the mean colour.
+        """
         weight = (self.there > 0).astype(np.float32)
         size = (len(weight) // FINE,) * 2
         share = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
@@ -156,7 +159,7 @@ def _twig_of_leaves(
         sheet.line(foot, middle, np.array(TWIG), 3 * FINE)
         sheet.line(middle, end, np.array(TWIG), 2 * FINE)
         ends.append((foot, middle, end))
-    # the tips of leaves are clipped to the area of the sprig
+    # leaves are moved so that their tips stay in the sprig's quarter of the texture
     length = size * side
     order = np.sort(np.sqrt(rng.uniform(0.02, 1.0, count)))
     for share in order.tolist():

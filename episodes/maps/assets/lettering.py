@@ -109,7 +109,7 @@ def plate(text: str, ink: Vec3 = (18, 24, 70), ground: Vec3 = (240, 240, 234)) -
 
 @cache
 def board(text: str, ink: Vec3, ground: Vec3, least_px: tuple[int, int]) -> Picture:
-    """Return (H, W, 3): a text on as many lines as it needs; the picture has at least the size `least_px`."""
+    """Return (H, W, 3): a text on as many lines as it needs; the picture is at least `least_px` (height, width)."""
     room = least_px[1] - CAP_PX
     lines: list[str] = []
     for word in text.split():

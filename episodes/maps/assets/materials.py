@@ -260,7 +260,10 @@ def curtain() -> Picture:
 
 @cache
 def _pane(frame: Srgb, columns: int, blind: float) -> Picture:
-    """Return (160, 120, 3): a window, `columns` panes wide; its blind covers the share `blind`. It does not repeat."""
+    """Return (160, 120, 3): a window, `columns` panes wide; its blind covers the share `blind`.
+
+    The texture does not repeat.
+    """
     row, column = np.mgrid[0:160, 0:120]
     up = 1.0 - row / 159.0
     shade = 0.62 + 0.75 * np.clip(up + 0.18 * np.sin(column / 40.0) - 0.15, 0, 1)

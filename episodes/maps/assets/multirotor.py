@@ -1,7 +1,7 @@
 """Meshes of drones: the drones of a fleet as they see each other, and a quadrotor on a stand that can be a target.
 
 A drone of a fleet has its rotors, arms, feet and mast where the airframe's TOML has them. Its origin is the body
-origin, between the rotors and not on the ground. The quadrotor on the stand is five times as wide.
+origin, between the rotors and not on the ground. The quadrotor on the stand is about five times as wide.
 """
 
 from dataclasses import dataclass, replace

@@ -35,7 +35,7 @@ class Species:
 
     lobes: Callable[[np.random.Generator], list[Lobe]]
     sprig: float  # width of a sprig
-    density: float  # sprigs per square of a sprig's width, on the surface of the crown
+    density: float  # sprigs per `sprig`² of the crown's surface
     inside: float  # size of the solid core of a lobe, as a share of the lobe
     thick: float  # radius of the trunk
     fork: float  # height at which branches begin
@@ -270,7 +270,7 @@ def wood(length: float = 60.0, height: float = 9.0, seed: int = 1) -> Mesh:
             ]
             middle = Lobe(at + np.array((0, 0, 0.40 * tall)), np.array((0.8 * wide, 0.8 * wide, 0.44 * tall)))
             insides.append(_inside(middle, 0.92, thicket(species), rng))
-    # sorted from one end to the other, so that consecutive triangles are close together
+    # sorted from one end to the other: the renderer culls consecutive triangles together, so they should be close
     groups: dict[tuple[int, str], list[Lobe]] = {}
     for species, lobes in by_species.items():
         for lobe in lobes:

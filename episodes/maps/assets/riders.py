@@ -13,7 +13,7 @@ from episodes.maps.assets.vehicles import about_y, plates
 from episodes.maps.geometry import MeshPart
 from episodes.maps.scene import Material, Mesh
 
-MOTORCYCLE_SIZE = 1.06  # scale of the dimensions below: 2.4 m long, like the largest touring motorcycles
+MOTORCYCLE_SIZE = 1.06  # scale of motorcycle and rider: 2.4 m long, like the largest touring motorcycles
 SADDLE = materials.plain("saddle", (30, 28, 28), 0.15)
 ALLOY = materials.plain("alloy", (150, 153, 158), 0.6)
 FORWARD = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
@@ -53,7 +53,10 @@ def _spoked(x: float, radius: float, spokes: int) -> list[MeshPart]:
 
 @cache
 def cyclist(paint: str) -> Mesh:
-    """Return a bicycle and its rider; `paint` colours frame, helmet and jacket. Raises UsageError for other paints."""
+    """Return a bicycle and its rider; `paint` colours frame, helmet and jacket.
+
+    Raises UsageError for an unknown paint.
+    """
     frame, radius = materials.paint(paint), 0.345
     rear, front = -0.52, 0.53
     crank, seat, head = (-0.07, 0.0, 0.29), (-0.24, 0.0, 0.84), (0.40, 0.0, 0.86)

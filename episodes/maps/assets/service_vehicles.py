@@ -179,7 +179,7 @@ def service_cart(paint: str) -> Mesh:
     shell, seat = materials.paint(paint), materials.plain("cart-seat", (58, 54, 50), 0.1)
     solids = [
         g.box((-1.45, -0.56, 0.34), (1.25, 0.56, 0.46), materials.TRIM),
-        # the cowl, its windscreen, the canopy on four posts
+        # the cowl, the seat, the canopy
         g.profile([(0.82, 0.46), (1.46, 0.46), (1.50, 0.62), (1.38, 0.86), (0.86, 1.02)], -0.60, 0.60, shell),
         g.profile([(0.10, 0.46), (0.46, 0.46), (0.46, 0.80), (0.10, 0.80)], -0.58, 0.58, shell),
         g.box((0.04, -0.56, 0.80), (0.50, 0.56, 0.92), seat),

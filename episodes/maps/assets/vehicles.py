@@ -31,8 +31,8 @@ class CarShape:
     pillars: tuple[float, ...]  # x of the upright pillars between the side windows
     side_glass: tuple[float, float]  # x range of the side windows at the belt; the rear sides of a van have none
     bed: tuple[float, float] | None = None  # x range of a pickup's load bed
-    rails: bool = False
-    cladding: bool = False
+    rails: bool = False  # on the roof
+    cladding: bool = False  # dark strips along the sills and around the wheel arches
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,7 +398,7 @@ def plates(text: str, rear: tuple[float, float], front: tuple[float, float]) -> 
 def car(kind: str, paint: str, plate: str, trim: Trim = PLAIN) -> Mesh:
     """Return a car of SHAPES in a paint of `materials.PAINTS`; `plate` is written on its number plates.
 
-    Raises UsageError for an unknown paint.
+    If `trim.shade` is not None, `paint` must be a key of SHADES. Raises UsageError for an unknown paint.
     """
     shape = SHAPES[kind]
     material = materials.paint(paint) if trim.shade is None else materials.shade(paint, trim.shade)

@@ -29,7 +29,7 @@ MAX_JSON_OBJECTS = 1_000_000  # lists and objects in the JSON; they determine th
 _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<II")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 
-LIMITS = {
+LIMITS = {  # table → largest number of entries
     "scenes": 1_000,
     "nodes": 50_000,
     "meshes": 50_000,
@@ -96,7 +96,7 @@ def quaternion_of(yaw: float) -> list[float]:
 
 
 def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
-    """Return (the JSON object, the binary chunk or b"") of a .glb. Raises UsageError."""
+    """Return (the JSON object, the binary chunk or b"") of a .glb. Raises UsageError for any other file."""
     try:
         if not path.is_file():
             raise UsageError(f"map file '{path}' does not exist or is not a regular file.")
@@ -217,7 +217,7 @@ class Document:
         return self.mapping(extensions, name, f"{where}.extensions.{name}") if name in extensions else None
 
     def natural(self, parent: Mapping[str, Any], key: str, where: str, default: int | None = None) -> int:
-        """Return a whole number ≥ 0."""
+        """Return a whole number ≥ 0; `default` if it is absent. Without a default, it must not be absent."""
         value = parent.get(key, default)
         if isinstance(value, float) and value.is_integer():  # some exporters write 3.0
             value = int(value)
@@ -226,14 +226,14 @@ class Document:
         return value
 
     def numbers(self, parent: Mapping[str, Any], key: str, where: str, default: tuple[float, ...]) -> tuple[float, ...]:
-        """Return finite numbers, as many as `default` has."""
+        """Return finite numbers, as many as `default` has; `default` if they are absent."""
         value = parent.get(key, default)
         if not isinstance(value, list | tuple) or len(value) != len(default):
             self.fail(f"{where}.{key}", f"is not a list of {len(default)} numbers")
         return tuple(self._finite(v, f"{where}.{key}") for v in value)
 
     def number(self, parent: Mapping[str, Any], key: str, where: str, default: float) -> float:
-        """Return a finite number."""
+        """Return a finite number; `default` if it is absent."""
         return self._finite(parent.get(key, default), f"{where}.{key}")
 
     def _finite(self, value: Any, where: str) -> float:
@@ -305,7 +305,7 @@ def element_count(document: Document, index: Any, where: str) -> int:
 def vectors(document: Document, index: Any, where: str, *widths: int) -> NDArray[np.float32]:
     """Return an accessor's vectors (count, width) as floats. Integers are scaled if the accessor is normalised.
 
-    Raises UsageError unless its width is one of `widths`, all its data are in the file and all numbers are finite.
+    Raises UsageError unless the width is one of `widths`, all data are in the file and all numbers are finite.
     """
     raw, normalised = _elements(document, index, where, widths)
     if raw.dtype.kind == "f":

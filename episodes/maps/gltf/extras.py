@@ -29,7 +29,7 @@ class NodeFacts:
     kind: str | None = None
     solid: bool = True
     movable: bool = False
-    yaw: float | None = None  # rad, exact
+    yaw: float | None = None  # rad, not rounded like the quaternion of the node
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,7 @@ class SceneFacts:
     sun: Sun | None = None
     origin: tuple[float, float, float] | None = None  # degrees north, degrees east, m above mean sea level
     spawn_ned: Vec3 | None = None
-    spawn_yaw: float = 0.0
+    spawn_yaw: float = 0.0  # rad
     notes: tuple[str, ...] = ()
     terrain: HeightField | None = None
 
@@ -104,7 +104,10 @@ def of_scene(scene: Scene, terrain_view: int, terrain_bytes: bytes) -> dict[str,
 
 
 def scene_facts(document: Document) -> SceneFacts:
-    """Return the facts from the extras of the file's scene. Raises UsageError if they are invalid."""
+    """Return the facts from the extras of the file's scene, or the defaults if there are none.
+
+    Raises UsageError if the facts are invalid.
+    """
     if not document.count("scenes"):
         return SceneFacts()
     scene = document.entry("scenes", document.tree.get("scene", 0), "scene")

@@ -42,7 +42,8 @@ def find(triangles: Array, north: float, east: float, down: float | None) -> Gro
     """Return the ground among triangles (T, 3, 3), m NED; None if there is none under the spawn.
 
     The winding of a triangle defines the side that it faces. If no triangle under the spawn faces up, both sides count.
-    `down` (m) selects the nearest of several floors. None selects the lowest floor with headroom.
+    `down` (m) selects the nearest of several floors. None selects the lowest floor with headroom, or the lowest floor
+    if none has headroom.
     """
     corners = triangles.reshape(-1, 3).astype(np.float32)
     area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -120,8 +121,8 @@ def _grow(
         flat = HeightField(float(first[0]), float(first[1]), cell, np.full(shape, spawn_down))
         return Ground(flat, np.zeros(len(triangles), np.bool_), spawn_down)
     depth, which = depth[:layers], which[:layers]
-    # A surface with less room than ROOM_M above it is under a slab and is not ground. If the slab touches the surface,
-    # the processor determines which of them the ray hits.
+    # A surface with less room than ROOM_M above it is under a slab and is not ground. Without this rule, the result for
+    # a slab that touches the ground would depend on the processor: rounding determines which of them the ray hits.
     room = np.diff(depth, axis=0, prepend=-np.inf)
     depth = np.where((which >= 0) & (facing[which] > FACES_UP) & (room >= ROOM_M), depth, np.nan)
     label = _joined(depth.reshape(layers, *shape), STEP_M + cell).reshape(layers, -1)

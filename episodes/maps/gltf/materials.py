@@ -144,7 +144,7 @@ class TexturedMaterial:
     """A material, and how a mesh maps its texture."""
 
     material: Material
-    uv_set: int = 0  # n of the attribute TEXCOORD_n of the texture
+    uv_set: int = 0  # n of TEXCOORD_n, the attribute with the coordinates of the texture
     uv_scale: tuple[float, float] = (1.0, 1.0)
     uv_turn: float = 0.0  # rad
     uv_offset: tuple[float, float] = (0.0, 0.0)
@@ -187,7 +187,7 @@ def used_images(document: Document, materials: set[int]) -> set[int]:
 
 
 def read(document: Document, index: int, images: Images) -> TexturedMaterial:
-    """Return a material of the file. Metalness, normal maps and transparency are ignored."""
+    """Return a material of the file. Metalness, normal maps and partial transparency are ignored."""
     entry, where = document.entry("materials", index, "material"), f"materials[{index}]"
     name = document.name_of(entry) or f"material-{index}"
     color, specular = _surface(document, entry, where)
@@ -233,7 +233,10 @@ def _surface(document: Document, entry: Mapping[str, Any], where: str) -> tuple[
 
 
 def _texture(document: Document, entry: Mapping[str, Any], where: str) -> Mapping[str, Any] | None:
-    """Return the reference to a material's colour texture, or to its emissive texture if the colour is black."""
+    """Return the reference to a material's colour texture, or to its emissive texture if the colour is black.
+
+    None for a material without such a texture.
+    """
     older = document.extension(entry, "KHR_materials_pbrSpecularGlossiness", where)
     if older is not None and "diffuseTexture" in older:
         return document.mapping(older, "diffuseTexture", f"{where}.diffuseTexture")

@@ -86,7 +86,7 @@ class Shapes:
         self.left_out = 0  # primitives of points and lines, which have no surface
 
     def mesh(self, index: int) -> Mesh | None:
-        """Return a mesh in FRD axes; None if it has no triangles. Raises UsageError."""
+        """Return a mesh in FRD axes; None if it has no triangles. Raises UsageError if it is invalid or too large."""
         if index not in self._kept:
             self._kept[index] = self._read(index)
         return self._kept[index]
@@ -143,7 +143,8 @@ class Shapes:
         """Count vertices before they are read. Raises UsageError above a limit."""
         self._read_vertices += vertices
         if vertices > MAX_VERTICES or self._read_vertices > MAX_READ:
-            self._document.fail(where, f"brings the file above {MAX_READ} vertices: simplify it")
+            most = MAX_VERTICES if vertices > MAX_VERTICES else MAX_READ
+            self._document.fail(where, f"brings the file above {most} vertices: simplify it")
 
     def _block(
         self, primitive: Mapping[str, Any], where: str, look: TexturedMaterial, blocks: dict[Any, _Block]

@@ -28,7 +28,7 @@ def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = No
     `spawn` is a free place on the ground, (north, east) or (north, east, down) in metres NED. Files from `save` contain
     the spawn. Without a height, the spawn is on the lowest floor with two metres of headroom. Defaults for missing
     facts: the sun of a late morning, PX4's usual home, all instances solid, none movable. Raises UsageError for a file
-    that is damaged, beyond the limits, compressed, not self-contained, or without ground under the spawn.
+    that is damaged, beyond the limits, compressed, not self-contained, without a spawn, or without ground under it.
     """
     document = Document(path)
     placed = meshes.placed(document)
@@ -53,7 +53,10 @@ def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = No
 def _instances(
     document: Document, placed: list[meshes.Placed], reader: meshes.Shapes
 ) -> tuple[list[Instance], tuple[str, ...]]:
-    """Return the instances of the file with their ids, and notes about everything that is left out."""
+    """Return the instances of the file, and notes about everything that is left out.
+
+    If an id is missing or repeated, the ids in the file are ignored and the nodes are numbered from 1.
+    """
     facts = [extras.node_facts(node.extras) for node in placed]
     ids = [fact.id for fact in facts]
     ours = None not in ids and len(set(ids)) == len(ids)
@@ -198,6 +201,6 @@ def _slug(text: str) -> str:
 
 
 def _kind(name: str) -> str:
-    """Return the kind that a node's name suggests: 'Oak tree.012' is an 'oak-tree'."""
+    """Return the kind that a node's name suggests: 'Oak tree.012' is an 'oak-tree'; 'thing' if it suggests none."""
     kind = _slug(re.sub(r"[\d._\s-]+$", "", name))
     return kind if kind and kind != extras.GROUND else "thing"

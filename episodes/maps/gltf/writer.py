@@ -21,7 +21,7 @@ def save(scene: Scene, path: Path) -> None:
 
     A mesh that several instances share is written once. Each run of triangles of one material is a primitive. That
     keeps the order of the triangles, on which the bytes of rendered pictures depend. Instances without triangles are
-    left out.
+    left out, and `Instance.attitude` is not written.
     """
     path.write_bytes(to_bytes(scene))
 

@@ -92,6 +92,13 @@ def test_faults_of_one_question_are_not_rejections(serve, fault):
     assert not isinstance(refused.value, ModelRejectedError)
 
 
+def test_a_server_that_has_gone_cannot_be_reached(serve):
+    wire = serve(say(completion("there")))
+    wire.close()
+    with pytest.raises(ModelError, match="cannot be reached"):
+        ask(wire)
+
+
 def test_a_trickling_response_times_out_without_a_retry(serve):
     wire = serve(trickle(b'HTTP/1.1 200 OK\r\nContent-Length: 900000\r\n\r\n{"choices"'))
     with pytest.raises(ModelError, match=r"0\.5 s"):

@@ -11,9 +11,9 @@ import pytest
 from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.ledger import KIND, Ledger, Spent
 from dronecats.agent.models.model import Request
+from dronecats.agent.models.rate_limits import Allowance
 from dronecats.agent.models.replay import ReplyCache
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.agent.models.turns import Allowance
 from dronecats.agent.models.wire_formats import open_model
 from foundation.errors import ModelError, UsageError
 from foundation.files import make

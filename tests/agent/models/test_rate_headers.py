@@ -6,7 +6,7 @@ from email.utils import format_datetime
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.models.turns import LONGEST_S, Allowance, allowances, until
+from dronecats.agent.models.rate_limits import LONGEST_S, Allowance, allowances, until
 
 NOW = datetime(2026, 3, 1, 12, 0, 0, tzinfo=UTC)
 

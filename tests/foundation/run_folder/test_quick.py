@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from foundation.errors import UsageError
-from foundation.measurement import LARGE
 from foundation.run_folder import reading
 from foundation.run_folder.reading import LONG, fast_reader, fast_reader_of_kinds, parse_row
 from foundation.run_folder.rows import TRUTH_ROWS, Decision
+from foundation.typed_file import LARGE
 from tests.foundation.run_folder.test_schemas import ROWS
 
 GOOD = [("truth.jsonl", row) for row, _ in ROWS["truth"]] + [("decisions.jsonl", row) for row, _ in ROWS["decisions"]]

@@ -199,9 +199,10 @@ This page lists the examples of [MAVSDK-Python](https://github.com/mavlink/MAVSD
 
 An example works if it prints every expected line, prints no error and ends with status 0. Examples without an end are
 interrupted after their last expected line. If the example flies, the vehicle must climb and must not collide. Each
-example has a fresh simulator in real time, over an open field.
+example runs with a new simulator in real time, over an open field.
 
-*Expected* says how much PX4 users rely on the example: *core* or *yes*. The seconds are the running time of the script.
+*Expected* is the importance of the example for users of PX4: *core* (high) or *yes* (lower). The seconds are the
+running time of the script.
 
 | example | plugins | expected | outcome | seconds | note |
 | --- | --- | --- | --- | --- | --- |
@@ -222,11 +223,11 @@ There is a [script for each client](sitl.md#connect-a-client).
 | --- | --- |
 | `MISSION_WRITE_PARTIAL_LIST` | the answer is UNSUPPORTED; PX4 does not answer |
 | reboot | message intervals are reset; parameters, missions, geofence and rally points are kept |
-| end of the process | everything is lost, unless `sitl --state` names a folder |
+| end of `dronecats sitl` | parameters, plans, logs and files stay in the folder of `--state` (default `runs/sitl-0`) |
 | `SYSTEM_TIME` | is 2026-01-01 at boot, so that equal flights have equal logs. Sent only after the first GPS fix |
 | MAVLink FTP | clients may make, rename and remove files, but only in `/fs/microsd`. Logs are in `/fs/microsd/log` |
 | size of files by FTP | up to 64 MiB per file, 1 GiB and 4096 entries in all |
-| files on disk | `vehicle-N/card` of the state folder |
+| place of these files on disk | `vehicle-N/card` in the folder of `sitl --state` |
 
 ## Make this page
 

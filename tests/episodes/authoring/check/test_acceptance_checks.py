@@ -18,7 +18,7 @@ from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord, Path3D
 from episodes.world.world import World
 from foundation.camera import CameraModel, camera_pose
-from foundation.frames import Vec3, quat_from_euler
+from foundation.frames import Vec3, bearing_deg, quat_from_euler
 
 Change = Callable[[EpisodeRecord], EpisodeRecord]
 STANDING = catalogue.load("residential-approaching-01")
@@ -33,7 +33,7 @@ def red(record: EpisodeRecord) -> dict[str, RuleFinding]:
 def start_at(record: EpisodeRecord, place: Vec3, yaw_deg: float | None = None) -> EpisodeRecord:
     """Return a record with another start, and with the distance and bearing that fit it."""
     goal = World(record).target_centre(0.0)
-    ahead = sight.bearing_deg(place, goal)
+    ahead = bearing_deg(place, goal)
     one = replace(record.starts[0], position_ned=place, yaw_deg=ahead if yaw_deg is None else yaw_deg)
     return replace(record, starts=(one,), start_distance_m=math.dist(place, goal), bearing_deg=ahead)
 
@@ -137,7 +137,7 @@ def test_pixel_counts_match_the_renderer() -> None:
     for _ in range(8):
         turned, reach = rng.uniform(-math.pi, math.pi), rng.uniform(4.0, 20.0)
         spot = (goal[0] + reach * math.cos(turned), goal[1] + reach * math.sin(turned), -float(rng.uniform(1.5, 3.0)))
-        attitude = quat_from_euler(0.0, 0.0, math.radians(sight.bearing_deg(spot, goal)) + rng.uniform(-0.8, 0.8))
+        attitude = quat_from_euler(0.0, 0.0, math.radians(bearing_deg(spot, goal)) + rng.uniform(-0.8, 0.8))
         place, yaw = world.target_pose(0.0)
         mine = sight.patch(world.target, place, yaw, world.solids, spot, attitude, camera)
         drawn = renderer.render(camera_pose(spot, attitude, camera)).ids == world.target_id

@@ -16,7 +16,7 @@ from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord, StartPose
 from episodes.world.visibility import Solids
 from episodes.world.world import World
-from foundation.frames import Vec3
+from foundation.frames import Vec3, bearing_deg
 
 SIGNS = catalogue.load("blocks-commanding-01")
 FACING = catalogue.load("v1-blocks-commanding-01")  # its square faces its goal
@@ -95,7 +95,7 @@ def second_drone_before(record: EpisodeRecord, which: int, aside_m: float) -> Ep
     world = World(record)
     things = [world.target, *(i for i in world.scene.instances if i.name.startswith("candidate-"))]
     first, goal = record.starts[0], things[which].centre_ned
-    ahead = sight.bearing_deg(first.position_ned, goal)
+    ahead = bearing_deg(first.position_ned, goal)
     c, s = math.cos(math.radians(ahead)), math.sin(math.radians(ahead))
     x, _, z = sight.CAMERA.offset_frd
     lens = (first.position_ned[0] + x * c, first.position_ned[1] + x * s, first.position_ned[2] + z)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.models.turns import LONGEST_WAIT_S, SLOW_INTERVAL_S, SLOW_S, Allowance, RateLimitState
+from dronecats.agent.models.rate_limits import LONGEST_WAIT_S, SLOW_INTERVAL_S, SLOW_S, Allowance, RateLimitState
 
 NOW = 1_000_000.0
 

@@ -32,7 +32,7 @@ class Allowance:
 
 
 def allowances(headers: Mapping[str, str], now: datetime | None = None) -> tuple[Allowance, ...]:
-    """Return the allowances in the headers of an answer, at most one of a kind; none for unknown headers.
+    """Return the allowances in the headers of an answer, at most one of each kind; none for unknown headers.
 
     `headers` has names in lower case. Times are relative to the answer's own Date, else to `now` (UTC).
     """
@@ -96,7 +96,7 @@ def _date(text: str | None) -> datetime | None:
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
-LONGEST_WAIT_S = 60.0  # s, longest block of requests; a later time in the file means that the clock was set back
+LONGEST_WAIT_S = 60.0  # s, longest block of requests; a stored time farther ahead means that the clock was set back
 SLOW_S = 60.0  # s after a block in which requests are sent one by one
 SLOW_INTERVAL_S = 0.5  # s between these requests, for vendors without rate-limit headers
 MINUTE_S = 60.0  # s, assumed period of a limit
@@ -144,7 +144,7 @@ class RateLimitState:
     buckets: Mapping[str, Bucket] = field(default_factory=dict)  # by 'KIND MODEL'
 
     def claim(self, model: str, tokens: int, now: float) -> "tuple[float, RateLimitState]":
-        """Return (0, the turns after this request), or (seconds to wait, the same turns)."""
+        """Return (0, the state after this request), or (seconds to wait, the same state)."""
         wants = {f"requests {model}": 1.0, f"tokens {model}": float(tokens)}
         limited = {name: (self.buckets[name], want) for name, want in wants.items() if name in self.buckets}
         held_s = self.held_until - now
@@ -161,7 +161,10 @@ class RateLimitState:
         return 0.0, replace(self, next_at=now + SLOW_INTERVAL_S, buckets={**self.buckets, **taken})
 
     def updated(self, model: str, new: Allowance, now: float) -> "RateLimitState":
-        """Return the turns with a new allowance. The lower level counts: the answer may not count later requests."""
+        """Return the state with a new allowance.
+
+        The lower of the old and the new level counts, because the answer may not yet include later requests.
+        """
         name = f"{new.kind} {model}"
         before = self.buckets.get(name)
         level = new.left if before is None or before.full != new.limit else min(new.left, before.left(now))
@@ -172,14 +175,14 @@ class RateLimitState:
         return replace(self, buckets={**self.buckets, name: bucket})
 
     def held(self, seconds: float, now: float) -> "RateLimitState":
-        """Return the turns that block requests for `seconds`, then send them one by one for SLOW_S."""
+        """Return the state that blocks requests for `seconds`, then sends them one by one for SLOW_S."""
         until = now + min(seconds, LONGEST_WAIT_S)
         kept = self.held_until if self.held_until - now <= LONGEST_WAIT_S else 0.0
         return replace(self, held_until=max(kept, until), slow_until=until + SLOW_S)
 
 
 class Limiter(Protocol):
-    """The interface of a limiter of one address. Its turns are in a file, a service or a cluster's actor."""
+    """The interface of a limiter of one address. Its state is in a file, a service or a cluster's actor."""
 
     def claim(self, tokens: int) -> float:
         """Count a request of about `tokens` tokens as sent and return 0, or return the seconds to wait first."""
