@@ -29,9 +29,9 @@ from typing import Any
 from autopilot.records import FREE, NAN, CascadeSetpoint
 from benchmarks import flight_peers
 from benchmarks.machine import Machine, benchmark_parser, print_figures
-from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.pace import RateKeeper
 from dronecats.flight.sitl.simulation import TICK_US, BootPose, SimulatedVehicle, Simulation
+from dronecats.flight.stages.lockstep import Lockstep
 from foundation.frames import PX4_HOME
 from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 from hil.link.link import Link

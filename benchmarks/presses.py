@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from benchmarks.machine import benchmark_parser
 from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.run.ascent import StartOffset, ascend
-from dronecats.flight.sitl.lockstep import one_vehicle
 from dronecats.flight.sitl.simulation import TICK_US, BootPose, Vehicle, load_world, world_of
 from dronecats.flight.spec.disturbances import VehicleFaults
+from dronecats.flight.stages.lockstep import one_vehicle
 from episodes.records import catalogue
 from episodes.records.record import StartPose
 from episodes.world.obstacles import obstacles

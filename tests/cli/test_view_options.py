@@ -42,6 +42,12 @@ def test_incompatible_options_are_rejected(capsys, monkeypatch, tmp_path):
         assert list(tmp_path.iterdir()) == [], words
 
 
+def test_the_options_of_the_page_may_stand_beside_a_spec(capsys, tmp_path):
+    page = ["--view", "--view-port", "9000", "--view-host", "me", "--view-stay"]
+    assert main(["fly", "--spec", str(tmp_path / "absent.json"), *page]) == 2
+    assert "absent.json" in capsys.readouterr().err  # the missing file, not the options
+
+
 def test_a_flying_command_does_not_import_the_drawing_packages():
     """Opening a page loads neither viser nor the world in the flight's process."""
     code = (

@@ -18,8 +18,8 @@ from autopilot.control.loop_design import FREQUENCIES, Complex, Gains, Response,
 from dronecats.study.loop.hover import TURNS, CascadeLoop
 from foundation.airframe import Airframe
 from foundation.frames import Vec3
+from vehicles.multirotor import air_drag
 from vehicles.records import STEP_S
-from vehicles.rigid_body import air_drag
 from vehicles.rotor import EFFICIENCY, NOMINAL_CELL_V, advance_rotors
 
 FREQUENCIES_DENSE = np.geomspace(0.1, 1000.0, 1_000)  # rad/s; below half of the sampling rate of 1 kHz

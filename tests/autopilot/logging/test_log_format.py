@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from pyulog import ULog
 
-from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
+from dronecats.flight.stages.lockstep import Lockstep
 from hil.link.link import Link
 from vehicles import airframe
 

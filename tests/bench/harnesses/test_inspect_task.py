@@ -93,11 +93,13 @@ def test_a_list_of_episodes_is_read_from_the_inspect_command_line(text):
     assert [sample.id for sample in task.dataset] == EPISODES.split(",")
 
 
-def test_an_unknown_reasoning_effort_is_rejected():
+def test_unknown_values_of_options_are_rejected():
     from dronecats.bench.harnesses.inspect_task import dronecats
 
     with pytest.raises(UsageError, match=r"-T lifted .*minimal, .*'much'"):
         dronecats("quick", lifted=cast(Any, "much"))
+    with pytest.raises(UsageError, match=r"-T axis_order .*'zy'"):
+        dronecats("quick", axis_order="zy")
 
 
 def test_a_failing_model_gives_an_error_and_no_score(tmp_path):

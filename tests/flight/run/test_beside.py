@@ -11,8 +11,8 @@ from dronecats.agent.loop import PendingQuestion
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.run import pilot as run_pilot
 from dronecats.flight.run.fly import fly
-from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.flight.stages.lockstep import Lockstep
 from dronecats.pilots.server import PilotServer
 from tests.support.first_question import after_first_question
 

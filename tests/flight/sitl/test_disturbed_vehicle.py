@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from dronecats.flight.spec.disturbances import UNDISTURBED, VehicleFaults
+from dronecats.flight.stages.lockstep import Lockstep
 from foundation.frames import GRAVITY, quat_to_euler, wrap_pi
 from foundation.mavlink import dialect
 from foundation.setpoints import Hold, Turn, Velocity

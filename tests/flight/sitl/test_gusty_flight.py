@@ -15,8 +15,8 @@ from pyulog import ULog
 from scipy.stats import chi2
 
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, VELOCITY_TEST
-from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
+from dronecats.flight.stages.lockstep import Lockstep
 from foundation.frames import Vec3, quat_multiply
 from foundation.mavlink import dialect
 from hil.link.autopilots import PX4

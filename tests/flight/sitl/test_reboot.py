@@ -7,8 +7,8 @@ import pytest
 
 from autopilot.commander.plans import FENCE, MISSION, RALLY, PlanItem
 from autopilot.mavlink.node import BY_NAME
-from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
+from dronecats.flight.stages.lockstep import Lockstep
 from foundation.mavlink import MODES, dialect
 from hil.link.link import Link
 from vehicles import airframe

@@ -2,8 +2,8 @@
 
 import pytest
 
-from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
+from dronecats.flight.stages.lockstep import Lockstep
 from foundation.errors import LinkError
 from foundation.mavlink import Packer, dialect
 from foundation.setpoints import Velocity

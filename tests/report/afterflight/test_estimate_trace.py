@@ -12,8 +12,8 @@ import pytest
 
 from dronecats.cli.main import main
 from dronecats.flight.logger.estimate_process import EstimateRecorder
-from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import build, load_world, origin
+from dronecats.flight.stages.lockstep import Lockstep
 from dronecats.judge.episode import judge_folder
 from dronecats.report.afterflight import (
     EstimatorLog,

@@ -12,8 +12,11 @@ from dronecats.report.afterflight import derive
 from dronecats.report.recorded.telemetry import telemetry
 from dronecats.report.recorded.tracks import track_of_rows
 from dronecats.view.film.plan import filmable
+from foundation.frames import PX4_HOME
+from foundation.mavlink import Packer, dialect
 from foundation.run_folder import layout
 from foundation.run_folder.reading import estimate, read
+from foundation.truth import TRUTH_COMPONENT, truth_message
 from tests.support.onboard_logs import with_onboard_log
 
 
@@ -30,6 +33,21 @@ def angle_deg(a, b):
     """Return the angle between two attitudes, each (w, x, y, z)."""
     same = abs(float(np.dot(a, b) / np.linalg.norm(a) / np.linalg.norm(b)))
     return math.degrees(2.0 * math.acos(min(1.0, same)))
+
+
+def test_vehicles_with_and_without_truth_have_separate_numbers(tmp_path):
+    """System 1 is on the truth bus, system 2 sends only its estimate."""
+    truth = truth_message(
+        1_000_000, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, PX4_HOME
+    )
+    estimate = dialect.MAVLink_local_position_ned_message(1000, 7.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    log = tmp_path / layout.TLOG
+    frames = Packer(1, TRUTH_COMPONENT).pack(truth), Packer(2, dialect.MAV_COMP_ID_AUTOPILOT1).pack(estimate)
+    log.write_bytes(b"".join((1_000_000).to_bytes(8, "big") + frame for frame in frames))
+    drones = telemetry(log, 0)
+    assert sorted(drones) == [0, 1]
+    assert drones[1].places[0][1] == 7.0
+    assert len(drones[0].places) == 0
 
 
 def test_track_positions_equal_truth_jsonl(flight_folder, flight):
