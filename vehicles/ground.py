@@ -14,8 +14,8 @@ from foundation.frames import GRAVITY, Quat, Vec3
 from foundation.terrain import HeightField
 from vehicles.records import STEP_S, Load, rotate, rotate_inverse
 
-# rad/s, vertical resonance of a vehicle on four feet, which rest 0.7 mm deep. A landing on one point, with an effective
-# mass of about a tenth of the vehicle's, stays far from the stability limit of RK4 at 1 kHz (2.8 rad per step)
+# rad/s, vertical resonance of a vehicle on its four feet; at rest they sink in by 0.7 mm. On one foot, with about a
+# tenth of the mass, it is 190 rad/s: 0.19 rad per step at 1 kHz, where RK4 is stable up to 2.8 rad
 RESONANCE = 120.0
 DAMPING_RATIO = 0.6
 FRICTION = 0.7  # rubber or plastic on dry hard ground
@@ -24,7 +24,8 @@ TANGENTIAL = 0.7  # stiffness along the surface relative to the normal one
 DEEPEST = 0.2
 MARGIN = 0.005  # m, added to the travel in one step to allow for accelerations
 STILL = 1e-5  # m/s, rad/s and m/s²; a vehicle below these limits stands still
-# share of the weight (for moments: of the weight times `reach`); smaller changes of the rotors' load do not end a rest
+# share of the weight (for moments: of the weight times `reach`); the vehicle stays at rest if the force and moment
+# of the rotors change by less
 STEADY = 1e-4
 CRASH_FOOT = 5.0  # m/s, normal speed that breaks a landing gear: a fall of 1.3 m
 CRASH_BODY = 1.0  # m/s, normal speed that breaks a propeller or the hull
@@ -146,8 +147,8 @@ def support(
 def at_rest(params: Record, state: Record, load: Load, breeze: Vec3) -> bool:
     """Return whether the vehicle stands still and nothing new could move it.
 
-    `load` is the load of the rotors, `breeze` (m/s, NED) the wind. The remaining motion is then far below the noise of
-    every sensor. It need not be integrated while the load of the rotors stays the same.
+    `load` is the force and moment of the rotors, `breeze` (m/s, NED) the wind. The remaining motion is then far below
+    the noise of every sensor. It need not be integrated while the load of the rotors stays the same.
     """
     if state.on_ground == 0:
         return False

@@ -17,13 +17,13 @@ from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
 COVARIANCE_PERIOD_S = 0.0035  # least time between propagations: every fourth sample at 1 kHz, each sample at 250 Hz
-PUBLISH_PERIOD_US = 20_000  # for deviations and ratios; the kinematic fields are written with every inertial sample
+PUBLISH_PERIOD_US = 20_000  # of flags, deviations and ratios; the pose and velocity are written at every sample
 VIBRATION_SHARE = 0.02  # weight of a new sample in the vibration metric: smoothing over one second, as in PX4
 FULL_SCALE = 0.98 * 16.0 * GRAVITY  # m/s², of an accelerometer with ±16 g; a larger sample counts as clipped
 STILL_PERIOD_US = 100_000
 STILL_NOISE_GROUND = 0.1  # m/s; without fixes, zero velocity is fused with this noise on the ground
 SHOCK_SPEED = 3.0  # m/s, standard deviation of the velocity after a sample at the accelerometer's limit
-STILL_NOISE_AIR = 10.0  # m/s; without fixes, zero velocity is fused with this noise in the air; bounds the tilt error
+STILL_NOISE_AIR = 10.0  # m/s; the same in the air, so that the tilt error stays bounded
 
 
 @njit(cache=True)
@@ -190,7 +190,7 @@ def update(
 ) -> bool:
     """Update from the SENSORS record; return whether it has a new, finite inertial sample.
 
-    With such a sample, `estimate` is updated. After 0.1 s without a new sample, its attitude becomes invalid.
+    With such a sample, `estimate` is updated. After 0.1 s without one, the attitude of `estimate` is invalid.
     params, state: ESTIMATOR_PARAMS, ESTIMATOR_STATE; P (STATES, STATES); history (HISTORY, 7); landed: the vehicle is
     assumed to stand on the ground.
     """

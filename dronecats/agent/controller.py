@@ -26,7 +26,7 @@ from foundation.protocol import (
 from foundation.setpoints import Hold, PicturePose, Setpoint, Turn, Velocity
 
 YAW_RATE = math.radians(YAW_RATE_DEG)  # rad/s
-SETTLE_S = 3.0  # s that a turn may take longer than its angle / YAW_RATE, for a lagging vehicle or a gust
+SETTLE_S = 3.0  # s, time that a turn gets in addition to angle / YAW_RATE, for a slow vehicle or a gust
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ def _go(go: Go, camera: CameraModel) -> tuple[Segment, ...]:
 def turn(angle: float, *, onto_line: bool = False) -> Segment:
     """Return the turn by an angle (rad, + right) from the heading when the picture was taken.
 
-    `onto_line`: a move follows, and the turn already holds the place on the line of that move.
+    `onto_line`: a move follows, so during the turn the vehicle holds a place on the line of that move.
     """
     return Segment(Turn(math.copysign(YAW_RATE, angle), angle, onto_line), abs(angle) / YAW_RATE, SETTLE_S)
 
@@ -135,7 +135,7 @@ class Drone:
         self._segments: list[Segment] = []  # segments of the current action that are still to be flown
         self._segment_ends_s = 0.0
         self._seen: PicturePose | None = None  # pose when the picture of the current action was taken
-        self._counts_from: PicturePose | None = None  # pose from which the angles count, if not `_seen`
+        self._counts_from: PicturePose | None = None  # origin of the angles; None: `_seen`. `SteadyDrone` sets it
         self._seen_us = 0  # µs on the vehicle's clock, time of `_seen`
 
     @property

@@ -80,14 +80,14 @@ class Takeoff(Mode):
         self._wanted_z = math.nan
 
     def aim(self, z_ned: float) -> None:
-        """Set the local z (m, NED) of the next climb; nan = MIS_TAKEOFF_ALT above the ground, in the air above home."""
+        """Set the local z (m, NED) of the next climb; nan: MIS_TAKEOFF_ALT above the ground or, if in the air, home."""
         self._wanted_z = z_ned
 
     def enter(self, flight: FlightContext) -> None:
         self.next_mode = None
         n, e, z = flight.state.position_ned
         target = z - float(flight.parameters["MIS_TAKEOFF_ALT"])
-        # nan, or a height that needs no climb (clients send 0 for 'any'), means the default
+        # the default, for nan and for a height that needs no climb (clients without a height send 0)
         if self._wanted_z < z - LEAST_CLIMB_M:
             target = self._wanted_z
         elif not flight.landed and flight.home is not None:
@@ -302,7 +302,7 @@ class Follow(Mode):
         )
 
     def _track(self, flight: FlightContext, dt: float) -> None:
-        """Filter the target's position with the time constant FLW_TGT_RS (s), extrapolated to now by its velocity."""
+        """Extrapolate the target's position to now, and filter it with the time constant FLW_TGT_RS (s)."""
         target, age = flight.target, (flight.state.time_us - flight.target.time_us) * 1e-6
         vn, ve, vd = target.velocity_ned
         now = (

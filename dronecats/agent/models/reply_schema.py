@@ -35,7 +35,7 @@ def reply_schema(root: Literal["object", "array"], choice: bool = True) -> dict[
 
 
 def orders_schema(drones: int) -> dict[str, Any]:
-    """Return the schema of a commander's reply to a fleet (`agent.commanding.command_prompt`)."""
+    """Return the schema of a commander's orders to a fleet of `drones` (`agent.commanding.command_prompt`)."""
     drone = {"type": "integer", "minimum": 1, "maximum": drones}
     order = _object(drone=drone, goal={"type": "string"})
     return _object(**{ORDERS: {"type": "array", "items": order}, CONFIRM: {"type": "array", "items": drone}})

@@ -141,13 +141,13 @@ class FrameFaults:
         words="{percent:g} % of images never arrive", metavar="P", more="The agent waits for the next image.",
     )  # fmt: skip
     stale: float = _disturbance(
-        0.0, "frame_stale", "share of questions that get the previous question's image", high=1.0,
+        0.0, "frame_stale", "share of questions to the pilot that get the image of the question before", high=1.0,
         words="{percent:g} % of questions get the previous question's image", metavar="P",
     )  # fmt: skip
     rate_hz: float | None = _disturbance(  # None: the camera takes a picture on request
-        None, "frame_rate", "rate at which the camera takes images", low=0.1, high=100.0, unit="Hz",
+        None, "frame_rate", "rate at which the camera makes images", low=0.1, high=100.0, unit="Hz",
         words="images are taken {value:g} times a second", first=True, metavar="HZ",
-        more="The agent takes the newest image at once. Without this option, the agent requests each image.",
+        more="The agent uses the newest image, without waiting. Without this option, the agent requests each image.",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -344,7 +344,7 @@ class VehicleFaults:
         option=DisturbanceOption(
             name="host_stalls", metavar="P,S",
             help="at the start of each second, stall the simulator with probability P, for S seconds",
-            more="Each second is of vehicle time, and S is wall time. Only in real time.",
+            more="The seconds are vehicle time; S is wall time. Only in real time.",
             read=lambda text: dict(zip(("stalled", "stall_s"), _pair("host-stalls", text, STALLS), strict=True)),
         ),
     )  # fmt: skip

@@ -96,7 +96,7 @@ PERCENT = 100.0
 NOWHERE = {
     "above all": "more than half at every level",
     "below all": "less than half at every level",
-    "no slope": "unknown, because its interval has no bounds",
+    "no slope": "unknown, because the interval has no bounds",
 }
 
 
@@ -106,12 +106,12 @@ def cell_title(cell: str) -> str:
 
 
 def in_cell(entrant: str, cell: str) -> str:
-    """Return an entrant (or two) and a cell as text, for example: noisy, all cells."""
+    """Return an entrant (or two) and a cell as text, for example "oracle, all cells"."""
     return f"{entrant}, {cell_title(cell).lower()}"
 
 
 def half_place(factor: StudiedFactor, half: HalfSuccess) -> str:
-    """Return the level at which half of the flights succeed as text, without its interval."""
+    """Return, as text and without its interval, the level at which half of the flights succeed."""
     if half.where == "within" and half.value is not None:
         return factor.label(_three_digits(half.value))
     if half.where == "between":
@@ -120,7 +120,7 @@ def half_place(factor: StudiedFactor, half: HalfSuccess) -> str:
 
 
 def half_interval(factor: StudiedFactor, half: HalfSuccess) -> str:
-    """Return the interval of the half-success level as text. Ends outside of the flown levels are open."""
+    """Return the interval of the half-success level as text; "below …" or "above …" for ends outside of the levels."""
     levels = [float(level) for level in factor.levels]
     least, most = factor.label(min(levels)), factor.label(max(levels))
     if half.scatter is None:  # all succeed or all fail, so that nothing was fitted
@@ -166,7 +166,7 @@ def half_sentence(results: StudyResults, fit: HalfSuccessFit) -> str:
             f" succeed at a {factor.words} of {half_interval(factor, half)}."
         )
     if half.where == "no slope":
-        return f"{subject}: no half-success level can be estimated, because its interval has no bounds."
+        return f"{subject}: the half-success level is unknown, because its interval is unbounded on both sides."
     return f"{subject}: no half-success level within the range; {NOWHERE[half.where]}."
 
 
