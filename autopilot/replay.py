@@ -32,7 +32,7 @@ GROUPS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """The inputs of the inner loop in one flight, one row per inertial sample."""
+    """The inputs of the inner loop (estimator and cascade) in one flight, one row per inertial sample."""
 
     airframe: str
     sensors: NDArray[Any]  # (n,) SENSORS

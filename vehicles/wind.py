@@ -151,7 +151,7 @@ def gust(air: Record, velocity: Grid, height: float) -> None:
     across = _across(air.filter[1], sigma_h, tau_h, air.rng)
     air.gust[2] = _across(air.filter[2], sigma_v, tau_v, air.rng)
     # axes along the steady wind, as in the standard at low altitude
-    calm = math.sqrt(air.mean[0] ** 2 + air.mean[1] ** 2)
-    c, s = (air.mean[0] / calm, air.mean[1] / calm) if calm > 0.1 else (1.0, 0.0)
+    mean_speed = math.sqrt(air.mean[0] ** 2 + air.mean[1] ** 2)
+    c, s = (air.mean[0] / mean_speed, air.mean[1] / mean_speed) if mean_speed > 0.1 else (1.0, 0.0)
     air.gust[0] = c * along - s * across
     air.gust[1] = s * along + c * across

@@ -45,10 +45,10 @@ class _Hysteresis:
         self._good_us = 0  # last time at which the deviation was small enough
 
     def limit(self, now_us: int, valid: bool, deviation: float, wanted: float) -> float:
-        """Return the deviation above which the quantity is invalid.
+        """Return the deviation above which the quantity is invalid: -inf if it is invalid now.
 
-        -inf means that it is invalid now. With `lasting_us`, inf means that it is valid now, whatever the deviation is.
-        `valid` is the estimator's own flag; `wanted` is the value of `required`.
+        With `lasting_us`, the limit of a valid quantity is inf, so that a short deviation does not count. `valid` is
+        the estimator's own flag; `wanted` is what `required()` returns for the quantity.
         """
         if valid and deviation < (wanted * HYSTERESIS_FACTOR if self._believed else wanted):
             self._good_us = now_us

@@ -132,7 +132,7 @@ def _position_loss(c: Conditions, p: ParameterTable) -> Failsafe:
 
 
 def _no_such_mode(c: Conditions, p: ParameterTable) -> Failsafe:
-    """Return home from an external mode, as PX4 does. Only a forced arming can start such a mode."""
+    """Return home from an external mode, as PX4 does. Only a forced arming can lead to such a mode."""
     return Failsafe(UNREGISTERED, Reaction.RETURN, delayed=False) if c.mode in EXTERNAL_MODES else NO_FAILSAFE
 
 
@@ -324,7 +324,7 @@ class Supervision:
         self._due, self.failsafe = due, in_force
         if due.action == Reaction.NONE:
             self._overridden = frozenset()
-        self._accuracy.look(flight.state)  # its limits apply from the next tick on
+        self._accuracy.look(flight.state)  # the limits of accuracy that it sets apply from the next tick on
 
     def _in_force(self, now: int, due: Failsafe) -> Failsafe:
         if not (due.delayed and due.action in DELAYED):

@@ -85,7 +85,7 @@ class Allocation:
     """The distribution of a demand to the rotors of an airframe."""
 
     effectiveness: NDArray[np.float64]  # (4, n) roll, pitch, yaw torque (N·m), collective (N) per N of a rotor
-    mix: NDArray[np.float64]  # (MAX_ROTORS, 4) rotor thrust fraction per normalised torque and per collective fraction
+    mix: NDArray[np.float64]  # (MAX_ROTORS, 4) thrust fraction per roll, pitch, yaw and collective (normalised)
     torque_max: tuple[float, float, float]  # N·m of a normalised torque of 1
     thrust_max: float  # N of a collective of 1
 
@@ -115,7 +115,7 @@ def allocation(airframe: Airframe) -> Allocation:
             " and lift. Check their positions and spins"
         )
     rotor_max = airframe.thrust_max / count
-    inverse = np.linalg.pinv(effectiveness) / rotor_max  # fraction per N·m, N
+    inverse = np.linalg.pinv(effectiveness) / rotor_max  # fraction per N·m (columns 0 to 2) and per N (column 3)
     torque_max = 0.5 / np.abs(inverse[:, :3]).max(axis=0)
     mix = np.zeros((MAX_ROTORS, 4))
     mix[:count, :3] = inverse[:, :3] * torque_max
@@ -141,8 +141,8 @@ def mix(
     """Write rotor thrust fractions in [floor, 1] and return (achieved roll-pitch scale, yaw scale, collective).
 
     `matrix` (MAX_ROTORS, 4) is `Allocation.mix`. `roll`, `pitch` and `yaw` are in [-1, 1], `thrust` in [0, 1].
-    `fractions` (MAX_ROTORS,) is the output. Roll and pitch may lower the collective. They may also raise it,
-    without `airmode` only up to the collective at which every rotor would reach `floor` without torque.
+    `fractions` (MAX_ROTORS,) is the output. Roll and pitch may lower the collective. They may also raise it;
+    if `airmode` is 0, at most to the collective that gives every rotor `floor` when there is no torque.
     """
     thrust = min(max(thrust, 0.0), 1.0)
     # roll and pitch: the largest share for which a collective exists that keeps every rotor in range

@@ -84,7 +84,7 @@ YAW_ACCELERATION = 2.5  # rad/s²; yaw torque is weak, so a faster start would s
 FOLLOWING_ERROR_MAX = 0.4  # m/s; with a smaller velocity error, the vehicle follows its setpoint
 TRIM_S = 2.0  # s, time constant of `free_integral`
 TEST_STEP = 0.8  # m/s²; after the integral has grown this much, its effect on the velocity error is checked
-ERROR_DROP = 0.05  # m/s; in wind, the second half of that growth reduces the velocity error at least this much
+ERROR_DROP = 0.05  # m/s; if the velocity error drops less in the second half of that growth, an obstacle is the cause
 BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s; a vehicle that moves faster, back or ahead, is not blocked
 DESCENDS = 0.2  # m/s, NED; a faster demand is a descent
 SIDEWAYS_SPEED = 0.3  # m/s; with a faster horizontal demand, the object under the vehicle is an obstacle, not ground
@@ -94,7 +94,7 @@ BLOCKED_S = 3.0  # s, after which the integral may grow again, because the cause
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
 KNOCK = 8.0  # m/s², least sudden unexplained acceleration of a knock; 10 m/s of wind: 3.3 (X500), 6.1 (30 g drone)
 KNOCK_TORQUE = 0.15  # the same as a fraction of the rotors' largest torque; wind of 10 m/s causes 0.06 and 0.08
-KNOCK_S, GUST_S = 0.016, 0.3  # s, time constants of the band-pass for knocks: up to 10 Hz, above wind gusts
+KNOCK_S, GUST_S = (0.016, 0.3)  # s, time constants of the band-pass for knocks: above a gust's frequency, up to 10 Hz
 TOUCHED_S = 1.0  # s after a knock, during which the vehicle is assumed to touch the obstacle
 FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²; a larger value is an invalid measurement
 
@@ -340,7 +340,7 @@ def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: flo
             tried[i] = total[i]
         state.tried_error = size
     elif grown < 0.5 * TEST_STEP:
-        state.tried_error = size  # compared from half of the growth on, when the rebound has ended
+        state.tried_error = size  # the reference is the error at half of the growth, when the rebound has ended
     elif grown >= TEST_STEP:
         for i in range(axes):
             tried[i] = total[i]

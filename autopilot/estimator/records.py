@@ -27,7 +27,7 @@ ESTIMATOR_PARAMS = np.dtype(
         ("baro_noise", "f8"),  # m (EKF2_BARO_NOISE)
         ("gps_velocity_noise", "f8"),  # m/s, lower limit (EKF2_GPS_V_NOISE)
         ("gps_position_noise", "f8"),  # m, lower limit (EKF2_GPS_P_NOISE)
-        ("gps_fixes_alike", "f8"),  # number of consecutive fixes with the same position error
+        ("gps_fixes_alike", "f8"),  # number of consecutive fixes that share one position error: they weigh as one
         ("gate_mag", "f8"),  # σ (EKF2_HDG_GATE)
         ("gate_baro", "f8"),  # σ (EKF2_BARO_GATE)
         ("gate_velocity", "f8"),  # σ (EKF2_GPS_V_GATE)
@@ -60,8 +60,8 @@ ESTIMATOR_STATE = np.dtype(
         ("impulse_dt", "f8"),  # s, length of that integral
         ("shocked", "i8"),  # 1: `impulse` contains an impact beyond the accelerometer's limit
         ("shock_us", "i8"),  # time of the last impact
-        ("reckoned_velocity", "f8", (3,)),  # m/s, sum of the predictions, without the corrections by fixes
-        ("reckoned_position", "f8", (3,)),  # m, the same for position; the change since a fix is the predicted motion
+        ("reckoned_velocity", "f8", (3,)),  # m/s, from the predictions alone, never corrected by fixes
+        ("reckoned_position", "f8", (3,)),  # m, the same for position; its change since a fix is the predicted motion
         ("history_index", "i8"),  # next entry to write
         ("history_count", "i8"),
         ("work", "f8", (STATES,)),  # P·Hᵀ of the scalar update in progress
@@ -119,8 +119,8 @@ def default_parameters(declination_rad: float) -> np.void:
     params["baro_noise"] = 1.0
     params["gps_velocity_noise"] = 0.15
     params["gps_position_noise"] = 0.5
-    # 18 fixes last 1.8 s. With the fixes of a minute, moves of 3 m would be more exact, but the estimate would recover
-    # too slowly from an impact.
+    # 18 fixes take 1.8 s. With more, such as a minute's fixes, GPS weighs less: moves of 3 m are more exact, but the
+    # estimate recovers too slowly from an impact.
     params["gps_fixes_alike"] = 18.0
     params["gate_mag"] = 3.0
     params["gate_baro"] = 5.0

@@ -1,6 +1,6 @@
 """Messages that steer the vehicle: external setpoints, the sticks of a ground station, and the target to follow.
 
-Setpoints are decoded and rejected by PX4's rules for type masks and frames. An accepted setpoint is stored
+Setpoints are decoded, or rejected, by PX4's rules for type masks and frames. An accepted setpoint is stored
 with the time of its arrival.
 Sources: MAVLink POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK; the rules as read and measured on PX4 1.15.
 """
@@ -35,7 +35,7 @@ def _group(mask: int, first_bit: int, x: float, y: float, z: float) -> Vec3:
 
 
 def _place(mask: int, north: float, east: float, down: float) -> Vec3:
-    """Return a position with ignored and infinite components as nan. Any distance is valid: modes limit the speed."""
+    """Return a position, with nan for ignored and infinite components. Any distance is valid: modes limit the speed."""
     return (
         north if not mask & 0x1 and math.isfinite(north) else NAN,
         east if not mask & 0x2 and math.isfinite(east) else NAN,
@@ -52,8 +52,8 @@ def trajectory(mask: int, frame: int, position: Vec3, velocity: Vec3, accelerati
     """Return the raw fields of a message (frame LOCAL_NED or BODY_NED) as a setpoint in the local frame.
 
     `attitude` and `heading` (rad) are the vehicle's. In BODY_NED the position is ignored. The velocity is rotated by
-    the heading only (z stays world down), and ignored if one of its components is. The acceleration is rotated by the
-    attitude. Raises RejectedError for another frame, for a force setpoint, or if no axis is controlled.
+    the heading only (z stays world down). It is ignored if the mask ignores one of its components. The acceleration is
+    rotated by the attitude. Raises RejectedError for another frame, for a force setpoint, or if no axis is controlled.
     """
     if mask & FORCE:
         raise RejectedError("force not supported")
@@ -101,7 +101,7 @@ def local_ned(node: Node, port: Port, message: Message) -> None:
 
 
 def global_int(node: Node, port: Port, message: Message) -> None:
-    """Handle SET_POSITION_TARGET_GLOBAL_INT. Ignored if its altitude needs an unknown origin, home or ground."""
+    """Handle SET_POSITION_TARGET_GLOBAL_INT. Ignored if the reference of its altitude is unknown."""
     state, m = node.vehicle.state, message
     down = _altitude_to_down(node, m.coordinate_frame, m.alt)
     if down is None:

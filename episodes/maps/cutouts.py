@@ -1,7 +1,7 @@
 """Looks up the opacity of cut-out textures, for the renderer, its shadows and ray casts.
 
-A texel is opaque or a hole. Opacity is not filtered, so that renderer, shadows and rays agree. Distant leaves keep
-their share of the picture, because the share of samples that hit opaque texels stays the same.
+A texel is opaque or a hole. Opacity is not filtered, so that renderer, shadows and rays agree. Distant leaves still
+cover the same share of the picture, because the same share of samples hits opaque texels.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Builds the drawn ground of the residential neighbourhood: one mesh per use, made of lattices on the height field."""
+"""Builds the visible ground of the residential map: one mesh for each use (road, kerb, lawn …), on the terrain."""
 
 import itertools
 from collections.abc import Iterator
@@ -160,7 +160,7 @@ def _cells(zone: tuple[float, float, float, float, str], homes: tuple[Plot, ...]
 
 
 def _corners(homes: tuple[Plot, ...]) -> Iterator[tuple[str, Array, Array]]:
-    """Yield (use, corners, texture coordinates in metres) of the round corners where two streets meet: lawn to road."""
+    """Yield (use, vertices, texture coordinates in metres) of the round street corners, from the lawn to the road."""
     turn = np.linspace(0.0, np.pi / 2, 9)
     square = CORNER / np.maximum(np.cos(turn), np.sin(turn))
     rings = [np.zeros(9)] + [np.full(9, CORNER - r) for r in RINGS[-2::-1]] + [square]

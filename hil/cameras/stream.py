@@ -33,7 +33,7 @@ class Source(Protocol):
         ...
 
     def shoot(self, stop: threading.Event) -> tuple[float, bytes | Picture]:
-        """Wait for the next picture; return the host's monotonic second of its arrival, and the picture.
+        """Wait for the next picture; return its time of arrival (s, the host's monotonic clock), and the picture.
 
         `bytes` are an encoded picture. Raises CameraError if the stream breaks, StreamEndedError if it ends.
         """
@@ -66,7 +66,7 @@ class StreamCamera:
         max_age_s: float = MAX_AGE_S,
         patience_s: float = PATIENCE_S,
     ) -> None:
-        """`now_us` is the vehicle's clock; `name` is the address for messages. Raises CameraError."""
+        """`now_us` is the vehicle's clock; `name` is the camera's address as messages show it. Raises CameraError."""
         self._source, self._now_us, self._lens = source, now_us, lens
         self._max_age_s, self._patience_s = max_age_s, patience_s
         self._none = f"the camera at {name} gives no frame"
@@ -135,7 +135,7 @@ class StreamCamera:
 
     def _frame(self, shot: Shot, drone: int) -> Frame:
         if drone:
-            raise CameraError(f"{self._none} of drone {drone}, because it is the camera of one drone")
+            raise CameraError(f"{self._none} of drone {drone + 1}: it is the camera of one drone")
         picture = decoded(shot.data)
         if picture is None:
             raise CameraError(f"{self._none}: it sent something that is not a picture")
@@ -194,7 +194,7 @@ def decoded(data: bytes | Picture) -> Picture | None:
         return None
 
 
-OPEN_MS, READ_MS = 5000, 5000  # ms of silence after which a stream counts as absent, or as broken
+OPEN_MS, READ_MS = 5000, 5000  # ms of silence: a stream then counts as absent when it is opened, as broken later
 LIVE_GRABS = 3  # consecutive grabs that had to wait, after which the buffer counts as empty
 WAITED = 0.7  # a grab had to wait if it took longer than this share of the time between two pictures
 DRAIN_S = 5.0  # longest time to drop buffered pictures
@@ -252,7 +252,7 @@ class V4l2Source(CaptureSource):
 
 
 def shoot(capture: Any) -> tuple[float, Picture]:
-    """Return the next picture of an open capture, with the host's monotonic second at which it was grabbed."""
+    """Return the next picture of an open capture and the time (s, the host's monotonic clock) of its grab."""
     try:
         if not capture.grab():
             raise CameraError("its stream broke")

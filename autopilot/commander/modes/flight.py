@@ -71,7 +71,7 @@ class FlightContext:
     fence: Fence = field(default_factory=Fence)
 
     def height_above_ground(self) -> float:
-        """Return the height (m): the fresh range, else the height above home, else above the local frame's origin."""
+        """Return the height (m): the downward range if fresh, else above home, else above the local frame's origin."""
         distance = self.state.range_m()
         if math.isfinite(distance):
             return distance
@@ -120,8 +120,8 @@ class Mode:
 def flyable(setpoint: CascadeSetpoint) -> bool:
     """Return whether a trajectory setpoint has enough finite values for the cascade.
 
-    It needs a vertical and a horizontal position, velocity or acceleration. The north and the east component of a
-    quantity must both be finite, or both not.
+    It needs at least one vertical and one horizontal quantity (position, velocity or acceleration). The north and the
+    east component of a quantity must both be finite, or both not.
     """
     finite = math.isfinite
     pn, pe, pd = setpoint.position_ned

@@ -337,7 +337,8 @@ class VehicleFaults:
         more="In vehicle time. The default is 20. Above 20, telemetry comes at the same rate.",
     )  # fmt: skip
     stalled: float = _disturbance(
-        0.0, "stall_share", "probability that the host stalls the simulator at the start of a second of vehicle time",
+        0.0, "stall_share",
+        "probability with which the host stalls the simulator at the start of each second of vehicle time",
         high=1.0,
         words="the simulator stands still for {owner.stall_s:g} s in {percent:g} % of seconds", real_time=True,
         refines="stall_length",

@@ -18,7 +18,7 @@ SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # s of flight per wall s, s
 
 @dataclass(frozen=True, slots=True)
 class PlaybackClock:
-    """The shown time of the episode as a function of the wall time. Immutable: every order returns a new clock."""
+    """The shown time of the episode as a function of the wall time. Immutable: its methods return a new clock."""
 
     end_s: float  # s since the episode began, when playback stops
     t_s: float = 0.0  # s since the episode began, shown at `wall_s`
