@@ -358,6 +358,7 @@ class Link(Conversation):
         return Arrival(position_ned, yaw, due_us)
 
     def _speak(self) -> None:
+        """Send the heartbeat and the present setpoint, if they are due. `tick` calls this."""
         super()._speak()
         setpoint = self._setpoint(self.state) if self._taken_by is None else None
         if setpoint is None or not self.mode_is_known() or not self._rate.due(self.time_us):

@@ -192,7 +192,7 @@ class VehiclePort:
         return data + self._port.take()
 
     def receive(self, data: bytes) -> None:
-        """Pass bytes of a client to the vehicle."""
+        """Pass bytes of a client to the vehicle. `Autopilot.handle` gets each decoded message."""
         self._port.receive(data)
 
     def note_malformed(self) -> None:
@@ -236,7 +236,7 @@ class SimulatedVehicle(Vehicle):
         self._boot()
 
     def advance(self) -> None:
-        """Advance by one tick."""
+        """Advance by one tick: each ms physics, then estimator and cascade; at its end the commander and MAVLink."""
         if self.autopilot.stream_us < TICK_US:
             self._stream_through(self.autopilot.stream_us)
         else:

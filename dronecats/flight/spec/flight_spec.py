@@ -133,7 +133,7 @@ class FlightSpec:
     scripted: str | None = None  # a built-in commander; if both are None: `model`, or SCRIPTED if `model` is None
     prompt: str | None = None  # a template; None: the shipped one
     agent: str = PAPER  # a shipped agent (`dronecats.flight.run.pilot`), or MODULE:NAME of the user's own
-    latency: LatencyPolicy = DEFAULT_LATENCY
+    latency: LatencyPolicy = DEFAULT_LATENCY  # `flight.run.pilot.questions_of` passes it to the agent
     parser: ReplyParser = "strict"  # how replies are read: docs/replies.md
     stop_unreadable: int | None = (
         number(  # number of replies in a row without an action that end the flight; None: no limit
