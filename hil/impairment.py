@@ -44,7 +44,7 @@ class Impairment:
     jitter_s: float = number(
         0.0,
         "jitter",
-        "largest random delay that is added to the constant delay; frames keep their order",
+        "largest random addition to the constant delay (frames keep their order)",
         high=60.0,
         unit="s",
         words="jitter of {value:g} s",

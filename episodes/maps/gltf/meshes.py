@@ -142,9 +142,10 @@ class Shapes:
     def _room(self, vertices: int, where: str) -> None:
         """Count vertices before they are read. Raises UsageError above a limit."""
         self._read_vertices += vertices
-        if vertices > MAX_VERTICES or self._read_vertices > MAX_READ:
-            most = MAX_VERTICES if vertices > MAX_VERTICES else MAX_READ
-            self._document.fail(where, f"brings the file above {most} vertices: simplify it")
+        if self._read_vertices > MAX_READ:
+            self._document.fail(where, f"brings the file above {MAX_READ} vertices: simplify it")
+        if vertices > MAX_VERTICES:
+            self._document.fail(where, f"has more than {MAX_VERTICES} vertices: simplify it")
 
     def _block(
         self, primitive: Mapping[str, Any], where: str, look: TexturedMaterial, blocks: dict[Any, _Block]
