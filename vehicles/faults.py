@@ -86,9 +86,9 @@ def active(faults: Record, part: int, now: int) -> tuple[int, int]:
 
 @njit(cache=True)
 def apply_rotor_faults(faults: Record, state: Record, rotors: int) -> None:
-    """Set the health of each rotor that has a fault in the script; 1 while none of its faults is active."""
+    """Set the factor of each rotor that has a fault in the script; 1 while none of its faults is active."""
     for i in range(faults.count):
         rotor = faults.part[i] - ROTOR_1
         if 0 <= rotor < rotors:
             kind, row = active(faults, faults.part[i], state.time_us)
-            state.rotor_health[rotor] = 1.0 if kind == NONE else faults.value[row, 0] if kind == WEAKEN else 0.0
+            state.rotor_fault[rotor] = 1.0 if kind == NONE else faults.value[row, 0] if kind == WEAKEN else 0.0

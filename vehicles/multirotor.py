@@ -377,7 +377,7 @@ class Multirotor:
         state = self.state
         state["position"] = (north, east, down)
         state["attitude"] = quat_from_euler(0.0, 0.0, yaw)
-        state["rotor_health"] = 1.0
+        state["rotor_health"] = state["rotor_fault"] = 1.0
         state["rotor_turn"] = FIRST_TURN * np.arange(MAX_ROTORS)
         state["height"] = below - down
         state["charge_ah"] = self.airframe.battery.capacity_ah

@@ -71,7 +71,8 @@ STATE = np.dtype(
         ("mean_rates", "f8", (3,)),  # rad/s, FRD, mean over the last step
         ("rotor_speed", "f8", (MAX_ROTORS,)),  # rad/s, magnitude
         ("rotor_turn", "f8", (MAX_ROTORS,)),  # rad, angle of the imbalance from forward, in the direction of rotation
-        ("rotor_health", "f8", (MAX_ROTORS,)),  # 1 intact … 0 failed: factor on the commanded speed
+        ("rotor_health", "f8", (MAX_ROTORS,)),  # factor on the commanded speed: 1 intact, 0 broken by a hit
+        ("rotor_fault", "f8", (MAX_ROTORS,)),  # another one: 1 no fault of the script … 0 failed
         ("rotor_power", "f8"),  # W, mechanical, all rotors
         ("charge_ah", "f8"),
         ("voltage", "f8"),  # V, at the terminals

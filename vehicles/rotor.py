@@ -120,7 +120,8 @@ def advance_rotors(
         x, y, z = params.rotor_position[i, 0], params.rotor_position[i, 1], params.rotor_position[i, 2]
         spin = params.rotor_spin[i]
         before = state.rotor_speed[i]
-        error = commanded_speed(armed, actuators.command[i], idle, ceiling) * state.rotor_health[i] - before
+        share = state.rotor_health[i] * state.rotor_fault[i]
+        error = commanded_speed(armed, actuators.command[i], idle, ceiling) * share - before
         change = error * (params.gain_up if error > 0.0 else params.gain_down)
         if error < 0.0 and before < STANDSTILL:
             change = error  # stiction stops the rotor; an exponential never reaches 0

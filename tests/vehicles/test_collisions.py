@@ -12,6 +12,7 @@ from foundation.terrain import OPEN, MovingBox, Obstacles
 from tests.vehicles.fleet import spin, vehicle
 from vehicles.airframe import names
 from vehicles.collision import BOX, REBOUND_SPEED
+from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor
 from vehicles.sensors import PERFECT
 from vehicles.solids import in_box, in_triangle
@@ -137,6 +138,21 @@ def test_a_hard_hit_breaks_a_propeller_and_records_the_obstacle() -> None:
     assert (craft.state["rotor_health"][:4] == 0.0).any()
     assert wall.names[craft.state["hit_owner"]] == "block-1"
     assert np.isfinite(craft.state["position"]).all()
+
+
+def test_a_broken_propeller_stays_broken_when_the_fault_of_a_script_ends() -> None:
+    wall = solid(block((6.0, 0.0, -4.0), (1.0, 8.0, 5.0)))
+    faults = [Fault(f"rotor{number}", "fail", 400_000, 500_000) for number in (1, 2, 3, 4)]
+    craft = vehicle(obstacles=wall, position_ned=(4.2, 0.0, -3.0), faults=faults)
+    spin(craft, craft.airframe.hover_speed)
+    craft.state["velocity"] = (4.0, 0.0, 0.0)
+    craft.advance(300)
+    broken = craft.state["rotor_health"][:4] == 0.0
+    assert broken.any()
+    craft.actuators["armed"] = 1
+    craft.actuators["command"][:4] = 0.7
+    craft.advance(700)
+    assert ((craft.state["rotor_speed"][:4] == 0.0) == broken).all()
 
 
 def test_a_gentle_touch_breaks_nothing() -> None:

@@ -32,10 +32,10 @@ def test_one_rotor_stops_and_can_be_restored(plant):
     failures = Failures(plant)
     assert failures.inject(d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_OFF, 2)
     plant.advance(10)
-    assert plant.state["rotor_health"][:4].tolist() == [1, 0, 1, 1]
+    assert plant.state["rotor_fault"][:4].tolist() == [1, 0, 1, 1]
     assert failures.inject(d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_OK, 0)
     plant.advance(10)
-    assert plant.state["rotor_health"][:4].tolist() == [1, 1, 1, 1]
+    assert plant.state["rotor_fault"][:4].tolist() == [1, 1, 1, 1]
 
 
 @pytest.mark.parametrize(
