@@ -40,12 +40,12 @@ class Noting:
         pass
 
 
-def fly(folder, groups, policy, seconds=30.0, model=None, pictures=None):
+def fly(folder, groups, policy, seconds=30.0, model=None, pictures=None, aircraft=None):
     """Fly three drones with deciders for these groups; return (decisions, number of images per question)."""
     folder.mkdir()
     model, log = model or Noting(), LineLog(folder / "decisions.jsonl")
     cockpit = Cockpit(
-        aircraft=[Clock() for _ in range(3)], camera=Views(90, 160), camera_model=CAMERA, log=log,
+        aircraft=aircraft or [Clock() for _ in range(3)], camera=Views(90, 160), camera_model=CAMERA, log=log,
         frames_dir=folder, executor=InlineExecutor(), t0_us=0, pictures=pictures,
     )  # fmt: skip
     PaperAgent(Questions(model, Prompt.load(None), "go", policy), cockpit, groups).fly(seconds)
@@ -54,7 +54,9 @@ def fly(folder, groups, policy, seconds=30.0, model=None, pictures=None):
 
 
 def test_one_decider_asks_for_all_its_drones_at_once(tmp_path):
-    decisions, batch_sizes = fly(tmp_path / "run", None, LatencyPolicy.parse("fixed:0.5"))
+    aircraft = [Clock() for _ in range(3)]
+    decisions, batch_sizes = fly(tmp_path / "run", None, LatencyPolicy.parse("fixed:0.5"), aircraft=aircraft)
+    assert all(each.flown for each in aircraft)
     assert set(batch_sizes) == {3}
     assert [d["drone"] for d in decisions[:6]] == [0, 1, 2, 0, 1, 2]
     assert [d["step"] for d in decisions[:6]] == [0, 0, 0, 1, 1, 1]
@@ -166,7 +168,9 @@ def test_the_served_model_is_logged_only_when_it_changes(tmp_path):
 def test_first_reply_after_the_cap_is_logged_and_has_no_effect(tmp_path, policy):
     """A slow model fails the episode. Only an endpoint without a reply is an error, and such a flight is not scored."""
     latency = LatencyPolicy.parse(policy) if policy != "trace" else Charged((), lambda question: 40.0)
-    decisions, batch_sizes = fly(tmp_path / "run", None, latency)
+    aircraft = [Clock() for _ in range(3)]
+    decisions, batch_sizes = fly(tmp_path / "run", None, latency, aircraft=aircraft)
     assert batch_sizes == [3]
+    assert [each.flown for each in aircraft] == [[], [], []]
     assert [decision["drone"] for decision in decisions] == [0, 1, 2]
     assert {decision["t_decided"] for decision in decisions} == {40.0}
