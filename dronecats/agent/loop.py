@@ -231,6 +231,8 @@ class Decider:
                 self._decide(frames, asking, thinking, asking.after_s(cap_s))
             return []  # the episode was over before the reply: too late to be an action
         decisions = self._decide(frames, asking, thinking, self._now_s())
+        for drone in self._drones:
+            drone.begin(self._now_s())
         yield from self._act(cap_s)
         return decisions
 
@@ -314,8 +316,6 @@ class Decider:
             self._cockpit.on_step(decision)
             decisions.append(decision)
             drone.plan(action)
-        for drone in self._drones:
-            drone.begin(self._now_s())
         return decisions
 
     def _since_begin_s(self, frame: Frame) -> float:
