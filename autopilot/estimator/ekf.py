@@ -195,14 +195,14 @@ def update(
     assumed to stand on the ground.
     """
     time_us = sensors.imu_time_us
-    if time_us == state.time_us:
-        if sensors.time_us - state.time_us > 100_000:
-            estimate.attitude_valid = 0  # the inertial sensor delivers no samples
-            estimate.time_us = sensors.time_us
-        return False
     a, g = sensors.accel_frd, sensors.gyro_frd
-    if not math.isfinite(a[0] + a[1] + a[2] + g[0] + g[1] + g[2]):
-        state.bad_samples += 1
+    is_finite = math.isfinite(a[0] + a[1] + a[2] + g[0] + g[1] + g[2])
+    if time_us == state.time_us or not is_finite:
+        if not is_finite:
+            state.bad_samples += 1
+        if sensors.time_us - state.time_us > 100_000:
+            estimate.attitude_valid = 0  # the inertial sensor delivers no usable samples
+            estimate.time_us = sensors.time_us
         return False
     dt = (time_us - state.time_us) * 1e-6
     state.time_us = time_us

@@ -121,6 +121,16 @@ def test_nan_samples_are_skipped():
     assert abs(flight.vehicle.truth["position_ned"][2] + 10.0) < 2.0
 
 
+def test_lasting_nan_samples_invalidate_the_attitude_until_they_end():
+    flight = Flight(seed=2).hover()
+    flight.upset["imu_nan_until_us"] = flight.sensors["time_us"] + 200_000
+    flight.run(0.15)
+    assert flight.estimate["attitude_valid"] == 0
+    assert flight.estimate["time_us"] == pytest.approx(flight.sensors["time_us"], abs=5_000)
+    flight.run(0.2)
+    assert flight.estimate["attitude_valid"] == 1
+
+
 def test_the_filter_realigns_after_a_nan_covariance():
     flight = Flight(seed=2)
     flight.run(10.0)
