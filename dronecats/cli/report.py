@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     if args.drop_stalled:
         collection = without_stalled(collection)
     collection = exclude(collection, exclusions)
-    data = report_data(collection, _command(args), pool_anyway=args.pool_anyway)
+    data = report_data(collection, _command(args), delta_m=args.delta, pool_anyway=args.pool_anyway)
     made = tables(data, own)
     written = write(made, draw(data, made, args.out / "figures"), opening(data, args.delta, exclusions), args.out)
     page = None

@@ -22,9 +22,15 @@ def tables(data: ReportData, metrics: Sequence[Metric] = ()) -> tuple[ReportTabl
     return tuple(table for table in results if table is not None)
 
 
-def report_data(collection: Collection, command: str, *, pool_anyway: bool = False) -> ReportData:
-    """Return the data of the report. Raises UsageError for runs that must not be counted together."""
-    return ReportData(entrants=entrants(collection, pool_anyway=pool_anyway), blind=load_blind(), command=command)
+def report_data(
+    collection: Collection, command: str, *, delta_m: float = RADIUS_M, pool_anyway: bool = False
+) -> ReportData:
+    """Return the data of the report. Raises UsageError for runs that must not be counted together.
+
+    `delta_m`: the success radius of `collection`. Blind pilots are known only for the benchmark's radius.
+    """
+    blind = load_blind() if delta_m == RADIUS_M else {}
+    return ReportData(entrants=entrants(collection, pool_anyway=pool_anyway), blind=blind, command=command)
 
 
 def opening(data: ReportData, delta_m: float, exclusions: Sequence[Exclusion] = ()) -> list[str]:

@@ -326,7 +326,7 @@ SPECIAL = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "–": "--", "−": "$-$", "α": r"$\alpha$", "δ": r"$\delta$",
     "°": r"$^\circ$", "≤": r"$\le$", "≥": r"$\ge$", "·": r"$\cdot$", "₁": "$_1$", "₃": "$_3$", "×": r"$\times$",
-    "<": "$<$",
+    "<": "$<$", ">": "$>$", "|": "$|$",
 }  # fmt: skip
 
 FLOAT_LINES_MAX = 40  # lines, including block titles; with a caption of ten lines they fit on A4 and letter pages

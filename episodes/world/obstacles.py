@@ -22,13 +22,14 @@ Array = NDArray[np.float64]
 def obstacles(scene: Scene, reach_m: float = REACH_M) -> Obstacles:
     """Return all parts of a scene that a vehicle can hit, without the ground.
 
-    Static solids keep their triangles; the first movable solid becomes an upright box. `reach_m`: from the vehicle's
-    origin to its farthest part.
+    Static solids keep their triangles. The first movable solid that a record adds to the map becomes an upright box;
+    the map's own movable objects are left out. `reach_m`: from the vehicle's origin to its farthest part.
     """
-    movable = [instance for instance in scene.instances if instance.solid and instance.movable]
+    placed = scene.instances[len(scene.base.instances) :] if scene.base else scene.instances
+    movable = [instance for instance in placed if instance.solid and instance.movable]
     box = bounding_box(movable[0]) if movable else None
     if scene.base and (of_map := _of_map(scene.base, reach_m)):
-        added = _static_triangles(scene.instances[len(scene.base.instances) :])
+        added = _static_triangles(placed)
         together = with_more(of_map, *added) if added[2] else of_map
         if together:
             return replace(together, moving=box)

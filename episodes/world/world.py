@@ -193,12 +193,17 @@ def _native(built: Scene, record: EpisodeRecord) -> Instance | None:
     name = record.target.native
     if name is None:
         return None
-    instance = next((i for i in built.instances if i.name == name and i.kind != "ground" and i.solid), None)
+    instance = next((i for i in built.instances if i.name == name and i.kind != "ground"), None)
     if instance is None:
         near = nearest(name, [i.name for i in built.instances if i.kind != "ground"], cutoff=0.4)
         hint = f": {did_you_mean(near)}" if near else "."
         raise UsageError(
             f"{record.id}: field 'target.native' is '{name}', which map '{record.map}' does not have{hint}"
+        )
+    if instance.movable or not instance.solid:
+        raise UsageError(
+            f"{record.id}: field 'target.native' is '{name}', which cannot be a target, because it is not solid or can"
+            " move."
         )
     if instance.kind != record.target.asset:
         raise UsageError(

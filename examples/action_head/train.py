@@ -10,12 +10,14 @@ from examples.action_head import script
 from examples.action_head.settings import Shape, Training
 from foundation import extras
 from foundation.errors import UsageError
+from foundation.protocol import FINISHED
 
 
 def train(folder: Path, out: Path, training: Training) -> None:
     """Fit a head to a dataset's flights and write it. Raises UsageError if either is impossible."""
     extras.require("torch", "pyarrow")
     from examples.action_head import dataset
+    from examples.action_head.features import KINDS
     from examples.action_head.fit import fit, judged
     from examples.action_head.network import save
 
@@ -26,16 +28,17 @@ def train(folder: Path, out: Path, training: Training) -> None:
     script.print_line(f"{len(data)} decisions of {flights} flights, {int(data.held_out.sum())} of them held out")
     if data.held_out.all():
         raise UsageError(f"{folder} has only held-out flights. Fly more, to have flights to learn from.")
+    if not (data.held_out & (data.kinds == KINDS.index(FINISHED))).any():
+        raise UsageError(
+            f"{folder} has no held-out flight that arrives, so the threshold of a declaration is unknown. Fly more."
+        )
 
     def report(epoch: int, loss: float) -> None:
         script.print_line(f"epoch {epoch + 1}/{training.epochs}: loss {loss:.3f}, {time.monotonic() - begun:.0f} s")
 
     head = fit(data, Shape(), training, report)
     result = judged(head, data)
-    if result is None:
-        raise UsageError(
-            f"{folder} has no held-out flight that arrives, so the threshold of a declaration is unknown. Fly more."
-        )
+    assert result is not None  # some held-out flight arrives
     script.print_line(
         f"held out: {result.right_kind:.0%} right actions of {result.decisions}, points off by"
         f" {result.point_error:.1%} of the width and depths by a factor of {result.depth_factor:.2f} (medians); with"

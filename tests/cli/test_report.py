@@ -9,6 +9,7 @@ import pytest
 
 from dronecats.cli.main import main
 from dronecats.report import figures as drawing
+from dronecats.report.report_data import BLIND_ROW_TITLE
 from tests.report.results.synthetic_runs import clear, hit, reset, tell_incidents, write_run
 from tests.support.command_line import last_object
 
@@ -87,6 +88,9 @@ def test_delta_recomputes_the_verdicts_and_is_printed(place):
     text = (place / "report" / "report.md").read_text(encoding="utf-8")
     assert re.search(r"\b0\.5 m\b.*\b5 m", text)
     assert "--delta 0.5" in text
+    assert BLIND_ROW_TITLE not in text  # blind pilots were judged at 5 m only
+    assert main(["report", "runs", "--out", "usual", "--no-page"]) == 0
+    assert BLIND_ROW_TITLE in (place / "usual" / "report.md").read_text(encoding="utf-8")
 
 
 def test_runs_of_different_kinds_are_rejected_unless_pool_anyway_is_set(place, capsys):

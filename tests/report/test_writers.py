@@ -188,6 +188,11 @@ def test_latex_escapes_every_special_character(text):
     assert stray(latex.latex_text(text)) == []
 
 
+def test_latex_prints_bars_and_relations_as_they_are():
+    """In LaTeX's default fonts, a bare bar or relation prints another character."""
+    assert latex.latex_text("a | b < c > d") == "a $|$ b $<$ c $>$ d"
+
+
 def test_latex_rules_span_the_columns_of_their_groups():
     main = next(table for table in MADE if table.name == "main")
     text = latex.as_latex(main)

@@ -89,11 +89,14 @@ def _exclusion_reason(flight: RecordedFlight, dataset: "_Dataset") -> str | None
         return f"{folder} has no pictures"
     if any(drone.held is None for drone in flight.drone_tracks):
         return f"{folder} has no positions of the autopilot in its telemetry"
-    if flight.verdict.success is None:
+    if not flight.scored:
         return f"{folder} is not scored: {flight.verdict.error or flight.verdict.outcome}"
     if any(not _steps(flight, drone) for drone in flight.drone_tracks):
         return f"{folder} has a drone without decisions"
-    sizes = {read_picture(frame.jpeg).shape for frame in flight.frames}
+    try:
+        sizes = {read_picture(frame.jpeg).shape for frame in flight.frames}
+    except UsageError as damage:
+        return str(damage)
     if len(sizes | ({dataset.shape} if dataset.shape else set())) > 1:
         return f"{folder} has pictures of another size than the flights before it"
     return None
@@ -126,7 +129,9 @@ class _Dataset:
         columns: dict[str, Any] = {
             "observation.state": np.array([state(drone.held, d.t_frame, first_s) for d in decisions]),
             "action": np.array([four_action(d) for d in decisions]),
-            "action.body_velocity": np.array([body_velocity(d, flight.camera) for d in decisions]),
+            "action.body_velocity": np.array(
+                [body_velocity(d, flight.camera_at(d.drone, d.t_frame)) for d in decisions]
+            ),
             "time.frame_s": np.array([d.t_frame for d in decisions], np.float32),
             "drone_index": np.full(count, drone.number),
             "next.done": np.arange(count) == count - 1,

@@ -16,7 +16,7 @@ from dronecats.judge.statistics.shares import estimate_share
 from dronecats.report.leaderboard.archive_file import FileDigest, Manifest, unpack
 from dronecats.report.leaderboard.submission import common_suite, incompleteness_reason
 from dronecats.report.recorded.run import RecordedRun, recorded_run
-from dronecats.report.results.identity import identity, identity_digest
+from dronecats.report.results.identity import differences, identity, identity_digest
 from episodes.records import catalogue, record
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S
@@ -222,9 +222,11 @@ def _manifest_differences(manifest: Manifest, runs: Sequence[RecordedRun]) -> It
     first = runs[0]
     if (manifest.pilot, manifest.is_model) != (first.pilot, first.is_model):
         yield f"the entry names the pilot {manifest.pilot}, but its runs are of {first.pilot}"
+    if identity_digest(identity(first)) != manifest.identity:
+        yield f"{manifest.runs[0].folder} has other settings than the entry"
     for submitted, run in zip(manifest.runs, runs, strict=True):
-        if identity_digest(identity(run)) != manifest.identity:
-            yield f"{submitted.folder} has other settings than the entry"
+        if differing := differences(identity(first), identity(run)):
+            yield f"{submitted.folder} has other settings than the entry: {', '.join(map(str, differing))}"
         if run.seed != submitted.seed or [e.name for e in run.episodes] != [*submitted.episodes]:
             yield f"{submitted.folder} has another seed or other episodes than the entry"
         if run.flight.get("replay") is not None:

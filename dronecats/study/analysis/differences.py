@@ -159,10 +159,11 @@ class PointDifference:
 def point_differences(results: StudyResults) -> list[PointDifference]:
     """Return the difference of each pair of entrants at each point that both entrants flew.
 
-    The list is empty for a study of one factor, or with more than POINTS_MAX points.
+    The list is empty for a study of one factor, or with more than POINTS_MAX points. Without factors that are not
+    entrants, there is one point.
     """
     count = len({flight.levels for flight in results.scored})
-    if len(results.factors) < 2 or not 0 < count <= POINTS_MAX:
+    if len(results.factors) == 1 or not 0 < count <= POINTS_MAX:
         return []
     points = _ordered_points(results)
     usual = _usual_levels(results.factors, points)

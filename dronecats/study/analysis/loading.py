@@ -23,7 +23,13 @@ from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.results import Level, Study, StudyRun
 
-MORE_IS_EASIER = ("rate", "frame_rate", "setpoint_rate", "link_baud")  # factors whose highest level is the reference
+MORE_IS_EASIER = (
+    "rate",
+    "rate_cap",
+    "frame_rate",
+    "setpoint_rate",
+    "link_baud",
+)  # factors whose highest level is the reference
 NONE_COUNTS = "No flight counts yet."
 # parts of the identity that do not depend on the entrant
 SHARED = ("the code", "the camera", "the clock", "the protocol", "the suite", "the version")
@@ -156,6 +162,10 @@ def _label(own: Setting, all_settings: Sequence[Setting]) -> str:
         for field, plain in usual.items()
         if (value := str(getattr(own, field))) != plain or any(getattr(s, field) != value for s in namesakes)
     ]
+    for field in ("temperature", "top_p", "max_tokens", "reasoning"):
+        value = getattr(own, field)
+        if any(getattr(s, field) != value for s in namesakes):
+            details.append(value)
     return " · ".join([name, *filter(None, details)])
 
 

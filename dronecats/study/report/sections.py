@@ -135,7 +135,8 @@ def _pooled_sentences(findings: Findings, cells: Sequence[str]) -> Iterator[str]
         if difference.cell in cells:
             entrants = in_cell(f"{difference.first} minus {difference.second}", difference.cell)
             p = equals_p(difference.difference.p)
-            yield f"{entrants}, over all {count} points: {_success_text(difference)}; p {p}."
+            where = f", over all {count} points" if count > 1 else ""
+            yield f"{entrants}{where}: {_success_text(difference)}; p {p}."
 
 
 def _insignificant_factors(findings: Findings) -> Iterator[str]:

@@ -65,8 +65,7 @@ class Previews:
         looks = [(t.asset, t.paint, t.inscription, t.native) for t in (record.target, *record.candidates)]
         look = (record.map, record.map_seed, looks, len(record.starts))
         if self._renderer is None or look != self._look:
-            if self._renderer is not None:
-                self._renderer.close()
+            self.close()
             world = World(record)
             scene, free = _movable(world)
             self._ids = tuple(instance.id for instance in free)

@@ -161,6 +161,7 @@ class Editor:
 
     def save(self, replace: bool, client: Any) -> None:
         """Write the record."""
+        record = self.session.record
         try:
             path = self.session.save(replace)
         except UsageError as error:
@@ -168,7 +169,8 @@ class Editor:
             self._refuse(client, error)
             return
         red = sum(not f.passed for f in self.findings)
-        self._panels.show_note(f"Written: {path}" + (f" ({red} checks are red)" if red else ""))
+        checks = "the checks are still running" if self.checked != record else f"{red} checks are red" if red else ""
+        self._panels.show_note(f"Written: {path}" + (f" ({checks})" if checks else ""))
 
     def undo(self) -> None:
         """Undo the last step."""

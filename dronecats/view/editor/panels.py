@@ -207,7 +207,7 @@ class Panels:
         def _(event: Any) -> None:
             if event.client is not None:
                 self._inscribed = self._bearer.options.index(self._bearer.value)
-                self._do(event, lambda d: d)
+                self._orders.select(self._drone)  # shows the text of the chosen object
 
         self._text.on_update(
             lambda event: self._do(event, lambda d: drafting.inscribe(d, self._inscribed, self._text.value))

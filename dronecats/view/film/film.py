@@ -138,12 +138,15 @@ def open_parts(out: Path, plan: FilmPlan, codec: Codec) -> Iterator[PartsFolder]
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise UsageError(f"another process is making {out}. Wait for it, or choose another --out") from None
-        manifest = {"film": plan.digest(codec), "codec": codec, "pictures": plan.pictures}
-        before = json_object(folder / MANIFEST)
-        for path in folder.iterdir():
-            if path.name not in (LOCK, MANIFEST) and (before != manifest or MAKING in path.name):
-                path.unlink()
-        write_json(folder / MANIFEST, manifest)
+        try:
+            manifest = {"film": plan.digest(codec), "codec": codec, "pictures": plan.pictures}
+            before = json_object(folder / MANIFEST)
+            for path in folder.iterdir():
+                if path.name not in (LOCK, MANIFEST) and (before != manifest or MAKING in path.name):
+                    path.unlink()
+            write_json(folder / MANIFEST, manifest)
+        except OSError as error:
+            raise UsageError(f"--out {out} cannot be written: {error.strerror}") from None
         yield PartsFolder(folder, plan, codec)
 
 
@@ -282,9 +285,10 @@ def _join_gif(paths: Sequence[Path], out: Path, plan: FilmPlan) -> None:
 
     frames = pictures()
     first = next(frames)
-    duration_ms = round(100 / plan.fps) * 10
+    times_cs = [round(100 * k / plan.fps) for k in range(plan.pictures + 1)]  # a GIF counts hundredths of a second
+    durations_ms = [10 * (end - begin) for begin, end in itertools.pairwise(times_cs)]
     first.save(
-        out, "GIF", save_all=True, append_images=frames, duration=duration_ms, loop=0, optimize=False, disposal=1
+        out, "GIF", save_all=True, append_images=frames, duration=durations_ms, loop=0, optimize=False, disposal=1
     )
 
 

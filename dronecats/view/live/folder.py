@@ -47,7 +47,7 @@ class EpisodeList:
     def look(self) -> list[WatchedEpisode]:
         """Return the current flights, newest first."""
         folders = _episode_folders(self._root, DEPTH)
-        episodes = [e for folder in folders if (e := self._over.get(folder) or self._episode(folder)) is not None]
+        episodes = [e for folder in folders if (e := self._episode(folder)) is not None]
         self._over = {episode.folder: episode for episode in episodes if episode.over}
         return sorted(episodes, key=lambda episode: (-episode.begun_ns, episode.name))
 
@@ -56,6 +56,9 @@ class EpisodeList:
             begun_ns = (folder / layout.EPISODE).stat().st_mtime_ns
         except OSError:
             return None  # the folder is being prepared
+        former = self._over.get(folder)
+        if former is not None and former.begun_ns == begun_ns:  # else the episode is flown again in this folder
+            return former
         name = folder.name if folder == self._root else str(folder.relative_to(self._root))
         return WatchedEpisode(name, folder, begun_ns, (folder / layout.VERDICT).exists())
 

@@ -10,6 +10,8 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
+from msgspec import UNSET
+
 from dronecats.view.live.folder import FrameTail, LineTail, PictureTail, load_camera, load_instruction
 from dronecats.view.live.moment import ChosenSight, DroneMoment, JudgeMoment, Moment, ShownPicture, chosen_go, sight
 from dronecats.view.live.wire_state import WireState
@@ -177,7 +179,7 @@ class FlightFollower:
         )
 
     def _read_verdict(self) -> None:
-        if self._verdict is not None or self._end is None:
+        if self._verdict is not None:
             return
         verdict = json_object(self.folder / layout.VERDICT)
         if verdict is None:
@@ -213,7 +215,10 @@ class FlightFollower:
         pose = self._wires.pose_at(decision.drone, self._us(decision.t_frame)) if go is not None else None
         if go is None or pose is None:
             return None
-        new = sight(go, pose.position_ned, pose.attitude, self._camera)
+        true = self._frames.get((decision.drone, decision.frame_id))
+        pitch_deg = UNSET if true is None else true.camera_pitch_deg
+        camera = self._camera if pitch_deg is UNSET else replace(self._camera, pitch_deg=pitch_deg)
+        new = sight(go, pose.position_ned, pose.attitude, camera)
         self._sights[decision.drone] = (decision.step, new)
         return new
 
@@ -237,6 +242,8 @@ class FlightFollower:
     def _state(self, drones: Sequence[DroneMoment]) -> str:
         if self._end is not None:
             return f"over: {self._end.reason}"
+        if self._verdict is not None:
+            return "over before the episode began"
         if self._begin is not None:
             return "in the air"
         if any(drone.armed for drone in drones):

@@ -6,7 +6,7 @@ from dronecats.agent.action import ActionError, Go, action_from
 from dronecats.agent.controller import displacement
 from episodes.maps.scene import Moved
 from foundation.camera import CameraModel
-from foundation.frames import Quat, Vec3, rotate
+from foundation.frames import Quat, Vec3, quat_from_euler, quat_yaw, rotate
 from foundation.run_folder.rows import Decision
 
 
@@ -82,10 +82,11 @@ def chosen_go(decision: Decision) -> Go | None:
 
 
 def sight(go: Go, position_ned: Vec3, attitude: Quat, camera: CameraModel) -> ChosenSight:
-    """Return the ray of a `go`. Position (m, NED, body) and attitude (FRD → NED): when its picture was taken."""
+    """Return the ray of a `go`. Position (m, NED, body), attitude (FRD → NED), camera: when its picture was taken."""
     lens = _added(position_ned, rotate(attitude, camera.offset_frd))
     right, forward, up = displacement(go, camera)
-    return ChosenSight(lens, _added(lens, rotate(attitude, (forward, right, -up))))
+    axes = quat_from_euler(0.0, 0.0, quat_yaw(attitude)) if camera.gimballed else attitude
+    return ChosenSight(lens, _added(lens, rotate(axes, (forward, right, -up))))
 
 
 def _added(place: Vec3, way: Vec3) -> Vec3:

@@ -116,6 +116,7 @@ class LivePage:
         self._server = server
         self._shown: LiveFlight | None = None
         self._folder: Path | None = None  # the folder of the shown flight
+        self._begun_ns = 0  # when it was prepared: a folder may be flown again
         self._ground: object = None  # identifies the shown map
         self._listed: object = None
         server.gui.main_panel.dock_right()
@@ -127,7 +128,7 @@ class LivePage:
         """Update the list of flights (newest first), and open the chosen flight."""
         self._show_list(episodes)
         wanted = self._wanted(episodes)
-        if wanted is None or wanted.folder == self._folder:
+        if wanted is None or (wanted.folder, wanted.begun_ns) == (self._folder, self._begun_ns):
             return
         kept = None
         if self._shown is not None:
@@ -136,7 +137,7 @@ class LivePage:
         ground = _ground(wanted.folder)
         if ground != self._ground and self._server.scene.get_handle_by_name(WORLD) is not None:
             self._server.scene.remove_by_name(WORLD)
-        self._ground, self._folder = ground, wanted.folder
+        self._ground, self._folder, self._begun_ns = ground, wanted.folder, wanted.begun_ns
         self._waiting.visible = False
         self._shown = self._open(wanted.folder, kept)
 

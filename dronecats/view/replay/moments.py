@@ -244,7 +244,8 @@ class FlightMoments:
         if decision is None or go is None:
             return None
         pose = self.pose(decision.drone, decision.t_frame)
-        return sight(go, pose.position_ned, pose.attitude, self.recorded.camera)
+        camera = self.recorded.camera_at(decision.drone, decision.t_frame)
+        return sight(go, pose.position_ned, pose.attitude, camera)
 
     def _height(self, place: Vec3) -> float:
         return (self.world.ground_down(place[0], place[1]) if self.world else 0.0) - place[2]

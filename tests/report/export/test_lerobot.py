@@ -183,6 +183,27 @@ def test_flights_without_images_are_reported(run, alone, tmp_path):
     assert not (tmp_path / "other").exists()
 
 
+def rewrite(log, change):
+    rows = [change(json.loads(line)) for line in log.read_text().splitlines()]
+    log.write_text("".join(json.dumps(row) + "\n" for row in rows))
+
+
+def test_flights_with_a_damaged_picture_or_without_a_score_are_reported(run, alone, tmp_path):
+    damaged, broken_off = (tmp_path / name / ALONE for name in ("damaged", "broken-off"))
+    for folder in (damaged, broken_off):
+        shutil.copytree(run.folder / ALONE, folder)
+    next((damaged / "frames").iterdir()).write_bytes(b"")
+    think = {"reply": '{"action": "think"}', "action": {"action": "think"}}
+    rewrite(broken_off / "decisions.jsonl", lambda row: row | think)  # no declaration
+    rewrite(broken_off / "truth.jsonl", lambda row: row | ({"reason": "error"} if row["kind"] == "end" else {}))
+    left_out: list[str] = []
+    flights = [finished_flight(damaged), finished_flight(broken_off), alone]
+    assert lerobot.write(iter(flights), tmp_path / "out", False, left_out) == len(alone.steps)
+    assert len(left_out) == 2
+    assert "damaged" in left_out[0]
+    assert "not scored" in left_out[1]
+
+
 def test_other_files_are_never_overwritten(alone, tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(UsageError, match="--overwrite"):

@@ -100,6 +100,16 @@ def test_the_calibration_projects_the_target_to_its_measured_position(recording)
     assert compared > 2
 
 
+def test_a_picture_older_than_the_episode_is_exported(alone, tmp_path, monkeypatch):
+    early = [message._replace(t_s=message.t_s - 0.2) for message in mcap.messages(alone)]
+    monkeypatch.setattr(mcap, "messages", lambda flight: early)
+    assert mcap.write(alone, tmp_path / "early.mcap") == len(early)
+    with (tmp_path / "early.mcap").open("rb") as file:
+        times = [message.log_time for _, _, message in make_reader(file).iter_messages()]
+    assert len(times) == len(early)
+    assert min(times) == 0
+
+
 def test_the_transforms_follow_a_gimbals_pitch(alone):
     frames = sorted(alone.logs.frames.values(), key=lambda frame: frame.t)
     pitches = {frame.frame_id: -10.0 if k < 2 else -40.0 for k, frame in enumerate(frames)}

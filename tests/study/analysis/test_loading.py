@@ -3,14 +3,16 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from dronecats.agent.latency import trace_name
+from dronecats.report.report_data import Setting
 from dronecats.report.results.collection import parse_exclusion
 from dronecats.study import design
-from dronecats.study.analysis.loading import load_results
+from dronecats.study.analysis.loading import _label, load_results
 from foundation.errors import UsageError
 from tests.report.results.synthetic_runs import reset, tell_incidents
 from tests.study.studies import APPROACHING, TRACKING, change_flight, change_run, falling, write_study
@@ -115,6 +117,7 @@ def test_the_reference_rate_is_the_highest_and_each_agent_is_an_entrant(tmp_path
 @pytest.mark.parametrize(
     ("name", "levels", "easiest"),
     [
+        ("rate_cap", (0.5, 2.0), 2.0),
         ("frame_rate", (1.0, 5.0), 5.0),
         ("setpoint_rate", (5.0, 20.0), 20.0),
         ("link_baud", (57600, 921600), 921600.0),
@@ -222,3 +225,11 @@ def test_changed_model_prices_do_not_prevent_loading(tmp_path, monkeypatch):
     assert len(load_results(tmp_path / "s").flights) == 2
     rows.write_text("")
     assert len(load_results(tmp_path / "s").flights) == 2
+
+
+def test_models_with_different_requests_are_entrants_of_different_names():
+    plain = Setting("vllm/m", False, True, "flat", "", "", "paper")
+    cold, hot = (replace(plain, temperature=f"temperature {t}") for t in (0, 1))
+    assert _label(cold, [cold]) == "vllm/m"
+    labels = [_label(setting, [cold, hot]) for setting in (cold, hot)]
+    assert labels == ["vllm/m · temperature 0", "vllm/m · temperature 1"]

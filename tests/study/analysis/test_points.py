@@ -24,10 +24,11 @@ ALONE = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (0.0, 5.0), (0.0, 10.0)]
 GRID = list(itertools.product(LATENCY.levels, WIND.levels))
 
 
-def study(points=ALONE, factors=(LATENCY, WIND), **options):
-    def law(*levels):
-        return 1.5 - 0.8 * levels[0] - 0.1 * levels[-1]
+def falling(*levels):
+    return 1.5 - 0.8 * levels[0] - 0.1 * levels[-1]
 
+
+def study(points=ALONE, factors=(LATENCY, WIND), law=falling, **options):
     return a_study(factors, points, law, **{"entrants": ("one", "two"), "flights": 3, **options})
 
 
@@ -120,3 +121,8 @@ def test_the_usual_level_is_the_most_frequent_one_or_the_reference_in_a_grid():
     ]  # fmt: skip
     assert point_differences(study(GRID))[-1].title == "Latency 2 s, wind 10 m/s"
     assert point_title((LATENCY, WIND), (0.0, 5.0), (0.0, 0.0)) == "Wind 5 m/s"
+
+
+def test_entrants_are_compared_in_a_study_without_other_factors():
+    row, *_ = point_differences(study([()], factors=(), law=lambda: 0.0))
+    assert (row.first, row.second, row.title) == ("one", "two", UNDISTURBED)
