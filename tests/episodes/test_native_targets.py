@@ -60,6 +60,18 @@ def test_a_native_target_does_not_occlude_itself_and_has_the_drawn_depth(world: 
     assert seen.oracle_depth_m == pytest.approx(float(view.depth[mine].mean()), rel=0.03)
 
 
+@pytest.mark.parametrize("change", [{"movable": True}, {"solid": False}])
+def test_an_object_that_can_move_or_is_not_solid_is_no_target_and_no_box(
+    thing: Instance, change: dict[str, bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built = maps.build("residential", 1)
+    others = tuple(replace(i, **change) if i.name == thing.name else i for i in built.instances)
+    monkeypatch.setattr(maps, "build", lambda name, seed: replace(built, instances=others))
+    with pytest.raises(UsageError, match=f"{thing.name}.*cannot be a target"):
+        World(record_of(thing))
+    assert obstacles(World(catalogue.load(catalogue.DEFAULT)).scene).moving is None
+
+
 def test_a_native_target_is_listed_once_among_the_obstacles(world: World, thing: Instance) -> None:
     assert obstacles(world.scene).names.count(thing.name) == 1
 

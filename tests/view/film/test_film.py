@@ -217,6 +217,24 @@ def test_a_gif_has_all_frames_and_loops(pictured, composed, tmp_path):
     assert np.abs(shown - composed.at(1.8)).mean() < 12.0
 
 
+def test_a_gif_lasts_as_long_as_its_film(pictured, composed, tmp_path):
+    """A GIF's times are hundredths of a second, and 30 pictures a second have none of equal length."""
+    plan = wanted(pictured, fps=30)
+    make(plan, tmp_path / "fast.gif", jobs=1)
+    with Image.open(tmp_path / "fast.gif") as gif:
+        lasted_ms = 0
+        for number in range(getattr(gif, "n_frames", 1)):
+            gif.seek(number)
+            lasted_ms += gif.info["duration"]
+    assert lasted_ms == pytest.approx(1e3 * plan.seconds, abs=10)
+
+
+def test_parts_that_cannot_be_removed_are_a_usage_error(pictured, tmp_path):
+    (folder_beside(tmp_path / "film.mp4") / "folder").mkdir(parents=True)
+    with pytest.raises(UsageError, match=r"film\.mp4"), open_parts(tmp_path / "film.mp4", wanted(pictured), "h264"):
+        pass
+
+
 @pytest.mark.parametrize("name", ["", "truth.jsonl", "decisions.jsonl", "episode.json"])
 def test_an_incomplete_episode_folder_is_a_one_line_error(pictured, tmp_path, capsys, name):
     folder = tmp_path / "run" / "episode"

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from dronecats.agent.action import Go
 from dronecats.flight.logger.estimate_process import EstimateRecorder
 from dronecats.flight.logger.logger_process import measured_in
 from dronecats.flight.logger.recorder import Recorder
@@ -144,6 +145,21 @@ def test_a_go_at_the_targets_pixel_and_depth_leads_to_the_target(world):
     go = chosen_go(decision)
     assert go is not None
     assert sight(go, place, attitude, lens).place_ned == pytest.approx(measured.target_ned, abs=1e-6)
+
+
+def test_the_ray_of_a_camera_on_a_gimbal_does_not_tilt_with_the_body():
+    tilted = quat_from_euler(0.1, -0.2, 0.3)
+    ray = sight(Go(500.0, 500.0, 10.0), (0.0, 0.0, -3.0), tilted, CameraModel(gimballed=True))
+    assert ray.place_ned[2] == pytest.approx(ray.lens_ned[2])
+    ahead = [place - lens for place, lens in zip(ray.place_ned, ray.lens_ned, strict=True)]
+    assert math.atan2(ahead[1], ahead[0]) == pytest.approx(0.3)
+
+
+def test_a_flight_that_failed_before_its_episode_is_over(follower):
+    (follower.folder / layout.VERDICT).write_text('{"success": null, "outcome": "error"}')
+    moment = follower.turn()
+    assert follower.over
+    assert moment.state.startswith("over")
 
 
 def test_an_action_other_than_go_has_no_chosen_position(writer, follower):

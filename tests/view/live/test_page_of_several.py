@@ -50,6 +50,16 @@ def test_flights_are_listed_newest_first_without_unfinished_ones(bench):
     ]
 
 
+def test_an_episode_that_is_flown_again_in_its_folder_is_a_new_flight(bench, world):
+    judged(bench / "run-b/one")
+    episodes = EpisodeList(bench)
+    assert episodes.look()[0].over
+    (bench / "run-b/one").rename(bench / "run-b" / layout.UNFINISHED)
+    begun(bench / "run-b/one", world.record.to_json(), 2_000)
+    newest = episodes.look()[0]
+    assert (newest.name, newest.over, newest.begun_ns) == ("run-b/one", False, 2_000_000_000_000)
+
+
 def test_a_run_or_an_episode_folder_can_be_listed(bench):
     assert [one.name for one in EpisodeList(bench / "run-a").look()] == ["two", "one"]
     assert [one.name for one in EpisodeList(bench / "run-a/two").look()] == ["two"]
