@@ -62,7 +62,7 @@ def test_a_native_target_does_not_occlude_itself_and_has_the_drawn_depth(world: 
 
 @pytest.mark.parametrize("change", [{"movable": True}, {"solid": False}])
 def test_an_object_that_can_move_or_is_not_solid_is_no_target_and_no_box(
-    thing: Instance, change: dict[str, bool], monkeypatch: pytest.MonkeyPatch
+    thing: Instance, change: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     built = maps.build("residential", 1)
     others = tuple(replace(i, **change) if i.name == thing.name else i for i in built.instances)
