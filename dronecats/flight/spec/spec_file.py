@@ -102,7 +102,8 @@ def _unknown(value: Any, allowed: Any, path: str = "") -> str | None:
 def recorded(path: Path) -> FlightSpec:
     """Return the spec that repeats the flight in an episode folder, or in a run folder with one episode.
 
-    The replies are those of the recording. Raises UsageError if the flight is not simulated or lacks its settings.
+    The replies and their latencies are those of the recording; `real` becomes `measured`, because a replayed reply
+    takes no time of its own. Raises UsageError if the flight is not simulated or lacks its settings.
     """
     folder = episode_folder(path).resolve()
     configuration = run_configuration(folder.parent)
@@ -114,7 +115,8 @@ def recorded(path: Path) -> FlightSpec:
     record = json_object(folder / layout.EPISODE)
     if record is None:
         raise UsageError(f"{folder / layout.EPISODE} cannot be read, so the episode is unknown")
-    return replace(spec, episode=None, record=record, map=None, replay=_recording(folder))
+    latency = LatencyPolicy.parse("measured") if spec.latency.real else spec.latency
+    return replace(spec, episode=None, record=record, map=None, latency=latency, replay=_recording(folder))
 
 
 def _recording(folder: Path) -> FlightRecording:

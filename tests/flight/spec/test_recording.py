@@ -89,6 +89,11 @@ def test_explicit_options_override_the_recorded_ones(tmp_path):
     assert spec(*words, "--parser", "lenient").parser == "lenient"
 
 
+def test_replies_of_a_real_time_flight_are_charged_their_recorded_latency(tmp_path):
+    flown = replace(FLOWN, simulated=Simulated(speed=1.0), latency=LatencyPolicy.parse("real"))
+    assert str(recorded(folder(tmp_path, flown)).latency) == "measured"
+
+
 @pytest.mark.parametrize(
     "words",
     [("--axis", "yx"), ("--schema", "none"), ("--temperature", "1"), ("--command", "solo"), ("--drones", "1"),
