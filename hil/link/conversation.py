@@ -154,8 +154,16 @@ class Conversation:
             self.listeners.remove(listener)
 
     def copy_to(self, transport: Transport) -> None:
-        """Send a copy of every later message of the link to another transport."""
-        self.listeners.append(lambda message: transport.send(bytes(message.get_msgbuf())))
+        """Send a copy of every later message of the vehicle's system to another transport.
+
+        A port may also receive other vehicles, which a log of this vehicle must not contain.
+        """
+
+        def copy(message: dialect.MAVLink_message) -> None:
+            if message.get_srcSystem() == self.system:
+                transport.send(bytes(message.get_msgbuf()))
+
+        self.listeners.append(copy)
 
     # -- the wire ------------------------------------------------------------------------------------------------
 

@@ -3,7 +3,7 @@
 import pytest
 
 from foundation.errors import LinkError
-from foundation.mavlink import MODES, Packer, dialect
+from foundation.mavlink import MODES, Packer, Parser, dialect
 from foundation.setpoints import Velocity
 from hil.link.link import Link, TakeoverError
 from hil.link.transport import MemoryTransport, UdpTransport
@@ -108,6 +108,19 @@ def test_a_camera_of_the_same_system_at_another_address_causes_no_notice(vehicle
     link.wait(1.0)
     assert notices == []
     assert 100 in components
+
+
+def test_copies_have_no_messages_of_other_vehicles_on_the_port(vehicle, port):
+    link, systems, parser = Link(port), [], Parser()
+
+    def keep(data):
+        systems.extend(message.get_srcSystem() for message in parser.feed(data))
+
+    link.copy_to(MemoryTransport("memory://", bytes, keep, lambda: None, lambda: 0.0))
+    port.stranger = Packer(2, 1).pack(dialect.MAVLink_local_position_ned_message(500, 9, 9, -9, 0, 0, 0))
+    link.connect()
+    link.wait(1.0)
+    assert set(systems) == {1}
 
 
 def test_the_link_follows_a_vehicle_whose_address_changes_after_a_gap(vehicle, port):
