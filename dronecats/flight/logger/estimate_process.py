@@ -25,7 +25,10 @@ class EstimateLoggerConfig:
 
 
 class EstimateRecorder:
-    """Writes poses from LOCAL_POSITION_NED and ATTITUDE into truth.jsonl, and every message into flight.tlog."""
+    """Writes poses from LOCAL_POSITION_NED and ATTITUDE into truth.jsonl, and every message into flight.tlog.
+
+    Values that are not finite stay out of truth.jsonl.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._rows, self._tlog = LineLog(folder / layout.TRUTH), TelemetryLog(folder / layout.TLOG)
@@ -57,7 +60,8 @@ class EstimateRecorder:
             if message.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
                 continue
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_ATTITUDE:
-                self._yaw_deg = math.degrees(message.yaw)
+                if math.isfinite(message.yaw):
+                    self._yaw_deg = math.degrees(message.yaw)
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 self._clock.see(message.time_boot_ms)
                 self._pose(message)
@@ -69,6 +73,8 @@ class EstimateRecorder:
 
     def _pose(self, message: dialect.MAVLink_message) -> None:
         if self._t0_us is None or self._t() < self._next_pose * POSE_PERIOD_S:
+            return
+        if not all(map(math.isfinite, (message.x, message.y, message.z))):
             return
         self._next_pose = math.floor(self._t() / POSE_PERIOD_S) + 1
         self._rows.write(

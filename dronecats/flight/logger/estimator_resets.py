@@ -65,12 +65,14 @@ class ResetWatch:
         return None
 
     def message(self, message: dialect.MAVLink_message) -> EstimatorReset | None:
-        """Process an ODOMETRY message; return the reset that it shows, or None."""
+        """Process an ODOMETRY message; return the reset that it shows, or None. Skips values that are not finite."""
         if message.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
             return None
         new, last = _odometry(message), self._last
         if last is not None and new.time_us <= last.time_us:
             return None  # older than the last message
+        if not all(map(math.isfinite, (*new.position_ned, *new.velocity_ned, new.yaw, new.yaw_rate))):
+            return None
         self._last = new
         count = (new.counter - last.counter) % COUNTS if last else 0
         return _reset(last, new, count) if last and count else None

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from dronecats.flight.logger.estimate_process import EstimateRecorder
 from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.logger.logger_process import subscribe
 from dronecats.flight.logger.recorder import Recorder
@@ -113,3 +114,22 @@ def test_without_odometry_resets_are_unknown(tmp_path):
     recorder.close()
     assert METRICS["estimator_resets"].of(JudgedFlight.read(tmp_path)) is None
     assert "estimator_resets" not in outcome(read(tmp_path)).as_json()
+
+
+def test_values_that_are_not_finite_stay_out_of_the_record(tmp_path):
+    (tmp_path / "decisions.jsonl").write_text("")
+    recorder = EstimateRecorder(tmp_path)
+    recorder.begin(1_000_000, 300.0)
+    for n, value in enumerate((math.nan, 1.0, math.inf, 2.0)):
+        time_ms = 1000 + 500 * n
+        recorder.telemetry(
+            PACKER.pack(dialect.MAVLink_attitude_message(time_ms, 0, 0, 0 if n == 1 else math.nan, 0, 0, 0))
+            + odometry(time_ms / 1000, n, x=value)
+            + PACKER.pack(dialect.MAVLink_local_position_ned_message(time_ms, value, 0, -2, 0, 0, 0))
+        )
+    recorder.end("cap")
+    recorder.close()
+    logs = read(tmp_path)
+    assert [(pose.position_ned[0], pose.yaw_deg) for pose in logs.poses] == [(1.0, 0.0), (2.0, 0.0)]
+    (reset,) = logs.resets
+    assert reset.count == 2  # from the first finite message to the next
