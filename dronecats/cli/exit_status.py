@@ -37,9 +37,13 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
 
 
 def interrupt_on_signals() -> None:
-    """Make SIGTERM and SIGHUP raise KeyboardInterrupt, so that a flight lands, closes and keeps its files."""
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt, so that a flight lands, closes and keeps its files.
+
+    An ignored signal stays ignored, as SIGHUP after `nohup`.
+    """
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _interrupt)
 
 
 def _interrupt(signum: int, frame: Any) -> None:

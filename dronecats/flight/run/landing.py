@@ -69,11 +69,16 @@ def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def signals_handled(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> Iterator[None]:
-    """Handle Ctrl-C and similar signals until the context ends. Only the main thread gets them."""
+    """Handle Ctrl-C and similar signals until the context ends. Only the main thread gets them.
+
+    An ignored signal stays ignored, as SIGHUP after `nohup`.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = [(number, signal.signal(number, handler)) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    handled = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+    before = [(number, signal.signal(number, handler)) for number in handled]
     try:
         yield
     finally:

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.flight.run.ascent import StartOffset, ascend
-from dronecats.flight.run.landing import finish, unexpected
+from dronecats.flight.run.landing import finish, signals_handled, unexpected
 from dronecats.flight.run.progress import SafetyLog
 from foundation.errors import CameraError, InfrastructureError, LinkError
 from foundation.mavlink import dialect
@@ -191,3 +192,16 @@ def test_a_notice_of_the_link_reaches_the_user(vehicle, tmp_path):
     SafetyLog(tmp_path / "safety.jsonl", [link], notices.append)
     link.on_notice("an address sends messages")
     assert "an address sends messages" in notices[0]
+
+
+def test_a_signal_that_nohup_ignores_stays_ignored():
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        interrupt_on_signals()
+        with signals_handled(lambda number, frame: None):
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        assert signal.getsignal(signal.SIGTERM) is not before[signal.SIGTERM]
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
