@@ -221,6 +221,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError(f"{stray.flag} cannot change in a replay (--model replay:RUN). Leave it out")
     spec = recorded(Path(path))
     vehicle = spec.simulated or Simulated()
+    if args.autopilot == "ours":  # the recorded PX4 and its log go with it
+        vehicle, spec = replace(vehicle, autopilot="ours", px4=None), replace(spec, keep_ulog=False)
     for name in ("airframe", "autopilot", "px4"):
         if (value := getattr(args, name)) is not None:
             vehicle = replace(vehicle, **{name: value})

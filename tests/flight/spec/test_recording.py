@@ -94,6 +94,14 @@ def test_replies_of_a_real_time_flight_are_charged_their_recorded_latency(tmp_pa
     assert str(recorded(folder(tmp_path, flown)).latency) == "measured"
 
 
+def test_a_flight_of_px4_is_replayed_with_our_autopilot(tmp_path):
+    vehicle = Simulated(speed=1.0, autopilot="px4", px4="run-px4")
+    run = folder(tmp_path, replace(FLOWN, simulated=vehicle, keep_ulog=True))
+    flight = spec("--sitl", "--model", f"replay:{run}", "--autopilot", "ours")
+    assert flight.simulated == Simulated(speed=1.0)
+    assert not flight.keep_ulog
+
+
 @pytest.mark.parametrize(
     "words",
     [("--axis", "yx"), ("--schema", "none"), ("--temperature", "1"), ("--command", "solo"), ("--drones", "1"),
