@@ -82,12 +82,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"can_simulate": able, "findings": [asdict(f) for f in findings]}))
         return 0 if able else 1
-    show(
-        *(
-            _table(heading, [finding for finding in findings if finding.kind == kind])
-            for kind, heading in _HEADINGS.items()
-        )
-    )
+    sections = ((heading, [f for f in findings if f.kind == kind]) for kind, heading in _HEADINGS.items())
+    show(*(_table(heading, section) for heading, section in sections if section))
     print(f"\nFlying in simulation is {'possible here.' if able else 'NOT possible here yet: see ✗.'}")
     if able:
         print_next("doctor")

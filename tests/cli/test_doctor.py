@@ -83,6 +83,14 @@ def test_the_text_output_names_each_missing_extra_with_its_command(monkeypatch, 
     assert not [line for line in printed if "dronecats[sim]" in line]
 
 
+def test_without_enough_memory_the_text_output_has_no_section_for_extras(monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "_memory", lambda: doctor.Diagnosis("memory", doctor.MISSING, "too little"))
+    assert main(["doctor"]) == 1
+    printed = capsys.readouterr().out
+    assert "This machine:" in printed
+    assert "Extras:" not in printed
+
+
 @pytest.mark.parametrize("flag", [[], ["--json"]])
 def test_api_keys_are_named_but_their_values_are_never_shown(monkeypatch, capsys, flag):
     monkeypatch.setenv("OPENAI_API_KEY", "sk-top-secret")
