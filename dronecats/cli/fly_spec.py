@@ -157,6 +157,8 @@ PATIENCE_S = 60.0  # s without a reply after which the flight of a connected veh
 
 def spec_of(args: argparse.Namespace) -> "FlightSpec":
     """Return the requested flight. Raises UsageError for options that contradict each other."""
+    if args.target_std is not None and not args.target:
+        raise UsageError("--target-std goes with --target. Add it, or leave --target-std out")
     if args.spec:
         return _read(args)
     if args.sitl == bool(args.connect):
@@ -279,8 +281,6 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
 
     if args.world and args.target:
         raise UsageError("--target does not go with --world, whose truth is known. Leave one of them out")
-    if args.target_std is not None and not args.target:
-        raise UsageError("--target-std goes with --target. Add it, or leave --target-std out")
     key_of(args.sign)
     vehicle = Connected(
         url=args.connect,
@@ -312,6 +312,15 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
     if stray:
         raise UsageError(f"--spec defines the flight. Leave --{stray.replace('_', '-')} out")
     spec = read(args.spec)
+    applicable = {
+        "base_url": spec.model,
+        "commander_url": spec.commander,
+        "camera": spec.connected,
+        "target": spec.connected and not spec.connected.truth,
+    }
+    stray = next((name for name, part in applicable.items() if is_set(getattr(args, name)) and not part), None)
+    if stray:
+        raise UsageError(f"--{stray.replace('_', '-')} does not apply to the flight of --spec {args.spec}. Leave it out")
     if args.episode:
         spec = replace(spec, **{"episode": None, "record": None, "map": None, **_of_episode(args.episode)})
     if args.base_url and spec.model:

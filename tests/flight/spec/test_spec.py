@@ -14,7 +14,7 @@ from dronecats.agent.latency import LatencyPolicy, trace_name
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.cli import fly
 from dronecats.cli.fly_spec import spec_of
-from dronecats.cli.main import main
+from dronecats.cli.main import main, parse
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, as_redacted_json, from_json, options_with_redacted_address
@@ -179,6 +179,17 @@ def test_a_spec_file_without_an_episode_requires_the_episode_option(tmp_path, ca
     file.write_text(json.dumps({"flight": as_redacted_json(spec), "versions": {}}))
     assert main(["fly", "--spec", str(file)]) == 2
     assert "--episode" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words", [("--base-url", "http://h/v1"), ("--commander-url", "http://h/v1"), ("--camera", "http://h"),
+              ("--target", "1,2"), ("--target", "1,2", "--target-std", "1"), ("--target-std", "1")],
+)  # fmt: skip
+def test_options_that_do_not_apply_to_the_flight_of_a_spec_file_are_rejected(tmp_path, words):
+    file = tmp_path / "run.json"
+    file.write_text(json.dumps(as_json(FlightSpec(pilot="oracle", episode=catalogue.DEFAULT, simulated=Simulated()))))
+    with pytest.raises(UsageError, match=words[0]):
+        spec_of(parse(["fly", "--spec", str(file), *words]))
 
 
 def test_the_error_for_an_older_run_differs_from_that_for_a_wrong_file(tmp_path, capsys):
