@@ -4,6 +4,7 @@
 run folder, and the exit status is that of the flight.
 
 `printable` escapes control characters in all printed text, because the text may come from a model, a server or a file.
+Only data for another program is written unchanged (`write_data`).
 """
 
 import contextlib
@@ -51,6 +52,14 @@ def print_line(line: str) -> None:
     print(line, flush=True)
 
 
+def write_data(text: str) -> None:
+    """Write data for another program on standard output. Only a terminal gets it without control characters."""
+    if isinstance(sys.stdout, Printing) and not sys.stdout.isatty():
+        sys.stdout.draw(text)
+    else:
+        sys.stdout.write(text)
+
+
 def print_note(line: str) -> None:
     """Print a line that is not a result on standard error."""
     print(line, file=sys.stderr, flush=True)
@@ -83,7 +92,7 @@ class Lossy(io.FileIO):
 
 
 class Printing(io.TextIOWrapper):
-    """A text stream that writes no control characters, so that no text can control the terminal."""
+    """A text stream whose `write` writes no control characters, so that no text can control the terminal."""
 
     def write(self, text: str, /) -> int:
         """Write a text without control characters. Return the number of characters in `text`."""
@@ -91,7 +100,7 @@ class Printing(io.TextIOWrapper):
         return len(text)
 
     def draw(self, text: str) -> None:
-        """Write text unchanged. Only for text of this program."""
+        """Write text unchanged. A terminal may get only text of this program."""
         super().write(text)
 
 

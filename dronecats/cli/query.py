@@ -2,16 +2,16 @@
 
 import argparse
 import csv
+import io
 import json
 import math
-import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli.output import print_note, show
+from dronecats.cli.output import print_note, show, write_data
 from foundation.errors import UsageError
 from foundation.files import whole_file
 from foundation.wording import counted
@@ -85,7 +85,9 @@ def _answer(args: argparse.Namespace) -> "QueryResult":
 def _csv(answer: "QueryResult", file: str) -> None:
     lines = [answer.columns, *([_cell(value) for value in row] for row in answer.rows)]
     if file == "-":
-        csv.writer(sys.stdout, lineterminator="\n").writerows(lines)
+        text = io.StringIO(newline="")
+        csv.writer(text, lineterminator="\n").writerows(lines)
+        write_data(text.getvalue())
         return
     path = Path(file)
     try:

@@ -4,11 +4,13 @@ import csv
 import io
 import json
 import re
+import subprocess
 
 import pytest
 
 from dronecats.cli.main import main
 from tests.report.results.synthetic_runs import write_run
+from tests.support.command_line import DRONECATS
 
 SQL = "SELECT episode, success, ne_m, [1, 2] AS list, 'nan'::DOUBLE AS nan, NULL AS none FROM episodes ORDER BY ALL"
 
@@ -43,6 +45,14 @@ def test_csv_is_written_to_a_file_or_to_standard_output(place, capsys):
     assert capsys.readouterr().out == ""
     assert (place / "answer.csv").read_text() == printed
     assert list(csv.reader(io.StringIO(printed)))[1] == ["campus-searching-01", "true", "1.5", "[1, 2]", "nan", ""]
+
+
+def test_a_pipe_gets_the_same_bytes_as_a_csv_file(place):
+    sql = "SELECT 'a' || chr(9) || 'b' AS x"
+    command = [*DRONECATS, "query", sql, "--csv"]
+    printed = subprocess.run([*command, "-"], stdout=subprocess.PIPE, timeout=300, check=True).stdout
+    assert main(["query", sql, "--csv", "answer.csv"]) == 0
+    assert (place / "answer.csv").read_bytes() == printed == b"x\na\tb\n"
 
 
 def test_parquet_is_written_to_a_file(place, capsys):
