@@ -38,7 +38,12 @@ def add_query_options(parser: argparse.ArgumentParser) -> None:
 def _query(args: argparse.Namespace) -> int:
     """Print or write the answer of a query. Damaged episodes are named on standard error."""
     if args.tables:
-        show(*_run_tables())
+        if args.csv is not None or args.parquet is not None:
+            raise UsageError("--csv and --parquet write the answer of a query. Leave them out, or leave --tables out")
+        if args.json:
+            print(json.dumps({"tables": _tables_as_objects()}))
+        else:
+            show(*_run_tables())
         return 0
     if args.sql is None:
         raise UsageError('no query was given. Give one, such as "SELECT * FROM runs"; --tables prints the tables')
@@ -66,6 +71,19 @@ def _run_tables() -> "list[ReportTable]":
     return [
         replace(table_of(columns, ((c.name, c.type, c.description) for c in t.columns)), title=name, caption=t.about)
         for name, t in TABLES.items()
+    ]
+
+
+def _tables_as_objects() -> list[dict[str, Any]]:
+    from dronecats.report.results.tables import TABLES
+
+    return [
+        {
+            "name": name,
+            "about": table.about,
+            "columns": [{"name": c.name, "type": c.type, "description": c.description} for c in table.columns],
+        }
+        for name, table in TABLES.items()
     ]
 
 

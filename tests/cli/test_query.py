@@ -73,6 +73,9 @@ def test_the_tables_are_listed_without_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["query", "--tables"]) == 0
     assert re.search(r"\bne_m +DOUBLE ", capsys.readouterr().out)
+    assert main(["query", "--tables", "--json"]) == 0
+    tables = {table["name"]: table["columns"] for table in json.loads(capsys.readouterr().out)["tables"]}
+    assert ("ne_m", "DOUBLE") in [(column["name"], column["type"]) for column in tables["episodes"]]
 
 
 def test_wrong_usage_is_one_sentence(place, capsys):
@@ -85,6 +88,8 @@ def test_wrong_usage_is_one_sentence(place, capsys):
         (["query", "SELECT 1", "--csv", "runs"], r"\bruns\b"),
         (["query", "SELECT 1", "--csv", "-", "--json"], "--json"),
         (["query", "SELEC"], "SELEC"),
+        (["query", "--tables", "--csv", "-"], "--tables"),
+        (["query", "--tables", "--parquet", "answer.parquet"], "--tables"),
     ):
         assert main(arguments) == 2, arguments
         error = capsys.readouterr().err.strip()
