@@ -24,8 +24,6 @@ from foundation.run_folder.folder import LOCK, differences, hold, prepare, write
 from foundation.run_folder.reading import json_object
 from foundation.run_folder.results import SCORED, Result
 
-RETRIED = "retried"  # folder of the run for flights that did not move and were flown again
-
 
 class Batch:
     """A run folder, with a folder per episode that is named after the id of its record.
@@ -94,7 +92,7 @@ class Batch:
     def retried(self, episode: str) -> bool:
         """Return whether an episode, with its current record, was retried because it did not move."""
         name, record = self.folder(episode).name, self.record(episode)
-        before = [self.run / RETRIED / name, *(self.run / RETRIED).glob(f"{name}-[0-9]*")]
+        before = [self.run / layout.RETRIED / name, *(self.run / layout.RETRIED).glob(f"{name}-[0-9]*")]
         return any(json_object(folder / layout.EPISODE) == record for folder in before)
 
     def fresh(self, episode: str) -> Path:
@@ -105,11 +103,11 @@ class Batch:
         """
         folder = self.folder(episode)
         if folder.exists():
-            kept = self.run / (RETRIED if self.stuck(episode) else layout.UNFINISHED)
+            kept = self.run / (layout.RETRIED if self.stuck(episode) else layout.UNFINISHED)
             kept.mkdir(exist_ok=True)
-            folder.rename(_free(kept, folder.name, bare=kept.name == RETRIED))
+            folder.rename(_free(kept, folder.name, bare=kept.name == layout.RETRIED))
         prepare(folder)
-        if (self.run / RETRIED).is_dir():
+        if (self.run / layout.RETRIED).is_dir():
             write_json(self.run / layout.RETRIES, self._retries())
         return folder
 
@@ -120,7 +118,7 @@ class Batch:
                 "outcome": (json_object(before / layout.VERDICT) or {}).get("outcome"),
                 "track_m": round(track_m(poses_of(before)) or 0.0, 3),
             }
-            for before in sorted((self.run / RETRIED).iterdir())
+            for before in sorted((self.run / layout.RETRIED).iterdir())
         }
 
     def _record(self, episode: str) -> EpisodeRecord:

@@ -4,6 +4,7 @@
 RUN = "run.json"
 LEDGER = "ledger.sqlite"  # cost of the run's models, and rate limits
 UNFINISHED = "unfinished"  # folder of flights without a score, kept for inspection
+RETRIED = "retried"  # folder of flights that did not move and were flown again
 RETRIES = "retries.json"  # episodes in which no drone moved; they are flown again once
 
 # files of a benchmark or a study, in the folder of its runs

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.benchmark_folder import Bench
-from dronecats.bench.campaign import RETRIED, Batch, Campaign, OpenRun
+from dronecats.bench.campaign import Batch, Campaign, OpenRun
 from dronecats.bench.matrix import BenchEntry, choose_suite, entries, part_of
 from dronecats.bench.tables import bench_rows
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -18,6 +18,7 @@ from dronecats.flight.spec.spec_file import as_redacted_json
 from dronecats.judge.metrics.failure_mode import is_stuck, track_m
 from episodes.records import catalogue
 from foundation.errors import UsageError
+from foundation.run_folder import layout
 from foundation.run_folder.rows import Pose
 from tests.bench.scripted_engine import BROKEN, MOVED, NEAR, REJECTED, SOLVED, SPENT, STUCK, ScriptedEngine
 
@@ -77,7 +78,7 @@ def test_flights_that_did_not_move_are_retried_once(tmp_path):
     assert [name.split("/")[1] for name in engine.flown] == [FOUR[0], FOUR[0], FOUR[1], FOUR[1], FOUR[2], FOUR[3]]
     assert [each.again for each in came] == [True, False, True, False, False, False]
     run = opened.runs[0].batch.run
-    assert {path.name for path in (run / RETRIED).iterdir()} == set(FOUR[:2])
+    assert {path.name for path in (run / layout.RETRIED).iterdir()} == set(FOUR[:2])
     retries = json.loads((run / "retries.json").read_text())
     assert retries == {name: {"outcome": "failure", "track_m": 0.0} for name in FOUR[:2]}
     scores = {each.episode: each for each in opened.scores(lambda run, episode: None)}

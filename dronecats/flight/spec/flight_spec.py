@@ -298,7 +298,8 @@ def _with_trace_name(text: str, name: str) -> str:
 def read_trace(path: Path) -> tuple[float, ...]:
     """Return the latencies (s) of a run or episode folder in the order of its steps, or of a CSV file.
 
-    A CSV file must have the column `latency_s`, or only one column. Raises UsageError.
+    Unfinished and retried flights of a run are left out. A CSV file must have the column `latency_s`, or only one
+    column. Raises UsageError.
     """
     if path.exists() and not (path.is_dir() or path.is_file()):
         raise UsageError(f"--latency trace:{path} is not a file. Name a run folder or a CSV file")
@@ -318,6 +319,8 @@ def read_trace(path: Path) -> tuple[float, ...]:
 def _of_run(folder: Path) -> list[float]:
     own = folder / layout.DECISIONS
     logs = [own] if own.exists() else sorted(folder.rglob(layout.DECISIONS))
+    replaced = {layout.UNFINISHED, layout.RETRIED}
+    logs = [log for log in logs if replaced.isdisjoint(log.relative_to(folder).parts)]
     return [seconds for log in logs for seconds in _of_steps(log)]
 
 

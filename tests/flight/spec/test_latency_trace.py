@@ -34,9 +34,18 @@ def test_a_run_gives_one_latency_per_question_in_the_order_of_its_episodes(tmp_p
     assert len(read_trace(run_folder(tmp_path / "whole", {"campus-tracking-01": "go"}, steps=7))) == 7
 
 
+def test_unfinished_and_retried_flights_of_a_run_are_left_out(tmp_path):
+    log(tmp_path / "a", [1.25])
+    log(tmp_path / "unfinished" / "a-1", [9.0])
+    log(tmp_path / "retried" / "a", [8.0])
+    assert read_trace(tmp_path) == (1.25,)
+    assert read_trace(tmp_path / "unfinished" / "a-1") == (9.0,)
+
+
 @pytest.mark.parametrize(
-    "text", ["0.5\n1\n0.25\n", "latency_s\n0.5\n1\n0.25\n", "t, latency_s ,x\n9,0.5,a\n\n9,1,b\n9,0.25,c\n"]
-)
+    "text",
+    ["0.5\n1\n0.25\n", "latency_s\n0.5\n1\n0.25\n", "t, latency_s ,x\n9,0.5,a\n\n9,1,b\n9,0.25,c\n"],
+)  # fmt: skip
 def test_a_csv_is_read_from_its_latency_column_or_its_only_column(tmp_path, text):
     (tmp_path / "x.csv").write_text(text)
     assert read_trace(tmp_path / "x.csv") == (0.5, 1.0, 0.25)
