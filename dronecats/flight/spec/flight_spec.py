@@ -337,7 +337,7 @@ def _of_csv(path: Path) -> list[float]:
     if path.stat().st_size > BYTES_MAX:
         raise UsageError(f"--latency trace:{path} is too long for {TRACE_MAX:,} latencies. Shorten it")
     try:
-        lines = [line for line in csv.reader(path.read_text(encoding="utf-8").splitlines()) if line]
+        lines = [line for line in csv.reader(path.read_text(encoding="utf-8-sig").splitlines()) if line]
     except (ValueError, csv.Error):
         raise UsageError(f"--latency trace:{path} is neither a CSV file nor a run folder") from None
     if not lines:

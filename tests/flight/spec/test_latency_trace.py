@@ -44,7 +44,8 @@ def test_unfinished_and_retried_flights_of_a_run_are_left_out(tmp_path):
 
 @pytest.mark.parametrize(
     "text",
-    ["0.5\n1\n0.25\n", "latency_s\n0.5\n1\n0.25\n", "t, latency_s ,x\n9,0.5,a\n\n9,1,b\n9,0.25,c\n"],
+    ["0.5\n1\n0.25\n", "latency_s\n0.5\n1\n0.25\n", "t, latency_s ,x\n9,0.5,a\n\n9,1,b\n9,0.25,c\n",
+     "\ufefflatency_s,b\n0.5,1\n1,2\n0.25,3\n"],
 )  # fmt: skip
 def test_a_csv_is_read_from_its_latency_column_or_its_only_column(tmp_path, text):
     (tmp_path / "x.csv").write_text(text)
