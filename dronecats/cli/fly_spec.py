@@ -320,7 +320,9 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
     }
     stray = next((name for name, part in applicable.items() if is_set(getattr(args, name)) and not part), None)
     if stray:
-        raise UsageError(f"--{stray.replace('_', '-')} does not apply to the flight of --spec {args.spec}. Leave it out")
+        raise UsageError(
+            f"--{stray.replace('_', '-')} does not apply to the flight of --spec {args.spec}. Leave it out"
+        )
     if args.episode:
         spec = replace(spec, **{"episode": None, "record": None, "map": None, **_of_episode(args.episode)})
     if args.base_url and spec.model:
