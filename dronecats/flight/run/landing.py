@@ -71,13 +71,15 @@ def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
 def signals_handled(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> Iterator[None]:
     """Handle Ctrl-C and similar signals until the context ends. Only the main thread gets them.
 
-    An ignored signal stays ignored, as SIGHUP after `nohup`.
+    An ignored SIGHUP stays ignored, as after `nohup`. A shell also lets its background commands ignore SIGINT, but a
+    flight that gets one must land.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    handled = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+    handled = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        handled.append(signal.SIGHUP)
     before = [(number, signal.signal(number, handler)) for number in handled]
     try:
         yield
