@@ -21,6 +21,7 @@ from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoi
 from hil.link.telemetry import VehicleState
 
 PLACE_GAIN = 1.0  # 1/s, speed per metre of distance at which a PX4 flies to a place: MPC_XY_P 0.95, MPC_Z_P 1
+HEADING_GAIN = 1.0  # 1/s, yaw rate per radian to the heading of a place
 # 1/s, highest speed per metre of distance to a limit. A real PX4 can stop in time: it reaches nine tenths of a velocity
 # step within a second.
 GAIN = 0.5
@@ -173,8 +174,8 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
     """Return the admitted setpoint for a place.
 
     A place beyond a limit is moved inside. If a place or the way to it is in an exclusion or in its margin, the
-    vehicle's north and east replace the place's. If the autopilot would fly to the place faster than the limits
-    allow, a velocity towards it replaces the place.
+    vehicle's north and east replace the place's. If the autopilot would fly to the place or turn to its heading faster
+    than the limits allow, a velocity and a yaw rate towards them replace the place.
     """
     limited: list[str] = []
     north, east, down = (p - h for p, h in zip(setpoint.position_ned, home, strict=True))
@@ -190,15 +191,17 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
         north, east = at[0], at[1]
         limited.append("exclusion")
     away = (north - at[0], east - at[1], -height - at[2])
+    turned = wrap_pi(setpoint.yaw - yaw)
     fast, steep = math.hypot(*away[:2]) * PLACE_GAIN > limits.speed, abs(away[2]) * PLACE_GAIN > limits.climb
-    if fast or steep:
+    spins = abs(turned) * HEADING_GAIN > limits.yaw_rate
+    if fast or steep or spins:
         share = limits.speed / math.hypot(*away[:2]) if fast else PLACE_GAIN
         down = max(-limits.climb, min(limits.climb, away[2] * PLACE_GAIN))
         c, s = math.cos(yaw), math.sin(yaw)
         body = ((c * away[0] + s * away[1]) * share, (-s * away[0] + c * away[1]) * share, down)
-        turn = max(-limits.yaw_rate, min(limits.yaw_rate, wrap_pi(setpoint.yaw - yaw)))
+        turn = max(-limits.yaw_rate, min(limits.yaw_rate, turned * HEADING_GAIN))
         admitted = _velocity(VelocitySetpoint(body, turn), at, yaw, limits)
-        names = ["speed"] * fast + ["climb"] * steep
+        names = ["speed"] * fast + ["climb"] * steep + ["yaw rate"] * spins
         return Admitted(admitted.setpoint, _once([*limited, *names, *admitted.limited]))
     if not limited:
         return Admitted(setpoint, ())

@@ -91,6 +91,17 @@ def test_speed_climb_and_yaw_rate_are_clamped_and_reported():
     assert admitted.limited == ("speed", "climb", "yaw rate")
 
 
+def test_the_turn_to_the_heading_of_a_place_is_limited_to_the_yaw_rate():
+    limits, vehicle_state = Limits(yaw_rate=0.3), state((0.0, 0.0, -2.5))
+    for degrees, rate in ((120.0, 0.3), (-120.0, -0.3)):
+        place = PositionSetpoint((HOME[0], HOME[1], HOME[2] - 2.5), math.radians(degrees))
+        admitted = admit(place, vehicle_state, HOME, limits, 0)
+        assert isinstance(admitted.setpoint, VelocitySetpoint)
+        assert admitted.setpoint.velocity_body == pytest.approx((0.0, 0.0, 0.0))
+        assert admitted.setpoint.yaw_rate == rate
+        assert admitted.limited == ("yaw rate",)
+
+
 def test_a_stale_position_and_a_lost_heartbeat_stop_the_vehicle():
     target = VelocitySetpoint((1.0, 0.0, 0.0), 0.0)
     stale = state((0, 0, -2.5), position_us=1_000_000, heartbeat_us=5_000_000)
