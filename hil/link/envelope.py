@@ -28,7 +28,7 @@ GAIN = 0.5
 STANDSTILL = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 BACK_MAX = 0.5  # m/s, highest speed at which a vehicle beyond a limit is brought back
 TOUCHING_M = 1e-3  # m: a line this near to a corner touches it
-STALE_US = 500_000  # µs without a new position, after which the last one is not used
+STALE_US = 500_000  # µs without a new position or attitude, after which the last one is not used
 
 Corner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [north, east]"})]  # m, from home
 GeodeticCorner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [latitude, longitude]"})]  # °
@@ -112,14 +112,15 @@ def admit(
 ) -> Admitted:
     """Return the setpoint that may be flown instead of `setpoint`. `state` needs position, velocity and attitude.
 
-    `behind_us` is the known delay of all telemetry. It does not count towards the age at which a position is stale.
+    `behind_us` is the known delay of all telemetry. It does not count towards the age at which a position or an attitude is stale.
     """
     assert state.position_ned is not None
     assert state.euler is not None
     if not _is_a_number(setpoint):
         return Admitted(STANDSTILL, ("not a number",))
-    if time_us - behind_us - state.position_us > STALE_US:
-        return Admitted(STANDSTILL, ("stale position",))
+    for name, measured_us in (("stale position", state.position_us), ("stale attitude", state.attitude_us)):
+        if time_us - behind_us - measured_us > STALE_US:
+            return Admitted(STANDSTILL, (name,))
     if time_us - state.heartbeat_us > limits.heartbeat_s * 1e6:
         return Admitted(STANDSTILL, ("lost heartbeat",))
     north, east, down = (p - h for p, h in zip(state.position_ned, home_ned, strict=True))

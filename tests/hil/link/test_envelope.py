@@ -102,13 +102,18 @@ def test_the_turn_to_the_heading_of_a_place_is_limited_to_the_yaw_rate():
         assert admitted.limited == ("yaw rate",)
 
 
-def test_a_stale_position_and_a_lost_heartbeat_stop_the_vehicle():
+def test_a_stale_pose_and_a_lost_heartbeat_stop_the_vehicle():
     target = VelocitySetpoint((1.0, 0.0, 0.0), 0.0)
-    stale = state((0, 0, -2.5), position_us=1_000_000, heartbeat_us=5_000_000)
+    stale = state((0, 0, -2.5), position_us=1_000_000, attitude_us=1_000_000, heartbeat_us=5_000_000)
     assert admit(target, stale, HOME, Limits(), 2_000_000).limited == ("stale position",)
     assert admit(target, stale, HOME, Limits(), 2_000_000, behind_us=600_000).limited == ()  # all data is late
     assert admit(target, stale, HOME, Limits(), 2_200_000, behind_us=600_000).limited == ("stale position",)
-    lost = state((0, 0, -2.5), position_us=9_000_000, heartbeat_us=5_000_000)
+    turned = state((0, 0, -2.5), position_us=2_000_000, attitude_us=1_000_000, heartbeat_us=5_000_000)
+    admitted = admit(target, turned, HOME, Limits(), 2_000_000)
+    assert admitted.limited == ("stale attitude",)
+    assert admitted.setpoint == VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
+    assert admit(target, turned, HOME, Limits(), 2_000_000, behind_us=600_000).limited == ()
+    lost = state((0, 0, -2.5), position_us=9_000_000, attitude_us=9_000_000, heartbeat_us=5_000_000)
     admitted = admit(target, lost, HOME, Limits(), 9_000_000)
     assert admitted.limited == ("lost heartbeat",)
     assert admitted.setpoint == VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
