@@ -76,7 +76,7 @@ class Link(Conversation):
         self.simulated = simulated
         self.failsafe = ""  # effect of missing setpoints in Offboard, in words; empty: unknown
         self._strayed_us = 0  # µs, when a simulated vehicle entered a mode that we did not order
-        self._failed = False  # whether a failsafe of a simulated vehicle has acted
+        self._failed = False  # whether a failsafe of a simulated vehicle has caused the present mode
         self._offboard_us = 0  # start of Offboard
         self._ended = False  # whether the envelope has ended the flight
         self._limited: tuple[str, ...] = ()
@@ -186,7 +186,7 @@ class Link(Conversation):
             self._taken_by, self._offboard, self._expected = "disarmed" if disarmed else mode, False, ()
             self._stream.stop()
         else:
-            self._strayed_us = 0
+            self._strayed_us, self._failed = 0, False
 
     def _reports_disarmed(self) -> bool:
         """Return whether the last heartbeat reports our vehicle in Offboard as disarmed."""

@@ -263,6 +263,17 @@ def test_a_person_can_take_over_a_simulated_vehicle(vehicle):
         link.wait(5.0)
 
 
+def test_a_person_can_take_over_a_simulated_vehicle_after_a_failsafe(vehicle):
+    link = flying(vehicle, simulated=True)
+    vehicle.mode, vehicle.system_status = "POSCTL", 5
+    link.wait(3.0)
+    vehicle.mode, vehicle.system_status = "OFFBOARD", 4
+    link.wait(2.0)
+    vehicle.mode = "POSCTL"
+    with pytest.raises(TakeoverError, match=r"POSCTL.*person"):
+        link.wait(5.0)
+
+
 @pytest.mark.parametrize("simulated", [False, True])
 def test_a_takeover_is_detected_within_a_second(vehicle, simulated):
     """CURRENT_MODE (10 Hz) shows the change. In simulation, the next heartbeat shows that it is not a failsafe."""
