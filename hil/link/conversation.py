@@ -89,7 +89,7 @@ STATUSTEXT, VERSION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_
 GIMBAL = dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
 # each of these messages advances the vehicle's clock
 STAMPED = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE, GIMBAL}
-HANDLED = STATE_MESSAGES | {COMMAND_ACK, VERSION, GIMBAL}  # other messages are only for listeners
+HANDLED = STATE_MESSAGES | {COMMAND_ACK, STATUSTEXT, VERSION, GIMBAL}  # other messages are only for listeners
 RESULTS = {
     1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled",
 }  # fmt: skip
@@ -454,7 +454,8 @@ class Conversation:
         end_us = self.time_us + round(seconds * 1e6)
         while not reached(self.state):
             if self.time_us >= end_us:
-                words = f"; the autopilot said: {self.state.status_text}" if self.state.status_text else ""
+                text = self.texts.last()
+                words = f"; the autopilot said: {text}" if text else ""
                 raise LinkError(f"{event} did not happen within {seconds:g} s of vehicle time{words}")
             self.tick()
 
@@ -494,6 +495,6 @@ class Conversation:
     def _refusal(self, result: int, since_us: int) -> str:
         """Return the result of a refused command in words, with the autopilot's texts since `since_us`."""
         self.wait(WORDS_S)
-        words = self.texts.since(since_us) or self.state.status_text
+        words = self.texts.since(since_us) or self.texts.last()
         words = f": {words}" if words else ""
         return f"{RESULTS.get(result, f'answered with result {result}')} by the autopilot{words}"

@@ -41,7 +41,7 @@ class StatusTexts:
         self._open: _Open | None = None
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Take a STATUSTEXT. A text whose last piece is full stays open until another text or a call of `since`."""
+        """Take a STATUSTEXT. A text whose last piece is full stays open until another text or a call of `since` or `last`."""
         text = _plain(message.text)
         if self._open is not None and (message.id != self._open.text_id or message.chunk_seq == 0):
             self._complete()
@@ -65,6 +65,11 @@ class StatusTexts:
         self._complete()
         texts = [text.text for text in self.newest if text.time_us >= time_us and text.severity <= WARNING]
         return "; ".join(dict.fromkeys(texts))
+
+    def last(self) -> str:
+        """Return the newest text of severity warning or worse; empty: none."""
+        self._complete()
+        return next((text.text for text in reversed(self.newest) if text.severity <= WARNING), "")
 
 
 def _plain(text: str | bytes) -> str:
@@ -158,7 +163,6 @@ class VehicleState(NamedTuple):
     battery_voltage: float | None = None  # V
     gps_fix: int | None = None
     range_m: float | None = None  # m, of a rangefinder that looks down
-    status_text: str = ""  # the newest STATUSTEXT of severity warning or worse
 
 
 NO_VELOCITY = (  # bits of a setpoint's mask that ignore the velocity: north, east, down
@@ -183,7 +187,6 @@ STATE_MESSAGES = frozenset(  # the messages that change the state
         dialect.MAVLINK_MSG_ID_HOME_POSITION,
         dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
         dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR,
-        dialect.MAVLINK_MSG_ID_STATUSTEXT,
     }
 )
 
@@ -254,8 +257,6 @@ def update(
                 return state
             valid = message.min_distance <= message.current_distance <= message.max_distance
             return state._replace(range_m=message.current_distance / 100 if valid else None)
-        case dialect.MAVLINK_MSG_ID_STATUSTEXT:
-            return state._replace(status_text=" ".join(message.text.split())) if message.severity <= 4 else state
     return state
 
 

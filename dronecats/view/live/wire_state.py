@@ -21,6 +21,7 @@ from hil.link.telemetry import STATE_MESSAGES, StatusTexts, VehicleState, setpoi
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, POSITION_TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
 TEXT, LOCAL_POSITION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+HANDLED = STATE_MESSAGES | {POSITION_TARGET, TEXT}  # messages of an autopilot that change a drone's state
 KEPT = 3000  # truth frames per drone: one minute at 50 Hz, so that the pose at a decision's picture is available
 KEPT_ESTIMATES = 600
 _TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
@@ -66,7 +67,7 @@ class WireState:
             component, number = frame[6], frame[7] | frame[8] << 8 | frame[9] << 16
             if component == TRUTH_COMPONENT and number == POSE:
                 self._drone_of(frame).truths.append(frame)
-            elif component != AUTOPILOT or (number not in STATE_MESSAGES and number != POSITION_TARGET):
+            elif component != AUTOPILOT or number not in HANDLED:
                 continue
             elif number == TEXT:
                 if (message := _decoded(frame)) is not None:

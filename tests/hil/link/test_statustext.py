@@ -1,8 +1,12 @@
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from foundation.errors import LinkError
 from foundation.mavlink import dialect
+from hil.link.link import Link
 from hil.link.telemetry import PIECE, StatusTexts
+from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
 
 def pieces(text, text_id, severity=2):
@@ -25,3 +29,15 @@ def test_since_returns_recent_texts_of_at_least_warning_severity():
     for time_us, severity, text in ((1, 2, b"old"), (5, 6, b"chatter"), (5, 4, b"warning\t"), (6, 4, b"warning")):
         status_texts.take(dialect.MAVLink_statustext_message(severity, text), time_us)
     assert status_texts.since(5) == "warning"
+
+
+def test_an_error_ends_with_the_whole_text_of_the_last_warning():
+    vehicle = ScriptedVehicle()
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    text = "Preflight Fail: the estimate of the heading is not valid, calibrate the compass"
+    for piece in pieces(text, 7):
+        vehicle.say(piece)
+    vehicle.say(dialect.MAVLink_statustext_message(6, b"all is well"))
+    with pytest.raises(LinkError, match=f"; the autopilot said: {text}$"):
+        link.wait_for(lambda state: False, 1.0, "arming")

@@ -123,10 +123,6 @@ def test_state_follows_the_messages():
     state = update(state, beat, mode_name)
     assert state.armed
     assert state.mode == "OFFBOARD"
-    state = update(state, dialect.MAVLink_statustext_message(6, b"all is well"), mode_name)
-    assert state.status_text == ""
-    state = update(state, dialect.MAVLink_statustext_message(2, b"Arming denied: no GPS"), mode_name)
-    assert state.status_text == "Arming denied: no GPS"
 
 
 @given(st.binary(max_size=300), st.integers(1, 20))
