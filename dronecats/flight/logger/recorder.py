@@ -181,9 +181,10 @@ class Recorder:
 
     def _contact(self, message: dialect.MAVLink_message) -> None:
         t, drone = self._t(self._time_us), message.get_srcSystem() - 1
-        if hit := hit_of(message.text):
+        text = bytes(message._text_raw).decode("utf-8", "replace")  # `message.text` is decoded as ASCII
+        if hit := hit_of(text):
             self._rows.write(Hit(t=t, drone=drone, what=hit.what, closing_speed=hit.closing_speed, crash=hit.crash))
-        elif (seconds := seconds_of(message.text)) is not None:
+        elif (seconds := seconds_of(text)) is not None:
             self._rows.write(Clear(t=t, drone=drone, contact_s=seconds))
 
     def _measured(self, sample: TruthSample) -> dict[str, Any]:

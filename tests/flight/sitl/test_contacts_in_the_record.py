@@ -1,5 +1,7 @@
 """Contacts of a drone appear in truth.jsonl and in the metrics as the physics computed them."""
 
+import json
+
 import pytest
 
 from dronecats.flight.logger.recorder import Recorder
@@ -7,9 +9,11 @@ from dronecats.flight.sitl.collisions import CollisionReport
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.judging import METRICS
 from foundation.camera import CameraModel
+from foundation.mavlink import Packer, dialect
 from foundation.measurement import TargetMeasurement
+from foundation.run_folder import layout
 from foundation.run_folder.reading import read
-from foundation.truth import HitReport, clear_text, hit_of, hit_text, seconds_of
+from foundation.truth import TRUTH_COMPONENT, HitReport, clear_text, hit_of, hit_text, seconds_of
 from tests.flight.sitl.before_a_wall import WALL_M, flying, stream, wall
 from tests.vehicles import fleet
 from vehicles.collision import HIT_LEAST
@@ -34,6 +38,16 @@ def test_a_long_name_fits_into_a_message():
     assert hit_of(text) == HitReport(text[11:].partition(" at ")[0], 12.3, True)
     assert seconds_of(clear_text(7.25)) == 7.25
     assert hit_of("Collision of interests") is None
+
+
+def test_an_obstacle_with_an_umlaut_keeps_its_name_in_the_record(tmp_path):
+    recorder = Recorder(tmp_path, ORIGIN, lambda *_: NOTHING, CameraModel())
+    recorder.begin(0, 300.0)
+    text = hit_text(HitReport("Gebäude 3", 1.2, False)).encode()
+    recorder.truth(Packer(1, TRUTH_COMPONENT).pack(dialect.MAVLink_statustext_message(2, text)))
+    recorder.close()
+    rows = [json.loads(line) for line in (tmp_path / layout.TRUTH).read_text(encoding="utf-8").splitlines()]
+    assert [row["what"] for row in rows if "what" in row] == ["Gebäude 3"]
 
 
 def test_hits_and_contact_time_of_a_press_are_recorded(tmp_path):
