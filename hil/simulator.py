@@ -151,7 +151,9 @@ class SimulatorServer(TcpListener):
 
 
 RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # of HIL_SENSOR; below the least, a rate controller cannot hold the vehicle
-USB = "ttyACM"  # in the device name of a board that is connected by USB; such a link has no baud rate
+# in the device name of a board that is connected by USB; such a link ignores the baud rate
+USB = ("ttyACM", "usbmodem", "/by-id/usb-")
+ADAPTER = "-port"  # in the /by-id/ name of an adapter from USB to a serial line, which has a baud rate
 SHARE = 0.5  # share of the link for HIL_SENSOR; other MAVLink traffic needs the rest
 HEARTBEAT_S = 1.0  # wall seconds
 REOPEN_S = 1.0  # wall seconds between two attempts after the cable was pulled
@@ -169,7 +171,7 @@ def sensor_period_us(url: str) -> int:
     """
     scheme, _, line = url.partition("://")
     given = line.rpartition(":")[2]
-    if scheme != "serial" or (not given.isdigit() and USB in line):
+    if scheme != "serial" or (any(name in line for name in USB) and ADAPTER not in line):
         return 1_000_000 // RATE_MAX_HZ
     baud = int(given) if given.isdigit() else BAUD
     carried_hz = SHARE * baud / BITS_PER_BYTE / SENSOR_BYTES

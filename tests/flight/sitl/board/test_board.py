@@ -196,17 +196,24 @@ def test_frames_are_parsed_between_noise_and_across_chunk_boundaries():
         ("serial:///dev/ttyACM0:921600", 4000),
         ("serial:///dev/ttyUSB0:460800", 4000),
         ("serial:///dev/ttyACM0", 4000),
+        ("serial:///dev/ttyACM0:57600", 4000),  # USB ignores the baud rate
+        ("serial:///dev/cu.usbmodem01", 4000),
+        ("serial:///dev/serial/by-id/usb-3D_Robotics_PX4_FMU_v5.x_0-if00:57600", 4000),
         ("udpin://0.0.0.0:14560", 4000),
     ],
 )
 def test_the_sensor_rate_fits_the_baud_rate(url, period_us):
     assert sensor_period_us(url) == period_us
-    if url.rpartition(":")[2].isdigit() and url.startswith("serial"):
+    if "ttyUSB" in url:
         assert 10 * 74 * 1e6 / period_us <= 0.5 * int(url.rpartition(":")[2])
 
 
 def test_a_serial_line_that_is_too_slow_is_rejected(capsys):
-    for url in ("serial:///dev/ttyUSB0:57600", "serial:///dev/ttyUSB0"):  # the second has the default baud rate
+    for url in (
+        "serial:///dev/ttyUSB0:57600",
+        "serial:///dev/ttyUSB0",  # has the default baud rate
+        "serial:///dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0:57600",
+    ):
         with pytest.raises(UsageError, match=r"57600 .* 39 "):
             sensor_period_us(url)
     assert main(["sitl", "--hitl", "serial:///dev/ttyUSB0:57600"]) == 2
