@@ -133,12 +133,14 @@ class Watch:
     def listen(self, seconds: float) -> Observation:
         """Request the streams of the checks, wait `seconds` of vehicle time, and return the observation.
 
-        The streams keep their rates afterwards: the next user of this link requests its own.
+        The streams keep their rates until the link is closed.
         """
         link = self._link
         with link.listening(self._take):
             for message_id, rate in STREAM_HZ.items():
-                link.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(1e6 / rate))
+                interval_us = round(1e6 / rate)
+                link.streams.wanted.setdefault(message_id, interval_us)
+                link.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, interval_us)
             link.command(dialect.MAV_CMD_RUN_PREARM_CHECKS)  # makes PX4 send again why it would not arm
             self._counts.clear()
             self._began_us = link.time_us

@@ -28,3 +28,14 @@ def test_messages_that_arrive_on_request_are_observed_like_those_of_a_stream():
     observation = Watch(link).listen(1.0)
     assert observation.worst_ratio["vel_ratio"] == pytest.approx(1.4)
     assert observation.unix_s == pytest.approx(time.time(), abs=60.0)
+
+
+def test_closing_the_link_after_a_check_resets_the_streams_of_the_check():
+    vehicle = ScriptedVehicle()
+    link = Link(vehicle.transport())
+    link.connect(10.0)
+    Watch(link).listen(1.0)
+    vehicle.commands.clear()
+    link.close()
+    reset = {int(p1) for command, p1, p2, _ in vehicle.commands if (command, p2) == (511, 0)}
+    assert reset >= STREAM_HZ.keys()
