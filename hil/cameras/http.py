@@ -290,7 +290,11 @@ class MjpegSource:
     def open(self) -> None:
         self._ready.clear()
         self._response = self._caller.get(SILENCE_S)
-        self._multipart = Multipart(self._response.headers.get("content-type", ""))
+        try:
+            self._multipart = Multipart(self._response.headers.get("content-type", ""))
+        except CameraError:
+            self.close()
+            raise
         self._chunks: Iterator[bytes] = self._response.iter_raw()
 
     def shoot(self, stop: threading.Event) -> tuple[float, bytes | Picture]:

@@ -125,6 +125,28 @@ def test_a_dropped_stream_is_reopened(serve):
     camera.close()
 
 
+def test_an_answer_that_is_not_a_stream_leaves_no_connection_open(serve):
+    answered, ended = [], threading.Event()
+
+    def page(handler):
+        """Send the beginning of a page, and wait until the client closes the connection."""
+        handler.send_response(200)
+        handler.send_header("Content-Type", "text/html")
+        handler.send_header("Content-Length", "1000")
+        handler.end_headers()
+        answered.append(handler)
+        if handler.rfile.read(1) == b"":
+            ended.set()
+
+    source, *_ = stream_of(serve(HttpServer(page)))
+    for attempt in range(1, 4):
+        with pytest.raises(CameraError, match="no boundary"):
+            source.open()
+        assert ended.wait(5.0)
+        assert len(answered) == attempt
+        ended.clear()
+
+
 def stream_of(server):
     from hil.cameras.http import Caller, MjpegSource
     from hil.cameras.lens import Lens
