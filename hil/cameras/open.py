@@ -10,6 +10,7 @@ from hil.cameras.http import Caller, HttpCamera, MjpegSource
 from hil.cameras.lens import HFOV_DEG, Calibration, Lens
 from hil.cameras.stream import (
     MAX_AGE_S,
+    PATIENCE_S,
     FolderSource,
     RtspSource,
     Source,
@@ -44,7 +45,7 @@ def open_camera(
     try:
         source = _source(address, lens)
         if source is None:
-            return HttpCamera(url, now_us, lens, max_age_s=max_age_s)
+            return HttpCamera(url, now_us, lens, max_age_s=max_age_s, timeout_s=PATIENCE_S)
         return StreamCamera(source, shown(url), now_us, lens, max_age_s=max_age_s)
     except CameraError as fault:
         raise CameraError(f"the camera at {shown(url)} gives no frame: {fault}") from None

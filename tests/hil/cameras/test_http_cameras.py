@@ -125,6 +125,24 @@ def test_a_dropped_stream_is_reopened(serve):
     camera.close()
 
 
+def test_a_snapshot_camera_that_hangs_raises_an_error_after_the_patience_of_all_cameras(serve, monkeypatch):
+    monkeypatch.setattr("hil.cameras.open.PATIENCE_S", 0.2)
+    requests, over = [], threading.Event()
+
+    def hanging(handler):
+        """Answer the first request, with which the camera is opened, at once, and later requests after 3 s."""
+        requests.append(handler)
+        if len(requests) > 1:
+            over.wait(3.0)
+        reply(handler, 200, jpeg(5), Content_Type="image/jpeg")
+
+    camera = open_camera(serve(HttpServer(hanging)).url(), host_us)
+    with pytest.raises(CameraError, match="timed out"):
+        camera.newest()
+    over.set()
+    camera.close()
+
+
 def test_an_answer_that_is_not_a_stream_leaves_no_connection_open(serve):
     answered, ended = [], threading.Event()
 
