@@ -112,7 +112,8 @@ def admit(
 ) -> Admitted:
     """Return the setpoint that may be flown instead of `setpoint`. `state` needs position, velocity and attitude.
 
-    `behind_us` is the known delay of all telemetry. It does not count towards the age at which a position or an attitude is stale.
+    `behind_us` is the known delay of all telemetry. It does not count towards the age at which a position or an
+    attitude is stale.
     """
     assert state.position_ned is not None
     assert state.euler is not None

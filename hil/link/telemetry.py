@@ -41,7 +41,7 @@ class StatusTexts:
         self._open: _Open | None = None
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Take a STATUSTEXT. A text whose last piece is full stays open until another text or a call of `since` or `last`."""
+        """Take a STATUSTEXT. A text whose last piece is full stays open until another text, `since` or `last`."""
         text = _plain(message.text)
         if self._open is not None and (message.id != self._open.text_id or message.chunk_seq == 0):
             self._complete()

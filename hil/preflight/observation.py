@@ -152,9 +152,7 @@ class Watch:
                 link.tick()
             observation = self._observation()
             self._request_missing()
-            return replace(
-                observation, newest=dict(self._newest), worst_ratio=dict(self._worst), unix_s=self._unix_s
-            )
+            return replace(observation, newest=dict(self._newest), worst_ratio=dict(self._worst), unix_s=self._unix_s)
 
     def _request_missing(self) -> None:
         """Request each missing message. On a crowded link, a single message may arrive although its stream does not."""
