@@ -123,7 +123,10 @@ class LandDetector:
             self.landed, self._contact_since_us = False, None
 
     def _watch_contact(self, state: EstimatedState, demand: CascadeSetpoint) -> None:
-        """Compare the achieved descent with the demanded descent over LNDMC_TRIG_TIME / 3."""
+        """Compare the achieved descent with the demanded descent over LNDMC_TRIG_TIME / 3.
+
+        A vehicle that sinks at CONTACT_SPEED has no contact: it only needs time to accelerate.
+        """
         speed, z = _dive(state, demand), state.position_ned[2]
         if speed is None or state.range_m() > RANGE_IN_AIR_M:
             self.contact, self._dive = False, None
@@ -134,7 +137,9 @@ class LandDetector:
             since, above = self._dive
             elapsed = (state.time_us - since) * 1e-6
             if elapsed >= self._parameters["LNDMC_TRIG_TIME"] / 3.0:
-                self.contact, self._dive = z - above < CONTACT_SHARE * speed * elapsed, (state.time_us, z)
+                is_short = z - above < CONTACT_SHARE * speed * elapsed
+                self.contact = is_short and state.velocity_ned[2] < CONTACT_SPEED
+                self._dive = state.time_us, z
 
     def _watch_touch_down(self, state: EstimatedState, demand: CascadeSetpoint) -> None:
         self._watch_contact(state, demand)
@@ -170,7 +175,7 @@ def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
         return None
     if demand.kind != KIND_TRAJECTORY or math.hypot(north, east) > SIDEWAYS_SPEED:
         return None
-    return vz if sinks else CONTACT_SPEED
+    return min(vz, demand.speed_limit_down) if sinks else CONTACT_SPEED
 
 
 def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from autopilot.records import KIND_TRAJECTORY
 from foundation.mavlink import dialect
 from tests.autopilot.aircraft import Aircraft
 
@@ -71,3 +72,18 @@ def test_the_vehicle_lands_and_disarms_after_setpoint_loss() -> None:
     assert craft.commander.mode == "POSCTL"
     assert craft.truth["velocity_ned"][2] == pytest.approx(0.7, abs=0.2)
     craft.until(lambda: not craft.commander.armed, 20.0)
+
+
+def test_a_descent_from_above_the_rangefinder_keeps_its_thrust() -> None:
+    craft = Aircraft("x500", seed=3)
+    craft.until(lambda: not craft.commander.arming_failures(), 15.0)
+    craft.autopilot.parameters.set("MIS_TAKEOFF_ALT", 20.0)
+    assert craft.client.arm() == 0
+    assert craft.client.command(dialect.MAV_CMD_NAV_TAKEOFF) == 0
+    craft.until(lambda: craft.commander.mode == "HOLD", 30.0)
+    assert math.isnan(craft.autopilot.state.range_m())
+    assert craft.client.command(dialect.MAV_CMD_NAV_LAND) == 0
+    for _ in range(150):
+        craft.run(0.02)
+        assert craft.commander.passed.kind == KIND_TRAJECTORY
+        assert craft.truth["velocity_ned"][2] < 2.5
