@@ -246,6 +246,9 @@ class AutoDisarm:
             return ""
         if self._landed_us is None:
             self._landed_us = now_us
+        if self._was_airborne and climbing:
+            self._landed_us = now_us  # the next take-off has begun
+            return ""
         if self._was_airborne:
             wait = float(self._parameters["COM_DISARM_LAND"])
             return "after landing" if 0.0 < wait * 1e6 <= now_us - self._landed_us else ""

@@ -71,6 +71,17 @@ def test_a_repeated_take_off_keeps_its_target(bench: Bench) -> None:
     assert bench.height == pytest.approx(2.5, abs=0.2)
 
 
+def test_a_take_off_directly_after_a_landing_is_flown(bench: Bench) -> None:
+    bench.fly()
+    assert bench.client.command(dialect.MAV_CMD_NAV_LAND) == 0
+    bench.until(lambda: bench.commander.landed, 30)
+    bench.run(1.0)
+    assert bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF) == 0
+    bench.run(4.0)
+    assert bench.commander.armed
+    assert bench.height > 1.0
+
+
 def test_high_landings_begin_fast_and_end_slowly(bench: Bench) -> None:
     bench.fly(25.0)
     bench.client.command(dialect.MAV_CMD_NAV_LAND)
