@@ -82,12 +82,20 @@ _AUTO = ("HOLD", "TAKEOFF", "LAND", "PRECLAND", "RETURN", "ORBIT", "FOLLOW")
 _EXEMPT_BIT = {"MISSION": 1, "OFFBOARD": 4} | dict.fromkeys(_AUTO, 2)  # COM_RCL_EXCEPT, COM_DLL_EXCEPT
 
 
+def _stick_mode(c: Conditions, mode: str) -> str:
+    """Return the manual mode `mode`, or the next simpler one that the estimate allows."""
+    if mode == "POSCTL" and not c.position_valid:
+        mode = "ALTCTL"
+    return "STABILIZED" if mode == "ALTCTL" and not c.altitude_valid else mode
+
+
 def _offboard_loss(c: Conditions, p: ParameterTable) -> Failsafe:
     if c.mode != "OFFBOARD" or c.offboard_signal:
         return NO_FAILSAFE
     choice = int(p["COM_OBL_RC_ACT"])
     action = _OFFBOARD_ACTIONS.get(choice, Reaction.STICKS)
-    return Failsafe(OFFBOARD_LOST, action, _OFFBOARD_STICKS.get(choice, "POSCTL"), delayed=False)
+    shown = _OFFBOARD_STICKS.get(choice, "POSCTL")
+    return Failsafe(OFFBOARD_LOST, action, _stick_mode(c, shown) if c.sticks else shown, delayed=False)
 
 
 def _manual_control_loss(c: Conditions, p: ParameterTable) -> Failsafe:
@@ -126,8 +134,7 @@ def _position_loss(c: Conditions, p: ParameterTable) -> Failsafe:
     if c.position_valid or c.mode not in POSITION_MODES:
         return NO_FAILSAFE
     if c.mode == "POSCTL" and c.sticks:
-        shown = "ALTCTL" if c.altitude_valid else "STABILIZED"
-        return Failsafe(POSITION_LOST, Reaction.STICKS, shown, delayed=False)
+        return Failsafe(POSITION_LOST, Reaction.STICKS, _stick_mode(c, "POSCTL"), delayed=False)
     return Failsafe(POSITION_LOST, Reaction.LAND if c.velocity_valid else Reaction.DESCEND, delayed=False)
 
 

@@ -226,6 +226,20 @@ def test_position_loss_with_sticks_falls_back_to_altctl_then_stabilized(bench: B
     assert bench.commander.mode == "POSCTL"
 
 
+def test_position_loss_in_offboard_with_sticks_falls_back_to_altctl(bench: Bench) -> None:
+    def stream() -> None:
+        bench.client.velocity(1.0, 0.0, 0.0)
+        sticks(bench)
+
+    bench.fly()
+    stream()
+    assert bench.client.mode(6) == 0
+    bench.run(0.5, stream)
+    bench.core.estimate["position_valid"] = bench.core.estimate["velocity_valid"] = 0
+    bench.run(0.5, stream)
+    assert bench.commander.mode == "ALTCTL"
+
+
 def tilt(bench: Bench, degrees: float) -> None:
     bench.core.estimate["attitude"] = quat_from_euler(math.radians(degrees), 0.0, 0.0)
     holding = lambda time_us: bench.core.estimate.__setitem__("time_us", time_us)  # noqa: E731  nothing rights it
