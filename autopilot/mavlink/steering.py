@@ -101,17 +101,26 @@ def local_ned(node: Node, port: Port, message: Message) -> None:
 
 
 def global_int(node: Node, port: Port, message: Message) -> None:
-    """Handle SET_POSITION_TARGET_GLOBAL_INT. Ignored if the reference of its altitude is unknown."""
+    """Handle SET_POSITION_TARGET_GLOBAL_INT. Ignored if it has a position and its altitude's reference is unknown.
+
+    As in PX4, the position is ignored if the mask ignores one of its components.
+    """
     state, m = node.vehicle.state, message
-    down = _altitude_to_down(node, m.coordinate_frame, m.alt)
-    if down is None:
-        return
-    north, east, _ = geodetic_to_ned(
-        state.origin_lat_deg, state.origin_lon_deg, state.origin_alt_m, m.lat_int * 1e-7, m.lon_int * 1e-7, 0.0
-    )
+    position = FREE
+    if not m.type_mask & 0x7:
+        if m.coordinate_frame not in (GLOBAL_INT, GLOBAL_RELATIVE_INT, GLOBAL_TERRAIN_INT):
+            node.complain(f"SET_POSITION_TARGET_GLOBAL_INT coordinate frame {m.coordinate_frame} unsupported")
+            return
+        down = _altitude_to_down(node, m.coordinate_frame, m.alt)
+        if down is None:
+            return
+        north, east, _ = geodetic_to_ned(
+            state.origin_lat_deg, state.origin_lon_deg, state.origin_alt_m, m.lat_int * 1e-7, m.lon_int * 1e-7, 0.0
+        )
+        position = (north, east, down)
     try:
         setpoint = trajectory(
-            m.type_mask, LOCAL_NED, (north, east, down), (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz), m.yaw,
+            m.type_mask, LOCAL_NED, position, (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz), m.yaw,
             m.yaw_rate, state.attitude, state.yaw,
         )  # fmt: skip
     except RejectedError as reason:

@@ -231,6 +231,22 @@ def test_global_setpoints_use_amsl_or_relative_altitude(bench: Bench) -> None:
     assert bench.commander.mode == "POSCTL"
 
 
+def test_a_global_setpoint_without_a_position_needs_no_altitude_reference(bench: Bench) -> None:
+    def fly(frame: int, mask: int) -> None:
+        bench.client.send(
+            dialect.MAVLink_set_position_target_global_int_message(
+                0, 1, 1, frame, mask, 0, 0, 0.0, 2.0, 0, 0, 0, 0, 0, 0.0, 0.0
+            )
+        )
+
+    fly(11, 0x9C7)  # the vehicle is too high for its rangefinder
+    assert bench.client.mode(6) == 0
+    bench.run(3.0, lambda: fly(11, 0x9C7))
+    assert bench.velocity == pytest.approx([2.0, 0.0, 0.0], abs=0.05)
+    fly(8, 0x9F8)
+    assert any("SET_POSITION_TARGET_GLOBAL_INT coordinate frame 8" in text for text in bench.client.texts())
+
+
 def attitude(bench: Bench, mask: int, q: list[float], rates: tuple[float, float, float], thrust: float) -> None:
     bench.client.send(dialect.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, *rates, thrust))
 
