@@ -81,6 +81,7 @@ class Autopilot:
             airframe, self.state, self.commander, self.parameters, actuators, self.calibration,
             GimbalManager(gimbal) if gimbal else None,
         )  # fmt: skip
+        self._log_failure: str | None = None
         self.log = FlightLogWriter(vehicle, LogDirectory(log_dir)) if log_dir is not None else None
         if card_dir is not None:
             make_folder(card_dir)
@@ -98,12 +99,19 @@ class Autopilot:
             self._update_core()
         if self.log is not None:
             self.log.tick()
+            self._report_log_failure(self.log.failed)
         node.send_mode_changes()
         if self.commander.mission.reached:
             mission.tell_progress(node)
         node.uploads.tick(now)
         for port in node.ports:
             port.tick(now)
+
+    def _report_log_failure(self, reason: str | None) -> None:
+        """Send a warning when the flight log fails, once per failure."""
+        if reason is not None and reason != self._log_failure:
+            self._send_text(dialect.MAV_SEVERITY_WARNING, f"Flight log not written: {reason}")
+        self._log_failure = reason
 
     def stream(self) -> None:
         """Queue the telemetry that is due between two updates. Call it every `stream_us` µs if that is below 10 ms."""

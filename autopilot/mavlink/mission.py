@@ -40,7 +40,10 @@ def say_current(node: Node) -> None:
 
 
 def _replace(node: Node, kind: int, items: tuple[PlanItem, ...]) -> None:
-    node.vehicle.commander.replace_plan(kind, items)
+    commander = node.vehicle.commander
+    commander.replace_plan(kind, items)
+    if why := commander.flight.plans.unsaved:
+        node.complain(f"Plans not saved: {why}")
     if kind == MISSION:
         say_current(node)
 

@@ -179,6 +179,10 @@ def test_a_full_disk_causes_a_marked_dropout(tmp_path: Path, monkeypatch: pytest
 def test_a_deleted_log_folder_does_not_stop_the_flight(tmp_path: Path) -> None:
     bench = Bench(profile="minimal", log_dir=tmp_path / "gone")
     (tmp_path / "gone").rmdir()
+    bench.client.forget()
+    bench.commander.arm()
+    bench.run(3.0)
+    assert sum(text.startswith("Flight log not written: ") for text in bench.client.texts()) == 1
     bench.fly(3.0)
     assert bench.log.failed
     assert bench.log.path is None

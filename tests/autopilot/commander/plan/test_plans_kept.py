@@ -91,6 +91,7 @@ def test_a_failed_write_to_disk_does_not_reject_the_plan(tmp_path: Path) -> None
     bench = Bench(profile="minimal", plan_file=tmp_path / "gone" / "plans.json")
     assert upload(bench.client, PLANS[0]) == ACCEPTED
     assert bench.commander.flight.plans.unsaved
+    assert any(text.startswith("Plans not saved: ") for text in bench.client.texts())
     assert len(download(bench.client)) == 4
 
 
