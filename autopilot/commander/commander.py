@@ -177,7 +177,7 @@ class Commander:
         self.supervision.begin(self.flight)
         self._active = None
         self._ramp.arm(now)
-        self.flight.set_home()
+        self.flight.renew_home()
         self._send_text(dialect.MAV_SEVERITY_INFO, "Armed")
         self._supervise(now)
         return ACCEPTED
@@ -439,9 +439,12 @@ class Commander:
         return self.supervision.sticks_fresh(self.flight)
 
     def _follow_home_on_ground(self, now: int) -> None:
-        """Keep home at the vehicle's position while disarmed, so that clients get a home before arming."""
+        """Keep home at the vehicle's position while disarmed, so that clients get a home before arming.
+
+        A home whose position was given stays where it is.
+        """
         if now - self._home_looked_us < HOME_LOOK_US:
             return
         self._home_looked_us = now
         if self.flight.home is None or moved(self.flight.home, self.flight.state):
-            self.flight.set_home()
+            self.flight.renew_home()

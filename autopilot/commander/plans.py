@@ -39,6 +39,7 @@ class Home:
     lat_deg: float
     lon_deg: float
     alt_m: float  # m above mean sea level
+    manual: bool = False  # a client or a mission has given the position, so that home does not follow the vehicle
 
 
 def home_at(state: EstimatedState, position_ned: Vec3 | None = None) -> Home | None:
@@ -46,7 +47,7 @@ def home_at(state: EstimatedState, position_ned: Vec3 | None = None) -> Home | N
     if not state.global_valid:
         return None
     place = position_ned or state.position_ned
-    return Home(place, state.yaw, *state.geodetic(place))
+    return Home(place, state.yaw, *state.geodetic(place), manual=position_ned is not None)
 
 
 def moved(home: Home, state: EstimatedState) -> bool:

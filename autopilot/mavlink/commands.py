@@ -254,9 +254,11 @@ def _set_home(node: Node, port: Port, c: Command) -> int:
     commander = node.vehicle.commander
     if not node.vehicle.parameters["COM_HOME_EN"]:
         return int(DENIED)
+    at_vehicle = c.number(1) == 1
     place = _place(node, c, relative=False)
-    is_given = c.number(1) != 1 and all(math.isfinite(x) for x in place)
-    if commander.flight.set_home(place if is_given else None):
+    if not at_vehicle and not all(map(math.isfinite, place)):
+        return int(DENIED)
+    if commander.flight.set_home(None if at_vehicle else place):
         node.forget_telemetry()
         for other_port in node.ports:
             other_port.send_telemetry(BY_NAME["HOME_POSITION"].message_id)

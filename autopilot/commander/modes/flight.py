@@ -84,6 +84,11 @@ class FlightContext:
         self.home = home or self.home
         return home is not None
 
+    def renew_home(self) -> None:
+        """Set home at the vehicle's position, unless its position was given (PX4's manual home)."""
+        if self.home is None or not self.home.manual:
+            self.set_home()
+
     def fence_areas(self) -> tuple[FenceArea, ...]:
         """Return the areas of the geofence; none before the local frame's origin is known."""
         if not self.plans.fence or not self.state.origin_set:

@@ -256,6 +256,13 @@ def test_home_can_be_moved(bench: Bench) -> None:
     assert bench.client.command_int(dialect.MAV_CMD_DO_SET_HOME, (0,), *place) == ACCEPTED
     home = bench.client.of("HOME_POSITION")[-1]
     assert (home.latitude, home.longitude, home.altitude) == (place[0], place[1], 500_000)
+    home = bench.commander.flight.home
+    bench.run(2.0)
+    assert bench.client.arm() == ACCEPTED
+    assert bench.commander.flight.home == home  # neither the ground nor the arming moves a given home
+    assert bench.client.command_int(dialect.MAV_CMD_DO_SET_HOME, (0,), *place[:2], math.nan) == DENIED
+    assert bench.client.command(dialect.MAV_CMD_DO_SET_HOME, 1) == ACCEPTED
+    assert bench.commander.flight.home.position_ned == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
 
 
 def test_version_and_modes_are_sent_on_request(bench: Bench) -> None:
