@@ -223,11 +223,11 @@ class Commander:
     def _choose(self, mode: str) -> None:
         self.supervision.overrule()
         self._mode_chosen_disarmed = True
-        self.flight.cruise_speed = math.nan
         if mode != "TAKEOFF":
             self.takeoff.aim(math.nan)
         if mode != self.intended or self.mode != mode:
             self.intended = mode
+            self.flight.cruise_speed = math.nan
             self._active = None
 
     def take_off(self, z_ned: float) -> int:
@@ -253,8 +253,7 @@ class Commander:
         here = self.flight.state.position_ned
         n, e, z = (w if math.isfinite(w) else h for w, h in zip(position_ned, here, strict=True))
         self.hold.go_to((n, e, z), yaw)
-        if speed > 0.0:
-            self.change_speed(speed)
+        self.flight.change_speed(speed)
         return result
 
     def circle(self, centre_ned: Vec3, radius: float, speed: float, yaw_behaviour: int = 0) -> int:
@@ -291,11 +290,6 @@ class Commander:
         if self._active is self.mission:
             self.mission.enter(self.flight)
         return True
-
-    def change_speed(self, speed: float) -> None:
-        """Set the horizontal speed (m/s) until the mode changes. A value not in (0, inf) restores MPC_XY_CRUISE."""
-        limit = float(self.parameters["MPC_XY_VEL_MAX"])
-        self.flight.cruise_speed = min(speed, limit) if 0.0 < speed < math.inf else math.nan
 
     def terminate(self) -> int:
         """End the flight at once: the rotors idle until the vehicle is disarmed. A disarmed vehicle returns DENIED."""
@@ -336,6 +330,7 @@ class Commander:
         if self._active is self.mission and self.mission.complete:
             self._send_text(dialect.MAV_SEVERITY_INFO, "Mission finished")
         self.intended = self.mode = following
+        self.flight.cruise_speed = math.nan
         self._activate()
         if following == "HOLD" and rest is not None:
             self.hold.go_to(rest, math.nan)
@@ -372,6 +367,8 @@ class Commander:
             self.terminate()
             return
         if shown != self.mode or self._active is not self._behaviours[behaviour]:
+            if shown != self.mode:
+                self.flight.cruise_speed = math.nan
             self.mode = shown
             self._active = self._behaviours[behaviour]
             self._active.enter(self.flight)

@@ -246,7 +246,7 @@ def _orbit(node: Node, port: Port, c: Command) -> int:
 
 
 def _change_speed(node: Node, port: Port, c: Command) -> int:
-    node.vehicle.commander.change_speed(c.p[1])
+    node.vehicle.commander.flight.change_speed(c.p[1])
     return int(ACCEPTED)
 
 

@@ -103,6 +103,11 @@ class FlightContext:
         """Return the reasons why the mission cannot be flown from here; empty if it can."""
         return mission_failures(self.plans.mission, self.state, self.home, self.parameters, self.fence_areas())
 
+    def change_speed(self, speed: float) -> None:
+        """Set the horizontal speed (m/s) until the mode changes. A value not in (0, inf) restores MPC_XY_CRUISE."""
+        limit = float(self.parameters["MPC_XY_VEL_MAX"])
+        self.cruise_speed = min(speed, limit) if 0.0 < speed < math.inf else math.nan
+
     def cruise(self) -> float:
         """Return the horizontal speed (m/s) of automatic flight."""
         return self.cruise_speed if math.isfinite(self.cruise_speed) else float(self.parameters["MPC_XY_CRUISE"])

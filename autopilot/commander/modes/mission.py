@@ -47,7 +47,7 @@ class Mission(Mode):
         self.begun = True
         speeds = [i.p[1] for i in flight.plans.mission[: self.current] if i.command == plans.CHANGE_SPEED]
         if speeds:
-            self._set_speed(flight, speeds[-1])
+            flight.change_speed(speeds[-1])
         self._target, self._yaw = flight.state.position_ned, flight.state.yaw
         self._seek(flight)
 
@@ -103,7 +103,7 @@ class Mission(Mode):
     def _carry_out(self, flight: FlightContext, item: PlanItem) -> int:
         """Execute an immediate item; return the number of the next item."""
         if item.command == plans.CHANGE_SPEED:
-            self._set_speed(flight, item.p[1])
+            flight.change_speed(item.p[1])
         elif item.command == plans.SET_HOME and flight.parameters["COM_HOME_EN"]:
             place = plans.local_place(item, flight.state, flight.home)
             is_given = item.p[0] != 1 and all(map(math.isfinite, place))
@@ -115,11 +115,6 @@ class Mission(Mode):
                 return int(item.p[0])
             self._jumps.pop(self.current, None)
         return self.current + 1
-
-    @staticmethod
-    def _set_speed(flight: FlightContext, speed: float) -> None:
-        if 0.0 < speed < math.inf:
-            flight.cruise_speed = min(speed, float(flight.parameters["MPC_XY_VEL_MAX"]))
 
     def _begin(self, flight: FlightContext, item: PlanItem) -> None:
         here = flight.state.position_ned

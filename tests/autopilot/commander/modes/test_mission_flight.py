@@ -75,6 +75,27 @@ def test_a_mission_without_an_end_item_holds_at_its_last_waypoint(bench: Bench) 
     assert bench.commander.mission.current == 0
 
 
+def test_the_speed_of_a_mission_lasts_until_the_mode_changes(bench: Bench) -> None:
+    flight, usual = bench.commander.flight, bench.commander.flight.cruise()
+    slow, normal = (item(i, 178, frame=2, p=(1, speed, -1, 0), z=0) for i, speed in ((1, 3.0), (3, -1.0)))
+    start(bench, [item(0, 22, z=5.0), slow, item(2, north=30.0, z=5.0), normal, item(4, north=60.0, z=5.0)])
+    bench.until(lambda: bench.commander.mission.current == 2, 30)
+    assert bench.client.mode(4, 4) == 0  # the mode does not change
+    assert flight.cruise() == 3.0
+    bench.core.estimate["position_valid"] = 0
+    bench.run(0.2)
+    assert bench.commander.mode == "LAND"
+    assert flight.cruise() == usual
+    bench.core.converge()
+    bench.until(lambda: bench.commander.mode == "MISSION", 5)
+    assert flight.cruise() == 3.0
+    bench.until(lambda: bench.commander.mission.current == 4, 30)
+    assert flight.cruise() == usual
+    assert bench.client.command(dialect.MAV_CMD_DO_CHANGE_SPEED, 1, 4.0, -1) == 0
+    bench.until(lambda: bench.commander.mode == "HOLD", 30)
+    assert flight.cruise() == usual
+
+
 def test_pause_and_resume(bench: Bench) -> None:
     start(bench, [item(0, 22, z=5.0), item(1, north=60.0, z=5.0), item(2, north=60.0, east=60.0, z=5.0)])
     bench.until(lambda: bench.commander.mission.current == 1, 30)
