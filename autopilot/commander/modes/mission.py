@@ -30,6 +30,7 @@ class Mission(Mode):
         self._leg = "fly"  # climb, fly, stay, hold, land
         self._start: Vec3 = (0.0, 0.0, 0.0)
         self._target: Vec3 = (0.0, 0.0, 0.0)
+        self._climb_z = 0.0  # m, NED: where the leg "climb" ends
         self._yaw = 0.0
         self._forced_yaw = False
         self._since_us: int | None = None  # when the stay began
@@ -60,7 +61,7 @@ class Mission(Mode):
         if self._leg == "land" and self.next_mode is None:
             return self._land.setpoint(flight)
         n, e, _ = flight.state.position_ned
-        place = (self._start[0], self._start[1], self._target[2]) if self._leg == "climb" else self._target
+        place = (self._start[0], self._start[1], self._climb_z) if self._leg == "climb" else self._target
         distance = math.hypot(place[0] - n, place[1] - e)
         leaving = self._leg == "climb" and flight.landed
         return CascadeSetpoint(
@@ -133,13 +134,16 @@ class Mission(Mode):
         if item.command == plans.LAND:
             z = here[2]  # fly over the place at the present height, then descend
         elif not math.isfinite(z):
-            z = least if item.command == plans.TAKEOFF else here[2]
+            z = least if item.command == plans.TAKEOFF or flight.landed else here[2]
         self._target = (n, e, z) if math.isfinite(n) else (here[0], here[1], z)
         self._forced_yaw = abs(item.p[3]) < 1e4 and item.command != plans.LAND
         self._leg = "fly"
+        if flight.landed and item.command == plans.TAKEOFF:
+            self._target = (self._target[0], self._target[1], min(self._target[2], least))
+        self._climb_z = self._target[2]
         if flight.landed and item.command != plans.LAND:
             # PX4 first takes off to the item's height, at least MIS_TAKEOFF_ALT, even if the item is no take-off
-            self._target = (self._target[0], self._target[1], min(self._target[2], least))
+            self._climb_z = min(self._climb_z, least)
             self._leg = "climb"
         elif item.command == plans.TAKEOFF and here[2] - self._target[2] > CLIMBED_M:
             self._leg = "climb"
@@ -154,7 +158,7 @@ class Mission(Mode):
         to_n, to_e, to_z = self._target
         distance = math.hypot(to_n - n, to_e - e)
         if self._leg == "climb":
-            if z - to_z < CLIMBED_M and not flight.landed:
+            if z - self._climb_z < CLIMBED_M and not flight.landed:
                 self._leg = "fly"
             return
         if self._leg == "land":

@@ -65,6 +65,16 @@ def test_a_mission_that_begins_with_a_waypoint_takes_off_and_ends_with_a_return(
     assert math.hypot(*place(bench)[:2]) < 1.5
 
 
+def test_a_first_waypoint_below_the_take_off_height_is_flown_at_its_own_height(bench: Bench) -> None:
+    bench.autopilot.parameters.set("MIS_TAKEOFF_ALT", 8.0)
+    start(bench, [item(0, north=30.0, z=3.0)])
+    bench.until(lambda: place(bench)[2] > 7.0, 30)
+    assert abs(place(bench)[0]) < 1.0
+    bench.until(lambda: bench.commander.mode == "HOLD", 60)
+    bench.run(8.0)
+    assert place(bench) == pytest.approx((30.0, 0.0, 3.0), abs=0.3)
+
+
 def test_a_mission_without_an_end_item_holds_at_its_last_waypoint(bench: Bench) -> None:
     start(bench, [item(0, 22, z=5.0), item(1, north=25.0, z=5.0)])
     bench.until(lambda: bench.commander.mode == "HOLD", 60)
