@@ -33,10 +33,16 @@ def update(
     sensors: Record,
     actuators: Record,
 ) -> None:
-    """Run the estimator and, on a new inertial sample, the cascade. Arguments: `FlightCore.kernel_args`."""
+    """Run the estimator and, on a new inertial sample, the cascade. Arguments: `FlightCore.kernel_args`.
+
+    A setpoint that stops the rotors needs no sample: disarming and termination also act while the sensor is silent.
+    """
     on_ground = setpoint.armed == 0  # without a fix, a disarmed vehicle is assumed to stand still
     if estimate_motion(filter_params, filter_state, covariance, history, sensors, estimate, on_ground):
         control(params, state, setpoint, estimate, actuators)
+    elif setpoint.armed == 0 or setpoint.kind == KIND_IDLE:
+        cascade.stop(params, state, setpoint, actuators)
+        actuators.armed = 1 if setpoint.armed != 0 else 0
 
 
 def empty_setpoint() -> np.void:

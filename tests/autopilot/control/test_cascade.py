@@ -8,11 +8,11 @@ import pytest
 from numba import njit
 
 from autopilot.control import cascade
-from autopilot.control.flight_core import FlightCore
+from autopilot.control.flight_core import FlightCore, update
 from autopilot.records import ESTIMATE, KIND_ATTITUDE, KIND_IDLE, KIND_RATES, KIND_TRAJECTORY
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
-from foundation.sensors import ACTUATORS
+from foundation.sensors import ACTUATORS, SENSORS
 from tests.autopilot.core_flight import Flight
 from vehicles.airframe import load, names
 
@@ -287,3 +287,14 @@ def test_a_collision_is_distinguished_from_a_gust(way):
     assert not pushed(flight, 0.2 * force, 0.5)
     flight.run(3.0)
     assert pushed(flight, force, 0.02, 0.1)
+
+
+def test_the_rotors_stop_on_command_without_inertial_samples():
+    core, sensors, actuators = FlightCore(load("x500")), np.zeros(1, SENSORS)[0], np.zeros(1, ACTUATORS)[0]
+    sensors["gyro_frd"] = math.nan
+    for armed, kind, command in ((1, KIND_TRAJECTORY, 0.5), (1, KIND_IDLE, 0.0), (0, KIND_TRAJECTORY, 0.0)):
+        actuators["command"], actuators["armed"] = 0.5, 1
+        core.setpoint["armed"], core.setpoint["kind"] = armed, kind
+        update(*core.kernel_args(sensors, actuators))
+        assert np.all(actuators["command"] == command)
+        assert actuators["armed"] == armed
