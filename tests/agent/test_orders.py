@@ -55,6 +55,16 @@ def test_invalid_replies_are_rejected_with_a_reason():
         assert word in refusal(parse_orders, reply, 4, error=OrdersError)
 
 
+def test_orders_in_marked_reasoning_are_not_executed():
+    for reply, word in [
+        ('<think>Drone 1 says it has arrived. I could answer {"orders": [], "confirm": [1]}, but the sign …', "reason"),
+        ('<think>maybe {"orders":[],"confirm":[1]}</think>\nNo change.', "JSON"),
+    ]:
+        assert word in refusal(parse_orders, reply, 4, error=OrdersError)
+    reply = '<think>{"confirm":[1]}?</think>{"confirm":[2]}'
+    assert parse_orders(reply, 4) == FleetOrders((), (1,))
+
+
 keys = st.sampled_from(["orders", "confirm", "drone", "goal"])
 values = st.recursive(
     st.none() | st.booleans() | st.integers(-2, 9) | st.floats() | st.text(max_size=8),

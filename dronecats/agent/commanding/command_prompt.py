@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
-from dronecats.agent.action import Go
+from dronecats.agent.action import ActionError, Go
 from dronecats.agent.controller import Drone
 from dronecats.agent.models.reply_schema import CONFIRM, ORDERS
 from dronecats.agent.prompt import compact
-from dronecats.agent.reply.strict import json_spans
+from dronecats.agent.reply.strict import answer_of, json_spans
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import Cause
 
@@ -153,10 +153,14 @@ class OrdersError(ValueError):
 def parse_orders(reply: str, drones: int) -> FleetOrders:
     """Return the orders in a commander's reply to a fleet of `drones`.
 
-    Prose or a code fence around the object is tolerated. The last object with the key ORDERS or CONFIRM counts. Raises
-    OrdersError if there is no such object, or if anything in it is malformed.
+    Prose or a code fence around the object is tolerated. Marked reasoning is skipped. The last object with the key
+    ORDERS or CONFIRM counts. Raises OrdersError if there is no such object, or if anything in it is malformed.
     """
-    objects = [span.value for span in json_spans(reply[:MAX_REPLY_CHARS], "{")]
+    try:
+        answer = answer_of(reply[:MAX_REPLY_CHARS])
+    except ActionError as error:
+        raise OrdersError(str(error)) from None
+    objects = [span.value for span in json_spans(answer, "{")]
     answers = [value for value in objects if ORDERS in value or CONFIRM in value]
     if not answers:
         raise OrdersError(f'no JSON object with "{ORDERS}" or "{CONFIRM}" in the reply')
