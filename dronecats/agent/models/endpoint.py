@@ -304,7 +304,7 @@ class Endpoint:
             except (httpx.ReadTimeout, httpx.WriteTimeout):  # the timeout was all the time that was left
                 raise self._silent(self.patience.give_up_s) from None
             except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
-                is_down = isinstance(error, httpx.ConnectError)
+                is_down = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout | httpx.ProxyError)
                 what = "cannot be reached" if is_down else "stopped in the middle of its reply"
                 reason, again = f"{what}: {self._reason(error)}", isinstance(error, httpx.TransportError)
             else:

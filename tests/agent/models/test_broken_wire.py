@@ -2,6 +2,7 @@
 
 import json
 
+import httpx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -97,6 +98,16 @@ def test_a_server_that_has_gone_cannot_be_reached(serve):
     wire.close()
     with pytest.raises(ModelError, match="cannot be reached"):
         ask(wire)
+
+
+@pytest.mark.parametrize("error", [httpx.ConnectTimeout("timed out"), httpx.ProxyError("503")])
+def test_a_server_without_a_connection_cannot_be_reached(serve, monkeypatch, error):
+    def refuse(transport, request):
+        raise error
+
+    monkeypatch.setattr(httpx.HTTPTransport, "handle_request", refuse)
+    with pytest.raises(ModelError, match="cannot be reached"):
+        ask(serve(say(completion("there"))))
 
 
 def test_a_trickling_response_times_out_without_a_retry(serve):
