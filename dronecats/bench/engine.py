@@ -102,7 +102,7 @@ ANSWER_S = 120.0  # wall s that a worker has to answer a command; it usually tak
 # wall s without a new byte in any file of a flight, after which the flight counts as hanging. The longest regular pause
 # is 300 s, after which a question with all its retries is given up.
 HANG_S = 900.0
-LOGS = (layout.DECISIONS, layout.TRUTH, layout.TLOG, layout.COMMANDER)
+LOGS = (layout.DECISIONS, layout.TRUTH, layout.TLOG, layout.COMMANDER, layout.PROMPTS)
 # Files that show the progress of a flight. The record is written before the map is loaded, so a flight counts as begun
 # even if the loading of its map hangs.
 PROGRESS_FILES = (layout.EPISODE, *LOGS)

@@ -139,3 +139,16 @@ def test_a_hang_before_the_first_log_line_is_detected_while_others_advance(tmp_p
     now[0] = 101.0
     log.write_text("more" + log.read_text())
     assert local._hanging(flying, 100.0) is flying[1]
+
+
+def test_a_flight_that_only_asks_its_model_does_not_hang(tmp_path, monkeypatch):
+    """A slow model may take long for the questions of one step. Each question is logged before it is asked."""
+    now = [0.0]
+    monkeypatch.setattr("dronecats.bench.engine.time.monotonic", lambda: now[0])
+    prepare(tmp_path / "asks")
+    sortie = Sortie(flight=FlightSpec(pilot="oracle", simulated=Simulated()), folder=tmp_path / "asks")
+    flying = local._InFlight(sortie=sortie)
+    assert flying.silent_s() == 0.0
+    now[0] = 90.0
+    (sortie.folder / "prompts.jsonl").write_text("{}\n")
+    assert flying.silent_s() == 0.0
