@@ -26,6 +26,7 @@ from dronecats.flight.spec.spec_file import as_json
 from foundation.errors import InfrastructureError, UsageError
 
 FLIGHTS_MAX = 64  # flights at a time per actor; each has a thread, which mostly waits for a model
+LOOK = "look"  # concurrency group with a thread of its own, so that checks do not wait for flights
 GONE_S = 30.0  # wall s to wait until a killed actor is gone
 LOOK_S = 30.0  # wall s between two checks of the workers while nothing lands
 CONNECT_S = 10.0  # wall s for the head of a cluster to accept a connection
@@ -163,7 +164,7 @@ class ClusterEngine:
         """Kill the workers that do not answer or have a flight that hangs. Their flights then end with an error."""
         for worker in self._workers:
             try:
-                written = ray.get(worker.handle.written.remote(), timeout=ANSWER_S)
+                written = ray.get(worker.handle.written.options(concurrency_group=LOOK).remote(), timeout=ANSWER_S)
             except ray.exceptions.RayError:  # gone, or no answer within ANSWER_S
                 ray.kill(worker.handle)
                 continue
@@ -181,7 +182,7 @@ class ClusterEngine:
         # Ray lists a lost node until it notices the loss, and may place a worker there: so try once per node
         nodes = len(ray.nodes())
         for attempt in range(1, nodes + 1):
-            handle = ray.remote(ClusterWorker).options(**options).remote()
+            handle = ray.remote(concurrency_groups={LOOK: 1})(ClusterWorker).options(**options).remote()
             try:
                 ready = handle.ready.remote()
                 if not self._starts(ready):

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import signal
+import time
 
 import psutil
 import pytest
@@ -11,10 +12,12 @@ from ray.cluster_utils import Cluster
 
 from dronecats.agent.models.ledger import Ledger, Spent
 from dronecats.bench.campaign import Batch, Campaign, EndedFlight, OpenRun
-from dronecats.bench.cluster import ClusterEngine
-from dronecats.bench.engine import LocalEngine
+from dronecats.bench import cluster as bench_cluster
+from dronecats.bench.cluster import ClusterEngine, ClusterWorker
+from dronecats.bench.engine import LocalEngine, Sortie
 from dronecats.bench.matrix import BenchEntry
 from dronecats.flight.run.accounts import RemoteLedger
+from dronecats.flight.run.identity import code_digest
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_redacted_json
 from foundation.errors import UsageError
@@ -117,6 +120,27 @@ def test_a_removed_node_loses_only_its_flights_in_the_air(cluster, tmp_path):
     again = fly(tmp_path / "run", ClusterEngine(4, None, cluster.address), LONG)
     assert set(again) == broken
     assert all(each.outcome in ("success", "failure") for each in again.values())
+
+
+class BusyWorker(ClusterWorker):
+    """A worker whose flights never end."""
+
+    def ready(self):
+        return code_digest()
+
+    def fly(self, flight, name):
+        time.sleep(600.0)
+
+
+def test_a_worker_answers_while_all_its_flights_are_in_the_air(tmp_path, monkeypatch):
+    monkeypatch.setattr(bench_cluster, "ClusterWorker", BusyWorker)
+    monkeypatch.setattr(bench_cluster, "FLIGHTS_MAX", 1)
+    monkeypatch.setattr(bench_cluster, "ANSWER_S", 5.0)
+    engine = ClusterEngine(1, None)
+    engine.begin(Sortie(flight=FLIGHT, folder=tmp_path / "e"))
+    engine._look()
+    assert not ray.wait(list(engine._flying), timeout=2.0)[0]  # the worker has not been killed
+    engine.close()
 
 
 def test_one_ledger_and_one_limiter_serve_the_whole_cluster(cluster, tmp_path):
