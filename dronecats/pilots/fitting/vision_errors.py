@@ -17,7 +17,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -159,7 +159,11 @@ def _spread(values: Sequence[float]) -> float:
 
 
 def fit_run(run: Path) -> VisionErrors:
-    """Return the errors of a run's flights. Raises UsageError for a damaged run or a run without scored flights."""
+    """Return the errors of a run's flights.
+
+    Raises UsageError for a damaged run or a run without scored flights. Raises it also if one of the ways in which a
+    command names its target has no flight with two depths: the noisy pilot needs the errors of all ways.
+    """
     flights: dict[NamedBy, list[OneDroneFlight]] = defaultdict(list)
     for folder in reading.episodes(run):
         flight = JudgedFlight.read(folder)
@@ -167,6 +171,16 @@ def fit_run(run: Path) -> VisionErrors:
             flights[noisy.named_by(str(flight.record.get("instruction", "")))].append(one_drone(flight))
     if not flights:
         raise UsageError(f"{run} has no scored flight. Name the run folder, which is inside the benchmark's")
+    missing = [
+        kind
+        for kind in get_args(NamedBy)
+        if all(sum(decision.depth is not None for decision in flight.decisions) < 2 for flight in flights[kind])
+    ]
+    if missing:
+        raise UsageError(
+            f"{run} has no scored flight with two moves to a target that is named by {' or '.join(missing)}."
+            " Name a run of `bench --suite all --pilot vision`"
+        )
     code = str((reading.run_configuration(run) or {}).get("code_sha256", ""))
     return VisionErrors(
         fitted_to=run.resolve().name, code_sha256=code, eyes={name: errors_of(group) for name, group in flights.items()}

@@ -12,11 +12,14 @@ import pytest
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.pilots.fitting import vision_errors
 from dronecats.pilots.fitting.vision_errors import LabelledDecision, OneDroneFlight
+from dronecats.pilots.oracle import noisy
 from foundation.camera import CameraModel
 from tests.judge.episode_logs import BEGIN, END, decision, write
+from tests.support.refusal import refusal
 
 CAMERA = CameraModel()
-PAINT = "go to the red car"
+PAINT, INSCRIPTION = "go to the red car", "go to the sign that reads WEST"
+PLACE = "go to the bench left of the fountain"
 
 
 def labelled(taken, distance_m=10.0, *, seen=True, depth=None) -> LabelledDecision:
@@ -34,10 +37,21 @@ def pictured(step, target_frd, visible=True):
             "visible": visible, "target_frd": list(target_frd), "oracle_depth_m": target_frd[0] - 1.0}  # fmt: skip
 
 
-def write_flight(folder: Path, decisions, truth):
+def write_flight(folder: Path, decisions, truth, instruction=PAINT):
     write(folder, decisions, [BEGIN, *truth, END])
-    (folder / "episode.json").write_text(json.dumps({"id": folder.name, "instruction": PAINT}))
+    (folder / "episode.json").write_text(json.dumps({"id": folder.name, "instruction": instruction}))
     return folder
+
+
+def write_goes(folder: Path, instruction):
+    """Write a flight with six decisions to go to the target."""
+    steps = range(6)
+    write_flight(
+        folder,
+        [decided(k, "go", point=[500.0 + k, 500.0], depth_m=11.0 + k) for k in steps],
+        [pictured(k, (20.0 - k, 0.0, 0.5)) for k in steps],
+        instruction,
+    )
 
 
 def test_a_decision_is_labelled_by_the_truth_of_its_picture(tmp_path):
@@ -86,17 +100,22 @@ def test_depth_errors_are_split_into_spreads_between_and_within_flights():
     assert errors.lost.strays > errors.sure.strays
 
 
+def test_a_run_without_one_kind_of_command_is_rejected(tmp_path):
+    write_goes(tmp_path / "run" / "paint", PAINT)
+    assert "place or inscription" in refusal(vision_errors.fit_run, tmp_path / "run")
+    write_goes(tmp_path / "run" / "inscription", INSCRIPTION)
+    write_flight(tmp_path / "run" / "place", [decided(0, "think")], [pictured(0, (20.0, 0.0, 0.5))], PLACE)
+    assert "named by place." in refusal(vision_errors.fit_run, tmp_path / "run")  # a flight without a depth
+
+
 def test_the_command_writes_the_file_that_the_pilot_reads(tmp_path):
-    steps = range(6)
-    write_flight(
-        tmp_path / "run" / "e",
-        [decided(k, "go", point=[500.0 + k, 500.0], depth_m=11.0 + k) for k in steps],
-        [pictured(k, (20.0 - k, 0.0, 0.5)) for k in steps],
-    )
+    for instruction in (PAINT, PLACE, INSCRIPTION):
+        write_goes(tmp_path / "run" / noisy.named_by(instruction), instruction)
     command = [sys.executable, "-m", "dronecats.pilots.fitting", "vision-errors", str(tmp_path / "run")]
     command += ["--out", str(tmp_path)]
     done = subprocess.run(command, cwd=Path(__file__).parents[3], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     out = tmp_path / "vision_errors.json"
-    assert json.loads(out.read_text())["eyes"]["paint"]["flights"] == 1
+    eyes = json.loads(out.read_text())["eyes"]
+    assert {name: errors["flights"] for name, errors in eyes.items()} == {"paint": 1, "place": 1, "inscription": 1}
     assert json.loads(done.stdout) == json.loads(out.read_text())
