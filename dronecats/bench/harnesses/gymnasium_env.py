@@ -9,6 +9,8 @@ finished. A fleet has a picture and an action per drone. Controller, autopilot, 
 `dronecats fly`. Each flight writes a run folder.
 """
 
+import itertools
+import shutil
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -59,8 +61,9 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         """`episodes`: ids or files, which `reset` takes one after another; empty: the one-drone suite.
 
         `reward`: with "none" always 0; with "verdict" 1 for the last step of a success, else 0. `out`: the folder that
-        gets one folder per flight; None: flights are not kept. `policy`: the pilot's name in run.json. Raises
-        UsageError for episodes with different numbers of drones, because their spaces differ.
+        gets one folder per flight, with the next free number as its name; None: a flight's folder is removed at the
+        next `reset` or `close`. `policy`: the pilot's name in run.json. Raises UsageError for episodes with different
+        numbers of drones, because their spaces differ.
         """
         self._records = {name: catalogue.load(name) for name in episodes or catalogue.suite_ids("one-drone")}
         self._names = list(self._records)
@@ -74,7 +77,9 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         self._reward, self._latency, self._seconds, self._policy = reward, latency, seconds, policy
         self._kept = None if out is not None else tempfile.TemporaryDirectory(prefix="dronecats-")
         self._out = Path(out if out is not None else self._kept.name)  # type: ignore[union-attr]
-        self._begun = 0
+        self._begun = 0  # flights, which determine the next episode
+        self._run: Path | None = None  # folder of the newest flight
+        self._numbers = itertools.count(1)  # names of the flights' folders; other environments may take some of them
         self._flight: OutsideFlight | None = None
         self.render_mode = render_mode
         self.observation_space = observation_space(self._drones)
@@ -106,7 +111,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
             seconds=self._seconds,
             seed=drawn,
         )
-        self._flight = OutsideFlight(spec, self._out / f"{self._begun:06d}")
+        self._flight = OutsideFlight(spec, self._new_run())
         question = self._flight.question()
         if question is None:
             raise InfrastructureError(f"the flight ended before its first image: {self._flight.result().error}")
@@ -133,7 +138,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         return self._frames.reshape(-1, *self._frames.shape[-2:]).copy() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """End the flight, and remove folders that are not kept."""
+        """End the flight, and remove the folders if there is no `out`."""
         self._end()
         if self._kept is not None:
             self._kept.cleanup()
@@ -142,6 +147,23 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         if self._flight is not None:
             self._flight.close()
             self._flight = None
+        if self._kept is not None and self._run is not None:
+            shutil.rmtree(self._run, ignore_errors=True)
+            self._run = None
+
+    def _new_run(self) -> Path:
+        """Create and return the folder with the next free number. Raises UsageError."""
+        for number in self._numbers:
+            self._run = self._out / f"{number:06d}"
+            try:
+                self._run.mkdir(parents=True)  # atomic: environments that share a folder get different numbers
+                break
+            except FileExistsError:
+                continue
+            except OSError as error:
+                raise UsageError(f"the run folder {self._run} cannot be written: {error.strerror}") from None
+        assert self._run is not None
+        return self._run
 
     def _seen(self, question: Request) -> EnvObservation:
         assert self._flight is not None

@@ -3,16 +3,19 @@
 import json
 import warnings
 
+import cv2
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.spaces import Text
 from gymnasium.utils.env_checker import check_env
 
+from dronecats.agent.models.model import Request
 from dronecats.bench.harnesses import gymnasium_env
 from dronecats.bench.harnesses.gymnasium_env import ENV_ID
 from dronecats.bench.harnesses.outside_flight import picture
 from foundation.errors import UsageError
+from foundation.run_folder.folder import prepare
 from foundation.run_folder.layout import frame_name
 
 EPISODE, FLEET = "residential-approaching-03", "blocks-commanding-01"
@@ -55,6 +58,45 @@ def test_an_episode_is_truncated_at_its_time_limit_with_a_verdict(tmp_path):
     assert json.loads((folder.parent / "run.json").read_text())["flight"]["outside"]["harness"] == "gymnasium"
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(DECLARE)
+
+
+class ParkedFlight:
+    """A flight that begins and never moves."""
+
+    instruction = "go to the motorcycle"
+
+    def __init__(self, spec, run):
+        prepare(run / spec.episode)
+
+    def question(self):
+        return Request("text", (picture_jpeg(),), thinking=False)
+
+    def close(self):
+        pass
+
+
+def picture_jpeg():
+    return cv2.imencode(".jpg", np.zeros((360, 640, 3), np.uint8))[1].tobytes()
+
+
+def test_environments_may_share_a_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(gymnasium_env, "OutsideFlight", ParkedFlight)
+    first, second = made(out=tmp_path), made(out=tmp_path)
+    for env in (first, second, first, made(out=tmp_path)):
+        env.reset(seed=0)
+    first.close()
+    assert sorted(run.name for run in tmp_path.iterdir()) == ["000001", "000002", "000003", "000004"]
+    assert all((run / EPISODE).is_dir() for run in tmp_path.iterdir())
+
+
+def test_flights_without_a_folder_are_removed_at_the_next_reset(monkeypatch):
+    monkeypatch.setattr(gymnasium_env, "OutsideFlight", ParkedFlight)
+    env = made()
+    for _ in range(3):
+        env.reset(seed=0)
+        assert len(list(env._out.iterdir())) == 1
+    env.close()
+    assert not env._out.exists()
 
 
 def test_a_fleet_takes_one_action_per_drone(tmp_path):
