@@ -51,7 +51,10 @@ class DroneEmbodiment(EmbodimentBase):
     def __init__(
         self, latency: str = LATENCY, seconds: float = CAP_S, out: str | Path | None = None, policy: str = "policy"
     ) -> None:
-        """`latency`: the vehicle time that a decision costs. `out`: run folder; None: a new one for each flight."""
+        """`latency`: the vehicle time that a decision costs.
+
+        `out`: folder that gets one run folder for each seed, and so for each epoch; None: a new one for each flight.
+        """
         self._latency, self._seconds, self._policy = latency, seconds, policy
         self._out = None if out is None else Path(out)
         self._flight: OutsideFlight | None = None
@@ -83,7 +86,8 @@ class DroneEmbodiment(EmbodimentBase):
         )
         if len(catalogue.load(spec.episode or "").starts) != 1:
             raise UsageError(f"{scene.id} is for several drones, but this embodiment is one drone")
-        self._flight = OutsideFlight(spec, self._out or fresh_run(spec.pilot_name))
+        run = fresh_run(spec.pilot_name) if self._out is None else self._out / f"seed-{spec.seed}"
+        self._flight = OutsideFlight(spec, run)
         question = self._flight.question()
         if question is None:
             raise EmbodimentFault(f"the flight ended before its first image: {self._flight.result().error}")

@@ -4,12 +4,16 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from inspect_robots.conformance import assert_embodiment_conformant
 from inspect_robots.eval import eval as evaluate
 from inspect_robots.policy import PolicyBase, PolicyInfo
+from inspect_robots.rollout import derive_seed
 from inspect_robots.types import Action, ActionChunk
 
+from dronecats.bench.harnesses import robots
 from dronecats.bench.harnesses.robots import DroneEmbodiment, dronecats_task
+from foundation.errors import UsageError
 
 
 class Turns(PolicyBase):
@@ -28,14 +32,14 @@ class Turns(PolicyBase):
 
 
 def test_the_embodiment_conforms_flies_and_is_scored(tmp_path):
-    embodiment = DroneEmbodiment(seconds=8.0, out=tmp_path / "run")
+    embodiment = DroneEmbodiment(seconds=8.0, out=tmp_path / "runs")
     assert_embodiment_conformant(embodiment.info)
     policy = Turns(embodiment)
     task = dronecats_task("residential-approaching-03")
     (log,) = evaluate(task, policy, embodiment, log_dir=str(tmp_path / "logs"))
     embodiment.close()
     assert log.status == "success"
-    folder = tmp_path / "run" / "residential-approaching-03"
+    (folder,) = (tmp_path / "runs").glob("seed-*/residential-approaching-03")
     rows = [json.loads(line) for line in (folder / "decisions.jsonl").open()]
     kinds = [row["action"]["action"] for row in rows]
     assert kinds[:3] == ["rotate", "rotate", "finished"]
@@ -44,6 +48,25 @@ def test_the_embodiment_conforms_flies_and_is_scored(tmp_path):
     assert policy.pictures[0].shape == (360, 640, 3)
     assert json.loads((folder / "verdict.json").read_text())["outcome"] == "failure"
     assert len(list(Path(tmp_path / "logs").rglob("*.json"))) >= 1
+
+
+def test_each_epoch_has_its_own_run_folder(tmp_path, monkeypatch):
+    runs: list[tuple[str, Path]] = []
+
+    def begin(spec, run):
+        runs.append((spec.episode, run))
+        raise UsageError("no flight is needed")
+
+    monkeypatch.setattr(robots, "OutsideFlight", begin)
+    embodiment = DroneEmbodiment(out=tmp_path)
+    scenes = dronecats_task("residential-approaching-03,residential-approaching-01").scenes
+    for epoch in (0, 1):
+        for scene in scenes:
+            with pytest.raises(UsageError, match="no flight"):
+                embodiment.reset(scene, seed=derive_seed(0, scene.init_seed, epoch))
+    assert len(set(runs)) == 4  # episodes, epochs
+    assert len({run for _, run in runs}) == 2  # the episodes of an epoch share a run
+    assert {run.parent for _, run in runs} == {tmp_path}
 
 
 def test_a_task_contains_only_the_episodes_with_one_drone():
