@@ -11,8 +11,8 @@ import ray
 from ray.cluster_utils import Cluster
 
 from dronecats.agent.models.ledger import Ledger, Spent
-from dronecats.bench.campaign import Batch, Campaign, EndedFlight, OpenRun
 from dronecats.bench import cluster as bench_cluster
+from dronecats.bench.campaign import Batch, Campaign, EndedFlight, OpenRun
 from dronecats.bench.cluster import ClusterEngine, ClusterWorker
 from dronecats.bench.engine import LocalEngine, Sortie
 from dronecats.bench.matrix import BenchEntry

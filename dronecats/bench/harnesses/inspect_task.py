@@ -8,6 +8,7 @@ are those of `dronecats fly`. The flights write ordinary run folders.
 """
 
 import base64
+import re
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -54,7 +55,7 @@ def dronecats(
 
     `latency`: the vehicle time that a reply costs (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
     `axis_order`: xy or yx, the order of the model's points. `full`: fly to the time limit, even when the verdict is
-    decided. `out`: a folder in which each epoch gets its own run folder; None: a new run folder for each epoch.
+    decided. `out`: a folder in which each model and epoch get their own run folder; None: a new one in `runs` for each.
     `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of calls after a `think`; None: all calls use the
     evaluation's effort. Some models have no setting for their effort.
 
@@ -86,6 +87,10 @@ def _sample(name: str) -> Sample:
     )
 
 
+def _run_name(model: str, epoch: int) -> str:
+    return f"{re.sub('[^A-Za-z0-9.]+', '-', model)}-flight{epoch}"
+
+
 @solver
 def flight(
     latency: str,
@@ -98,13 +103,13 @@ def flight(
     lifted: Effort | None = None,
 ) -> Solver:
     """Fly the sample's episode with the evaluation's model. An infrastructure error is not scored."""
-    runs: dict[int, Path] = {}
+    runs: dict[tuple[str, int], Path] = {}  # by the model and the epoch
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
         model = get_model()
-        if state.epoch not in runs:
-            run = fresh_run(f"inspect-{model}") if out is None else Path(out)
-            runs[state.epoch] = run / f"flight{state.epoch}" if out is not None else run
+        key = str(model), state.epoch
+        if key not in runs:
+            runs[key] = fresh_run(f"inspect-{model}") if out is None else Path(out) / _run_name(*key)
         spec = FlightSpec(
             episode=str(state.metadata["episode"]),
             simulated=Simulated(speed=None),
@@ -117,7 +122,7 @@ def flight(
             seed=seed + state.epoch - 1,
             full=full,
         )
-        outside = await run_sync(OutsideFlight, spec, runs[state.epoch])
+        outside = await run_sync(OutsideFlight, spec, runs[key])
         state.store.set(FOLDER, str(outside.folder))
         try:
             while (question := await run_sync(outside.question)) is not None:

@@ -64,6 +64,26 @@ def test_replies_of_the_inspect_model_are_executed_and_scored(tmp_path):
     assert {"accuracy", "approaching", "commanding", "residential", "blocks"} <= set(metrics)
 
 
+def test_each_model_and_epoch_has_its_own_run_folder(tmp_path, monkeypatch):
+    from inspect_ai import eval as evaluate
+
+    from dronecats.bench.harnesses import inspect_task
+
+    runs: list[tuple[str, Path]] = []
+
+    def begin(spec, run):
+        runs.append((spec.episode, run))
+        raise UsageError("no flight is needed")
+
+    monkeypatch.setattr(inspect_task, "OutsideFlight", begin)
+    task = inspect_task.dronecats(EPISODES, out=str(tmp_path / "runs"))
+    models = ["mockllm/one", "mockllm/two"]
+    evaluate(task, model=models, epochs=2, log_dir=str(tmp_path / "logs"), display="none", fail_on_error=False)
+    assert len(runs) == len(set(runs)) == 2 * 2 * 2  # episodes, epochs, models
+    names = [f"mockllm-{model}-flight{epoch}" for model in ("one", "two") for epoch in (1, 2)]
+    assert sorted({run.name for _, run in runs}) == names
+
+
 @pytest.mark.parametrize("lifted", [None, "high"])
 def test_think_raises_the_reasoning_effort_of_the_next_call_only(tmp_path, lifted):
     words = ['{"action": "think"}', GO, GO]
