@@ -226,9 +226,12 @@ class Endpoint:
         self._http.close()
 
     def url(self, path: str) -> httpx.URL:
-        """Return the address of `path` (no slash before it) below the base, followed by the base's query."""
-        base, mark, query = self._base.raw_path.partition(b"?")
-        return self._base.copy_with(raw_path=base.rstrip(b"/") + b"/" + path.encode() + mark + query, fragment=None)
+        """Return the address of `path` (no slash before it) below the base, with the queries of both."""
+        base, _, base_query = self._base.raw_path.partition(b"?")
+        place, _, query = path.encode().partition(b"?")
+        queries = b"&".join(filter(None, (query, base_query)))
+        raw_path = base.rstrip(b"/") + b"/" + place + (b"?" + queries if queries else b"")
+        return self._base.copy_with(raw_path=raw_path, fragment=None)
 
     def hide(self, text: str) -> str:
         """Return text of an answer without the secrets."""

@@ -41,6 +41,7 @@ class HttpModel(ABC):
 
     answer: ClassVar[str]  # what the format calls an answer, in "the endpoint sent something other than a …"
     key_header: ClassVar[KeyHeader] = BEARER
+    listing: ClassVar[str] = "models"  # path of the list of models, with the query for the longest page
     unknown: ClassVar[Collection[str]] = ()  # keywords of JSON Schema that the format does not support
 
     def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
@@ -163,7 +164,7 @@ class HttpModel(ABC):
 
     def listed(self) -> list[str]:
         """Return the names of the models that the endpoint lists. Raises ModelError."""
-        body = self._endpoint.get("models")
+        body = self._endpoint.get(self.listing)
         try:
             data = json.loads(body)
             names = [entry["id"] for entry in data["data"]] if "data" in data else [m["name"] for m in data["models"]]

@@ -82,6 +82,7 @@ class GeminiModel(HttpModel):
 
     answer = "Gemini content"
     key_header = KeyHeader("x-goog-api-key")
+    listing = "models?pageSize=1000"
     unknown = ("exclusiveMinimum",)  # not in the vendor's list of keywords for responseJsonSchema
 
     @property
@@ -157,6 +158,7 @@ class AnthropicModel(HttpModel):
     answer = "Anthropic message"
     path = "messages"
     key_header = KeyHeader("x-api-key")
+    listing = "models?limit=1000"
     # keywords of JSON Schema that output_config does not support, according to the vendor's SDK
     unknown = ("minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems")
 

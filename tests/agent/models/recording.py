@@ -31,7 +31,8 @@ class Recording:
         `listed`: the body of the response to a GET request, which lists the models; None: status 501.
         """
         self.sent: list[Sent] = []
-        sent = self.sent
+        self.paths: list[str] = []  # of the GET requests, with their queries
+        sent, paths = self.sent, self.paths
 
         class Handler(BaseHTTPRequestHandler):
             def do_POST(self):
@@ -46,6 +47,7 @@ class Recording:
                 self.wfile.write(response[1])
 
             def do_GET(self):
+                paths.append(self.path)
                 self.send_response(501 if listed is None else 200)
                 self.send_header("Content-Length", str(len(listed or b"")))
                 self.end_headers()

@@ -255,8 +255,8 @@ def test_a_flight_can_end_without_waiting_for_the_last_reply(serve, tmp_path):
 
 
 def test_the_url_path_is_extended_before_the_query():
-    def url(base):
-        return str(Endpoint(base, None, (), QUICK).url("chat/completions"))
+    def url(base, path="chat/completions"):
+        return str(Endpoint(base, None, (), QUICK).url(path))
 
     assert url("http://h/v1") == "http://h/v1/chat/completions"
     assert url("http://h/v1/") == "http://h/v1/chat/completions"
@@ -264,6 +264,8 @@ def test_the_url_path_is_extended_before_the_query():
     assert url("http://h/a%2Fb/v1/#top") == "http://h/a%2Fb/v1/chat/completions"
     assert url("http://h") == "http://h/chat/completions"
     assert url("http://h?k=v") == "http://h/chat/completions?k=v"
+    assert url("http://h/v1", "models?limit=9") == "http://h/v1/models?limit=9"
+    assert url("http://h/v1?k=a%2Fb", "models?limit=9") == "http://h/v1/models?limit=9&k=a%2Fb"
 
 
 @pytest.mark.parametrize(

@@ -317,3 +317,15 @@ def bare(body: Any) -> Any:
         kept = {key: value for key, value in body.items() if key != "description"}
         return {key: bare(value) for key, value in kept.items() if not (key == "type" and "enum" in kept)}
     return [bare(value) for value in body] if isinstance(body, list) else body
+
+
+@pytest.mark.parametrize(
+    ("provider", "path"),
+    [("local", "/v1/models"), ("gemini", "/v1/models?pageSize=1000"), ("anthropic", "/v1/models?limit=1000")],
+)
+def test_the_list_of_models_is_requested_in_the_longest_page(provider, path):
+    with Recording(listed=b'{"data": [{"id": "m"}]}') as server:
+        model = open_model(ModelSpec(provider=provider, name="m", base_url=server.url + "/v1"))
+        assert model.listed() == ["m"]
+        model.close()
+    assert server.paths == [path]
