@@ -34,7 +34,7 @@ def begin(**pilot: Any):
 
 
 def test_vision_needs_pictures_of_1280_by_720(closed):
-    with pytest.raises(UsageError, match="vision .*1280×720.* 640×480"):
+    with pytest.raises(UsageError, match=r"vision .*1280×720.* 640×480"):
         begin(pilot="vision")
     assert sorted(closed) == ["camera", "link"]
 

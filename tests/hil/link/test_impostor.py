@@ -111,7 +111,8 @@ def test_a_camera_of_the_same_system_at_another_address_causes_no_notice(vehicle
 
 
 def test_copies_have_no_messages_of_other_vehicles_on_the_port(vehicle, port):
-    link, systems, parser = Link(port), [], Parser()
+    link, parser = Link(port), Parser()
+    systems: list[int] = []
 
     def keep(data):
         systems.extend(message.get_srcSystem() for message in parser.feed(data))
