@@ -1,6 +1,7 @@
 """Faults of an endpoint: each is retried within the attempts, is final, or gives a reply with a finish reason."""
 
 import json
+import socket
 
 import httpx
 import pytest
@@ -93,11 +94,13 @@ def test_faults_of_one_question_are_not_rejections(serve, fault):
     assert not isinstance(refused.value, ModelRejectedError)
 
 
-def test_a_server_that_has_gone_cannot_be_reached(serve):
-    wire = serve(say(completion("there")))
-    wire.close()
-    with pytest.raises(ModelError, match="cannot be reached"):
-        ask(wire)
+def test_a_port_where_no_server_listens_cannot_be_reached():
+    with socket.socket() as deaf:
+        deaf.bind(("127.0.0.1", 0))  # keeps the port, and refuses connections
+        url = f"http://127.0.0.1:{deaf.getsockname()[1]}/v1"
+        model = open_model(ModelSpec(provider="local", name="m", base_url=url), QUICK)
+        with pytest.raises(ModelError, match="cannot be reached"):
+            model.ask(REQUEST)
 
 
 @pytest.mark.parametrize("error", [httpx.ConnectTimeout("timed out"), httpx.ProxyError("503")])
