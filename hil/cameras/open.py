@@ -62,10 +62,8 @@ def _source(address: Address, lens: Lens) -> Source | None:
         case "rtsp":
             return RtspSource(address.place)
         case "v4l2":
-            size = size_of(address.options.get("size"))
-            if size is None and lens.model:
-                size = (lens.model.width, lens.model.height)
-            return V4l2Source(address.place, size)
+            model = lens.model or CameraModel()
+            return V4l2Source(address.place, size_of(address.options.get("size")) or (model.width, model.height))
         case "folder":
             return FolderSource(address.place, rate_of(address.options.get("fps")))
         case _:

@@ -233,7 +233,7 @@ class RtspSource(CaptureSource):
 class V4l2Source(CaptureSource):
     """A camera on this computer, by USB or ribbon cable."""
 
-    def __init__(self, device: str, size: tuple[int, int] | None) -> None:
+    def __init__(self, device: str, size: tuple[int, int]) -> None:
         """`size` (width, height in px) is requested; the camera uses the nearest size that it has."""
         self._device, self._size = device, size
 
@@ -243,11 +243,10 @@ class V4l2Source(CaptureSource):
             raise CameraError(
                 "the device cannot be opened: it does not exist, is in use, or this user is not in the group video"
             )
-        if self._size:
-            # over USB, large pictures reach their full rate only as JPEG; a camera without JPEG keeps its format
-            self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
-            self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
-            self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
+        # over USB, large pictures reach their full rate only as JPEG; a camera without JPEG keeps its format
+        self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
+        self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
+        self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
 
 

@@ -108,6 +108,21 @@ def test_invalid_cameras_are_reported_at_once(tmp_path):
         assert word in refusal(open_camera, url, host_us, error=error)
 
 
+@pytest.mark.parametrize(("url", "size"), [("v4l2:0", (1280, 720)), ("v4l2:0?size=640x480", (640, 480))])
+def test_a_local_camera_is_asked_for_the_benchmarks_size_or_the_given_one(monkeypatch, url, size):
+    asked: dict[int, float] = {}
+
+    class Device:
+        isOpened = staticmethod(lambda: True)  # noqa: N815
+        set = staticmethod(asked.__setitem__)
+        read = staticmethod(lambda: (False, None))
+        release = staticmethod(lambda: None)
+
+    monkeypatch.setattr(cv2, "VideoCapture", lambda *arguments: Device())
+    open_camera(url, host_us).close()
+    assert (asked[cv2.CAP_PROP_FRAME_WIDTH], asked[cv2.CAP_PROP_FRAME_HEIGHT]) == size
+
+
 @pytest.mark.skip(reason="Video4Linux has not been run: it wants a camera, or the kernel module v4l2loopback")
 def test_a_local_v4l2_camera_returns_an_image():
     camera = open_camera("v4l2:0", host_us)
