@@ -197,11 +197,12 @@ def test_a_notice_of_the_link_reaches_the_user(vehicle, tmp_path):
 def test_a_signal_that_nohup_ignores_stays_ignored():
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
     try:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
         interrupt_on_signals()
         with signals_handled(lambda number, frame: None):
             assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-        assert signal.getsignal(signal.SIGTERM) is not before[signal.SIGTERM]
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -80,7 +80,7 @@ def test_a_folder_plays_in_name_order_at_the_requested_rate(tmp_path):
 def test_a_recording_has_a_camera_for_drone_0_only(tmp_path):
     (tmp_path / "a.jpg").write_bytes(jpeg(1))
     camera = open_camera(str(tmp_path), host_us)
-    with pytest.raises(CameraError, match="drone 1"):
+    with pytest.raises(CameraError, match="drone 2"):
         camera.newest(1)
     camera.close()
 
