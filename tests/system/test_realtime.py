@@ -41,7 +41,12 @@ class Flight:
         return next(c for c in self.children if c.cmdline()[-1] == MODULES[kind])
 
     def ends(self, timeout=300):
-        out, errors = self.process.communicate(timeout=timeout)
+        assert self.process.stdout is not None
+        late = threading.Timer(timeout, self.process.kill)
+        late.start()
+        out = self.process.stdout.read()  # `communicate` would lose the lines that `until` has buffered
+        _, errors = self.process.communicate()
+        late.cancel()
         assert not [c for c in self.children if c.is_running() and c.status() != psutil.STATUS_ZOMBIE]
         return self.process.returncode, out, errors
 
