@@ -72,7 +72,7 @@ STATE = np.dtype(
         ("rotor_speed", "f8", (MAX_ROTORS,)),  # rad/s, magnitude
         ("rotor_turn", "f8", (MAX_ROTORS,)),  # rad, angle of the imbalance from forward, in the direction of rotation
         ("rotor_health", "f8", (MAX_ROTORS,)),  # factor on the commanded speed: 1 intact, 0 broken by a hit
-        ("rotor_fault", "f8", (MAX_ROTORS,)),  # another one: 1 no fault of the script … 0 failed
+        ("rotor_fault", "f8", (MAX_ROTORS,)),  # another factor: 1 without a fault of the script … 0 failed
         ("rotor_power", "f8"),  # W, mechanical, all rotors
         ("charge_ah", "f8"),
         ("voltage", "f8"),  # V, at the terminals

@@ -94,7 +94,8 @@ BLOCKED_S = 3.0  # s, after which the integral may grow again, because the cause
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
 KNOCK = 8.0  # m/s², least sudden unexplained acceleration of a knock; 10 m/s of wind: 3.3 (X500), 6.1 (30 g drone)
 KNOCK_TORQUE = 0.15  # the same as a fraction of the rotors' largest torque; wind of 10 m/s causes 0.06 and 0.08
-KNOCK_S, GUST_S = (0.016, 0.3)  # s, time constants of the band-pass for knocks: above a gust's frequency, up to 10 Hz
+# s, time constants of the band-pass for knocks: above a gust's frequency, up to 10 Hz
+KNOCK_S, GUST_S = 0.016, 0.3
 TOUCHED_S = 1.0  # s after a knock, during which the vehicle is assumed to touch the obstacle
 FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²; a larger value is an invalid measurement
 

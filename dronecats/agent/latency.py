@@ -175,8 +175,8 @@ def _recorded(text: str, name: str, trace: Sequence[float] | None) -> tuple[floa
 
 
 # Random streams. Each kind has its own stream, so that joined kinds are independent. A draw is a quantile, so that the
-# same questions are slow whatever the parameters of a policy are. Stream 0 is not used: NumPy's seed sequences ignore a
-# 0 at the end. `pictures.py` uses stream 6. Without a stream, the draws would equal those of the noisy pilot
+# same questions are slow under all parameters of a policy. Stream 0 is not used, because NumPy's seed sequences ignore
+# a 0 at the end. `pictures.py` uses stream 6. Without a stream, the draws would equal those of the noisy pilot
 # (`pilots/oracle/noisy.py`).
 GAMMA_STREAM, BIMODAL_STREAM, STALL_STREAM, JITTER_STREAM, TRACE_STREAM = range(1, 6)
 LOGNORMAL_STREAM = 7

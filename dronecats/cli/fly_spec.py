@@ -141,15 +141,8 @@ RUN = (
     Option(name="json", kind=bool, help="end with one JSON object on standard output", beside_spec=True),
 )  # fmt: skip
 OPTIONS = (*VEHICLE, *PILOT, COMMAND, LATENCY, *DISTURBANCES, *RUN)
-ALLOWED_WITH_SPEC = {
-    "verb",
-    "run",
-    "view",
-    "view_port",
-    "view_host",
-    "view_stay",
-    *(o.name for o in OPTIONS if o.beside_spec),
-}
+PAGE = ("view", "view_port", "view_host", "view_stay")
+ALLOWED_WITH_SPEC = {"verb", "run", *PAGE, *(option.name for option in OPTIONS if option.beside_spec)}
 REPLAY = "replay:"
 SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which the flight of a connected vehicle ends

@@ -7,6 +7,7 @@ from dronecats.pilots.actions import Pilot
 from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.scripted import PATTERNS
 from dronecats.pilots.vision.command import read_inscription
+from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.wording import suggestion
 
@@ -48,6 +49,16 @@ def check_installed(name: str, instructions: Iterable[str]) -> None:
         from dronecats.pilots.vision import ocr
 
         ocr.check_installed()
+
+
+def check_camera(name: str | None, camera: CameraModel) -> None:
+    """Raise UsageError if a pilot cannot use a camera: vision reads the points of its history as benchmark pixels."""
+    size, needed = (camera.width, camera.height), (CameraModel().width, CameraModel().height)
+    if name == "vision" and size != needed:
+        raise UsageError(
+            f"the pilot vision needs pictures of {needed[0]}×{needed[1]} px, and this camera gives {size[0]}×{size[1]}."
+            " Set the camera to this size, for example with --camera v4l2:0?size=1280x720, or choose --model"
+        )
 
 
 def check_commander(name: str) -> str:

@@ -43,6 +43,10 @@ class Setting:
     reasoning: str = ""  # request fields that set reasoning on steps that do not follow a `think`
 
 
+# fields of a setting that state how the model was asked; empty for other pilots
+REQUEST_FIELDS = ("temperature", "top_p", "max_tokens", "reasoning")
+
+
 @dataclass(frozen=True)
 class Entrant:
     """A row of the tables: all flights of a pilot under one setting."""
@@ -137,7 +141,7 @@ def _label(entry: Setting, entries: Sequence[Setting]) -> str:
     key = (entry.pilot, entry.replayed, entry.agent)
     namesakes = [setting for setting in entries if (setting.pilot, setting.replayed, setting.agent) == key]
     differing = []
-    for field in ("command", "commander", "latency", "disturbed", "temperature", "top_p", "max_tokens", "reasoning"):
+    for field in ("command", "commander", "latency", "disturbed", *REQUEST_FIELDS):
         value = getattr(entry, field)
         if value and any(getattr(namesake, field) != value for namesake in namesakes):
             differing.append(value)

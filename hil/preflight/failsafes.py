@@ -354,7 +354,7 @@ def _walls(radius: Value | None, points: int | None) -> Finding:
         return _good("GF_MAX_HOR_DIST", radius, f"at most {radius:g} m from home" + (f", and {drawn}" if drawn else ""))
     if drawn:
         return _good("GF_MAX_HOR_DIST", radius, drawn)
-    why, reason = ("only our program keeps the vehicle near home", "a second limit beyond the 100 m of our envelope")
+    why, reason = "only our program keeps the vehicle near home", "a second limit beyond the 100 m of our envelope"
     return _failed_with_change("GF_MAX_HOR_DIST", radius, FENCE_RADIUS, why, reason)
 
 

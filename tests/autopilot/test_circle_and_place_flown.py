@@ -17,11 +17,7 @@ NORTH, EAST, HEIGHT = 25.0, -10.0, 14.0  # m, of the circle's centre
 def craft() -> Aircraft:
     """A vehicle that hovers 6 m above its home."""
     craft = Aircraft("x500", seed=7)
-    craft.until(lambda: not craft.commander.arming_failures(), 15.0)
-    craft.autopilot.parameters.set("MIS_TAKEOFF_ALT", 6.0)
-    assert craft.client.arm() == 0
-    assert craft.client.command(dialect.MAV_CMD_NAV_TAKEOFF) == 0
-    craft.until(lambda: craft.commander.mode == "HOLD", 30.0)
+    craft.take_off(6.0)
     return craft
 
 

@@ -76,11 +76,7 @@ def test_the_vehicle_lands_and_disarms_after_setpoint_loss() -> None:
 
 def test_a_descent_from_above_the_rangefinder_keeps_its_thrust() -> None:
     craft = Aircraft("x500", seed=3)
-    craft.until(lambda: not craft.commander.arming_failures(), 15.0)
-    craft.autopilot.parameters.set("MIS_TAKEOFF_ALT", 20.0)
-    assert craft.client.arm() == 0
-    assert craft.client.command(dialect.MAV_CMD_NAV_TAKEOFF) == 0
-    craft.until(lambda: craft.commander.mode == "HOLD", 30.0)
+    craft.take_off(20.0)
     assert math.isnan(craft.autopilot.state.range_m())
     assert craft.client.command(dialect.MAV_CMD_NAV_LAND) == 0
     for _ in range(150):

@@ -29,14 +29,6 @@ def landed_craft() -> Aircraft:
     return craft
 
 
-def take_off(craft: Aircraft, height: float) -> None:
-    craft.autopilot.parameters.set("MIS_TAKEOFF_ALT", height)
-    assert craft.client.mode(4, 3) == 0
-    craft.until(lambda: craft.client.arm() == 0, 10.0)
-    assert craft.client.command(dialect.MAV_CMD_NAV_TAKEOFF) == 0
-    craft.until(lambda: craft.commander.mode == "HOLD", 30.0)
-
-
 def test_the_mission_ends_at_home(landed_craft: Aircraft) -> None:
     assert math.hypot(*landed_craft.truth["position_ned"][:2]) < 2.0
     assert [m.seq for m in landed_craft.client.of("MISSION_ITEM_REACHED")] == [0, 1, 2, 3, 4]
@@ -76,7 +68,7 @@ def test_a_mission_from_mavproxy_is_completed(landed_craft: Aircraft) -> None:
 
 def test_orbit_follow_sticks_and_geofence_in_one_flight(landed_craft: Aircraft) -> None:
     craft, client = landed_craft, landed_craft.client
-    take_off(craft, 8.0)
+    craft.take_off(8.0)
     here = craft.truth["position_ned"][:2].copy()
     assert client.command(dialect.MAV_CMD_DO_ORBIT, 10.0, 3.0, 0, math.nan, math.nan, math.nan, math.nan) == 0
     craft.run(12.0)
@@ -139,7 +131,7 @@ def test_orbit_follow_sticks_and_geofence_in_one_flight(landed_craft: Aircraft) 
 def test_the_vehicle_flies_towards_a_setpoint_a_thousand_kilometres_away(landed_craft: Aircraft) -> None:
     craft, client = landed_craft, landed_craft.client
     craft.autopilot.parameters.set("GF_ACTION", 0)
-    take_off(craft, 8.0)
+    craft.take_off(8.0)
 
     def ask() -> None:
         client.send(

@@ -13,7 +13,7 @@ from dronecats.flight.run.episode import EpisodeEnd
 from dronecats.flight.run.pilot import OpenPilot, opened
 from dronecats.flight.run.setup import FlightSetup, Instruments, Notify, Ready
 from dronecats.flight.spec.flight import Flight
-from dronecats.flight.spec.flight_spec import Connected, FlightSpec
+from dronecats.flight.spec.flight_spec import Connected
 from dronecats.flight.stages.connected import ConnectedStage
 from dronecats.pilots import roster
 from foundation.camera import CameraModel
@@ -98,7 +98,8 @@ class ConnectedFlight(VehicleFlight):
         self._camera, self._instruments = _camera(vehicle, link), instruments
         model = self._camera.model
         try:
-            check_picture_size(flight.spec, model)
+            if flight.spec.replay is None:
+                roster.check_camera(pilot, model)
         except UsageError:
             self._camera.close()
             link.close()
@@ -127,16 +128,6 @@ class ConnectedFlight(VehicleFlight):
     @property
     def camera_model(self) -> CameraModel:
         return self._camera.model
-
-
-def check_picture_size(spec: FlightSpec, camera: CameraModel) -> None:
-    """Raise UsageError if the pilot is vision and the pictures do not have the size for which it reads its history."""
-    size, needed = (camera.width, camera.height), (CameraModel().width, CameraModel().height)
-    if spec.pilot == "vision" and spec.replay is None and size != needed:
-        raise UsageError(
-            f"the pilot vision needs pictures of {needed[0]}×{needed[1]} px, and this camera gives {size[0]}×{size[1]}."
-            " Set the camera to this size, for example with --camera v4l2:0?size=1280x720, or choose --model"
-        )
 
 
 def open_link(vehicle: Connected, limits: Limits | None) -> Link:

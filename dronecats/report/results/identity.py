@@ -21,7 +21,7 @@ from foundation.run_folder.folder import comparable_versions
 from foundation.run_folder.reading import json_object, parse_row
 from foundation.run_folder.rows import EpisodeIdentity
 
-NOT_RECORDED = "not told"  # never change this text: the identity digests in archives are computed from it
+NOT_RECORDED = "not told"  # part of the digests in archives, so it must stay; WORDS has the text for people
 WORDS = {
     NOT_RECORDED: "not recorded",
     "told": "recorded",

@@ -11,7 +11,7 @@ from dronecats.flight.spec.spec_file import as_redacted_json, from_json
 from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import Metric
 from dronecats.report.recorded.run import RecordedRun
-from dronecats.report.report_data import FLAT, Setting, setting
+from dronecats.report.report_data import FLAT, REQUEST_FIELDS, Setting, setting
 from dronecats.report.results.collection import Exclusion, collect, exclude, exclusion_sentences
 from dronecats.report.results.identity import Identity, differences, identity
 from dronecats.study import folder as study_folder
@@ -23,13 +23,8 @@ from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.results import Level, Study, StudyRun
 
-MORE_IS_EASIER = (
-    "rate",
-    "rate_cap",
-    "frame_rate",
-    "setpoint_rate",
-    "link_baud",
-)  # factors whose highest level is the reference
+# factors whose highest level is the reference
+MORE_IS_EASIER = ("rate", "rate_cap", "frame_rate", "setpoint_rate", "link_baud")
 NONE_COUNTS = "No flight counts yet."
 # parts of the identity that do not depend on the entrant
 SHARED = ("the code", "the camera", "the clock", "the protocol", "the suite", "the version")
@@ -162,7 +157,7 @@ def _label(own: Setting, all_settings: Sequence[Setting]) -> str:
         for field, plain in usual.items()
         if (value := str(getattr(own, field))) != plain or any(getattr(s, field) != value for s in namesakes)
     ]
-    for field in ("temperature", "top_p", "max_tokens", "reasoning"):
+    for field in REQUEST_FIELDS:
         value = getattr(own, field)
         if any(getattr(s, field) != value for s in namesakes):
             details.append(value)

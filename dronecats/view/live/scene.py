@@ -138,7 +138,8 @@ class FlightScene:
     def _show_drone(self, drone: DroneMoment, here: Vec3) -> None:
         k = drone.drone
         node = self._node(k)
-        node.position, node.wxyz = (display.place_of(here), display.wxyz_of(drone.attitude))  # viser sends only changes
+        node.position = display.place_of(here)  # viser sends only changes
+        node.wxyz = display.wxyz_of(drone.attitude)
         if not self._view_is_set:
             self._look(here, quat_yaw(drone.attitude))
         self._trails[k].extend(here)

@@ -64,18 +64,12 @@ def test_replies_of_the_inspect_model_are_executed_and_scored(tmp_path):
     assert {"accuracy", "approaching", "commanding", "residential", "blocks"} <= set(metrics)
 
 
-def test_each_model_and_epoch_has_its_own_run_folder(tmp_path, monkeypatch):
+def test_each_model_and_epoch_has_its_own_run_folder(tmp_path, refused):
     from inspect_ai import eval as evaluate
 
     from dronecats.bench.harnesses import inspect_task
 
-    runs: list[tuple[str, Path]] = []
-
-    def begin(spec, run):
-        runs.append((spec.episode, run))
-        raise UsageError("no flight is needed")
-
-    monkeypatch.setattr(inspect_task, "OutsideFlight", begin)
+    runs = refused(inspect_task)
     task = inspect_task.dronecats(EPISODES, out=str(tmp_path / "runs"))
     models = ["mockllm/one", "mockllm/two"]
     evaluate(task, model=models, epochs=2, log_dir=str(tmp_path / "logs"), display="none", fail_on_error=False)

@@ -50,14 +50,8 @@ def test_the_embodiment_conforms_flies_and_is_scored(tmp_path):
     assert len(list(Path(tmp_path / "logs").rglob("*.json"))) >= 1
 
 
-def test_each_epoch_has_its_own_run_folder(tmp_path, monkeypatch):
-    runs: list[tuple[str, Path]] = []
-
-    def begin(spec, run):
-        runs.append((spec.episode, run))
-        raise UsageError("no flight is needed")
-
-    monkeypatch.setattr(robots, "OutsideFlight", begin)
+def test_each_epoch_has_its_own_run_folder(tmp_path, refused):
+    runs = refused(robots)
     embodiment = DroneEmbodiment(out=tmp_path)
     scenes = dronecats_task("residential-approaching-03,residential-approaching-01").scenes
     for epoch in (0, 1):

@@ -50,23 +50,16 @@ def test_the_error_of_an_ended_child_quotes_its_output(supervisor, asks):
         child.do("begin") if asks else supervisor.check()
 
 
-def test_the_error_of_a_killed_child_names_the_child_and_the_signal(supervisor):
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV])
+def test_the_error_of_a_killed_child_names_the_child_and_the_signal(supervisor, tmp_path, number):
+    """After a crash, the log also has the stacks of the threads."""
     child = supervisor.start(ENDING, EndingConfig())
     child.ready()
-    os.kill(child.pid, signal.SIGKILL)
+    os.kill(child.pid, number)
     os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
-    with pytest.raises(InfrastructureError, match=r"ending.*SIGKILL"):
+    with pytest.raises(InfrastructureError, match=f"ending.*{number.name}"):
         supervisor.check()
-
-
-def test_the_log_of_a_crashed_child_has_the_stacks_of_its_threads(supervisor, tmp_path):
-    child = supervisor.start(ENDING, EndingConfig())
-    child.ready()
-    os.kill(child.pid, signal.SIGSEGV)
-    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
-    with pytest.raises(InfrastructureError, match=r"ending.*SIGSEGV"):
-        supervisor.check()
-    assert "processes/child.py" in (tmp_path / "ending.log").read_text()
+    assert ("processes/child.py" in (tmp_path / "ending.log").read_text()) == (number == signal.SIGSEGV)
 
 
 def looks(supervisor, until, limit_s=60):
