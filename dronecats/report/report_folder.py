@@ -12,6 +12,7 @@ from dronecats.report.writers import as_csv, as_latex, as_markdown, as_shell, es
 from episodes.records.catalogue import load_blind
 from foundation.errors import InfrastructureError
 from foundation.protocol import RADIUS_M
+from foundation.wording import counted
 
 TABLES = (*outcomes.TABLES, *comparison.TABLES, *measures.TABLES, *setup.TABLES)
 
@@ -37,7 +38,7 @@ def opening(data: ReportData, delta_m: float, exclusions: Sequence[Exclusion] = 
     """Return the sentences above all tables."""
     flights = data.episodes
     episodes, scored = len({flight.episode for flight in flights}), sum(flight.scored for flight in flights)
-    sentences = [f"{len(flights)} flights of {episodes} episodes, {scored} of them scored."]
+    sentences = [f"{counted(len(flights), 'flight')} of {counted(episodes, 'episode')}, {scored} of them scored."]
     sentences += exclusion_sentences(flights, exclusions)
     for benchmark in unflown(run for entrant in data.entrants for run in entrant.runs):
         sentences.append(

@@ -6,13 +6,13 @@ import { episodes, flightsOf, index, outcomeWords, rate } from "./store.js";
 import { percent } from "./words.js";
 
 export function reportView() {
-  const count = episodes.length;
-  const { of: counted } = rate(episodes);
+  const many = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;
+  const { of: scored } = rate(episodes);
   const element = el(
     "article",
     {},
     el("h1", {}, "Report"),
-    el("p", { class: "quiet" }, `${count} flights of ${new Set(episodes.map((episode) => episode.id)).size} episodes in ${index.runs.length} ${index.runs.length > 1 ? "runs" : "run"}; ${counted} are scored. Made by ${index.made}.`),
+    el("p", { class: "quiet" }, `${many(episodes.length, "flight")} of ${many(new Set(episodes.map((episode) => episode.id)).size, "episode")} in ${many(index.runs.length, "run")}, ${scored} of them scored. Made by ${index.made}.`),
     solved(),
     glance(),
     document.getElementById("tables").content.cloneNode(true),
