@@ -107,7 +107,7 @@ def test_steps(tmp_path):
     (output,) = printed("steps", "--airframe", "x500", "--table", str(table), "--plots", str(tmp_path))
     (rows,) = output["airframes"].values()
     for name, row in rows.items():
-        assert_figures(row, {"drift_m", "drift_vertical_m"} if name == "hover" else {"rise_s"})
+        assert_figures(row, {"hold_error_m", "drift_m", "drift_vertical_m"} if name == "hover" else {"rise_s"})
     assert "| x500 |" in table.read_text(encoding="utf-8")
     assert (tmp_path / "steps.png").stat().st_size > 0
 
