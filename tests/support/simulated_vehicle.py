@@ -25,11 +25,15 @@ def start_vehicle(
 
 
 @contextmanager
-def simulated_rig(folder: Path, speed: float = 1.0) -> Iterator[tuple[int, str]]:
-    """Yield the agent's port of a vehicle and the URL of its camera, for any pilot."""
+def simulated_rig(folder: Path) -> Iterator[tuple[int, str]]:
+    """Yield the agent's port of a vehicle and the URL of its camera, for any pilot.
+
+    The vehicle flies in real time, because its failsafe allows a second of vehicle time without setpoints. At double
+    speed, half a second in which a busy machine does not run the agent would end a flight.
+    """
     supervisor = Supervisor(folder)
     try:
-        ports = start_vehicle(supervisor, speed)
+        ports = start_vehicle(supervisor)
         truth = f"udpout://127.0.0.1:{ports['truth']}"
         camera = supervisor.start(CAMERA, CameraConfig(episode=EPISODE, truth=truth))
         yield ports["agent"][0], str(camera.ready()["url"])

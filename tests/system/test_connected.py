@@ -21,13 +21,12 @@ from tests.support.simulated_vehicle import simulated_rig
 from tests.support.wire_tap import Tap, orders, setpoints
 
 pytestmark = pytest.mark.slow("whole flights in real time")
-SPEED = 2.0
 
 
 @pytest.fixture
 def field(tmp_path):
     """Each flight has a new vehicle. After a landing against the SUV, a vehicle cannot take off again."""
-    with simulated_rig(tmp_path, SPEED) as rig:
+    with simulated_rig(tmp_path) as rig:
         yield rig
 
 
@@ -38,7 +37,7 @@ def tap(field):
 
 
 def fly(tap, camera, tmp_path, *more):
-    (tmp_path / "envelope.toml").write_text("frame_s = 100\n")  # on a busy machine, frames are late at this speed
+    (tmp_path / "envelope.toml").write_text("frame_s = 100\n")  # a busy machine renders slowly
     command = [
         *DRONECATS, "fly", "--connect", tap.url, "--camera", camera,
         "--instruction", "Go to the cyan SUV.", "--out", str(tmp_path / "run"), "--json",
@@ -50,7 +49,7 @@ def fly(tap, camera, tmp_path, *more):
 
 
 def test_typing_arm_starts_a_flight_that_holds_and_then_lands(field, tap, tmp_path):
-    flight = fly(tap, field[1], tmp_path, "--arm", "--seconds", "25")
+    flight = fly(tap, field[1], tmp_path, "--arm", "--seconds", "15")
     out, err = flight.communicate("ARM\n", timeout=240)
     assert flight.returncode == 0, err
     result = last_object(out)
@@ -118,7 +117,7 @@ def simulator():
 
 def test_a_pause_of_the_vehicle_process_is_reported_and_marks_the_steps(field, tap, tmp_path):
     # a longer flight may come near the SUV and land on it
-    flight = fly(tap, field[1], tmp_path, "--arm", "--seconds", "25")
+    flight = fly(tap, field[1], tmp_path, "--arm", "--seconds", "15")
     flight.stdin.write("ARM\n")
     flight.stdin.flush()
     tap.until(lambda: any(m.coordinate_frame == 8 for m in setpoints(tap)), flight=flight)
@@ -185,7 +184,7 @@ def test_with_a_model_that_hangs_the_vehicle_holds_and_then_lands(field, tap, tm
 
 
 def test_a_dry_run_draws_every_step_and_sends_no_commands(field, tap, tmp_path):
-    flight = fly(tap, field[1], tmp_path, "--dry-run", "--seconds", "20")
+    flight = fly(tap, field[1], tmp_path, "--dry-run", "--seconds", "10")
     _, err = flight.communicate(timeout=120)
     assert flight.returncode == 0, err
     assert setpoints(tap) == []
