@@ -99,7 +99,8 @@ class LogDirectory:
 FLUSH_US = 500_000  # µs between two writes to the disk: a killed process loses at most this much of the log
 SYSTEM = "DroneCATS"
 
-# Values of SDLOG_MODE. With any other value, a log runs from arming to disarming.
+# Values of SDLOG_MODE. With any other value, and after the first log of BOOT_TO_DISARMING, a log runs from arming to
+# disarming.
 DISABLED, BOOT_TO_DISARMING, BOOT_TO_SHUTDOWN = -1, 1, 2
 
 
@@ -146,13 +147,14 @@ class FlightLogWriter:
         self._state_group = next(g for g in self._groups if any(x.topic.name == "vehicle_status" for x in g.members))
         self._shown: tuple[Any, ...] | None = None  # the state that was logged last
         self._was_armed = False
+        self._has_flown = False  # whether the vehicle was armed and disarmed since boot
         self._file: int | None = None
         self._size = 0  # bytes of whole messages in the file
         self._pending = bytearray()
         self._flush_due_us = 0
         self._dropout_since_us: int | None = None
         self._parameters: dict[str, int | float] = {}
-        self._suspended = False  # the log has ended or failed: no new one begins before the next arming or boot
+        self._suspended = False  # the log could not begin: no new attempt before the next arming
 
     @property
     def path(self) -> Path | None:
@@ -162,7 +164,10 @@ class FlightLogWriter:
     def tick(self) -> None:
         """Begin, continue or end the log."""
         armed, mode = self._vehicle.commander.armed, self._vehicle.parameters["SDLOG_MODE"]
-        wanted = mode != DISABLED and (armed or mode in (BOOT_TO_DISARMING, BOOT_TO_SHUTDOWN))
+        self._has_flown |= self._was_armed and not armed
+        self._was_armed = armed
+        from_boot = mode == BOOT_TO_SHUTDOWN or (mode == BOOT_TO_DISARMING and not self._has_flown)
+        wanted = mode != DISABLED and (armed or from_boot)
         if self._file is None:
             if not wanted:
                 self._suspended = False
@@ -171,11 +176,8 @@ class FlightLogWriter:
             if self._file is None:
                 return
         self._write_due()
-        just_disarmed = self._was_armed and not armed
-        self._was_armed = armed
-        if not wanted or (just_disarmed and mode == BOOT_TO_DISARMING):
+        if not wanted:
             self.close()
-            self._suspended = wanted
         elif self._vehicle.state.time_us >= self._flush_due_us:
             self._flush()
 
@@ -196,7 +198,7 @@ class FlightLogWriter:
     def _begin(self) -> None:
         path = self.directory.next_path()
         self.directory.make_room(int(self._vehicle.parameters["SDLOG_DIRS_MAX"]))
-        self.failed, self._dropout_since_us, self._size, self._was_armed = None, None, 0, False
+        self.failed, self._dropout_since_us, self._size = None, None, 0
         try:
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         except OSError as error:

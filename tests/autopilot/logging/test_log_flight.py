@@ -115,7 +115,7 @@ def test_a_log_cut_within_its_last_60_bytes_is_readable(flight: tuple[Bench, ULo
         assert ULog(str(cut)).get_dataset("vehicle_attitude")
 
 
-@pytest.mark.parametrize(("mode", "logs"), [(-1, 0), (0, 2), (1, 1), (2, 1)])
+@pytest.mark.parametrize(("mode", "logs"), [(-1, 0), (0, 2), (1, 2), (2, 1)])
 def test_sdlog_mode_selects_when_a_log_is_written(tmp_path: Path, mode: int, logs: int) -> None:
     bench = Bench(profile="minimal", log_dir=tmp_path)
     bench.autopilot.parameters.set("SDLOG_MODE", mode)
