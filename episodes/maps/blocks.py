@@ -7,7 +7,7 @@ cross in the middle, and a ring around them. The four fields between the bands a
 import math
 from collections import Counter
 from collections.abc import Iterator
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -163,21 +163,15 @@ def build(seed: int = 1) -> Scene:
     )
 
 
-@lru_cache(maxsize=4)
 def places(seed: int = 1) -> Places:
     """Return the free spots of the four fields and straight lanes through them. There are no landmarks."""
-    blocks = [
+    blocks: list[g.PlanBox] = [
         (north, east, yaw, mesh.vertices[:, :2].min(axis=0), mesh.vertices[:, :2].max(axis=0))
         for _, mesh, north, east, yaw in _solids(seed)
     ]
 
     def gap(n: float, e: float) -> float:
-        best = math.inf
-        for north, east, yaw, low, high in blocks:
-            c, s = math.cos(yaw), math.sin(yaw)
-            x, y = c * (n - north) + s * (e - east), -s * (n - north) + c * (e - east)
-            best = min(best, math.hypot(max(low[0] - x, 0.0, x - high[0]), max(low[1] - y, 0.0, y - high[1])))
-        return best
+        return min(g.gap_m(n, e, block) for block in blocks)
 
     line = [float(v) for v in np.arange(-FIELD, FIELD + 0.1, SPOT_GRID_M)]
     spots = [Spot((n, e, 0.0), 0.0, "floor") for n in line for e in line if gap(n, e) >= SPOT_CLEAR_M]

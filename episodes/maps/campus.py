@@ -8,13 +8,12 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator
-from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from episodes.maps import assets, campus_ground, campus_plan
 from episodes.maps.assets import buildings, campus_fixtures, people, plants, service_vehicles
+from episodes.maps.geometry import PlanBox, gap_m
 from episodes.maps.scene import Instance, Landmark, Lane, Mesh, Places, Scene, Spot, sun_at
 from foundation.terrain import HeightField
 
@@ -25,26 +24,17 @@ SPOT_GRID_M = 4.0  # m between the points that are checked for free space
 SPOT_CLEAR_M = 1.6  # m, least distance of a free place from any object
 PlacedMesh = tuple[str, Mesh, float, float, float]  # kind, mesh, north, east, yaw in rad
 
-Block = tuple[float, float, float, NDArray[np.float64], NDArray[np.float64]]  # north, east, yaw, low and high corner
-
-
-def _standing_movers() -> dict[str, Mesh]:
-    """Return kind → mesh of the parked slow vehicles. All vehicles of a kind have the same paint."""
-    return {
-        "delivery-robot": service_vehicles.delivery_robot("white"),
-        "service-cart": service_vehicles.service_cart("white"),
-    }
-
 
 def _placed_meshes(seed: int) -> Iterator[PlacedMesh]:
     """Yield all objects of the campus except the halls. Their order gives the numbers in the names of instances."""
-    makers, movers, people_seen = assets.FIXTURES, _standing_movers(), itertools.count()
+    parked = {"delivery-robot": service_vehicles.delivery_robot, "service-cart": service_vehicles.service_cart}
+    people_seen = itertools.count()
     yield "fountain", campus_fixtures.fountain(3), *campus_plan.TIERED, 0.0
     for kind, north, east, facing in campus_plan.FIXTURES:
         if kind == "person":
             mesh = people.passer_by(next(people_seen))
         else:
-            mesh = movers[kind] if kind in movers else makers[kind]()
+            mesh = parked[kind]("white") if kind in parked else assets.FIXTURES[kind]()
         yield kind, mesh, north, east, math.radians(facing)
     rng = np.random.default_rng((seed, 11))
     for k, (species, north, east, height) in enumerate(campus_plan.TREES):
@@ -53,10 +43,8 @@ def _placed_meshes(seed: int) -> Iterator[PlacedMesh]:
     for k, (north, east, height) in enumerate(campus_plan.CONIFERS):
         mesh = plants.conifer(height, 1 + 2 * (k % 3) + int(rng.integers(2)))
         yield "conifer", mesh, north, east, float(rng.uniform(0, 6))
-    for row in _shrubs(rng):
-        yield row
-    for row in _backdrop():
-        yield row
+    yield from _shrubs(rng)
+    yield from _backdrop()
 
 
 def _shrubs(rng: np.random.Generator) -> Iterator[PlacedMesh]:
@@ -119,7 +107,6 @@ def landmarks() -> tuple[Landmark, ...]:
     return tuple(Landmark(name, phrase) for name, phrase in campus_plan.LANDMARKS)
 
 
-@lru_cache(maxsize=4)
 def places(seed: int = 1) -> Places:
     """Return the free places, lanes and landmarks.
 
@@ -150,12 +137,12 @@ def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
     for north in np.arange(-84.0, 46.1, SPOT_GRID_M):
         for east in np.arange(-50.0, 52.1, SPOT_GRID_M):
             n, e = float(north), float(east)
-            if all(_gap(n, e, block) >= SPOT_CLEAR_M for block in blocks):
+            if all(gap_m(n, e, block) >= SPOT_CLEAR_M for block in blocks):
                 yield Spot((n, e, round(terrain.at(n, e), 4)), math.atan2(-e, -n), campus_ground.use_at(n, e))
 
 
-def _blocks(seed: int) -> Iterator[Block]:
-    """Yield (north, east, yaw, low, high) of all footprints. A tree has a fixed square footprint, a wood has none."""
+def _blocks(seed: int) -> Iterator[PlanBox]:
+    """Yield all footprints. A tree has a fixed square footprint, a wood has none."""
     for kind, mesh, north, east, yaw in _placed_meshes(seed):
         if kind in ("tree", "conifer"):
             half = np.array((0.5, 0.5)) if kind == "tree" else np.array((2.2, 2.2))
@@ -165,11 +152,3 @@ def _blocks(seed: int) -> Iterator[Block]:
     for plan, north, east, facing in campus_plan.HALLS:
         forward, back, side = buildings.reach(plan)
         yield north, east, math.radians(facing), np.array((-back, -side)), np.array((forward, side))
-
-
-def _gap(north: float, east: float, block: Block) -> float:
-    """Return the distance (m) in plan from a point to a block; 0 inside."""
-    n, e, yaw, low, high = block
-    c, s = math.cos(yaw), math.sin(yaw)
-    x, y = c * (north - n) + s * (east - e), -s * (north - n) + c * (east - e)
-    return math.hypot(max(low[0] - x, 0.0, x - high[0]), max(low[1] - y, 0.0, y - high[1]))

@@ -175,9 +175,7 @@ def _triangles() -> Array:
     """Return the (T, 3, 2) triangles of the lattice in plan, counter-clockwise in (north, east)."""
     lines, _ = _lattice()
     n, e = np.broadcast_arrays(lines[:, None], lines[None, :])
-    p = np.stack([n, e], axis=2)
-    a, b, c, d = p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]
-    return np.concatenate([np.stack(t, axis=2).reshape(-1, 3, 2) for t in ((a, b, c), (a, c, d))])
+    return g.lattice_triangles(np.stack([n, e], axis=2))
 
 
 def _part(tri: Array, yaw: float, look: Material, tile: float) -> g.MeshPart:

@@ -5,6 +5,7 @@ them by half a turn about the forward axis into the FRD axes of `episodes.maps.s
 faces outward.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,8 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from episodes.maps.scene import Material, Mesh
+from foundation.frames import Vec3
 
 Array = NDArray[np.float64]
+
+PlanBox = tuple[float, float, float, Array, Array]  # a footprint: north, east (m), yaw (rad), low and high corner (2,)
 
 CREASE_DEG = 38.0  # faces that meet at a smaller angle are shaded as one smooth surface
 
@@ -50,6 +54,14 @@ class MeshPart:
     normals: Array  # (T, 3, 3) unit, FLU
     uv: Array  # (T, 3, 2), 1 = one repeat of the texture
     material: Material
+
+
+def gap_m(north: float, east: float, box: PlanBox) -> float:
+    """Return the distance (m) in plan from a point to a footprint; 0 inside."""
+    n, e, yaw, low, high = box
+    c, s = math.cos(yaw), math.sin(yaw)
+    x, y = c * (north - n) + s * (east - e), -s * (north - n) + c * (east - e)
+    return math.hypot(max(low[0] - x, 0.0, x - high[0]), max(low[1] - y, 0.0, y - high[1]))
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -115,9 +127,14 @@ def soup(corners: ArrayLike, material: Material, crease_deg: float = CREASE_DEG,
 def grid(points: ArrayLike, material: Material, crease_deg: float = CREASE_DEG, tile_m: float = 1.0) -> MeshPart:
     """Return the surface through a lattice of points (N, M, 3); outward is (∂/∂rows) × (∂/∂columns)."""
     p = np.asarray(points, dtype=np.float64)
-    a, b, c, d = p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]
-    tri = np.concatenate([np.stack([a, b, c], axis=2).reshape(-1, 3, 3), np.stack([a, c, d], axis=2).reshape(-1, 3, 3)])
-    return soup(tri, material, crease_deg, tile_m)
+    return soup(lattice_triangles(p), material, crease_deg, tile_m)
+
+
+def lattice_triangles(points: Array) -> Array:
+    """Return the triangles (T, 3, K) of a lattice of points (N, M, K). Each cell is split from its first corner."""
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    halves = [np.stack(corners, axis=2).reshape(-1, 3, points.shape[2]) for corners in ((a, b, c), (a, c, d))]
+    return np.concatenate(halves)
 
 
 def quad(points: ArrayLike, material: Material) -> MeshPart:
@@ -130,6 +147,12 @@ def quad(points: ArrayLike, material: Material) -> MeshPart:
     square = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
     uv = np.stack([square[[0, 1, 2]], square[[0, 2, 3]]])
     return MeshPart(tri, creased_normals(tri, 0.0), uv, material)
+
+
+def panel(x: float, y: tuple[float, float], z: tuple[float, float], material: Material) -> MeshPart:
+    """Return an upright rectangle that shows the whole texture once; it faces backward if y[0] > y[1], else forward."""
+    (y0, y1), (z0, z1) = y, z
+    return quad([(x, y0, z0), (x, y1, z0), (x, y1, z1), (x, y0, z1)], material)
 
 
 def hull(
@@ -247,10 +270,10 @@ def transformed(part: MeshPart, offset: ArrayLike = (0.0, 0.0, 0.0), yaw: float 
     return replace(part, corners=part.corners @ turn + np.asarray(offset), normals=part.normals @ turn)
 
 
-def without(part: MeshPart, outward: ArrayLike) -> MeshPart:
-    """Return the part without the triangles that face along the unit vector `outward`, to leave out hidden sides."""
+def without(part: MeshPart, *outward: Vec3) -> MeshPart:
+    """Return the part without the triangles that face along one of some unit vectors, to leave out hidden sides."""
     area = face_normals(part.corners)
-    kept = area @ np.asarray(outward, dtype=np.float64) < 0.999 * np.linalg.norm(area, axis=1)
+    kept = (area @ np.transpose(outward) < 0.999 * np.linalg.norm(area, axis=1, keepdims=True)).all(axis=1)
     return MeshPart(part.corners[kept], part.normals[kept], part.uv[kept], part.material)
 
 

@@ -13,7 +13,7 @@ from episodes.authoring.check.rules import check, check_all
 from episodes.authoring.check.sight import patch
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
-from episodes.maps.assets.materials import NEUTRAL
+from episodes.maps.assets.materials import SHADES
 from episodes.records import catalogue
 from episodes.records.record import MOVING
 from episodes.world.world import World
@@ -76,7 +76,7 @@ def test_targets_are_varied() -> None:
     assert {t.asset for t in painted} == {
         "bus", "cyclist", "hatchback", "motorcycle", "pickup", "quadrotor", "sedan", "suv", "van",
     }  # fmt: skip
-    assert {t.paint for t in painted} == set(assets.PAINTS) - set(NEUTRAL)
+    assert {t.paint for t in painted} == set(assets.PAINTS) - set(SHADES)
     campus = [r for r in records if r.map == "campus"]
     assert len({r.target.asset for r in campus if r.target.native}) >= 8
     assert {r.target.asset for r in campus if r.target.path} == {"delivery_robot", "pedestrian", "service_cart"}

@@ -50,7 +50,6 @@ BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0
 NEAREST_M = 25.0  # m, largest distance for `nearest`
 APART_M = 40.0  # m, largest distance between the two landmarks of `between`
 RELATIONS = ("nearest", "left of", "right of", "in front of", "behind", "between")
-SEEN_FROM = ("left of", "right of", "in front of", "behind")  # relations that depend on the viewer's place
 _READ = re.compile(
     r"the (?P<noun>[a-z][a-z -]*?) "
     r"(?P<relation>nearest|(?:to the )?left of|(?:to the )?right of|in front of|behind|between) "
@@ -258,7 +257,6 @@ def landmarks(map_name: str, map_seed: int, kind: str, viewer: Vec3, yaw_deg: fl
     return marks
 
 
-@lru_cache(maxsize=8)
 def places(map_name: str, map_seed: int) -> Places:
     """Return the places of a shipped map. A user's own map has no places."""
     return maps.places(map_name, map_seed) if map_name in maps.shipped() else Places((), ())

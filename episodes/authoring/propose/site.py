@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from episodes import maps
-from episodes.authoring.check import referring
 from episodes.authoring.check.finding import ALTITUDE_M, BODY_M
 from episodes.authoring.check.placement import StaticObstacles
 from episodes.authoring.check.sight import CAMERA, Framing, box_corners, framing, level
@@ -111,13 +110,11 @@ class Site:
 
     def __init__(self, name: str, seed: int) -> None:
         """Build the map. Raises UsageError if the map does not exist or has no list of places."""
-        if name not in maps.shipped():
-            maps.places(name, seed)
+        self.places: Places = maps.places(name, seed)
         self.name, self.seed = name, seed
         self.scene = maps.build(name, seed)
         self.solids = world.solids(name, seed)
         self.obstacles = StaticObstacles(self.scene.instances)
-        self.places: Places = referring.places(name, seed)
         self._natives: dict[str, PlacedTarget] = {}
 
     def free_paints(self) -> list[str]:

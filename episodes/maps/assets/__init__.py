@@ -23,7 +23,7 @@ from foundation.wording import suggestion
 
 PAINTS = tuple(materials.PAINTS)
 
-# asset → function (paint, inscription) → mesh
+# asset that shows an inscription, on its plates or its board → function (paint, inscription) → mesh
 _INSCRIBED: dict[str, Callable[[str, str], Mesh]] = {kind: partial(vehicles.car, kind) for kind in vehicles.SHAPES} | {
     "bus": service_vehicles.bus,
     "motorcycle": riders.motorcycle,
@@ -85,11 +85,6 @@ PLATE = "DC 2475"  # text on the plates of a vehicle whose record has no inscrip
 def names() -> list[str]:
     """Return the assets that an episode may name as its target."""
     return sorted([*_INSCRIBED, *_PLAIN])
-
-
-def inscribed() -> frozenset[str]:
-    """Return the assets that show an inscription: cars, bus and motorcycle on their plates, the sign on its board."""
-    return frozenset(_INSCRIBED)
 
 
 @lru_cache(maxsize=128)

@@ -91,12 +91,6 @@ def _foot_of(plan: HallPlan, y: float, front: bool) -> float:
     return FLOOR_M + (plan.storey_m if front and abs(y) < 2.8 else 0.0)
 
 
-def _quad(x: float, y: tuple[float, float], z: tuple[float, float], look: Material) -> MeshPart:
-    """Return an upright rectangle that faces forward and shows its texture once."""
-    (y0, y1), (z0, z1) = y, z
-    return g.quad([(x, y0, z0), (x, y1, z0), (x, y1, z1), (x, y0, z1)], look)
-
-
 def _band(
     y: tuple[float, float], z: tuple[float, float], out: float, look: Material, tile: float, door: bool
 ) -> list[MeshPart]:
@@ -128,7 +122,9 @@ def _brick_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
             if not _has_window(y, storey, front):
                 continue
             w, sill, head = 0.88, floor + 0.85, floor + plan.storey_m - 0.55
-            solids.append(_quad(0.03, (y - w, y + w), (sill, head), materials.window(PALE_FRAME, 2, _blind(k, storey))))
+            solids.append(
+                g.panel(0.03, (y - w, y + w), (sill, head), materials.window(PALE_FRAME, 2, _blind(k, storey)))
+            )
             solids.append(g.box((0.0, y - w - 0.1, sill - 0.14), (0.2, y + w + 0.1, sill), stone))
             solids.append(g.box((0.0, y - w - 0.14, head), (0.12, y + w + 0.14, head + 0.26), stone))
     solids.append(g.box((-0.1, -half - 0.08, plan.top), (0.4, half + 0.08, plan.top + 0.4), stone, 1.5))
@@ -147,7 +143,7 @@ def _ribbon_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
         solids += _band((-half - 0.02, half + 0.02), (low, sill), 0.22, panel, 3.6, front and storey == 0)
         for k, (a, b) in enumerate(itertools.pairwise(edges)):
             if _has_window((a + b) / 2, storey, front):
-                solids.append(_quad(0.03, (a, b), (sill, head), materials.window(DARK_FRAME, 3, _blind(k, storey))))
+                solids.append(g.panel(0.03, (a, b), (sill, head), materials.window(DARK_FRAME, 3, _blind(k, storey))))
     solids.append(g.box((-0.1, -half - 0.02, plan.top - 0.5), (0.22, half + 0.02, plan.top + 0.7), panel, 3.6))
     solids += [
         g.box((-0.1, a, FLOOR_M), (0.22, b, plan.top), panel, 3.6) for a, b in ((-half, edges[0]), (edges[-1], half))
@@ -178,7 +174,7 @@ def _stone_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
                 continue
             w, sill, head = 0.75, floor + 0.75, floor + plan.storey_m - 0.6
             solids.append(
-                _quad(0.03, (y - w, y + w), (sill, head), materials.window(DARK_FRAME, 2, _blind(k, storey) / 2))
+                g.panel(0.03, (y - w, y + w), (sill, head), materials.window(DARK_FRAME, 2, _blind(k, storey) / 2))
             )
             solids.append(g.box((0.0, y - w - 0.12, sill - 0.16), (0.22, y + w + 0.12, sill), stone, 2.4))
             hood = [(0.0, head), (0.26, head), (0.26, head + 0.12), (0.0, head + 0.3)]
@@ -227,8 +223,8 @@ def _entrance(plan: HallPlan) -> list[MeshPart]:
         g.box((0.0, 2.2, floor), (out, 3.1, high), pale, 1.5),
         g.box((0.0, -3.1, floor + 2.6), (out, 3.1, high), pale, 1.5),
         g.box((0.0, -0.18, floor), (out * 0.7, 0.18, floor + 2.6), pale, 1.5),
-        _quad(0.06, (-2.2, -0.18), (floor, floor + 2.6), door),
-        _quad(0.06, (0.18, 2.2), (floor, floor + 2.6), door),
+        g.panel(0.06, (-2.2, -0.18), (floor, floor + 2.6), door),
+        g.panel(0.06, (0.18, 2.2), (floor, floor + 2.6), door),
     ]
     if plan.style != "columns":
         solids.append(
@@ -245,7 +241,7 @@ def _entrance(plan: HallPlan) -> list[MeshPart]:
             (0.0 if out_x < 1 else out_x - 0.2, -wide - 0.1, low - 0.08), (out_x - 0.02, wide + 0.1, low + 0.98), pale
         )
     )
-    solids.append(_quad(out_x, (-wide, wide), (low, low + 0.9), name))
+    solids.append(g.panel(out_x, (-wide, wide), (low, low + 0.9), name))
     return solids
 
 
@@ -265,10 +261,7 @@ def _portico(plan: HallPlan) -> list[MeshPart]:
     solids.append(g.box((front, -half - 0.8, plan.top - 1.1), (front + 6.2, half + 0.8, plan.top - 0.7), stone, 2.4))
     gable = [(-half - 0.8, plan.top - 0.7), (half + 0.8, plan.top - 0.7), (0.0, plan.top + 2.4)]
     # a profile lies in x and z; a quarter turn makes its x the portico's width
-    solids.append(
-        g.transformed(g.transformed(g.profile(gable, -front - 6.1, -front, stone, 2.4), yaw=np.pi / 2), (0, 0, 0))
-    )
-    return solids
+    return [*solids, g.transformed(g.profile(gable, -front - 6.1, -front, stone, 2.4), yaw=np.pi / 2)]
 
 
 def _roof(plan: HallPlan) -> list[MeshPart]:

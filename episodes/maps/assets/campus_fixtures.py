@@ -161,9 +161,7 @@ def notice_board() -> Mesh:
     for ring in ((roof[0], roof[1], roof[4], roof[5]), (roof[1], roof[2], roof[3], roof[4])):
         solids.append(g.profile(ring, -1.4, 1.4, materials.plain("board-roof", (84, 88, 90))))
     for seed, turn in ((1, 0.0), (2, np.pi)):
-        sheet = g.quad(
-            [(0.07, -1.02, 0.84), (0.07, 1.02, 0.84), (0.07, 1.02, 1.94), (0.07, -1.02, 1.94)], materials.notices(seed)
-        )
+        sheet = g.panel(0.07, (-1.02, 1.02), (0.84, 1.94), materials.notices(seed))
         solids.append(g.transformed(sheet, yaw=turn))
         frame = [
             ((-1.08, 0.78), (1.08, 0.84)),
@@ -325,7 +323,7 @@ def kiosk() -> Mesh:
         _hip((1.55, 1.85), 2.55, 3.35, roof),
         g.lathe([(0.0, 3.3), (0.16, 3.32), (0.16, 3.6), (0.22, 3.62), (0.0, 3.8)], roof, 8),
         g.box((1.15, -1.3, 0.98), (1.55, 1.3, 1.05), SLATS, 1.2),
-        g.quad([(1.17, -1.15, 1.08), (1.17, 1.15, 1.08), (1.17, 1.15, 2.0), (1.17, -1.15, 2.0)], glass),
+        g.panel(1.17, (-1.15, 1.15), (1.08, 2.0), glass),
         g.box((1.14, -1.22, 2.0), (1.22, 1.22, 2.08), trim),
         g.box((1.14, -0.03, 1.05), (1.2, 0.03, 2.0), trim),
     ]
@@ -337,15 +335,11 @@ def kiosk() -> Mesh:
         solids.append(g.box((2.03, y0, 1.84), (2.06, y1, 2.04), cloth))
     for side in (-1, 1):  # a window on either side
         turn = side * np.pi / 2
-        solids.append(
-            g.transformed(
-                g.quad([(1.46, -0.75, 1.1), (1.46, 0.75, 1.1), (1.46, 0.75, 2.0), (1.46, -0.75, 2.0)], glass), yaw=turn
-            )
-        )
+        solids.append(g.transformed(g.panel(1.46, (-0.75, 0.75), (1.1, 2.0), glass), yaw=turn))
         solids += [g.transformed(g.box((1.44, -0.82, z), (1.5, 0.82, z + 0.08), trim), yaw=turn) for z in (1.02, 2.0)]
     sign = materials.lettered("COFFEE", (238, 232, 214), (56, 50, 46))
     solids.append(g.box((1.52, -0.95, 2.58), (1.58, 0.95, 3.0), IRON))
-    solids.append(g.quad([(1.6, -0.92, 2.6), (1.6, 0.92, 2.6), (1.6, 0.92, 2.98), (1.6, -0.92, 2.98)], sign))
+    solids.append(g.panel(1.6, (-0.92, 0.92), (2.6, 2.98), sign))
     solids.append(g.box((-1.18, -0.5, 0.14), (-1.14, 0.4, 2.2), roof))
     return g.assemble(solids)
 
@@ -359,7 +353,7 @@ def vending_machine() -> Mesh:
         [
             g.box((-0.42, -0.60, 0.10), (0.42, 0.60, 2.05), shell),
             g.box((-0.36, -0.54, -SINK), (0.36, 0.54, 0.10), IRON),
-            g.quad([(0.43, -0.57, 0.2), (0.43, 0.57, 0.2), (0.43, 0.57, 2.0), (0.43, -0.57, 2.0)], front),
+            g.panel(0.43, (-0.57, 0.57), (0.2, 2.0), front),
             g.box((0.40, -0.62, 2.0), (0.46, 0.62, 2.07), shell),
             *[g.box((0.40, s - 0.03, 0.12), (0.46, s + 0.03, 2.0), shell) for s in (-0.59, 0.59)],
         ]
@@ -388,7 +382,7 @@ def clock_tower() -> Mesh:
     face = surface("dial")
     for k in range(4):
         turn = k * np.pi / 2
-        dial = g.quad([(2.04, -1.5, 14.8), (2.04, 1.5, 14.8), (2.04, 1.5, 17.8), (2.04, -1.5, 17.8)], face)
+        dial = g.panel(2.04, (-1.5, 1.5), (14.8, 17.8), face)
         solids.append(g.transformed(dial, yaw=turn))
         for low in (3.4, 7.0, 10.6):
             slit = g.box((1.98, -0.32, low), (2.03, 0.32, low + 1.7), materials.WINDOW)
@@ -396,5 +390,5 @@ def clock_tower() -> Mesh:
             solids.append(g.transformed(g.box((1.98, -0.45, low - 0.16), (2.12, 0.45, low), stone), yaw=turn))
             solids.append(g.transformed(g.box((1.98, -0.45, low + 1.7), (2.12, 0.45, low + 1.95), stone), yaw=turn))
     solids.append(g.box((2.0, -0.75, 0.0), (2.44, 0.75, 2.5), stone))
-    solids.append(g.quad([(2.46, -0.6, 0.1), (2.46, 0.6, 0.1), (2.46, 0.6, 2.3), (2.46, -0.6, 2.3)], surface("doors")))
+    solids.append(g.panel(2.46, (-0.6, 0.6), (0.1, 2.3), surface("doors")))
     return g.assemble(solids)

@@ -5,12 +5,13 @@ import numpy as np
 from episodes.maps import geometry as g
 from episodes.maps.assets import materials
 from episodes.maps.assets.house_plans import DOORS, HousePlan
-from episodes.maps.assets.house_surfaces import bricks, wall
+from episodes.maps.assets.house_surfaces import HouseLooks
 from episodes.maps.assets.materials import surface
 from episodes.maps.geometry import MeshPart
 from episodes.maps.scene import Material
 
 FOUNDATION_M = 0.35  # height of the floor above the ground
+SIDES, ENDS = ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0)), ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0))  # directions of hidden faces
 FOOTING_M = -0.9  # lower edge of the walls; below 0, because the ground may slope away from the house
 
 
@@ -33,20 +34,20 @@ def window(
     solids = [
         g.box((-0.02, -half - bar, sill - bar), (0.06, -half, top + bar), trim),
         g.box((-0.02, half, sill - bar), (0.06, half + bar, top + bar), trim),
-        g.without(g.without(g.box((-0.02, -half, top), (0.06, half, top + bar), trim), (0, 1, 0)), (0, -1, 0)),
+        g.without(g.box((-0.02, -half, top), (0.06, half, top + bar), trim), *SIDES),
         g.box((-0.02, -half - 0.14, sill - bar), (0.11, half + 0.14, sill), trim),
-        g.quad([(0.02, -half, sill), (0.02, half, sill), (0.02, half, top), (0.02, -half, top)], pane),
+        g.panel(0.02, (-half, half), (sill, top), pane),
     ]
     level = {"sash": (0.5,), "grid": (1 / 3, 2 / 3), "casement": (0.72,)}.get(style, ())
     upright = {"grid": (0.5,), "casement": (0.5,)}.get(style, (0.5,) if style == "sash" and width > 1.3 else ())
     for share in level:
         z = sill + share * height
         rail = g.box((-0.02, -half, z - 0.022), (0.035, half, z + 0.022), trim)
-        solids.append(g.without(g.without(rail, (0.0, 1.0, 0.0)), (0.0, -1.0, 0.0)))
+        solids.append(g.without(rail, *SIDES))
     for share in upright:
         y = -half + share * width
         post = g.box((-0.02, y - 0.025, sill), (0.036, y + 0.025, top), trim)
-        solids.append(g.without(g.without(post, (0.0, 0.0, 1.0)), (0.0, 0.0, -1.0)))
+        solids.append(g.without(post, *ENDS))
     if shutter is not None:
         for y in (-half - bar - 0.34, half + bar):
             solids.append(g.box((-0.01, y, sill - bar), (0.045, y + 0.34, top + bar), shutter))
@@ -77,10 +78,10 @@ def door(plan: HousePlan, x: float, y: float, floor: float, trim: Material) -> l
     return solids
 
 
-def porch(plan: HousePlan, front: float, y: float, roof: Material, roof_tile: float, trim: Material) -> list[MeshPart]:
+def porch(plan: HousePlan, front: float, y: float, looks: HouseLooks) -> list[MeshPart]:
     """Return a deck, steps, posts, railings and a lean-to roof in front of the wall at x = `front`, centred on `y`."""
     reach, half, high = 1.9, plan.porch / 2, FOUNDATION_M + 2.45
-    stone, outer = surface("concrete"), front + reach
+    stone, trim, outer = surface("concrete"), looks.trim, front + reach
     solids = [
         g.box((front, y - half, FOOTING_M), (front + reach, y + half, FOUNDATION_M), stone, 1.5),
         g.box((front + reach, y - 0.8, FOOTING_M), (front + reach + 0.32, y + 0.8, FOUNDATION_M / 2), stone, 1.5),
@@ -92,15 +93,13 @@ def porch(plan: HousePlan, front: float, y: float, roof: Material, roof_tile: fl
         (front + reach + 0.35, high + 0.26),
         (front, high + 0.85),
     ]
-    solids.append(g.profile(ring, y - half - 0.3, y + half + 0.3, roof, roof_tile))
+    solids.append(g.profile(ring, y - half - 0.3, y + half + 0.3, *looks.roof))
     for side in (-1.0, 1.0):
         py = y + side * (half - 0.12)
         if plan.posts == "stout":
             low = [(outer - 0.26, py - 0.16), (outer, py - 0.16), (outer, py + 0.14), (outer - 0.26, py + 0.14)]
-            block, tile = bricks(plan)
-            solids.append(
-                g.box((outer - 0.32, py - 0.19, FOUNDATION_M), (outer, py + 0.17, FOUNDATION_M + 0.9), block, tile)
-            )
+            block = (outer - 0.32, py - 0.19, FOUNDATION_M), (outer, py + 0.17, FOUNDATION_M + 0.9)
+            solids.append(g.box(*block, *looks.bricks))
             middle = (outer - 0.16, py - 0.01)
             foot = [
                 (middle[0] + 0.85 * (a - middle[0]), middle[1] + 0.85 * (b - middle[1]), FOUNDATION_M + 0.9)
@@ -114,19 +113,17 @@ def porch(plan: HousePlan, front: float, y: float, roof: Material, roof_tile: fl
             solids.append(g.box((outer - 0.2, py - 0.08, FOUNDATION_M), (outer - 0.04, py + 0.08, high), trim))
         a, b = sorted((y + side * 0.85, py))
         if b - a > 0.3:
-            solids += _railing(plan, outer, a, b, trim)
+            solids += _railing(plan, outer, a, b, looks)
     return solids
 
 
-def _railing(plan: HousePlan, outer: float, a: float, b: float, trim: Material) -> list[MeshPart]:
+def _railing(plan: HousePlan, outer: float, a: float, b: float, looks: HouseLooks) -> list[MeshPart]:
     """Return the railing of a porch from y = a to b."""
     if plan.railing == "none":
         return []
-    solids = [g.box((outer - 0.15, a, FOUNDATION_M + 0.85), (outer - 0.09, b, FOUNDATION_M + 0.93), trim)]
+    solids = [g.box((outer - 0.15, a, FOUNDATION_M + 0.85), (outer - 0.09, b, FOUNDATION_M + 0.93), looks.trim)]
     if plan.railing == "solid":
-        look, tile = wall(plan)
-        return [*solids, g.box((outer - 0.14, a, FOUNDATION_M), (outer - 0.10, b, FOUNDATION_M + 0.85), look, tile)]
-    baluster = g.box((outer - 0.135, -0.02, FOUNDATION_M), (outer - 0.105, 0.02, FOUNDATION_M + 0.85), trim)
-    for end in (-1.0, 1.0):
-        baluster = g.without(baluster, (0.0, 0.0, end))
+        return [*solids, g.box((outer - 0.14, a, FOUNDATION_M), (outer - 0.10, b, FOUNDATION_M + 0.85), *looks.wall)]
+    post = g.box((outer - 0.135, -0.02, FOUNDATION_M), (outer - 0.105, 0.02, FOUNDATION_M + 0.85), looks.trim)
+    baluster = g.without(post, *ENDS)
     return solids + [g.transformed(baluster, (0.0, float(k), 0.0)) for k in np.arange(a + 0.1, b, 0.22)]

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from episodes.maps.assets.materials import Srgb
-from episodes.maps.geometry import Array
 
 WALLS: dict[str, Srgb] = {
     "cream": (236, 226, 200),
@@ -182,10 +181,3 @@ def _free(wanted: str, names: Sequence[str], taken: set[str]) -> str:
 def door_y(plan: HousePlan) -> float:
     """Return the y (m, left of the middle) of the front door, on the side away from the garage."""
     return -plan.garage * plan.width * 0.175
-
-
-def footprint(plan: HousePlan) -> Array:
-    """Return the (low, high) corners (2, 2) of walls and garage in m, x forward and y left."""
-    left = plan.width / 2 + (plan.garage_width if plan.garage > 0 else 0.0)
-    right = plan.width / 2 + (plan.garage_width if plan.garage < 0 else 0.0)
-    return np.array([(-plan.depth / 2, -right), (plan.depth / 2 + 0.5, left)])

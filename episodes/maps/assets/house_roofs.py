@@ -6,46 +6,44 @@ from episodes.maps import geometry as g
 from episodes.maps.assets import materials
 from episodes.maps.assets.house_fronts import window
 from episodes.maps.assets.house_plans import HousePlan
+from episodes.maps.assets.house_surfaces import HouseLooks
 from episodes.maps.geometry import MeshPart
 from episodes.maps.scene import Material
 
 PANEL = materials.plain("solar-panel", (26, 28, 32), 0.35)
 
 
-def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitch: float, along_y: bool,
-          wall: Material, tile: float, roof: Material, roof_tile: float, trim: Material,
-          overhang: float = 0.45) -> list[MeshPart]:  # fmt: skip
-    """Return the gable walls and two roof slabs over the rectangle low … high, with the ridge along y or x."""
-    thick = 0.16
-    (x0, y0), (x1, y1) = low, high
-    if not along_y:
-        turned = gable((y0, -x1), (y1, -x0), eave, pitch, True, wall, tile, roof, roof_tile, trim, overhang)
-        return [g.transformed(p, yaw=np.pi / 2) for p in turned]
-    middle, half = (x0 + x1) / 2, (x1 - x0) / 2
-    ridge = eave + pitch * half
-    solids = [g.profile([(x0, eave), (x1, eave), (middle, ridge)], y0, y1, wall, tile)]
-    drop = pitch * overhang
-    for end in (x0 - overhang, x1 + overhang):
-        ring = [(middle, ridge), (middle, ridge + thick), (end, eave - drop + thick), (end, eave - drop)]
-        solids.append(g.profile(ring, y0 - overhang, y1 + overhang, roof, roof_tile))
-        # fascia board under the eave
-        near, far = sorted((end + np.sign(end - middle) * 0.03, end - np.sign(end - middle) * 0.05))
-        solids.append(
-            g.box(
-                (near, y0 - overhang + 0.02, eave - drop - 0.10), (far, y1 + overhang - 0.02, eave - drop + 0.12), trim
-            )
-        )
-    return solids
-
-
-def hip(
+def gable(
     low: tuple[float, float],
     high: tuple[float, float],
     eave: float,
     pitch: float,
-    roof: Material,
-    roof_tile: float,
-    trim: Material,
+    along_y: bool,
+    looks: HouseLooks,
+    overhang: float = 0.45,
+) -> list[MeshPart]:
+    """Return the gable walls and two roof slabs over the rectangle low … high, with the ridge along y or x."""
+    thick = 0.16
+    (x0, y0), (x1, y1) = low, high
+    if not along_y:
+        turned = gable((y0, -x1), (y1, -x0), eave, pitch, True, looks, overhang)
+        return [g.transformed(p, yaw=np.pi / 2) for p in turned]
+    middle, half = (x0 + x1) / 2, (x1 - x0) / 2
+    ridge = eave + pitch * half
+    solids = [g.profile([(x0, eave), (x1, eave), (middle, ridge)], y0, y1, *looks.wall)]
+    drop = pitch * overhang
+    for end in (x0 - overhang, x1 + overhang):
+        ring = [(middle, ridge), (middle, ridge + thick), (end, eave - drop + thick), (end, eave - drop)]
+        solids.append(g.profile(ring, y0 - overhang, y1 + overhang, *looks.roof))
+        # fascia board under the eave
+        near, far = sorted((end + np.sign(end - middle) * 0.03, end - np.sign(end - middle) * 0.05))
+        board = (near, y0 - overhang + 0.02, eave - drop - 0.10), (far, y1 + overhang - 0.02, eave - drop + 0.12)
+        solids.append(g.box(*board, looks.trim))
+    return solids
+
+
+def hip(
+    low: tuple[float, float], high: tuple[float, float], eave: float, pitch: float, looks: HouseLooks
 ) -> list[MeshPart]:
     """Return a roof that slopes on all four sides of the rectangle low … high, with its ridge along the longer side."""
     overhang, thick = 0.45, 0.16
@@ -60,23 +58,21 @@ def hip(
         a, b = (x0 + half, (y0 + y1) / 2, top), (x1 - half, (y0 + y1) / 2, top)
         ridge = [a, b, b, a]
     return [
-        g.box((x0, y0, z - thick - 0.06), (x1, y1, z), trim),
-        g.hull([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], ridge, roof, roof_tile),
+        g.box((x0, y0, z - thick - 0.06), (x1, y1, z), looks.trim),
+        g.hull([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], ridge, *looks.roof),
     ]
 
 
-def dormers(
-    plan: HousePlan, eave: float, wall: Material, tile: float, roof: Material, roof_tile: float, trim: Material
-) -> list[MeshPart]:
+def dormers(plan: HousePlan, eave: float, looks: HouseLooks) -> list[MeshPart]:
     """Return gabled dormers on the front slope, each with its window."""
     solids: list[MeshPart] = []
     front, run = plan.depth / 2 - 1.1, 1.5 / plan.pitch
     base = eave + plan.pitch * 1.1 + 0.1
     for y in np.linspace(-0.25, 0.25, plan.dormers) * plan.width if plan.dormers > 1 else (0.0,):
         low, high = (front - run, float(y) - 0.7), (front, float(y) + 0.7)
-        solids.append(g.box((*low, base - 0.3), (*high, base + 1.15), wall, tile))
-        solids += gable(low, high, base + 1.15, 0.6, False, wall, tile, roof, roof_tile, trim, 0.2)
-        solids += window((front, float(y)), base + 0.2, 0.8, 0.85, "+x", trim)
+        solids.append(g.box((*low, base - 0.3), (*high, base + 1.15), *looks.wall))
+        solids += gable(low, high, base + 1.15, 0.6, False, looks, 0.2)
+        solids += window((front, float(y)), base + 0.2, 0.8, 0.85, "+x", looks.trim)
     return solids
 
 

@@ -1,19 +1,20 @@
-"""Textures of walls, roofs, garage doors, and windows with curtains or blinds. All are sRGB and have fixed seeds."""
+"""Materials of houses, and textures of walls, roofs, garage doors, and windows with curtains or blinds.
 
-from collections.abc import Callable
-from functools import cache
+All textures are sRGB and have fixed seeds.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 
-from episodes.maps.assets.house_plans import BRICKS, ROOFS, WALLS, HousePlan
-from episodes.maps.assets.materials import Picture, linear, noise, surface, tinted
+from episodes.maps.assets.house_plans import BRICKS, ROOFS, TRIMS, WALLS, HousePlan
+from episodes.maps.assets.materials import Picture, linear, noise, plain, surface, texture, tinted
 from episodes.maps.scene import Material
-from foundation.frames import Vec3
 
 TILE_M = {"brick": 0.6, "pale_brick": 0.6, "tiles": 1.6, "seams": 1.8}  # m per repeat; 1.6 for all others
 
 
-@cache
+@texture
 def pale_brick() -> Picture:
     """Return (256, 256, 3): the bond of `materials.brick` in near white; the material tints it."""
     rng = np.random.default_rng(241)
@@ -25,7 +26,7 @@ def pale_brick() -> Picture:
     return tinted(value, (232, 230, 226))
 
 
-@cache
+@texture
 def battens() -> Picture:
     """Return (256, 256, 3): upright boards with a batten over each joint in near white; the material tints it."""
     column = np.arange(256) % 64
@@ -36,7 +37,7 @@ def battens() -> Picture:
     return tinted(value, (238, 238, 236))
 
 
-@cache
+@texture
 def shakes() -> Picture:
     """Return (256, 256, 3): eight rows of wooden shingles of uneven width in near white; the material tints it."""
     rng = np.random.default_rng(261)
@@ -50,13 +51,13 @@ def shakes() -> Picture:
     return tinted(value, (234, 233, 230))
 
 
-@cache
+@texture
 def render() -> Picture:
     """Return (256, 256, 3): smooth plaster in near white; the material tints it."""
     return tinted(1.0 + 0.025 * noise((256, 256), 0.5, 271) + 0.015 * noise((256, 256), 1.6, 272), (236, 235, 231))
 
 
-@cache
+@texture
 def tiles() -> Picture:
     """Return (256, 256, 3): six rows of curved roof tiles in light grey; the material tints it."""
     rng = np.random.default_rng(281)
@@ -68,7 +69,7 @@ def tiles() -> Picture:
     return tinted(value, (205, 203, 200))
 
 
-@cache
+@texture
 def seams() -> Picture:
     """Return (256, 256, 3): a metal roof, four strips with raised seams, in light grey; the material tints it."""
     column = np.arange(256) % 64
@@ -77,7 +78,7 @@ def seams() -> Picture:
     return tinted(line[None, :] * (1.0 + 0.02 * noise((256, 256), 1.2, 292)), (205, 206, 208))
 
 
-@cache
+@texture
 def garage_lights() -> Picture:
     """Return (256, 256, 3): one sectional door whose top row is glazed; the texture does not repeat."""
     row, column = np.mgrid[0:256, 0:256]
@@ -92,7 +93,7 @@ def garage_lights() -> Picture:
     return image
 
 
-@cache
+@texture
 def garage_planks() -> Picture:
     """Return (256, 256, 3): a pair of doors of upright planks with braces; the texture does not repeat."""
     row, column = np.mgrid[0:256, 0:256]
@@ -114,7 +115,7 @@ def _glass(seed: int) -> Picture:
     return np.asarray(np.clip(shade[..., None] * np.array((58, 74, 90)), 0, 255), np.uint8)
 
 
-@cache
+@texture
 def curtains() -> Picture:
     """Return (96, 96, 3): a dark window with a curtain on either side; the texture does not repeat."""
     image, column = _glass(1), np.arange(96)
@@ -124,7 +125,7 @@ def curtains() -> Picture:
     return image
 
 
-@cache
+@texture
 def blind() -> Picture:
     """Return (96, 96, 3): a window with a blind over its upper third; the texture does not repeat."""
     image, row = _glass(2), np.arange(96)
@@ -136,38 +137,31 @@ def blind() -> Picture:
     return image
 
 
-_TEXTURES: dict[str, Callable[[], Picture]] = {
-    texture.__name__: texture
-    for texture in (
-        pale_brick, battens, shakes, render, tiles, seams, garage_lights, garage_planks, curtains, blind,
-    )
-}  # fmt: skip
+class HouseLooks(NamedTuple):
+    """The materials of a house. A pair is a material and its metres per repeat."""
+
+    wall: tuple[Material, float]
+    roof: tuple[Material, float]
+    bricks: tuple[Material, float]
+    trim: Material
 
 
-@cache
-def house_surface(name: str, color: Vec3 = (1.0, 1.0, 1.0), specular: float = 0.0) -> Material:
-    """Return the tinted material of a texture of this module; the same arguments give the same object."""
-    return Material(name, color, _TEXTURES[name](), specular=specular)
+def looks_of(plan: HousePlan) -> HouseLooks:
+    """Return the materials of a plan."""
+    return HouseLooks(_wall(plan), _roof(plan), _bricks(plan), plain(f"trim-{plan.trim}", TRIMS[plan.trim], 0.05))
 
 
-def bricks(plan: HousePlan) -> tuple[Material, float]:
-    """Return the material of a plan's brickwork and its metres per repeat."""
+def _bricks(plan: HousePlan) -> tuple[Material, float]:
     name = "brick" if plan.bricks in ("red", "brown") else "pale_brick"
-    color = linear(BRICKS[plan.bricks])
-    return (surface(name, color) if name == "brick" else house_surface(name, color)), TILE_M[name]
+    return surface(name, linear(BRICKS[plan.bricks])), TILE_M[name]
 
 
-def wall(plan: HousePlan) -> tuple[Material, float]:
-    """Return the material of a plan's walls and its metres per repeat."""
+def _wall(plan: HousePlan) -> tuple[Material, float]:
     if plan.brick:
-        return bricks(plan)
-    color = linear(WALLS[plan.wall])
-    return (surface("siding", color) if plan.cladding == "lap" else house_surface(plan.cladding, color)), 1.6
+        return _bricks(plan)
+    return surface("siding" if plan.cladding == "lap" else plan.cladding, linear(WALLS[plan.wall])), 1.6
 
 
-def roof(plan: HousePlan) -> tuple[Material, float]:
-    """Return the material of a plan's roof and its metres per repeat."""
-    color = linear(ROOFS[plan.roof])
-    if plan.roofing == "shingles":
-        return surface("shingles", color), 1.6
-    return house_surface(plan.roofing, color, 0.25 if plan.roofing == "seams" else 0.0), TILE_M[plan.roofing]
+def _roof(plan: HousePlan) -> tuple[Material, float]:
+    specular = 0.25 if plan.roofing == "seams" else 0.0
+    return surface(plan.roofing, linear(ROOFS[plan.roof]), specular), TILE_M.get(plan.roofing, 1.6)

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.assets.materials import Picture, Srgb, linear, noise
-from episodes.maps.pictures import fill_holes
+from episodes.maps.assets.materials import Picture, Srgb, fill_holes, linear, noise, tinted
 from episodes.maps.scene import Material
 
 Array = NDArray[np.float64]
@@ -225,17 +224,13 @@ def _dense(needles: bool) -> Picture:
     return np.asarray(cv2.resize(sheet.color, (SIDE, SIDE), interpolation=cv2.INTER_AREA).clip(0, 255), np.uint8)
 
 
-def _grey(value: Array, color: tuple[float, float, float]) -> Picture:
-    return np.asarray(np.clip(value[..., None] * np.array(color), 0, 255), np.uint8)
-
-
 @cache
 def _furrows() -> Picture:
     """Return (256, 256, 3): bark in pale grey with upright furrows, for a repeat of 0.8 m; the material tints it."""
     ridge = np.abs(noise((256, 256), 1.3, 91, stretch=5.0))
     fine = noise((256, 256), 0.5, 92, stretch=3.0)
     value = 0.62 + 0.42 * np.clip(ridge, 0.0, 1.0) ** 0.6 + 0.07 * fine
-    return _grey(value, (212, 206, 198))
+    return tinted(value, (212, 206, 198))
 
 
 @cache

@@ -146,8 +146,8 @@ def sign(paint: str, text: str) -> Mesh:
     low, x = BOARD_FOOT_M, 0.026
     solids = [
         g.box((-0.025, -wide - 0.03, low - 0.03), (0.025, wide + 0.03, low + high + 0.03), shell),
-        g.quad([(x, -wide, low), (x, wide, low), (x, wide, low + high), (x, -wide, low + high)], face),
-        g.quad([(-x, wide, low), (-x, -wide, low), (-x, -wide, low + high), (-x, wide, low + high)], face),
+        g.panel(x, (-wide, wide), (low, low + high), face),
+        g.panel(-x, (wide, -wide), (low, low + high), face),
     ]
     for s in (-1, 1):
         y = s * (wide - 0.14)

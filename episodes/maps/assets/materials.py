@@ -38,7 +38,6 @@ SHADES: dict[str, tuple[Srgb, ...]] = {
     "grey": (PAINTS["grey"], (74, 78, 82), (110, 109, 107)),
     "black": (PAINTS["black"], (31, 34, 38), (38, 37, 36)),
 }
-NEUTRAL = tuple(SHADES)
 
 
 def noise(shape: tuple[int, int], power: float, seed: int, stretch: float = 1.0) -> Array:
@@ -65,19 +64,37 @@ def _fine(value: Array) -> Array:
     return np.asarray(fine / fine.std())
 
 
+def fill_holes(picture: Picture, there: NDArray[np.bool_]) -> None:
+    """Set the holes of a picture (H, W, 3) to the mean colour of its opaque texels, in place.
+
+    `there` (H, W) is true for opaque texels. The original colours of holes would show as specks at their edges.
+    """
+    if there.any():
+        picture[~there] = picture[there].mean(axis=0).astype(np.uint8)
+
+
 def tinted(value: Array, color: tuple[float, float, float]) -> Picture:
     """Return the product of grey levels (H, W) around 1 and an sRGB colour, as a picture."""
     return np.asarray(np.clip(value[..., None] * np.array(color), 0, 255), np.uint8)
 
 
-@cache
+_TEXTURES: dict[str, Callable[[], Picture]] = {}  # name of a texture → function that draws it
+
+
+def texture(draw: Callable[[], Picture]) -> Callable[[], Picture]:
+    """Make the texture that a function draws available to `surface`, under the function's name."""
+    _TEXTURES[draw.__name__] = cache(draw)
+    return _TEXTURES[draw.__name__]
+
+
+@texture
 def asphalt() -> Picture:
     """Return (512, 512, 3): dark aggregate with patches, for a repeat of 4 m."""
     value = 1.0 + 0.10 * noise((512, 512), 0.1, 11) + 0.04 * _fine(noise((512, 512), 1.0, 12))
     return tinted(value, (84, 84, 87))
 
 
-@cache
+@texture
 def grass() -> Picture:
     """Return (512, 512, 3): mown lawn, for a repeat of 4 m. Its fine grain hides the repeats.
 
@@ -89,7 +106,7 @@ def grass() -> Picture:
     return np.asarray(np.clip(value[..., None] * color, 0, 255), np.uint8)
 
 
-@cache
+@texture
 def concrete() -> Picture:
     """Return (256, 256, 3): slabs with a joint on each edge, for a repeat of 1.5 m."""
     value = 1.0 + 0.035 * noise((256, 256), 0.4, 31) + 0.035 * noise((256, 256), 1.5, 32)
@@ -98,7 +115,7 @@ def concrete() -> Picture:
     return tinted(value, (176, 173, 165))
 
 
-@cache
+@texture
 def brick() -> Picture:
     """Return (256, 256, 3): eight courses of running bond, for a repeat of 0.6 m."""
     rng = np.random.default_rng(41)
@@ -113,7 +130,7 @@ def brick() -> Picture:
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
-@cache
+@texture
 def siding() -> Picture:
     """Return (256, 256, 3): eight lapped boards in near white, for a repeat of 1.6 m; the material tints it."""
     row = np.arange(256)
@@ -123,7 +140,7 @@ def siding() -> Picture:
     return tinted(value, (240, 240, 238))
 
 
-@cache
+@texture
 def shingles() -> Picture:
     """Return (256, 256, 3): eight rows of tabs in light grey, for a repeat of 1.6 m; the material tints it."""
     rng = np.random.default_rng(61)
@@ -137,7 +154,7 @@ def shingles() -> Picture:
     return tinted(value, (205, 205, 205))
 
 
-@cache
+@texture
 def boards() -> Picture:
     """Return (256, 256, 3): eight upright planks, for a repeat of 1.2 m."""
     rng = np.random.default_rng(71)
@@ -149,7 +166,7 @@ def boards() -> Picture:
     return tinted(value, (150, 112, 76))
 
 
-@cache
+@texture
 def garage_door() -> Picture:
     """Return (256, 256, 3): one sectional door, four rows of four panels; the texture does not repeat."""
     row, column = np.mgrid[0:256, 0:256]
@@ -221,31 +238,31 @@ def _slabs(count: int, joint: int, spread: float, shift: bool, seed: int) -> Arr
     return np.asarray(value)
 
 
-@cache
+@texture
 def paving() -> Picture:
     """Return (512, 512, 3): square slabs of warm grey, for a repeat of 3 m."""
     return tinted(_slabs(4, 4, 0.06, False, 101), (186, 178, 164))
 
 
-@cache
+@texture
 def setts() -> Picture:
     """Return (512, 512, 3): small stone setts, for a repeat of 2 m."""
     return tinted(_slabs(16, 3, 0.14, True, 111), (142, 132, 124))
 
 
-@cache
+@texture
 def ashlar() -> Picture:
     """Return (512, 512, 3): dressed stone blocks in near white, for a repeat of 2.4 m; the material tints it."""
     return tinted(_slabs(4, 4, 0.05, True, 121), (236, 230, 216))
 
 
-@cache
+@texture
 def panels() -> Picture:
     """Return (512, 512, 3): smooth concrete panels, for a repeat of 3.6 m; the material tints it."""
     return tinted(_slabs(2, 3, 0.025, False, 131), (226, 225, 220))
 
 
-@cache
+@texture
 def curtain() -> Picture:
     """Return (256, 256, 3): one storey of a glass wall, three panes above a dark spandrel, for a repeat of 3.6 m."""
     row, column = np.mgrid[0:256, 0:256]
@@ -278,7 +295,7 @@ def _pane(frame: Srgb, columns: int, blind: float) -> Picture:
     return np.asarray(np.clip(image, 0, 255), np.uint8)
 
 
-@cache
+@texture
 def doors() -> Picture:
     """Return (192, 192, 3): a pair of glazed doors with pull bars."""
     row, column = np.mgrid[0:192, 0:192]
@@ -292,7 +309,7 @@ def doors() -> Picture:
     return np.asarray(np.clip(image, 0, 255), np.uint8)
 
 
-@cache
+@texture
 def shelves() -> Picture:
     """Return (288, 160, 3): the front of a vending machine, five shelves behind glass and a panel of keys."""
     rng = np.random.default_rng(151)
@@ -335,7 +352,7 @@ def _posters(seed: int) -> Picture:
     return np.asarray(np.clip(image, 0, 255), np.uint8)
 
 
-@cache
+@texture
 def dial() -> Picture:
     """Return (256, 256, 3): a clock face at ten past ten."""
     image = np.full((1024, 1024, 3), (190, 182, 164), np.uint8)
@@ -364,21 +381,12 @@ def _words(text: str, ink: Srgb, ground: Srgb) -> Picture:
     return np.asarray(cv2.resize(image, (image.shape[1] // 4, 64), interpolation=cv2.INTER_AREA))
 
 
-_TEXTURES: dict[str, Callable[[], Picture]] = {
-    texture.__name__: texture
-    for texture in (
-        asphalt, grass, concrete, brick, siding, shingles, boards, garage_door,
-        paving, setts, ashlar, panels, curtain, doors, shelves, dial,
-    )
-}  # fmt: skip
-
-
 _DRIFT = {"grass": 0.16, "asphalt": 0.09, "concrete": 0.06, "paving": 0.05, "setts": 0.05}
 
 
 @cache
 def surface(name: str, color: Vec3 = (1.0, 1.0, 1.0), specular: float = 0.0) -> Material:
-    """Return the tinted material of a texture of this module; the same arguments give the same object."""
+    """Return the tinted material of a texture; the same arguments give the same object."""
     return Material(name, color, _TEXTURES[name](), specular=specular, drift=_DRIFT.get(name, 0.0))
 
 

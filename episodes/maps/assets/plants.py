@@ -6,7 +6,7 @@ branches and cores. Lengths in `Species` are shares of the tree's height.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -302,17 +302,14 @@ def _limb(line: Sequence[Sequence[float] | Array], radii: Sequence[float], mater
     repeats = max(1, round(2.0 * np.pi * max(radii[1:]) / BARK_TILE_M))
     down = -np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]) / BARK_TILE_M
     uv = np.stack(np.broadcast_arrays(np.linspace(0.0, repeats, sides + 1)[:, None], down[None]), axis=2)
-    a, b, c, d = uv[:-1, :-1], uv[1:, :-1], uv[1:, 1:], uv[:-1, 1:]
-    wound = np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]).reshape(-1, 3, 2)
-    return MeshPart(part.corners, part.normals, wound, material)
+    return replace(part, uv=g.lattice_triangles(uv))
 
 
 def _inside(lobe: Lobe, share: float, material: Material, rng: np.random.Generator) -> MeshPart:
     """Return the solid core of a lobe."""
     ball = g.ball(lobe.centre, share * lobe.radii, material, 0, 1.2)
     mean = float(np.mean(lobe.radii))
-    rough = g.roughened(ball, 0.08 * mean, int(rng.integers(1 << 30)), mean)
-    return MeshPart(rough.corners, rough.normals, ball.uv, material)
+    return replace(g.roughened(ball, 0.08 * mean, int(rng.integers(1 << 30)), mean), uv=ball.uv)
 
 
 def _sprigs(

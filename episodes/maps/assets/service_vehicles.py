@@ -34,7 +34,7 @@ def _pane(x0: float, x1: float, z0: float, z1: float, side: float, look: Materia
 def _across(x: float, half: float, z0: float, z1: float, look: Material) -> MeshPart:
     """Return a flat panel on the front (x > 0) or the rear of the body."""
     s = 1.0 if x > 0 else -1.0
-    return g.quad([(x, -s * half, z0), (x, s * half, z0), (x, s * half, z1), (x, -s * half, z1)], look)
+    return g.panel(x, (-s * half, s * half), (z0, z1), look)
 
 
 def _flanks() -> list[MeshPart]:

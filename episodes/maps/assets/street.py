@@ -97,13 +97,8 @@ def name_post(along: str, across: str) -> Mesh:
         look = Material(f"name-{text}", (1.0, 1.0, 1.0), picture)
         half, high = 0.11 * picture.shape[1] / picture.shape[0], 0.22
         blade = [g.box((-half, -0.012, z), (half, 0.012, z + high), steel)]
-        # the lettering on both sides of the blade
-        blade.append(
-            g.quad([(half, 0.014, z), (-half, 0.014, z), (-half, 0.014, z + high), (half, 0.014, z + high)], look)
-        )
-        blade.append(
-            g.quad([(-half, -0.014, z), (half, -0.014, z), (half, -0.014, z + high), (-half, -0.014, z + high)], look)
-        )
+        for wide, y in ((half, 0.014), (-half, -0.014)):  # the lettering on both sides of the blade
+            blade.append(g.quad([(wide, y, z), (-wide, y, z), (-wide, y, z + high), (wide, y, z + high)], look))
         solids += [g.transformed(p, yaw=turn) for p in blade]
     return g.assemble(solids)
 

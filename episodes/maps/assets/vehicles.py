@@ -391,8 +391,8 @@ def plates(text: str, rear: tuple[float, float], front: tuple[float, float]) -> 
     h = DIGIT_M * picture.shape[0] / lettering.CAP_PX
     w = DIGIT_M * picture.shape[1] / lettering.CAP_PX / 2
     (x, z), (nose, low) = rear, front
-    back = g.quad([(x, w, z), (x, -w, z), (x, -w, z + h), (x, w, z + h)], sign)
-    return [back, g.quad([(nose, -w, low), (nose, w, low), (nose, w, low + h), (nose, -w, low + h)], sign)]
+    back = g.panel(x, (w, -w), (z, z + h), sign)
+    return [back, g.panel(nose, (-w, w), (low, low + h), sign)]
 
 
 def car(kind: str, paint: str, plate: str, trim: Trim = PLAIN) -> Mesh:

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from episodes.maps.assets.materials import Picture, fill_holes
 from episodes.maps.gltf.document import REMEDY, Document
-from episodes.maps.pictures import fill_holes
 from episodes.maps.scene import Material
 from foundation.frames import Vec3
 
@@ -18,8 +18,6 @@ MAX_SIDE = 8192
 MAX_TEXELS = 48 * 2**20  # of all pictures of a map together, after they are reduced
 SIDES = (2048, 1024, 512, 256, 128, 64, 32, 16)  # px, limits of a side; the first that keeps MAX_TEXELS applies
 CUTOFF = 0.5  # default of alphaCutoff: texels with a lower alpha are holes
-
-Picture = NDArray[np.uint8]
 
 EXTRA = "dronecats_look"  # field of the extras: [red, green, blue, emission, specular, drift, foliage]
 

@@ -61,7 +61,7 @@ def test_people_look_different_and_wear_no_paint_colour(scene: Scene) -> None:
     looks = {frozenset((m.name, m.color) for m in i.mesh.materials) for i in people}
     assert len(looks) == len(people)
     assert len({len(i.mesh.triangles) for i in people}) > len(people) / 2  # they also have different shapes
-    paints = {materials.linear(srgb) for name, srgb in materials.PAINTS.items() if name not in materials.NEUTRAL}
+    paints = {materials.linear(srgb) for name, srgb in materials.PAINTS.items() if name not in materials.SHADES}
     for one in people:
         assert not paints & {m.color for m in one.mesh.materials}
 

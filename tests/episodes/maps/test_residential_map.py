@@ -146,7 +146,7 @@ def test_parked_vehicles_have_only_neutral_paints(scene: Scene) -> None:
     for car in cars:
         worn = [m.name.removeprefix("paint-") for m in car.mesh.materials if m.name.startswith("paint-")]
         assert worn
-        assert set(worn) <= set(materials.NEUTRAL)
+        assert set(worn) <= set(materials.SHADES)
 
 
 def test_number_plates_are_unique_and_differ_from_targets(scene: Scene) -> None:

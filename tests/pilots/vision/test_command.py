@@ -77,7 +77,7 @@ SPOTS = st.tuples(st.floats(-30.0, 30.0), st.floats(4.0, 50.0))
 @given(SPOTS, SPOTS)
 def test_the_fit_of_a_relation_agrees_with_the_episode_check(spot, mark):
     here, stands = (0.0, 0.0), referring.Footprint(mark[1], mark[0], (0.5, 0.5), 0.0)
-    for relation in referring.SEEN_FROM:
+    for relation in ("left of", "right of", "in front of", "behind"):
         expression = referring.Expression("bench", relation, ("the mark",))
         clear, loose = referring.denotes(
             expression, {"it": (spot[1], spot[0], 0.0)}, {"the mark": stands}, (*here, 0.0)
