@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.optics import weather
-from episodes.camera.optics.options import LensModel, Optics, Rain, Sensor
+from episodes.camera.optics.options import LensModel, Optics, Sensor
 from episodes.camera.optics.weather import Light
 from episodes.camera.renderer.renderer import Renderer
 from episodes.camera.renderer.sky import STEPS, WHITE, daylight, display_table
@@ -61,7 +61,8 @@ class OpticalRenderer:
         self._lens = BentLens(optics.lens or LensModel(), camera)
         self._renderer = Renderer(dataclasses.replace(scene, sun=sun), self._lens.wide, threads)
         self._codes = Codes()
-        self._air = weather.haze_color(optics.haze, daylight(sun).horizon)
+        # the colour of the haze: that of the options, else that of the sky at the horizon
+        self._air = (optics.haze.color if optics.haze else None) or daylight(sun).horizon
 
     def picture(
         self, motion: VehicleMotion, moved: Callable[[float], Moved], drawn_from: Sequence[int]
@@ -80,7 +81,17 @@ class OpticalRenderer:
             light += later
         light /= np.float32(poses)
         if optics.rain is not None:
-            light = self._rained(light, seen[poses // 2][1], motion, optics.rain, shutter or weather.SHUTTER_S, rng)
+            drops = weather.streaks(
+                seen[poses // 2][1],
+                self._pose(motion),
+                motion.velocity_ned,
+                optics.rain.wind_ned,
+                optics.rain.rate_mm_h,
+                shutter or weather.SHUTTER_S,
+                self._lens.wide,
+                rng,
+            )
+            light = weather.add_streaks(light, drops, self._air)
         light = self._lens.through(light)
         if optics.sensor is not None:
             light = noisy(light, optics.sensor, rng)
@@ -106,28 +117,6 @@ class OpticalRenderer:
                 path = weather.path_in_layer(view.depth, pose, self._lens.wide, height)
                 light = weather.add_haze(light, path, density, self._air)
         return light, view.depth
-
-    def _rained(
-        self,
-        light: Light,
-        depth: NDArray[np.float32],
-        motion: VehicleMotion,
-        drops: Rain,
-        shutter_s: float,
-        rng: np.random.Generator,
-    ) -> Light:
-        """Return `light` with the streaks of drops that are nearer than `depth` (m)."""
-        mask = weather.streaks(
-            depth,
-            self._pose(motion),
-            motion.velocity_ned,
-            drops.wind_ned,
-            drops.rate_mm_h,
-            shutter_s,
-            self._lens.wide,
-            rng,
-        )
-        return weather.add_streaks(light, mask, self._air)
 
 
 def noisy(light: Light, sensor: Sensor, rng: np.random.Generator) -> Light:
@@ -176,11 +165,8 @@ def pinhole_rays(lens: LensModel, camera: CameraModel) -> tuple[NDArray[np.float
     Inverts OpenCV's model by Newton's method: x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²), and y'
     likewise. Raises ValueError for a lens that folds the picture, because its model has no inverse.
     """
-    shown_x, shown_y = np.meshgrid(
-        (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px,
-        (np.arange(camera.height) + 0.5 - 0.5 * camera.height) / camera.focal_px,
-    )
-    x, y = shown_x.copy(), shown_y.copy()
+    shown_x, shown_y = weather.pixel_slopes(camera)
+    x, y = (slopes.copy() for slopes in np.broadcast_arrays(shown_x, shown_y))
     for _ in range(ROUNDS):
         radial, dx, dy = _terms(lens, x, y)
         miss_x, miss_y = x * radial + dx - shown_x, y * radial + dy - shown_y
@@ -263,7 +249,6 @@ def _fall_off(lens: LensModel, camera: CameraModel) -> NDArray[np.float32] | Non
     """
     if not lens.vignetting:
         return None
-    x = (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px
-    y = (np.arange(camera.height) + 0.5 - 0.5 * camera.height) / camera.focal_px
-    natural = 1.0 / (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** 2
+    x, y = weather.pixel_slopes(camera)
+    natural = 1.0 / (1.0 + x**2 + y**2) ** 2
     return (1.0 - lens.vignetting * (1.0 - natural))[..., None].astype(np.float32)

@@ -5,7 +5,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.camera.optics.options import Haze
 from episodes.camera.renderer.layout import eye_of
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3
@@ -28,11 +27,11 @@ def veil(rate_mm_h: float) -> float:
     return float(scale * rate_mm_h**exponent)
 
 
-def _depth_per_metre(camera: CameraModel) -> NDArray[np.float32]:
-    """Return (H, W) the cosine of the angle between each pixel's ray and the optical axis: depth / distance."""
+def pixel_slopes(camera: CameraModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return x / z (1, W) and y / z (H, 1) of the rays through the middles of the pixels."""
     x = (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px
     y = (np.arange(camera.height) + 0.5 - 0.5 * camera.height) / camera.focal_px
-    return (1.0 / np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)).astype(np.float32)
+    return x[None, :], y[:, None]
 
 
 def path_in_layer(
@@ -42,10 +41,10 @@ def path_in_layer(
 
     `depth` is planar (m, inf = sky). The length of a ray that neither leaves the layer nor hits anything is inf.
     """
-    eye, per_metre = eye_of(pose, camera), _depth_per_metre(camera)
-    x = (np.arange(camera.width) + 0.5 - eye.center_x) / eye.focal
-    y = (np.arange(camera.height) + 0.5 - eye.center_y) / eye.focal
-    up = -(eye.forward[2] + x[None, :] * eye.right[2] + y[:, None] * eye.down[2]) * per_metre
+    eye, (x, y) = eye_of(pose, camera), pixel_slopes(camera)
+    # cosine of the angle between each pixel's ray and the optical axis: depth / distance
+    per_metre = (1.0 / np.sqrt(1.0 + x**2 + y**2)).astype(np.float32)
+    up = -(eye.forward[2] + x * eye.right[2] + y * eye.down[2]) * per_metre
     reach = np.divide(height_m, up, out=np.full(up.shape, np.inf), where=up > 1e-6)
     length: NDArray[np.float64] = np.minimum(depth / per_metre, reach)
     return length.astype(np.float32)
@@ -59,11 +58,6 @@ def add_haze(light: Light, path: NDArray[np.float32], density: float, color: Vec
     clear: NDArray[np.float32] = np.exp(-np.float32(density) * path)[..., None]
     hazy = np.asarray(color, np.float32)
     return (hazy + (light - hazy) * clear).astype(np.float32)
-
-
-def haze_color(haze: Haze | None, horizon: Vec3) -> Vec3:
-    """Return the colour of the haze: that of the options, or that of the sky at the horizon."""
-    return haze.color if haze is not None and haze.color is not None else horizon
 
 
 def drops_per_m3(rate_mm_h: float) -> tuple[float, float]:

@@ -11,7 +11,7 @@ the borders between pixels, are for smooth edges.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from episodes.camera.renderer.layout import NEAR_M, Eye, Triangles
 from episodes.maps.cutouts import Cutouts, is_opaque_texel
 from foundation.compiled import njit
+from foundation.frames import Vec3
 
 BAND = 16  # rows of samples that one thread fills at a time
 NOTHING = -1  # in place of a triangle: the sample sees the sky
@@ -58,12 +59,7 @@ def set_up(thread: int, threads: int, triangles: Triangles, eye: Eye, drawn: Dra
     per_y = math.sqrt(1.0 + slope_y * slope_y)
     for chunk in range(thread, triangles.chunk_first.size, threads):
         r = triangles.chunk_radius[chunk]
-        dx = triangles.chunk_center[chunk, 0] - eye.position[0]
-        dy = triangles.chunk_center[chunk, 1] - eye.position[1]
-        dz = triangles.chunk_center[chunk, 2] - eye.position[2]
-        x = eye.forward[0] * dx + eye.forward[1] * dy + eye.forward[2] * dz
-        y = eye.right[0] * dx + eye.right[1] * dy + eye.right[2] * dz
-        z = eye.down[0] * dx + eye.down[1] * dy + eye.down[2] * dz
+        x, y, z = _in_camera(triangles.chunk_center[chunk], eye)
         seen = x + r >= NEAR_M and abs(y) - slope_x * x <= r * per_x and abs(z) - slope_y * x <= r * per_y
         drawn.chunk_seen[chunk] = seen
         if seen:
@@ -79,29 +75,26 @@ def set_up(thread: int, threads: int, triangles: Triangles, eye: Eye, drawn: Dra
                 _set_up_triangle(t, solid, triangles.position, eye, drawn)
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _in_camera(place: NDArray[np.floating[Any]], eye: Eye) -> Vec3:
+    """Return a place (m, NED) in camera axes: forward, right, down, m from the optical centre."""
+    dx = float(place[0]) - eye.position[0]
+    dy = float(place[1]) - eye.position[1]
+    dz = float(place[2]) - eye.position[2]
+    return (
+        eye.forward[0] * dx + eye.forward[1] * dy + eye.forward[2] * dz,
+        eye.right[0] * dx + eye.right[1] * dy + eye.right[2] * dz,
+        eye.down[0] * dx + eye.down[1] * dy + eye.down[2] * dz,
+    )
+
+
 @njit(cache=True, nogil=True)
 def _set_up_triangle(t: int, solid: int, position: NDArray[np.float32], eye: Eye, drawn: Drawn) -> None:
     drawn.rows[t, 0] = 1
     drawn.rows[t, 1] = 0
-    dx = float(position[t, 0, 0]) - eye.position[0]
-    dy = float(position[t, 0, 1]) - eye.position[1]
-    dz = float(position[t, 0, 2]) - eye.position[2]
-    x0 = eye.forward[0] * dx + eye.forward[1] * dy + eye.forward[2] * dz
-    y0 = eye.right[0] * dx + eye.right[1] * dy + eye.right[2] * dz
-    z0 = eye.down[0] * dx + eye.down[1] * dy + eye.down[2] * dz
-    dx = float(position[t, 1, 0]) - eye.position[0]
-    dy = float(position[t, 1, 1]) - eye.position[1]
-    dz = float(position[t, 1, 2]) - eye.position[2]
-    x1 = eye.forward[0] * dx + eye.forward[1] * dy + eye.forward[2] * dz
-    y1 = eye.right[0] * dx + eye.right[1] * dy + eye.right[2] * dz
-    z1 = eye.down[0] * dx + eye.down[1] * dy + eye.down[2] * dz
-    dx = float(position[t, 2, 0]) - eye.position[0]
-    dy = float(position[t, 2, 1]) - eye.position[1]
-    dz = float(position[t, 2, 2]) - eye.position[2]
-    x2 = eye.forward[0] * dx + eye.forward[1] * dy + eye.forward[2] * dz
-    y2 = eye.right[0] * dx + eye.right[1] * dy + eye.right[2] * dz
-    z2 = eye.down[0] * dx + eye.down[1] * dy + eye.down[2] * dz
-
+    x0, y0, z0 = _in_camera(position[t, 0], eye)
+    x1, y1, z1 = _in_camera(position[t, 1], eye)
+    x2, y2, z2 = _in_camera(position[t, 2], eye)
     if max(x0, x1, x2) < NEAR_M:
         return
     k = eye.center_x / eye.focal

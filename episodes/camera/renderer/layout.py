@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from episodes.camera.renderer.textures import Atlas, build_atlas
 from episodes.maps.cutouts import OPAQUE, Cutouts, cutouts_of, is_cut_out
-from episodes.maps.scene import Instance, Material, Mesh, Moved, Scene
+from episodes.maps.scene import Instance, Material, Mesh, Moved, Scene, turn
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, rotate
@@ -26,7 +26,6 @@ from foundation.threads import once
 NEAR_M = 0.05  # nothing closer along the optical axis is drawn
 
 CHUNK = 128  # largest number of triangles that are culled together
-AXES: tuple[Vec3, Vec3, Vec3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Eye(NamedTuple):
@@ -106,16 +105,13 @@ class Surfaces(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MovablePart:
-    """The rows of Triangles that belong to one movable instance, and its shape in the axes of the asset."""
+class PlacedPart:
+    """The rows of Triangles that belong to one instance, and its shape in the axes of the asset."""
 
     instance: Instance
     triangles: slice  # rows of the fields that are not in BY_CHUNK
     chunks: slice  # rows of the fields in BY_CHUNK
-    position: NDArray[np.float32]  # (n, 3, 3) m, FRD of the asset
-    normal: NDArray[np.float32]  # (n, 3, 3) FRD of the asset
-    face: NDArray[np.float32]  # (n, 3) FRD of the asset
-    solid_center: NDArray[np.float64]  # (c, 3) m, FRD of the asset, by chunk
+    shape: "LaidMesh"
 
 
 @dataclass(frozen=True)
@@ -126,21 +122,17 @@ class SceneArrays:
     surfaces: Surfaces
     atlas: Atlas
     cutouts: Cutouts
-    movable: tuple[MovablePart, ...]
+    movable: tuple[PlacedPart, ...]
     static_count: int  # number of triangles that never move; they are the first ones
 
 
-def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: float | Quat) -> None:
+def place(triangles: Triangles, part: PlacedPart, position_ned: Vec3, turned: float | Quat) -> None:
     """Write one instance at `position_ned` (m), with its yaw (rad) or its attitude, into `triangles`."""
-    if isinstance(turned, tuple):
-        turn = np.array([rotate(turned, axis) for axis in AXES])  # row vectors: v @ turn
-    else:
-        c, s = math.cos(turned), math.sin(turned)
-        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    position = part.position @ turn + np.array(as_floats(position_ned))
+    axes = np.ascontiguousarray(turn(turned).T)  # row vectors: v @ axes
+    position = part.shape.position @ axes + np.array(as_floats(position_ned))
     triangles.position[part.triangles] = position
-    triangles.normal[part.triangles] = part.normal @ turn
-    triangles.face[part.triangles] = part.face @ turn
+    triangles.normal[part.triangles] = part.shape.normal @ axes
+    triangles.face[part.triangles] = part.shape.face @ axes
     starts = triangles.chunk_first[part.chunks] - part.triangles.start
     low, high = np.minimum.reduceat(position.min(axis=1), starts), np.maximum.reduceat(position.max(axis=1), starts)
     center = 0.5 * (low + high)
@@ -148,10 +140,10 @@ def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: f
     far = np.maximum.reduceat((away**2).sum(axis=2).max(axis=1), starts)
     triangles.chunk_center[part.chunks] = center
     triangles.chunk_radius[part.chunks] = np.sqrt(far) * 1.0001 + 1e-3
-    triangles.solid_center[part.chunks] = part.solid_center @ turn + np.array(as_floats(position_ned))
+    triangles.solid_center[part.chunks] = part.shape.solid_center @ axes + np.array(as_floats(position_ned))
 
 
-def place_all(layout: SceneArrays, moved: Moved) -> list[MovablePart]:
+def place_all(layout: SceneArrays, moved: Moved) -> list[PlacedPart]:
     """Put every movable instance at its pose in `moved`; return all but those whose entry in `moved` is None.
 
     An instance without an entry gets its pose in the scene. Raises UsageError when `moved` names an instance that the
@@ -228,8 +220,8 @@ def add_instances(laid: SceneLayout, instances: Sequence[Instance]) -> SceneLayo
     triangles = _with_empty_rows(before, instances)
     materials, planes, plane_count = list(laid.materials), dict(laid.planes), laid.plane_count
     row_of = {id(material): row for row, material in enumerate(materials)}
-    movable: list[MovablePart] = []
-    laid_meshes: dict[int, _LaidMesh] = {}
+    movable: list[PlacedPart] = []
+    laid_meshes: dict[int, LaidMesh] = {}
     for instance in instances:
         mesh = instance.mesh
         rows = slice(filled, filled + len(mesh.triangles))
@@ -243,9 +235,7 @@ def add_instances(laid: SceneLayout, instances: Sequence[Instance]) -> SceneLayo
         if id(mesh) not in laid_meshes:
             laid_meshes[id(mesh)] = _lay_mesh(mesh)
         of_mesh = laid_meshes[id(mesh)]
-        part = MovablePart(
-            instance, rows, chunk_rows, of_mesh.position, of_mesh.normal, of_mesh.face, of_mesh.solid_center
-        )
+        part = PlacedPart(instance, rows, chunk_rows, of_mesh)
         place(triangles, part, instance.position_ned, instance.turned)
         triangles.uv[rows], triangles.flat[rows] = of_mesh.uv, of_mesh.flat
         triangles.material[rows] = np.array([row_of[id(m)] for m in mesh.materials], np.int32)[mesh.material]
@@ -269,7 +259,7 @@ def add_instances(laid: SceneLayout, instances: Sequence[Instance]) -> SceneLayo
 
 
 @dataclass(frozen=True, slots=True)
-class _LaidMesh:
+class LaidMesh:
     """The values of a mesh that all its instances share, in the asset's axes."""
 
     position: NDArray[np.float32]  # (T, 3, 3) m
@@ -282,12 +272,12 @@ class _LaidMesh:
     solid_radius: NDArray[np.float64]  # (C,) m
 
 
-def _lay_mesh(mesh: Mesh) -> _LaidMesh:
+def _lay_mesh(mesh: Mesh) -> LaidMesh:
     normal, uv = mesh.normals[mesh.triangles], mesh.uv[mesh.triangles]
     solid, low, high = _closed_surfaces(mesh)
     starts = _chunk_starts(mesh)
     low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
-    return _LaidMesh(
+    return LaidMesh(
         solid=solid,
         solid_center=0.5 * (low + high),
         solid_radius=0.5 * np.linalg.norm(high - low, axis=1),

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.camera.renderer.layout import MovablePart, SceneArrays, Triangles
+from episodes.camera.renderer.layout import PlacedPart, SceneArrays, Triangles
 from episodes.maps.cutouts import OPAQUE, Cutouts, is_opaque_texel
 from episodes.maps.scene import Sun
 from foundation.compiled import njit
@@ -109,14 +109,15 @@ class Shadows:
         self._sun, self._turn, self._added = sun, turn, added
 
     @contextmanager
-    def cast(self, layout: SceneArrays, movable: Iterable[MovablePart]) -> Iterator[SunMap]:
+    def cast(self, layout: SceneArrays, movable: Iterable[PlacedPart]) -> Iterator[SunMap]:
         """Yield the shadow map with these movable instances drawn in; they are removed after the block."""
         with self._turn:
             covered = draw_instances(self._sun, layout, [*self._added, *(part.triangles for part in movable)])
             try:
                 yield self._sun
             finally:
-                restore(self._sun, covered)
+                for where, heights in reversed(covered):  # in reverse order because instances may overlap
+                    self._sun.height[where] = heights
 
 
 def instance_slices(triangles: Triangles, first: int, stop: int) -> list[slice]:
@@ -128,8 +129,8 @@ def instance_slices(triangles: Triangles, first: int, stop: int) -> list[slice]:
 
 def draw_instances(
     sun: SunMap, layout: SceneArrays, instances: Iterable[slice]
-) -> list[tuple[slice, slice, NDArray[np.float32]]]:
-    """Draw instances, one slice of triangles each, into the map. Return the overwritten heights for `restore`."""
+) -> list[tuple[tuple[slice, slice], NDArray[np.float32]]]:
+    """Draw instances, one slice of triangles each, into the map. Return the places and the overwritten heights."""
     axes = np.column_stack((sun.across, sun.up))
     cells = sun.height.shape[0]
     covered = []
@@ -138,15 +139,9 @@ def draw_instances(
         low = np.clip(np.floor(flat.min(axis=0) / sun.cell), 0, cells).astype(int)
         high = np.clip(np.ceil(flat.max(axis=0) / sun.cell) + 1, 0, cells).astype(int)
         where = (slice(low[1], high[1]), slice(low[0], high[0]))
-        covered.append((*where, sun.height[where].copy()))
+        covered.append((where, sun.height[where].copy()))
         draw_heights(sun, layout.triangles, layout.cutouts, rows.start, rows.stop)
     return covered
-
-
-def restore(sun: SunMap, covered: list[tuple[slice, slice, NDArray[np.float32]]]) -> None:
-    """Undo `draw_instances`, in reverse order because instances may overlap."""
-    for rows, columns, heights in reversed(covered):
-        sun.height[rows, columns] = heights
 
 
 @njit(cache=True, nogil=True, allocates=True)
