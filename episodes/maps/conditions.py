@@ -7,6 +7,7 @@ Materials are recognised by their names.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -118,30 +119,25 @@ def dusk(sun: Sun) -> Sun:
 
 def with_lights(instances: Sequence[Instance]) -> tuple[Instance, ...]:
     """Return the instances of a map with their lights on."""
-    meshes: dict[int, Mesh] = {}
-    materials: dict[int, Material] = {}
-    for instance in instances:
-        if id(instance.mesh) not in meshes:
-            meshes[id(instance.mesh)] = _lit(instance.mesh, materials)
+    shining = cache(_shining)
+
+    @cache  # meshes and materials are compared by identity
+    def lit(mesh: Mesh) -> Mesh:
+        materials, material = list(mesh.materials), mesh.material.copy()
+        for row, looks in enumerate(mesh.materials):
+            is_lamp = looks.name.startswith(LAMPS)
+            if is_lamp or looks.name.startswith(WINDOWS):
+                of_it = np.flatnonzero(mesh.material == row)
+                material[of_it if is_lamp else of_it[_lit_windows(mesh, of_it)]] = len(materials)
+                materials.append(shining(looks, LAMP_EMISSION if is_lamp else WINDOW_EMISSION))
+        if len(materials) == len(mesh.materials):
+            return mesh
+        return replace(mesh, material=material, materials=(*materials,))
+
     return tuple(
-        instance if (mesh := meshes[id(instance.mesh)]) is instance.mesh else replace(instance, mesh=mesh)
+        instance if (mesh := lit(instance.mesh)) is instance.mesh else replace(instance, mesh=mesh)
         for instance in instances
     )
-
-
-def _lit(mesh: Mesh, lit: dict[int, Material]) -> Mesh:
-    """Return a mesh with its lights on; the mesh itself if it has none. `lit` caches lit materials by identity."""
-    materials, material = list(mesh.materials), mesh.material.copy()
-    for row, looks in enumerate(mesh.materials):
-        is_lamp = looks.name.startswith(LAMPS)
-        if not (is_lamp or looks.name.startswith(WINDOWS)):
-            continue
-        if id(looks) not in lit:
-            lit[id(looks)] = _shining(looks, LAMP_EMISSION if is_lamp else WINDOW_EMISSION)
-        of_it = np.flatnonzero(mesh.material == row)
-        material[of_it if is_lamp else of_it[_lit_windows(mesh, of_it)]] = len(materials)
-        materials.append(lit[id(looks)])
-    return mesh if len(materials) == len(mesh.materials) else replace(mesh, material=material, materials=(*materials,))
 
 
 def _shining(looks: Material, emission: float) -> Material:
@@ -169,49 +165,33 @@ def _lit_windows(mesh: Mesh, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 def in_autumn(instances: Sequence[Instance]) -> tuple[Instance, ...]:
     """Return the instances of a map in autumn. Trees that share a mesh can have different colours."""
-    paints = _Paints()
-    return tuple(
-        replace(instance, mesh=paints.mesh(instance.mesh, instance.id * 7 % len(HUES))) for instance in instances
-    )
+    pictures: dict[int, Picture] = {}  # by the identity of the original
 
+    def picture(texture: Picture, is_grass: bool) -> Picture:
+        if id(texture) not in pictures:
+            pictures[id(texture)] = strewn(texture) if is_grass else colorless(texture)
+        return pictures[id(texture)]
 
-class _Paints:
-    """A cache of recoloured meshes, materials and pictures. Its keys contain the identities of the originals."""
+    @cache  # meshes and materials are compared by identity
+    def recolored(material: Material, color: Vec3, is_grass: bool) -> Material:
+        texture = None if material.texture is None else picture(material.texture, is_grass)
+        return replace(material, color=color, texture=texture)
 
-    def __init__(self) -> None:
-        self._meshes: dict[tuple[int, int], Mesh] = {}
-        self._materials: dict[tuple[int, int], Material] = {}
-        self._pictures: dict[int, Picture] = {}
-
-    def mesh(self, mesh: Mesh, hue: int) -> Mesh:
-        """Return a mesh with its materials in autumn; the mesh itself if none of them changes."""
-        key = (id(mesh), hue)
-        if key not in self._meshes:
-            materials = tuple(self._material(material, hue) for material in mesh.materials)
-            same = all(new is old for new, old in zip(materials, mesh.materials, strict=True))
-            self._meshes[key] = mesh if same else replace(mesh, materials=materials)
-        return self._meshes[key]
-
-    def _material(self, material: Material, hue: int) -> Material:
+    def material_of(material: Material, hue: int) -> Material:
         is_grass = material.name.startswith(GRASS)
         if not is_grass and (not material.name.startswith(LEAVES) or material.name.endswith(EVERGREEN)):
             return material
-        key = (id(material), 0 if is_grass else hue)
-        if key not in self._materials:
-            light = SHADE if material.name.startswith(INSIDE) else 1.0
-            color, factor = (material.color, STRAW) if is_grass else (HUES[hue], (light, light, light))
-            r, g, b = (c * f for c, f in zip(color, factor, strict=True))
-            self._materials[key] = replace(
-                material, color=(r, g, b), texture=self._picture(material.texture, is_grass=is_grass)
-            )
-        return self._materials[key]
+        light = SHADE if material.name.startswith(INSIDE) else 1.0
+        color, factor = (material.color, STRAW) if is_grass else (HUES[hue], (light, light, light))
+        return recolored(material, vec3(c * f for c, f in zip(color, factor, strict=True)), is_grass)
 
-    def _picture(self, texture: Picture | None, *, is_grass: bool) -> Picture | None:
-        if texture is None:
-            return None
-        if id(texture) not in self._pictures:
-            self._pictures[id(texture)] = strewn(texture) if is_grass else colorless(texture)
-        return self._pictures[id(texture)]
+    @cache
+    def mesh_of(mesh: Mesh, hue: int) -> Mesh:
+        materials = tuple(material_of(material, hue) for material in mesh.materials)
+        same = all(new is old for new, old in zip(materials, mesh.materials, strict=True))
+        return mesh if same else replace(mesh, materials=materials)
+
+    return tuple(replace(instance, mesh=mesh_of(instance.mesh, instance.id * 7 % len(HUES))) for instance in instances)
 
 
 def colorless(texture: Picture) -> Picture:

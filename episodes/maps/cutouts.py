@@ -5,7 +5,7 @@ cover the same share of the picture, because the same share of samples hits opaq
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from episodes.maps.scene import Material, Mesh
 from foundation.compiled import njit
 
+Scalar = TypeVar("Scalar", bound=np.generic)
 OPAQUE = -1  # index for a material without a cut-out
 
 
@@ -26,18 +27,20 @@ class Cutouts(NamedTuple):
 
 def cutouts_of(materials: Sequence[Material]) -> tuple[Cutouts, NDArray[np.int32]]:
     """Return the distinct cut-outs of some materials, and the index (M,) of each material's cut-out or OPAQUE."""
-    row_of: dict[int, int] = {}
-    shown: list[NDArray[np.bool_]] = []
-    for material in materials:
-        if material.cutout is not None and id(material.cutout) not in row_of:
-            row_of[id(material.cutout)] = len(shown)
-            shown.append(material.cutout)
+    shown, rows = distinct([material.cutout for material in materials])
     cutouts = Cutouts(
         texels=np.packbits(np.concatenate([np.zeros(0, np.bool_), *(s.ravel() for s in shown)]), bitorder="little"),
         first=np.cumsum([0, *(s.size for s in shown)], dtype=np.int64)[:-1],
         size=np.array([s.shape[::-1] for s in shown], np.int64).reshape(-1, 2),
     )
-    return cutouts, np.array([row_of.get(id(m.cutout), OPAQUE) for m in materials], np.int32)
+    return cutouts, rows
+
+
+def distinct(pictures: Sequence[NDArray[Scalar] | None]) -> tuple[list[NDArray[Scalar]], NDArray[np.int32]]:
+    """Return the different pictures by identity, and the index (M,) of each picture among them; -1 for None."""
+    by_identity = {id(picture): picture for picture in pictures if picture is not None}
+    row_of = {identity: row for row, identity in enumerate(by_identity)}
+    return list(by_identity.values()), np.array([row_of.get(id(p), -1) for p in pictures], np.int32)
 
 
 def is_cut_out(mesh: Mesh) -> NDArray[np.bool_]:

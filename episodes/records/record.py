@@ -12,7 +12,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import msgspec
 from msgspec import Meta
@@ -49,13 +49,22 @@ MapName = Annotated[
 SCHEMA_FILE = Path(__file__).with_name("record.schema.json")
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SHARED = {"seed": RecordSeed, "yaw": Yaw, "vector": MapPlace, "name": MapName}
-PLACED = {"asset": {"$ref": "#/$defs/asset"}}
-SHAPES: list[dict[str, Any]] = [  # the kinds of a target: fields that each kind requires, and fields that it forbids
-    {"title": "placed, standing", "has": ("paint", "position_ned", "yaw_deg"), "not": ("path", "native")},
-    {"title": "placed, on a path", "has": ("paint", "path"), "not": ("position_ned", "yaw_deg", "native")},
-    {"title": "native to the map", "has": ("native", "position_ned", "yaw_deg"),
-     "not": ("paint", "inscription", "path")},
-]  # fmt: skip
+
+
+class TargetKind(NamedTuple):
+    """A kind of target."""
+
+    title: str
+    required: tuple[str, ...]  # fields
+    forbidden: tuple[str, ...]  # fields
+    reason: str = ""  # why a target of this kind must not have these fields
+
+
+STANDING = TargetKind("placed, standing", ("paint", "position_ned", "yaw_deg"), ("path", "native"))
+ON_PATH = TargetKind("placed, on a path", ("paint", "path"), ("position_ned", "yaw_deg", "native"),
+                     "but the path of the target already sets its pose")  # fmt: skip
+NATIVE = TargetKind("native to the map", ("native", "position_ned", "yaw_deg"), ("paint", "inscription", "path"),
+                    "but a native target keeps its look and place on the map")  # fmt: skip
 
 
 def _about(description: str) -> Meta:
@@ -199,25 +208,14 @@ def _text_faults(field: str, text: str) -> Iterator[tuple[str, str]]:
 
 
 def _target_faults(at: str, target: TargetRecord) -> Iterator[tuple[str, str]]:
-    """Yield the faults of a target: fields that its kind must not have, missing fields, and wrong values.
-
-    The kinds are native, placed on a path, and placed without a path.
-    """
+    """Yield the faults of a target: fields that its kind must not have, missing fields, and wrong values."""
     for name in ("asset", "inscription", "native"):
         yield from _text_faults(f"{at}.{name}", getattr(target, name) or "-")
-    absent: tuple[str, ...] = ()
-    needed: tuple[str, ...] = ("position_ned", "yaw_deg")
-    if target.native is not None:
-        absent = ("paint", "inscription", "path")
-        reason = "but a native target keeps its look and place on the map"
-    else:
-        needed = ("paint", *needed)
-        if target.path is not None:
-            absent, needed, reason = needed[1:], needed[:1], "but the path of the target already sets its pose"
-    for name in absent:
+    kind = NATIVE if target.native is not None else STANDING if target.path is None else ON_PATH
+    for name in kind.forbidden:
         if getattr(target, name) is not None:
-            yield f"{at}.{name}", f"is set, {reason}"
-    for name in needed:
+            yield f"{at}.{name}", f"is set, {kind.reason}"
+    for name in kind.required:
         if getattr(target, name) is None:
             yield f"{at}.{name}", "is missing"
     if target.native is None and target.asset not in assets.names():
@@ -266,7 +264,7 @@ def schema() -> dict[str, Any]:
     shared = {name: _strict(msgspec.json.schema(kind)) for name, kind in SHARED.items()}
     definitions = {name: _folded(_strict(tables[kind.__name__]), shared) for name, kind in TABLES.items()}
     definitions["start"].pop("description")  # the field `starts` has the same description
-    definitions["target"]["oneOf"] = [_shape(**shape) for shape in SHAPES]
+    definitions["target"]["oneOf"] = [_shape(kind) for kind in (STANDING, ON_PATH, NATIVE)]
     top = _folded(_strict(record), shared)
     return {
         "$schema": SCHEMA_DIALECT,
@@ -281,10 +279,10 @@ def write_schema() -> None:
         SCHEMA_FILE.write_text(json.dumps(schema(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def _shape(title: str, has: tuple[str, ...], **rest: tuple[str, ...]) -> dict[str, Any]:
-    forbidden = [{"required": [name]} for name in rest["not"]]
-    shape = {"title": title, "required": list(has), "not": {"anyOf": forbidden}}
-    return shape if "native" in has else {**shape, "properties": PLACED}
+def _shape(kind: TargetKind) -> dict[str, Any]:
+    forbidden = [{"required": [name]} for name in kind.forbidden]
+    shape = {"title": kind.title, "required": list(kind.required), "not": {"anyOf": forbidden}}
+    return shape if kind is NATIVE else {**shape, "properties": {"asset": {"$ref": "#/$defs/asset"}}}
 
 
 def _strict(schema: Any) -> Any:

@@ -172,10 +172,12 @@ def path_off_ground(world: World) -> RuleFinding:
             if off > worst:
                 worst, where = off, (n, e, d)
         gone += leg
-    measured = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
-    return RuleFinding(
-        "the distance of the path from the ground", worst <= OFF_GROUND_M, measured, f"≤ {OFF_GROUND_M:g} m"
-    )
+    return _off_ground("the distance of the path from the ground", worst, where, OFF_GROUND_M)
+
+
+def _off_ground(rule: str, worst_m: float, where: Vec3, most_m: float) -> RuleFinding:
+    measured = f"{worst_m:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
+    return RuleFinding(rule, worst_m <= most_m, measured, f"≤ {most_m:g} m")
 
 
 def wheels(world: World) -> Iterator[RuleFinding]:
@@ -198,10 +200,7 @@ def wheels(world: World) -> Iterator[RuleFinding]:
                 if off > worst:
                     worst, where = off, (float(n), float(e), float(d))
     if worst >= 0.0:
-        measured = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
-        yield RuleFinding(
-            "the distance of a wheel from the ground", worst <= WHEEL_OFF_M, measured, f"≤ {WHEEL_OFF_M:g} m"
-        )
+        yield _off_ground("the distance of a wheel from the ground", worst, where, WHEEL_OFF_M)
 
 
 def path_clear(world: World, obstacles: StaticObstacles) -> RuleFinding:

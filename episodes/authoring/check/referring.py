@@ -19,13 +19,14 @@ import numpy as np
 
 from episodes import maps
 from episodes.authoring.check.finding import RuleFinding
+from episodes.authoring.check.sight import level, pixel_rays
 from episodes.maps import assets
 from episodes.maps.scene import Instance, Places, turn
 from episodes.records.record import EpisodeRecord
 from episodes.world.rays import NOTHING, RayScene
 from episodes.world.world import World
 from foundation.camera import CameraModel
-from foundation.frames import Vec3, quat_from_euler, rotate
+from foundation.frames import Vec3, rotate
 from foundation.polygon import Point
 
 # Common names of assets, the most common first. An asset without an entry has its own name.
@@ -147,8 +148,7 @@ def denotes(
     points = [(mark.north, mark.east) for mark in marks]
     if expression.relation == "between":
         return _readings(spots, lambda spot, loose: _between(spot, points, loose))
-    test = _SIDES[expression.relation]
-    return _readings(spots, lambda spot, loose: test(*_beside(spot, points[0], _flat(viewer)), loose))
+    return _readings(spots, lambda spot, loose: _beside(expression.relation, spot, points[0], _flat(viewer), loose))
 
 
 def refers(
@@ -196,33 +196,20 @@ def _between(spot: Point, ends: list[Point], loose: bool) -> bool:
     return low <= along / span <= 1.0 - low and aside <= max(1.5, wide * span)
 
 
-def _beside(spot: Point, landmark: Point, viewer: Point) -> tuple[float, float, float]:
-    """Return a spot's distances (m) from a landmark in the viewer's axes: behind it, right of it, and in total."""
+def _beside(relation: str, spot: Point, landmark: Point, viewer: Point, loose: bool) -> bool:
+    """Return whether a spot is left of, right of, in front of or behind a landmark, as the viewer sees them."""
     way = math.dist(viewer, landmark) or 1.0
     forward = ((landmark[0] - viewer[0]) / way, (landmark[1] - viewer[1]) / way)
     off = (spot[0] - landmark[0], spot[1] - landmark[1])
     beyond = off[0] * forward[0] + off[1] * forward[1]
     right = -off[0] * forward[1] + off[1] * forward[0]
-    return beyond, right, math.hypot(*off)
-
-
-def _side(sign: float) -> Callable[[float, float, float, bool], bool]:
-    def holds(beyond: float, right: float, away: float, loose: bool) -> bool:
-        least, slant, far = (0.4, 2.0, BESIDE_LOOSE_M) if loose else (1.2, 0.8, BESIDE_M)
-        return sign * right >= least and abs(beyond) <= slant * abs(right) and away <= far
-
-    return holds
-
-
-def _line(sign: float) -> Callable[[float, float, float, bool], bool]:
-    def holds(beyond: float, right: float, away: float, loose: bool) -> bool:
-        least, slant, far = (0.8, 1.0, BESIDE_LOOSE_M) if loose else (1.5, 0.4, BESIDE_M)
-        return sign * beyond >= least and abs(right) <= slant * abs(beyond) and away <= far
-
-    return holds
-
-
-_SIDES = {"left of": _side(-1.0), "right of": _side(1.0), "in front of": _line(-1.0), "behind": _line(1.0)}
+    if relation in ("left of", "right of"):
+        along, aside, (least, slant) = right, beyond, (0.4, 2.0) if loose else (1.2, 0.8)
+    else:
+        along, aside, (least, slant) = beyond, right, (0.8, 1.0) if loose else (1.5, 0.4)
+    along = along if relation in ("right of", "behind") else -along
+    far = BESIDE_LOOSE_M if loose else BESIDE_M
+    return along >= least and abs(aside) <= slant * along and math.hypot(*off) <= far
 
 
 def footprint(instance: Instance) -> Footprint:
@@ -278,12 +265,9 @@ class Scenery:
 
     def seen(self, origin: Vec3, yaw_deg: float) -> dict[str, float]:
         """Return name → share of the picture (0 … 1) of every solid that a level drone's camera sees."""
-        attitude = quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
-        axes = turn(attitude).T
+        attitude = level(yaw_deg)
         eye = np.array(origin) + np.array(rotate(attitude, CAMERA.offset_frd))
-        x = (np.arange(CAMERA.width) + 0.5 - CAMERA.width / 2) / CAMERA.focal_px
-        y = (np.arange(CAMERA.height) + 0.5 - CAMERA.height / 2) / CAMERA.focal_px
-        way = (axes[0] + x[None, :, None] * axes[1] + y[:, None, None] * axes[2]).reshape(-1, 3).astype(np.float32)
+        way = pixel_rays(np.arange(CAMERA.width), np.arange(CAMERA.height), turn(attitude).T, CAMERA).astype(np.float32)
         start = np.ascontiguousarray(np.broadcast_to(eye.astype(np.float32), way.shape))
         hit = self._scene.first_hits(start, np.ascontiguousarray(way)).triangle
         count = Counter(self._owner[hit[hit != NOTHING]].tolist())

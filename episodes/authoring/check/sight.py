@@ -63,12 +63,10 @@ def patch(
     axes = turn(attitude).T
     eye = np.array(origin) + np.array(rotate(attitude, camera.offset_frd))
     to_world = turn(turned)
-    yaw_showing, down = _reach(target, place, turned, eye, axes, camera)
-    if len(yaw_showing) == 0 or len(down) == 0:
+    across, down = _reach(target, place, turned, eye, axes, camera)
+    if len(across) == 0 or len(down) == 0:
         return NOTHING
-    x = (yaw_showing + 0.5 - camera.width / 2) / camera.focal_px
-    y = (down + 0.5 - camera.height / 2) / camera.focal_px
-    way = (axes[0] + x[None, :, None] * axes[1] + y[:, None, None] * axes[2]).reshape(-1, 3)
+    way = pixel_rays(across, down, axes, camera)
     own = _traced(target.mesh)
     local_eye = ((eye - np.array(place)) @ to_world).astype(np.float32)
     start = np.ascontiguousarray(np.broadcast_to(local_eye, way.shape))
@@ -79,12 +77,22 @@ def patch(
         shown = shown[~solids.hidden((float(eye[0]), float(eye[1]), float(eye[2])), points)]
     if len(shown) == 0:
         return NOTHING
-    row, column = np.divmod(shown, len(yaw_showing))
+    row, column = np.divmod(shown, len(across))
     box = (int(np.ptp(row)) + 1) * (int(np.ptp(column)) + 1)
     pixels = camera.width * camera.height
-    edges = {int(yaw_showing[column].min()), int(yaw_showing[column].max()) + 1 - camera.width}
+    edges = {int(across[column].min()), int(across[column].max()) + 1 - camera.width}
     edges |= {int(down[row].min()), int(down[row].max()) + 1 - camera.height}
     return Patch(len(shown), len(shown) / pixels, box / pixels, cut=0 in edges)
+
+
+def pixel_rays(columns: NDArray[np.int64], rows: NDArray[np.int64], axes: Array, camera: CameraModel) -> Array:
+    """Return the rays (N, 3) through the middles of pixels, row by row. `axes`: forward, right and down of the camera.
+
+    The component of a ray along the optical axis is 1.
+    """
+    x = (columns + 0.5 - camera.width / 2) / camera.focal_px
+    y = (rows + 0.5 - camera.height / 2) / camera.focal_px
+    return np.asarray((axes[0] + x[None, :, None] * axes[1] + y[:, None, None] * axes[2]).reshape(-1, 3))
 
 
 @once(16)  # the checks of a record and the episode search use the same few meshes repeatedly

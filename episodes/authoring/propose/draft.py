@@ -115,23 +115,12 @@ def instruction(cell: str, name: str, asset: str, rng: random.Random) -> str:
     return rng.choice(VERBS[cell]).format(what=name, it="them" if asset in PEOPLE else "it")
 
 
-def painted(asset: str, paint: str) -> str:
-    """Return the name of a placed target on a map where nothing else has its colour."""
-    return f"the {paint} {nouns(asset)[0]}"
-
-
 def inscribed(asset: str, text: str, rng: random.Random) -> str:
     """Return the name of a candidate by its inscription."""
     if asset == "sign":
-        return rng.choice((f"the sign that reads {text}", f"the sign saying {text}", f"the sign marked {text}"))
-    noun = nouns(asset)[0]
-    return rng.choice(
-        (
-            f"the {noun} with the licence plate {text}",
-            f"the {noun} whose plate reads {text}",
-            f"the {noun} with number plate {text}",
-        )
-    )
+        return f"the sign {rng.choice(('that reads', 'saying', 'marked'))} {text}"
+    words = rng.choice(("with the licence plate", "whose plate reads", "with number plate"))
+    return f"the {nouns(asset)[0]} {words} {text}"
 
 
 def plates(count: int, rng: random.Random) -> list[str]:

@@ -15,7 +15,7 @@ from episodes.authoring.check.finding import DEFAULT_RULES, RULES
 from episodes.authoring.check.placement import box_of
 from episodes.authoring.check.referring import kind_of, nouns
 from episodes.authoring.check.sight import CAMERA
-from episodes.authoring.propose.draft import Draw, Proposal, flight_seed, instruction, painted, yaw_deg
+from episodes.authoring.propose.draft import Draw, Proposal, flight_seed, instruction, yaw_deg
 from episodes.authoring.propose.site import ALTITUDES_M, PlacedTarget, Site, rounded, start, stretch
 from episodes.maps import assets
 from episodes.maps.scene import Instance
@@ -123,7 +123,7 @@ def _painted_starts(site: Site, cell: str, target: TargetRecord, share: Draw, rn
                 placed=placed,
                 starts=(start(place, yaw),),
                 visible=cell not in HIDDEN,
-                instruction=instruction(cell, painted(target.asset, str(target.paint)), target.asset, rng),
+                instruction=instruction(cell, f"the {target.paint} {nouns(target.asset)[0]}", target.asset, rng),
                 seed=flight_seed(rng),
             )
 

@@ -11,7 +11,7 @@ from episodes.authoring.check.finding import SPOTTED_PX
 from episodes.authoring.check.rules import Layout, check, layout
 from episodes.authoring.propose import commanding, one_drone
 from episodes.authoring.propose.draft import Draw, Proposal, shares
-from episodes.authoring.propose.site import Site, no_room
+from episodes.authoring.propose.site import Site
 from episodes.records import catalogue
 from episodes.records.record import CELLS, HIDDEN, MAX_SEED, VERSION, EpisodeRecord
 from episodes.world.world import World
@@ -49,11 +49,15 @@ def propose(request: RecordRequest) -> list[EpisodeRecord]:
     records: list[EpisodeRecord] = []
     places: list[Vec3] = []
     layouts: list[Layout] = []
+    no_room = UsageError(
+        f"no {request.cell} episode on {request.map} passes the checks. Lower --count, or try another --seed or"
+        " --map-seed."
+    )
     for number, share in enumerate(shares(request.count, rng), request.first):
         for tried in range(TRIES):
             draft = _next(drafts, share)
             if draft is None:
-                raise no_room(f"{request.cell} episode on {request.map}")
+                raise no_room
             if tried < SPACED_TRIES and any(math.dist(draft.placed.position_ned, place) < APART_M for place in places):
                 continue
             record = _record(request, number, draft)
@@ -67,7 +71,7 @@ def propose(request: RecordRequest) -> list[EpisodeRecord]:
                 break
             layouts.pop()
         else:
-            raise no_room(f"{request.cell} episode on {request.map}")
+            raise no_room
     return records
 
 

@@ -23,7 +23,6 @@ from episodes.world.obstacles import REACH_M
 from episodes.world.target import motion
 from episodes.world.visibility import SolidsExcept, TargetView
 from foundation.camera import CameraPose
-from foundation.errors import UsageError
 from foundation.frames import Vec3, rotate
 from foundation.terrain import HeightField
 
@@ -221,8 +220,3 @@ def start(place: Vec3, yaw_deg: float) -> StartPose:
 def rounded(place: Vec3) -> Vec3:
     """Return a place (m) rounded to millimetres."""
     return (round(place[0], 3), round(place[1], 3), round(place[2], 3))
-
-
-def no_room(kind: str) -> UsageError:
-    """Return the error of a search without a result."""
-    return UsageError(f"no {kind} passes the checks. Lower --count, or try another --seed or --map-seed.")

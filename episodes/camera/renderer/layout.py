@@ -16,7 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from episodes.camera.renderer.textures import Atlas, build_atlas
-from episodes.maps.cutouts import OPAQUE, Cutouts, cutouts_of, is_cut_out
+from episodes.maps.cutouts import OPAQUE, Cutouts, cutouts_of, distinct, is_cut_out
 from episodes.maps.scene import Instance, Material, Mesh, Moved, Scene, turn
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
@@ -363,17 +363,12 @@ def _numbered(rows: NDArray[np.floating[Any]]) -> NDArray[np.int32]:
 
 def _surfaces(materials: Sequence[Material]) -> tuple[Surfaces, list[NDArray[np.uint8]]]:
     """Return the table of materials, and the pictures of their textures without duplicates."""
-    pictures: list[NDArray[np.uint8]] = []
-    texture_of: dict[int, int] = {}
-    for material in materials:
-        if material.texture is not None and id(material.texture) not in texture_of:
-            texture_of[id(material.texture)] = len(pictures)
-            pictures.append(material.texture)
+    pictures, rows = distinct([material.texture for material in materials])
     surfaces = Surfaces(
         color=np.array([m.color for m in materials], np.float32).reshape(-1, 3).clip(0.0),
         emission=np.array([m.emission for m in materials], np.float32),
         specular=np.array([m.specular for m in materials], np.float32),
-        texture=np.array([texture_of.get(id(m.texture), -1) for m in materials], np.int32),
+        texture=rows,
         drift=np.array([m.drift for m in materials], np.float32),
         foliage=np.array([m.foliage for m in materials], np.bool_),
     )

@@ -1,7 +1,7 @@
 """Reads the meshes of a glTF file and its tree of nodes. All primitives of a glTF mesh become one `Mesh`."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -304,21 +304,15 @@ def placed(document: Document) -> list[Placed]:
 
 def _roots(document: Document) -> list[Any]:
     if not document.count("scenes"):
-        children = {c for node in _nodes(document) for c in _integers(node.get("children"))}
-        return [k for k in range(document.count("nodes")) if k not in children]
+        numbers = range(document.count("nodes"))
+        lists = (document.entry("nodes", k, "nodes").get("children") for k in numbers)
+        children = {c for row in lists if isinstance(row, list) for c in row if isinstance(c, int)}
+        return [k for k in numbers if k not in children]
     scene = document.entry("scenes", document.tree.get("scene", 0), "scene")
     roots = scene.get("nodes", [])
     if not isinstance(roots, list) or len(roots) > document.count("nodes"):
         document.fail("scene.nodes", "is not a list of nodes")
     return roots
-
-
-def _nodes(document: Document) -> Iterator[Mapping[str, Any]]:
-    return (document.entry("nodes", k, "nodes") for k in range(document.count("nodes")))
-
-
-def _integers(values: Any) -> list[int]:
-    return [v for v in values if isinstance(v, int)] if isinstance(values, list) else []
 
 
 def _matrix(document: Document, node: Mapping[str, Any], where: str) -> NDArray[np.float64]:
@@ -371,11 +365,9 @@ def deformed(mesh: Mesh, linear: NDArray[np.float64]) -> Mesh | None:
         return None
     normals = mesh.normals @ np.linalg.inv(linear)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return Mesh(
+    return replace(
+        mesh,
         vertices=(mesh.vertices @ linear.T).astype(np.float32),
         normals=normals.astype(np.float32),
-        uv=mesh.uv,
         triangles=mesh.triangles if determinant > 0.0 else np.ascontiguousarray(mesh.triangles[:, ::-1]),
-        material=mesh.material,
-        materials=mesh.materials,
     )

@@ -117,7 +117,8 @@ def _grounded(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] | N
             f"map file '{document.source}' has no ground under the spawn {north:g}, {east:g}: "
             "name a place (north, east) above a surface that faces up."
         )
-    flags = dict(zip((instance.id for instance in searched), np.split(soil.triangles, _ends(corners)), strict=True))
+    ends = np.cumsum([len(piece) for piece in corners])[:-1]
+    flags = dict(zip((instance.id for instance in searched), np.split(soil.triangles, ends), strict=True))
     instances = scene.instances if named else _split(scene.instances, flags)
     return replace(
         scene,
@@ -158,10 +159,6 @@ def _part(mesh: Mesh, keep: Any) -> Mesh:
             materials=tuple(mesh.materials[k] for k in used),
         )
     )
-
-
-def _ends(pieces: Sequence[Any]) -> list[int]:
-    return [int(end) for end in np.cumsum([len(piece) for piece in pieces])[:-1]]
 
 
 def _on_map(scene: Scene, spawn: Sequence[float], document: Document) -> tuple[float, float]:
