@@ -1,12 +1,11 @@
 """Makes the data of one flight for the page: prompts, decisions and truth, step by step.
 
 Times are in vehicle seconds since the episode began, positions in metres in the map's NED frame, headings in degrees
-from north. The page's JSON omits fields that are None. Numbers are rounded to the digits that the page shows.
+from north. Unknown fields are missing. Numbers are rounded to the digits that the page shows.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from dronecats.agent.prompt import compact
@@ -16,128 +15,19 @@ from dronecats.report.page.pictures import PictureAddress
 from dronecats.report.recorded.flight import RecordedFlight, action_of
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S
-from foundation.run_folder.prompts import prompts_of, read_prompts
-from foundation.run_folder.rows import Decision, EstimatedFrame, EstimatedPose, FrameTruth, Pose, drone_label
+from foundation.run_folder.prompts import SentPrompt, prompts_of, read_prompts
+from foundation.run_folder.rows import Decision, EstimatedFrame, EstimatedPose, Exchange, FrameTruth, Pose, drone_label
+
+Fields = dict[str, Any]  # a JSON object of the page
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShownTrace:
-    """The path of a drone, with a sample every half second."""
-
-    drone: int
-    t: tuple[float, ...]  # s
-    north: tuple[float, ...]  # m
-    east: tuple[float, ...]  # m
-    height: tuple[float, ...]  # m above the frame's origin
-    yaw: tuple[float | None, ...]  # °
-    distance: tuple[float | None, ...]  # m, to the target's centre
-    visible: tuple[bool | None, ...]  # whether the target was in view
+def fields(**values: Any) -> Fields:
+    """Return a JSON object without the fields that are None."""
+    return {name: value for name, value in values.items() if value is not None}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShownPath:
-    """The path of the target. It has one sample if the target does not move."""
-
-    t: tuple[float, ...]  # s
-    north: tuple[float, ...]  # m
-    east: tuple[float, ...]  # m
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShownLookAlike:
-    """A look-alike of the target."""
-
-    name: str
-    north: float  # m
-    east: float  # m
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShownTruth:
-    """The truth of a frame, which only the judge knows; in a flight without truth, the estimate."""
-
-    north: float | None  # m
-    east: float | None  # m
-    yaw: float | None  # °
-    distance: float | None  # m, to the target's centre
-    box: float | None  # m, to the nearest point of the target's box
-    visible: bool | None
-    share: float | None  # 0 … 1, visible share of the target
-    bearing: float | None  # ° from the nose to the target's centre, + right
-    depth: float | None  # m, to the target's visible surface along the optical axis
-    qualifies: bool | None  # whether the declaration is a success; None: unknown, or not a declaration
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShownStep:
-    """One decision of one drone. `reply`, `parts` and `history` are indices into the flight's texts."""
-
-    step: int
-    drone: int
-    frame: int
-    t: float  # s, time of the picture
-    decided: float  # s, time of the decision
-    action: dict[str, Any] | None
-    does: str  # the action in words
-    says: str | None  # the action in the prompt's compact form
-    error: str | None
-    reply: int | None
-    parts: tuple[int, ...] | None  # the parts of the prompt before and after the history
-    history: int | None
-    picture: str | None  # address of the picture
-    latency: float | None  # s
-    tokens_in: int | None
-    tokens_out: int | None
-    thinking: bool | None
-    rate: float | None  # Hz
-    finish: str | None
-    mended: tuple[str, ...] | None
-    report: bool | None
-    confirmed_by: int | None
-    truth: ShownTruth | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShownExchange:
-    """One question to a commander, with its answer and the orders in it."""
-
-    number: int
-    asked: float  # s, time of the question
-    answered: float | None  # s, time of the answer
-    causes: tuple[str, ...]
-    orders: tuple[str, ...]
-    confirms: tuple[int, ...]
-    error: str | None
-    latency: float | None  # s
-    tokens_in: int | None
-    tokens_out: int | None
-    model: str
-    reply: str | None
-    prompt: str | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShownFlight:
-    """The data of one flight of one episode for the page."""
-
-    instruction: str
-    named: str  # name of the target in a few words
-    drones: int
-    estimated: bool  # True: flight without truth, positions are the autopilot's estimates
-    delta: float  # m, success radius
-    end: float  # s, end of the flight
-    hfov: float  # °
-    aspect: float  # width / height of a picture
-    traces: tuple[ShownTrace, ...]
-    path: ShownPath | None
-    candidates: tuple[ShownLookAlike, ...]
-    texts: tuple[str, ...]
-    steps: tuple[ShownStep, ...]
-    exchanges: tuple[ShownExchange, ...]
-
-
-def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> ShownFlight:
-    """Return a flight for the page. Raises UsageError if a log is damaged."""
+def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> Fields:
+    """Return a flight as JSON for the page. Raises UsageError if a log is damaged."""
     logs, camera = flight.logs, flight.camera
     poses: Sequence[Pose | EstimatedPose] = logs.poses if logs.true else flight.estimated_poses
     times = (*(pose.t for pose in poses), *(decision.t_decided for decision in logs.decisions))
@@ -145,69 +35,75 @@ def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> ShownFlight
     prompts = read_prompts(flight.folder)
     answered = prompts_of(logs.decisions, prompts)
     commanded = {prompt.row.number: prompt.text for prompt in prompts if prompt.row.role == "commander"}
-    steps = []
-    for decision in logs.decisions:
-        action, prompt = action_of(decision), answered.get((decision.drone, decision.step))
-        steps.append(
-            ShownStep(
-                step=decision.step,
-                drone=decision.drone,
-                frame=decision.frame_id,
-                t=_rounded(2, decision.t_frame),
-                decided=_rounded(2, decision.t_decided),
-                action=decision.action,
-                does=action_words(decision),
-                says=None if action is None else compact(action),
-                error=decision.error,
-                reply=texts.number(decision.reply) if isinstance(decision.reply, str) else None,
-                parts=None if prompt is None else tuple(texts.number(part) for part in (prompt.head, prompt.tail)),
-                history=None if prompt is None else texts.number(prompt.changed),
-                picture=picture(decision),
-                latency=_rounded_or_none(3, decision.latency_s),
-                tokens_in=decision.tokens_in,
-                tokens_out=decision.tokens_out,
-                thinking=decision.thinking or None,
-                rate=_rounded_or_none(2, decision.rate_hz),
-                finish=decision.finish if isinstance(decision.finish, str) else None,
-                mended=decision.mended if isinstance(decision.mended, tuple) else None,
-                report=True if decision.report is True else None,
-                confirmed_by=decision.confirmed_by if isinstance(decision.confirmed_by, int) else None,
-                truth=_truth(decision, flight),
-            )
-        )
-    return ShownFlight(
+    steps = [_step(d, flight, answered.get((d.drone, d.step)), texts, picture) for d in logs.decisions]
+    return fields(
         instruction=flight.instruction,
-        named=_named(flight.record.get("target")),
+        named=_named(flight.record.get("target")),  # name of the target in a few words
         drones=1 + max((row.drone for row in (*logs.decisions, *poses)), default=0),
-        estimated=not logs.true,
-        delta=flight.delta_m,
-        end=_rounded(2, max(times, default=CAP_S)),
-        hfov=camera.hfov_deg,
-        aspect=camera.width / camera.height,
-        traces=tuple(_trace(drone, poses) for drone in sorted({pose.drone for pose in poses})),
+        estimated=not logs.true,  # True: flight without truth, positions are the autopilot's estimates
+        delta=flight.delta_m,  # m, success radius
+        end=_rounded(2, max(times, default=CAP_S)),  # s, end of the flight
+        hfov=camera.hfov_deg,  # °
+        aspect=camera.width / camera.height,  # of a picture
+        traces=[_trace(drone, poses) for drone in sorted({pose.drone for pose in poses})],
         path=_path(poses),
         candidates=_look_alikes(flight.record.get("candidates")),
-        texts=tuple(texts.all),
-        steps=tuple(steps),
-        exchanges=tuple(
-            ShownExchange(
-                number=exchange.number,
-                asked=_rounded(2, exchange.t_asked),
-                answered=_rounded_or_none(2, exchange.t_answered),
-                causes=tuple(cause.why if cause.drone is None else f"{cause.why} of {drone_label(cause.drone)}"
-                             for cause in exchange.causes),
-                orders=tuple(f"{drone_label(order.drone).capitalize()}: {order.goal}" for order in exchange.orders),
-                confirms=exchange.confirms,
-                error=exchange.error,
-                latency=_rounded_or_none(3, exchange.latency_s),
-                tokens_in=exchange.tokens_in,
-                tokens_out=exchange.tokens_out,
-                model=exchange.model,
-                reply=exchange.reply,
-                prompt=commanded.get(exchange.number),
-            )
-            for exchange in flight.exchanges
-        ),
+        texts=texts.all,
+        steps=steps,
+        exchanges=[_exchange(exchange, commanded.get(exchange.number)) for exchange in flight.exchanges],
+    )
+
+
+def _step(
+    decision: Decision, flight: RecordedFlight, prompt: SentPrompt | None, texts: "_Texts", picture: PictureAddress
+) -> Fields:
+    """Return one decision of one drone. `reply`, `parts` and `history` are indices into the flight's texts."""
+    action = action_of(decision)
+    return fields(
+        step=decision.step,
+        drone=decision.drone,
+        frame=decision.frame_id,
+        t=_rounded(2, decision.t_frame),  # s, time of the picture
+        decided=_rounded(2, decision.t_decided),  # s, time of the decision
+        action=decision.action,
+        does=action_words(decision),  # the action in words
+        says=None if action is None else compact(action),  # the action in the prompt's compact form
+        error=decision.error,
+        reply=texts.number(decision.reply) if isinstance(decision.reply, str) else None,
+        # the parts of the prompt before and after the history
+        parts=None if prompt is None else [texts.number(part) for part in (prompt.head, prompt.tail)],
+        history=None if prompt is None else texts.number(prompt.changed),
+        picture=picture(decision),  # address of the picture
+        latency=_rounded_or_none(3, decision.latency_s),  # s
+        tokens_in=decision.tokens_in,
+        tokens_out=decision.tokens_out,
+        thinking=decision.thinking or None,
+        rate=_rounded_or_none(2, decision.rate_hz),  # Hz
+        finish=decision.finish if isinstance(decision.finish, str) else None,
+        mended=decision.mended if isinstance(decision.mended, tuple) else None,
+        report=True if decision.report is True else None,
+        confirmed_by=decision.confirmed_by if isinstance(decision.confirmed_by, int) else None,
+        truth=_truth(decision, flight),
+    )
+
+
+def _exchange(exchange: Exchange, prompt: str | None) -> Fields:
+    """Return one question to a commander, with its answer and the orders in it."""
+    return fields(
+        number=exchange.number,
+        asked=_rounded(2, exchange.t_asked),  # s, time of the question
+        answered=_rounded_or_none(2, exchange.t_answered),  # s, time of the answer
+        causes=[cause.why if cause.drone is None else f"{cause.why} of {drone_label(cause.drone)}"
+                for cause in exchange.causes],
+        orders=[f"{drone_label(order.drone).capitalize()}: {order.goal}" for order in exchange.orders],
+        confirms=exchange.confirms,  # numbers of the drones whose reports it confirms
+        error=exchange.error,
+        latency=_rounded_or_none(3, exchange.latency_s),  # s
+        tokens_in=exchange.tokens_in,
+        tokens_out=exchange.tokens_out,
+        model=exchange.model,
+        reply=exchange.reply,
+        prompt=prompt,
     )  # fmt: skip
 
 
@@ -226,7 +122,8 @@ class _Texts:
         return self._numbers[text]
 
 
-def _truth(decision: Decision, flight: RecordedFlight) -> ShownTruth | None:
+def _truth(decision: Decision, flight: RecordedFlight) -> Fields | None:
+    """Return the truth of a frame, which only the judge knows; in a flight without truth, the estimate."""
     at, logs = (decision.drone, decision.frame_id), flight.logs
     frame: FrameTruth | EstimatedFrame | None = logs.frames.get(at)
     if frame is None and logs.estimate is not None:
@@ -235,35 +132,38 @@ def _truth(decision: Decision, flight: RecordedFlight) -> ShownTruth | None:
         return None
     measured = frame if isinstance(frame, FrameTruth) else None
     place = frame.position_ned
-    return ShownTruth(
-        north=_rounded_or_none(2, place and place[0]),
-        east=_rounded_or_none(2, place and place[1]),
-        yaw=_rounded_or_none(1, frame.yaw_deg),
-        distance=_rounded_or_none(2, frame.distance_m),
-        box=_rounded_or_none(2, measured.distance_box_m if measured else None),
+    return fields(
+        north=_rounded_or_none(2, place and place[0]),  # m
+        east=_rounded_or_none(2, place and place[1]),  # m
+        yaw=_rounded_or_none(1, frame.yaw_deg),  # °
+        distance=_rounded_or_none(2, frame.distance_m),  # m, to the target's centre
+        box=_rounded_or_none(2, measured.distance_box_m if measured else None),  # m, to the target's box
         visible=frame.visible,
-        share=_rounded_or_none(3, measured.visible_fraction if measured else None),
-        bearing=_rounded_or_none(1, measured.bearing_deg if measured else None),
-        depth=_rounded_or_none(2, measured.oracle_depth_m if measured else None),
+        share=_rounded_or_none(3, measured.visible_fraction if measured else None),  # visible share, 0 … 1
+        bearing=_rounded_or_none(1, measured.bearing_deg if measured else None),  # ° from the nose, + right
+        depth=_rounded_or_none(2, measured.oracle_depth_m if measured else None),  # m, along the optical axis
+        # whether the declaration is a success; missing: unknown, or not a declaration
         qualifies=qualifies(decision, logs, flight.delta_m, flight.cap_s),
     )
 
 
-def _trace(drone: int, poses: Sequence[Pose | EstimatedPose]) -> ShownTrace:
+def _trace(drone: int, poses: Sequence[Pose | EstimatedPose]) -> Fields:
+    """Return the path of a drone, with a sample every half second. Unknown values are None."""
     own = sorted((pose for pose in poses if pose.drone == drone), key=lambda pose: pose.t)
-    return ShownTrace(
-        drone=drone,
-        t=tuple(_rounded(2, pose.t) for pose in own),
-        north=tuple(_rounded(2, pose.position_ned[0]) for pose in own),
-        east=tuple(_rounded(2, pose.position_ned[1]) for pose in own),
-        height=tuple(_rounded(1, -pose.position_ned[2]) for pose in own),
-        yaw=tuple(_rounded_or_none(0, pose.yaw_deg) for pose in own),
-        distance=tuple(_rounded_or_none(2, pose.distance_m) for pose in own),
-        visible=tuple(pose.visible for pose in own),
-    )
+    return {
+        "drone": drone,
+        "t": [_rounded(2, pose.t) for pose in own],  # s
+        "north": [_rounded(2, pose.position_ned[0]) for pose in own],  # m
+        "east": [_rounded(2, pose.position_ned[1]) for pose in own],  # m
+        "height": [_rounded(1, -pose.position_ned[2]) for pose in own],  # m above the frame's origin
+        "yaw": [_rounded_or_none(0, pose.yaw_deg) for pose in own],  # °
+        "distance": [_rounded_or_none(2, pose.distance_m) for pose in own],  # m, to the target's centre
+        "visible": [pose.visible for pose in own],  # whether the target was in view
+    }
 
 
-def _path(poses: Sequence[Pose | EstimatedPose]) -> ShownPath | None:
+def _path(poses: Sequence[Pose | EstimatedPose]) -> Fields | None:
+    """Return the path of the target. It has one sample if the target does not move."""
     seen: dict[float, Vec3] = {pose.t: pose.target_ned for pose in poses if pose.target_ned is not None}
     if not seen:
         return None
@@ -271,21 +171,21 @@ def _path(poses: Sequence[Pose | EstimatedPose]) -> ShownPath | None:
     first = seen[times[0]]
     if all(math.dist(first, place) < 0.05 for place in seen.values()):
         times = times[:1]
-    return ShownPath(
-        t=tuple(_rounded(2, t) for t in times),
-        north=tuple(_rounded(2, seen[t][0]) for t in times),
-        east=tuple(_rounded(2, seen[t][1]) for t in times),
-    )
+    return {
+        "t": [_rounded(2, t) for t in times],  # s
+        "north": [_rounded(2, seen[t][0]) for t in times],  # m
+        "east": [_rounded(2, seen[t][1]) for t in times],  # m
+    }
 
 
-def _look_alikes(entries: Any) -> tuple[ShownLookAlike, ...]:
-    """Return the look-alikes that have a position. `entries`: the candidates in an episode record."""
+def _look_alikes(entries: Any) -> list[Fields]:
+    """Return the look-alikes that have a position (m). `entries`: the candidates in an episode record."""
     look_alikes = []
     for entry in entries if isinstance(entries, list) else ():
         place = entry.get("position_ned") if isinstance(entry, dict) else None
         if isinstance(place, list) and len(place) == 3 and all(isinstance(x, int | float) for x in place):
-            look_alikes.append(ShownLookAlike(name=_named(entry), north=float(place[0]), east=float(place[1])))
-    return tuple(look_alikes)
+            look_alikes.append({"name": _named(entry), "north": float(place[0]), "east": float(place[1])})
+    return look_alikes
 
 
 def _named(entry: Any) -> str:

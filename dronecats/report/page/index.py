@@ -5,7 +5,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,9 @@ from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import MetricValue
 from dronecats.report.kit import shell
 from dronecats.report.kit.shell import OUTCOMES
-from dronecats.report.page.flights import shown_flight
+from dronecats.report.page.flights import Fields, fields, shown_flight
 from dronecats.report.page.pictures import (
     FOLDER,
-    GroundPicture,
     PictureAddress,
     embedded_pictures,
     embedding_stride,
@@ -51,73 +50,6 @@ SETTING_KEYS = (
 )  # fields of run.json's `flight` that the page shows
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PageEntrant:
-    """An entrant: all runs that differ only in their seed."""
-
-    key: str
-    title: str
-    model: bool  # whether a model flew; False for built-in pilots and replays
-    runs: tuple[int, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PageRun:
-    """One run folder."""
-
-    key: str
-    entrant: int
-    seed: int
-    rendered: bool  # True: rendered frames; False: grey frames
-    settings: tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PageEpisode:
-    """One flight of one episode."""
-
-    key: str
-    run: int
-    id: str
-    map: str
-    cell: str
-    outcome: str
-    mode: str | None  # success or the failure mode; None: not scored
-    counted: bool  # scored, and not excluded from the report
-    error: str | None
-    steps: int | None
-    declarations: int | None
-    ground: str  # key of the picture of the map; empty: no picture
-    shown: bool  # whether the page has the steps of the flight
-    values: tuple[MetricValue, ...]  # in the order of `PageIndex.metrics`
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PageMetric:
-    """A metric of the page."""
-
-    name: str
-    title: str
-    unit: str
-    definition: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PageIndex:
-    """The data that the page reads when a browser opens it."""
-
-    made: str
-    cells: tuple[str, ...]
-    metrics: tuple[PageMetric, ...]
-    entrants: tuple[PageEntrant, ...]
-    runs: tuple[PageRun, ...]
-    episodes: tuple[PageEpisode, ...]
-    outcomes: Mapping[str, tuple[str, str]]  # outcome → mark and word
-    grounds: dict[str, GroundPicture]
-    embedded: bool
-    pictures: str  # a sentence about omitted pictures; empty: none are omitted
-
-
 def keys(names: Sequence[str]) -> list[str]:
     """Return a unique key for each name. The keys are valid in file names and addresses."""
     taken: set[str] = set(RESERVED)
@@ -132,83 +64,73 @@ def keys(names: Sequence[str]) -> list[str]:
     return result
 
 
-def _page_runs(collection: Collection) -> tuple[list[PageRun], list[PageEntrant]]:
-    """Return the runs in the order of the collection, and their entrants in the order of the tables.
+def _page_runs(collection: Collection) -> tuple[list[Fields], list[Fields]]:
+    """Return the run folders in the order of the collection, and their entrants in the order of the tables.
 
-    Raises UsageError if two records have the same id.
+    An entrant has all runs that differ only in their seed. Raises UsageError if two records have the same id.
     """
     places = {run.folder: number for number, run in enumerate(collection.runs)}
     found_entrants = entrants(collection, pool_anyway=True)
     number_of = {run.folder: number for number, entrant in enumerate(found_entrants) for run in entrant.runs}
     run_keys = keys([run.folder.name for run in collection.runs])
     runs = [
-        PageRun(
-            key=key, entrant=number_of[run.folder], seed=run.seed, rendered=run.is_rendered, settings=_settings(run)
-        )
+        {
+            "key": key,
+            "entrant": number_of[run.folder],
+            "seed": run.seed,
+            "rendered": run.is_rendered,  # True: rendered frames; False: grey frames
+            "settings": _settings(run),
+        }
         for key, run in zip(run_keys, collection.runs, strict=True)
     ]
     page_entrants = [
-        PageEntrant(
-            key=key, title=entrant.label, model=entrant.is_model, runs=tuple(places[run.folder] for run in entrant.runs)
-        )
+        {
+            "key": key,
+            "title": entrant.label,
+            "model": entrant.is_model,  # whether a model flew; False for built-in pilots and replays
+            "runs": [places[run.folder] for run in entrant.runs],
+        }
         for key, entrant in zip(keys([entrant.label for entrant in found_entrants]), found_entrants, strict=True)
     ]
     return runs, page_entrants
 
 
 def _page_episode(
-    scored: ScoredEpisode,
-    metrics: Sequence[PageMetric],
-    key: str,
-    run: int,
-    ground: str,
-    error: str | None,
-    shown: bool,
-) -> PageEpisode:
-    """Return the data of a flight for the index."""
+    scored: ScoredEpisode, metrics: Sequence[Fields], key: str, run: int, ground: str, error: str | None, shown: bool
+) -> Fields:
+    """Return the data of one flight of one episode for the index."""
     verdict = scored.verdict
-    return PageEpisode(
+    return fields(
         key=key,
         run=run,
         id=scored.episode,
         map=scored.map,
         cell=scored.cell,
         outcome="damaged" if verdict is None else verdict.outcome,
-        mode=scored.mode,
-        counted=scored.scored,
+        mode=scored.mode,  # success or the failure mode; missing: not scored
+        counted=scored.scored,  # scored, and not excluded from the report
         error=error,
         steps=None if verdict is None else verdict.steps,
         declarations=None if verdict is None else verdict.declarations,
-        ground=ground,
-        shown=shown,
-        values=tuple(_seen(scored.values.get(metric.name)) for metric in metrics),
+        ground=ground,  # key of the picture of the map; empty: no picture
+        shown=shown,  # whether the page has the steps of the flight
+        values=[_seen(scored.values.get(metric["name"])) for metric in metrics],
     )
 
 
 def script_json(value: Any) -> str:
-    """Return a value as JSON that is safe in a script element or file, whatever text it has.
-
-    Omits fields of dataclasses that are None.
-    """
-    text = json.dumps(value, default=_fields, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    """Return a value as JSON that is safe in a script element or file, whatever text it has."""
+    text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _fields(value: Any) -> dict[str, Any]:
-    names = type(value).__dataclass_fields__
-    return {name: field_value for name in names if (field_value := getattr(value, name)) is not None}
-
-
-def _page_metrics(collection: Collection) -> list[PageMetric]:
+def _page_metrics(collection: Collection) -> list[Fields]:
     """Return the metrics of episodes: those of the registry, then the user's own metrics (only names)."""
     ours = [metric for metric in METRICS.values() if metric.level == "episode"]
     own = {name for scored in collection.episodes for name in scored.values} - {*METRICS}
     return [
-        *(
-            PageMetric(name=metric.name, title=metric.title, unit=metric.unit, definition=metric.definition)
-            for metric in ours
-        ),
-        *(PageMetric(name=name, title=name, unit="", definition="a metric of one's own") for name in sorted(own)),
+        *({"name": m.name, "title": m.title, "unit": m.unit, "definition": m.definition} for m in ours),
+        *({"name": name, "title": name, "unit": "", "definition": "a metric of one's own"} for name in sorted(own)),
     ]
 
 
@@ -277,7 +199,7 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
     episodes, blocks, seen_grounds = [], {}, []
     for scored, name in zip(collection.episodes, named, strict=True):
         number = places[scored.run.folder]
-        key = f"{runs[number].key}/{name}"
+        key = f"{runs[number]['key']}/{name}"
         data, damage = None, scored.error
         if scored.verdict is not None:
             try:
@@ -293,19 +215,20 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
         ground = ground_key(scored.folder) if data is not None else ""
         seen_grounds.append(ground)
         episodes.append(_page_episode(scored, metrics, name, number, ground, damage, data is not None))
-    used_cells = {episode.cell for episode in episodes}
-    index = PageIndex(
-        made=f"dronecats {__version__}",
-        cells=(*(cell for cell in CELLS if cell in used_cells), *sorted(used_cells - {*CELLS, ""})),
-        metrics=tuple(metrics),
-        entrants=tuple(entrants),
-        runs=tuple(runs),
-        episodes=tuple(episodes),
-        outcomes=OUTCOMES,
-        grounds=grounds(seen_grounds),
-        embedded=embed,
-        pictures="" if every == 1 else f"The page keeps the picture of one step in {every}, and of every declaration.",
-    )
+    used_cells = {episode["cell"] for episode in episodes}
+    thinned = f"The page keeps the picture of one step in {every}, and of every declaration."
+    index = {  # the data that the page reads when a browser opens it
+        "made": f"dronecats {__version__}",
+        "cells": [*(cell for cell in CELLS if cell in used_cells), *sorted(used_cells - {*CELLS, ""})],
+        "metrics": metrics,
+        "entrants": entrants,
+        "runs": runs,
+        "episodes": episodes,
+        "outcomes": OUTCOMES,  # outcome → mark and word
+        "grounds": grounds(seen_grounds),
+        "embedded": embed,
+        "pictures": "" if every == 1 else thinned,
+    }
     content = shell.PageContent(
         title=TITLE,
         folder=__package__ or "",
@@ -321,9 +244,9 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
     return page
 
 
-def _sections(tables: Sequence[ReportTable], entrants: Sequence[PageEntrant]) -> str:
+def _sections(tables: Sequence[ReportTable], entrants: Sequence[Fields]) -> str:
     """Return the tables as HTML, with links from the rows to the flights."""
-    keys = {entrant.title: entrant.key for entrant in entrants}
+    keys = {entrant["title"]: entrant["key"] for entrant in entrants}
     sections = []
     for table in tables:
         blocks = tuple(

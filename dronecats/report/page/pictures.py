@@ -7,8 +7,8 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -102,16 +102,6 @@ MARGIN_M = 12.0  # m, margin around the map's objects
 MAPS = 12  # largest number of maps, to limit the size of a page
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GroundPicture:
-    """A square picture of a map, north up."""
-
-    north: float  # m NED, of the centre
-    east: float  # m NED, of the centre
-    half: float  # m, from the centre to a side
-    picture: str  # data: URL
-
-
 def ground_key(folder: Path) -> str:
     """Return the map of an episode folder as map/seed; empty: unknown."""
     try:
@@ -121,7 +111,7 @@ def ground_key(folder: Path) -> str:
         return ""
 
 
-def grounds(wanted: Iterable[str]) -> dict[str, GroundPicture]:
+def grounds(wanted: Iterable[str]) -> dict[str, dict[str, Any]]:
     """Return the pictures of maps by `ground_key`: at most MAPS, and only maps that this machine can draw."""
     pictures = {}
     for key in sorted({*wanted} - {""})[:MAPS]:
@@ -133,8 +123,11 @@ def grounds(wanted: Iterable[str]) -> dict[str, GroundPicture]:
     return pictures
 
 
-def ground(name: str, seed: int) -> GroundPicture:
-    """Return the picture of a map. Raises UsageError for an unknown map, ImportError without a renderer."""
+def ground(name: str, seed: int) -> dict[str, Any]:
+    """Return the square picture of a map, north up: its centre (m NED), half of its side (m), and its data: URL.
+
+    Raises UsageError for an unknown map, ImportError without a renderer.
+    """
     from episodes import maps
     from episodes.authoring.scene_pictures import from_above
 
@@ -146,4 +139,4 @@ def ground(name: str, seed: int) -> GroundPicture:
     view = from_above(scene, north, east, half, GROUND_PX)
     data = cv2.imencode(".jpg", view[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, GROUND_QUALITY])[1].tobytes()
     address = f"data:image/jpeg;base64,{base64.b64encode(data).decode()}"
-    return GroundPicture(north=north, east=east, half=half, picture=address)
+    return {"north": north, "east": east, "half": half, "picture": address}
