@@ -26,12 +26,12 @@ from dronecats.judge.diagnostics import distances_sentence
 from dronecats.judge.episode import write_verdict
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.telemetry import DroneTelemetry
-from dronecats.report.recorded.tracks import onboard_log_path, ulog_topics
+from dronecats.report.recorded.tracks import onboard_log_path, track_of_rows, ulog_topics
 from foundation.errors import UsageError
 from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic, vec3
 from foundation.protocol import POSE_PERIOD_S
 from foundation.run_folder import layout
-from foundation.run_folder.reading import Logs, estimate, read
+from foundation.run_folder.reading import estimate, read
 from foundation.run_folder.rows import EstimatedFrame, EstimatedPose, EstimateHead
 from foundation.run_folder.writing import as_json, write_lines
 
@@ -386,13 +386,15 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
     logs, estimated_log = read(folder), estimate(folder)
     if estimated_log is None:
         raise UsageError(f"{folder} has no {layout.ESTIMATE}")
-    true = _TruePath(logs)
-    common = [(p, p.position_std_m) for p in estimated_log.poses if p.position_std_m and true.covers(p.t)]
+    true = track_of_rows(pose for pose in logs.poses if pose.drone == 0)
+    common = [
+        (p, p.position_std_m) for p in estimated_log.poses if p.position_std_m and true and _covers(true.t_s, p.t)
+    ]
     origin = estimated_log.head.origin
-    if not common or not origin:
+    if not true or not common or not origin:
         raise UsageError(f"{folder} has no time or no origin for a comparison of the estimate with the truth")
     estimated = [geodetic_to_ned(*map_origin, *ned_to_geodetic(*origin, *p.position_ned)) for p, _ in common]
-    apart = np.subtract(estimated, [true.at(p.t) for p, _ in common])
+    apart = np.subtract(estimated, true.positions(np.array([p.t for p, _ in common])))
     std = np.array([std_m for _, std_m in common])
     distance = np.linalg.norm(apart, axis=1)
     return {
@@ -403,24 +405,15 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
     }
 
 
-class _TruePath:
-    """The first drone's true path: a pose every 0.5 s, each up to 20 ms later than the estimated pose beside it."""
+def _covers(times: Array, t: float) -> bool:
+    """Return whether a time (s) is at a true pose, or between two successive ones (no gap in the log).
 
-    def __init__(self, logs: Logs) -> None:
-        poses = sorted((p.t, *p.position_ned) for p in logs.poses if p.drone == 0)
-        self._path = np.array(poses, float).reshape(-1, 4)
-
-    def covers(self, t: float) -> bool:
-        """Return whether a time (s) is at a pose, or between two successive poses (no gap in the log)."""
-        times = self._path[:, 0]
-        after = int(np.searchsorted(times, t))
-        if after == len(times) or (after == 0 and times[0] > t):
-            return False
-        return bool(times[after] == t or times[after] - times[after - 1] <= 1.5 * POSE_PERIOD_S)
-
-    def at(self, t: float) -> list[float]:
-        """Return the position at a time (s): (3,) m, NED in the map's frame."""
-        return [float(np.interp(t, self._path[:, 0], self._path[:, axis])) for axis in (1, 2, 3)]
+    There is a pose every 0.5 s, each up to 20 ms later than the estimated pose beside it.
+    """
+    after = int(np.searchsorted(times, t))
+    if after == len(times) or (after == 0 and times[0] > t):
+        return False
+    return bool(times[after] == t or times[after] - times[after - 1] <= 1.5 * POSE_PERIOD_S)
 
 
 def _surveyed_target(flight: RecordedFlight) -> SurveyedTarget | None:

@@ -9,8 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.report import report_data
-from dronecats.report.report_data import BUILT_IN, MODELS, ReportData, cell_heading
+from dronecats.report.report_data import (
+    BUILT_IN,
+    DRONE_OUTCOMES,
+    FAILURE_MODE_COLUMNS,
+    MODELS,
+    OutcomeColumn,
+    ReportData,
+    cell_heading,
+)
 from dronecats.report.table import ReportTable, TableCell, TableRow, rounded
 from dronecats.report.tables.measures import QUANTILES
 from episodes.records.record import CELLS
@@ -123,15 +130,6 @@ DRONE_COLOURS = (BLUE, VERMILION, ORANGE, LIGHT)
 LABELLED = 7.0  # %, least width of a segment that shows its number
 
 
-@dataclass(frozen=True, slots=True)
-class BarSegment:
-    """A kind of segment of a stacked bar."""
-
-    column: str
-    title: str
-    colour: str
-
-
 def draw_reach_declare_succeed(table: ReportTable) -> Any:
     """Return the figure of the table `approaching`: each entrant's rates of reaching, declaring and succeeding."""
     rows, heads = lines(table)
@@ -151,9 +149,7 @@ def draw_reach_declare_succeed(table: ReportTable) -> Any:
 
 def draw_failure_modes(table: ReportTable) -> Any:
     """Return the figure of the table `failures`: a bar for each entrant, divided by failure modes."""
-    colours = zip(report_data.FAILURE_MODE_COLUMNS, MODE_COLOURS, strict=True)
-    ways = [BarSegment(mode.column, mode.title, colour) for mode, colour in colours]
-    drawing, axis = _stacked(table, ways)
+    drawing, axis = _stacked(table, FAILURE_MODE_COLUMNS, MODE_COLOURS)
     _percent(axis, "% of the one-drone flights")
     drawing.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return drawing
@@ -161,8 +157,7 @@ def draw_failure_modes(table: ReportTable) -> Any:
 
 def draw_drone_outcomes(table: ReportTable) -> Any:
     """Return the figure of the table `drones`: outcomes of drones as bars, the episodes won as diamonds."""
-    colours = zip(report_data.DRONE_OUTCOMES, DRONE_COLOURS, strict=True)
-    drawing, axis = _stacked(table, [BarSegment(o.column, o.title, colour) for o, colour in colours])
+    drawing, axis = _stacked(table, DRONE_OUTCOMES, DRONE_COLOURS)
     rows, _ = lines(table)
     won = [number(cell(table, line.row, "commanding_success_percent")) for line in rows]
     below = [line.y + 0.36 for line in rows]  # on the edge of the bar, so that the bar's number stays readable
@@ -183,17 +178,18 @@ def number(value_cell: TableCell) -> float:
     return float(value_cell.value) if isinstance(value_cell.value, int | float) else 0.0
 
 
-def _stacked(table: ReportTable, ways: Sequence[BarSegment]) -> tuple[Any, Any]:
+def _stacked(table: ReportTable, outcomes: Sequence[OutcomeColumn], colours: Sequence[str]) -> tuple[Any, Any]:
+    """Return a figure with a bar per row, divided by outcomes, and its axes."""
     rows, heads = lines(table)
     drawing, axis = figure(rows[-1].y + 1.0, below_in=0.95)
     begins = [0.0] * len(rows)
-    for way in ways:
-        widths = [number(cell(table, line.row, way.column)) for line in rows]
+    for outcome, colour in zip(outcomes, colours, strict=True):
+        widths = [number(cell(table, line.row, outcome.column)) for line in rows]
         if not any(widths):
             continue
-        axis.barh([line.y for line in rows], widths, left=begins, height=0.72, color=way.colour, label=way.title,
-                  edgecolor=GREY if way.colour == "#FFFFFF" else "white", linewidth=0.6)  # fmt: skip
-        dark = way.colour in (BLUE, VERMILION, GREEN)
+        axis.barh([line.y for line in rows], widths, left=begins, height=0.72, color=colour, label=outcome.title,
+                  edgecolor=GREY if colour == "#FFFFFF" else "white", linewidth=0.6)  # fmt: skip
+        dark = colour in (BLUE, VERMILION, GREEN)
         for line, begin, width in zip(rows, begins, widths, strict=True):
             if width >= LABELLED:
                 axis.text(begin + width / 2, line.y, rounded(width, 0), ha="center", va="center", fontsize=7,

@@ -6,6 +6,7 @@ time since the episode began. Foxglove, Rerun and ROS (REP 103) use right-handed
 """
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.report.recorded.flight import RecordedFlight
-from dronecats.report.recorded.tracks import DroneTracks
+from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, ned_to_geodetic, quat_multiply
@@ -75,10 +76,18 @@ def drone_name(number: int) -> str:
     return f"drone_{number}"
 
 
+def named_tracks(drone: DroneTracks) -> Iterator[tuple[str, FlightTrack]]:
+    """Yield (name, track) of a drone's estimated and true tracks, if any. Names of true tracks begin with `judge/`."""
+    name = drone_name(drone.number)
+    if drone.estimate is not None:
+        yield name, drone.estimate
+    if drone.truth is not None:
+        yield f"{JUDGE}/{name}", drone.truth
+
+
 def camera_body(drone: DroneTracks) -> str:
     """Return the name of the body with a drone's camera: the estimated body; without an estimate, the true body."""
-    name = drone_name(drone.number)
-    return name if drone.estimate is not None else f"{JUDGE}/{name}"
+    return drone_name(drone.number) if drone.estimate is not None else f"{JUDGE}/{drone_name(drone.number)}"
 
 
 def reply_text(decision: Decision) -> str:

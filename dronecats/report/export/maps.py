@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from dronecats.report.export.conventions import JUDGE, about, drone_name, judged, lon_lat_alt, microseconds
+from dronecats.report.export.conventions import JUDGE, about, judged, lon_lat_alt, microseconds, named_tracks
 from dronecats.report.recorded.flight import RecordedFlight
-from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
+from dronecats.report.recorded.tracks import FlightTrack
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
@@ -52,12 +52,10 @@ def paths(flight: RecordedFlight) -> Iterator[MapPath]:
     """
     origin = _origin(flight)
     for drone in flight.drone_tracks:
-        if drone.estimate is not None:
-            yield _path(drone_name(drone.number), False, drone.estimate, origin)
-        if drone.truth is not None:
-            yield _path(f"{JUDGE}/{drone_name(drone.number)}", True, drone.truth, origin)
+        for name, track in named_tracks(drone):
+            yield _path(name, track, origin)
     if flight.target_track is not None and flight.target_track.moves():
-        yield _path(f"{JUDGE}/target", True, flight.target_track, origin)
+        yield _path(f"{JUDGE}/target", flight.target_track, origin)
 
 
 def points(flight: RecordedFlight) -> Iterator[MapPoint]:
@@ -71,7 +69,8 @@ def points(flight: RecordedFlight) -> Iterator[MapPoint]:
         yield MapPoint(f"{JUDGE}/target", True, float(flight.target_track.t_s[0]), place, {})
     for step in flight.steps:
         decision = step.decision
-        track = _own_track(flight.drone_tracks[decision.drone])
+        estimate = flight.drone_tracks[decision.drone].estimate
+        track = estimate if estimate is not None else flight.drone_tracks[decision.drone].truth
         if track is None:
             continue
         place = lon_lat_alt(origin, _at(track, track.newest(decision.t_frame)))
@@ -81,10 +80,8 @@ def points(flight: RecordedFlight) -> Iterator[MapPoint]:
             "t_decided_s": decision.t_decided,
             **(decision.action or {}),
         }
-        judges = track is not flight.drone_tracks[decision.drone].estimate
-        yield MapPoint(
-            f"step {decision.step}: {decision.kind or 'no action'}", judges, decision.t_frame, place, properties
-        )
+        name = f"step {decision.step}: {decision.kind or 'no action'}"
+        yield MapPoint(name, estimate is None, decision.t_frame, place, properties)
     for declaration in flight.all_declarations:
         truth = flight.drone_tracks[declaration.drone].truth
         if truth is not None:
@@ -94,17 +91,13 @@ def points(flight: RecordedFlight) -> Iterator[MapPoint]:
             yield MapPoint(f"{JUDGE}/declaration of step {declaration.step}", True, declaration.t, place, properties)
 
 
-def _own_track(drone: DroneTracks) -> FlightTrack | None:
-    return drone.estimate if drone.estimate is not None else drone.truth
-
-
-def _path(name: str, judges: bool, track: FlightTrack, origin: Vec3) -> MapPath:
+def _path(name: str, track: FlightTrack, origin: Vec3) -> MapPath:
     kept: list[int] = []
     for index, t_s in enumerate(track.t_s):
         if not kept or index == len(track) - 1 or t_s - track.t_s[kept[-1]] >= SPACING_S - 1e-6:
             kept.append(index)
     places = tuple(lon_lat_alt(origin, _at(track, index)) for index in kept)
-    return MapPath(name, judges, tuple(float(track.t_s[index]) for index in kept), places)
+    return MapPath(name, name.startswith(JUDGE), tuple(float(track.t_s[index]) for index in kept), places)
 
 
 def _at(track: FlightTrack, index: int) -> Vec3:

@@ -39,6 +39,7 @@ from dronecats.report.export.conventions import (
     flu,
     judged,
     lon_lat_alt,
+    named_tracks,
     nanoseconds,
     optical_in_flu,
     read_picture,
@@ -85,10 +86,8 @@ def messages(flight: RecordedFlight) -> Iterator[TimedMessage]:
     """Yield all messages of a flight, topic by topic."""
     for drone in flight.drone_tracks:
         name = drone_name(drone.number)
-        if drone.estimate is not None:
-            yield from _track(name, drone.estimate, flight.origin)
-        if drone.truth is not None:
-            yield from _track(f"{JUDGE}/{name}", drone.truth, flight.origin)
+        for body, track in named_tracks(drone):
+            yield from _track(body, track, flight.origin)
         for t_s, camera in flight.camera_changes(drone.number):
             mounted = FrameTransform(
                 timestamp=_stamp(t_s),

@@ -22,6 +22,7 @@ from dronecats.report.export.conventions import (
     judged,
     lon_lat_alt,
     microseconds,
+    named_tracks,
     optical_in_flu,
     read_picture,
     reply_text,
@@ -50,11 +51,7 @@ def write(flight: RecordedFlight, path: Path) -> int:
     recording.send_property(JUDGE, rr.AnyValues(**{k.partition("/")[2]: v for k, v in judged(flight).items()}))
     count = 0
     for drone in flight.drone_tracks:
-        count += sum(
-            _track(recording, flight, prefix + drone_name(drone.number), track, color)
-            for prefix, track, color in (("", drone.estimate, ESTIMATE_COLOR), (f"{JUDGE}/", drone.truth, JUDGE_COLOR))
-            if track is not None
-        )
+        count += sum(_track(recording, flight, name, track) for name, track in named_tracks(drone))
         count += _pictures(recording, flight, drone)
     count += _words(recording, flight)
     _target(recording, flight)
@@ -89,9 +86,8 @@ def blueprint(flight: RecordedFlight) -> rrb.Blueprint:
     )
 
 
-def _track(
-    recording: rr.RecordingStream, flight: RecordedFlight, name: str, track: FlightTrack, color: tuple[int, int, int]
-) -> int:
+def _track(recording: rr.RecordingStream, flight: RecordedFlight, name: str, track: FlightTrack) -> int:
+    color = JUDGE_COLOR if name.startswith(JUDGE) else ESTIMATE_COLOR
     times = rr.TimeColumn(TIMELINE, duration=_durations(track))
     turned = np.array([xyzw_flu_to_enu((float(w), float(x), float(y), float(z))) for w, x, y, z in track.attitude])
     places = enu(track.position_ned)

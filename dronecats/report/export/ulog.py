@@ -15,7 +15,7 @@ import numpy as np
 from autopilot.logging import ulog
 from dronecats import __version__
 from dronecats.judge.judged_flight import FlightStep
-from dronecats.report.export.conventions import JUDGE, Array, about, judged, microseconds, reply_text
+from dronecats.report.export.conventions import JUDGE, Array, about, judged, microseconds, named_tracks, reply_text
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.tracks import FlightTrack
 from foundation.frames import quat_yaw
@@ -74,10 +74,8 @@ def _fields(name: str) -> str:
 
 def _samples(flight: RecordedFlight) -> Iterator[Stamped]:
     for drone in flight.drone_tracks:
-        if drone.estimate is not None:
-            yield from _track(flight, drone.number, drone.estimate, "")
-        if drone.truth is not None:
-            yield from _track(flight, drone.number, drone.truth, "_groundtruth")
+        for name, track in named_tracks(drone):
+            yield from _track(flight, drone.number, track, "_groundtruth" if name.startswith(JUDGE) else "")
         for row in drone.setpoints if drone.setpoints is not None else ():
             yield Stamped(float(row[0]), drone.number, "trajectory_setpoint", _floats(row[1:]))
     yield Stamped(0.0, 0, "", (INFO, f"instruction: {flight.instruction}"))

@@ -55,7 +55,9 @@ def rgb(color: str) -> Rgb:
 
 def linear(color: str) -> tuple[float, float, float]:
     """Return a colour (#rrggbb) as linear RGB, 0 … 1, for glTF. Source: IEC 61966-2-1."""
-    red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in _shares(color))
+    red, green, blue = (
+        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (part / 255.0 for part in rgb(color))
+    )
     return red, green, blue
 
 
@@ -66,10 +68,6 @@ def shade(color: Sequence[float]) -> Rgb:
     """Return a linear colour, 0 … 1, as sRGB, 0 … 255: the inverse of `linear`."""
     red, green, blue = (round(255 * (12.92 * c if c <= 0.0031308 else 1.055 * c ** (1 / 2.4) - 0.055)) for c in color)
     return red, green, blue
-
-
-def _shares(color: str) -> tuple[float, ...]:
-    return tuple(part / 255.0 for part in rgb(color))
 
 
 def _variables(colors: Mapping[str, str]) -> str:

@@ -279,19 +279,17 @@ def unpack(file: BinaryIO, place: Path) -> tuple[Manifest, list[str], int]:
 
 
 def _unpacked(packed: ArchiveMember, path: Path) -> str:
+    """Write a file of an archive to a path, and return its SHA-256."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    sha256 = hashlib.sha256()
     with path.open("xb") as out:
-        for chunk in packed.chunks():
-            sha256.update(chunk)
-            out.write(chunk)
-    return sha256.hexdigest()
+        return _hashed(packed, out.write)
 
 
-def _hashed(packed: ArchiveMember) -> str:
+def _hashed(packed: ArchiveMember, take: Callable[[bytes], object] = lambda chunk: None) -> str:
     sha256 = hashlib.sha256()
     for chunk in packed.chunks():
         sha256.update(chunk)
+        take(chunk)
     return sha256.hexdigest()
 
 

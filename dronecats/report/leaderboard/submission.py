@@ -140,8 +140,8 @@ def submit(
     """
     ordered = sorted(runs, key=lambda run: (run.seed, str(run.folder)))
     _check_one_entry(ordered)
-    suite = _suite(ordered)
-    missing = incompleteness_reason([[episode.name for episode in run.episodes] for run in ordered])
+    flights = [[episode.name for episode in run.episodes] for run in ordered]
+    missing = incompleteness_reason(flights)
     fault = missing or next(filter(None, map(_unscored, ordered)), None)
     if fault and not partial:
         raise UsageError(f"{fault}. To submit it anyway, marked as partial: --partial")
@@ -155,11 +155,11 @@ def submit(
             pilot=scrubber.text(ordered[0].pilot),
             is_model=ordered[0].is_model,
             identity=identity_digest(_as_packed(ordered[0], scrubber)),
-            suite=suite,
+            suite=common_suite(flights),
             partial=scrubber.text(fault) if fault else None,
             runs=tuple(
-                SubmittedRun(folder=_place(k), seed=run.seed, episodes=tuple(e.name for e in run.episodes))
-                for k, run in enumerate(ordered)
+                SubmittedRun(folder=_place(k), seed=run.seed, episodes=tuple(ids))
+                for k, (run, ids) in enumerate(zip(ordered, flights, strict=True))
             ),
             files=contents.digests,
             left_out=contents.left_out,
@@ -213,10 +213,6 @@ def common_suite(flights: Sequence[Sequence[str]]) -> str | None:
     """
     of_each = {suite_of(ids) for ids in flights}
     return of_each.pop() if len(of_each) == 1 else None
-
-
-def _suite(runs: Sequence[RecordedRun]) -> str | None:
-    return common_suite([[episode.name for episode in run.episodes] for run in runs])
 
 
 def _check_one_entry(runs: Sequence[RecordedRun]) -> None:

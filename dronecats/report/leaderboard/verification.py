@@ -77,7 +77,8 @@ def verify(path: Path, reread: Rereading) -> Verification:
     try:
         with path.open("rb") as file, tempfile.TemporaryDirectory(prefix="dronecats-verify-") as place:
             manifest, differences, frames = unpack(file, Path(place))
-            packed = _digest_of(path)
+            file.seek(0)
+            packed = FileDigest(bytes=path.stat().st_size, sha256=hashlib.file_digest(file, "sha256").hexdigest())
             return _verification(manifest, Path(place), [*differences], frames, packed, reread)
     except OSError as error:
         raise UsageError(f"{error.filename or path} cannot be read or unpacked: {error.strerror}") from None
@@ -85,11 +86,6 @@ def verify(path: Path, reread: Rereading) -> Verification:
         raise UsageError(f"{path}: {_on_one_line(str(wrong))}") from None
     except (OverflowError, RecursionError):  # JSON allows numbers of any length and lists of any depth
         raise UsageError(f"{path}: it has a number or a list that is impossible in a flight") from None
-
-
-def _digest_of(path: Path) -> FileDigest:
-    with path.open("rb") as file:
-        return FileDigest(bytes=path.stat().st_size, sha256=hashlib.file_digest(file, "sha256").hexdigest())
 
 
 def _verification(

@@ -6,7 +6,7 @@ Needs the extra `query`.
 import contextlib
 import re
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -48,26 +48,18 @@ class QueryResult:
     damage: tuple[str, ...]  # a sentence for each damaged episode in the tables that the query names
 
 
-@dataclass(slots=True)
-class LoadedDatabase:
-    """A database with tables of runs."""
-
-    connection: duckdb.DuckDBPyConnection
-    damage: list[str] = field(default_factory=list)
-
-
 def query(sql: str, runs: Sequence[RecordedRun], parquet: Path | None = None) -> QueryResult:
     """Return the result of one SELECT. `parquet`: also write the result to this file, completely or not at all.
 
     The database has only the tables that the query names. Raises UsageError with the error in the SQL.
     """
-    loaded = load(runs, tables_in_query(sql))
-    with contextlib.closing(loaded.connection), whole_file(parquet) if parquet else contextlib.nullcontext() as draft:
+    connection, damage = load(runs, tables_in_query(sql))
+    with contextlib.closing(connection), whole_file(parquet) if parquet else contextlib.nullcontext() as draft:
         if draft is not None:  # the only file that the query may write
-            loaded.connection.execute(f"SET allowed_paths = [{literal(str(draft))}]")
+            connection.execute(f"SET allowed_paths = [{literal(str(draft))}]")
         for setting in LOCKED:
-            loaded.connection.execute(f"SET {setting}")
-        return _answer(loaded, sql, draft)
+            connection.execute(f"SET {setting}")
+        return _answer(connection, sql, draft, damage)
 
 
 def tables_in_query(sql: str) -> list[str]:
@@ -75,20 +67,20 @@ def tables_in_query(sql: str) -> list[str]:
     return [table for table in TABLES if re.search(rf"(?<!\w){table}(?!\w)", sql, re.IGNORECASE)]
 
 
-def load(runs: Sequence[RecordedRun], wanted: Collection[str]) -> LoadedDatabase:
-    """Return a database in memory with the `wanted` tables of the runs."""
-    loaded = LoadedDatabase(duckdb.connect(":memory:"))
+def load(runs: Sequence[RecordedRun], wanted: Collection[str]) -> tuple[duckdb.DuckDBPyConnection, list[str]]:
+    """Return a database in memory with the `wanted` tables of the runs, and a sentence for each damaged episode."""
+    connection, damage = duckdb.connect(":memory:"), []
     for name in wanted:
         columns = ", ".join(f'"{c.name}" {c.type}' for c in TABLES[name].columns)
-        loaded.connection.execute(f"CREATE TABLE {name} ({columns})")
+        connection.execute(f"CREATE TABLE {name} ({columns})")
     if not wanted:
-        return loaded
+        return connection, []
     for run, name in zip(runs, tabulation.names(runs), strict=True):
-        tabulated = tabulation.tabulated(run, name, wanted)
-        for table, values in tabulated.tables.items():
-            _insert(loaded.connection, table, values)
-        loaded.damage += tabulated.damage
-    return loaded
+        tables, of_run = tabulation.tabulated(run, name, wanted)
+        for table, values in tables.items():
+            _insert(connection, table, values)
+        damage += of_run
+    return connection, damage
 
 
 def literal(text: str) -> str:
@@ -105,19 +97,19 @@ def _insert(connection: duckdb.DuckDBPyConnection, table: str, values: tabulatio
     connection.unregister("incoming")
 
 
-def _answer(loaded: LoadedDatabase, sql: str, parquet: Path | None) -> QueryResult:
+def _answer(
+    connection: duckdb.DuckDBPyConnection, sql: str, parquet: Path | None, damage: Sequence[str]
+) -> QueryResult:
     if any("\ud800" <= letter <= "\udfff" for letter in sql):
         raise UsageError("the query is not UTF-8 text")
     try:
-        statements = loaded.connection.extract_statements(sql)
+        statements = connection.extract_statements(sql)
         if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
             raise UsageError("the query must be one SELECT, because queries are read-only")
-        relation = loaded.connection.sql(sql)
+        relation = connection.sql(sql)
         if parquet is not None:
             relation.write_parquet(str(parquet))
-        return QueryResult(
-            columns=_unique_names(relation.columns), rows=relation.fetchall(), damage=tuple(loaded.damage)
-        )
+        return QueryResult(columns=_unique_names(relation.columns), rows=relation.fetchall(), damage=tuple(damage))
     except duckdb.Error as error:
         raise UsageError(f"the query cannot be answered: {sentence(str(error))}") from None
 
@@ -164,16 +156,16 @@ def write_tables(
     Returns the number of rows of each table, and a sentence for each damaged episode. Raises UsageError when a file
     cannot be written.
     """
-    loaded = load(runs, tuple(TABLES))
+    connection, damage = load(runs, tuple(TABLES))
     try:
         out.mkdir(parents=True, exist_ok=True)
-        rows = {name: _write(loaded.connection, kind, name, out, column_name) for name in TABLES}
+        rows = {name: _write(connection, kind, name, out, column_name) for name in TABLES}
     except (OSError, duckdb.Error) as error:
         reason = error.strerror or str(error) if isinstance(error, OSError) else sentence(str(error))
         raise UsageError(f"{out} cannot be written: {reason}. Choose another --out") from None
     finally:
-        loaded.connection.close()
-    return rows, loaded.damage
+        connection.close()
+    return rows, damage
 
 
 def _write(

@@ -1,7 +1,7 @@
 """The SQL tables of runs: their columns with units, and the rows that are made from run folders."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, get_args, get_type_hints
@@ -238,14 +238,6 @@ UNMEASURED = FrameTruth(frame_id=0, t=0.0, drone=0, distance_m=None, visible=Non
 Values = dict[str, list[Any]]  # the values of a table, by column name
 
 
-@dataclass(slots=True)
-class Tabulated:
-    """The rows of one run, a list per column of each requested table."""
-
-    tables: dict[str, Values] = field(default_factory=dict)
-    damage: list[str] = field(default_factory=list)  # a sentence for each damaged episode
-
-
 def names(runs: Sequence[RecordedRun]) -> list[str]:
     """Return a unique name for each run: the shortest end of its folder's path that differs from the others."""
     depth = 1
@@ -256,29 +248,30 @@ def names(runs: Sequence[RecordedRun]) -> list[str]:
         depth += 1
 
 
-def tabulated(run: RecordedRun, name: str, wanted: Collection[str]) -> Tabulated:
-    """Return the rows of a run in the tables `wanted`. A damaged episode does not affect the others.
+def tabulated(run: RecordedRun, name: str, wanted: Collection[str]) -> tuple[dict[str, Values], list[str]]:
+    """Return the rows of a run in the tables `wanted`, and a sentence for each damaged episode.
 
-    A damaged episode has one row, in `episodes`, with its error.
+    A damaged episode does not affect the others. It has one row, in `episodes`, with its error.
     """
-    result = Tabulated({table: {c.name: [] for c in TABLES[table].columns} for table in wanted})
+    tables: dict[str, Values] = {table: {c.name: [] for c in TABLES[table].columns} for table in wanted}
+    damaged: list[str] = []
     if "runs" in wanted:
-        _append(result.tables["runs"], _run_row(run, name))
+        _append(tables["runs"], _run_row(run, name))
     if set(wanted) <= {"runs"}:
-        return result
+        return tables, damaged
     for folder in run.episodes:
         try:
             flight = RecordedFlight.read(folder)
         except UsageError as damage:
-            result.damage.append(str(damage))
+            damaged.append(str(damage))
             if "episodes" in wanted:
-                _append(result.tables["episodes"], _damaged_row(name, folder, str(damage)))
+                _append(tables["episodes"], _damaged_row(name, folder, str(damage)))
             continue
         for table, rows in EPISODE_TABLES.items():
             if table in wanted:
                 for row, metrics in rows(flight, name, TABLES[table]):
-                    _append(result.tables[table], row, metrics)
-    return result
+                    _append(tables[table], row, metrics)
+    return tables, damaged
 
 
 def _append(values: Values, row: Any, metrics: Mapping[str, Any] | None = None) -> None:
