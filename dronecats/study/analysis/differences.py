@@ -23,7 +23,7 @@ from dronecats.study.analysis.study_results import (
 )
 
 SUCCESS = "success"
-METRICS = (SUCCESS, *(measure.metric for measure in MEASURES))
+METRICS = (SUCCESS, *(measure.name for measure in MEASURES))
 
 
 @dataclass(frozen=True, slots=True)

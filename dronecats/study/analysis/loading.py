@@ -9,9 +9,8 @@ from dronecats.agent.names import PAPER
 from dronecats.flight.spec.flight_spec import FlightSpec, digest_of
 from dronecats.flight.spec.spec_file import as_redacted_json, from_json
 from dronecats.judge.metrics.judging import METRICS
-from dronecats.judge.metrics.metric import Metric
 from dronecats.report.recorded.run import RecordedRun
-from dronecats.report.report_data import FLAT, REQUEST_FIELDS, Setting, setting
+from dronecats.report.report_data import FLAT, REQUEST_FIELDS, Setting, is_common, setting
 from dronecats.report.results.collection import Exclusion, collect, exclude, exclusion_sentences
 from dronecats.report.results.identity import Identity, differences, identity
 from dronecats.study import folder as study_folder
@@ -26,20 +25,16 @@ from foundation.run_folder.results import Level, Study, StudyRun
 # factors whose highest level is the reference
 MORE_IS_EASIER = ("rate", "rate_cap", "frame_rate", "setpoint_rate", "link_baud")
 NONE_COUNTS = "No flight counts yet."
-# parts of the identity that do not depend on the entrant
-SHARED = ("the code", "the camera", "the clock", "the protocol", "the suite", "the version")
 
 
-def load_results(folder: Path, metrics: Sequence[Metric] = (), exclusions: Sequence[Exclusion] = ()) -> StudyResults:
+def load_results(folder: Path, exclusions: Sequence[Exclusion] = ()) -> StudyResults:
     """Return the results of the study in a folder. Flights that `exclusions` exclude are marked as left out.
-
-    `metrics` are computed in addition to the built-in metrics.
 
     Raises UsageError if the folder holds no study, if a run contradicts study.json, if runs of one entrant differ in
     more than their levels, if paired flights have different seeds, and if a flight was flown twice.
     """
     study = study_folder.read(folder)
-    collection = exclude(collect([folder], metrics=(*METRICS.values(), *MOTION, *metrics)), exclusions)
+    collection = exclude(collect([folder], metrics=(*METRICS.values(), *MOTION)), exclusions)
     study_runs = {run.name: run for run in study.runs}
     runs = [run for run in collection.runs if run.folder.name in study_runs]
     if not runs:
@@ -215,12 +210,12 @@ def _check_duplicates(
 def _notes(
     runs: Sequence[RecordedRun], labels: Mapping[Path, str], identities: Mapping[Path, Identity]
 ) -> Iterator[str]:
-    """Yield sentences about entrants that differ in SHARED parts of the identity or in their seeds."""
+    """Yield sentences about entrants that differ in common parts of the identity or in their seeds."""
     first: dict[str, RecordedRun] = {}
     for run in runs:
         first.setdefault(labels[run.folder], run)
     common = {
-        label: {name: value for name, value in identities[run.folder].items() if name.startswith(SHARED)}
+        label: {name: value for name, value in identities[run.folder].items() if is_common(name)}
         for label, run in first.items()
     }
     (label, kind), *rest = common.items()

@@ -8,7 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from dronecats.judge.metrics.metric import Better, known_values
+from dronecats.judge.metrics.judging import METRICS
+from dronecats.judge.metrics.metric import known_values
 from dronecats.judge.statistics.differences import KnownMean, known_mean
 from dronecats.judge.statistics.shares import ShareEstimate, estimate_share
 from dronecats.report.results.collection import ScoredEpisode
@@ -133,21 +134,8 @@ def by_episode(flights: Sequence[StudiedFlight]) -> dict[str, list[StudiedFlight
 STEPS = 6  # number of groups for a factor with more than MANY levels
 
 
-@dataclass(frozen=True, slots=True)
-class LevelMeasure:
-    """A metric whose mean over flights is reported beside the success rate."""
-
-    metric: str  # name in the registry of metrics
-    title: str
-    unit: str
-    better: Better
-
-
-MEASURES = (
-    LevelMeasure("ne_m", "NE", "m", "less"),
-    LevelMeasure("dwell_s", "Dwell", "s", "more"),
-    LevelMeasure("longest_loss_s", "Longest loss", "s", "less"),
-)
+# metrics whose means over flights are reported beside the success rate
+MEASURES = tuple(METRICS[name] for name in ("ne_m", "dwell_s", "longest_loss_s"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,5 +198,5 @@ def _level_result(results: StudyResults, factor: int, entrant: str, cell: str, s
     flights = comparable([f for f in results.flights if f.entrant == entrant], factor)
     at_step = [f for f in flights if f.levels[factor] in step.members and cell in (ALL, f.scored.cell)]
     scored = [flight for flight in at_step if flight.scored.scored]
-    measures = tuple(metric_mean(scored, measure.metric) for measure in MEASURES)
+    measures = tuple(metric_mean(scored, measure.name) for measure in MEASURES)
     return LevelResult(entrant, cell, step, successes(scored), measures, len(at_step) - len(scored))

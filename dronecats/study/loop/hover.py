@@ -34,15 +34,14 @@ class CascadeLoop:
     level: int  # RATE, ATTITUDE or VELOCITY: the quantity that is fed back
     axis: int  # 0, 1, 2: roll, pitch, yaw, or north, east, down
     step: float  # rad/s, rad or m/s: so small that nothing saturates
-    unit: str
 
 
 TURNS = ("roll", "pitch", "yaw")
 LOOPS = (
-    *(CascadeLoop(f"{a} rate", "rate", RATE, k, 0.05, "rad/s") for k, a in enumerate(TURNS)),
-    *(CascadeLoop(f"{a} attitude", "attitude", ATTITUDE, k, 0.02, "rad") for k, a in enumerate(TURNS)),
-    CascadeLoop("horizontal velocity", "velocity", VELOCITY, 0, 0.1, "m/s"),
-    CascadeLoop("vertical velocity", "velocity", VELOCITY, 2, 0.1, "m/s"),
+    *(CascadeLoop(f"{a} rate", "rate", RATE, k, 0.05) for k, a in enumerate(TURNS)),
+    *(CascadeLoop(f"{a} attitude", "attitude", ATTITUDE, k, 0.02) for k, a in enumerate(TURNS)),
+    CascadeLoop("horizontal velocity", "velocity", VELOCITY, 0, 0.1),
+    CascadeLoop("vertical velocity", "velocity", VELOCITY, 2, 0.1),
 )
 GROUPS = ("rate", "attitude", "velocity")
 
@@ -93,7 +92,7 @@ class Stack(NamedTuple):
 class Hover:
     """A hovering vehicle, kept as records of its state. Each trial flies a copy of these records."""
 
-    def __init__(self, airframe: Airframe, suite: Suite = PERFECT, seed: int = 1) -> None:
+    def __init__(self, airframe: Airframe, suite: Suite = PERFECT) -> None:
         """Boot, climb and settle, with balanced rotors and by default PERFECT sensors.
 
         Vibration, noise and bias would hide a stability margin.
@@ -101,7 +100,7 @@ class Hover:
         Raises UsageError for an airframe that cannot be controlled.
         """
         self.airframe = airframe = airframe.balanced()
-        vehicle = Multirotor(airframe, seed=seed, origin=PX4_HOME, suite=suite)
+        vehicle = Multirotor(airframe, seed=1, origin=PX4_HOME, suite=suite)
         core = FlightCore(airframe)
         self.gains = core.gains
         self._stack = Stack(vehicle.kernel_args, core.kernel_args(vehicle.sensors, vehicle.actuators))
@@ -116,18 +115,15 @@ class Hover:
         """The PLANT record of the hover, read-only."""
         return self._stack.plant.plant
 
-    def step_response(
-        self, loop: CascadeLoop, delay_s: float, seconds: float, step: float | None = None
-    ) -> StepResponse:
+    def step_response(self, loop: CascadeLoop, delay_s: float, seconds: float) -> StepResponse:
         """Return the response to a small step of a loop's setpoint while its feedback is `delay_s` late."""
         stack = self._stack.copied()
-        size = loop.step if step is None else step
         self._enter(stack, loop, 0.0)
         before = self._fly(stack, STEADY_S[loop.group])
-        self._enter(stack, loop, size)
+        self._enter(stack, loop, loop.step)
         after = self._fly(stack, seconds, loop, delay_s)
         value = measured_values(loop, after) - measured_values(loop, before)[-1]
-        return StepResponse(np.arange(1, len(value) + 1, dtype=np.float64) * SAMPLE_S, value, size)
+        return StepResponse(np.arange(1, len(value) + 1, dtype=np.float64) * SAMPLE_S, value, loop.step)
 
     def _enter(self, stack: "Stack", loop: CascadeLoop, size: float) -> None:
         """Set the setpoint of a loop to `size` on its axis. The loops outside of it are not active."""

@@ -85,9 +85,9 @@ def circle_velocity(t_s: float) -> Vec3:
 class StreamedVehicle:
     """A simulated vehicle that hovers in offboard mode and flies trials over impaired wires."""
 
-    def __init__(self, airframe: Airframe, seed: int = 1) -> None:
+    def __init__(self, airframe: Airframe) -> None:
         """Boot, take off and settle. Raises InfrastructureError if the vehicle is then not in offboard mode."""
-        self.vehicle = SimulatedVehicle(0, airframe, BootPose((0.0, 0.0, 0.0), 0.0), seed=seed, origin=PX4_HOME)
+        self.vehicle = SimulatedVehicle(0, airframe, BootPose((0.0, 0.0, 0.0), 0.0), seed=1, origin=PX4_HOME)
         self._port = self.vehicle.open_port("minimal")
         self._agent = Packer(255, dialect.MAV_COMP_ID_MISSIONPLANNER)
         commander = self.vehicle.autopilot.commander
@@ -143,12 +143,7 @@ class StreamedVehicle:
         )  # fmt: skip
 
 
-def tolerances(
-    airframe: Airframe,
-    jitters_s: Sequence[float] = JITTERS_S,
-    losses: Sequence[float] = LOSSES,
-    seeds: Sequence[int] = SEEDS,
-) -> tuple[Tolerance, Tolerance]:
+def tolerances(airframe: Airframe) -> tuple[Tolerance, Tolerance]:
     """Return the tolerance of an airframe to jitter and to loss.
 
     Levels are flown in rising order, from 0 (a perfect wire) to the first at which the vehicle leaves offboard mode.
@@ -157,13 +152,13 @@ def tolerances(
     vehicle = StreamedVehicle(airframe)
     tolerances = []
     wires: tuple[tuple[str, Callable[[float], Impairment], Sequence[float]], ...] = (
-        ("jitter", lambda level: Impairment(jitter_s=level), jitters_s),
-        ("loss", lambda level: Impairment(loss=level), losses),
+        ("jitter", lambda level: Impairment(jitter_s=level), JITTERS_S),
+        ("loss", lambda level: Impairment(loss=level), LOSSES),
     )
     for kind, wire, levels in wires:
         trials: list[tuple[StreamTrial, ...]] = []
         for level in levels:
-            trials.append(tuple(vehicle.trial(level, wire(level), seed) for seed in seeds))
+            trials.append(tuple(vehicle.trial(level, wire(level), seed) for seed in SEEDS))
             if any(trial.left_s is not None for trial in trials[-1]):
                 break
         tolerances.append(Tolerance(airframe.name, kind, tuple(trials)))

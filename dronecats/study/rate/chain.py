@@ -3,7 +3,7 @@
 import csv
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +136,7 @@ def _times(question: _Question, sent_s: float) -> QuestionTimes:
     )
 
 
-LEVELS = (0.0, 0.5, 0.9, 0.99, 1.0)
+QUANTILES = {"min": 0.0, "median": 0.5, "p90": 0.9, "p99": 0.99, "max": 1.0}
 HEAD = ("min", "median", "90 %", "99 %", "max")
 LINKS = {  # field of QuestionTimes → name of this link of the chain in tables
     "age_s": "image age",
@@ -157,15 +157,8 @@ CLOCK = "the host's monotonic clock"
 AGE_CLOCK = "the vehicle's clock, to one message of its telemetry"
 
 
-@dataclass(frozen=True, slots=True)
-class LinkQuantiles:
-    """Quantiles of one part of the timing chain (s) or of a rate (Hz), interpolated linearly."""
-
-    min: float
-    median: float
-    p90: float
-    p99: float
-    max: float
+# quantiles of one part of the timing chain (s) or of a rate (Hz), by the names in QUANTILES, interpolated linearly
+LinkQuantiles = dict[str, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +175,7 @@ class ChainSummary:
     @property
     def frame_delay_s(self) -> float:
         """The delay (s) to set for simulated pictures: the larger of the median age and the median wait."""
-        return round(max(self.links["age_s"].median, self.links["wait_s"].median), 3)
+        return round(max(self.links["age_s"]["median"], self.links["wait_s"]["median"]), 3)
 
     def as_json(self) -> dict[str, Any]:
         """Return the summary for `--json`."""
@@ -192,9 +185,9 @@ class ChainSummary:
             "clock": CLOCK,
             "age_clock": AGE_CLOCK,
             "age_since": "capture" if self.camera_stamps else "arrival",
-            "links": {name: asdict(quantiles) for name, quantiles in self.links.items()},
-            "chain_hz": asdict(self.chain_hz),
-            "served_hz": asdict(self.served_hz) if self.served_hz else None,
+            "links": self.links,
+            "chain_hz": self.chain_hz,
+            "served_hz": self.served_hz,
             "frame_delay_s": self.frame_delay_s,
         }
 
@@ -221,7 +214,7 @@ def summary_table(summary: ChainSummary, requested: int | None = None) -> Report
     of_requested = "" if requested is None or requested <= summary.questions else f" of {requested}"
     return table_of(
         (words("link"), words(""), *map(numbers, HEAD)),
-        ((label, unit, *(f"{value:.{digits}f}" for value in asdict(quantiles).values()))
+        ((label, unit, *(f"{value:.{digits}f}" for value in quantiles.values()))
          for label, quantiles, unit, digits in rows),
         f"{summary.questions}{of_requested} questions to {summary.pilot}, by {CLOCK}.",
         f"The image age is by {AGE_CLOCK}, {AGE_NOTES[summary.camera_stamps]}.",
@@ -230,7 +223,8 @@ def summary_table(summary: ChainSummary, requested: int | None = None) -> Report
 
 
 def _quantiles(values: Sequence[float]) -> LinkQuantiles:
-    return LinkQuantiles(*(round(float(value), 6) for value in np.quantile(values, LEVELS)))
+    found = np.quantile(values, list(QUANTILES.values()))
+    return {name: round(float(value), 6) for name, value in zip(QUANTILES, found, strict=True)}
 
 
 CHAIN, TRACE, STUDY = "chain.csv", "trace.csv", "study.toml"

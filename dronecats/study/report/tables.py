@@ -65,7 +65,7 @@ def measures(findings: Findings, along: FactorFindings) -> ReportTable:
         numbers("Flights", "flights"),
         numbers("Not scored", "not_scored"),
         TableColumn(name="success_percent", title="SR", unit="%", decimals=1, better="more"),
-        *(TableColumn(name=m.metric, title=m.title, unit=m.unit, decimals=1, better=m.better) for m in MEASURES),
+        *(TableColumn(name=m.name, title=m.title, unit=m.unit, decimals=1, better=m.better) for m in MEASURES),
     ]
     rows = [
         (in_cell(entrant, cell),
@@ -219,7 +219,7 @@ def _spread(quantiles: StepQuantiles, scale: float = 1.0) -> TableCell:
     return TableCell(value=middle, low=low, high=high)
 
 
-TITLES = {SUCCESS: ("Success", "points"), **{m.metric: (m.title, m.unit) for m in MEASURES}}
+TITLES = {SUCCESS: ("Success", "points"), **{m.name: (m.title, m.unit) for m in MEASURES}}
 TESTS = (
     "Pairs are flights of the same episode, seed and other factors; episodes are the unit. Success: percentage"
     " points, Agresti and Min's interval. p: randomisation test of the mean of the episodes' differences, which for"
