@@ -97,7 +97,7 @@ class WorkerSlots:
         return len(self._flights[worker])
 
 
-WORKER = ChildKind("worker", "dronecats.bench.worker", WorkerConfig, needs_keys=True)
+WORKER = ChildKind("worker", "dronecats.bench.worker:Worker", WorkerConfig, needs_keys=True)
 ANSWER_S = 120.0  # wall s that a worker has to answer a command; it usually takes less than 1 s
 # wall s without a new byte in any file of a flight, after which the flight counts as hanging. The longest regular pause
 # is 300 s, after which a question with all its retries is given up.

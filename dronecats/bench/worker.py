@@ -119,8 +119,3 @@ def compile_all() -> None:
     vehicle = SimulatedVehicle(0, airframe.load("x500"), BootPose((0.0, 0.0, 0.0), 0.0), seed=0, origin=(0.0, 0.0, 0.0))
     vehicle.advance()
     vehicle.close()
-
-
-def create(config: WorkerConfig) -> Worker:
-    """Return a worker. Raises UsageError."""
-    return Worker(config)

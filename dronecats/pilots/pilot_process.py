@@ -20,6 +20,7 @@ class PilotPart:
     """The endpoint of a pilot, with the interface `Part` of child processes (`dronecats.flight.processes.child`)."""
 
     def __init__(self, config: PilotConfig) -> None:
+        """Raises UsageError for a recording without replies."""
         name = config.pilot
         self._server = PilotServer(roster.answer(name), name, owned_by=roster.owner(name), port=config.port).start()
 
@@ -34,8 +35,3 @@ class PilotPart:
 
     def close(self) -> None:
         self._server.close()
-
-
-def create(config: PilotConfig) -> PilotPart:
-    """Return the endpoint of a pilot. Raises UsageError for a recording without replies."""
-    return PilotPart(config)

@@ -116,8 +116,3 @@ class EstimateLogger:
     def close(self) -> None:
         self._recorder.close()
         self._socket.close()
-
-
-def create(config: EstimateLoggerConfig) -> EstimateLogger:
-    """Return the logger for an episode folder."""
-    return EstimateLogger(config)

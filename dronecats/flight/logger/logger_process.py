@@ -95,8 +95,3 @@ class Logger:
 
     def close(self) -> None:
         self._recorder.close()
-
-
-def create(config: LoggerConfig) -> Logger:
-    """Return the logger of a flight."""
-    return Logger(config)

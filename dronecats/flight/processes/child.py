@@ -1,6 +1,6 @@
 """The child's side of a supervised process: it reads commands as JSON lines and writes answers as JSON lines.
 
-    python -m dronecats.flight.processes.child MODULE
+    python -m dronecats.flight.processes.child MODULE:NAME
 
 The first line is the configuration; its answer is `{"ready": …}`. Then the child calls `Part.turn` in a loop. Between
 two calls it answers `{"alive": true}` with the same line, so the parent notices a child that hangs. When the parent
@@ -8,9 +8,9 @@ ends, even by a kill -9, standard input closes, and then the child ends too.
 """
 
 import faulthandler
-import importlib
 import json
 import os
+import pkgutil
 import queue
 import signal
 import sys
@@ -24,7 +24,7 @@ from foundation.errors import DronecatsError
 
 
 class Part(Protocol):
-    """The work of a child process. Its module has a function `create(config) -> Part` with an annotated argument.
+    """The work of a child process. The parent names a class or function that makes it from an annotated `config`.
 
     A part with long commands may also have `orphaned()`, which another thread calls when the parent is gone.
     """
@@ -45,7 +45,7 @@ class Part(Protocol):
 
 
 def main() -> int:
-    """Run the part whose module is named on the command line."""
+    """Run the part that is named on the command line."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C: it lands the vehicle first
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like an answer
@@ -57,7 +57,7 @@ def main() -> int:
 
     config = json.loads(sys.stdin.readline() or "{}")
     try:
-        part: Part = _created(importlib.import_module(sys.argv[1]), config)
+        part: Part = _created(pkgutil.resolve_name(sys.argv[1]), config)
     except DronecatsError as error:
         reply({"error": str(error), "status": error.exit_status})
         return error.exit_status
@@ -85,10 +85,10 @@ def main() -> int:
         part.close()
 
 
-def _created(module: Any, config: Any) -> Part:
-    """Create the part of a module. The annotation of `create` gives the type of its configuration."""
-    of_type = get_type_hints(module.create)["config"]
-    part: Part = module.create(msgspec.convert(config, of_type))
+def _created(make: Any, config: Any) -> Part:
+    """Create a part with its class or function, whose annotation gives the type of the configuration."""
+    of_type = get_type_hints(make.__init__ if isinstance(make, type) else make)["config"]
+    part: Part = make(msgspec.convert(config, of_type))
     return part
 
 

@@ -83,7 +83,7 @@ class ChildKind(Generic[C]):
     """A kind of child process."""
 
     name: str  # in messages, and in the name of its log
-    module: str  # name of a module with `create(config) -> Part`; only the child imports it
+    part: str  # MODULE:NAME of a class or function that makes the `Part` from `config`; only the child imports it
     config: type[C]  # a frozen dataclass of JSON values
     needs_keys: bool = False  # True for models, which need the keys in the environment
 
@@ -96,7 +96,7 @@ class ChildProcess:
         self.kind, self.log, self._answer_s = kind.name, log, answer_s
         with log.open("ab") as errors:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "dronecats.flight.processes.child", kind.module],
+                [sys.executable, "-m", "dronecats.flight.processes.child", kind.part],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,

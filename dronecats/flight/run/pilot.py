@@ -26,8 +26,8 @@ from dronecats.pilots.server import PilotServer
 from foundation.errors import UsageError
 from foundation.wording import suggestion
 
-COMMANDER = ChildKind("commander", "dronecats.pilots.pilot_process", PilotConfig)
-PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process", PilotConfig)
+COMMANDER = ChildKind("commander", "dronecats.pilots.pilot_process:PilotPart", PilotConfig)
+PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process:PilotPart", PilotConfig)
 
 
 def questions_of(flight: Flight, model: Model) -> Questions:

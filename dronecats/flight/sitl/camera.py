@@ -248,6 +248,7 @@ class CameraPart:
     """The camera process of a real-time flight. The agent gets bitmaps, so no compression changes the picture."""
 
     def __init__(self, config: CameraConfig) -> None:
+        """Raises UsageError."""
         optics = optics_of(config.optics, "optics") if config.optics else None
         world = load_world(config.episode, config.airframe, config.count, config.conditions)
         camera = camera_on(airframes.load(config.airframe or AIRFRAME).camera)
@@ -400,8 +401,3 @@ def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:
 def stamp(frame: Frame) -> dict[str, str]:
     """Return the HTTP headers with the id and the vehicle time of a frame."""
     return {"X-Frame-Id": str(frame.frame_id), "X-Frame-Time-Us": str(frame.time_us)}
-
-
-def create(config: CameraConfig) -> CameraPart:
-    """Return the camera process of an episode. Raises UsageError."""
-    return CameraPart(config)

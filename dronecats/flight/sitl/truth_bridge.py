@@ -143,6 +143,7 @@ class TruthBridge:
     """The truth bridge as a child process, for a vehicle with its own simulation in an episode's world."""
 
     def __init__(self, config: TruthBridgeConfig) -> None:
+        """Raises UsageError."""
         world = load_world(config.episode)
         self._origin = origin(world)
         place = boot_poses(world)[0]
@@ -183,8 +184,3 @@ class TruthBridge:
     def close(self) -> None:
         self._source.close()
         self._port.close()
-
-
-def create(config: TruthBridgeConfig) -> TruthBridge:
-    """Return the bridge from a truth URL to an episode. Raises UsageError."""
-    return TruthBridge(config)

@@ -102,11 +102,13 @@ class TruthfulStage(Stage, Protocol):
         ...
 
 
-SIMULATOR = ChildKind("simulator", "dronecats.flight.sitl.simulator_process", SimulatorConfig)
-CAMERA = ChildKind("camera", "dronecats.flight.sitl.camera", CameraConfig)
-TRUTH_BRIDGE = ChildKind("truth-bridge", "dronecats.flight.sitl.truth_bridge", TruthBridgeConfig)
-LOGGER = ChildKind("logger", "dronecats.flight.logger.logger_process", LoggerConfig)
-ESTIMATE_LOGGER = ChildKind("estimate-logger", "dronecats.flight.logger.estimate_process", EstimateLoggerConfig)
+SIMULATOR = ChildKind("simulator", "dronecats.flight.sitl.simulator_process:create", SimulatorConfig)
+CAMERA = ChildKind("camera", "dronecats.flight.sitl.camera:CameraPart", CameraConfig)
+TRUTH_BRIDGE = ChildKind("truth-bridge", "dronecats.flight.sitl.truth_bridge:TruthBridge", TruthBridgeConfig)
+LOGGER = ChildKind("logger", "dronecats.flight.logger.logger_process:Logger", LoggerConfig)
+ESTIMATE_LOGGER = ChildKind(
+    "estimate-logger", "dronecats.flight.logger.estimate_process:EstimateLogger", EstimateLoggerConfig
+)
 TRUTH_HZ = 50.0
 
 

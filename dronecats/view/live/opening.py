@@ -13,7 +13,7 @@ from dronecats.view.live.config import ViewerConfig, WatchedWires
 from dronecats.view.scene.page_hosts import reach
 from foundation.errors import DronecatsError
 
-VIEWER = ChildKind("viewer", "dronecats.view.live.viewer_process", ViewerConfig)
+VIEWER = ChildKind("viewer", "dronecats.view.live.viewer_process:FlightViewer", ViewerConfig)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -239,8 +239,3 @@ class FlightViewer:
         world = World(catalogue.load(wires.episode), conditions=wires.conditions)
         self._server.gui.main_panel.dock_right()
         return LiveFlight(self._server, WireFollower(wires, world), world, wires.drones, piloted=False)
-
-
-def create(config: ViewerConfig) -> FlightViewer:
-    """Return the viewer of a folder, or of a simulator."""
-    return FlightViewer(config)

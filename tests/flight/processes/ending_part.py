@@ -36,7 +36,3 @@ class EndingPart:
 
     def close(self) -> None:
         pass
-
-
-def create(config: EndingConfig) -> EndingPart:
-    return EndingPart(config)

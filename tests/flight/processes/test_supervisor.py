@@ -15,7 +15,7 @@ from dronecats.pilots.pilot_process import PilotConfig
 from foundation.errors import InfrastructureError, LinkError, UsageError
 from tests.flight.processes.ending_part import EndingConfig
 
-ENDING = ChildKind("ending", "tests.flight.processes.ending_part", EndingConfig)
+ENDING = ChildKind("ending", "tests.flight.processes.ending_part:EndingPart", EndingConfig)
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_a_hanging_child_is_reported_with_its_log_and_later_commands_fail_at_onc
 
 def test_a_hanging_child_is_reported_as_the_cause_of_another_error(tmp_path):
     supervisor = Supervisor(tmp_path)
-    well, stopped = (supervisor.start(ChildKind(name, ENDING.module, EndingConfig), EndingConfig()) for name in "ab")
+    well, stopped = (supervisor.start(ChildKind(name, ENDING.part, EndingConfig), EndingConfig()) for name in "ab")
     for child in (well, stopped):
         child.ready()
     symptom = LinkError("the vehicle has been silent")
@@ -151,7 +151,7 @@ def test_children_of_a_killed_parent_end_by_themselves(tmp_path):
         "import sys, time\nfrom pathlib import Path\n"
         "from dronecats.flight.processes.supervisor import ChildKind, Supervisor\n"
         "from tests.flight.processes.ending_part import EndingConfig\n"
-        "ending = ChildKind('ending', 'tests.flight.processes.ending_part', EndingConfig)\n"
+        "ending = ChildKind('ending', 'tests.flight.processes.ending_part:EndingPart', EndingConfig)\n"
         "s = Supervisor(Path(sys.argv[1]))\nc = s.start(ending, EndingConfig())\nc.ready()\n"
         "print(c.pid, flush=True)\ntime.sleep(60)\n"
     )

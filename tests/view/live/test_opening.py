@@ -77,7 +77,7 @@ def test_a_hanging_page_does_not_delay_the_command(tmp_path, children, port):
 
 
 def test_a_page_that_cannot_be_opened_is_only_reported(tmp_path, monkeypatch, port):
-    monkeypatch.setattr(opening, "VIEWER", ChildKind("viewer", "dronecats.view.live.nowhere", ViewerConfig))
+    monkeypatch.setattr(opening, "VIEWER", ChildKind("viewer", "dronecats.view.live.nowhere:Nobody", ViewerConfig))
     log, has_flown = Notices(), False
     with opened(WantedPage(port=port), tmp_path, "", log):
         log.wait("")

@@ -14,7 +14,7 @@ TURNS = 3000
 
 
 def test_the_page_follows_two_drones_on_the_ground(tmp_path):
-    kind = ChildKind("simulator", "dronecats.flight.sitl.simulator_process", SimulatorConfig)
+    kind = ChildKind("simulator", "dronecats.flight.sitl.simulator_process:create", SimulatorConfig)
     simulator = ChildProcess(kind, SimulatorConfig(episode=catalogue.DEFAULT, count=2), tmp_path / "log")
     follower = None
     try:
