@@ -87,7 +87,7 @@ def main() -> int:
 
 def _created(make: Any, config: Any) -> Part:
     """Create a part with its class or function, whose annotation gives the type of the configuration."""
-    of_type = get_type_hints(make.__init__ if isinstance(make, type) else make)["config"]
+    of_type = get_type_hints(vars(make).get("__init__", make))["config"]
     part: Part = make(msgspec.convert(config, of_type))
     return part
 

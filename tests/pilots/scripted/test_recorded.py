@@ -8,7 +8,7 @@ import httpx
 import pytest
 
 from dronecats.pilots import roster
-from dronecats.pilots.pilot_process import PilotConfig, create
+from dronecats.pilots.pilot_process import PilotConfig, PilotPart
 from dronecats.pilots.scripted import player, replies
 from foundation.errors import UsageError
 
@@ -44,7 +44,7 @@ def test_a_recording_is_served_like_any_pilot_and_never_as_a_model(tmp_path: Pat
     path = recording(tmp_path, {"step": 0, "drone": 0, "reply": "first"})
     name = f"recorded:{path}"
     assert roster.check(name) == name
-    served = create(PilotConfig(pilot=name))
+    served = PilotPart(PilotConfig(pilot=name))
     try:
         url = served.ready()["base_url"]
         assert "not a model" in httpx.get(f"{url}/models").json()["data"][0]["owned_by"]
