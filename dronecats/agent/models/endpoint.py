@@ -14,13 +14,12 @@ from concurrent.futures import Future
 from concurrent.futures import TimeoutError as NotInTimeError
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from email.utils import parsedate_to_datetime
 from ipaddress import ip_address
 from typing import Any, TypeVar
 
 import httpx
 
-from dronecats.agent.models.rate_limits import Limiter, Unlimited, allowances
+from dronecats.agent.models.rate_limits import Limiter, Unlimited, allowances, http_date
 from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.redaction import hide_secrets, redacted, redacted_url, secrets_of, worth_hiding
 from foundation.threads import COMPUTING, DaemonExecutor
@@ -415,10 +414,7 @@ def retry_after_s(headers: httpx.Headers, now: datetime | None = None) -> float 
     try:
         seconds = float(value)
     except ValueError:
-        try:
-            moment = parsedate_to_datetime(value)
-        except (ValueError, OverflowError):
+        if (moment := http_date(value)) is None:
             return None
-        moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
         seconds = (moment - (now or datetime.now(UTC))).total_seconds()
     return min(max(seconds, 0.0), MAX_PAUSE_S) if seconds == seconds else None

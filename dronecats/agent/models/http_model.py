@@ -5,7 +5,7 @@ import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, NOT_FOUND, Endpoint, KeyHeader, RetryPolicy
@@ -18,22 +18,8 @@ from foundation.redaction import keyless, redacted_url
 from foundation.wording import did_you_mean, nearest
 
 MAX_FINISH_CHARS = 40
-MAX_SERVED_CHARS = 100  # of each text of `ReadAnswer.served`
+MAX_SERVED_CHARS = 100  # of each text of `served` and `endpoint` in a `Reply`
 TOKENS_MAX = 1_000_000_000  # largest valid token count of one question
-
-
-@dataclass(frozen=True, slots=True)
-class ReadAnswer:
-    """The content of an answer. None means that the answer does not have the value."""
-
-    text: str
-    tokens_in: int | None = None
-    tokens_out: int | None = None
-    finish: str | None = None  # as in `Reply`
-    served: tuple[Any, ...] = ()  # the model's name, and the version of the server
-    tokens_cached: int | None = None  # as in `Reply`, like the next two
-    tokens_reasoning: int | None = None
-    endpoint: Any = None
 
 
 class HttpModel(ABC):
@@ -100,8 +86,8 @@ class HttpModel(ABC):
         """Return the token counts (question, reply) that an answer reports. Raises the errors of `read`."""
 
     @abstractmethod
-    def read(self, data: Any) -> ReadAnswer:
-        """Return the content of an answer.
+    def read(self, data: Any) -> Reply:
+        """Return the reply in an answer, without times. Its text and `finish` may still have secrets.
 
         Raises KeyError, IndexError, TypeError, AttributeError or ValueError for data in another format.
         """
@@ -137,18 +123,12 @@ class HttpModel(ABC):
             failed.append(answer.body)
             problem = f"sent something other than a {self.answer}: {self._endpoint.brief(answer.body)}"
             raise ModelError(f"the model endpoint {self._endpoint.shown} {problem}") from None
-        text, finish = self._endpoint.hide(content.text), content.finish and self._endpoint.hide(content.finish)
-        return Reply(
-            text,
-            answer.latency_s,
-            content.tokens_in,
-            content.tokens_out,
-            answer.waited_s,
-            finish,
-            self._served(content.served),
-            content.tokens_cached,
-            content.tokens_reasoning,
-            self._words((content.endpoint,)) or None,
+        return replace(
+            content,
+            text=self._endpoint.hide(content.text),
+            finish=content.finish and self._endpoint.hide(content.finish),
+            latency_s=answer.latency_s,
+            waited_s=answer.waited_s,
         )
 
     def _counted(self, answers: Iterable[bytes]) -> tuple[int, int]:
@@ -185,22 +165,15 @@ class HttpModel(ABC):
         near = nearest(self.name, names, cutoff=0.5) if self.name not in names else []
         return f"; {did_you_mean(near)}" if near else ""
 
-    def _served(self, names: tuple[Any, ...]) -> str | None:
+    def served(self, *names: Any) -> str | None:
         """Return the name of the model that answered, on one line; None if it is empty or the requested name."""
-        words = self._words(names)
+        words = self.words(*names)
         return None if words in ("", self.name) else words
 
-    def _words(self, names: tuple[Any, ...]) -> str:
+    def words(self, *names: Any) -> str:
         """Return a vendor's texts on one line; other values are left out."""
         named = (self._endpoint.hide(name) for name in names if isinstance(name, str) and name.isprintable())
         return " ".join(name[:MAX_SERVED_CHARS] for name in named).strip()
-
-    def reasoning(self, lifted: bool) -> Mapping[str, Any]:
-        """Return the fields of the request that switch extended reasoning on (`lifted`) or off."""
-        own, of_provider = (
-            (self._spec.thinking, self._provider.thinking) if lifted else (self._spec.quick, self._provider.quick)
-        )
-        return of_provider if own is None else own
 
     def schema(self, request: Request) -> dict[str, Any] | None:
         """Return the schema to send for the reply; None if there is none for this question.

@@ -36,7 +36,7 @@ def allowances(headers: Mapping[str, str], now: datetime | None = None) -> tuple
 
     `headers` has names in lower case. Times are relative to the answer's own Date, else to `now` (UTC).
     """
-    date = _date(headers.get("date")) or now or datetime.now(UTC)
+    date = http_date(headers.get("date")) or now or datetime.now(UTC)
     by_kind: dict[Kind, Allowance] = {}
     kinds: tuple[Kind, ...] = ("requests", "tokens")
     for kind in kinds:
@@ -88,7 +88,8 @@ def _number(text: str | None) -> float | None:
     return value if math.isfinite(value) and value >= 0.0 else None
 
 
-def _date(text: str | None) -> datetime | None:
+def http_date(text: str | None) -> datetime | None:
+    """Return the time in an HTTP header; None for an invalid text. Without a zone it is UTC."""
     try:
         moment = parsedate_to_datetime(text or "")
     except (ValueError, OverflowError):

@@ -148,6 +148,13 @@ class ModelSpec:
         return f"{self.provider}/{self.name}"
 
 
+def reasoning_fields(spec: ModelSpec, lifted: bool) -> Mapping[str, Any]:
+    """Return the fields of a request that switch extended reasoning on (`lifted`) or off."""
+    provider = provider_of(spec.provider)
+    own, of_provider = (spec.thinking, provider.thinking) if lifted else (spec.quick, provider.quick)
+    return of_provider if own is None else own
+
+
 def with_effort(spec: ModelSpec, effort: str) -> ModelSpec:
     """Return a model that reasons with this effort on every step except the one after a `think`.
 
@@ -155,20 +162,16 @@ def with_effort(spec: ModelSpec, effort: str) -> ModelSpec:
     none, and the fields of `thinking` for any other word.
     """
     provider = provider_of(spec.provider)
-    lifted, quick = (
-        of_provider if own is None else own
-        for own, of_provider in ((spec.thinking, provider.thinking), (spec.quick, provider.quick))
-    )
     value: Any = effort.upper() if provider.effort_in_capitals else effort
     for key in reversed(provider.effort):
         value = {key: value}
-    return replace(spec, quick={**(quick if effort == NO_EFFORT else lifted), **value})
+    return replace(spec, quick={**reasoning_fields(spec, lifted=effort != NO_EFFORT), **value})
 
 
-def spec_of(model: str, base_url: str | None = None, option: str = "--model") -> ModelSpec:
+def spec_of(model: str) -> ModelSpec:
     """Return the model that 'PROVIDER/NAME' names. Raises UsageError for any other form."""
     head, slash, name = model.partition("/")
     if not (slash and name):
-        raise UsageError(f"{option} must be PROVIDER/NAME, got '{model}'. Known providers: {', '.join(PROVIDERS)}")
+        raise UsageError(f"--model must be PROVIDER/NAME, got '{model}'. Known providers: {', '.join(PROVIDERS)}")
     provider = provider_of(head)
-    return ModelSpec(provider=provider.name, name=name, base_url=base_url, temperature=provider.temperature)
+    return ModelSpec(provider=provider.name, name=name, temperature=provider.temperature)

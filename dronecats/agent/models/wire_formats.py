@@ -5,11 +5,11 @@ from typing import Any
 from urllib.parse import quote
 
 from dronecats.agent.models.endpoint import DEFAULT, KeyHeader, RetryPolicy
-from dronecats.agent.models.http_model import HttpModel, ReadAnswer, count, finish_of, list_of, table_of, text_of
-from dronecats.agent.models.model import Request
+from dronecats.agent.models.http_model import HttpModel, count, finish_of, list_of, table_of, text_of
+from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.models.rate_limits import Limiters
 from dronecats.agent.models.reply_schema import response_format
-from dronecats.agent.models.spec import ModelSpec, Wire, provider_of
+from dronecats.agent.models.spec import ModelSpec, Wire, provider_of, reasoning_fields
 from foundation.errors import UsageError
 
 _CHAT_FINISH = {"stop": None, "length": "length", "content_filter": "filtered"}
@@ -44,7 +44,7 @@ class ChatModel(HttpModel):
             "messages": [{"role": "user", "content": [{"type": "text", "text": request.text}, *images]}],
             **self.sampling("temperature", "top_p", "top_k"),
             self._spec.tokens_field or self._provider.tokens_field: self._spec.max_tokens,
-            **self.reasoning(request.thinking),
+            **reasoning_fields(self._spec, request.thinking),
             **({"response_format": response_format(schema)} if schema else {}),
         }
 
@@ -52,7 +52,7 @@ class ChatModel(HttpModel):
         usage = data.get("usage") or {}
         return count(usage.get("prompt_tokens")), count(usage.get("completion_tokens"))
 
-    def read(self, data: Any) -> ReadAnswer:
+    def read(self, data: Any) -> Reply:
         """Return the content of an answer. If the model refuses, its refusal is the text."""
         choice = data["choices"][0]
         message = choice["message"]
@@ -62,14 +62,15 @@ class ChatModel(HttpModel):
         if text is None:  # a valid answer with only reasoning or a refusal; some servers omit the key
             text = message.get("refusal") or ""
             finish = finish or ("refusal" if text else None)
-        return ReadAnswer(
+        return Reply(
             text_of(text),
+            0.0,
             *self.tokens(data),
-            finish,
-            (data.get("model"), data.get("system_fingerprint")),
-            count(table_of(usage.get("prompt_tokens_details")).get("cached_tokens")),
-            count(table_of(usage.get("completion_tokens_details")).get("reasoning_tokens")),
-            data.get("provider"),  # OpenRouter's field
+            finish=finish,
+            served=self.served(data.get("model"), data.get("system_fingerprint")),
+            tokens_cached=count(table_of(usage.get("prompt_tokens_details")).get("cached_tokens")),
+            tokens_reasoning=count(table_of(usage.get("completion_tokens_details")).get("reasoning_tokens")),
+            endpoint=self.words(data.get("provider")) or None,  # OpenRouter's field
         )
 
 
@@ -99,7 +100,7 @@ class GeminiModel(HttpModel):
         config: dict[str, Any] = {
             **self.sampling("temperature", "topP", "topK"),
             "maxOutputTokens": self._spec.max_tokens,
-            **self.reasoning(request.thinking),
+            **reasoning_fields(self._spec, request.thinking),
         }
         if schema := self.schema(request):
             config["responseMimeType"] = "application/json"
@@ -111,17 +112,18 @@ class GeminiModel(HttpModel):
         tokens_out = count(usage.get("candidatesTokenCount"), usage.get("thoughtsTokenCount"))
         return count(usage.get("promptTokenCount")), tokens_out
 
-    def read(self, data: Any) -> ReadAnswer:
+    def read(self, data: Any) -> Reply:
         """Return the content of an answer. Thoughts count as tokens, but are not part of the text."""
         usage = data.get("usageMetadata") or {}
         text, finish = _gemini_text(data)
-        return ReadAnswer(
+        return Reply(
             text,
+            0.0,
             *self.tokens(data),
-            finish,
-            (data.get("modelVersion"),),
-            count(usage.get("cachedContentTokenCount")),
-            count(usage.get("thoughtsTokenCount")),
+            finish=finish,
+            served=self.served(data.get("modelVersion")),
+            tokens_cached=count(usage.get("cachedContentTokenCount")),
+            tokens_reasoning=count(usage.get("thoughtsTokenCount")),
         )
 
 
@@ -175,12 +177,12 @@ class AnthropicModel(HttpModel):
                 " --schema object or --schema none"
             )
         for lifted in (False, True):
-            for name, value in self.reasoning(lifted).items():
+            for name, value in reasoning_fields(spec, lifted).items():
                 if name in _TABLES and not isinstance(value, dict):
                     raise UsageError(
                         f"{spec.title} needs a table for {name}, which sets its reasoning; got {value!r:.40}"
                     )
-        budget = self.reasoning(lifted=True).get("thinking", {}).get("budget_tokens", 0)
+        budget = reasoning_fields(spec, lifted=True).get("thinking", {}).get("budget_tokens", 0)
         if not isinstance(budget, int):
             raise UsageError(f"{spec.title} needs a whole number as budget_tokens, got {budget!r:.40}")
         if budget >= spec.max_tokens:
@@ -205,7 +207,7 @@ class AnthropicModel(HttpModel):
             data = base64.b64encode(jpeg).decode()
             source = {"type": "base64", "media_type": "image/jpeg", "data": data}
             images.append({"type": "image", "source": source})
-        reasoning = self.reasoning(request.thinking)
+        reasoning = reasoning_fields(self._spec, request.thinking)
         reasons = reasoning.get("thinking", {}).get("type") in _REASONS
         output = dict(reasoning.get("output_config", {}))
         if schema := self.schema(request):
@@ -224,7 +226,7 @@ class AnthropicModel(HttpModel):
         cached = usage.get("cache_creation_input_tokens"), usage.get("cache_read_input_tokens")  # not in input_tokens
         return count(usage.get("input_tokens"), *cached), count(usage.get("output_tokens"))
 
-    def read(self, data: Any) -> ReadAnswer:
+    def read(self, data: Any) -> Reply:
         """Return the content of an answer. If the model refuses, the text is usually empty."""
         if data["type"] != "message":
             raise ValueError
@@ -232,7 +234,8 @@ class AnthropicModel(HttpModel):
         text = "".join(text_of(block["text"]) for block in list_of(data["content"]) if block["type"] == "text")
         finish = finish_of(data.get("stop_reason"), _ANTHROPIC_FINISH)
         cached = count(usage.get("cache_read_input_tokens"))
-        return ReadAnswer(text, *self.tokens(data), finish, (data.get("model"),), cached)
+        served = self.served(data.get("model"))
+        return Reply(text, 0.0, *self.tokens(data), finish=finish, served=served, tokens_cached=cached)
 
 
 _FORMATS: dict[Wire, type[HttpModel]] = {"openai": ChatModel, "gemini": GeminiModel, "anthropic": AnthropicModel}
