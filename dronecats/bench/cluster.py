@@ -18,7 +18,7 @@ from uuid import uuid4
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from dronecats.bench.engine import ANSWER_S, HANG_S, Landed, Sortie, landed_with, log_sizes, lost
+from dronecats.bench.engine import ANSWER_S, HANG_S, Landed, Sortie, landed_with, lost, sizes
 from dronecats.flight.run.accounts import LedgerKeeper
 from dronecats.flight.run.identity import code_digest
 from dronecats.flight.spec.flight_spec import ON_CLUSTER
@@ -66,7 +66,7 @@ class ClusterWorker:
 
     def written(self) -> dict[str, int]:
         """Return the size in bytes of the logs of each flight in the air, by the name of the flight's folder."""
-        return {folder.name: sum(log_sizes(folder)) for folder in list(self._folders.values())}
+        return {folder.name: sum(sizes(folder)) for folder in list(self._folders.values())}
 
 
 @dataclass(slots=True)
@@ -238,7 +238,7 @@ def _keeper(ledger: Path) -> tuple[Any, str]:
     """Start an actor that keeps a ledger on this node; return the actor and its name."""
     name = f"dronecats-ledger-{uuid4().hex}"
     here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
-    keeper = ray.remote(LedgerKeeper).options(name=name, num_cpus=0, scheduling_strategy=here).remote(str(ledger))
+    keeper = ray.remote(LedgerKeeper).options(name=name, num_cpus=0, scheduling_strategy=here).remote(ledger)
     try:
         ray.get(keeper.ready.remote(), timeout=STARTED_S)
     except ray.exceptions.RayError as fault:

@@ -118,9 +118,9 @@ class _InFlight:
 
     def silent_s(self) -> float:
         """Return the wall seconds since a call of this method last found a changed file of the flight."""
-        sizes, now_s = _sizes(self.sortie.folder, PROGRESS_FILES), time.monotonic()
-        if sizes != self.sizes:
-            self.sizes, self.since_s = sizes, now_s
+        new, now_s = sizes(self.sortie.folder, PROGRESS_FILES), time.monotonic()
+        if new != self.sizes:
+            self.sizes, self.since_s = new, now_s
         return now_s - self.since_s
 
     @property
@@ -277,11 +277,6 @@ def lost(sortie: Sortie, fault: str) -> Landed:
     return Landed(sortie=sortie, result=result)
 
 
-def log_sizes(folder: Path) -> tuple[int, ...]:
-    """Return the size in bytes of each log of a flight, 0 for a missing log."""
-    return _sizes(folder, LOGS)
-
-
 def _hanging(flying: Sequence[_InFlight], hang_s: float) -> _InFlight | None:
     """Return one flight that hangs among the flights of a worker; None: no flight hangs.
 
@@ -305,7 +300,8 @@ def _taken(inbox: "queue.SimpleQueue[Sortie | None]", *, wait: bool) -> list[Sor
         return taken
 
 
-def _sizes(folder: Path, names: Sequence[str]) -> tuple[int, ...]:
+def sizes(folder: Path, names: Sequence[str] = LOGS) -> tuple[int, ...]:
+    """Return the size in bytes of each file of a flight, 0 for a missing file."""
     return tuple(_size(folder / name) for name in names)
 
 

@@ -23,30 +23,16 @@ from foundation.run_folder import folder as folders
 from foundation.run_folder.layout import LEDGER
 
 
-class LedgerKeeper:
+class LedgerKeeper(Ledger):
     """The actor that keeps the ledger. It serves one call at a time, so two workers cannot use the same allowance."""
-
-    def __init__(self, path: str) -> None:
-        self._ledger = Ledger(Path(path))
 
     def ready(self) -> bool:
         """Return True once the actor runs."""
         return True
 
-    def spend(self, model: str, spent: Spent) -> None:
-        self._ledger.spend(model, spent)
-
-    def spent(self) -> Spent:
-        return self._ledger.spent()
-
-    def claim(self, address: str, model: str, tokens: int) -> float:
-        return self._ledger.limiter(address, model).claim(tokens)
-
-    def update(self, address: str, model: str, allowances: tuple[Allowance, ...]) -> None:
-        self._ledger.limiter(address, model).update(allowances)
-
-    def hold(self, address: str, model: str, seconds: float) -> None:
-        self._ledger.limiter(address, model).hold(seconds)
+    def limit(self, method: str, address: str, model: str, *arguments: object) -> Any:
+        """Call a method of the limiter of an address, because the limiter itself cannot leave the actor."""
+        return getattr(self.limiter(address, model), method)(*arguments)
 
 
 class RemoteLedger:
@@ -95,15 +81,15 @@ class RemoteLimiter:
 
     def claim(self, tokens: int) -> float:
         """Count a request as sent and return 0, or return the seconds to wait. Raises InfrastructureError."""
-        return float(self._call("claim", self._address, self._model, tokens))
+        return float(self._call("limit", "claim", self._address, self._model, tokens))
 
     def update(self, allowances: tuple[Allowance, ...]) -> None:
         """Record the allowances of an answer. Raises InfrastructureError."""
-        self._call("update", self._address, self._model, allowances)
+        self._call("limit", "update", self._address, self._model, allowances)
 
     def hold(self, seconds: float) -> None:
         """Hold back all requests to the address for this time. Raises InfrastructureError."""
-        self._call("hold", self._address, self._model, seconds)
+        self._call("limit", "hold", self._address, self._model, seconds)
 
 
 @contextmanager
