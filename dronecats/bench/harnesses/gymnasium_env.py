@@ -22,7 +22,7 @@ from gymnasium.spaces import Box, Dict, Discrete, Text, Tuple
 from numpy.typing import NDArray
 
 from dronecats.agent.models.model import Request
-from dronecats.bench.harnesses.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
+from dronecats.bench.harnesses.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, picture, reply
 from dronecats.flight.spec.flight_spec import LATENCY, ExternalHarness, FlightSpec, Simulated, latency_policy
 from episodes.records import catalogue
 from foundation.errors import InfrastructureError, UsageError
@@ -121,7 +121,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         """Fly an action to its end; return the next observation. Raises InfrastructureError when the flight fails."""
         if self._flight is None:
             raise gymnasium.error.ResetNeeded("no flight is in progress. Call reset first")
-        self._flight.answer(OutsideReply(joint_reply(action, self._drones)))
+        self._flight.answer(joint_reply(action, self._drones))
         question = self._flight.question()
         if question is not None:
             return self._seen(question), 0.0, False, False, {}

@@ -23,7 +23,7 @@ from inspect_ai.solver import Generate, Solver, TaskState, solver
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER
-from dronecats.bench.harnesses.outside_flight import OutsideFlight, OutsideReply
+from dronecats.bench.harnesses.outside_flight import OutsideFlight
 from dronecats.flight.spec.flight_spec import LATENCY, ExternalHarness, FlightSpec, Simulated, latency_policy
 from dronecats.judge.episode import judge_folder
 from episodes.records import catalogue
@@ -135,11 +135,8 @@ def flight(
                 state.messages += [message, output.message]
                 state.output = output
                 used = output.usage
-                outside.answer(
-                    OutsideReply(
-                        output.completion, used.input_tokens if used else None, used.output_tokens if used else None
-                    )
-                )
+                tokens = (used.input_tokens, used.output_tokens) if used else ()
+                outside.answer(output.completion, *tokens)
         finally:
             with anyio.CancelScope(shield=True):
                 await run_sync(outside.close)

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,21 +61,12 @@ class Abandoned(KeyboardInterrupt):
     """The caller stops answering. Like Ctrl-C, this ends the flight without a score."""
 
 
-@dataclass(frozen=True, slots=True)
-class OutsideReply:
-    """The caller's answer to a question."""
-
-    text: str  # a reply as a model would give it: one JSON action
-    tokens_in: int | None = None
-    tokens_out: int | None = None
-
-
 class _OutsideModel:
     """The model of an outside flight. It passes each question to the harness and waits for the answer."""
 
     def __init__(self, name: str, put_question: Callable[[Request], None]) -> None:
         self.name = name
-        self.answers: queue.SimpleQueue[OutsideReply | BaseException] = queue.SimpleQueue()
+        self.answers: queue.SimpleQueue[Reply | BaseException] = queue.SimpleQueue()
         self._put_question = put_question
 
     def ask(self, request: Request) -> Reply:
@@ -84,7 +75,7 @@ class _OutsideModel:
         answer = self.answers.get()
         if isinstance(answer, BaseException):
             raise answer
-        return Reply(answer.text, time.monotonic() - start_s, answer.tokens_in, answer.tokens_out)
+        return replace(answer, latency_s=time.monotonic() - start_s)
 
     def check(self) -> None:
         pass
@@ -135,9 +126,9 @@ class OutsideFlight:
         self._thread.join()
         return None
 
-    def answer(self, answer: OutsideReply) -> None:
-        """Answer the open question. Raises RuntimeError when no question is open."""
-        self._hand_back(answer)
+    def answer(self, text: str, tokens_in: int | None = None, tokens_out: int | None = None) -> None:
+        """Answer the open question as a model would: with one JSON action. Raises RuntimeError without a question."""
+        self._hand_back(Reply(text, 0.0, tokens_in, tokens_out))
 
     def result(self) -> Result:
         """Return the result. Raises the error that ended the flight, and RuntimeError if it is not over."""
@@ -158,7 +149,7 @@ class OutsideFlight:
                 self._hand_back(Abandoned())
             self.question()
 
-    def _hand_back(self, answer: OutsideReply | BaseException) -> None:
+    def _hand_back(self, answer: Reply | BaseException) -> None:
         if not self._waiting:
             raise RuntimeError("no question is open. Read the next one first")
         self._waiting = False

@@ -24,7 +24,7 @@ from inspect_robots.task import Task
 from inspect_robots.types import Action, Observation, StepResult
 
 from dronecats.agent.models.model import Request
-from dronecats.bench.harnesses.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
+from dronecats.bench.harnesses.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, picture, reply
 from dronecats.flight.spec.flight_spec import LATENCY, ExternalHarness, FlightSpec, Simulated, latency_policy
 from dronecats.judge.episode import judge_folder
 from episodes.records import catalogue
@@ -99,7 +99,7 @@ class DroneEmbodiment(EmbodimentBase):
         if flight is None:
             raise EmbodimentFault("no flight is in progress. Reset the embodiment first")
         kind, x, y, depth_m, angle_deg = (float(number) for number in np.clip(action.data, LOW, HIGH))
-        flight.answer(OutsideReply(reply(round(kind), (x, y), depth_m, angle_deg)))
+        flight.answer(reply(round(kind), (x, y), depth_m, angle_deg))
         question = flight.question()
         if question is not None:
             return StepResult(self._seen(question), info={FOLDER: str(flight.folder)})

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from dronecats.agent.latency import LatencyPolicy
-from dronecats.bench.harnesses.outside_flight import OutsideFlight, OutsideReply
+from dronecats.bench.harnesses.outside_flight import OutsideFlight
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import ExternalHarness, FlightSpec, Simulated
@@ -36,7 +36,7 @@ def spec(**more):
 def answer_all(flight):
     questions: list[object] = []
     while (question := flight.question()) is not None:
-        flight.answer(OutsideReply(WORDS[min(len(questions), 2)], tokens_in=7, tokens_out=3))
+        flight.answer(WORDS[min(len(questions), 2)], tokens_in=7, tokens_out=3)
         questions.append(question)
     return questions
 
@@ -72,7 +72,7 @@ def test_a_flight_closed_without_a_reply_is_an_error_and_not_a_failure(tmp_path)
     result = flight.result()
     assert (result.outcome, result.reason) == ("error", "interrupted")
     with pytest.raises(RuntimeError):
-        flight.answer(OutsideReply(WORDS[2]))
+        flight.answer(WORDS[2])
 
 
 def test_a_missing_reply_is_an_infrastructure_error(tmp_path):
