@@ -14,6 +14,7 @@ from dronecats.cli.options import (
     LATENCY,
     MODEL,
     REPLIES,
+    SIGN,
     Option,
     accounts_of,
     first_set,
@@ -32,10 +33,7 @@ if TYPE_CHECKING:
 VEHICLE = (
     Option(name="sitl", kind=bool, help="simulate the vehicle, its autopilot and its camera"),
     Option(name="connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…"),
-    Option(
-        name="sign", kind=Path, metavar="KEYFILE", vehicle="--connect",
-        help="sign MAVLink messages, and ignore unsigned ones: docs/signing.md",
-    ),
+    SIGN,
     Option(
         name="camera", metavar="URL", vehicle="--connect", beside_spec=True,
         help="http://, rtsp://, v4l2:0, a video file or a folder",

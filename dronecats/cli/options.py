@@ -161,6 +161,10 @@ REPLIES = (
     ),
     Option(name="commander_url", metavar="URL", help="where the commander is served", beside_spec=True),
 )  # fmt: skip
+SIGN = Option(
+    name="sign", kind=Path, metavar="KEYFILE", vehicle="--connect",
+    help="sign MAVLink messages, and ignore unsigned ones: docs/signing.md",
+)  # fmt: skip
 AGENT = Option(
     name="agent", metavar="NAME", help="paper (default), steady, or MODULE:NAME: docs/extending.md",
     replay="as recorded",
@@ -227,12 +231,6 @@ def add_disturbances(parser: argparse.ArgumentParser) -> None:
 def with_folder(options: Iterable[Option], folder: str) -> list[Option]:
     """Return the options; the help of --out names `folder` as the default."""
     return [replace(o, help=f"{o.help} (default {folder})") if o.name == "out" else o for o in options]
-
-
-def add_sign(group: "argparse._ActionsContainer") -> None:
-    """Declare --sign KEYFILE."""
-    text = "sign MAVLink messages, and ignore unsigned ones: docs/signing.md"
-    group.add_argument("--sign", type=Path, metavar="KEYFILE", help=text)
 
 
 def key_of(file: Path | None) -> bytes:

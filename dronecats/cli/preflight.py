@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dronecats.cli.next_commands import print_next
-from dronecats.cli.options import add_sign, key_of
+from dronecats.cli.options import SIGN, add, key_of
 from dronecats.cli.output import show
 from foundation.errors import UsageError
 
@@ -35,7 +35,7 @@ def add_preflight_options(parser: argparse.ArgumentParser) -> None:
         metavar="URL",
         help="the vehicle: udpin://0.0.0.0:14540, serial:///dev/ttyACM0:57600",
     )
-    add_sign(parser)
+    add(parser, [SIGN])
     parser.add_argument(
         "--give-key", action="store_true", help="send the key of --sign to the vehicle first, after you confirm"
     )

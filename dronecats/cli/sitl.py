@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.next_commands import print_next
-from dronecats.cli.options import DISTURBANCES, add, add_sign, add_view, key_of, view_of
+from dronecats.cli.options import DISTURBANCES, SIGN, add, add_view, key_of, view_of
 from dronecats.cli.output import print_line
 from dronecats.flight.spec.disturbances import UNDISTURBED
 from foundation.errors import UsageError
@@ -55,7 +55,7 @@ def add_sitl_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--px4", metavar="COMMAND", help="with --autopilot px4: command that starts your PX4 (default: wait for one)"
     )
-    add_sign(parser)
+    add(parser, [SIGN])
     parser.add_argument("--hitl", metavar="URL", help="fly with a PX4 board: serial:///dev/ttyACM0:921600")
     add_view(parser)
     parser.set_defaults(run=run)

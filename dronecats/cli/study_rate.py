@@ -10,7 +10,7 @@ from dronecats.cli.exit_status import INTERRUPTED, interrupt_on_signals
 from dronecats.cli.fly import no_options
 from dronecats.cli.fly_spec import PILOT
 from dronecats.cli.next_commands import next_commands, print_next
-from dronecats.cli.options import add, add_sign
+from dronecats.cli.options import SIGN, add
 from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
 
@@ -28,7 +28,7 @@ def add_rate_options(parser: argparse.ArgumentParser) -> None:
     """Declare the action's options."""
     rig = parser.add_argument_group("the rig")
     rig.add_argument("--connect", metavar="URL", required=True, help="the vehicle: udpin://0.0.0.0:14540, serial://…")
-    add_sign(rig)
+    add(rig, [SIGN])
     rig.add_argument(
         "--camera", metavar="URL", required=True, help="http://, rtsp://, v4l2:0, a video file or a folder"
     )
