@@ -17,7 +17,6 @@ from foundation.errors import UsageError
 from foundation.run_folder.results import Benchmark, BenchmarkRun, FlownSuite
 
 COMMANDS: tuple[str, ...] = get_args(get_type_hints(FlightSpec)["command"])
-FLIGHTS_MAX = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

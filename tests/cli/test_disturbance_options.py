@@ -10,7 +10,7 @@ import pytest
 from dronecats.cli import bench_spec
 from dronecats.cli.fly_spec import replay_line, spec_of
 from dronecats.cli.main import main, parse
-from dronecats.flight.spec.disturbances import OPTIONS, UNDISTURBED, Disturbances, FlightConditions, FrameFaults
+from dronecats.flight.spec.disturbances import DECLARED, UNDISTURBED, Disturbances, FlightConditions, FrameFaults
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json
 from foundation.errors import UsageError
@@ -53,7 +53,7 @@ def test_light_and_season_options_are_parsed(tmp_path, monkeypatch):
 
 def test_every_option_has_a_help_text_and_is_on_the_docs_page():
     page = (Path(__file__).parents[2] / "docs" / "disturbances.md").read_text(encoding="utf-8")
-    for option in OPTIONS:
+    for option in (field.option for _, _, field in DECLARED if field.option):
         assert option.help
         assert f"--{option.name.replace('_', '-')}" in page
 

@@ -465,7 +465,6 @@ _SECTIONS = {"frame": FrameFaults, "link": LinkFaults, "vehicle": VehicleFaults,
 DECLARED: tuple[tuple[str, str, Disturbance], ...] = tuple(  # section, field, declaration
     (part, name, disturbance) for part, of in _SECTIONS.items() for name, disturbance in declarations(of).items()
 )
-OPTIONS = tuple(disturbance.option for _, _, disturbance in DECLARED if disturbance.option)
 LEVELS = tuple((part, name, level) for part, name, disturbance in DECLARED for level in disturbance.levels)
 
 
