@@ -10,7 +10,7 @@ from dronecats.cli import options
 from dronecats.cli.main import main
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl import compile_ahead, simulator_process
-from dronecats.flight.sitl.simulation import build, load_world
+from dronecats.flight.sitl.simulation import SimulatedVehicle, build, load_world
 from episodes.records import catalogue
 from episodes.world.obstacles import obstacles
 
@@ -91,7 +91,7 @@ def test_ten_vehicles_without_an_episode_start_on_open_level_ground(monkeypatch,
     solid = obstacles(world.scene)
     assert solid.moving is None
     a, b, c = np.moveaxis(np.asarray(solid.corners, np.float64).reshape(-1, 3, 3)[:, :, :2], 1, 0)
-    vehicles = build(world, count=config.count).vehicles
+    vehicles = build(SimulatedVehicle, world, count=config.count).vehicles
     assert len(vehicles) == 10
     for vehicle in vehicles:
         place = vehicle.plant.truth["position_ned"][:2]

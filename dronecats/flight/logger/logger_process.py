@@ -66,7 +66,6 @@ class Logger:
         world = load_world(config.episode, config.airframe)
         camera = camera_on(airframes.load(config.airframe or AIRFRAME).camera)
         self._recorder = Recorder(Path(config.folder), origin(world), measured_in(world), camera)
-        self._drones = len(world.record.starts)
         self._truth = Listener(config.truth, self._recorder.truth)
         self._telemetry = [
             Listener(url, partial(self._recorder.telemetry, drone=drone)) for drone, url in enumerate(config.telemetry)
@@ -78,14 +77,11 @@ class Logger:
         return {}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        match command:
-            case "begin":
-                self._recorder.begin(arguments["t0_us"], arguments["cap_s"])
-            case "end":
-                self.turn()
-                self._recorder.end(arguments["reason"], arguments.get("error"))
-            case "heard":
-                return self._recorder.drones >= self._drones
+        if command == "begin":
+            self._recorder.begin(arguments["t0_us"], arguments["cap_s"])
+        elif command == "end":
+            self.turn()
+            self._recorder.end(arguments["reason"], arguments.get("error"))
         return None
 
     def turn(self) -> None:

@@ -76,11 +76,6 @@ class Recorder:
         self._t0_us: int | None = None
         self._time_us = 0
 
-    @property
-    def drones(self) -> int:
-        """The number of drones that have sent a truth sample."""
-        return len(self._samples)
-
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
         """Start the episode at vehicle time `t0_us` (µs), which is its time zero. It lasts `cap_s` seconds at most."""
         self._t0_us = t0_us

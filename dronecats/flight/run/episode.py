@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit, HostPace
 from dronecats.agent.pictures import PicturePath
@@ -26,19 +26,10 @@ from hil.link.envelope import unwatched
 from hil.link.link import Link, TakeoverError
 from hil.preflight.failsafes import read_failsafe
 
+if TYPE_CHECKING:
+    from dronecats.flight.run.truth import TrueStart  # only for types, because it needs the simulator
+
 EVERYTHING = Authority()
-
-
-class StartCheck(Protocol):
-    """Compares the drones with the truth. Raises InfrastructureError if the episode may not begin."""
-
-    def check_estimates(self, links: Sequence[Link]) -> None:
-        """Compare on the ground, before arming."""
-        ...
-
-    def check_starts(self, links: Sequence[Link]) -> None:
-        """Compare at the start poses, before the first question."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +57,7 @@ def fly(
     check: Callable[[], None] = lambda: None,
     on_step: Callable[[Decision], None] = lambda decision: None,
     notify: Callable[[str], None] = lambda line: None,
-    true_start: StartCheck | None = None,
+    true_start: "TrueStart | None" = None,
 ) -> EpisodeEnd:
     """Fly the drones of a stage to their start poses, let an agent fly the episode, and land.
 

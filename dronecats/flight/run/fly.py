@@ -9,9 +9,10 @@ from dronecats.flight.run.episode import EpisodeEnd
 from dronecats.flight.run.identity import code_digest, protocol_numbers
 from dronecats.flight.run.pilot import agent_maker
 from dronecats.flight.run.setup import UNWATCHED, FlightSetup, Instruments, Notify, served_rate_hz
-from dronecats.flight.spec.flight import Flight, look_up, map_digest
+from dronecats.flight.spec.flight import Flight, look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_redacted_json
+from episodes import maps
 from foundation.run_folder.folder import write_run
 
 
@@ -21,7 +22,8 @@ def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
     Raises UsageError for an unknown agent.
     """
     agent_maker(flight.spec.agent)
-    of_map, on_purpose = map_digest(flight.record), flight.spec.disturbances.words
+    of_map = maps.digest(flight.record.map) if flight.record else None  # None: a shipped map, or no map
+    on_purpose = flight.spec.disturbances.words
     return {
         "flight": as_redacted_json(flight.spec),
         **({"disturbed": on_purpose} if on_purpose else {}),

@@ -149,8 +149,8 @@ def suite_digest(records: Iterable[tuple[str, str]]) -> str:
     return state.hexdigest()
 
 
-def identify(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeIdentity:
-    """Return the identity of the flight in an episode folder. Raises OSError.
+def write_identity(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeIdentity:
+    """Write identity.json of the flight in an episode folder, and return its content. Raises OSError.
 
     `pace` has the figures of RateKeeper for a flight in real time; None in lockstep.
     """
@@ -167,12 +167,6 @@ def identify(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeId
         served=_served_models(folder),
         **({"pace": dict(pace)} if pace else {}),
     )
-    return identity
-
-
-def write_identity(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeIdentity:
-    """Write identity.json and return its content. Raises OSError."""
-    identity = identify(folder, pace)
     write_json(folder / layout.IDENTITY, as_json(identity))
     return identity
 

@@ -10,13 +10,13 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from dronecats.agent.cockpit import AgentFactory
 from dronecats.agent.models.model import Model
 from dronecats.agent.pictures import PicturePath
 from dronecats.flight.run.ascent import StartOffset
-from dronecats.flight.run.episode import EVERYTHING, EpisodeEnd, StartCheck, fly
+from dronecats.flight.run.episode import EVERYTHING, EpisodeEnd, fly
 from dronecats.flight.run.identity import write_identity
 from dronecats.flight.run.landing import signals_handled, unexpected
 from dronecats.flight.run.pilot import OpenPilot
@@ -34,6 +34,9 @@ from foundation.run_folder.results import Result
 from foundation.run_folder.rows import Decision
 from hil.cameras.open import PatientCamera
 from hil.link.link import Link
+
+if TYPE_CHECKING:
+    from dronecats.flight.run.truth import TrueStart
 
 Notify = Callable[[str], None]
 Written = TypeVar("Written")
@@ -141,7 +144,7 @@ class Ready:
     stage: Stage
     starts: list[StartOffset]  # of each drone
     pilot: OpenPilot
-    true_start: StartCheck | None = None  # decides whether the episode may begin; None: it may
+    true_start: "TrueStart | None" = None  # decides whether the episode may begin; None: it may
     pictures: PicturePath | None = None  # picture faults to inject; None: no faults
 
 

@@ -24,16 +24,7 @@ from typing import Any, Unpack
 
 from dronecats.flight.sitl.config import SimulatorConfig, noise_seed
 from dronecats.flight.sitl.pace import PaceReport, RateKeeper, Staller
-from dronecats.flight.sitl.simulation import (
-    STEP_US,
-    TICK_US,
-    BootPose,
-    Physics,
-    Simulation,
-    Vehicle,
-    build_with,
-    load_world,
-)
+from dronecats.flight.sitl.simulation import STEP_US, TICK_US, BootPose, Physics, Simulation, Vehicle, build, load_world
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
 from episodes.world.world import World
 from foundation.airframe import Airframe
@@ -336,7 +327,7 @@ class Px4Simulator:
             for server in self._servers:
                 stack.callback(server.close)
             self.instance = self._servers[0].port - PORT
-            self.simulation: Simulation[Px4Vehicle] = build_with(
+            self.simulation: Simulation[Px4Vehicle] = build(
                 self._vehicle,
                 world,
                 airframe=config.airframe,

@@ -366,35 +366,6 @@ def boot_poses(world: World) -> list[BootPose]:
 
 
 def build(
-    world: World,
-    *,
-    airframe: str = AIRFRAME,
-    seed: int = 0,
-    count: int | None = None,
-    state_dir: Path | None = None,
-    disturbances: VehicleFaults | None = None,
-    from_boot: bool = False,
-    faults: Sequence[Fault] = (),
-) -> Simulation[SimulatedVehicle]:
-    """Return the simulation of a record's drones with the project's autopilot; arguments as in `build_with`."""
-
-    def make(index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> SimulatedVehicle:
-        folder = state_dir / f"vehicle-{index + 1}" if state_dir else None
-        return SimulatedVehicle(index, airframe, pose, state_dir=folder, **physics)
-
-    return build_with(
-        make,
-        world,
-        airframe=airframe,
-        seed=seed,
-        count=count,
-        disturbances=disturbances,
-        from_boot=from_boot,
-        faults=faults,
-    )
-
-
-def build_with(
     make: Callable[..., V],
     world: World,
     *,

@@ -2,13 +2,14 @@
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from dronecats.flight.processes.child import Part
 from dronecats.flight.sitl.config import SimulatorConfig, noise_seed
 from dronecats.flight.sitl.pace import PaceReport, RateKeeper, Staller
-from dronecats.flight.sitl.simulation import TICK_US, build, load_world
+from dronecats.flight.sitl.simulation import TICK_US, BootPose, Physics, SimulatedVehicle, build, load_world
 from dronecats.flight.sitl.sockets import Ports
+from foundation.airframe import Airframe
 from foundation.signing import load_key, timestamp
 from vehicles import airframe as airframes
 from vehicles import fault_script
@@ -23,12 +24,17 @@ class Simulator:
         world = load_world(config.episode)
         script = config.faults
         rotors = len(airframes.load(config.airframe).rotors)
+
+        def make(index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> SimulatedVehicle:
+            folder = Path(config.state_dir) / f"vehicle-{index + 1}" if config.state_dir else None
+            return SimulatedVehicle(index, airframe, pose, state_dir=folder, **physics)
+
         self.simulation = build(
+            make,
             world,
             airframe=config.airframe,
             seed=config.seed,
             count=config.count,
-            state_dir=Path(config.state_dir) if config.state_dir else None,
             from_boot=config.from_boot,
             disturbances=config.disturbances,
             faults=fault_script.load(Path(script), rotors) if script else (),

@@ -50,12 +50,7 @@ class Placement:
 def placement_of(message: dialect.MAVLink_message, place_ned: Vec3, yaw: float) -> Placement:
     """Return the placement that moves the pose in a HIL_STATE_QUATERNION to `place_ned` (m) and `yaw` (rad)."""
     home = (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3)
-    return Placement(home, place_ned, wrap_pi(yaw - own_yaw(message)))
-
-
-def own_yaw(message: dialect.MAVLink_message) -> float:
-    """Return the heading (rad) in a HIL_STATE_QUATERNION."""
-    return quat_yaw(tuple(message.attitude_quaternion))
+    return Placement(home, place_ned, wrap_pi(yaw - quat_yaw(tuple(message.attitude_quaternion))))
 
 
 def speed(message: dialect.MAVLink_message) -> float:

@@ -62,20 +62,20 @@ class Flight:
         return camera_on(airframes.load(simulated.airframe).camera) if simulated else _CAMERA
 
     @property
-    def _mount(self) -> dict[str, Any]:
-        camera = self.camera_model
-        mount: dict[str, Any] = {"pitch_deg": camera.pitch_deg} if camera.pitch_deg else {}
-        return {**mount, "gimbal": True} if camera.gimballed else mount
-
-    @property
     def camera(self) -> dict[str, Any] | None:
         """The camera for run.json: geometry, and optics and depth if it has any; None without rendering."""
         if self.spec.simulated and not self.spec.simulated.rendered:
             return None
-        camera = {**CAMERA, **self._mount}
-        camera = {**camera, "optics": self.optics.as_dict()} if self.optics else camera
-        depth = self.spec.simulated is not None and self.spec.simulated.camera == "depth"
-        return {**camera, "depth": DEPTH} if depth else camera
+        camera: dict[str, Any] = {**CAMERA}
+        if self.camera_model.pitch_deg:
+            camera["pitch_deg"] = self.camera_model.pitch_deg
+        if self.camera_model.gimballed:
+            camera["gimbal"] = True
+        if self.optics:
+            camera["optics"] = self.optics.as_dict()
+        if self.spec.simulated and self.spec.simulated.camera == "depth":
+            camera["depth"] = DEPTH
+        return camera
 
 
 def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
@@ -190,8 +190,3 @@ def _free_flight(name: str, instruction: str) -> EpisodeRecord:
         visible_at_start=True,
         seed=0,
     )
-
-
-def map_digest(record: EpisodeRecord | None) -> str | None:
-    """Return the digest of a user's own map; None for a shipped map, or without a record."""
-    return maps.digest(record.map) if record else None

@@ -15,11 +15,11 @@ from hil.link.link import Link
 from hil.link.transport import connect
 
 
-class VehicleStage:
-    """Base class for stages of a connected vehicle, which has its own clock. It supervises child processes."""
+class SupervisedStage:
+    """Base class of stages with child processes. Its defaults are for a connected vehicle, which has its own clock."""
 
     lockstep = False
-    speed = 1.0
+    speed: float | None = 1.0
     _supervisor: Supervisor
     _logger: ChildProcess
 
@@ -39,7 +39,7 @@ class VehicleStage:
         return self._supervisor.cause(error)
 
 
-class ConnectedStage(VehicleStage):
+class ConnectedStage(SupervisedStage):
     """A stage without ground truth. The link's bytes are copied to the logger, which is a separate process."""
 
     def __init__(self, link: Link, camera: PatientCamera, folder: Path) -> None:

@@ -164,7 +164,10 @@ def one_vehicle(
     Raises UsageError for an airframe or command that cannot fly, InfrastructureError if PX4 ends.
     """
     if px4 is None:
-        yield Lockstep(build(world, airframe=airframe, seed=seed, count=1, disturbances=disturbances, from_boot=True))
+        simulation = build(
+            SimulatedVehicle, world, airframe=airframe, seed=seed, count=1, disturbances=disturbances, from_boot=True
+        )
+        yield Lockstep(simulation)
         return
     config = SimulatorConfig(
         episode=world.record.id, airframe=airframe, seed=seed, speed=None, count=1,
@@ -194,10 +197,11 @@ class LockstepStage:
             self._px4 = Px4Simulator(simulator_config(flight.spec, simulated, folder), world=world)
             clock = Px4Lockstep(self._px4)
         else:
-            clock = Lockstep(
-                build(world, airframe=simulated.airframe, seed=spec.seed, disturbances=spec.disturbances.vehicle)
+            faults = spec.disturbances.vehicle
+            simulation = build(
+                SimulatedVehicle, world, airframe=simulated.airframe, seed=spec.seed, disturbances=faults
             )
-            ours = clock.simulation.vehicles
+            clock, ours = Lockstep(simulation), simulation.vehicles
         self._clock, self._simulation = clock, clock.simulation
         self._recorder = Recorder(folder, origin(world), measured_in(world), camera)
         clock.follow(self._recorder.truth)
@@ -213,15 +217,12 @@ class LockstepStage:
         self.camera.warm_up()
         drones = range(len(self._simulation.vehicles))
         self._disturbed = disturbed = DisturbedLinks(flight)
-        if disturbed.wired:
-            wires = [clock.wire(index, disturbed.seed(index)) for index in drones]
-            self.links = [
-                Link(wire, silence_s=disturbed.silence_s, limits=spec.envelope, simulated=True) for wire in wires
-            ]
-            disturbed.take(self.links, wires)
-        else:
-            self.links = [Link(clock.transport(index), limits=spec.envelope, simulated=True) for index in drones]
-            disturbed.take(self.links, ())
+        wires = [clock.wire(index, disturbed.seed(index)) for index in drones] if disturbed.wired else []
+        self.links = [
+            Link(transport, silence_s=disturbed.silence_s, limits=spec.envelope, simulated=True)
+            for transport in wires or [clock.transport(index) for index in drones]
+        ]
+        disturbed.take(self.links, wires)
         if camera.gimballed and not self._px4:  # PX4 does not drive the simulated gimbal
             for link in self.links:
                 link.watch_gimbal()

@@ -15,7 +15,7 @@ from dronecats.flight.sitl.truth_bridge import Placement
 from dronecats.flight.sitl.truth_listener import Listener
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
-from dronecats.flight.stages.connected import VehicleStage
+from dronecats.flight.stages.connected import SupervisedStage
 from dronecats.flight.stages.stage import (
     CAMERA,
     ESTIMATE_LOGGER,
@@ -27,7 +27,6 @@ from dronecats.flight.stages.stage import (
     truth_kept,
 )
 from foundation.camera import CameraModel
-from foundation.errors import DronecatsError
 from foundation.threads import DaemonExecutor
 from hil.cameras.http import HttpCamera
 from hil.cameras.open import FRAMES_S, PatientCamera
@@ -36,10 +35,8 @@ from hil.link.link import Link
 from hil.link.transport import Transport, UdpTransport, connect
 
 
-class RealtimeStage:
+class RealtimeStage(SupervisedStage):
     """Simulator, camera and logger as supervised processes, on free ports."""
-
-    lockstep = False
 
     def __init__(self, flight: Flight, simulated: Simulated, folder: Path, notify: Callable[[str], None]) -> None:
         """`folder`: the episode folder, with the record. Raises UsageError, InfrastructureError."""
@@ -152,9 +149,6 @@ class RealtimeStage:
     def mend(self) -> None:
         self._disturbed.mend()
 
-    def end(self, reason: str, error: str | None = None) -> None:
-        self._logger.do("end", reason=reason, error=error)
-
     def pace(self) -> dict[str, float]:
         """Return how well the simulator kept real time (`RateKeeper.figures`). Raises InfrastructureError."""
         return dict(self._simulator.do("pace"))
@@ -166,9 +160,6 @@ class RealtimeStage:
 
     def check_vehicles(self) -> None:
         self._simulator.check()
-
-    def cause(self, error: DronecatsError) -> DronecatsError:
-        return self._supervisor.cause(error)
 
     def close(self) -> None:
         if hasattr(self, "camera"):
@@ -213,7 +204,7 @@ class Patience:
             self._notify(f"starting simulator and camera{compile_ahead.compile_notice()} …")
 
 
-class WorldStage(VehicleStage):
+class WorldStage(SupervisedStage):
     """A stage for a vehicle with its own simulation in an episode's world.
 
     A bridge copies the vehicle's true poses to a truth bus for camera, logger and oracle.

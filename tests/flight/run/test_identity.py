@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from dronecats.flight.run import identity
-from dronecats.flight.run.identity import code_digest, identify, protocol_numbers, suite_digest
+from dronecats.flight.run.identity import code_digest, protocol_numbers, suite_digest, write_identity
 from foundation import protocol
 from foundation.run_folder.reading import json_object
 from foundation.run_folder.rows import EpisodeIdentity
@@ -123,7 +123,7 @@ def folder(tmp_path):
 
 
 def test_an_episode_identity_holds_record_frames_and_served_models(folder):
-    episode_identity = identify(folder)
+    episode_identity = write_identity(folder)
     assert episode_identity.record_sha256 == hashlib.sha256(b'{"id": "a"}').hexdigest()
     assert (episode_identity.frames, episode_identity.frames_sha256) == (
         2,
@@ -133,8 +133,8 @@ def test_an_episode_identity_holds_record_frames_and_served_models(folder):
     exchange = {"number": 0, "t_asked": 0.0, "t_answered": 1.0, "causes": [], "roster": "", "frames": [], "reply": "{}",
                 "orders": [], "confirms": [], "model": "m", "served": "commander-1"}  # fmt: skip
     (folder / "commander.jsonl").write_text(json.dumps(exchange) + "\n")
-    assert identify(folder).served == (*episode_identity.served, "commander-1")
-    identity.write_identity(folder, {"late": 2.0})
+    assert write_identity(folder).served == (*episode_identity.served, "commander-1")
+    write_identity(folder, {"late": 2.0})
     stored = json_object(folder / "identity.json")
     assert stored is not None
     assert stored["pace"] == {"late": 2.0}
@@ -142,7 +142,7 @@ def test_an_episode_identity_holds_record_frames_and_served_models(folder):
 
 
 def test_an_aborted_flight_without_logs_has_an_identity(tmp_path):
-    episode_identity = identify(tmp_path)
+    episode_identity = write_identity(tmp_path)
     assert (
         episode_identity.record_sha256,
         episode_identity.frames,

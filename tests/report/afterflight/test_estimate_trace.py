@@ -4,6 +4,7 @@ import bisect
 import json
 import math
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 
 from dronecats.cli.main import main
 from dronecats.flight.logger.estimate_process import EstimateRecorder
-from dronecats.flight.sitl.simulation import build, load_world, origin
+from dronecats.flight.sitl.simulation import SimulatedVehicle, build, load_world, origin
 from dronecats.flight.stages.lockstep import Lockstep
 from dronecats.judge.episode import judge_folder
 from dronecats.report.afterflight import (
@@ -82,7 +83,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory):
     folder, state = tmp_path_factory.mktemp("flight"), tmp_path_factory.mktemp("vehicle")
     world = load_world(EPISODE)
     truth = Truth(origin(world))
-    simulation = build(world, seed=5, state_dir=state)
+    simulation = build(partial(SimulatedVehicle, state_dir=state / "vehicle-1"), world, seed=5)
     clock = Lockstep(simulation)
     clock.follow(truth.feed)
     _fly(folder, Link(clock.transport(0, "onboard")))

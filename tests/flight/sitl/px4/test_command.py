@@ -3,6 +3,7 @@
 import itertools
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 
@@ -10,7 +11,7 @@ from dronecats.cli.main import main
 from dronecats.flight.sitl import px4 as simulator
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.px4 import INSTANCES, UDP_PORTS, Px4Simulator, free_servers
-from dronecats.flight.sitl.simulation import build_with
+from dronecats.flight.sitl.simulation import build
 from dronecats.flight.sitl.sockets import UdpPort
 from foundation.errors import InfrastructureError, UsageError
 from hil.simulator import PORT, SimulatorServer
@@ -109,14 +110,14 @@ def test_instances_in_use_are_skipped():
 
 def test_two_simulators_that_start_at_the_same_time_choose_different_instances(tmp_path, monkeypatch):
     """The second simulator starts after the first has chosen its instance, while the first builds its vehicles."""
-    build, others = build_with, []
+    others: list[Any] = []
 
     def build_later(*arguments, **words):
-        monkeypatch.setattr(simulator, "build_with", build)
+        monkeypatch.setattr(simulator, "build", build)
         others.append(waiting(tmp_path / "second"))
         return build(*arguments, **words)
 
-    monkeypatch.setattr(simulator, "build_with", build_later)
+    monkeypatch.setattr(simulator, "build", build_later)
     first = waiting(tmp_path / "first")
     try:
         assert first.instance != others[0].instance
