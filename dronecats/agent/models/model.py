@@ -86,10 +86,10 @@ class Model(Protocol):
         ...
 
     def check(self) -> None:
-        """Raise UsageError if the model cannot be reached."""
-        ...
+        """Raise UsageError if the model cannot be reached. A model in this process can always be reached."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Release the connection, if there is one."""
 
 
 class WrappedModel:

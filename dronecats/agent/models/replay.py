@@ -55,7 +55,7 @@ class FlightRecording:
     commander: str | None = None  # name of the commander; None: there was none
 
 
-class ReplayModel:
+class ReplayModel(Model):
     """Answers the questions of one role with the replies of a recorded flight, and their latencies."""
 
     def __init__(self, recording: FlightRecording, role: Role = "pilot") -> None:
@@ -97,12 +97,6 @@ class ReplayModel:
         """Return whether the recorded flight may have ended while a question to `drone` was open."""
         decided_by = self._recording.decided_by
         return self._recording.to_the_cap or (decided_by is not None and decided_by != (self._role, drone))
-
-    def check(self) -> None:
-        """Do nothing."""
-
-    def close(self) -> None:
-        """Do nothing."""
 
 
 KIND = FileKind(

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.agent.models.model import Reply, Request
+from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.flight.run.fly import settings
 from dronecats.flight.run.simulated import SimulatedFlight
 from dronecats.flight.spec.flight import look_up
@@ -61,7 +61,7 @@ class Abandoned(KeyboardInterrupt):
     """The caller stops answering. Like Ctrl-C, this ends the flight without a score."""
 
 
-class _OutsideModel:
+class _OutsideModel(Model):
     """The model of an outside flight. It passes each question to the harness and waits for the answer."""
 
     def __init__(self, name: str, put_question: Callable[[Request], None]) -> None:
@@ -76,12 +76,6 @@ class _OutsideModel:
         if isinstance(answer, BaseException):
             raise answer
         return replace(answer, latency_s=time.monotonic() - start_s)
-
-    def check(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
 
 
 class OutsideFlight:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
 from dronecats.flight.processes.supervisor import ChildProcess, Supervisor
-from dronecats.flight.stages.stage import ESTIMATE_LOGGER
+from dronecats.flight.stages.stage import ESTIMATE_LOGGER, Stage
 from foundation.errors import DronecatsError
 from foundation.threads import DaemonExecutor
 from hil.cameras.open import PatientCamera
@@ -15,16 +15,11 @@ from hil.link.link import Link
 from hil.link.transport import connect
 
 
-class SupervisedStage:
-    """Base class of stages with child processes. Its defaults are for a connected vehicle, which has its own clock."""
+class SupervisedStage(Stage):
+    """Base class of stages with child processes."""
 
-    lockstep = False
-    speed: float | None = 1.0
     _supervisor: Supervisor
     _logger: ChildProcess
-
-    def mend(self) -> None:
-        """Do nothing, because a connected vehicle has no disturbances."""
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)
@@ -32,15 +27,14 @@ class SupervisedStage:
     def check(self) -> None:
         self._supervisor.check()
 
-    def check_vehicles(self) -> None:
-        """Do nothing, because there is no simulator."""
-
     def cause(self, error: DronecatsError) -> DronecatsError:
         return self._supervisor.cause(error)
 
 
 class ConnectedStage(SupervisedStage):
     """A stage without ground truth. The link's bytes are copied to the logger, which is a separate process."""
+
+    camera: PatientCamera
 
     def __init__(self, link: Link, camera: PatientCamera, folder: Path) -> None:
         """`folder` is the episode folder, for the logs. Raises InfrastructureError."""

@@ -7,7 +7,6 @@ flight is deterministic.
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
@@ -23,9 +22,8 @@ from dronecats.flight.sitl.sockets import AGENT_PORT
 from dronecats.flight.spec.disturbances import VehicleFaults
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
-from dronecats.flight.stages.stage import DisturbedLinks, simulator_config, truth_kept
+from dronecats.flight.stages.stage import DisturbedLinks, TruthfulStage, simulator_config, truth_kept
 from episodes.world.world import World
-from foundation.errors import DronecatsError
 from foundation.mavlink import dialect
 from foundation.threads import InlineExecutor
 from hil.impairment import SteppedWire
@@ -180,11 +178,12 @@ def one_vehicle(
 SPARE_S = 1.0  # s; link faults outlast the flight's time limit by this: the agent may still wait for telemetry
 
 
-class LockstepStage:
+class LockstepStage(TruthfulStage):
     """A stage with the same parts as in real time, without sockets between them."""
 
     lockstep = True
     speed = None
+    camera: WorldCamera
 
     def __init__(self, flight: Flight, simulated: Simulated, folder: Path, world: World) -> None:
         """`folder`: the episode folder, for the logs. Raises UsageError, InfrastructureError."""
@@ -229,7 +228,7 @@ class LockstepStage:
         if self._px4:
             for drone, link in enumerate(self.links):
                 link.listeners.append(partial(self._keep, drone))
-        self.executor: Executor = InlineExecutor()
+        self.executor = InlineExecutor()
 
     def _log(self, port: VehiclePort, drone: int) -> None:
         self._recorder.telemetry(port.take(), drone)
@@ -253,15 +252,6 @@ class LockstepStage:
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._recorder.end(reason, error)
-
-    def check(self) -> None:
-        """Do nothing: in one process, errors raise by themselves."""
-
-    def check_vehicles(self) -> None:
-        """Do nothing: in one process, errors raise by themselves."""
-
-    def cause(self, error: DronecatsError) -> DronecatsError:
-        return error
 
     def close(self) -> None:
         self._recorder.close()

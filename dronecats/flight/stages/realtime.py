@@ -23,6 +23,7 @@ from dronecats.flight.stages.stage import (
     SIMULATOR,
     TRUTH_BRIDGE,
     DisturbedLinks,
+    TruthfulStage,
     simulator_config,
     truth_kept,
 )
@@ -35,8 +36,10 @@ from hil.link.link import Link
 from hil.link.transport import Transport, UdpTransport, connect
 
 
-class RealtimeStage(SupervisedStage):
+class RealtimeStage(SupervisedStage, TruthfulStage):
     """Simulator, camera and logger as supervised processes, on free ports."""
+
+    camera: HttpCamera
 
     def __init__(self, flight: Flight, simulated: Simulated, folder: Path, notify: Callable[[str], None]) -> None:
         """`folder`: the episode folder, with the record. Raises UsageError, InfrastructureError."""
@@ -204,7 +207,7 @@ class Patience:
             self._notify(f"starting simulator and camera{compile_ahead.compile_notice()} …")
 
 
-class WorldStage(SupervisedStage):
+class WorldStage(SupervisedStage, TruthfulStage):
     """A stage for a vehicle with its own simulation in an episode's world.
 
     A bridge copies the vehicle's true poses to a truth bus for camera, logger and oracle.

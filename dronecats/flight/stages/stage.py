@@ -37,69 +37,54 @@ class TruthTap(Protocol):
     def close(self) -> None: ...
 
 
-class Stage(Protocol):
+class Stage:
     """Vehicles, camera, clock and logger of an episode: in one process for lockstep, over sockets in real time."""
 
-    @property
-    def links(self) -> Sequence[Link]: ...
-    @property
-    def camera(self) -> Camera: ...
-    @property
-    def camera_model(self) -> CameraModel: ...
-    @property
-    def executor(self) -> Executor:
-        """The executor for calls that may take long."""
-        ...
-
-    @property
-    def lockstep(self) -> bool:
-        """Whether the vehicle's clock waits and all parts are in this process."""
-        ...
-
-    @property
-    def speed(self) -> float | None:
-        """The factor on real time at which the vehicle's clock should run; None: it waits."""
-        ...
+    links: Sequence[Link]
+    camera: Camera
+    camera_model: CameraModel
+    executor: Executor  # runs calls that may take long
+    lockstep = False  # whether the vehicle's clock waits and all parts are in this process
+    speed: float | None = 1.0  # factor on real time at which the vehicle's clock should run; None: it waits
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         """Start the episode at vehicle time `t0_us` (µs), which is time zero for camera, logger and targets.
 
         `cap_s`: the length of the flight in seconds, for the log.
         """
-        ...
+        raise NotImplementedError
 
     def mend(self) -> None:
-        """End the disturbances between agent and vehicles, before the order to land."""
-        ...
+        """End the disturbances between agent and vehicles, before the order to land. Without any, do nothing."""
 
     def end(self, reason: str, error: str | None = None) -> None:
         """Tell the logger that the episode is over."""
-        ...
+        raise NotImplementedError
 
     def check(self) -> None:
-        """Raise InfrastructureError if a part of the stage is gone."""
-        ...
+        """Raise InfrastructureError if a part of the stage is gone. In one process, errors raise by themselves."""
 
     def check_vehicles(self) -> None:
         """Raise InfrastructureError if the simulator of the vehicles is gone, so that none of them can land."""
-        ...
 
     def cause(self, error: DronecatsError) -> DronecatsError:
         """Return the cause of an error: the error of a process that is gone or hangs, else `error` itself.
 
         May take some seconds.
         """
-        ...
+        return error
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """End all parts."""
+        raise NotImplementedError
 
 
-class TruthfulStage(Stage, Protocol):
+class TruthfulStage(Stage):
     """A stage with a truth bus."""
 
     def tap(self, feed: Callable[[bytes], None]) -> TruthTap:
         """Subscribe a function to the truth bus, for example the oracle's."""
-        ...
+        raise NotImplementedError
 
 
 SIMULATOR = ChildKind("simulator", "dronecats.flight.sitl.simulator_process:create", SimulatorConfig)
