@@ -258,7 +258,7 @@ def _thirds(values: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
 def _name(process: psutil.Process) -> str:
     """Return the name of a process of a flight: the last part of its module's name."""
     words = process.cmdline()
-    return words[-1].rsplit(".", 1)[-1] if "dronecats.flight.processes.child" in words else "client"
+    return words[-1].partition(":")[0].rsplit(".", 1)[-1] if "dronecats.flight.processes.child" in words else "client"
 
 
 @contextlib.contextmanager

@@ -34,7 +34,7 @@ def _imported(path: Path, modules_by_name: dict[str, Path]) -> set[str]:
             inner = {f"{node.module}.{alias.name}" for alias in node.names}
             names.update(inner & modules_by_name.keys() or {node.module})
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "." in node.value:
-            names.add(node.value)
+            names.add(node.value.partition(":")[0])
     return names & modules_by_name.keys()
 
 

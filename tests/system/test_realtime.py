@@ -16,7 +16,7 @@ from dronecats.pilots.server import PilotServer
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.first_question import after_first_question
 
-MODULES = {part.name: part.module for part in (SIMULATOR, CAMERA, LOGGER, PILOT)}
+MODULES = {part.name: part.part for part in (SIMULATOR, CAMERA, LOGGER, PILOT)}
 
 
 class Flight:
