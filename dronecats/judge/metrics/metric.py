@@ -36,9 +36,9 @@ class Metric:
         return self.unit == "share"
 
 
-def of_counted(steps: Iterable[FlightStep], value: Callable[[FlightStep], MetricValue]) -> list[MetricValue]:
-    """Return `value` of each step, one per decision; None for decisions after the cap."""
-    return [value(step) if step.counts else None for step in steps]
+def per_step(value: Callable[[FlightStep], MetricValue]) -> Callable[[JudgedFlight], list[MetricValue]]:
+    """Return the function that gives `value` of each decision of a flight; None for decisions after the cap."""
+    return lambda flight: [value(step) if step.counts else None for step in flight.steps]
 
 
 def known_values(values: Iterable[MetricValue]) -> list[float]:

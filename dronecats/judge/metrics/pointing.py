@@ -10,33 +10,13 @@ from collections.abc import Iterator
 
 from dronecats.judge.diagnostics import is_wide_rotation
 from dronecats.judge.judged_flight import FlightStep, JudgedFlight
-from dronecats.judge.metrics.metric import Metric, MetricValue, known_values, mean, median, of_counted
+from dronecats.judge.metrics.metric import Metric, MetricValue, known_values, mean, median, per_step
 from foundation.camera import CameraModel
 from foundation.protocol import HISTORY_LENGTH, POINT_SPAN
 from foundation.run_folder.rows import PointedGo
 
 SAME = 0.5  # tolerance of a coordinate: the history shows integer pixels
 _CAMERA = CameraModel()
-
-
-def on_target(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision whether a go's point is within the target's box; None without a go or a target in view."""
-    return of_counted(flight.steps, _on_target)
-
-
-def pointing_error(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision the angle (°) at the camera between a go's point and the target's centre; None if unknown."""
-    return of_counted(flight.steps, _pointing_error_deg)
-
-
-def depth_error(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision the depth (m) of a go on the target minus that of the target's surface; positive: too far."""
-    return of_counted(flight.steps, _depth_error_m)
-
-
-def absolute_depth_error(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision `depth_error` (m) without its sign."""
-    return [None if error is None else abs(error) for error in depth_error(flight)]
 
 
 def rescaled(flight: JudgedFlight) -> list[MetricValue]:
@@ -56,12 +36,8 @@ def rescaled(flight: JudgedFlight) -> list[MetricValue]:
     return values
 
 
-def wide_rotation(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision whether a rotation is beyond the ±90° of the prompt; None for other actions."""
-    return of_counted(flight.steps, lambda step: is_wide_rotation(step.decision))
-
-
 def _on_target(step: FlightStep) -> bool | None:
+    """Return whether a go's point is within the target's box; None without a go or a target in view."""
     frame = step.in_view
     if step.go is None or frame is None or frame.target_box is None:
         return None
@@ -70,6 +46,7 @@ def _on_target(step: FlightStep) -> bool | None:
 
 
 def _pointing_error_deg(step: FlightStep) -> float | None:
+    """Return the angle (°) at the camera between a go's point and the target's centre; None if unknown."""
     frame = step.in_view
     if step.go is None or frame is None or frame.target_frd is None:
         return None
@@ -79,10 +56,16 @@ def _pointing_error_deg(step: FlightStep) -> float | None:
 
 
 def _depth_error_m(step: FlightStep) -> float | None:
+    """Return the depth (m) of a go on the target minus that of the target's surface; positive: too far."""
     frame = step.in_view
     if step.go is None or frame is None or frame.oracle_depth_m is None or not _on_target(step):
         return None
     return step.go.depth_m - frame.oracle_depth_m
+
+
+def _absolute_depth_error_m(step: FlightStep) -> float | None:
+    error = _depth_error_m(step)
+    return None if error is None else abs(error)
 
 
 def _rescaled(go: PointedGo, last: PointedGo) -> bool | None:
@@ -104,6 +87,9 @@ def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> Iter
     yield a[0] * b[1] - a[1] * b[0]
 
 
+on_target, pointing_error = per_step(_on_target), per_step(_pointing_error_deg)
+depth_error, absolute_depth_error = per_step(_depth_error_m), per_step(_absolute_depth_error_m)
+wide_rotation = per_step(lambda step: is_wide_rotation(step.decision))
 EXECUTION = "Execution"
 METRICS = (
     Metric(
