@@ -37,16 +37,14 @@ def add_report_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the report. Return 0."""
-    import math
-
+    from dronecats.judge.episode import check_radius
     from dronecats.judge.metrics.judging import METRICS, own_metrics
     from dronecats.report.figures import draw
     from dronecats.report.report_folder import opening, report_data, tables, write
     from dronecats.report.results.collection import collect, exclude, parse_exclusion, without_stalled
     from dronecats.report.writers import as_json
 
-    if not math.isfinite(args.delta) or args.delta <= 0:
-        raise UsageError(f"--delta must be a radius in metres above 0, got {args.delta:g}")
+    check_radius(args.delta)
     if args.embed and args.no_page:
         raise UsageError("--embed goes with the page. Leave --no-page out")
     check_folder(args.out)

@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec import UNSET
 
-from dronecats.judge.judged_flight import gaps, outcome
+from dronecats.judge.judged_flight import JudgedFlight, gaps, outcome
 from dronecats.judge.verdict import NOTHING_KNOWN, SAME_S, consistent
 from foundation.errors import InfrastructureError, UsageError
 from foundation.files import write_json
@@ -111,27 +111,19 @@ class Judged:
 
 def judge_folder(folder: Path, delta_m: float = RADIUS_M, reread: Rereading | None = None) -> Judged:
     """Return the verdict (`outcome`) of an episode folder, compared with its other files. Raises UsageError."""
-    logs = read(folder)
-    return judged_against_files(folder, logs, json_object(folder / layout.EPISODE), outcome(logs, delta_m), reread)
+    return judged_against_files(JudgedFlight.read(folder, delta_m), reread)
 
 
-def judged_against_files(
-    folder: Path, logs: Logs, record: Mapping[str, Any] | None, verdict: Verdict, reread: Rereading | None = None
-) -> Judged:
-    """Return the verdict of a folder's logs, compared with the other files; replies are parsed again by `reread`."""
-    sentences = log_contradictions(logs)
-    sentences += folder_contradictions(folder.resolve().name, record)
-    sentences += reply_contradictions(logs, reread) if reread else []
-    sentences += _commander_contradictions(folder, logs)
-    return Judged(verdict, _stored(folder / layout.VERDICT, verdict), tuple(sentences))
-
-
-def _commander_contradictions(folder: Path, logs: Logs) -> list[str]:
-    """Return the contradictions with commander.jsonl."""
+def judged_against_files(flight: JudgedFlight, reread: Rereading | None = None) -> Judged:
+    """Return the verdict of a flight, compared with its other files; replies are parsed again by `reread`."""
+    sentences = log_contradictions(flight.logs)
+    sentences += folder_contradictions(flight.folder.resolve().name, flight.record)
+    sentences += reply_contradictions(flight.logs, reread) if reread else []
     try:
-        return commander_contradictions(logs, exchanges(folder))
+        sentences += commander_contradictions(flight.logs, exchanges(flight.folder))
     except UsageError as damage:
-        return [str(damage)]
+        sentences.append(str(damage))
+    return Judged(flight.verdict, _stored(flight.folder / layout.VERDICT, flight.verdict), tuple(sentences))
 
 
 def _stored(path: Path, verdict: Verdict) -> Comparison | None:

@@ -87,9 +87,11 @@ class Model(Protocol):
 
     def check(self) -> None:
         """Raise UsageError if the model cannot be reached. A model in this process can always be reached."""
+        return
 
     def close(self) -> None:
         """Release the connection, if there is one."""
+        return
 
 
 class WrappedModel:

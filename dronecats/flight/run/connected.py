@@ -140,15 +140,13 @@ def open_link(vehicle: Connected, limits: Limits | None) -> Link:
 def _camera(vehicle: Connected, link: Link) -> RealCamera:
     """Return the camera after its first frame. Raises UsageError if no frame comes, before the vehicle takes off."""
     max_age_s = link.limits.frame_s if link.limits else Limits().frame_s
+    camera: RealCamera | None = None
     try:
         camera = open_camera(vehicle.camera or "", lambda: link.time_us, vehicle.calibration, max_age_s=max_age_s)
-    except CameraError as error:
-        link.close()
-        raise UsageError(str(error)) from None
-    try:
         camera.newest()
     except CameraError as error:
-        camera.close()
+        if camera is not None:
+            camera.close()
         link.close()
         raise UsageError(str(error)) from None
     return camera

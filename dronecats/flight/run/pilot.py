@@ -2,7 +2,7 @@
 
 import importlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -186,33 +186,18 @@ def _commander(flight: Flight, folder: Path) -> Iterator[OpenPilot]:
 
 
 @contextmanager
-def _endpoint(spec: ModelSpec) -> Iterator[OpenPilot]:
-    model = open_model(spec)
-    try:
-        yield OpenPilot(model)
-    finally:
-        model.close()
-
-
-@contextmanager
 def _served(name: str, stage: Stage, folder: Path, kind: ChildKind[PilotConfig] = PILOT) -> Iterator[OpenPilot]:
     """Serve a built-in pilot: in a thread if the clock waits for it (lockstep), else in a separate process."""
-    if stage.lockstep:
-        server = PilotServer(roster.answer(name), name, owned_by=roster.owner(name)).start()
-        try:
-            with _endpoint(_local(name, server.base_url)) as pilot:
-                yield pilot
-        finally:
-            server.close()
-        return
-    supervisor = Supervisor(folder)
-    try:
-        url = supervisor.start(kind, PilotConfig(pilot=name)).ready()["base_url"]
-        with _endpoint(_local(name, url)) as pilot:
-            yield OpenPilot(pilot.model, check=supervisor.check)
-    finally:
-        supervisor.close()
-
-
-def _local(name: str, base_url: str) -> ModelSpec:
-    return ModelSpec(provider="local", name=name, base_url=base_url)
+    with ExitStack() as opened:
+        check: Callable[[], None] = lambda: None  # noqa: E731  # a thread cannot be gone
+        if stage.lockstep:
+            server = PilotServer(roster.answer(name), name, owned_by=roster.owner(name)).start()
+            opened.callback(server.close)
+            url = server.base_url
+        else:
+            supervisor = Supervisor(folder)
+            opened.callback(supervisor.close)
+            url, check = supervisor.start(kind, PilotConfig(pilot=name)).ready()["base_url"], supervisor.check
+        model = open_model(ModelSpec(provider="local", name=name, base_url=url))
+        opened.callback(model.close)
+        yield OpenPilot(model, check=check)

@@ -217,9 +217,10 @@ class LockstepStage(TruthfulStage):
         drones = range(len(self._simulation.vehicles))
         self._disturbed = disturbed = DisturbedLinks(flight)
         wires = [clock.wire(index, disturbed.seed(index)) for index in drones] if disturbed.wired else []
+        transports: list[Transport] = [*wires] or [clock.transport(index) for index in drones]
         self.links = [
             Link(transport, silence_s=disturbed.silence_s, limits=spec.envelope, simulated=True)
-            for transport in wires or [clock.transport(index) for index in drones]
+            for transport in transports
         ]
         disturbed.take(self.links, wires)
         if camera.gimballed and not self._px4:  # PX4 does not drive the simulated gimbal

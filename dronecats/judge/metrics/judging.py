@@ -169,7 +169,7 @@ def judged_episode(folder: Path, options: Judging) -> JudgedEpisode:
         flight = JudgedFlight.read(folder, options.delta_m, options.cap_s)
     except UsageError as damage:
         return JudgedEpisode(folder, judged_damage(folder, damage, options.delta_m, options.cap_s), None, {})
-    judged = judged_against_files(folder, flight.logs, flight.record or None, flight.verdict, reread)
+    judged = judged_against_files(flight, reread)
     return JudgedEpisode(folder, judged, failure_mode(flight), values_of(flight, _metrics(options)))
 
 

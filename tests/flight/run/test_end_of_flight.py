@@ -1,6 +1,7 @@
 """The reason for the end of a flight is reported at once, before the processes are closed."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -16,7 +17,7 @@ def test_the_reason_is_printed_before_the_end_of_the_flight_is_logged(tmp_path, 
     vehicle = ScriptedVehicle()
     happened: list[str] = []
     link = Link(vehicle.transport())
-    stage = SimpleNamespace(
+    stage: Any = SimpleNamespace(
         links=[link], camera=None, camera_model=None, executor=None, lockstep=False, speed=1.0,
         check=lambda: None, check_vehicles=lambda: None, cause=lambda error: error,
         mend=lambda: happened.append("mend"), begin=lambda t0_us, cap_s: None,

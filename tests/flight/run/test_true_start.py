@@ -86,7 +86,8 @@ def test_a_vehicle_with_a_wrong_heading_estimate_is_not_armed():
     world, vehicle = load_world("v1-residential-searching-01"), ScriptedVehicle()
     vehicle.armed, vehicle.landed, vehicle.yaw = False, True, 0.0
     link = Link(vehicle.transport())
-    check: Any = TrueStart(SimpleNamespace(tap=lambda feed: Tap()), world)
+    stage: Any = SimpleNamespace(tap=lambda feed: Tap())
+    check: Any = TrueStart(stage, world)
     with check:
         check._truth = SimpleNamespace(of=lambda drone: true(euler=(0.0, 0.0, math.radians(105.0))))
         with pytest.raises(InfrastructureError, match=r"does not begin.*heading is 105\.0° off"):
