@@ -188,10 +188,9 @@ def compact(action: Action, camera: CameraModel | None = None) -> str:
 class History:
     """The last actions of one drone."""
 
-    def __init__(self, camera: CameraModel, length: int = HISTORY_LENGTH) -> None:
+    def __init__(self, camera: CameraModel) -> None:
         self.camera = camera
-        self.length = length
-        self._actions: deque[Action] = deque(maxlen=length)
+        self._actions: deque[Action] = deque(maxlen=HISTORY_LENGTH)
 
     def append(self, action: Action) -> None:
         self._actions.append(action)

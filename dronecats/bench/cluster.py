@@ -61,7 +61,8 @@ class ClusterWorker:
                 outcome = fly_flight(flight, folder)
             finally:
                 del self._folders[scratch]
-            files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in _files(folder)}
+            paths = sorted(path for path in folder.rglob("*") if path.is_file())
+            files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
         return outcome, files
 
     def written(self) -> dict[str, int]:
@@ -244,10 +245,6 @@ def _keeper(ledger: Path) -> tuple[Any, str]:
     except ray.exceptions.RayError as fault:
         raise InfrastructureError(f"the ledger {ledger} cannot be written: {_first_line(fault)}") from None
     return keeper, name
-
-
-def _files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def _write_files(files: Mapping[str, bytes], folder: Path) -> None:

@@ -70,7 +70,8 @@ def run(args: argparse.Namespace) -> int:
     )
     flights = host_load.fly(plan, args.out, print_note)
     findings = host_load.compare(flights)
-    written = host_load.write(findings, args.out, _command(args), _machine())
+    machine = f"On a machine with {cores()} cores. Other programs may have run on it too."
+    written = host_load.write(findings, args.out, _command(args), machine)
     if args.json:
         print(json.dumps({**findings.as_json(), "written": [str(path) for path in written]}))
     else:
@@ -98,8 +99,3 @@ def _command(args: argparse.Namespace) -> str:
     words += [f"--latency {args.latency}", f"--speed {args.speed:g}", f"--jobs {args.jobs}"]
     words += ["--rendered"] if args.rendered else []
     return " ".join([*words, "--out DIR"])
-
-
-def _machine() -> str:
-
-    return f"On a machine with {cores()} cores. Other programs may have run on it too."

@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 
 from dronecats.agent.action import Go
 from dronecats.agent.controller import displacement, plan
-from dronecats.agent.steady.leg import point_of, seen_place
+from dronecats.agent.steady.leg import seen_place
 from foundation.camera import CameraModel, camera_on, camera_pose
 from foundation.camera_mount import CameraMount, GimbalLimits
 from foundation.frames import quat_from_euler
 from foundation.protocol import POINT_SPAN
 from foundation.setpoints import PicturePose, Velocity
+from tests.agent.steady.projection import point_of
 
 ANGLES = st.floats(-80.0, 60.0)
 

@@ -113,7 +113,7 @@ def last_object(reply: str) -> JsonSpan:
     spans = json_spans(reply, "{")
     if not spans:
         raise ActionError("no JSON object in the reply")
-    return next((span for span in reversed(spans) if declares(span.value)), spans[-1])
+    return next((span for span in reversed(spans) if "action" in span.value), spans[-1])
 
 
 def first_array(reply: str) -> JsonSpan:
@@ -122,11 +122,6 @@ def first_array(reply: str) -> JsonSpan:
         if isinstance(span.value, list) and any(isinstance(item, dict) for item in span.value):
             return span
     raise ActionError("no JSON array of actions in the reply")
-
-
-def declares(value: Any) -> bool:
-    """Return whether a value is an object that names an action."""
-    return isinstance(value, dict) and "action" in value
 
 
 def json_spans(reply: str, opening: str) -> list[JsonSpan]:

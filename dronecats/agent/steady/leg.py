@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from dronecats.agent.action import Go
 from dronecats.agent.controller import displacement
-from foundation.camera import CameraModel, camera_attitude
-from foundation.frames import Quat, Vec3, quat_from_euler, rotate, rotate_inverse
-from foundation.protocol import BRAKE_M, CLIMB_DEADBAND, NEAR_M, NEAR_SCALE, POINT_SPAN, SPEED_MAX, STEP_S, STRIDE_MAX_M
+from foundation.camera import CameraModel, camera_pose
+from foundation.frames import Quat, Vec3, quat_from_euler, rotate
+from foundation.protocol import BRAKE_M, CLIMB_DEADBAND, NEAR_M, NEAR_SCALE, SPEED_MAX, STEP_S, STRIDE_MAX_M
 from foundation.setpoints import PicturePose, Velocity
 
 
@@ -28,7 +28,8 @@ def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
     right, forward, up = displacement(go, camera.at_pitch(sight.gimbal_pitch))
     attitude = _attitude(sight, camera)
     north, east, down = rotate(attitude, (forward, right, -up))
-    lens = _lens(sight, camera)
+    body = quat_from_euler(sight.roll, sight.pitch, sight.heading)
+    lens = camera_pose(sight.position_ned, body, camera).position_ned
     ahead = math.hypot(north, east)
     # level in the picture (a pilot that wants no climb points at its middle row), or level in space
     level = abs(up) < CLIMB_DEADBAND * math.hypot(right, forward) or abs(down) < CLIMB_DEADBAND * ahead
@@ -38,32 +39,10 @@ def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
     )
 
 
-def point_of(place_ned: Vec3, sight: PicturePose, camera: CameraModel) -> Go:
-    """Return the go that names a place (m, local frame) in a picture taken at `sight`: the inverse of `seen_place`.
-
-    Raises ValueError for a place that is not in front of the lens.
-    """
-    lens = _lens(sight, camera)
-    attitude = quat_from_euler(sight.roll, sight.pitch, sight.heading)
-    offset = (place_ned[0] - lens[0], place_ned[1] - lens[1], place_ned[2] - lens[2])
-    forward, right, down = rotate_inverse(camera_attitude(attitude, camera.at_pitch(sight.gimbal_pitch)), offset)
-    if forward <= 0.0:
-        raise ValueError("the point is behind the camera")
-    x = camera.width / 2.0 + camera.focal_px * right / forward
-    y = camera.height / 2.0 + camera.focal_px * down / forward
-    return Go(x * POINT_SPAN / camera.width, y * POINT_SPAN / camera.height, forward)
-
-
 def _attitude(sight: PicturePose, camera: CameraModel) -> Quat:
     """Return the attitude of the axes of `displacement`: that of the vehicle, or level if the camera has a gimbal."""
     level = camera.gimballed
     return quat_from_euler(0.0 if level else sight.roll, 0.0 if level else sight.pitch, sight.heading)
-
-
-def _lens(sight: PicturePose, camera: CameraModel) -> Vec3:
-    north, east, down = rotate(quat_from_euler(sight.roll, sight.pitch, sight.heading), camera.offset_frd)
-    place = sight.position_ned
-    return (place[0] + north, place[1] + east, place[2] + down)
 
 
 def _reach(distance_m: float, depth_m: float) -> float:

@@ -65,17 +65,14 @@ def dronecats(
         raise UsageError(f"-T axis_order must be xy or yx, got '{axis_order}'")
     if lifted is not None and lifted not in get_args(Effort):
         raise UsageError(f"-T lifted must be one of {', '.join(get_args(Effort))}, got '{lifted}'")
+    title = suite if isinstance(suite, str) else ",".join(suite)
     return Task(
-        dataset=MemoryDataset([_sample(id) for id in catalogue.episodes_of(suite)], name=f"dronecats-{_title(suite)}"),
+        dataset=MemoryDataset([_sample(id) for id in catalogue.episodes_of(suite)], name=f"dronecats-{title}"),
         solver=flight(latency, seconds, seed, axis_order, full, out, agent, lifted),
         scorer=verdict(),
         config=GenerateConfig(temperature=_DECLARED.temperature, max_tokens=_DECLARED.max_tokens),
         metadata={"latency": latency, "seconds": seconds, "axis_order": axis_order, "agent": agent, "lifted": lifted},
     )
-
-
-def _title(suite: str | list[str]) -> str:
-    return suite if isinstance(suite, str) else ",".join(suite)
 
 
 def _sample(name: str) -> Sample:

@@ -454,11 +454,6 @@ class Disturbances:
             for name, of in _SECTIONS.items()
         }
 
-    def check_clock(self, *, lockstep: bool) -> None:
-        """Raise UsageError for disturbances without an effect in lockstep."""
-        if lockstep and self.vehicle.stalled:
-            raise UsageError(f"--host-stalls (stall_share in a study) needs --speed N: {LOCKSTEP}")
-
 
 UNDISTURBED = Disturbances()
 _SECTIONS = {"frame": FrameFaults, "link": LinkFaults, "vehicle": VehicleFaults, "conditions": FlightConditions}

@@ -22,7 +22,7 @@ from dronecats.agent.models.replay import FlightRecording
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER, STEADY
 from dronecats.agent.reply.reading import ReplyParser
-from dronecats.flight.spec.disturbances import UNDISTURBED, Disturbances
+from dronecats.flight.spec.disturbances import LOCKSTEP, UNDISTURBED, Disturbances
 from foundation.declaration import ABOVE_0, Declaration, DeclaredNumber, check_bounds, declared, number
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S
@@ -206,7 +206,8 @@ class FlightSpec:
                 f"the agent {self.agent} gets one RGB image only. Leave --depth out, or name an agent of your own:"
                 " --agent MODULE:NAME"
             )
-        self.disturbances.check_clock(lockstep=lockstep)
+        if lockstep and self.disturbances.vehicle.stalled:
+            raise UsageError(f"--host-stalls (stall_share in a study) needs --speed N: {LOCKSTEP}")
         if lockstep and self.latency.real:
             raise UsageError(
                 "--latency real does not go with --speed max, where the vehicle's clock waits for replies."

@@ -22,7 +22,7 @@ from foundation.camera import Camera, CameraModel
 from foundation.errors import DronecatsError
 from foundation.run_folder import layout
 from foundation.truth import KEPT
-from hil.impairment import Impairment
+from hil.impairment import ImpairedWire, Impairment, SteppedWire
 from hil.link.conversation import SILENCE_S
 from hil.link.link import Link
 
@@ -117,21 +117,13 @@ def truth_kept(faults: FrameFaults) -> int:
     return KEPT + math.ceil(faults.reach_s * TRUTH_HZ)
 
 
-class ImpairableWire(Protocol):
-    """A wire that has no faults until `impair` is called."""
-
-    def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
-        """Add faults from now on for this time (s of vehicle time): `up` to the vehicle, `down` from it."""
-        ...
-
-
 class DisturbedLinks:
     """Applies the flight's disturbances of links and setpoint rate, if there are any."""
 
     def __init__(self, flight: Flight) -> None:
         self._disturbances, self._seconds = flight.spec.disturbances, flight.spec.seconds
         self._seed = flight.seed
-        self._wires: list[ImpairableWire] = []
+        self._wires: list[SteppedWire | ImpairedWire] = []
         self._links: Sequence[Link] = ()
 
     @property
@@ -149,7 +141,7 @@ class DisturbedLinks:
         record, flight = self._seed
         return noise_seed(record, flight, drone)
 
-    def take(self, links: Sequence[Link], wires: Sequence[ImpairableWire]) -> None:
+    def take(self, links: Sequence[Link], wires: Sequence[SteppedWire | ImpairedWire]) -> None:
         """Set the wires and links to disturb."""
         self._links, self._wires = links, list(wires)
 

@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from dronecats.agent.action import Go
 from dronecats.agent.controller import displacement, plan
-from dronecats.agent.steady.leg import point_of, seen_place
+from dronecats.agent.steady.leg import seen_place
 from foundation.camera import CameraModel
 from foundation.setpoints import PicturePose, Velocity
+from tests.agent.steady.projection import point_of
 
 CAMERA = CameraModel()
 MIDDLE = Go(500.0, 500.0, 10.0)
@@ -30,11 +31,6 @@ points = st.builds(Go, st.floats(0.0, 1000.0), st.floats(0.0, 1000.0), st.floats
 def test_projection_of_a_place_returns_the_point_of_the_reply(go, sight):
     seen = point_of(seen_place(go, sight, CAMERA).place_ned, sight, CAMERA)
     assert (seen.x, seen.y, seen.depth_m) == pytest.approx((go.x, go.y, go.depth_m), abs=1e-6)
-
-
-def test_projection_of_a_place_behind_the_camera_is_an_error():
-    with pytest.raises(ValueError, match="behind"):
-        point_of((-1.0, 0.0, 0.0), PicturePose((0.0, 0.0, 0.0), 0.0), CAMERA)
 
 
 @pytest.mark.parametrize(
