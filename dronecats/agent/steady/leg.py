@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from dronecats.agent.action import Go
 from dronecats.agent.controller import displacement
 from foundation.camera import CameraModel, camera_pose
-from foundation.frames import Quat, Vec3, quat_from_euler, rotate
+from foundation.frames import Vec3, quat_from_euler, rotate
 from foundation.protocol import BRAKE_M, CLIMB_DEADBAND, NEAR_M, NEAR_SCALE, SPEED_MAX, STEP_S, STRIDE_MAX_M
 from foundation.setpoints import PicturePose, Velocity
 
@@ -26,9 +26,10 @@ class SeenPlace:
 def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
     """Return the place that a go names in a picture taken at `sight`."""
     right, forward, up = displacement(go, camera.at_pitch(sight.gimbal_pitch))
-    attitude = _attitude(sight, camera)
-    north, east, down = rotate(attitude, (forward, right, -up))
     body = quat_from_euler(sight.roll, sight.pitch, sight.heading)
+    # the axes of `displacement` are those of the vehicle, but level if the camera has a gimbal
+    axes = quat_from_euler(0.0, 0.0, sight.heading) if camera.gimballed else body
+    north, east, down = rotate(axes, (forward, right, -up))
     lens = camera_pose(sight.position_ned, body, camera).position_ned
     ahead = math.hypot(north, east)
     # level in the picture (a pilot that wants no climb points at its middle row), or level in space
@@ -37,12 +38,6 @@ def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
     return SeenPlace(
         sight.position_ned, lens, place, _reach(math.hypot(right, forward, up), go.depth_m), level, go.depth_m
     )
-
-
-def _attitude(sight: PicturePose, camera: CameraModel) -> Quat:
-    """Return the attitude of the axes of `displacement`: that of the vehicle, or level if the camera has a gimbal."""
-    level = camera.gimballed
-    return quat_from_euler(0.0 if level else sight.roll, 0.0 if level else sight.pitch, sight.heading)
 
 
 def _reach(distance_m: float, depth_m: float) -> float:

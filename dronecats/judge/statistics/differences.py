@@ -33,13 +33,13 @@ class KnownMean:
 class MeanDifference(KnownMean):
     """A mean difference over episodes with its interval and the p of a test.
 
-    Interval and test agree: 0 is outside of the interval if and only if p is at most 1 − confidence.
+    Interval and test agree: 0 is outside of the interval if and only if p is at most 1 − CONFIDENCE.
     """
 
     p: float  # two-sided; 1: no episode
 
 
-def known_mean(values: Sequence[float], confidence: float = CONFIDENCE) -> KnownMean:
+def known_mean(values: Sequence[float]) -> KnownMean:
     """Return the mean of `values`, one per episode, with an interval within the range of the values.
 
     The ends are quantiles of the means of all subsets of the episodes (Hartigan, "Using subsample values as typical
@@ -51,20 +51,20 @@ def known_mean(values: Sequence[float], confidence: float = CONFIDENCE) -> Known
     count, mean = len(values), math.fsum(values) / len(values)
     means = np.sort(_subset_sums(values) / _subsets(count).sum(axis=1))
     # number of subsets beyond each end of the interval, including the empty subset
-    outside = math.floor((1 - confidence) * (len(means) + 1) / 2 + TIE)
+    outside = math.floor((1 - CONFIDENCE) * (len(means) + 1) / 2 + TIE)
     if not outside:
         return KnownMean(count, mean, None, None)
     return KnownMean(count, mean, min(mean, float(means[outside - 1])), max(mean, float(means[-outside])))
 
 
-def mean_difference(differences: Sequence[float], confidence: float = CONFIDENCE) -> MeanDifference:
+def mean_difference(differences: Sequence[float]) -> MeanDifference:
     """Return the mean of a difference per episode, its interval, and the p of the randomisation test of the mean.
 
     The test counts the choices of signs whose sum is at least as far from 0 as the observed sum (Fisher, "The Design of
     Experiments", 1935, 21). For more than 13 episodes it uses random choices. The interval is that of `known_mean`,
     which agrees with this test.
     """
-    estimate = known_mean(differences, confidence)
+    estimate = known_mean(differences)
     if not estimate.episodes:
         return MeanDifference(0, math.nan, None, None, 1.0)
     # A choice of signs flips the signs of a subset. The total falls if the sum of the subset is positive.
@@ -75,9 +75,7 @@ def mean_difference(differences: Sequence[float], confidence: float = CONFIDENCE
     )
 
 
-def share_difference(
-    differences: Sequence[float], flights: float = 1.0, confidence: float = CONFIDENCE
-) -> MeanDifference:
+def share_difference(differences: Sequence[float], flights: float = 1.0) -> MeanDifference:
     """Return the mean difference of two shares of successes, from a difference per episode, -1 … 1.
 
     For one flight per episode, the interval is Agresti and Min's (Stat. Med. 24, 2005): half a pair is added to each of
@@ -98,10 +96,10 @@ def share_difference(
     variance = (math.fsum(difference * difference for difference in differences) + added / 2) / more - middle * middle
     deviation = math.sqrt(variance / more)
     normal = NormalDist()
-    reach = normal.inv_cdf(0.5 + confidence / 2) * deviation
+    reach = normal.inv_cdf(0.5 + CONFIDENCE / 2) * deviation
     low, high = max(-1.0, middle - reach), min(1.0, middle + reach)
     exact = _randomised_shares(differences)
-    if exact > 1 - confidence:
+    if exact > 1 - CONFIDENCE:
         low, high = min(low, 0.0), max(high, 0.0)
     p = max(exact, 2 * normal.cdf(-abs(middle) / deviation))
     return MeanDifference(count, total / count, low, high, p)

@@ -63,7 +63,7 @@ class SuccessCurve:
     high: Array  # (places,), upper end
 
 
-def half_success(levels: Sequence[float] | Array, trials: Trials, confidence: float = CONFIDENCE) -> HalfSuccess | None:
+def half_success(levels: Sequence[float] | Array, trials: Trials) -> HalfSuccess | None:
     """Return the place at which half of the trials succeed.
 
     `levels` has the factor's value for each column of `trials`. None with fewer than two tried levels. Raises
@@ -84,7 +84,7 @@ def half_success(levels: Sequence[float] | Array, trials: Trials, confidence: fl
     p_slope = _ratio(fitted.log_likelihood - flat.log_likelihood, 1)
     gap = _gap(at, counted)
     value = sum(gap) / 2 if gap else line.half
-    limit = float(special.fdtri(1, groups - 1, confidence)) if groups > 1 else math.inf
+    limit = float(special.fdtri(1, groups - 1, CONFIDENCE)) if groups > 1 else math.inf
     low, high = line.interval(value, limit)
     peak = covariance(_design(at), counted, fitted) is not None
     where = "no slope" if (low, high) == (-math.inf, math.inf) else _where(value, at, fitted)
@@ -104,9 +104,7 @@ def half_success(levels: Sequence[float] | Array, trials: Trials, confidence: fl
     )
 
 
-def success_curve(
-    levels: Sequence[float] | Array, trials: Trials, places: int = 121, confidence: float = CONFIDENCE
-) -> SuccessCurve | None:
+def success_curve(levels: Sequence[float] | Array, trials: Trials, places: int = 121) -> SuccessCurve | None:
     """Return the fitted curve over the levels with its interval (delta method, on the scale of log odds).
 
     None if all trials have one outcome, or if a level separates the outcomes perfectly.
@@ -126,7 +124,7 @@ def success_curve(
         [_curve_derivative(x, fitted, k) for k in range(3)], axis=1
     )  # of the curve's log odds, (places, 3)
     error = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slopes, spread, slopes)))
-    odds, reach = special.logit(shares), float(special.ndtri(0.5 + confidence / 2))
+    odds, reach = special.logit(shares), float(special.ndtri(0.5 + CONFIDENCE / 2))
     return SuccessCurve(x, shares, special.expit(odds - reach * error), special.expit(odds + reach * error))
 
 

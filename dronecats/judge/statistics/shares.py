@@ -42,7 +42,7 @@ def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> t
     return low, 1.0 if successes == trials else (middle + half) / scale
 
 
-def estimate_share(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENCE) -> ShareEstimate:
+def estimate_share(flights: Sequence[Sequence[bool]]) -> ShareEstimate:
     """Return the share of successes over all flights of some episodes; `flights` has the outcomes of each episode.
 
     Flights of one episode are correlated, so ten flights of one episode carry less information than one flight of each
@@ -57,7 +57,7 @@ def estimate_share(flights: Sequence[Sequence[bool]], confidence: float = CONFID
         return ShareEstimate(0, 0, math.nan, 0.0, 1.0, 0.0)
     share = successes / trials
     effective = _effective(episodes, share, trials)
-    low, high = wilson(share * effective, effective, confidence)
+    low, high = wilson(share * effective, effective)
     return ShareEstimate(successes, trials, share, low, high, effective)
 
 
@@ -85,7 +85,7 @@ class Spread:
     binomial_by_episode: float | None  # expected deviation if each episode has its own success rate; None: one flight
 
 
-def spread(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENCE) -> Spread:
+def spread(flights: Sequence[Sequence[bool]]) -> Spread:
     """Return the spread of flights. Each flight is a sequence of outcomes of the same episodes in the same order.
 
     Raises ValueError without flights, or if their lengths differ.
@@ -95,7 +95,7 @@ def spread(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENCE) ->
     totals, episodes = tuple(map(sum, flights)), len(flights[0])
     mean = statistics.fmean(totals)
     deviation = statistics.stdev(totals) if len(totals) > 1 else None
-    low, high = (None, None) if deviation is None else deviation_interval(deviation, len(totals), confidence)
+    low, high = (None, None) if deviation is None else deviation_interval(deviation, len(totals))
     if high is not None and deviation is not None:  # a deviation of totals cannot exceed half of the episodes
         high = max(deviation, min(high, episodes / 2))
     return Spread(
@@ -115,11 +115,11 @@ def binomial_deviation(share: float, trials: int) -> float:
     return math.sqrt(trials * share * (1.0 - share))
 
 
-def deviation_interval(deviation: float, count: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+def deviation_interval(deviation: float, count: int) -> tuple[float, float]:
     """Return the interval (chi-square) of the standard deviation of `count` normal values."""
     from scipy.special import chdtri  # a base dependency, but slow to import
 
-    freedom, tail = count - 1, (1 - confidence) / 2
+    freedom, tail = count - 1, (1 - CONFIDENCE) / 2
     square = freedom * deviation * deviation
     return math.sqrt(square / chdtri(freedom, tail)), math.sqrt(square / chdtri(freedom, 1 - tail))
 
@@ -191,33 +191,31 @@ def mcnemar(b: int, c: int) -> float:
     return min(1.0, 2 * tail / (1 << (b + c)))  # integers until here, so nothing is rounded
 
 
-def smallest_difference(
-    episodes: int, discordant: float = 0.0, alpha: float = ALPHA, power: float = POWER
-) -> float | None:
-    """Return the smallest true difference in success rate that McNemar's exact test detects with this power.
+def smallest_difference(episodes: int, discordant: float = 0.0) -> float | None:
+    """Return the smallest true difference in success rate that McNemar's exact test detects with the power POWER.
 
     The share of episodes with different outcomes is `discordant`, or the difference itself if that is larger.
     Accurate to 0.0001. None: too few episodes for any difference.
     """
-    if mcnemar_power(episodes, 1.0, 1.0, alpha) < power:
+    if mcnemar_power(episodes, 1.0, 1.0) < POWER:
         return None
     low, high = 0.0, 1.0
     while high - low > 1e-4:
         middle = (low + high) / 2
-        enough = mcnemar_power(episodes, middle, max(discordant, middle), alpha) >= power
+        enough = mcnemar_power(episodes, middle, max(discordant, middle)) >= POWER
         low, high = (low, middle) if enough else (middle, high)
     return high
 
 
-def mcnemar_power(episodes: int, difference: float, discordant: float, alpha: float = ALPHA) -> float:
-    """Return the exact power of McNemar's exact test: the probability of p ≤ alpha.
+def mcnemar_power(episodes: int, difference: float, discordant: float) -> float:
+    """Return the exact power of McNemar's exact test: the probability of p ≤ ALPHA.
 
     `discordant` is the true share of episodes with different outcomes, at least `difference`.
     """
     first = (discordant + difference) / (2 * discordant) if discordant else 0.5
     chance = 0.0
     for pairs in range(1, episodes + 1):
-        most = _largest_significant_minority(pairs, alpha)
+        most = _largest_significant_minority(pairs)
         if most < 0:
             continue
         rejected = math.fsum(_binomial(k, pairs, first) + _binomial(pairs - k, pairs, first) for k in range(most + 1))
@@ -226,13 +224,13 @@ def mcnemar_power(episodes: int, difference: float, discordant: float, alpha: fl
 
 
 @functools.cache
-def _largest_significant_minority(pairs: int, alpha: float) -> int:
-    """Return how many of `pairs` discordant pairs may at most favour the weaker pilot for p ≤ alpha; -1: not even 0.
+def _largest_significant_minority(pairs: int) -> int:
+    """Return how many of `pairs` discordant pairs may at most favour the weaker pilot for p ≤ ALPHA; -1: not even 0.
 
-    -1 means that p > alpha even if all discordant pairs favour one pilot.
+    -1 means that p > ALPHA even if all discordant pairs favour one pilot.
     """
     most = -1
-    while 2 * (most + 1) < pairs and mcnemar(most + 1, pairs - most - 1) <= alpha:
+    while 2 * (most + 1) < pairs and mcnemar(most + 1, pairs - most - 1) <= ALPHA:
         most += 1
     return most
 
