@@ -68,7 +68,7 @@ def _step(
         drones=tuple(decision.drone for decision in decisions),
         identical_point=len(points) == 1 if len(gos) > 1 and None not in gos else None,
         spread_m=round(spread(sent), 3) if len(sent) > 1 else None,
-        places_ned=tuple(None if p is None else _rounded(p) for p in places),
+        places_ned=tuple(None if p is None else (round(p[0], 3), round(p[1], 3), round(p[2], 3)) for p in places),
         nears=tuple(
             nears(frame.position_ned, p, candidates) if frame and frame.position_ned and p else None
             for frame, p in zip(seen, places, strict=True)
@@ -121,8 +121,3 @@ def commanding_sentence(diagnostics: CommandingDiagnostics) -> str:
         f"commanded: one point for all drones on {diagnostics.identical_points} of the {diagnostics.all_go_steps}"
         f" steps with a go for every drone; candidates approached: {diagnostics.candidates_neared}{apart}"
     )
-
-
-def _rounded(place_ned: Vec3) -> Vec3:
-    north, east, down = place_ned
-    return (round(north, 3), round(east, 3), round(down, 3))

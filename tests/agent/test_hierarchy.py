@@ -12,7 +12,7 @@ from msgspec import UNSET
 
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.commanding.command_prompt import INTERVAL_S, STALL_STEPS, CommandPrompt
-from dronecats.agent.commanding.hierarchy import CommandQuestions, Hierarchy
+from dronecats.agent.commanding.hierarchy import Hierarchy
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import Questions
 from dronecats.agent.models.model import Reply, Request
@@ -93,8 +93,8 @@ def fly(folder, pilot, commander, *, seconds=30.0, drones=3, policy="fixed:0.5",
         frames_dir=folder, executor=executor or InlineExecutor(), t0_us=0, commander_log=folder / "commander.jsonl",
     )  # fmt: skip
     charge = LatencyPolicy.parse(policy) if isinstance(policy, str) else policy
-    command = CommandQuestions(commander, CommandPrompt.load(), "find it", charge)
-    agent = Hierarchy(Questions(pilot, Prompt.load(None), "find it", charge), command, cockpit)
+    questions = Questions(pilot, Prompt.load(None), "find it", charge)
+    agent = Hierarchy(questions, commander, CommandPrompt.load(), cockpit)
     try:
         agent.fly(seconds, stop or (lambda decision: False))
     finally:

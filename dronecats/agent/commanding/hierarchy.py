@@ -1,7 +1,7 @@
 """A commander over the pilots of a fleet. The paper ("Organisational Settings") leaves this to future work."""
 
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from msgspec import UNSET, UnsetType
 
@@ -17,7 +17,7 @@ from dronecats.agent.commanding.command_prompt import (
     parse_orders,
     roster,
 )
-from dronecats.agent.latency import COMMANDER, LatencyPolicy, Question
+from dronecats.agent.latency import COMMANDER, Question
 from dronecats.agent.loop import Decider, PendingQuestion, Questions, SideBySideAgent, Tally, await_reply
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import History, labels
@@ -26,18 +26,6 @@ from foundation.errors import ModelError
 from foundation.protocol import CAP_S, GO
 from foundation.run_folder.rows import Cause, Decision, Exchange, Order
 from foundation.run_folder.writing import LineLog
-
-
-@dataclass(frozen=True, slots=True)
-class CommandQuestions:
-    """The model of a fleet's commander, and the settings of its questions."""
-
-    model: Model
-    prompt: CommandPrompt
-    instruction: str  # of the episode
-    latency: LatencyPolicy
-    patience_s: float | None = None  # this and `last_reply`: see `Questions`
-    last_reply: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +50,19 @@ class FleetCommander:
 
     def __init__(
         self,
-        command: CommandQuestions,
+        questions: Questions,
+        prompt: CommandPrompt,
         posts: Sequence[CommandedDrone],
         cockpit: Cockpit,
         now_s: Callable[[], float],
         tally: Tally,
         keep: Callable[[Exchange], None],
     ) -> None:
-        """`posts` are in the order of the drones; `keep` logs an exchange (a question and its reply)."""
-        self._command, self._posts, self._cockpit = command, posts, cockpit
+        """`questions` has the commander's model; `prompt` replaces the prompt of the pilots.
+
+        `posts` are in the order of the drones; `keep` logs an exchange (a question and its reply).
+        """
+        self._questions, self._prompt, self._posts, self._cockpit = questions, prompt, posts, cockpit
         self._now_s, self._tally, self._keep = now_s, tally, keep
         self._questions_sent = 0
         self._sent_s = 0.0  # time of the last question
@@ -110,16 +102,18 @@ class FleetCommander:
         return tuple(causes)
 
     def _exchange(self, causes: tuple[Cause, ...], cap_s: float) -> Generator[None, None, list[Decision]]:
-        command = self._command
+        questions = self._questions
         question = Question(self._cockpit.seed, self._questions_sent, COMMANDER)
         frames = yield from self._cockpit.newest_frames(
-            question, range(len(self._posts)), self._now_s, cap_s, command.patience_s
+            question, range(len(self._posts)), self._now_s, cap_s, questions.patience_s
         )
         if frames is None:
             return []
         shown = self._show(causes, tuple(frames))
         asking = self._send(shown)
-        due = yield from await_reply(asking, self._now_s, shown.sent_s, cap_s, command.patience_s, command.last_reply)
+        due = yield from await_reply(
+            asking, self._now_s, shown.sent_s, cap_s, questions.patience_s, questions.last_reply
+        )
         if not due:
             if not (shown.number or asking.answered):
                 raise ModelError("the commander sent no reply before the end of the episode")
@@ -153,9 +147,9 @@ class FleetCommander:
         return shown
 
     def _send(self, shown: _Shown) -> PendingQuestion:
-        command, drones = self._command, len(self._posts)
+        questions, drones = self._questions, len(self._posts)
         request = Request(
-            command.prompt.render(command.instruction, shown.roster, shown.causes, drones),
+            self._prompt.render(questions.instruction, shown.roster, shown.causes, drones),
             self._cockpit.keep_pictures(shown.frames),
             thinking=False,
             labels=labels(drones),
@@ -165,7 +159,9 @@ class FleetCommander:
         self._cockpit.log_prompt(request, shown.frames, shown.sent_s)
         question = Question(self._cockpit.seed, shown.number, COMMANDER)
         executor, last_s = self._cockpit.executor, self._answered_s
-        return PendingQuestion(command.model, request, executor, command.latency, question, shown.sent_s, last_s=last_s)
+        return PendingQuestion(
+            questions.model, request, executor, questions.latency, question, shown.sent_s, last_s=last_s
+        )
 
     def _executable_orders(self, orders: FleetOrders, shown: _Shown) -> tuple[FleetOrders, list[str]]:
         """Return the orders that can be carried out, and the reason for each refused order."""
@@ -207,7 +203,7 @@ class FleetCommander:
         reply, now_s = asking.reply() if asking else None, self._now_s()
         served: str | UnsetType = UNSET
         if reply and reply.served != self._served:
-            served, self._served = reply.served or self._command.model.name, reply.served
+            served, self._served = reply.served or self._questions.model.name, reply.served
         return Exchange(
             number=shown.number,
             t_asked=round(shown.sent_s, 6),
@@ -222,7 +218,7 @@ class FleetCommander:
             latency_s=round(asking.latency_s(now_s), 6) if asking else None,
             tokens_in=reply.tokens_in if reply else None,
             tokens_out=reply.tokens_out if reply else None,
-            model=self._command.model.name,
+            model=self._questions.model.name,
             served=served,
         )
 
@@ -278,13 +274,18 @@ class Subordinate(Decider):
 class Hierarchy(SideBySideAgent):
     """Flies one episode with a commander and its pilots. All run concurrently, and each pilot has its own pace."""
 
-    def __init__(self, questions: Questions, command: CommandQuestions, cockpit: Cockpit) -> None:
-        """`questions` are for the pilots; their instruction is each drone's goal until the commander gives another."""
+    def __init__(self, questions: Questions, commander: Model, prompt: CommandPrompt, cockpit: Cockpit) -> None:
+        """`questions` are for the pilots; their instruction is each drone's goal until the commander gives another.
+
+        `commander` and `prompt`: model and prompt of the commander. Its other settings are those of `questions`.
+        """
         super().__init__(cockpit)
         self._log: LineLog | None = None
         posts = [CommandedDrone(drone, questions.instruction) for drone in self._drones]
         self._deciders = [Subordinate(questions, post, cockpit, lambda: self.now_s, self._tally) for post in posts]
-        self._commander = FleetCommander(command, posts, cockpit, lambda: self.now_s, self._tally, self._keep)
+        self._commander = FleetCommander(
+            replace(questions, model=commander), prompt, posts, cockpit, lambda: self.now_s, self._tally, self._keep
+        )
 
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
         """Fly until the episode's time is over, or until `stop` returns True for a new decision."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.commanding.command_prompt import CommandPrompt
-from dronecats.agent.commanding.hierarchy import CommandQuestions, Hierarchy
+from dronecats.agent.commanding.hierarchy import Hierarchy
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.models.model import Model
 from dronecats.agent.models.replay import ReplayModel
@@ -68,23 +68,6 @@ def groups_of(flight: Flight) -> list[list[int]] | None:
     return [[drone] for drone in range(len(flight.record.starts))]
 
 
-def commanded_agent(flight: Flight, model: Model, commander: Model) -> AgentFactory:
-    """Return the factory of a hierarchy: a pilot for each drone, and a commander of the pilots."""
-    questions = questions_of(flight, model)
-    return partial(
-        Hierarchy,
-        questions,
-        CommandQuestions(
-            commander,
-            CommandPrompt.load(),
-            flight.instruction,
-            flight.spec.latency,
-            patience_s=questions.patience_s,
-            last_reply=questions.last_reply,
-        ),
-    )
-
-
 AgentMaker = Callable[[Flight, Model], AgentFactory]
 SHIPPED: dict[str, AgentMaker] = {PAPER: papers_agent, STEADY: steady_agent}
 
@@ -119,7 +102,8 @@ class OpenPilot:
         """Return the factory of the flight's agent. With a commander, a hierarchy replaces the paper's agent."""
         maker = agent_maker(flight.spec.agent)
         if self.commander is not None and maker is papers_agent:
-            make = commanded_agent(flight, self.model, self.commander)
+            questions = questions_of(flight, self.model)
+            make: AgentFactory = partial(Hierarchy, questions, self.commander, CommandPrompt.load())
         else:
             make = maker(flight, self.model)
 
