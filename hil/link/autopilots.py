@@ -1,16 +1,14 @@
-"""The autopilot at the other end of a link: its version, its family, its modes and setpoint messages.
+"""The PX4 at the other end of a link, or this project's own autopilot: its version and its setpoint messages.
 
-For PX4, the modes are from px4_custom_mode.h. The following was measured with PX4 1.15. PX4 accepts setpoints only in
-the frames LOCAL_NED and BODY_NED. It reports a mask without vz (0x5E7) or without any value (0xDFF) as invalid, and
-Offboard times out. It treats a stream of setpoints below 2 Hz as lost, and accepts it again without a mode command. It
-divides the rates of its messages until the radio can carry them. It sends STATUSTEXT only on a link with a ground
-station.
+The following was measured with PX4 1.15. PX4 accepts setpoints only in the frames LOCAL_NED and BODY_NED. It reports a
+mask without vz (0x5E7) or without any value (0xDFF) as invalid, and Offboard times out. It treats a stream of setpoints
+below 2 Hz as lost, and accepts it again without a mode command. It divides the rates of its messages until the radio
+can carry them. It sends STATUSTEXT only on a link with a ground station.
 """
 
 from dataclasses import dataclass
 
-from foundation.mavlink import MODES, PX4_AUTOPILOT, dialect
-from foundation.mavlink import mode_name as name_of
+from foundation.mavlink import PX4_AUTOPILOT, dialect
 from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoint
 
 KINDS = {0: "", 64: "alpha", 128: "beta", 192: "rc", 255: ""}  # FIRMWARE_VERSION_TYPE; 0 is a developer's build
@@ -55,60 +53,29 @@ def kind_name(autopilot: int) -> str:
 
 VELOCITY_YAW_RATE = 0x5C7  # type mask: vx, vy, vz, yaw rate
 POSITION_YAW = 0x9F8  # type mask: x, y, z, yaw
-LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}
-ENDINGS = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}
 
 
-class Px4:
-    """The family of PX4 autopilots, which includes this project's own autopilot. Other families are subclasses.
-
-    All code uses PX4's names of the modes. A subclass translates the names of its family.
-    """
-
-    name = "PX4"
-    autopilot = int(PX4_AUTOPILOT)  # HEARTBEAT.autopilot, a MAV_AUTOPILOT
-    homeward = ("LAND", "RETURN")  # modes that end on the ground; we send no orders after them
-
-    def mode_name(self, custom_mode: int) -> str:
-        """Return the mode of a HEARTBEAT or CURRENT_MODE; for an unknown mode, the numbers `main/sub`."""
-        return name_of(custom_mode)
-
-    def mode_parameters(self, mode: str) -> tuple[float, float]:
-        """Return parameters 2 and 3 of MAV_CMD_DO_SET_MODE. Raises KeyError for an unknown mode."""
-        return MODES[mode].main, MODES[mode].sub
-
-    def goes_on_to(self, mode: str) -> tuple[str, ...]:
-        """Return the modes to which an autopilot switches by itself from this mode."""
-        return LEADS_TO.get(mode, ())
-
-    def ending(self, then: str) -> str:
-        """Return the mode for the end of a flight: land, return or hold."""
-        return ENDINGS[then]
-
-    def setpoint_message(
-        self, setpoint: OffboardSetpoint, time_boot_ms: int, system: int, component: int
-    ) -> dialect.MAVLink_message:
-        """Return SET_POSITION_TARGET_LOCAL_NED with a frame and mask that a real PX4 accepts."""
-        stamp = time_boot_ms % (1 << 32)
-        match setpoint:
-            case VelocitySetpoint(velocity_body, yaw_rate):
-                return dialect.MAVLink_set_position_target_local_ned_message(
-                    stamp,
-                    system,
-                    component,
-                    dialect.MAV_FRAME_BODY_NED,
-                    VELOCITY_YAW_RATE,
-                    0, 0, 0, *velocity_body, 0, 0, 0, 0, yaw_rate,
-                )  # fmt: skip
-            case PositionSetpoint(position_ned, yaw):
-                return dialect.MAVLink_set_position_target_local_ned_message(
-                    stamp,
-                    system,
-                    component,
-                    dialect.MAV_FRAME_LOCAL_NED,
-                    POSITION_YAW,
-                    *position_ned, 0, 0, 0, 0, 0, 0, yaw, 0,
-                )  # fmt: skip
-
-
-PX4 = Px4()
+def setpoint_message(
+    setpoint: OffboardSetpoint, time_boot_ms: int, system: int, component: int
+) -> dialect.MAVLink_message:
+    """Return SET_POSITION_TARGET_LOCAL_NED with a frame and mask that a real PX4 accepts."""
+    stamp = time_boot_ms % (1 << 32)
+    match setpoint:
+        case VelocitySetpoint(velocity_body, yaw_rate):
+            return dialect.MAVLink_set_position_target_local_ned_message(
+                stamp,
+                system,
+                component,
+                dialect.MAV_FRAME_BODY_NED,
+                VELOCITY_YAW_RATE,
+                0, 0, 0, *velocity_body, 0, 0, 0, 0, yaw_rate,
+            )  # fmt: skip
+        case PositionSetpoint(position_ned, yaw):
+            return dialect.MAVLink_set_position_target_local_ned_message(
+                stamp,
+                system,
+                component,
+                dialect.MAV_FRAME_LOCAL_NED,
+                POSITION_YAW,
+                *position_ned, 0, 0, 0, 0, 0, 0, yaw, 0,
+            )  # fmt: skip

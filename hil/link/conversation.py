@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 
 from foundation.errors import LinkError
 from foundation.frames import quat_normalized, quat_to_euler
-from foundation.mavlink import Packer, Parser, dialect, frame_of
+from foundation.mavlink import PX4_AUTOPILOT, Packer, Parser, dialect, frame_of
 from foundation.signing import Signing, is_signed, timestamp
-from hil.link.autopilots import PX4, Firmware, Px4, firmware, kind_name
+from hil.link.autopilots import Firmware, firmware, kind_name
 from hil.link.course import PoseHistory
 from hil.link.streams import TICK_US, Streams
 from hil.link.telemetry import STATE_MESSAGES, StatusTexts, VehicleClock, VehicleState, update
@@ -83,7 +83,6 @@ KEY_TRIES = 5
 AGAIN_S = 0.5  # s of vehicle time before a temporarily rejected command is sent again
 WORDS_S = 0.3  # s of vehicle time in which an autopilot sends its reason for a refusal
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
-FAMILIES: dict[int, Px4] = {PX4.autopilot: PX4}  # families that we can fly, by HEARTBEAT.autopilot
 HEARTBEAT, COMMAND_ACK = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK
 STATUSTEXT, VERSION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 GIMBAL = dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
@@ -120,7 +119,6 @@ class Conversation:
         self.clock = VehicleClock()
         self.track = PoseHistory()
         self.firmware: Firmware | None = None
-        self.family: Px4 = PX4  # until a heartbeat has another family
         self.system = 0
         self.component = AUTOPILOT
         self.streams = Streams()
@@ -262,11 +260,11 @@ class Conversation:
             self.texts.take(message, self.time_us)
         stamp_us = self.clock.of(message.time_boot_ms) if kind in STAMPED else self.clock.time_us
         before = self.state
-        self.state = update(before, message, self.family.mode_name, stamp_us, self.time_us)
+        self.state = update(before, message, stamp_us, self.time_us)
         if kind in STAMPED:
             brought = self.state
             if brought is before:  # the message is older than the newest one, but the history needs its pose
-                brought = update(VehicleState(), message, self.family.mode_name, stamp_us)
+                brought = update(VehicleState(), message, stamp_us)
             self._track(kind, brought)
         elif kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and self.state.range_m is not None:
             self.track.range(self.clock.time_us, self.state.range_m)
@@ -284,12 +282,11 @@ class Conversation:
     def _meet(self, heartbeat: dialect.MAVLink_message) -> None:
         if heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID:
             return
-        if heartbeat.autopilot not in FAMILIES:
+        if heartbeat.autopilot != PX4_AUTOPILOT:
             raise LinkError(
                 f"{kind_name(heartbeat.autopilot)} answers on {self.transport.url}, but dronecats flies PX4 only."
                 " Connect a vehicle that runs PX4"
             )
-        self.family = FAMILIES[heartbeat.autopilot]
         self.system = heartbeat.get_srcSystem()
         self._address.hold()
 

@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 from foundation.errors import LinkError
 from foundation.frames import Vec3
-from foundation.mavlink import dialect
+from foundation.mavlink import MODES, dialect
 from foundation.setpoints import Hold, PicturePose, Setpoint
+from hil.link.autopilots import setpoint_message
 from hil.link.conversation import GIMBAL, SILENCE_S, Conversation
 from hil.link.course import Arrival
 from hil.link.envelope import Limits, admit, broken_off, with_local_exclusions
@@ -25,6 +26,9 @@ OFFERED_S = 2.0  # s of attempts to enter Offboard while it is temporarily refus
 DISARMED_US = 1_500_000  # µs for which a vehicle in the air must report that it is disarmed: more than one heartbeat
 CAUSE_US = 2_000_000  # µs; the text of a failsafe may arrive this long before its change of mode
 FOREIGN_S = 600.0  # s for a person to arm, take off and hand over
+LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # modes to which PX4 switches by itself from a mode
+HOMEWARD = ("LAND", "RETURN")  # modes that end on the ground; we send no orders after them
+ENDINGS = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}  # modes for the end of a flight
 
 
 class TakeoverError(LinkError):
@@ -94,13 +98,12 @@ class Link(Conversation):
             return
         if name != "OFFBOARD":
             self._offboard = False
-        self._expect(name, *self.family.goes_on_to(name))
+        self._expect(name, *LEADS_TO.get(name, ()))
         # on a lossy link our setpoints may arrive late, and an autopilot may refuse Offboard until they do
         insist_s = OFFERED_S if name == "OFFBOARD" else 0.0
-        self.order(
-            f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, *self.family.mode_parameters(name), insist_s=insist_s
-        )
-        if name in self.family.homeward:  # we send no orders after it
+        mode = MODES[name]
+        self.order(f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, mode.main, mode.sub, insist_s=insist_s)
+        if name in HOMEWARD:
             self._expected = ()
 
     def arm(self) -> None:
@@ -342,7 +345,7 @@ class Link(Conversation):
         if self._taken_by is not None:
             raise self._takeover()
         if then != "hold":
-            self.set_mode(self.family.ending(then))
+            self.set_mode(ENDINGS[then])
         elif refusal:
             raise refusal
         self._expected = ()  # the autopilot and the safety pilot control the vehicle now
@@ -365,7 +368,7 @@ class Link(Conversation):
             return
         self.on_setpoint(setpoint)
         if not self.dry:
-            self.send(self.family.setpoint_message(setpoint, self.time_us // 1000, self.system, self.component))
+            self.send(setpoint_message(setpoint, self.time_us // 1000, self.system, self.component))
 
     def _setpoint(self, state: VehicleState) -> OffboardSetpoint | None:
         if state.position_ned is None or state.velocity_ned is None or state.euler is None:

@@ -2,12 +2,11 @@
 
 import math
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from foundation.frames import Vec3
-from foundation.mavlink import dialect
+from foundation.mavlink import dialect, mode_name
 
 WARNING = dialect.MAV_SEVERITY_WARNING  # 4; smaller is worse
 KEPT = 50
@@ -23,42 +22,28 @@ class ReceivedText:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class _Open:
-    """A text that may still miss a piece."""
-
-    text_id: int
-    severity: int
-    time_us: int
-    text: str
-
-
 class StatusTexts:
     """The newest texts of one autopilot."""
 
     def __init__(self) -> None:
         self.newest: deque[ReceivedText] = deque(maxlen=KEPT)
-        self._open: _Open | None = None
+        self._open: ReceivedText | None = None  # a text that may still miss a piece
+        self._open_id = 0  # STATUSTEXT.id of that text
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
         """Take a STATUSTEXT. A text whose last piece is full stays open until another text, `since` or `last`."""
         text = _plain(message.text)
-        if self._open is not None and (message.id != self._open.text_id or message.chunk_seq == 0):
+        if message.id != self._open_id or message.chunk_seq == 0:
             self._complete()
         before = self._open.text if self._open is not None else ""
-        if message.id and len(text) >= PIECE:
-            self._open = _Open(message.id, message.severity, time_us, before + text)
-        else:
-            self._open = None
-            self._keep(message.severity, time_us, before + text)
+        self._open, self._open_id = ReceivedText(time_us, message.severity, before + text), message.id
+        if not message.id or len(text) < PIECE:
+            self._complete()
 
     def _complete(self) -> None:
         if self._open is not None:
-            self._keep(self._open.severity, self._open.time_us, self._open.text)
+            self.newest.append(replace(self._open, text=" ".join(self._open.text.split())))
             self._open = None
-
-    def _keep(self, severity: int, time_us: int, text: str) -> None:
-        self.newest.append(ReceivedText(time_us, severity, " ".join(text.split())))
 
     def since(self, time_us: int) -> str:
         """Return the texts since `time_us` of severity warning or worse, in order and joined; empty: none."""
@@ -192,11 +177,7 @@ STATE_MESSAGES = frozenset(  # the messages that change the state
 
 
 def update(
-    state: VehicleState,
-    message: dialect.MAVLink_message,
-    mode_name: Callable[[int], str],
-    time_us: int = 0,
-    received_us: int | None = None,
+    state: VehicleState, message: dialect.MAVLink_message, time_us: int = 0, received_us: int | None = None
 ) -> VehicleState:
     """Return the state after a message of the autopilot component with the time `time_us` of the vehicle's clock.
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from foundation import wire
 from foundation.errors import UsageError
 from foundation.frames import Vec3
-from foundation.mavlink import Parser, dialect, mode_name
+from foundation.mavlink import Parser, dialect
 from foundation.truth import TRUTH_COMPONENT, Origin, TruthSample, truth_sample
 from hil.link.telemetry import WARNING, StatusTexts, VehicleClock, VehicleState, setpoint_velocity, update
 
@@ -224,7 +224,7 @@ class _Autopilot:
             self._take_state(m)
 
     def _take_state(self, m: dialect.MAVLink_message) -> None:
-        self._state = update(self._state, m, mode_name)
+        self._state = update(self._state, m)
         now = AutopilotState(self._state.mode, self._state.armed, self._state.battery_remaining)
         if now.mode and (not self.states or self.states[-1][1] != now):
             self.states.append((self._newest_us, now))

@@ -14,7 +14,7 @@ from dronecats.study.loop.hover import StepResponse
 from dronecats.study.loop.margins import StepFigures, step_figures
 from episodes.records import catalogue
 from foundation.frames import quat_yaw
-from hil.link.autopilots import PX4
+from hil.link.autopilots import setpoint_message
 from hil.link.link import Link
 from hil.link.offboard import VelocitySetpoint
 
@@ -113,7 +113,7 @@ def fly(airframe: str, *, px4: str | None = None, log_dir: Path | None = None, s
         begun_us = link.time_us
         while (step := step_at((link.time_us - begun_us) / 1e6)) is not None:
             setpoint = VelocitySetpoint((step.forward, 0.0, -step.up), step.yaw_rate)
-            link.send(PX4.setpoint_message(setpoint, link.time_us // 1000, link.system, link.component))
+            link.send(setpoint_message(setpoint, link.time_us // 1000, link.system, link.component))
             link.tick()
         table = np.array(rows)
     time = table[:, 0] - begun_us / 1e6

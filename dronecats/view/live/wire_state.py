@@ -14,7 +14,7 @@ from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment
 from episodes.world.world import World
 from foundation import wire
 from foundation.frames import Quat, Vec3, quat_from_euler
-from foundation.mavlink import Parser, dialect, mode_name
+from foundation.mavlink import Parser, dialect
 from foundation.truth import TRUTH_COMPONENT, Origin, truth_sample
 from hil.link.telemetry import STATE_MESSAGES, StatusTexts, VehicleState, setpoint_velocity, update
 
@@ -143,7 +143,7 @@ class WireState:
             if number == POSITION_TARGET:
                 drone.setpoint_ned = setpoint_velocity(message)
             else:
-                drone.state, drone.has_state = update(drone.state, message, mode_name, time_us), True
+                drone.state, drone.has_state = update(drone.state, message, time_us), True
         drone.new.clear()
         state = drone.state
         if placed and state.position_ned is not None:

@@ -19,7 +19,7 @@ from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulat
 from dronecats.flight.stages.lockstep import Lockstep
 from foundation.frames import Vec3, quat_multiply
 from foundation.mavlink import dialect
-from hil.link.autopilots import PX4
+from hil.link.autopilots import setpoint_message
 from hil.link.link import Link
 from hil.link.offboard import PositionSetpoint, VelocitySetpoint
 from vehicles import airframe
@@ -85,12 +85,10 @@ def fly(seed: int, folder: Path) -> Flight:
             link.tick()
 
     def place(seconds, north, east, up, yaw):
-        stream(
-            seconds, lambda: PX4.setpoint_message(PositionSetpoint((north, east, -up), yaw), link.time_us // 1000, 1, 1)
-        )
+        stream(seconds, lambda: setpoint_message(PositionSetpoint((north, east, -up), yaw), link.time_us // 1000, 1, 1))
 
     def body(seconds, velocity, yaw_rate):
-        stream(seconds, lambda: PX4.setpoint_message(VelocitySetpoint(velocity, yaw_rate), link.time_us // 1000, 1, 1))
+        stream(seconds, lambda: setpoint_message(VelocitySetpoint(velocity, yaw_rate), link.time_us // 1000, 1, 1))
         if yaw_rate == 0.0 and seconds >= 4.0:
             commanded = rotated(velocity, vehicle.core.estimate["attitude"])
             flight.off_course.append(float(np.linalg.norm(vehicle.plant.truth["velocity_ned"] - commanded)))

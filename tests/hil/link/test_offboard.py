@@ -2,9 +2,10 @@ import math
 
 import pytest
 
+from foundation.mavlink import dialect
 from foundation.setpoints import Hold, PicturePose, Turn, Velocity
-from hil.link.autopilots import PX4
-from hil.link.offboard import CORRECTION_MAX, OffboardStream
+from hil.link.autopilots import setpoint_message
+from hil.link.offboard import CORRECTION_MAX, OffboardStream, PositionSetpoint, VelocitySetpoint
 from hil.link.streams import TICK_US
 
 STILL = (0.0, 0.0, 0.0)
@@ -12,7 +13,7 @@ STILL = (0.0, 0.0, 0.0)
 
 def message(stream, position, velocity=STILL, yaw=0.0, time_us=1_000_000):
     target = stream.streamed(position, velocity, yaw, time_us)
-    return None if target is None else PX4.setpoint_message(target, time_us // 1000, 1, 1)
+    return None if target is None else setpoint_message(target, time_us // 1000, 1, 1)
 
 
 def test_no_stream_before_a_request():
@@ -227,3 +228,15 @@ def test_a_turn_before_a_move_holds_a_position_on_the_line_of_the_move():
     assert (across, along) == pytest.approx((0.0, 0.0), abs=1e-6)
     assert not stream.steady((0, 0, -2.0), 0.9, 0.0)  # the vehicle is beside the line
     assert stream.steady((held.x, held.y, -2.0), 0.9, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("setpoint", "frame", "mask"),
+    [
+        (VelocitySetpoint((1.0, 0.0, -0.5), 0.2), dialect.MAV_FRAME_BODY_NED, 0x5C7),
+        (PositionSetpoint((1.0, 2.0, -3.0), 0.2), dialect.MAV_FRAME_LOCAL_NED, 0x9F8),
+    ],
+)
+def test_px4_setpoints_have_the_expected_frame_and_type_mask(setpoint, frame, mask):
+    sent = setpoint_message(setpoint, 5, 1, 1)
+    assert (sent.coordinate_frame, sent.type_mask) == (frame, mask)

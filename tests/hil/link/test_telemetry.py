@@ -84,13 +84,13 @@ def test_late_messages_do_not_change_the_state():
     angles = dialect.MAVLink_attitude_message(1, 0, 0, 1, 0, 0, 0)
     older = dialect.MAVLink_local_position_ned_message(0, 9, 9, 9, 0, 0, 0)
     turned = dialect.MAVLink_attitude_message(0, 0, 0, 2, 0, 0, 0)
-    state = update(update(VehicleState(), place, mode_name, 2000), angles, mode_name, 2000)
-    assert update(update(state, older, mode_name, 1999), turned, mode_name, 1999) == state
-    assert update(state, older, mode_name, 2000).position_ned == (9.0, 9.0, 9.0)
+    state = update(update(VehicleState(), place, 2000), angles, 2000)
+    assert update(update(state, older, 1999), turned, 1999) == state
+    assert update(state, older, 2000).position_ned == (9.0, 9.0, 9.0)
 
 
 def test_messages_with_nan_or_infinity_are_ignored():
-    state = update(VehicleState(), dialect.MAVLink_local_position_ned_message(1, 1, 2, 3, 0, 0, 0), mode_name, 1000)
+    state = update(VehicleState(), dialect.MAVLink_local_position_ned_message(1, 1, 2, 3, 0, 0, 0), 1000)
     nan = float("nan")
     for bad in (
         dialect.MAVLink_local_position_ned_message(2, 1, nan, 3, 0, 0, 0),
@@ -98,7 +98,7 @@ def test_messages_with_nan_or_infinity_are_ignored():
         dialect.MAVLink_attitude_message(2, 0, 0, nan, 0, 0, 0),
         dialect.MAVLink_home_position_message(0, 0, 0, nan, 0, 0, [1, 0, 0, 0], 0, 0, 0),
     ):
-        assert update(state, bad, mode_name, 2000) == state
+        assert update(state, bad, 2000) == state
 
 
 @given(st.lists(st.integers(0, (1 << 32) - 1), max_size=30))
@@ -120,7 +120,7 @@ def test_mode_names_are_a_bijection():
 def test_state_follows_the_messages():
     state = VehicleState()
     beat = dialect.MAVLink_heartbeat_message(2, 12, 129, MODES["OFFBOARD"].custom_mode, 4, 3)
-    state = update(state, beat, mode_name)
+    state = update(state, beat)
     assert state.armed
     assert state.mode == "OFFBOARD"
 
