@@ -17,7 +17,7 @@ from dataclasses import dataclass, fields, replace
 from foundation.declaration import Declaration, check_bounds, declared, number
 from foundation.errors import LinkError, UsageError
 from foundation.wire import Frames
-from hil.link.transport import BITS_PER_BYTE, Transport
+from hil.link.transport import BITS_PER_BYTE, MemoryTransport, Transport
 
 LATE_S = 0.1  # s by which a reordered frame is late: two ticks of the agent, so that others overtake it
 LOST, DOUBLED, REORDERED = (f"{{percent:g}} % of frames {event}" for event in ("lost", "doubled", "out of order"))
@@ -307,7 +307,7 @@ class ImpairedWire:
             self.fault = fault
 
 
-class SteppedWire(Transport):
+class SteppedWire(MemoryTransport):
     """The agent's end of a wire in lockstep, without faults until `impair`. A read of an empty wire calls `pump`.
 
     Units are forwarded at ticks, so a delay becomes a whole number of ticks.
@@ -327,14 +327,10 @@ class SteppedWire(Transport):
 
         `now_s` reads the vehicle's clock (s). `pump` advances this clock, and calls `step` once per tick.
         """
-        self.url = url
-        self._take, self._give, self._pump, self._now_s = take, give, pump, now_s
+        super().__init__(url, take, give, pump, now_s)
         self._up, self._down = OneWay(PERFECT, seed, "up"), OneWay(PERFECT, seed, "down")
         self._received = bytearray()
         self._close = close
-
-    def time_s(self) -> float:
-        return self._now_s()
 
     def close(self) -> None:
         self._close()
@@ -356,18 +352,18 @@ class SteppedWire(Transport):
 
     def receive(self, timeout_s: float) -> bytes:
         """Return the arrived bytes; b'' if none arrived within `timeout_s` of the vehicle's time."""
-        due_s = self._now_s() + timeout_s
+        due_s = self.time_s() + timeout_s
         self._receive_frames()
-        while not self._received and self._now_s() < due_s:
+        while not self._received and self.time_s() < due_s:
             self._pump()
         data = bytes(self._received)
         self._received.clear()
         return data
 
     def send(self, data: bytes) -> None:
-        for unit in self._up.carry(self._now_s(), data):
+        for unit in self._up.carry(self.time_s(), data):
             self._give(unit)
 
     def _receive_frames(self, data: bytes = b"") -> None:
-        for unit in self._down.carry(self._now_s(), data + self._take()):
+        for unit in self._down.carry(self.time_s(), data + self._take()):
             self._received += unit

@@ -11,11 +11,11 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 
-from foundation.camera import CameraModel, Frame, decode_depth
+from foundation.camera import Frame, decode_depth
 from foundation.errors import CameraError, UsageError
 from hil.cameras.address import shown
 from hil.cameras.lens import Lens
-from hil.cameras.stream import Picture, decoded
+from hil.cameras.stream import LensCamera, Picture, decoded
 
 CONNECT_S = 5.0
 ERROR_NUMBER = re.compile(r"^\[Errno -?\d+\] ")
@@ -99,7 +99,7 @@ def body(response: httpx.Response, bytes_max: int) -> tuple[float, bytes]:
 PICTURE_BYTES_MAX = 64 * 1024 * 1024
 
 
-class HttpCamera:
+class HttpCamera(LensCamera):
     """A camera over HTTP: each call fetches one picture.
 
     A simulated camera stamps its pictures with the vehicle's clock. The picture of a real camera is stamped at its
@@ -123,25 +123,13 @@ class HttpCamera:
         self._caller = Caller(url)
         self._depths = Caller(depth_url) if depth_url else None
         self.url = url
-        self._now_us, self._lens = now_us, lens or Lens()
+        super().__init__(lens or Lens())
+        self._now_us = now_us
         self._max_age_s, self._timeout_s = max_age_s, timeout_s
         self._frames = 0
         self._none = f"the camera at {self._caller.name} gives no frame"
         self.stamps = False  # whether the camera stamped its newest picture itself
         self.reopened = 0  # always 0, because there is no stream to reopen; a broken connection is an error
-
-    @property
-    def model(self) -> CameraModel:
-        """The pinhole model of the frames. Fetches a frame if the model is not known yet. Raises CameraError."""
-        if self._lens.model is None:
-            self.newest()
-        assert self._lens.model is not None  # a picture has arrived, so its size is known
-        return self._lens.model
-
-    @property
-    def calibrated(self) -> bool:
-        """Whether the lens is known: frames are straightened, and the field of view is measured."""
-        return self._lens.calibration is not None
 
     def newest(self, drone: int = 0) -> Frame:
         """Return the newest frame. Raises CameraError if none arrives."""

@@ -76,8 +76,7 @@ def _checked(values: dict[str, Any], path: Path) -> Calibration:
     allowed = (4,) if fisheye else COEFFICIENTS
     if not isinstance(distortion, np.ndarray) or distortion.size not in allowed or not np.all(np.isfinite(distortion)):
         raise fail("distortion_coefficients", f"does not have {' or '.join(map(str, allowed))} numbers")
-    rows = tuple((float(row[0]), float(row[1]), float(row[2])) for row in matrix)
-    return Calibration(width, height, rows, tuple(map(float, distortion.ravel())), fisheye, values["error_px"])
+    return Calibration(width, height, _rows(matrix), tuple(map(float, distortion.ravel())), fisheye, values["error_px"])
 
 
 def save(calibration: Calibration, path: Path) -> None:

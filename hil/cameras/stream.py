@@ -51,7 +51,31 @@ class Shot:
     data: bytes | Picture
 
 
-class StreamCamera:
+class LensCamera:
+    """A camera with a lens. Subclasses deliver the frames."""
+
+    def __init__(self, lens: Lens) -> None:
+        self._lens = lens
+
+    def newest(self, drone: int = 0) -> Frame:
+        """Return the newest frame. Raises CameraError if none arrives."""
+        raise NotImplementedError
+
+    @property
+    def model(self) -> CameraModel:
+        """The pinhole model of the frames. Waits for a frame if the model is not known yet. Raises CameraError."""
+        if self._lens.model is None:
+            self.newest()
+        assert self._lens.model is not None  # a picture has arrived, so its size is known
+        return self._lens.model
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the lens is known: frames are straightened, and the field of view is measured."""
+        return self._lens.calibration is not None
+
+
+class StreamCamera(LensCamera):
     """A camera that reads one source, for one drone. It raises CameraError for a picture older than `max_age_s`."""
 
     stamps = False  # these sources do not send the time of a picture
@@ -67,7 +91,8 @@ class StreamCamera:
         patience_s: float = PATIENCE_S,
     ) -> None:
         """`now_us` is the vehicle's clock; `name` is the camera's address as messages show it. Raises CameraError."""
-        self._source, self._now_us, self._lens = source, now_us, lens
+        super().__init__(lens)
+        self._source, self._now_us = source, now_us
         self._max_age_s, self._patience_s = max_age_s, patience_s
         self._none = f"the camera at {name} gives no frame"
         self._shot: Shot | None = None
@@ -81,23 +106,10 @@ class StreamCamera:
         self._thread.start()
 
     @property
-    def model(self) -> CameraModel:
-        """The pinhole model of the frames. Waits for the first frame. Raises CameraError, UsageError."""
-        if self._lens.model is None:
-            self.newest()
-        assert self._lens.model is not None  # a picture has arrived, so its size is known
-        return self._lens.model
-
-    @property
     def age_s(self) -> float | None:
         """Age (s) of the newest picture; None: there is none yet."""
         shot = self._shot
         return None if shot is None else time.monotonic() - shot.taken_s
-
-    @property
-    def calibrated(self) -> bool:
-        """Whether the lens is known: frames are straightened, and the field of view is measured."""
-        return self._lens.calibration is not None
 
     def newest(self, drone: int = 0) -> Frame:
         """Return the newest frame. Raises CameraError if no recent one arrives in time."""

@@ -26,12 +26,10 @@ class Arrival:
 
     def settled(self, state: VehicleState, time_us: int) -> bool:
         """Return whether the vehicle has stayed at the place and heading for RESTING_US. Call this at every tick."""
-        there = time_us >= self._due_us and self._is_there(state, COARSER if self._is_late(time_us) else 1.0)
+        is_late = time_us >= self._due_us + COARSE_US
+        there = time_us >= self._due_us and self._is_there(state, COARSER if is_late else 1.0)
         self._resting_us = (self._resting_us or time_us) if there else None
         return self._resting_us is not None and time_us >= self._resting_us + RESTING_US
-
-    def _is_late(self, time_us: int) -> bool:
-        return time_us >= self._due_us + COARSE_US
 
     def _is_there(self, state: VehicleState, times: float) -> bool:
         if state.position_ned is None or state.velocity_ned is None or state.euler is None:
@@ -93,24 +91,10 @@ class PoseHistory:
         )
         first, second, part, on_s = self._headings.around(time_us)
         heading = first[0] + part * wrap_pi(second[0] - first[0]) + on_s * second[1]
-        roll, pitch = self._tilt(time_us)
+        roll, pitch = self._tilts.between(time_us) if self._tilts else (0.0, 0.0)
+        gimbal_pitch = self._gimbals.between(time_us)[0] if self._gimbals else None
         carried_on = time_us > min(self._places.newest_us, self._headings.newest_us)
-        gimbal_pitch = self._gimbal_pitch(time_us)
         return PicturePose((north, east, down), wrap_pi(heading), roll, pitch, gimbal_pitch, carried_on)
-
-    def _gimbal_pitch(self, time_us: int) -> float | None:
-        """Return the pitch (rad) of the camera's gimbal at a time; None before the first report; not extrapolated."""
-        if not self._gimbals:
-            return None
-        before, after, share, _ = self._gimbals.around(time_us)
-        return before[0] + share * (after[0] - before[0])
-
-    def _tilt(self, time_us: int) -> tuple[float, float]:
-        """Return roll and pitch (rad) at a time, without extrapolation; level before the first report."""
-        if not self._tilts:
-            return 0.0, 0.0
-        before, after, share, _ = self._tilts.around(time_us)
-        return before[0] + share * (after[0] - before[0]), before[1] + share * (after[1] - before[1])
 
     def mean_place(self, seconds: float) -> Vec3 | None:
         """Return the mean place (m, local frame) over the last `seconds`; None before the first report."""
@@ -187,6 +171,11 @@ class _Reports:
         if k == len(times):
             return before, before, 0.0, min(time_us - times[-1], AHEAD_US) / 1e6
         return before, self._report(k), (time_us - times[k - 1]) / (times[k] - times[k - 1]), 0.0
+
+    def between(self, time_us: int) -> tuple[float, ...]:
+        """Return the numbers at a time: interpolated, but not extrapolated."""
+        before, after, share, _ = self.around(time_us)
+        return tuple(b + share * (a - b) for b, a in zip(before, after, strict=True))
 
     def _report(self, k: int) -> tuple[float, ...]:
         return tuple(self._values[k * self._width : (k + 1) * self._width])

@@ -227,7 +227,7 @@ def failsafe_findings(situation: Situation) -> list[Finding]:
     for name, rule in RULES.items():
         value = situation.values.get(name)
         if value is None:
-            findings.append(Finding(Row(name, False if name in VITAL else None, "the autopilot does not tell it")))
+            findings.append(_unknown(name, passed=False if name in VITAL else None))
         else:
             findings.append(rule(situation, value))
     if situation.sticks:
@@ -292,6 +292,10 @@ def _failed_with_change(name: str, value: float, new: float, why: str, reason: s
     return Finding(row, Change(name, value, new, reason))
 
 
+def _unknown(name: str, passed: bool | None = None) -> Finding:
+    return Finding(Row(name, passed, "the autopilot does not tell it"))
+
+
 FENCE_PARAMETERS = ("GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST", "RTL_RETURN_ALT")
 FENCE_ACTIONS = {0: "nothing", 1: "a warning", 2: "Hold", 3: "Return", 4: "Terminate", 5: "Land"}
 FENCE_RADIUS = 150.0  # m from home: more than the envelope's 100 m, so the fence acts only if the envelope fails
@@ -329,10 +333,6 @@ def fence_findings(values: Mapping[str, Value | None], points: int | None) -> li
     action, radius, height = values.get("GF_ACTION"), values.get("GF_MAX_HOR_DIST"), values.get("GF_MAX_VER_DIST")
     climb = values.get("RTL_RETURN_ALT")
     return [_action(action), _walls(radius, points), _height(height, climb), _return(climb, height)]
-
-
-def _unknown(name: str) -> Finding:
-    return Finding(Row(name, None, "the autopilot does not tell it"))
 
 
 def _action(value: Value | None) -> Finding:

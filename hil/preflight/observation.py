@@ -152,7 +152,7 @@ class Watch:
                 link.tick()
             observation = self._observation()
             self._request_missing()
-            return replace(observation, newest=dict(self._newest), worst_ratio=dict(self._worst), unix_s=self._unix_s)
+            return replace(observation, newest=self._newest, worst_ratio=self._worst, unix_s=self._unix_s)
 
     def _request_missing(self) -> None:
         """Request each missing message. On a crowded link, a single message may arrive although its stream does not."""
@@ -164,16 +164,14 @@ class Watch:
                 self._link.tick()
 
     def _observation(self) -> Observation:
+        """Return the values that must not contain the answers to `_request_missing`."""
         return Observation(
-            newest=dict(self._newest),
             seconds=(self._link.time_us - self._began_us) * 1e-6,
             counts=dict(self._counts),
-            worst_ratio=dict(self._worst),
             texts=tuple(dict.fromkeys(text.text for text in self._texts.newest if text.severity <= 4)),
             station=self._station,
             round_trips=tuple(self._round_trips),
             sync_requests=len(self._pending) + len(self._round_trips),
-            unix_s=self._unix_s,
         )
 
     def _request_time(self) -> None:

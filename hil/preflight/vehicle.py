@@ -79,7 +79,8 @@ def _sensors(observed: Observation) -> Row:
     if status is None:
         return Row("sensors", False, "SYS_STATUS does not arrive, so nothing is known", "look at the link's rates")
     present = int(status.onboard_control_sensors_present) | PRESENT_UNSAID
-    bad = [name for bit, name in SENSORS.items() if _enabled(status) & bit and not _health(status) & bit]
+    enabled = int(status.onboard_control_sensors_enabled)
+    bad = [name for bit, name in SENSORS.items() if enabled & bit and not _health(status) & bit]
     missing = [
         name for bit, name in SENSORS.items()
         if name in NEEDED and name not in bad and not present & bit
@@ -136,10 +137,6 @@ def _mode(observed: Observation) -> str:
 
 def _texts(observed: Observation) -> str:
     return f"; its messages: {'; '.join(observed.texts[-3:])}" if observed.texts else ""
-
-
-def _enabled(status: Message) -> int:
-    return int(status.onboard_control_sensors_enabled)
 
 
 def _health(status: Message) -> int:
