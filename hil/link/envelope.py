@@ -5,6 +5,7 @@ may be flown, and the names of the limits that changed it. The speed towards a l
 ≤ GAIN · distance). So a vehicle whose velocity lags half a second behind its setpoint stops before the limit.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,6 +29,7 @@ GAIN = 0.5
 STANDSTILL = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 BACK_MAX = 0.5  # m/s, highest speed at which a vehicle beyond a limit is brought back
 TOUCHING_M = 1e-3  # m: a line this near to a corner touches it
+TOUCHING_MPS = 1e-5  # m/s: a velocity this near to the highest allowed one is limited
 STALE_US = 500_000  # µs without a new position or attitude, after which the last one is not used
 
 Corner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [north, east]"})]  # m, from home
@@ -157,13 +159,11 @@ def _velocity(setpoint: VelocitySetpoint, at: Vec3, yaw: float, limits: Limits) 
     elif down > down_max:
         down = down_max
         limited.append("floor")
-    for name, normal, room in 2 * _walls(
-        at, limits
-    ):  # twice, because in a corner one limit may turn the setpoint towards another
-        outward, allowed = north * normal[0] + east * normal[1], _towards(room, limits.margin_m)
-        if outward > allowed + 1e-9:
-            north, east = north - (outward - allowed) * normal[0], east - (outward - allowed) * normal[1]
-            limited.append(name)
+    walls = _walls(at, limits)
+    inside = _nearest_velocity((north, east), [(normal, allowed) for _, normal, allowed in walls], limits.speed)
+    if inside != (north, east):
+        north, east = inside
+        limited += [name for name, normal, allowed in walls if _along(inside, normal) > allowed - TOUCHING_MPS]
     yaw_rate = max(-limits.yaw_rate, min(limits.yaw_rate, setpoint.yaw_rate))
     if yaw_rate != setpoint.yaw_rate:
         limited.append("yaw rate")
@@ -225,8 +225,44 @@ def _towards(room_m: float, margin_m: float) -> float:
     return max(-BACK_MAX, GAIN * (room_m - margin_m))
 
 
+def _nearest_velocity(wish: Corner, walls: Sequence[tuple[Corner, float]], speed: float) -> Corner:
+    """Return the horizontal velocity (m/s, NE) that is nearest to `wish` and that all walls allow.
+
+    A wall is a unit vector and the highest component of the velocity along it, m/s. The length of `wish` and of the
+    result is at most `speed`. If the walls contradict each other, because the vehicle is in the margins of several,
+    each of them allows a standstill.
+
+    The allowed velocities are a convex polygon within a circle. So the nearest one is `wish`, its projection on a wall,
+    or a corner: of two walls, or of a wall and the circle.
+    """
+    for lowest in (-speed, 0.0):
+        bounds = [(normal, max(allowed, lowest)) for normal, allowed in walls if allowed < speed]
+        candidates = [wish]
+        for normal, allowed in bounds:
+            excess = _along(wish, normal) - allowed
+            candidates.append((wish[0] - excess * normal[0], wish[1] - excess * normal[1]))
+            n, e = allowed * normal[0], allowed * normal[1]
+            rest = math.sqrt(speed * speed - allowed * allowed)
+            candidates += [(n - side * normal[1], e + side * normal[0]) for side in (-rest, rest)]
+        for ((n1, e1), allowed1), ((n2, e2), allowed2) in itertools.combinations(bounds, 2):
+            sine = n1 * e2 - e1 * n2
+            if abs(sine) > 1e-6:
+                candidates.append(((allowed1 * e2 - allowed2 * e1) / sine, (allowed2 * n1 - allowed1 * n2) / sine))
+        possible = [
+            v for v in candidates
+            if math.hypot(*v) <= speed + 1e-6 and all(_along(v, normal) <= allowed + 1e-6 for normal, allowed in bounds)
+        ]  # fmt: skip
+        if possible:
+            return min(possible, key=lambda v: math.dist(v, wish))
+    return 0.0, 0.0
+
+
+def _along(velocity: Corner, direction: Corner) -> float:
+    return velocity[0] * direction[0] + velocity[1] * direction[1]
+
+
 def _walls(at: Vec3, limits: Limits) -> list[tuple[str, Corner, float]]:
-    """Return the horizontal limits: name, direction towards it (unit), distance to it in m."""
+    """Return the horizontal limits: name, direction towards it (unit), highest speed (m/s) in this direction."""
     walls: list[tuple[str, Corner, float]] = []
     distance = math.hypot(at[0], at[1])
     if distance > 1e-6:
@@ -239,7 +275,7 @@ def _walls(at: Vec3, limits: Limits) -> list[tuple[str, Corner, float]]:
             walls.append(("exclusion", (-n, -e), -room))
         else:
             walls.extend(("exclusion", towards, room) for towards, room in edges)
-    return walls
+    return [(name, towards, _towards(room, limits.margin_m)) for name, towards, room in walls]
 
 
 def _edge(at: Corner, a: Corner, b: Corner) -> tuple[Corner, float]:

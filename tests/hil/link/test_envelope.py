@@ -3,13 +3,14 @@
 import itertools
 import math
 
+import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from foundation.errors import LinkError
 from foundation.polygon import contains
-from hil.link.envelope import Limits, _edge, admit, crosses, unwatched, with_local_exclusions
+from hil.link.envelope import Limits, _edge, _nearest_velocity, admit, crosses, unwatched, with_local_exclusions
 from hil.link.offboard import PositionSetpoint, VelocitySetpoint
 from hil.link.telemetry import VehicleState
 
@@ -55,6 +56,45 @@ def test_no_velocity_setpoint_leaves_the_radius_and_height_limits(forward, right
 def test_no_velocity_setpoint_enters_an_exclusion_zone(polygon, forward, right):
     path = fly(VelocitySetpoint((forward, right, 0.0), 0.0), Limits(exclusions=(polygon,)), 20.0)
     assert not any(contains(polygon, (n, e)) for n, e, _ in path)
+
+
+@pytest.mark.parametrize("fence_north", [20.0, 40.0, 44.0, 47.0])
+def test_no_limit_is_crossed_where_a_fence_meets_the_radius_at_a_sharp_angle(fence_north):
+    fence = tuple((fence_north - thick, east) for thick, east in ((0, -60.0), (0, 60.0), (3, 60.0), (3, -60.0)))
+    limits = Limits(radius_m=50.0, exclusions=(fence,))
+    path = fly(VelocitySetpoint((1.2, 0.0, 0.0), 0.0), limits, 90.0, math.pi / 2, at=(fence_north + 2.0, 0.0, -2.5))
+    assert all(math.hypot(n, e) <= 50.0 and not contains(fence, (n, e)) for n, e, _ in path)
+
+
+@pytest.mark.parametrize("half_angle_deg", [5.0, 10.0, 30.0])
+def test_no_exclusion_is_entered_in_a_gap_that_narrows_to_a_point(half_angle_deg):
+    cosine, sine = math.cos(math.radians(half_angle_deg)), math.sin(math.radians(half_angle_deg))
+    left = ((14.0, 0.0), (14.0 - 13.0 * cosine, -13.0 * sine), (14.0 - 13.0 * cosine, -13.0 * sine - 4.0), (17.0, -4.0))
+    zones = left, tuple((n, -e) for n, e in left)
+    path = fly(VelocitySetpoint((1.2, 0.0, 0.0), 0.0), Limits(exclusions=zones), 60.0)
+    assert not any(contains(zone, (n, e)) for zone in zones for n, e, _ in path)
+
+
+@settings(max_examples=100)
+@given(
+    st.lists(st.tuples(st.floats(-3.1, 3.1), st.floats(-0.5, 2.0)), max_size=4), st.floats(-3.1, 3.1), st.floats(0, 1)
+)
+def test_the_admitted_velocity_is_the_nearest_that_all_limits_allow(walls, course, share):
+    """Compared with a search of a grid."""
+    speed = 1.5
+    wish = speed * share * math.cos(course), speed * share * math.sin(course)
+    bounds = [((math.cos(angle), math.sin(angle)), allowed) for angle, allowed in walls]
+    found = _nearest_velocity(wish, bounds, speed)
+    axis = np.linspace(-speed, speed, 61)
+    north, east = (grid.ravel() for grid in np.meshgrid(axis, axis))
+    allowed = np.hypot(north, east) <= speed
+    for (n, e), most in bounds:
+        allowed &= n * north + e * east <= most
+    if allowed.any():
+        assert math.hypot(*found) <= speed + 1e-4
+        assert all(n * found[0] + e * found[1] <= most + 1e-4 for (n, e), most in bounds)
+        nearest = np.hypot(north - wish[0], east - wish[1])[allowed].min()
+        assert math.dist(found, wish) <= nearest + 1e-4
 
 
 @settings(max_examples=40)
