@@ -1,4 +1,4 @@
-"""Queries of this machine: the user's cache folder, cores, the limit on address space, the program that holds a port.
+"""Queries of this machine: the user's cache folder, names of hosts, cores, the limit on address space, users of ports.
 
 The limit is checked before compiled code is loaded, because compiled code crashes when it runs out of memory. A limit
 on the address space (`ulimit -v`, RLIMIT_AS) counts reserved memory, which is several times the used memory: each
@@ -19,6 +19,14 @@ def user_cache() -> Path:
         return Path(base or Path.home() / ".cache") / "dronecats"
     except RuntimeError:  # a user id that has no home
         raise UsageError("this user has no home folder for compiled code. Set NUMBA_CACHE_DIR to a folder") from None
+
+
+def is_host(name: str) -> bool:
+    """Return whether a name or number of a host can be looked up: no part of it is empty or above 63 characters."""
+    try:
+        return bool(name.encode("idna"))
+    except UnicodeError:
+        return False
 
 
 def cores() -> int:

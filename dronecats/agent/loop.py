@@ -333,11 +333,16 @@ class SideBySideAgent:
             self.drone_type(i, aircraft, cockpit.camera_model) for i, aircraft in enumerate(cockpit.aircraft)
         ]
         self._deciders: list[Decider] = []
+        self._newest_us = cockpit.t0_us
 
     @property
     def now_s(self) -> float:
-        """Vehicle seconds since the episode began, by the newest telemetry of any drone; all clocks start together."""
-        return (max(drone.aircraft.time_us for drone in self._drones) - self._cockpit.t0_us) / 1e6
+        """Vehicle seconds since the episode began, by the newest telemetry of any drone; all clocks start together.
+
+        A vehicle that reboots, and so restarts its clock, does not set it back.
+        """
+        self._newest_us = max(self._newest_us, *(drone.aircraft.time_us for drone in self._drones))
+        return (self._newest_us - self._cockpit.t0_us) / 1e6
 
     @property
     def steps(self) -> int:

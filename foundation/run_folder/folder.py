@@ -60,7 +60,9 @@ def create(
             if again:
                 _set_aside(run, folder)
             prepare(folder)
-            held.enter_context(hold(folder / layout.DECISIONS, folder))
+            log = held.enter_context(hold(folder / layout.DECISIONS, folder))
+            if log.tell() or (folder / layout.VERDICT).exists():  # another process has flown it during `first`
+                raise UsageError(f"{folder} already has a flight. Choose another folder with --out")
             with _exclusive(run):
                 _check_settings(run, configuration)  # again: another process may have begun the run during `first`
                 write_run(run, configuration)

@@ -9,7 +9,9 @@ from urllib.parse import parse_qsl
 from foundation.errors import UsageError
 
 FORMS = "http://…, rtsp://…, v4l2:0, a video file or a folder of pictures"
-_SECRET = re.compile(r"([\w-]*(?:pass|pwd|token|secret|key|auth|user|login)[\w-]*=)[^&/\s]*", re.IGNORECASE)
+_NAME = r"([\w-]*(?:pass|pwd|token|secret|key|auth|user|login)[\w-]*=)"
+_SECRET_IN_PATH = re.compile(rf"{_NAME}[^&/\s]*", re.IGNORECASE)
+_SECRET_IN_QUERY = re.compile(rf"{_NAME}[^&#\s]*", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,4 +56,5 @@ def shown(url: str) -> str:
     scheme, separator, rest = url.partition("://")
     if separator and "@" in rest:
         rest = "***@" + rest.rpartition("@")[2]
-    return _SECRET.sub(r"\1***", scheme + separator + rest)
+    path, mark, query = rest.partition("?")
+    return scheme + separator + _SECRET_IN_PATH.sub(r"\1***", path) + mark + _SECRET_IN_QUERY.sub(r"\1***", query)

@@ -5,6 +5,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from email.message import Message
 
 import cv2
 import httpx
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from foundation.camera import Frame, decode_depth
 from foundation.errors import CameraError, UsageError
+from foundation.machine import is_host
 from hil.cameras.address import shown
 from hil.cameras.lens import Lens
 from hil.cameras.stream import LensCamera, Picture, decoded
@@ -31,7 +33,7 @@ class Caller:
             self._url = httpx.URL(url)
         except httpx.InvalidURL:
             self._url = httpx.URL("")
-        if not self._url.host:
+        if not is_host(self._url.host):
             raise UsageError(
                 f"camera {self.name!r} is not an http address. Write special characters of a password as %XX, for"
                 " example %40 for @"
@@ -144,7 +146,7 @@ class HttpCamera(LensCamera):
             params = {**(params or {}), "depth": 1}
         try:
             response = self._caller.get(self._timeout_s, params)
-            if response.headers.get("content-type", "").startswith("multipart/"):
+            if is_multipart(response):
                 response.close()
                 raise CameraError("it sends a stream instead of a picture")
             came_s, data = body(response, PICTURE_BYTES_MAX)
@@ -194,12 +196,19 @@ PART_BYTES_MAX = 32 * 1024 * 1024
 SILENCE_S = 2.0  # s without a byte until the stream counts as broken
 
 
+def is_multipart(response: httpx.Response) -> bool:
+    """Return whether a response is a stream of pictures."""
+    return response.headers.get("content-type", "").lower().startswith("multipart/")
+
+
 class Multipart:
     """Splits the bytes of a multipart response into its parts."""
 
     def __init__(self, content_type: str) -> None:
         """Raises CameraError if the header has no boundary."""
-        boundary = content_type.partition("boundary=")[2].split(";")[0].strip().strip('"')
+        header = Message()
+        header["Content-Type"] = content_type
+        boundary = str(header.get_param("boundary", "")).strip()
         # some cameras write the two leading dashes into the header, others do not
         self._boundary = b"--" + boundary.removeprefix("--").encode("latin-1", "replace")
         if len(self._boundary) < 3:

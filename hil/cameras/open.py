@@ -6,7 +6,7 @@ from collections.abc import Callable
 from foundation.camera import CameraModel, Frame
 from foundation.errors import CameraError, UsageError
 from hil.cameras.address import Address, parse, shown
-from hil.cameras.http import Caller, HttpCamera, MjpegSource
+from hil.cameras.http import Caller, HttpCamera, MjpegSource, is_multipart
 from hil.cameras.lens import HFOV_DEG, Calibration, Lens
 from hil.cameras.stream import (
     MAX_AGE_S,
@@ -75,7 +75,7 @@ def _http_source(url: str) -> MjpegSource | None:
     caller = Caller(url)
     response = caller.get(ANSWER_S)
     response.close()
-    if response.headers.get("content-type", "").startswith("multipart/"):
+    if is_multipart(response):
         return MjpegSource(caller)
     caller.close()
     return None

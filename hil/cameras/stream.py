@@ -346,10 +346,12 @@ class FolderSource:
         self._paths = pictures(Path(self._folder))
         if not self._paths:
             raise CameraError(f"the folder has no picture ({', '.join(ENDINGS)})")
-        self._began_s, self._next = time.monotonic(), 0
+        self._began_s: float | None = None  # when the first picture was due
+        self._next = 0
 
     def shoot(self, stop: threading.Event) -> tuple[float, bytes]:
         now_s = time.monotonic()
+        self._began_s = now_s if self._began_s is None else self._began_s
         self._next = max(self._next, int((now_s - self._began_s) * self._rate_hz))
         if self._next >= len(self._paths):
             raise StreamEndedError("the last picture of the folder was sent")

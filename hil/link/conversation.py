@@ -249,7 +249,7 @@ class Conversation:
             before_us = self.time_us
             self.clock.see(message.time_boot_ms, self._time_s())
             if self.clock.reboots != self._boots:
-                self.state = VehicleState()
+                self.state, self._gap_us = VehicleState(), self.time_us
             elif self.time_us - before_us > GAP_US:
                 self._gap_us = self.time_us
         if kind == GIMBAL:

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from foundation import extras
 from foundation.errors import DronecatsError, LinkError, UsageError
-from foundation.machine import port_holder
+from foundation.machine import is_host, port_holder
 
 FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, tcpin://HOST:PORT or serial://DEVICE:BAUD"
 BITS_PER_BYTE = 10  # of a serial line, 8N1: a start bit, eight data bits, a stop bit
@@ -57,7 +57,7 @@ class UdpTransport(Transport):
 
     def __init__(self, url: str, host: str, port: int, *, listen: bool) -> None:
         self.url = url
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        family = _family(host)
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self._peers: dict[Any, float] = {}  # address -> wall clock when it last sent, the newest last
@@ -161,7 +161,7 @@ class TcpListener(Transport):
         Raises UsageError for a port that is in use, with the advice `instead`.
         """
         self.url = url
-        self._listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._listening = socket.socket(_family(host), socket.SOCK_STREAM)
         self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a client may come back within a minute
         try:
             self._listening.bind((host, port))
@@ -304,6 +304,10 @@ class MemoryTransport(Transport):
         pass
 
 
+def _family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET
+
+
 def _shown(address: Any) -> str:
     """Return a socket's address as HOST:PORT."""
     host = f"[{address[0]}]" if ":" in address[0] else address[0]
@@ -328,7 +332,7 @@ def connect(url: str) -> Transport:
         host, port = datagrams.hostname or "0.0.0.0", datagrams.port
     except ValueError:
         host, port = "", None
-    if port is None or not 0 <= port <= 65535 or not host:
+    if port is None or not 0 <= port <= 65535 or not is_host(host):
         raise UsageError(f"--connect {url!r} is not a link. Use {FORMS}")
     if scheme in ("udpin", "udp"):
         return UdpTransport(url, host, port, listen=True)

@@ -21,6 +21,7 @@ import httpx
 
 from dronecats.agent.models.rate_limits import Limiter, Unlimited, allowances, http_date
 from foundation.errors import ModelError, ModelRejectedError, UsageError
+from foundation.machine import is_host
 from foundation.redaction import hide_secrets, redacted, redacted_url, secrets_of, worth_hiding
 from foundation.threads import COMPUTING, DaemonExecutor
 from foundation.wording import printable
@@ -217,7 +218,7 @@ class Endpoint:
             self._http = httpx.Client(headers={**headers, **signed}, verify=_trusted(), trust_env=proxied)
         except (httpx.InvalidURL, ValueError):
             raise UsageError(f"--base-url '{self.shown}' is not a URL such as http://HOST:PORT/v1") from None
-        if self._base.scheme not in ("http", "https") or not self._base.host:
+        if self._base.scheme not in ("http", "https") or not is_host(self._base.host):
             self._http.close()
             raise UsageError(f"--base-url '{self.shown}' must be an address with a host, such as http://HOST:PORT/v1")
 

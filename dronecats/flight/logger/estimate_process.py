@@ -37,10 +37,11 @@ class EstimateRecorder:
         self._resets = ResetWatch()
         self._yaw_deg: float | None = None
         self._t0_us: int | None = None
+        self._newest_us = 0
         self._next_pose = 0
 
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
-        self._t0_us = t0_us
+        self._t0_us = self._newest_us = t0_us
         resets = True if self._resets.sends_counter else UNSET
         self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, source="estimate", resets=resets))
 
@@ -89,7 +90,9 @@ class EstimateRecorder:
         )
 
     def _t(self) -> float:
-        return round((self._clock.time_us - (self._t0_us or 0)) / 1e6, 6)
+        """Return the time (s) of the episode. A vehicle that reboots and so restarts its clock does not set it back."""
+        self._newest_us = max(self._newest_us, self._clock.time_us)
+        return round((self._newest_us - (self._t0_us or 0)) / 1e6, 6)
 
 
 class EstimateLogger:

@@ -288,7 +288,11 @@ def digest_of(text: str) -> str | None:
 
 
 def _file(text: str) -> str | None:
-    return next((part.partition(":")[2] for part in split_policy(text) if part.startswith(f"{TRACE}:")), None)
+    """Return FILE of `trace:FILE`; None without a trace. Raises UsageError for an empty FILE."""
+    file = next((part.partition(":")[2] for part in split_policy(text) if part.startswith(f"{TRACE}:")), None)
+    if file == "":
+        raise UsageError(f"--latency {text} names no file. Name a run folder or a CSV file after trace:")
+    return file
 
 
 def _with_trace_name(text: str, name: str) -> str:

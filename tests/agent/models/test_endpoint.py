@@ -284,7 +284,7 @@ def test_an_unusable_key_is_redacted(monkeypatch):
     assert "Schl" not in str(refused.value)
 
 
-@pytest.mark.parametrize("url", ["host/v1", "ftp://127.0.0.1/v1", "http:///v1", "http://"])
+@pytest.mark.parametrize("url", ["host/v1", "ftp://127.0.0.1/v1", "http:///v1", "http://", "http://192.168..1/v1"])
 def test_urls_without_http_or_host_are_rejected_when_the_model_is_opened(url):
     with pytest.raises(UsageError, match="http://"):
         open_model(ModelSpec(provider="local", name="m", base_url=url))

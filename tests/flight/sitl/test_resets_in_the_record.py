@@ -116,6 +116,20 @@ def test_without_odometry_resets_are_unknown(tmp_path):
     assert "estimator_resets" not in outcome(read(tmp_path)).as_json()
 
 
+def test_a_reboot_in_flight_does_not_set_the_time_of_the_record_back(tmp_path):
+    (tmp_path / "decisions.jsonl").write_text("")
+    recorder = EstimateRecorder(tmp_path)
+    recorder.begin(300_000_000, 300.0)
+    for time_ms in (300_000, 307_000, *range(1_000, 3_000, 50)):  # a reboot shows in many stamps
+        recorder.telemetry(PACKER.pack(dialect.MAVLink_local_position_ned_message(time_ms, 1, 0, -2, 0, 0, 0)))
+    recorder.end("error", "the vehicle has rebooted")
+    recorder.close()
+    logs = read(tmp_path)
+    assert [pose.t for pose in logs.poses] == [0.0, 7.0]
+    assert logs.end is not None
+    assert logs.end.t == 7.0
+
+
 def test_values_that_are_not_finite_stay_out_of_the_record(tmp_path):
     (tmp_path / "decisions.jsonl").write_text("")
     recorder = EstimateRecorder(tmp_path)

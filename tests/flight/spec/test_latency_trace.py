@@ -75,6 +75,14 @@ def test_missing_and_binary_files_are_rejected(tmp_path):
         latency_policy(f"trace:{tmp_path / 'x.csv'}")
 
 
+@pytest.mark.parametrize("text", ["trace:", "trace:+cap:1"])
+def test_a_trace_without_a_file_does_not_read_the_current_folder(text, tmp_path, monkeypatch):
+    (tmp_path / "x.csv").write_text("0.5\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match="names no file"):
+        latency_policy(text)
+
+
 def test_paths_that_are_not_regular_files_are_rejected():
     with pytest.raises(UsageError, match="/dev/zero"):
         latency_policy("trace:/dev/zero")

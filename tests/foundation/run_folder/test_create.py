@@ -102,6 +102,19 @@ def test_a_run_cannot_resume_with_different_package_versions(tmp_path):
     Batch(run, {"seed": 1}).close()
 
 
+def test_a_flight_that_another_process_finished_meanwhile_is_kept(tmp_path):
+    run = tmp_path / "run"
+
+    def other():
+        with episode(run) as folder:
+            (folder / layout.DECISIONS).write_text("{}\n")
+            (folder / layout.VERDICT).write_text('{"outcome": "success"}')
+
+    with pytest.raises(UsageError, match="already has a flight"), create(run, "oracle", "e-01", {"seed": 1}, other):
+        pass
+    assert json.loads((run / "e-01" / layout.VERDICT).read_text())["outcome"] == "success"
+
+
 def test_a_benchmark_can_resume_after_a_single_flight_is_added(tmp_path):
     of_suite = {"seed": 1, "suite": {"name": "quick"}}
     Batch(tmp_path / "run", of_suite).close()

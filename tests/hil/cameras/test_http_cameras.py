@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from foundation.errors import CameraError
+from hil.cameras.address import shown
 from hil.cameras.http import HttpCamera, Multipart
 from hil.cameras.open import open_camera
 from hil.cameras.stream import StreamCamera
@@ -252,6 +253,20 @@ def test_multipart_parsing_does_not_depend_on_chunk_sizes(bodies, lengths, cut, 
         got += [(second, *part) for part in parts.feed(stream[at : at + cut], float(second))]
     assert [body for _, _, body in got] == bodies
     assert all(began <= second for second, began, _ in got)
+
+
+@pytest.mark.parametrize("parameter", ["Boundary=B", "boundary = B", 'x=1; BOUNDARY="--B"'])
+def test_the_boundary_is_found_in_any_legal_header(parameter):
+    stream = b"--B\r\nContent-Length: 1\r\n\r\na\r\n--B\r\n"
+    parts = Multipart(f"Multipart/X-Mixed-Replace; {parameter}")
+    assert [body for _, body in parts.feed(stream, 0.0)] == [b"a"]
+
+
+@pytest.mark.parametrize("secret", ["ab/cd", "YWJj/ZGVm+=="])
+def test_no_part_of_a_password_in_a_query_is_shown(secret):
+    text = shown(f"http://cam/snap.cgi?user=admin&pwd={secret}&size=2")
+    assert text.endswith("pwd=***&size=2")
+    assert "admin" not in text
 
 
 @given(st.binary(max_size=2000), st.integers(1, 100))

@@ -1,6 +1,7 @@
 """Video files and image folders, played at their recorded rate, and invalid camera sources."""
 
 import threading
+import time
 
 import cv2
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from foundation.errors import CameraError, UsageError
 from hil.cameras.open import open_camera
-from hil.cameras.stream import decoded, size_of
+from hil.cameras.stream import FolderSource, decoded, size_of
 from tests.hil.cameras import picture_code
 from tests.hil.cameras.host_clock import host_us
 from tests.hil.cameras.http_cameras import jpeg
@@ -77,6 +78,15 @@ def test_a_folder_plays_in_name_order_at_the_requested_rate(tmp_path):
     camera.close()
 
 
+def test_a_fast_folder_starts_with_its_first_image(tmp_path):
+    (tmp_path / "0.jpg").write_bytes(jpeg(7))
+    source = FolderSource(str(tmp_path), 1000.0)
+    source.open()
+    time.sleep(0.01)  # ten images of this rate
+    _, data = source.shoot(threading.Event())
+    assert data == jpeg(7)
+
+
 def test_a_recording_has_a_camera_for_drone_0_only(tmp_path):
     (tmp_path / "a.jpg").write_bytes(jpeg(1))
     camera = open_camera(str(tmp_path), host_us)
@@ -101,6 +111,7 @@ def test_invalid_cameras_are_reported_at_once(tmp_path):
         (str(empty), CameraError, str(empty)),
         (str(words), CameraError, "FFmpeg"),
         ("http://", UsageError, "'http://'"),
+        ("http://192.168..1/x.jpg", UsageError, "192.168..1"),
         ("http://:80/x", UsageError, "http://:80/x"),
         ("\0", UsageError, "camera"),
         ("x" * 5000, UsageError, "xxx"),

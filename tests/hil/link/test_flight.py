@@ -142,6 +142,25 @@ def test_a_reboot_raises_an_error_and_resets_the_state(vehicle):
     assert link.time_us < 10_000_000
 
 
+def test_a_vehicle_that_reboots_during_connect_gets_setpoints(vehicle):
+    vehicle.time_ms = 3_600_000
+    vehicle.silent = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED}  # it is still starting, so `connect` waits
+    link = Link(vehicle.transport())
+    reboots = []
+
+    def reboot():
+        if not reboots and vehicle.time_ms > 3_602_000:
+            reboots.append(True)
+            vehicle.time_ms, vehicle.silent = 1_000, set()
+
+    link.on_wait = reboot
+    link.connect(20.0)
+    assert reboots
+    link.fly(Hold())
+    link.wait(1.0)
+    assert vehicle.setpoints
+
+
 def test_a_rejected_command_is_reported_with_the_autopilots_text(vehicle):
     link = Link(vehicle.transport())
     link.connect(10.0)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from foundation.errors import DronecatsError, LinkError, UsageError
-from hil.link.transport import MemoryTransport, UdpTransport, connect
+from hil.link.transport import MemoryTransport, TcpListener, UdpTransport, connect
 from tests.hil.link import listening
 from tests.support.refusal import refusal
 
@@ -113,6 +113,9 @@ def test_malformed_urls_are_rejected_with_one_sentence():
         "ftp://h:1",
         "serial:///dev/x:fast",
         "udp://[::1",
+        "udpout://192.168..1:14550",
+        "tcp://192.168..1:5760",
+        f"udpin://{'h' * 64}:1",
     ]:
         assert "--connect" in refusal(connect, url)
 
@@ -143,6 +146,17 @@ def test_memory_transport_pumps_only_when_it_has_no_data():
     assert len(pumped) == 3
     assert pipe.receive(0.5) == b""  # the vehicle is silent for 0.5 s of its own clock
     assert len(pumped) == 8
+
+
+def test_a_tcp_server_listens_on_an_ipv6_address():
+    server = TcpListener("tcpin://[::1]:0", "::1", 0)
+    client = connect(f"tcp://[::1]:{server.port}")
+    client.send(b"word")
+    while not server.connected:
+        server.receive(2.0)
+    assert server.receive(2.0) == b"word"
+    client.close()
+    server.close()
 
 
 def test_a_tcp_server_serves_the_newest_client():
