@@ -141,10 +141,9 @@ def first_frame(record: EpisodeRecord, camera: CameraModel) -> Picture:
     world = World(record)
     renderer = Renderer(world.filmed, camera)
     views = []
-    for drone, start in enumerate(record.starts):
-        attitude = quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg))
+    for drone, start in enumerate(world.fleet.starts):
         moved = world.moved(0.0, world.fleet.other_starts(drone))
-        views.append(renderer.render(camera_pose(start.position_ned, attitude, camera), moved).rgb)
+        views.append(renderer.picture(camera_pose(start.position_ned, start.attitude, camera), moved))
     renderer.close()
     return in_rows(views, min(len(views), 2))
 
@@ -178,12 +177,12 @@ def write_optics_sheet(file: Path) -> None:
 
 def _optics_tile(name: str, optics: Optics, world: World) -> Picture:
     """Return one labelled picture from the episode's start."""
-    start = world.record.starts[0]
+    start = world.fleet.starts[0]
     motion = VehicleMotion(
         time_s=0.0,
         position_ned=start.position_ned,
         velocity_ned=(1.0, 0.0, 0.0),
-        attitude=quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg)),
+        attitude=start.attitude,
         rates_frd=(0.0, 0.0, math.radians(60.0) if name.startswith("exposure") else 0.0),
     )
     renderer = OpticalRenderer(world.scene, CameraModel(), optics)

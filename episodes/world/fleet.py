@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from episodes.maps.assets.multirotor import X500, Outline, multirotor
 from episodes.maps.scene import Instance, Moved, turn
 from episodes.records.record import StartPose
-from episodes.world.rays import RayScene
+from episodes.world.rays import BEFORE, RayScene
 from episodes.world.visibility import Occluder
 from foundation.frames import Quat, Vec3, quat_from_euler
 
@@ -92,10 +92,7 @@ class _Shape:
         near = np.flatnonzero(np.linalg.norm(along[:, None] * way - toward, axis=1) <= self._radius)
         hidden = np.zeros(len(points), dtype=np.bool_)
         if len(near):
-            start = np.broadcast_to((-(axes @ toward)).astype(np.float32), (len(near), 3))
-            ray = np.ascontiguousarray((way[near] @ axes.T).astype(np.float32))
-            reach = np.full(len(near), 0.999, dtype=np.float32)  # of the way: a hit at the point itself does not count
-            hidden[near] = self._scene.are_blocked(np.ascontiguousarray(start), ray, reach)
+            hidden[near] = self._scene.are_blocked(-(axes @ toward), way[near] @ axes.T, BEFORE)
         return hidden
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from episodes.maps.cutouts import Cutouts, cutouts_of, is_cut_out, is_opaque_texel
 from episodes.maps.scene import Instance, Mesh
@@ -15,7 +15,8 @@ from foundation.compiled import njit
 NOTHING = -1  # triangle index of a ray without a hit
 BEYOND_M = 1e-4  # from a hole to the start of the continued ray
 MOST_HOLES = 200  # along one ray; a ray through more holes counts as blocked
-FAR = np.float32(1e30)
+FAR = 1e30
+BEFORE = 0.999  # of the way to a point: a hit at the point itself does not count
 
 
 class Hits(NamedTuple):
@@ -53,30 +54,27 @@ class RayScene:
         """Return the ray scene of a mesh in its own axes."""
         return cls([mesh], [mesh.vertices[mesh.triangles]])
 
-    def first_hits(
-        self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32] | None = None
-    ) -> Hits:
-        """Return the first hits of rays from `start` (N, 3) along `way` (N, 3).
+    def first_hits(self, start: ArrayLike, way: ArrayLike, reach: float = FAR) -> Hits:
+        """Return the first hits of rays from `start`, one for all (3,) or one each (N, 3), along `way` (N, 3).
 
-        `reach` (N,) is the length of each ray, as a multiple of `way`; None: no limit.
+        `reach` is the length of the rays, as a multiple of `way`.
         """
-        reach = np.full(len(way), FAR, np.float32) if reach is None else reach
-        hit = self._opaque.run(start, way, reach, output=1)
+        starts, ways, reaches = _prepared(start, way, reach)
+        hit = self._opaque.run(starts, ways, reaches, output=1)
         is_hit = hit["primID"] >= 0
-        hits = Hits(np.full(len(way), NOTHING, np.int32), np.full(len(way), FAR, np.float32))
+        hits = Hits(np.full(len(ways), NOTHING, np.int32), np.full(len(ways), FAR, np.float32))
         hits.triangle[is_hit] = self._opaque_rows[hit["primID"][is_hit]]
         hits.distance[is_hit] = hit["tfar"][is_hit]
-        self._first_cutout_hits(start, way, np.where(is_hit, hits.distance, reach), hits)
+        self._first_cutout_hits(starts, ways, np.where(is_hit, hits.distance, reaches), hits)
         return hits
 
-    def are_blocked(
-        self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32]
-    ) -> NDArray[np.bool_]:
+    def are_blocked(self, start: ArrayLike, way: ArrayLike, reach: float) -> NDArray[np.bool_]:
         """Return for each ray whether it hits anything within `reach`; see `first_hits`."""
-        blocked = np.asarray(self._opaque.run(start, way, reach, query="OCCLUDED")) >= 0
+        starts, ways, reaches = _prepared(start, way, reach)
+        blocked = np.asarray(self._opaque.run(starts, ways, reaches, query="OCCLUDED")) >= 0
         free = np.flatnonzero(~blocked)
         hits = Hits(np.full(len(free), NOTHING, np.int32), np.full(len(free), FAR, np.float32))
-        self._first_cutout_hits(start[free], way[free], reach[free], hits)
+        self._first_cutout_hits(starts[free], ways[free], reaches[free], hits)
         blocked[free] = hits.triangle != NOTHING
         return blocked
 
@@ -104,6 +102,15 @@ class RayScene:
             gone[going] += np.maximum(step[going], gone[going] * 1e-6)
             going = going[gone[going] < reach[going]]
         hits.triangle[going], hits.distance[going] = self._cut_rows[0], gone[going]
+
+
+def _prepared(
+    start: ArrayLike, way: ArrayLike, reach: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Return starts (N, 3), directions (N, 3) and lengths (N,) of rays as Embree reads them."""
+    ways = np.ascontiguousarray(way, np.float32)
+    starts = np.ascontiguousarray(np.broadcast_to(np.asarray(start, np.float32), ways.shape))
+    return starts, ways, np.full(len(ways), reach, np.float32)
 
 
 def _embree_scene(triangles: NDArray[np.float32]) -> EmbreeScene:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps.scene import Instance, Mesh, turn
-from episodes.world.rays import NOTHING, RayScene
+from episodes.world.rays import BEFORE, NOTHING, RayScene
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Quat, Vec3, rotate_inverse
 from foundation.measurement import InPicture
@@ -82,15 +82,12 @@ class Solids:
 
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether something solid lies between it and the origin."""
-        start = np.ascontiguousarray(np.broadcast_to(np.array(origin, dtype=np.float32), points.shape))
-        way = (points - np.array(origin)).astype(np.float32)
-        # rays are not normalised: a parameter of 1 is the point itself
-        return self._scene.are_blocked(start, way, np.full(len(points), 0.999, dtype=np.float32))
+        return self._scene.are_blocked(origin, points - np.array(origin), BEFORE)
 
     def range_m(self, origin: Vec3, direction: Vec3) -> float:
         """Return the distance (m) to the first solid along a direction; inf if there is none."""
         unit = np.array(direction) / np.linalg.norm(direction)
-        hits = self._scene.first_hits(np.array([origin], np.float32), unit[None].astype(np.float32))
+        hits = self._scene.first_hits(origin, unit[None])
         return float(hits.distance[0]) if hits.triangle[0] != NOTHING else math.inf
 
     def clearance_m(self, point: Vec3) -> float:
@@ -147,10 +144,8 @@ class SolidsExcept(Solids):
         `left_out` itself must hide none of the points, which are on its surface. So if a ray's first hit is on
         `left_out`, nothing lies before its point.
         """
-        start = np.ascontiguousarray(np.broadcast_to(np.array(origin, dtype=np.float32), points.shape))
-        way = np.ascontiguousarray((points - np.array(origin)).astype(np.float32))
-        hits = self._scene.first_hits(start, way, np.full(len(points), 0.999, dtype=np.float32))
-        hidden = (hits.triangle != NOTHING) & (hits.distance < 0.999)
+        hits = self._scene.first_hits(origin, points - np.array(origin), BEFORE)
+        hidden = (hits.triangle != NOTHING) & (hits.distance < BEFORE)
         hidden[hidden] = self._owner[hits.triangle[hidden]] != self._out
         return np.asarray(hidden)
 
@@ -159,8 +154,7 @@ class SolidsExcept(Solids):
         unit = (np.array(direction) / np.linalg.norm(direction)).astype(np.float32)[None]
         gone = 0.0
         while True:
-            from_here = (np.array(origin) + gone * unit[0]).astype(np.float32)[None]
-            hits = self._scene.first_hits(from_here, unit)
+            hits = self._scene.first_hits(np.array(origin) + gone * unit[0], unit)
             if hits.triangle[0] == NOTHING:
                 return math.inf
             gone += float(hits.distance[0])
@@ -226,8 +220,7 @@ class TargetView:
         front = np.flatnonzero(weight > 0.0)
         if len(front) == 0:
             return Visibility(0.0, None)
-        start = np.ascontiguousarray(np.broadcast_to(local_eye.astype(np.float32), (len(front), 3)))
-        hits = self._own.first_hits(start, way[front].astype(np.float32))
+        hits = self._own.first_hits(local_eye, way[front])
         shown = front[hits.distance > 0.9998]  # the ray's first hit on the target is the sample itself
         total = float(weight[shown].sum())
         if total <= 0.0:

@@ -267,9 +267,8 @@ class Scenery:
         """Return name → share of the picture (0 … 1) of every solid that a level drone's camera sees."""
         attitude = level(yaw_deg)
         eye = np.array(origin) + np.array(rotate(attitude, CAMERA.offset_frd))
-        way = pixel_rays(np.arange(CAMERA.width), np.arange(CAMERA.height), turn(attitude).T, CAMERA).astype(np.float32)
-        start = np.ascontiguousarray(np.broadcast_to(eye.astype(np.float32), way.shape))
-        hit = self._scene.first_hits(start, np.ascontiguousarray(way)).triangle
+        way = pixel_rays(np.arange(CAMERA.width), np.arange(CAMERA.height), turn(attitude).T, CAMERA)
+        hit = self._scene.first_hits(eye, way).triangle
         count = Counter(self._owner[hit[hit != NOTHING]].tolist())
         return {self._names[k]: n / len(way) for k, n in sorted(count.items())}
 

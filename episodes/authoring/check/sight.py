@@ -68,9 +68,7 @@ def patch(
         return NOTHING
     way = pixel_rays(across, down, axes, camera)
     own = _traced(target.mesh)
-    local_eye = ((eye - np.array(place)) @ to_world).astype(np.float32)
-    start = np.ascontiguousarray(np.broadcast_to(local_eye, way.shape))
-    hits = own.first_hits(start, np.ascontiguousarray((way @ to_world).astype(np.float32)))
+    hits = own.first_hits((eye - np.array(place)) @ to_world, way @ to_world)
     shown = np.flatnonzero((hits.triangle != NO_TRIANGLE) & (hits.distance > NEAR_M))
     if len(shown):
         points = eye + way[shown] * hits.distance[shown, None].astype(np.float64)

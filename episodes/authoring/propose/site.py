@@ -22,8 +22,8 @@ from episodes.world import world
 from episodes.world.obstacles import REACH_M
 from episodes.world.target import motion
 from episodes.world.visibility import SolidsExcept, TargetView
-from foundation.camera import CameraPose
-from foundation.frames import Vec3, rotate
+from foundation.camera import camera_pose
+from foundation.frames import Vec3
 from foundation.terrain import HeightField
 
 LEG_M = 4.0  # longest leg of a path
@@ -182,10 +182,8 @@ class Site:
 
     def seen(self, target: PlacedTarget, place: Vec3, yaw_deg: float) -> float:
         """Return the fraction (0 … 1) of a target that a level drone at a place sees."""
-        attitude = level(yaw_deg)
-        lever = rotate(attitude, CAMERA.offset_frd)
-        eye = (place[0] + lever[0], place[1] + lever[1], place[2] + lever[2])
-        return target.view.sight(target.position_ned, target.yaw, CameraPose(eye, attitude), CAMERA).fraction
+        pose = camera_pose(place, level(yaw_deg), CAMERA)
+        return target.view.sight(target.position_ned, target.yaw, pose, CAMERA).fraction
 
     def _at(self, goal: Vec3, distance_m: float, bearing: float, height_m: float) -> Vec3:
         """Return the place `height_m` above the ground from which a goal has a bearing (rad) and a 3-D distance."""

@@ -276,10 +276,10 @@ def curtain() -> Picture:
 
 
 @cache
-def _pane(frame: Srgb, columns: int, blind: float) -> Picture:
-    """Return (160, 120, 3): a window, `columns` panes wide; its blind covers the share `blind`.
+def window(frame: Srgb, columns: int, blind: float) -> Material:
+    """Return the material of a window, `columns` panes wide; its blind covers the share `blind`, 0 … 1.
 
-    The texture does not repeat.
+    Its texture (160, 120, 3) does not repeat.
     """
     row, column = np.mgrid[0:160, 0:120]
     up = 1.0 - row / 159.0
@@ -292,7 +292,8 @@ def _pane(frame: Srgb, columns: int, blind: float) -> Picture:
     for k in range(1, columns):
         edge |= np.abs(column - round(120 * k / columns)) < 3
     image[edge] = frame
-    return np.asarray(np.clip(image, 0, 255), np.uint8)
+    picture = np.asarray(np.clip(image, 0, 255), np.uint8)
+    return Material(f"pane-{columns}-{blind}", (1.0, 1.0, 1.0), picture, specular=0.45)
 
 
 @texture
@@ -335,8 +336,11 @@ def shelves() -> Picture:
 
 
 @cache
-def _posters(seed: int) -> Picture:
-    """Return (160, 240, 3): sheets of paper pinned to a cork board. Their text is illegible on purpose."""
+def notices(seed: int) -> Material:
+    """Return the material of a cork board with sheets of paper. Their text is illegible on purpose.
+
+    Its texture has the shape (160, 240, 3).
+    """
     rng = np.random.default_rng(160 + seed)
     image = (1.0 + 0.08 * noise((160, 240), 0.4, 161))[..., None] * np.array((150, 112, 74))
     for row in range(2):
@@ -349,7 +353,7 @@ def _posters(seed: int) -> Picture:
             image[y + 5 : y + 15, x + 4 : x + wide - 4] = rng.uniform(60, 150, 3)
             for line in range(y + 22, y + tall - 5, 6):
                 image[line : line + 2, x + 4 : x + wide - int(rng.integers(5, 14))] = (120, 120, 118)
-    return np.asarray(np.clip(image, 0, 255), np.uint8)
+    return Material(f"posters-{seed}", (1.0, 1.0, 1.0), np.asarray(np.clip(image, 0, 255), np.uint8))
 
 
 @texture
@@ -369,8 +373,11 @@ def dial() -> Picture:
 
 
 @cache
-def _words(text: str, ink: Srgb, ground: Srgb) -> Picture:
-    """Return (64, W, 3): one line of text on a plain ground; capitals have three fifths of the height."""
+def lettered(text: str, ink: Srgb = (40, 42, 46), ground: Srgb = (226, 222, 210)) -> Material:
+    """Return the material of one line of text on a plain ground.
+
+    Its texture has the shape (64, W, 3). Capitals have three fifths of the height.
+    """
     font, tall, thick = cv2.FONT_HERSHEY_DUPLEX, 256, 22
     (_, cap), _ = cv2.getTextSize("H", font, 1.0, 1)
     scale = 0.6 * tall / cap
@@ -378,7 +385,8 @@ def _words(text: str, ink: Srgb, ground: Srgb) -> Picture:
     image = np.empty((tall, wide + tall // 2, 3), np.uint8)
     image[:] = np.array(ground, np.uint8)
     cv2.putText(image, text, (tall // 4, (tall + cap) // 2), font, scale, ink, thick, cv2.LINE_AA)
-    return np.asarray(cv2.resize(image, (image.shape[1] // 4, 64), interpolation=cv2.INTER_AREA))
+    picture = np.asarray(cv2.resize(image, (image.shape[1] // 4, 64), interpolation=cv2.INTER_AREA))
+    return Material(f"words-{text}", (1.0, 1.0, 1.0), picture)
 
 
 _DRIFT = {"grass": 0.16, "asphalt": 0.09, "concrete": 0.06, "paving": 0.05, "setts": 0.05}
@@ -388,21 +396,3 @@ _DRIFT = {"grass": 0.16, "asphalt": 0.09, "concrete": 0.06, "paving": 0.05, "set
 def surface(name: str, color: Vec3 = (1.0, 1.0, 1.0), specular: float = 0.0) -> Material:
     """Return the tinted material of a texture; the same arguments give the same object."""
     return Material(name, color, _TEXTURES[name](), specular=specular, drift=_DRIFT.get(name, 0.0))
-
-
-@cache
-def window(frame: Srgb, columns: int, blind: float) -> Material:
-    """Return the material of a window, `columns` panes wide; its blind covers the share `blind`, 0 … 1."""
-    return Material(f"pane-{columns}-{blind}", (1.0, 1.0, 1.0), _pane(frame, columns, blind), specular=0.45)
-
-
-@cache
-def notices(seed: int) -> Material:
-    """Return the material of a notice board with sheets of paper."""
-    return Material(f"posters-{seed}", (1.0, 1.0, 1.0), _posters(seed))
-
-
-@cache
-def lettered(text: str, ink: Srgb = (40, 42, 46), ground: Srgb = (226, 222, 210)) -> Material:
-    """Return the material of one line of text on a plain ground."""
-    return Material(f"words-{text}", (1.0, 1.0, 1.0), _words(text, ink, ground))
