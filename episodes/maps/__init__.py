@@ -10,15 +10,11 @@ from foundation.kept_values import kept
 from foundation.threads import once
 from foundation.wording import suggestion
 
-_MAPS: dict[str, Callable[[int], Scene]] = {
-    "blocks": blocks.build,
-    "campus": campus.build,
-    "residential": residential.build,
-}
-_PLACES: dict[str, Callable[[int], Places]] = {
-    "blocks": blocks.places,
-    "campus": campus.places,
-    "residential": residential_places.places,
+# map → functions seed → scene, and seed → places
+_MAPS: dict[str, tuple[Callable[[int], Scene], Callable[[int], Places]]] = {
+    "blocks": (blocks.build, blocks.places),
+    "campus": (campus.build, campus.places),
+    "residential": (residential.build, residential_places.places),
 }
 _SOURCES = ("episodes/maps/**/*.py", "foundation/*.py", "vehicles/*.py")  # everything that a shipped map depends on
 # map → camera pose of its overview picture: north, east, height above the ground in m, heading and pitch in degrees
@@ -55,7 +51,7 @@ def build(name: str, seed: int = 1) -> Scene:
 
 @once(3)  # a run flies many episodes on one map; scenes are immutable
 def _shipped(name: str, seed: int) -> Scene:
-    return kept(f"map-{name}-{seed}", _SOURCES, lambda: _MAPS[name](seed))
+    return kept(f"map-{name}-{seed}", _SOURCES, lambda: _MAPS[name][0](seed))
 
 
 def digest(name: str) -> str | None:
@@ -67,11 +63,11 @@ def digest(name: str) -> str | None:
 
 def places(name: str, seed: int = 1) -> Places:
     """Return the free ground, lanes and landmarks of a shipped map. Raises UsageError for any other map."""
-    if name not in _PLACES:
+    if name not in _MAPS:
         raise UsageError(f"map '{name}' lists no free places: only {', '.join(shipped())} do.")
     return _places(name, seed)
 
 
 @once(3)  # the editor calls this at each change of the cell; places are immutable
 def _places(name: str, seed: int) -> Places:
-    return _PLACES[name](seed)
+    return _MAPS[name][1](seed)

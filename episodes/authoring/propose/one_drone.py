@@ -45,10 +45,7 @@ NO_TARGETS = (*referring.UNNAMED, "clock-tower")  # kinds of a map that are neve
 MOVERS = ("delivery_robot", "service_cart", "pedestrian")
 PAINT = "white"  # of moving robots and carts, like those that belong to the map
 REFERRED_SPARE_M = 1.0
-VIEW_INDEPENDENT_RELATIONS = (
-    "nearest",
-    "between",
-)  # relations that do not depend on the viewer's place, for hidden targets
+VIEW_INDEPENDENT_RELATIONS = ("nearest", "between")  # they ignore the viewer's place; for hidden targets
 EMPTY_ROUNDS_MAX = 4  # after this many rounds through all kinds without a draft, the search ends
 SKIPPED_NEAREST = 0.8  # probability of skipping a target that only `nearest` identifies, to try other targets
 REFERRED_STARTS = 12  # largest number of starts tried for one target
@@ -71,11 +68,9 @@ def painted_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Propo
         paint = paints[turn % len(paints)]
         for _ in range(12):  # attempts to find a place with room for the target
             target = _moving(site, asset, paint, rng) if moving else _parked(site, asset, paint, rng)
-            drafts = (
-                list(itertools.islice(_painted_starts(site, cell, target, share, rng), PAINTED_STARTS))
-                if target
-                else []
-            )
+            if target is None:
+                continue
+            drafts = list(itertools.islice(_painted_starts(site, cell, target, share, rng), PAINTED_STARTS))
             for draft in drafts:
                 previous = share
                 share = yield draft

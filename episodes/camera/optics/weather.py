@@ -27,7 +27,7 @@ def veil(rate_mm_h: float) -> float:
     return float(scale * rate_mm_h**exponent)
 
 
-def pixel_slopes(camera: CameraModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def pixel_slopes(camera: CameraModel) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Return x / z (1, W) and y / z (H, 1) of the rays through the middles of the pixels."""
     x = (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px
     y = (np.arange(camera.height) + 0.5 - 0.5 * camera.height) / camera.focal_px

@@ -219,40 +219,14 @@ def draw_bands(
         inverse_depth[: bottom - top + 1] = 0.0
         samples[top : bottom + 1] = NOTHING
         for k in range(start[band], start[band + 1]):
-            t = items[k]
-            _draw(
-                t,
-                drawn.edges[t],
-                drawn.volume[t],
-                drawn.nearest[t],
-                max(drawn.rows[t, 0], top),
-                min(drawn.rows[t, 1], bottom),
-                top,
-                inverse_depth,
-                samples,
-                count_up,
-            )
+            _draw(items[k], drawn, top, bottom, inverse_depth, samples, count_up)
         if cut_start[band] < cut_start[band + 1]:
             _find_lowest(inverse_depth[: bottom - top + 1], lowest[thread])
         for k in range(cut_start[band], cut_start[band + 1]):
             t = cut_items[k]
             if _is_hidden(drawn.nearest[t], drawn.columns[t, 0], drawn.columns[t, 1], lowest[thread]):
                 continue
-            _draw_cut_out(
-                t,
-                drawn.edges[t],
-                drawn.volume[t],
-                drawn.nearest[t],
-                max(drawn.rows[t, 0], top),
-                min(drawn.rows[t, 1], bottom),
-                top,
-                inverse_depth,
-                samples,
-                count_up,
-                uv[t],
-                cutout[t],
-                cutouts,
-            )
+            _draw_cut_out(t, drawn, top, bottom, inverse_depth, samples, count_up, uv[t], cutout[t], cutouts)
 
 
 @njit(cache=True, nogil=True)
@@ -326,20 +300,18 @@ def _span(e: NDArray[np.float64], slopes: _Slopes, j: int, right: float) -> tupl
 @njit(cache=True, nogil=True)
 def _draw(
     t: int,
-    e: NDArray[np.float64],
-    volume: float,
-    nearest: float,
-    first_row: int,
-    last_row: int,
+    drawn: Drawn,
     top: int,
+    bottom: int,
     inverse_depth: NDArray[np.float32],
     samples: NDArray[np.int32],
     count_up: NDArray[np.float32],
 ) -> None:
-    name = np.int32(t)
-    slopes = _slopes(e, volume, nearest)
+    """Draw an opaque triangle into the rows `top` … `bottom` of samples. `inverse_depth` begins at row `top`."""
+    name, e = np.int32(t), drawn.edges[t]
+    slopes = _slopes(e, drawn.volume[t], drawn.nearest[t])
     limit = slopes.limit
-    for j in range(first_row, last_row + 1):
+    for j in range(max(drawn.rows[t, 0], top), min(drawn.rows[t, 1], bottom) + 1):
         begin, count = _span(e, slopes, j, samples.shape[1] - 1.0)
         if count <= 0:
             continue
@@ -358,12 +330,9 @@ def _draw(
 @njit(cache=True, nogil=True)
 def _draw_cut_out(
     t: int,
-    e: NDArray[np.float64],
-    volume: float,
-    nearest: float,
-    first_row: int,
-    last_row: int,
+    drawn: Drawn,
     top: int,
+    bottom: int,
     inverse_depth: NDArray[np.float32],
     samples: NDArray[np.int32],
     count_up: NDArray[np.float32],
@@ -372,15 +341,15 @@ def _draw_cut_out(
     cutouts: Cutouts,
 ) -> None:
     """Draw a triangle like `_draw`, but omit the samples that see a hole of its texture."""
-    name, per = np.int32(t), 1.0 / volume
-    slopes = _slopes(e, volume, nearest)
+    name, e, per = np.int32(t), drawn.edges[t], 1.0 / drawn.volume[t]
+    slopes = _slopes(e, drawn.volume[t], drawn.nearest[t])
     limit = slopes.limit
     # u / depth and v / depth are linear in the picture, like the inverse depth
     u0, u1, u2 = uv[0, 0] * per, uv[1, 0] * per, uv[2, 0] * per
     v0, v1, v2 = uv[0, 1] * per, uv[1, 1] * per, uv[2, 1] * per
     ua, ub, uc = e[0] * u0 + e[3] * u1 + e[6] * u2, e[1] * u0 + e[4] * u1 + e[7] * u2, e[2] * u0 + e[5] * u1 + e[8] * u2
     va, vb, vc = e[0] * v0 + e[3] * v1 + e[6] * v2, e[1] * v0 + e[4] * v1 + e[7] * v2, e[2] * v0 + e[5] * v1 + e[8] * v2
-    for j in range(first_row, last_row + 1):
+    for j in range(max(drawn.rows[t, 0], top), min(drawn.rows[t, 1], bottom) + 1):
         begin, count = _span(e, slopes, j, samples.shape[1] - 1.0)
         if count <= 0:
             continue

@@ -8,6 +8,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -221,7 +222,7 @@ def add_instances(laid: SceneLayout, instances: Sequence[Instance]) -> SceneLayo
     materials, planes, plane_count = list(laid.materials), dict(laid.planes), laid.plane_count
     row_of = {id(material): row for row, material in enumerate(materials)}
     movable: list[PlacedPart] = []
-    laid_meshes: dict[int, LaidMesh] = {}
+    lay_mesh = cache(_lay_mesh)  # meshes are compared by identity
     for instance in instances:
         mesh = instance.mesh
         rows = slice(filled, filled + len(mesh.triangles))
@@ -232,9 +233,7 @@ def add_instances(laid: SceneLayout, instances: Sequence[Instance]) -> SceneLayo
             if id(material) not in row_of:
                 row_of[id(material)] = len(materials)
                 materials.append(material)
-        if id(mesh) not in laid_meshes:
-            laid_meshes[id(mesh)] = _lay_mesh(mesh)
-        of_mesh = laid_meshes[id(mesh)]
+        of_mesh = lay_mesh(mesh)
         part = PlacedPart(instance, rows, chunk_rows, of_mesh)
         place(triangles, part, instance.position_ned, instance.turned)
         triangles.uv[rows], triangles.flat[rows] = of_mesh.uv, of_mesh.flat

@@ -340,7 +340,7 @@ def resolve_rows(
                             wanted = plane[s] if s >= 0 else -1
                             qy, qx = y, x
                             if wanted != piece:
-                                qy, qx = _find(samples, plane, wanted, y, x, _sign(dy), _sign(dx), grain, height, width)
+                                qy, qx = _find(shot, wanted, y, x, _sign(dy), _sign(dx), height, width)
                             is_known = qy >= 0
                             if is_known:
                                 cr, cg, cb = light[qy, qx, 0], light[qy, qx, 1], light[qy, qx, 2]
@@ -386,18 +386,10 @@ def _sign(d: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _find(
-    samples: NDArray[np.int32],
-    plane: NDArray[np.int32],
-    wanted: int,
-    y: int,
-    x: int,
-    dy: int,
-    dx: int,
-    grain: int,
-    height: int,
-    width: int,
+    shot: ShadingInput, wanted: int, y: int, x: int, dy: int, dx: int, height: int, width: int
 ) -> tuple[int, int]:
     """Return the pixel beside (y, x), on the side (dy, dx), whose middle sees the piece `wanted`, or (-1, -1)."""
+    samples, plane, grain = shot.samples, shot.triangles.plane, shot.eye.grain
     for choice in range(3):
         qy = y + (dy if choice != 1 else 0)
         qx = x + (dx if choice != 2 else 0)

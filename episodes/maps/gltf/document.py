@@ -85,16 +85,6 @@ def to_gltf(frd: NDArray[_F]) -> NDArray[_F]:
     return turned
 
 
-def linear_from_gltf(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Convert a linear map (3, 3) from glTF axes to NED or FRD."""
-    return np.asarray(AXES @ matrix @ AXES.T)
-
-
-def quaternion_of(yaw: float) -> list[float]:
-    """Return the glTF quaternion (x, y, z, w) of a turn by `yaw` (rad, clockwise seen from above): −yaw about +Y."""
-    return [0.0, -math.sin(yaw / 2) + 0.0, 0.0, math.cos(yaw / 2)]
-
-
 def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
     """Return (the JSON object, the binary chunk or b"") of a .glb. Raises UsageError for any other file."""
     try:

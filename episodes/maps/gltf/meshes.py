@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.gltf.document import REMEDY, Document, element_count, from_gltf, indices, linear_from_gltf, vectors
+from episodes.maps.gltf.document import AXES, REMEDY, Document, element_count, from_gltf, indices, vectors
 from episodes.maps.gltf.materials import TexturedMaterial
 from episodes.maps.scene import Material, Mesh, turn
 from foundation.frames import Vec3
@@ -346,7 +346,7 @@ def pose(matrix: NDArray[np.float64], hint_yaw: Any) -> tuple[Vec3, float, NDArr
     rotation and scale, and the yaw is 0. `hint_yaw` is the exact yaw from the extras; it is used if it fits the matrix.
     """
     n, e, d = (float(v) for v in from_gltf(matrix[:3, 3]))
-    linear = linear_from_gltf(matrix[:3, :3])
+    linear = AXES @ matrix[:3, :3] @ AXES.T
     yaw = math.atan2(linear[1, 0], linear[0, 0])
     if np.abs(linear - turn(yaw)).max() > _EXACT:
         return (n, e, d), 0.0, linear

@@ -1,5 +1,6 @@
 """Writes a map as a binary glTF file. The same scene gives the same bytes."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps.gltf import extras, materials
-from episodes.maps.gltf.document import pack_glb, quaternion_of, to_gltf
+from episodes.maps.gltf.document import pack_glb, to_gltf
 from episodes.maps.gltf.meshes import compact
 from episodes.maps.scene import Instance, Material, Mesh, Scene
 
@@ -67,7 +68,8 @@ class _Writer:
         place = to_gltf(np.array(instance.position_ned, np.float64))
         node: dict[str, Any] = {"name": instance.name, "mesh": self._mesh(instance), "translation": place.tolist()}
         if instance.yaw != 0.0:
-            node["rotation"] = quaternion_of(instance.yaw)
+            # a turn clockwise seen from above is a turn by −yaw about +Y
+            node["rotation"] = [0.0, -math.sin(instance.yaw / 2) + 0.0, 0.0, math.cos(instance.yaw / 2)]
         return {**node, "extras": extras.of_instance(instance)}
 
     def _mesh(self, instance: Instance) -> int:
