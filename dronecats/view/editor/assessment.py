@@ -20,6 +20,7 @@ from foundation.frames import Quat, Vec3, quat_from_euler
 from foundation.terrain import FLAT
 
 PREVIEW = CameraModel(width=640, height=360)
+THREADS = 2  # number of threads that draw
 
 
 def findings(record: EpisodeRecord) -> list[RuleFinding]:
@@ -36,9 +37,7 @@ class Previews:
     A new renderer is built only if the map, the appearance of the record's objects or the number of drones changes.
     """
 
-    def __init__(self, threads: int = 2) -> None:
-        """`threads`: number of threads that draw."""
-        self._threads = threads
+    def __init__(self) -> None:
         self._look: object = None  # fields of the record that `_renderer` was built for
         self._renderer: Renderer | None = None
         self._ids: tuple[int, ...] = ()
@@ -71,7 +70,7 @@ class Previews:
             self._ids = tuple(instance.id for instance in free)
             self._wheels = tuple(Wheels.if_any(instance.kind, instance.mesh) for instance in free)
             self._fleet, self._ground = world.fleet, world.scene.terrain
-            self._renderer, self._look = Renderer(scene, PREVIEW, self._threads, shadow_cells=2048), look
+            self._renderer, self._look = Renderer(scene, PREVIEW, THREADS, shadow_cells=2048), look
         return self._renderer
 
     def close(self) -> None:

@@ -131,7 +131,7 @@ class Editor:
         self._picker = display.Picker(self.drafting.scene)
         self._previews = Previews()
         self._panels = Panels(self._server, self, f"DroneCATS · {scene_name}")
-        self._view = SceneView(self._server, self.drafting, self)
+        self._view = SceneView(self._server, self.drafting, self.moved, session.settle)
         self._view.frame(session.draft)
         self._pictures = NewestItemWorker(self._draw, "editor-picture")
         self._checks = NewestItemWorker(self._check, "editor-checks")
@@ -199,10 +199,6 @@ class Editor:
         }
         with contextlib.suppress(UsageError, IndexError):  # the object was removed during the drag
             self.session.do(operations[kind], gesture=name)
-
-    def let_go(self) -> None:
-        """End the drag and show every object at its place in the draft."""
-        self.session.settle()
 
     def _clicked(self, event: Any) -> None:
         """Apply a click on the map; the panel selects its meaning."""

@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import viser
@@ -25,12 +25,8 @@ LINE, PATH = (palette.rgb(palette.MARKS[name]) for name in ("goal", "path"))
 RULER = (255, 255, 255)
 
 
-class DragOrders(Protocol):
-    """The methods that a drag calls. Examples of `name`: 'target', 'waypoint-2', 'drone-0', 'candidate-1'."""
-
-    def moved(self, name: str, north: float, east: float, yaw_deg: float) -> None: ...
-
-    def let_go(self) -> None: ...
+# called during a drag with (name, north, east, yaw in °); names: 'target', 'waypoint-2', 'drone-0', 'candidate-1'
+OnMove = Callable[[str, float, float, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +49,13 @@ class _Gizmo:
 class SceneView:
     """Shows drafts of one map, and sends only changes to the browser."""
 
-    def __init__(self, server: viser.ViserServer, drafting: Drafting, orders: DragOrders) -> None:
-        """Send the map to the browser."""
+    def __init__(
+        self, server: viser.ViserServer, drafting: Drafting, on_move: OnMove, on_release: Callable[[], None]
+    ) -> None:
+        """Send the map to the browser. `on_release` is called at the end of a drag."""
         self._server = server
         self._drafting = drafting
-        self._orders = orders
+        self._on_move, self._on_release = on_move, on_release
         self._gizmos: dict[str, _Gizmo] = {}
         self._frustums: dict[int, Any] = {}
         self._held = ""
@@ -160,10 +158,10 @@ class SceneView:
             return
         if event.phase == "end":
             self._held = ""
-            self._orders.let_go()
+            self._on_release()
             return
         north, east, _ = display.ned_of(event.target.position)
-        self._orders.moved(name, north, east, math.degrees(display.yaw_of(event.target.wxyz)))
+        self._on_move(name, north, east, math.degrees(display.yaw_of(event.target.wxyz)))
 
     def _show_lines(self, draft: Draft) -> None:
         record, terrain = draft.record, self._drafting.scene.terrain
@@ -196,11 +194,10 @@ class SceneView:
         width_px: float,
         shown: bool = True,
     ) -> None:
-        add = partial(self._add_line, f"/lines/{name}", points, color, width_px) if shown else None
-        self._redraw(name, (key, shown), add)
+        def add() -> Any:
+            return display.add_lines(self._server, f"/lines/{name}", points(), color, width_px)
 
-    def _add_line(self, node: str, points: Callable[[], Any], color: tuple[int, int, int], width_px: float) -> Any:
-        return display.add_lines(self._server, node, points(), color, width_px)
+        self._redraw(name, (key, shown), add if shown else None)
 
     def _redraw(self, name: str, key: object, add: Callable[[], Any] | None) -> None:
         """Replace a line or label if its key has changed, or remove it if `add` is None."""

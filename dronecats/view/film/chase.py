@@ -46,12 +46,11 @@ class ChasePath:
     """The path of a camera behind a drone."""
 
     _places: PchipInterpolator  # s → north, east, down of the eye in m, yaw and pitch in rad
-    first_s: float
     last_s: float
 
     def at(self, t: float) -> CameraPose:
         """Return the pose of the camera at a time (s). Times outside of the flight give its first or last pose."""
-        north, east, down, yaw, pitch = map(float, self._places(min(max(t, self.first_s), self.last_s)))
+        north, east, down, yaw, pitch = map(float, self._places(min(max(t, 0.0), self.last_s)))
         return CameraPose((north, east, down), quat_from_euler(0.0, pitch, yaw))
 
 
@@ -78,7 +77,7 @@ def chase(track: FlightTrack, end_s: float, obstacles: Solids) -> ChasePath:
     way = aim - eye
     yaw = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
     pitch = -np.arctan2(way[:, 2], np.hypot(way[:, 0], way[:, 1]))
-    return ChasePath(PchipInterpolator(times, np.column_stack([eye, yaw, pitch])), 0.0, float(times[-1]))
+    return ChasePath(PchipInterpolator(times, np.column_stack([eye, yaw, pitch])), float(times[-1]))
 
 
 def _smooth(values: Array, sigma_s: float) -> Array:
@@ -136,7 +135,7 @@ def chase_lens(width: int, height: int) -> CameraModel:
 class FilmStage:
     """Renders a flight at any time, with all of its drones and the target."""
 
-    def __init__(self, flight: RecordedFlight, lens: CameraModel, threads: int = 1) -> None:
+    def __init__(self, flight: RecordedFlight, lens: CameraModel) -> None:
         self._flight = flight
         world = flight.world
         mesh = multirotor(flight.outline)
@@ -147,7 +146,7 @@ class FilmStage:
             for drone, number in self.ids.items()
         )
         scene = replace(world.scene, instances=(*world.scene.instances, *drones))
-        self._renderer = Renderer(scene, lens, threads)
+        self._renderer = Renderer(scene, lens, 1)
 
     def moved(self, t: float) -> Moved:
         """Return the poses of everything that moves at a time of the episode."""

@@ -18,7 +18,6 @@ PART = 60  # pictures per part; a killed process loses at most this many
 SPEEDS = (0.1, 100.0)
 RATES = (1, 120)
 SIDES_PX = (120, 3840)
-OF_RUN = (layout.RUN,)
 OF_EPISODE = (layout.EPISODE, layout.DECISIONS, layout.TRUTH, layout.TLOG)
 SOURCES = (Path(__file__).parent, Path(recorded.__file__).parent, Path(dronecats.__file__).parents[1] / "episodes")
 
@@ -70,7 +69,7 @@ class FilmPlan:
         folder = Path(self.folder)
         state = hashlib.sha256(json.dumps([asdict(self), codec, dronecats.__version__]).encode())
         frames = sorted((folder / layout.FRAMES).glob("*.jpg"))
-        files = [*(folder.parent / name for name in OF_RUN), *(folder / name for name in OF_EPISODE), *frames]
+        files = [folder.parent / layout.RUN, *(folder / name for name in OF_EPISODE), *frames]
         files += [path for room in SOURCES for path in sorted(room.rglob("*.py"))]
         for path in files:
             state.update(f"\n{path.name} ".encode())

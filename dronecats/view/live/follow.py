@@ -68,11 +68,6 @@ class FlightFollower:
         self._verdict: str | None = None
         self.trails: dict[int, list[Vec3]] = defaultdict(list)  # drone → true positions, m, NED, at 2 Hz
 
-    @property
-    def over(self) -> bool:
-        """Whether the flight has been judged."""
-        return self._verdict is not None
-
     def turn(self) -> Moment:
         """Read the new lines and frames, and return the current moment."""
         self._wires.feed(self._tlog.read())

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass, field
 
-from dronecats.agent.action import ActionError, Go, action_from
+from dronecats.agent.action import Go
 from dronecats.agent.controller import displacement
+from dronecats.report.recorded.flight import action_of
 from episodes.maps.scene import Moved
 from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3, quat_from_euler, quat_yaw, rotate
@@ -74,10 +75,7 @@ class ChosenSight:
 
 def chosen_go(decision: Decision) -> Go | None:
     """Return the action of a decision if it is a `go`; None for other actions, and for an invalid one."""
-    try:
-        action = action_from(decision.action)
-    except ActionError:
-        return None
+    action = action_of(decision)
     return action if isinstance(action, Go) else None
 
 

@@ -144,11 +144,6 @@ class FlightMoments:
         """The end of the flight, s since the episode began."""
         return self.recorded.end_s
 
-    @property
-    def true(self) -> bool:
-        """Whether the poses are true poses, not an autopilot's estimates."""
-        return self.recorded.logs.true
-
     def of(self, kind: OccurrenceKind) -> tuple[Occurrence, ...]:
         """Return the occurrences of one kind, in the order of time."""
         return tuple(o for o in self.happened if o.kind is kind)
@@ -189,8 +184,8 @@ class FlightMoments:
             drone=drone,
             position_ned=pose.position_ned,
             attitude=pose.attitude,
-            velocity_ned=telemetry.true_velocity.at(t_s) if self.true else self._own_velocity(drone, t_s),
-            true=self.true,
+            velocity_ned=telemetry.true_velocity.at(t_s) if self.recorded.logs.true else self._own_velocity(drone, t_s),
+            true=self.recorded.logs.true,
             height_m=self._height(pose.position_ned),
             setpoint_ned=telemetry.setpoint_velocity.at(t_s) if state is None or state.mode == OFFBOARD else None,
             mode=state.mode if state else "",
@@ -253,7 +248,7 @@ class FlightMoments:
     # ---- data of the judge
 
     def _judge(self, t_s: float) -> JudgeMoment:
-        if not self.true:
+        if not self.recorded.logs.true:
             return JudgeMoment()
         target = self._target(t_s)
         away = tuple(math.dist(self.pose(d, t_s).position_ned, target) if target else None for d in self.drones)
@@ -315,7 +310,7 @@ def check_same_episode(flights: Sequence[FlightMoments]) -> None:
     first = flights[0].recorded
     for flight in flights[1:]:
         recorded, folders = flight.recorded, f"{first.folder} and {flight.recorded.folder}"
-        if flight.true != flights[0].true:
+        if recorded.logs.true != first.logs.true:
             raise UsageError(
                 f"only one of {folders} has truth; the other has estimates, in another frame. Replay them separately"
             )
