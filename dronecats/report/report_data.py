@@ -10,7 +10,7 @@ from typing import Any
 
 from dronecats.agent.names import PAPER
 from dronecats.judge.metrics import metric as metric_statistics
-from dronecats.judge.statistics.shares import estimate_share
+from dronecats.judge.statistics.shares import ShareEstimate, estimate_share
 from dronecats.pilots import roster
 from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.scripted import PATTERNS
@@ -359,7 +359,11 @@ def percent(flights: Iterable[ScoredEpisode], metric: str) -> TableCell:
         value = flight.values.get(metric) if flight.scored else None
         if value is not None:
             outcomes.setdefault(flight.episode, []).append(bool(value))
-    share = estimate_share(list(outcomes.values()))
+    return share_cell(estimate_share(list(outcomes.values())))
+
+
+def share_cell(share: ShareEstimate) -> TableCell:
+    """Return a share (%) with its interval."""
     if not share.trials:
         return NONE
     low, high = PERCENT * share.low, PERCENT * share.high

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from dronecats.judge.statistics.differences import KnownMean
-from dronecats.judge.statistics.shares import ShareEstimate
+from dronecats.report.report_data import share_cell
 from dronecats.report.table import (
     CellValue,
     ReportTable,
@@ -50,7 +50,7 @@ def success(findings: Findings, along: FactorFindings) -> ReportTable:
         fits = [fit.half for fit in along.halves if (fit.entrant, fit.cell) == (entrant, cell)]
         half = fits[0] if len(fits) == 1 else None  # there are several if other factors vary
         place = (half_place(along.factor, half), half_interval(along.factor, half)) if half else (None, None)
-        shares = (percent(level.success) for level in levels)
+        shares = (share_cell(level.success) for level in levels)
         rows.append((entrant, row(cell_title(cell), *shares, *place, entrant=entrant)))
     caption = f"Success rate, % of the scored flights; {UNIT}. Half succeed at: from the logistic fit."
     return _table(
@@ -69,7 +69,7 @@ def measures(findings: Findings, along: FactorFindings) -> ReportTable:
     ]
     rows = [
         (in_cell(entrant, cell),
-         row(level.step.title, level.success.trials, level.not_scored, percent(level.success),
+         row(level.step.title, level.success.trials, level.not_scored, share_cell(level.success),
              *map(mean, level.measures), entrant=entrant))
         for entrant, cell in findings.results.lines()
         for level in along.levels
@@ -121,14 +121,6 @@ def half_success(findings: Findings, along: FactorFindings) -> ReportTable | Non
     )
     title = f"Half-success {along.factor.words}"
     return _table(findings, along.artifact_name("half_success"), title, caption, columns, rows)
-
-
-def percent(share: ShareEstimate) -> TableCell:
-    """Return a share in % with its interval."""
-    if not share.trials:
-        return TableCell(value=None)
-    return TableCell(value=PERCENT * share.share, low=PERCENT * share.low, high=PERCENT * share.high,
-                     count=share.successes, of=share.trials)  # fmt: skip
 
 
 def mean(estimate: KnownMean, scale: float = 1.0) -> TableCell:
@@ -254,7 +246,7 @@ def point_differences(findings: Findings) -> ReportTable | None:
         return None
     rows = [
         (in_cell(f"{point.first} and {point.second}", point.cell),
-         row(point.title, point.success.pairs, *map(percent, point.shares),
+         row(point.title, point.success.pairs, *map(share_cell, point.shares),
              *_difference_cells(point.success, SUCCESS), *_difference_cells(point.ne, NE)))
         for point in findings.points
     ]  # fmt: skip
@@ -358,7 +350,7 @@ def interactions(findings: Findings) -> Sequence[ReportTable]:
         columns.append(_p_column("p of no interaction", "p_added"))
         rows = [
             (in_cell(heat_map.entrant, heat_map.cell),
-             row(step.title, *map(percent, shares), heat_map.p if k == 0 else None, entrant=heat_map.entrant))
+             row(step.title, *map(share_cell, shares), heat_map.p if k == 0 else None, entrant=heat_map.entrant))
             for heat_map in maps
             for k, (step, shares) in enumerate(zip(heat_map.row_steps, heat_map.shares, strict=True))
         ]  # fmt: skip
