@@ -178,13 +178,13 @@ def test_a_select_reads_nothing_but_its_tables(runs, tmp_path):
 
 def test_locked_settings_alone_reject_other_statements(runs):
     """Statements other than SELECT are rejected before they run. The database would also reject them."""
-    loaded = database.load(recorded_runs([runs]), ["runs"])
+    connection, _ = database.load(recorded_runs([runs]), ["runs"])
     for setting in database.LOCKED:
-        loaded.connection.execute(f"SET {setting}")
+        connection.execute(f"SET {setting}")
     for sql in ("COPY runs TO 'x'", "INSTALL httpfs", "LOAD httpfs", "ATTACH 'x'", "SET threads = 1"):
         with pytest.raises(duckdb.Error):
-            loaded.connection.execute(sql)
-    loaded.connection.close()
+            connection.execute(sql)
+    connection.close()
 
 
 def test_a_query_runs_with_all_locked_settings(runs):
