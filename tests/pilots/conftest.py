@@ -12,6 +12,7 @@ from dronecats.agent.prompt import History, Prompt
 from dronecats.agent.reply.strict import parse
 from foundation.camera import CameraModel, encode
 from foundation.frames import quat_from_euler, wrap_pi
+from foundation.protocol import HISTORY_LENGTH
 from foundation.setpoints import Turn, Velocity
 
 HALF = CameraModel(640, 360)  # a pilot gets a 1280 × 720 frame resized to this
@@ -40,7 +41,7 @@ def fly(world, decide, cap_s=300.0, latency_s=0.3, start=None, stop_at_success=T
         truth = world.measure(t, tuple(position), quat_from_euler(0, 0, yaw), CameraModel())
         flight.distances.append(truth.distance_m)
         flight.clearances.append(min(world.clearance_m(tuple(position)), truth.distance_box_m))
-        text = prompt.render(world.record.instruction, history.render(), history.length)
+        text = prompt.render(world.record.instruction, history.render(), HISTORY_LENGTH)
         action = parse(decide(text, tuple(position), yaw, t))
         t += latency_s
         history.append(action)

@@ -185,7 +185,8 @@ class HttpModel(ABC):
             return None
         orders = request.role == "commander"
         schema = orders_schema(drones) if orders else reply_schema(root, self._provider.root_choice)
-        return known_part(schema, self.unknown)
+        known: dict[str, Any] = known_part(schema, self.unknown)
+        return known
 
     def sampling(self, temperature: str, top_p: str, top_k: str) -> dict[str, float]:
         """Return the sampling settings to send, under the format's field names."""

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from dronecats.agent.action import POINT_FORMAT, AxisOrder, Go, action_from
+from dronecats.agent.models.ledger import cost
 from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.agent.models.reply_schema import flat_action_schema
 from dronecats.agent.models.spec import ModelSpec
@@ -55,10 +56,9 @@ class ProbeResult:
     def cost_usd(self) -> float | None:
         """Return the cost of all questions in $; None if tokens or prices are not known."""
         tokens_in, tokens_out = self.tokens
-        prices = self.spec.input_usd, self.spec.output_usd
-        if tokens_in is None or tokens_out is None or prices[0] is None or prices[1] is None:
+        if tokens_in is None or tokens_out is None or None in (self.spec.input_usd, self.spec.output_usd):
             return None
-        return (tokens_in * prices[0] + tokens_out * prices[1]) / 1e6
+        return cost(self.spec, tokens_in, tokens_out)
 
     @property
     def too_long(self) -> bool:

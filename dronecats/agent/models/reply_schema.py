@@ -1,7 +1,7 @@
 """JSON Schemas of a pilot's and a commander's replies, for servers that enforce a schema."""
 
 from collections.abc import Collection
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 from dronecats.agent.action import SCHEMAS
 
@@ -41,20 +41,16 @@ def orders_schema(drones: int) -> dict[str, Any]:
     return _object(**{ORDERS: {"type": "array", "items": order}, CONFIRM: {"type": "array", "items": drone}})
 
 
-def known_part(schema: dict[str, Any], unknown: Collection[str]) -> dict[str, Any]:
+def known_part(schema: Any, unknown: Collection[str]) -> Any:
     """Return a schema without the keywords that a server does not support. The parser still checks their conditions."""
-    return cast(dict[str, Any], _without(schema, unknown))
+    if isinstance(schema, dict):
+        return {key: known_part(value, unknown) for key, value in schema.items() if key not in unknown}
+    return [known_part(value, unknown) for value in schema] if isinstance(schema, list) else schema
 
 
 def response_format(schema: dict[str, Any]) -> dict[str, Any]:
     """Return the field `response_format` of an OpenAI chat request."""
     return {"type": "json_schema", "json_schema": {"name": "reply", "strict": True, "schema": schema}}
-
-
-def _without(schema: Any, unknown: Collection[str]) -> Any:
-    if isinstance(schema, dict):
-        return {key: _without(value, unknown) for key, value in schema.items() if key not in unknown}
-    return [_without(value, unknown) for value in schema] if isinstance(schema, list) else schema
 
 
 def _named(*names: str) -> dict[str, Any]:

@@ -83,12 +83,6 @@ def fit(
     return MixedLogit(best[:-1] / scale, float(best[-1]), -float(solution.fun))
 
 
-def log_likelihood(design: Array, trials: Trials, coefficients: Array, scatter: float) -> float:
-    """Return the marginal log likelihood, without terms that depend only on the counts."""
-    at = np.append(coefficients, scatter)
-    return _likelihood(design, np.zeros(design.shape[0]), trials, at)[0]
-
-
 def at_widest(design: Array, trials: Trials, fitted: MixedLogit) -> bool:
     """Return whether a fit with the scatter at its bound is as good as this fit.
 
