@@ -19,7 +19,6 @@ from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.wire_formats import open_model
 from dronecats.flight.spec.flight_spec import ON_CLUSTER, Accounts, FlightSpec
 from foundation.errors import BudgetError, InfrastructureError, ModelRejectedError, UsageError
-from foundation.run_folder import folder as folders
 from foundation.run_folder.layout import LEDGER
 
 
@@ -215,20 +214,6 @@ class FirstQuestions:
         why = ending_reason(reply.finish, reply.tokens_out)
         self._notify(f"{spec.title}: answered in {reply.latency_s:.2f} s{f', {why}' if why else ''}")
         return spec.title, spent_on(spec, request, reply), flight.accounts
-
-
-@contextmanager
-def flight_folder(
-    spec: FlightSpec, out: Path | None, episode: str, configuration: dict[str, Any], notify: Notify
-) -> Iterator[Path]:
-    """Create the folder of a flight after the models have answered their test questions, and yield it.
-
-    `out`, `episode`, `configuration` and the errors are as in `folders.create`. Also raises ModelError.
-    """
-    questions = FirstQuestions([spec], out, notify)
-    with folders.create(out, spec.pilot_name, episode, configuration, questions.ask) as folder:
-        questions.book(folder.parent)
-        yield folder
 
 
 def _is_cached(accounts: Accounts) -> bool:

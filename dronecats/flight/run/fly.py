@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.agent.commanding.command_prompt import CommandPrompt
-from dronecats.flight.run.accounts import flight_folder
+from dronecats.flight.run.accounts import FirstQuestions
 from dronecats.flight.run.episode import EpisodeEnd
 from dronecats.flight.run.identity import code_digest, protocol_numbers
 from dronecats.flight.run.pilot import agent_maker
@@ -13,6 +13,7 @@ from dronecats.flight.spec.flight import Flight, look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_redacted_json
 from episodes import maps
+from foundation.run_folder import folder as folders
 from foundation.run_folder.folder import write_run
 
 
@@ -55,7 +56,9 @@ def fly(spec: FlightSpec, out: Path | None, notify: Notify, instruments: Instrum
     """
     setup = setup_of(spec, instruments)
     configuration = settings(setup.flight, setup.camera)
-    with flight_folder(spec, out, setup.episode, configuration, notify) as folder:
+    questions = FirstQuestions([spec], out, notify)
+    with folders.create(out, spec.pilot_name, setup.episode, configuration, questions.ask) as folder:
+        questions.book(folder.parent)
         if setup.headline:
             notify(setup.headline)
 

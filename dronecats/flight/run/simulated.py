@@ -69,7 +69,8 @@ class SimulatedFlight(FlightSetup):
             starts = [start_of(s, world.ground_down(*s.position_ned[:2]), clearance_m) for s in record.starts]
             # only a flight with PX4 is checked; the project's autopilot is known to reach its start pose
             checked = TrueStart(stage, world) if simulated.autopilot == "px4" else nullcontext()
-            pictures = _pictures(spec.disturbances.frame, recall)
+            faults = spec.disturbances.frame
+            pictures = None if faults == FrameFaults() else PicturePath(**asdict(faults), recall=recall)
             with checked as true_start, opened_in(world, flight, stage, folder) as pilot:
                 yield Ready(stage=stage, starts=starts, pilot=pilot, true_start=true_start, pictures=pictures)
         finally:
@@ -96,11 +97,6 @@ def write_record(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as full:
         raise InfrastructureError(f"{path.parent} cannot be written: {full.strerror}") from None
-
-
-def _pictures(faults: FrameFaults, recall: Callable[[int, int], Frame]) -> PicturePath | None:
-    """Return the path that applies the faults to a flight's pictures; None if there are no faults."""
-    return None if faults == FrameFaults() else PicturePath(**asdict(faults), recall=recall)
 
 
 def draw(folder: Path, conditions: SceneConditions = AS_BUILT) -> None:
