@@ -54,15 +54,10 @@ class HostWatch:
     """Measures the delays of the host since the last `take`."""
 
     def __init__(self, pace: HostPace) -> None:
-        self._pace = pace
+        self.pace = pace
         self._least_s = self._newest_s = math.inf  # smallest and newest lateness
         self._lag_s = 0.0
         self._waited_s = 0.0
-
-    @property
-    def now_s(self) -> float:
-        """Wall time × speed (s), from an arbitrary zero."""
-        return self._pace.now_s
 
     def late(self, late_s: float) -> None:
         """Report how late the vehicle's clock is (s, plus an unknown constant). The lag is the growth of this value."""

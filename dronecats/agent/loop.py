@@ -196,7 +196,7 @@ class Decider:
     def _see(self, cap_s: float) -> Generator[None, None, list[Frame] | None]:
         """Return the newest frame of each drone; None if the episode ended first. Stores the drones' poses."""
         indices = [drone.index for drone in self._drones]
-        start_s = self._host.now_s if self._host else 0.0
+        start_s = self._host.pace.now_s if self._host else 0.0
         question = Question(self._cockpit.seed, self._questions_sent, indices[0])
         frames = yield from self._cockpit.newest_frames(
             question, indices, self._now_s, cap_s, self._questions.patience_s
@@ -207,7 +207,7 @@ class Decider:
             return None
         if self._host:
             on_purpose_s = self._cockpit.pictures.held_s[indices[0]] if self._cockpit.pictures else 0.0
-            self._host.waited(max(0.0, self._host.now_s - start_s - on_purpose_s) / len(indices))
+            self._host.waited(max(0.0, self._host.pace.now_s - start_s - on_purpose_s) / len(indices))
         for drone, frame in zip(self._drones, frames, strict=True):
             drone.see(frame.time_us)
         return frames

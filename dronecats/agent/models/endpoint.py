@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import httpx
 
-from dronecats.agent.models.rate_limits import Limiter, Unlimited, allowances, http_date
+from dronecats.agent.models.rate_limits import Limiter, allowances, http_date
 from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.machine import is_host
 from foundation.redaction import hide_secrets, redacted, redacted_url, secrets_of, worth_hiding
@@ -206,7 +206,7 @@ class Endpoint:
         self.shown = redacted_url(base_url)
         self._key_hint = f"{'Check' if key else 'Set'} the key in {key_variable}" if key_variable else ""
         self.patience = patience
-        self._limiter = limiter or Unlimited()
+        self._limiter = limiter  # None: no limit
         self._secrets = worth_hiding(key, *secrets, *secrets_of(base_url))
         if key and not (key.isascii() and key.isprintable()):
             raise UsageError(f"the API key for {self.shown} has a character that cannot be sent. Copy it again")
@@ -320,7 +320,7 @@ class Endpoint:
                     raise ModelRejectedError(f"the model endpoint {self.shown} {reason}", came.status)
                 reason, again = self._refusal(came), came.status in AGAIN or came.status >= 500
                 pause_s = pause_s if came.wish_s is None else came.wish_s
-                if came.status == BUSY:
+                if self._limiter and came.status == BUSY:
                     self._limiter.hold(pause_s)
             if not again or attempt == self.patience.attempts or time.monotonic() + pause_s >= until:
                 break
@@ -329,7 +329,7 @@ class Endpoint:
 
     def _await_limits(self, tokens: int, until: float) -> None:
         """Wait for the limiter. Raises ModelError if that would take too long."""
-        while (wait_s := self._limiter.claim(tokens)) > 0.0:
+        while self._limiter and (wait_s := self._limiter.claim(tokens)) > 0.0:
             if time.monotonic() + wait_s >= until:
                 raise ModelError(
                     f"the model endpoint {self.shown} has refused for too long because of its rate limit. Try"
@@ -343,7 +343,7 @@ class Endpoint:
         timeout = httpx.Timeout(left_s, connect=min(CONNECT_S, left_s))
         # a redirect is never followed: it would send the key to another address
         with self._http.stream("POST", url, content=content, timeout=timeout, follow_redirects=False) as response:
-            if allowed := allowances(response.headers):
+            if self._limiter and (allowed := allowances(response.headers)):
                 self._limiter.update(allowed)
             status, body = response.status_code, self._body(response, until)
             wish_s = retry_after_s(response.headers)

@@ -199,16 +199,3 @@ class Limiter(Protocol):
 
 
 Limiters = Callable[[str, str], Limiter]  # (redacted address, model) → limiter
-
-
-class Unlimited:
-    """A limiter that never waits."""
-
-    def claim(self, tokens: int) -> float:
-        return 0.0
-
-    def update(self, allowances: tuple[Allowance, ...]) -> None:
-        pass
-
-    def hold(self, seconds: float) -> None:
-        pass

@@ -24,9 +24,8 @@ _UNIT = re.compile(r"[ \t]*(°|º|[A-Za-z]+)")
 _SPACE = re.compile(r"[ \t\n\r]*")
 _ODD_SPACES = "\u00a0\u200b\u200c\u200d\u2009\u202f\u2060\u3000\ufeff\u000b\u000c\u0085\u2028\u2029"
 _ODD_SPACE = re.compile(f"[{_ODD_SPACES}]*")
-_WORDS = {"true": True, "false": False, "null": None}
+_WORDS = {"true": True, "false": False, "null": None, "NaN": float("nan"), "Infinity": float("inf")}
 _PYTHON = {"True": True, "False": False, "None": None}
-_NOT_FINITE = {"NaN": float("nan"), "Infinity": float("inf")}
 _CLOSING = {'"': '"', "'": "'", "\u201c": "\u201d", "\u2018": "\u2019", "\u201d": "\u201d", "\u201e": "\u201c",
             "\uff02": "\uff02", "\uff07": "\uff07"}  # fmt: skip
 _UNTIL = {end: re.compile(rf"[^{end}\\]*(?:\\.[^{end}\\]*)*", re.DOTALL) for end in set(_CLOSING.values())}
@@ -238,8 +237,6 @@ class _Reader:
         name = word.group()
         if name in _WORDS:
             return _WORDS[name]
-        if name in _NOT_FINITE:
-            return _NOT_FINITE[name]
         if name in _PYTHON:
             self.mends.add("python")
             return _PYTHON[name]

@@ -30,20 +30,20 @@ class Heartbeat:
     def __init__(self, patience_s: float) -> None:
         """After `patience_s` without an answer, the process counts as hanging."""
         self.patience_s = patience_s
-        self._is_pending = False
+        self.is_pending = False  # whether an answer is pending
         self._answered_s: float | None = None
         self._looked_s: float | None = None
         self._waited_s = 0.0
 
     def is_due(self, now_s: float) -> bool:
         """Return whether the next request is due. No request is due while an answer is pending."""
-        return not self._is_pending and (self._answered_s is None or now_s >= self._answered_s + HEARTBEAT_PERIOD_S)
+        return not self.is_pending and (self._answered_s is None or now_s >= self._answered_s + HEARTBEAT_PERIOD_S)
 
     def sent(self, now_s: float) -> None:
-        self._is_pending, self._looked_s, self._waited_s = True, now_s, 0.0
+        self.is_pending, self._looked_s, self._waited_s = True, now_s, 0.0
 
     def answered(self, now_s: float) -> None:
-        self._is_pending, self._answered_s = False, now_s
+        self.is_pending, self._answered_s = False, now_s
 
     def pending_s(self, now_s: float) -> float:
         """Update and return how long (s) the answer has been pending; 0 if no answer is pending.
@@ -51,7 +51,7 @@ class Heartbeat:
         Each call adds CHECK_MAX_S at most. So the time during which the machine was suspended, or Ctrl-Z stopped the
         processes, hardly counts.
         """
-        if not self._is_pending or self._looked_s is None:
+        if not self.is_pending or self._looked_s is None:
             return 0.0
         self._waited_s += min(now_s - self._looked_s, CHECK_MAX_S)
         self._looked_s = now_s
@@ -60,11 +60,6 @@ class Heartbeat:
     def hangs(self, now_s: float) -> bool:
         """Update and return whether the answer has been pending for longer than `patience_s`."""
         return self.pending_s(now_s) > self.patience_s
-
-    @property
-    def is_pending(self) -> bool:
-        """Whether an answer is pending."""
-        return self._is_pending
 
 
 READY_S = 600.0  # wall seconds; includes the compilation of a first run on a slow and busy machine
