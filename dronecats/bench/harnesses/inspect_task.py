@@ -30,6 +30,7 @@ from episodes.records import catalogue
 from foundation.errors import InfrastructureError, UsageError
 from foundation.protocol import CAP_S
 from foundation.run_folder.folder import fresh_run
+from foundation.run_folder.results import SCORED
 from foundation.wording import counted
 
 Effort = Literal["minimal", "low", "medium", "high", "xhigh", "max"]  # values of Inspect's reasoning_effort
@@ -138,7 +139,7 @@ def flight(
             with anyio.CancelScope(shield=True):
                 await run_sync(outside.close)
         result = outside.result()
-        if result.outcome not in ("success", "failure"):
+        if result.outcome not in SCORED:
             raise InfrastructureError(f"{result.episode} ended in an error and is not scored: {result.error}")
         return state
 
@@ -153,11 +154,12 @@ def verdict() -> Scorer:
         folder = Path(str(state.store.get(FOLDER)))
         judged = (await run_sync(judge_folder, folder)).verdict
         error = "?" if judged.ne_m is None else f"{judged.ne_m:.2f} m"
-        return Score(
-            value=CORRECT if judged.outcome == "success" else INCORRECT,
-            explanation=f"{judged.outcome}: navigation error {error}, {counted(judged.declarations, 'declaration')}",
-            metadata=_metadata(judged.as_json(), folder),
-        )
+        explanation = f"{judged.outcome}: navigation error {error}, {counted(judged.declarations, 'declaration')}"
+        metadata = _metadata(judged.as_json(), folder)
+        if judged.outcome not in SCORED:  # for example, a limit of Inspect ended the sample
+            return Score.unscored(explanation=explanation, metadata=metadata)
+        value = CORRECT if judged.outcome == "success" else INCORRECT
+        return Score(value=value, explanation=explanation, metadata=metadata)
 
     return score
 

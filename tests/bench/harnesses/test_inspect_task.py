@@ -4,6 +4,7 @@ Importing Inspect takes five seconds. The tests are therefore marked slow, and e
 """
 
 import json
+import math
 from pathlib import Path
 from typing import Any, cast
 
@@ -27,7 +28,7 @@ def model_output(text):
     return output
 
 
-def run(tmp_path, answer, episodes=EPISODES, reasoning_effort=None, seconds=8.0, **options):
+def run(tmp_path, answer, episodes=EPISODES, reasoning_effort=None, seconds=8.0, message_limit=None, **options):
     from inspect_ai import eval as evaluate
     from inspect_ai.log import read_eval_log
     from inspect_ai.model import get_model
@@ -37,7 +38,7 @@ def run(tmp_path, answer, episodes=EPISODES, reasoning_effort=None, seconds=8.0,
     model = get_model("mockllm/model", custom_outputs=answer, memoize=False)
     task = dronecats(episodes, seconds=seconds, out=str(tmp_path / "runs"), **options)
     (log,) = evaluate(task, model=model, log_dir=str(tmp_path / "logs"), display="none", fail_on_error=False,
-                      reasoning_effort=reasoning_effort)  # fmt: skip
+                      reasoning_effort=reasoning_effort, message_limit=message_limit)  # fmt: skip
     return read_eval_log(log.location)
 
 
@@ -124,3 +125,13 @@ def test_a_failing_model_gives_an_error_and_no_score(tmp_path):
     for sample in log.samples:
         assert sample.error is not None
         assert not sample.scores
+
+
+def test_a_sample_that_a_limit_ends_is_not_scored(tmp_path):
+    log = run(tmp_path, lambda *question: model_output(GO), episodes=EPISODES.split(",")[0], message_limit=4)
+    (sample,) = log.samples
+    assert sample.limit.type == "message"
+    score = sample.scores["verdict"]
+    assert score.metadata["outcome"] == "error"
+    assert math.isnan(score.value)
+    assert (log.results.scores[0].scored_samples, log.results.scores[0].unscored_samples) == (0, 1)
