@@ -28,17 +28,17 @@ from dronecats.bench.harnesses.outside_flight import KINDS, PICTURE_SHAPE, Outsi
 from dronecats.flight.spec.flight_spec import LATENCY, ExternalHarness, FlightSpec, Simulated, latency_policy
 from dronecats.judge.episode import judge_folder
 from episodes.records import catalogue
-from foundation.errors import UsageError
-from foundation.protocol import CAP_S, POINT_SPAN
+from foundation.errors import InfrastructureError, UsageError
+from foundation.protocol import CAP_S, POINT_SPAN, SETPOINT_HZ
 from foundation.run_folder.folder import fresh_run
-from foundation.run_folder.results import Result
+from foundation.run_folder.results import SCORED, Result
 
 CAMERA = "forward"
 FOLDER = "dronecats_folder"  # key of the flight's folder in a step's info
 LABELS = ("kind", "point_x", "point_y", "depth_m", "angle_deg")
 LOW = np.array([0.0, 0.0, 0.0, 0.1, -90.0])
 HIGH = np.array([len(KINDS) - 1.0, POINT_SPAN, POINT_SPAN, 300.0, 90.0])
-STEPS_MAX = 1000  # limit on the steps of an episode; with the default latency, the time limit comes first
+STEPS_MAX = int(CAP_S * SETPOINT_HZ)  # a step lasts for one tick or more, so the time limit comes first
 NOTES = """One step is one decision. `kind`: 0 go, 1 rotate, 2 think, 3 finished.
 go: fly towards the picture's point (`point_x`, `point_y`, 0 to 1000 from the upper left corner), which is `depth_m`
 away; at most 3 m a step. rotate: turn by `angle_deg`, + right. think: hover. finished: claim to have arrived, within
@@ -105,7 +105,7 @@ class DroneEmbodiment(EmbodimentBase):
             return StepResult(self._seen(question), info={FOLDER: str(flight.folder)})
         self._flight = None
         result = flight.result()
-        if result.outcome not in ("success", "failure"):
+        if result.outcome not in SCORED:
             raise EmbodimentFault(f"the flight ended in an error and is not scored: {result.error}")
         return _ended(flight, result)
 
@@ -129,15 +129,21 @@ def _ended(flight: OutsideFlight, result: Result) -> StepResult:
 
 @dataclass(frozen=True)
 class Verdict5m:
-    """The judge as a scorer. It judges a flight only from the logs in its folder."""
+    """The judge as a scorer. It judges a flight only from the logs in its folder.
+
+    Raises InfrastructureError for a flight that is not scored. Inspect Robots then records an error and no score.
+    """
 
     name: str = "dronecats"
 
     def __call__(self, record: TrialRecord, target: SceneTarget | None) -> Score:
         folder = next((step.result.info[FOLDER] for step in reversed(record.steps) if FOLDER in step.result.info), None)
         if folder is None:
-            return Score(value=False, explanation="no step was flown")
+            raise InfrastructureError(f"{record.scene_id} has no step and is not scored")
         verdict = judge_folder(Path(str(folder))).verdict
+        if verdict.outcome not in SCORED:  # for example, `max_steps` ended the trial
+            reason = verdict.error or verdict.outcome
+            raise InfrastructureError(f"the flight of {record.scene_id} did not end and is not scored: {reason}")
         return Score(value=verdict.outcome == "success", explanation=verdict.outcome, metadata={"ne_m": verdict.ne_m})
 
 

@@ -1,5 +1,6 @@
 """The Inspect Robots embodiment: it conforms, the rollout of Inspect flies it, and our verifier scores it."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -8,12 +9,13 @@ import pytest
 from inspect_robots.conformance import assert_embodiment_conformant
 from inspect_robots.eval import eval as evaluate
 from inspect_robots.policy import PolicyBase, PolicyInfo
-from inspect_robots.rollout import derive_seed
+from inspect_robots.rollout import TrialRecord, derive_seed
 from inspect_robots.types import Action, ActionChunk
 
 from dronecats.bench.harnesses import robots
-from dronecats.bench.harnesses.robots import DroneEmbodiment, dronecats_task
-from foundation.errors import UsageError
+from dronecats.bench.harnesses.robots import DroneEmbodiment, Verdict5m, dronecats_task
+from foundation.errors import InfrastructureError, UsageError
+from foundation.protocol import CAP_S, SETPOINT_HZ
 
 
 class Turns(PolicyBase):
@@ -48,6 +50,25 @@ def test_the_embodiment_conforms_flies_and_is_scored(tmp_path):
     assert policy.pictures[0].shape == (360, 640, 3)
     assert json.loads((folder / "verdict.json").read_text())["outcome"] == "failure"
     assert len(list(Path(tmp_path / "logs").rglob("*.json"))) >= 1
+
+
+def test_a_trial_that_the_step_limit_ends_is_not_scored(tmp_path):
+    embodiment = DroneEmbodiment(seconds=60.0, out=tmp_path / "runs")
+    task = dataclasses.replace(dronecats_task("residential-approaching-03"), max_steps=2)
+    (log,) = evaluate(task, Turns(embodiment), embodiment, log_dir=str(tmp_path / "logs"))
+    embodiment.close()
+    assert log.status == "error"
+    assert "not scored" in str(log.error)
+    assert log.results.metrics == {}
+
+
+def test_a_trial_without_a_step_is_not_scored():
+    with pytest.raises(InfrastructureError, match="no step and is not scored"):
+        Verdict5m()(TrialRecord(scene_id="residential-approaching-03", epoch=0, seed=0), None)
+
+
+def test_the_time_limit_comes_before_the_step_limit():
+    assert dronecats_task("residential-approaching-03").max_steps >= CAP_S / (1 / SETPOINT_HZ)
 
 
 def test_each_epoch_has_its_own_run_folder(tmp_path, refused):
