@@ -19,6 +19,7 @@ from foundation.errors import UsageError
 from foundation.run_folder.results import Level
 
 KINDS = ("full", "fractional", "latin", "one-at-a-time")
+ONE_AT_A_TIME = "one factor at a time"  # first words of the description of this design
 POINTS_MAX = 10_000
 FACTORS_MAX = 15  # of a fraction; `resolution` examines up to 2^15 defining words
 DIGITS = 6  # significant digits of a level drawn from a range
@@ -79,7 +80,7 @@ def one_at_a_time(axes: Sequence[Axis], crossed: Collection[str] = ()) -> Design
     base = tuple(axis.ends[0] for axis in axes)
     varied_axes = [(place, axis) for place, axis in enumerate(axes) if axis.name not in crossed]
     points = [base, *((*base[:at], level, *base[at + 1 :]) for at, axis in varied_axes for level in axis.ends[1:])]
-    description = "one factor at a time, from the first levels"
+    description = f"{ONE_AT_A_TIME}, from the first levels"
     crossed_axes = [(place, axis) for place, axis in enumerate(axes) if axis.name in crossed]
     for place, axis in crossed_axes:
         points = [(*point[:place], level, *point[place + 1 :]) for point in points for level in axis.ends]

@@ -70,7 +70,7 @@ def between_entrants(results: StudyResults, factor: int) -> list[PairedDifferenc
     """
     steps, differences = level_steps(results.factors[factor]), []
     for (first, second), cell in itertools.product(itertools.combinations(results.entrants, 2), results.groups):
-        by_entrant = [comparable(results.of(entrant, cell), factor) for entrant in (first, second)]
+        by_entrant = [comparable(results, results.of(entrant, cell), factor) for entrant in (first, second)]
         for metric in METRICS:
             rows = []
             for step in steps:

@@ -131,7 +131,7 @@ def served_rates(results: StudyResults, factor: int) -> list[ServedRate]:
     """Return the rates and latencies of every entrant at each level. A joint question of a fleet counts once."""
     rows = []
     for entrant in results.entrants:
-        flights = comparable(results.of(entrant), factor)
+        flights = comparable(results, results.of(entrant), factor)
         for step in level_steps(results.factors[factor]):
             at_step = [flight for flight in flights if flight.levels[factor] in step.members]
             row = ServedRate(entrant, step, _quantiles(_steps(at_step, RATE)), _quantiles(_steps(at_step, LATENCY)))
@@ -143,7 +143,7 @@ def target_motions(results: StudyResults, factor: int) -> list[TargetMotionResul
     """Return the motion of moving targets, for every entrant and cell at each level of a factor."""
     rows = []
     for entrant, cell in results.lines():
-        moving = [flight for flight in comparable(results.of(entrant, cell), factor) if moves(flight)]
+        moving = [flight for flight in comparable(results, results.of(entrant, cell), factor) if moves(flight)]
         for step in level_steps(results.factors[factor]):
             at_step = [flight for flight in moving if flight.levels[factor] in step.members]
             if at_step:

@@ -13,6 +13,7 @@ from dronecats.judge.metrics.metric import known_values
 from dronecats.judge.statistics.differences import KnownMean, known_mean
 from dronecats.judge.statistics.shares import ShareEstimate, estimate_share
 from dronecats.report.results.collection import ScoredEpisode
+from dronecats.study.design import ONE_AT_A_TIME
 
 StudiedLevel = float | str  # value of a factor: a number in the factor's unit, or a word
 ALL = "all cells"
@@ -103,14 +104,15 @@ class StudyResults:
                     yield entrant, cell
 
 
-def comparable(flights: Sequence[StudiedFlight], factor: int) -> list[StudiedFlight]:
-    """Return the flights that can be compared over the levels of the factor with this index.
+def comparable(results: StudyResults, flights: Sequence[StudiedFlight], factor: int) -> list[StudiedFlight]:
+    """Return those of `flights` that can be compared over the levels of the factor with this index.
 
-    A flight is kept if its levels of the other factors were flown at several levels of this factor. If none is kept,
-    all flights are returned. In a design of one factor at a time, the kept flights have all other factors at the base.
-    In a full, fractional or Latin hypercube design, all flights are returned: the design or chance balances the other
-    factors.
+    In a design of one factor at a time, these are the flights with all other factors at the base: their levels of the
+    other factors were flown at several levels of this factor. If there are none, all flights are returned. In a full,
+    fractional or Latin hypercube design, all flights are returned: the design or chance balances the other factors.
     """
+    if not results.design.startswith(ONE_AT_A_TIME):
+        return list(flights)
     levels_at: dict[tuple[StudiedLevel, ...], set[StudiedLevel]] = {}
     for flight in flights:
         levels_at.setdefault(levels_besides(flight, factor), set()).add(flight.levels[factor])
@@ -195,7 +197,7 @@ def metric_mean(flights: Sequence[StudiedFlight], metric: str) -> KnownMean:
 
 
 def _level_result(results: StudyResults, factor: int, entrant: str, cell: str, step: LevelStep) -> LevelResult:
-    flights = comparable([f for f in results.flights if f.entrant == entrant], factor)
+    flights = comparable(results, [f for f in results.flights if f.entrant == entrant], factor)
     at_step = [f for f in flights if f.levels[factor] in step.members and cell in (ALL, f.scored.cell)]
     scored = [flight for flight in at_step if flight.scored.scored]
     measures = tuple(metric_mean(scored, measure.name) for measure in MEASURES)

@@ -20,6 +20,7 @@ def a_study(
     scatter: float = 1.0,
     entrants: Sequence[str] = ("vision",),
     seed: int = 0,
+    design: str = "full factorial",
 ) -> StudyResults:
     """Return a study in which every episode is flown at every point. Success is drawn by the law."""
     rng = np.random.default_rng(seed)
@@ -34,7 +35,7 @@ def a_study(
                     scored = an_episode(run, f"campus-tracking-{k:02}", "success" if won else "failure", values=values)
                     made.append(StudiedFlight(entrant=entrant, levels=point, number=number, scored=scored))
     return StudyResults(
-        name="made-up", design="full factorial", factors=tuple(factors), entrants=tuple(entrants),
+        name="made-up", design=design, factors=tuple(factors), entrants=tuple(entrants),
         cells=("tracking",), flights=tuple(made), planned=len(made),
     )  # fmt: skip
 

@@ -70,6 +70,15 @@ def test_broken_flights_are_in_no_pair_and_no_fit():
     assert (main_effects(lost), heat_maps(lost)) == (main_effects(without), heat_maps(without))
 
 
+def test_every_flight_of_a_latin_hypercube_is_in_the_results_of_its_levels():
+    """The levels of the other factors recur by chance, here only at the wind of 0 m/s."""
+    latency, wind = number_factor("latency", 0.0, 1.0, 2.0), number_factor("wind", 0.0, 4.0, 8.0, unit="m/s")
+    study = a_study([latency, wind], [(0.0, 0.0), (1.0, 0.0), (2.0, 8.0), (1.0, 4.0)], lambda s, v: 1.5 - s, episodes=4,
+                    design="Latin hypercube, 4 points, seed 0")  # fmt: skip
+    for factor, trials in ((0, [8, 16, 8]), (1, [16, 8, 8])):
+        assert [result.success.trials for result in level_results(study, factor)] == trials
+
+
 def test_each_level_is_compared_with_the_reference_over_paired_flights(studied):
     rows = [e for e in between_levels(studied, 0) if (e.first, e.cell, e.metric) == ("vision", "tracking", "success")]
     assert [(row.at.title, row.against.title) for row in rows] == [("1 s", "0 s"), ("2 s", "0 s")]

@@ -16,6 +16,7 @@ from dronecats.study.analysis.differences import (
     pooled_differences,
 )
 from dronecats.study.analysis.success_fits import heat_maps, main_effects
+from dronecats.study.design import ONE_AT_A_TIME
 from tests.study.analysis.in_memory import a_study, number_factor
 from tests.support.randomisation import randomised
 
@@ -81,7 +82,8 @@ def test_an_episode_counts_once_over_all_points():
 
 
 def test_one_factor_at_a_time_compares_levels_only_at_the_base_of_the_other_factor():
-    at_base = next(e for e in between_entrants(study(), 0) if e.metric == SUCCESS and e.at.title == "0 s")
+    alone = study(design=f"{ONE_AT_A_TIME}, from the first levels")
+    at_base = next(e for e in between_entrants(alone, 0) if e.metric == SUCCESS and e.at.title == "0 s")
     assert at_base.pairs == 60  # without the flights in the wind
     in_grid = next(e for e in between_entrants(study(GRID), 0) if e.metric == SUCCESS and e.at.title == "0 s")
     assert in_grid.pairs == 180
