@@ -129,5 +129,6 @@ def recorded_runs(paths: Iterable[Path]) -> list[RecordedRun]:
             )
         for run in runs:
             known = by_folder[run.folder].episodes if run.folder in by_folder else ()
-            by_folder[run.folder] = replace(run, episodes=tuple(sorted({*known, *run.episodes})))
+            unique = {folder.resolve(): folder for folder in (*run.episodes, *known)}
+            by_folder[run.folder] = replace(run, episodes=tuple(sorted(unique.values(), key=lambda path: path.name)))
     return list(by_folder.values())

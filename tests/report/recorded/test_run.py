@@ -1,5 +1,7 @@
 """Tests the runs and episodes that commands read, and the pilot names of runs."""
 
+from pathlib import Path
+
 import pytest
 
 from dronecats.report.recorded.run import RecordedRun, recorded_runs
@@ -13,6 +15,14 @@ def test_named_episodes_of_one_run_are_all_read(tmp_path):
     assert [folder.name for folder in read.episodes] == sorted(TWO)
     (read,) = recorded_runs([run / TWO[0]])
     assert [folder.name for folder in read.episodes] == [TWO[0]]
+
+
+def test_a_run_that_is_named_by_several_paths_is_read_once(tmp_path, monkeypatch):
+    run = write_run(tmp_path / "run", TWO)
+    (tmp_path / "link").symlink_to(run)
+    monkeypatch.chdir(tmp_path)
+    (read,) = recorded_runs([Path("run"), run, tmp_path / "link", Path("run") / TWO[0], run / "." / ".." / "run"])
+    assert [folder.name for folder in read.episodes] == sorted(TWO)
 
 
 @pytest.mark.parametrize("harness", ["inspect", "gymnasium"])
