@@ -18,7 +18,7 @@ from dronecats.report.results.collection import Usage, without_stalled
 from dronecats.report.table import TableCell
 from dronecats.report.tables import comparison, measures, outcomes, setup
 from dronecats.report.writers import as_html
-from tests.report.small import BAD, GOOD, benchmark, line, made, number, small
+from tests.report.small import ASKED, BAD, GOOD, PRICED, benchmark, line, made, number, small
 from tests.support.scores import a_run, an_episode, collected, flights, named
 
 
@@ -283,6 +283,17 @@ def test_costs_use_the_declared_prices_and_are_omitted_without_a_price():
     free = a_run("runs/free", model=named("free"))
     episodes = flights(free, {"campus-approaching": "s"}, usage=costs_of(1))
     assert line(made(setup.costs, small(collected(episodes))), "vllm/free")["usd"].value is None
+
+
+def test_costs_leave_out_a_scripted_commander():
+    flight = {"command": "hierarchical", "scripted": "scripted:divide"}
+    run = a_run("runs/a", model=named("a", **PRICED), flight=flight)
+    usage = replace(ASKED, commander_questions=4, commander_in=500, commander_out=50)
+    episodes = flights(run, {"blocks-commanding": "s"}, usage=usage)
+    (row,) = made(setup.costs, small(collected(episodes))).rows
+    questions, tokens_in, tokens_out = row.cells[2], row.cells[3], row.cells[5]
+    assert (questions.value, tokens_in.value, tokens_out.value) == (10, 1000, 100)
+    assert row.cells[7].value == pytest.approx(0.002)
 
 
 def costs_of(questions):

@@ -2,11 +2,12 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from dronecats.agent.models.spec import PROVIDERS
 from dronecats.report.report_data import FLIGHTS, NAME, NONE, Cells, Entrant, ReportData
-from dronecats.report.results.collection import ScoredEpisode
+from dronecats.report.results.collection import ScoredEpisode, Usage
 from dronecats.report.results.identity import DIGEST, NOT_RECORDED, identity
 from dronecats.report.table import ReportTable, TableCell, TableColumn, words
 
@@ -113,7 +114,7 @@ def costs(data: ReportData) -> ReportTable | None:
 
     def row_of(entrant: Entrant) -> Cells | None:
         flights = entrant.episodes
-        usages = [flight.usage for flight in flights]
+        usages = [_model_usage(flight) for flight in flights]
         logged = [usage for usage in usages if usage.tokens_in is not None or usage.tokens_out is not None]
         if not logged:
             return None
@@ -137,7 +138,7 @@ def costs(data: ReportData) -> ReportTable | None:
         title="Costs",
         caption=(
             "Questions and tokens per flight: means over all flights, unscored ones too. A commander's questions"
-            " are included, but not its cached and reasoning tokens. Cached: tokens in that the vendor had"
+            " are included if it is a model, but not its cached and reasoning tokens. Cached: tokens in that the vendor had"
             " cached. Reasoning: tokens out for reasoning. Both are known only if the vendor reports them. $: by"
             " the prices in the runs, cached tokens at the full price. Repeated questions, and the test question"
             " before take-off, are only in the run's ledger. Answered by: the provider that a router such as"
@@ -146,6 +147,13 @@ def costs(data: ReportData) -> ReportTable | None:
         columns=COSTS,
         row_of=row_of,
     )
+
+
+def _model_usage(flight: ScoredEpisode) -> Usage:
+    """Return the usage of the models of a flight. The usage of a built-in commander is left out: it is no model."""
+    if not flight.run.flight.get("scripted"):
+        return flight.usage
+    return replace(flight.usage, commander_questions=0, commander_in=None, commander_out=None)
 
 
 def _mean(counts: Sequence[int]) -> TableCell:
@@ -160,7 +168,7 @@ def _dollars(flights: Iterable[ScoredEpisode]) -> float | None:
     """Return the cost of these flights ($) by the declared prices; None if a price or a count is unknown."""
     usd = 0.0
     for flight in flights:
-        model, usage = flight.run.flight.get("model"), flight.usage
+        model, usage = flight.run.flight.get("model"), _model_usage(flight)
         commander = flight.run.flight.get("commander") or model
         for prices, questions, tokens_in, tokens_out in (
             (model, usage.questions, usage.tokens_in, usage.tokens_out),
