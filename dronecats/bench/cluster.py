@@ -10,7 +10,7 @@ import socket
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 from uuid import uuid4
@@ -18,7 +18,7 @@ from uuid import uuid4
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from dronecats.bench.engine import ANSWER_S, HANG_S, Landed, Sortie, landed_with, lost, sizes
+from dronecats.bench.engine import ANSWER_S, HANG_S, InFlight, Landed, Sortie, hanging, landed_with, lost, sizes
 from dronecats.flight.run.accounts import LedgerKeeper
 from dronecats.flight.run.identity import code_digest
 from dronecats.flight.spec.flight_spec import ON_CLUSTER
@@ -39,7 +39,7 @@ class ClusterWorker:
     """The Ray actor. It flies in a temporary folder of its node and returns the files of this folder."""
 
     def __init__(self) -> None:
-        self._folders: dict[str, Path] = {}  # folders of the flights in the air, by the temporary folder
+        self._folders: dict[str, Path] = {}  # folders of the flights in the air, by the key of the flight
 
     def ready(self) -> str:
         """Compile the kernels, and return the digest of the code that will fly."""
@@ -48,26 +48,29 @@ class ClusterWorker:
         compile_all()
         return code_digest()
 
-    def fly(self, flight: dict[str, Any], name: str) -> tuple[dict[str, Any], dict[str, bytes]]:
-        """Return the outcome of `worker.fly_flight`, and the episode's files by their paths within its folder."""
+    def fly(self, flight: dict[str, Any], name: str, key: str) -> tuple[dict[str, Any], dict[str, bytes]]:
+        """Return the outcome of `worker.fly_flight`, and the episode's files by their paths within its folder.
+
+        `name`: of the episode's folder. `key`: of the flight in `written`.
+        """
         from dronecats.bench.worker import fly_flight
         from foundation.run_folder.folder import prepare
 
         with tempfile.TemporaryDirectory(prefix="dronecats-") as scratch:
             folder = Path(scratch) / name
             prepare(folder)
-            self._folders[scratch] = folder
+            self._folders[key] = folder
             try:
                 outcome = fly_flight(flight, folder)
             finally:
-                del self._folders[scratch]
+                del self._folders[key]
             paths = sorted(path for path in folder.rglob("*") if path.is_file())
             files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
         return outcome, files
 
-    def written(self) -> dict[str, int]:
-        """Return the size in bytes of the logs of each flight in the air, by the name of the flight's folder."""
-        return {folder.name: sum(sizes(folder)) for folder in list(self._folders.values())}
+    def written(self) -> dict[str, tuple[int, ...]]:
+        """Return `engine.sizes` of each flight in the air, by the key of the flight."""
+        return {key: sizes(folder) for key, folder in list(self._folders.items())}
 
 
 @dataclass(slots=True)
@@ -78,12 +81,10 @@ class _Actor:
     load: int = 0
 
 
-@dataclass(slots=True)
-class _Flying:
-    sortie: Sortie
+@dataclass(slots=True, kw_only=True)
+class _Flying(InFlight):
     worker: _Actor
-    written: int = -1  # size of the flight's logs in bytes at the last check; -1: not checked yet
-    since_s: float = field(default_factory=time.monotonic)  # wall time of the last change of `written`
+    key: str  # of the flight in `ClusterWorker.written`
 
 
 class ClusterEngine:
@@ -122,9 +123,10 @@ class ClusterEngine:
         flight = sortie.flight
         if self._ledger is not None:
             flight = replace(flight, accounts=replace(flight.accounts, ledger=ON_CLUSTER + self._ledger, cache=None))
-        reference = worker.handle.fly.remote(as_json(flight), sortie.folder.name)
+        key = uuid4().hex
+        reference = worker.handle.fly.remote(as_json(flight), sortie.folder.name, key)
         worker.load += 1
-        self._flying[reference] = _Flying(sortie, worker)
+        self._flying[reference] = _Flying(sortie, worker=worker, key=key)
 
     def landed(self) -> Landed:
         """Wait until a flight ends, write its files to its folder, and return it."""
@@ -169,13 +171,11 @@ class ClusterEngine:
             except ray.exceptions.RayError:  # gone, or no answer within ANSWER_S
                 ray.kill(worker.handle)
                 continue
-            now_s = time.monotonic()
-            for flying in self._flying.values():
-                if flying.worker is worker and written.get(flying.sortie.folder.name) != flying.written:
-                    flying.written, flying.since_s = written.get(flying.sortie.folder.name, -1), now_s
-                elif flying.worker is worker and now_s - flying.since_s > HANG_S:
-                    ray.kill(worker.handle)
-                    break
+            flights = [flying for flying in self._flying.values() if flying.worker is worker]
+            for flying in flights:
+                flying.check(written.get(flying.key, ()))
+            if hanging(flights, HANG_S) is not None:
+                ray.kill(worker.handle)
 
     def _hire(self) -> _Actor | None:
         """Start a worker and return it; None: the cluster has no core for it. Raises DronecatsError."""

@@ -102,30 +102,34 @@ ANSWER_S = 120.0  # wall s that a worker has to answer a command; it usually tak
 # wall s without a new byte in any file of a flight, after which the flight counts as hanging. The longest regular pause
 # is 300 s, after which a question with all its retries is given up.
 HANG_S = 900.0
-LOGS = (layout.DECISIONS, layout.TRUTH, layout.TLOG, layout.COMMANDER, layout.PROMPTS)
 # Files that show the progress of a flight. The record is written before the map is loaded, so a flight counts as begun
 # even if the loading of its map hangs.
-PROGRESS_FILES = (layout.EPISODE, *LOGS)
+PROGRESS_FILES = (
+    layout.EPISODE, layout.DECISIONS, layout.TRUTH, layout.TLOG, layout.COMMANDER, layout.PROMPTS
+)  # fmt: skip
 
 
 @dataclass(slots=True)
-class _InFlight:
+class InFlight:
     """A flight of a worker, and the time of its last written byte."""
 
     sortie: Sortie
-    sizes: tuple[int, ...] = ()
-    since_s: float = field(default_factory=time.monotonic)
+    sizes: tuple[int, ...] = ()  # bytes of each file in PROGRESS_FILES at the last check
+    since_s: float = field(default_factory=time.monotonic)  # wall time of the check that found a changed size
 
+    def check(self, sizes: tuple[int, ...]) -> None:
+        """Store the sizes that a check found."""
+        if sizes != self.sizes:
+            self.sizes, self.since_s = sizes, time.monotonic()
+
+    @property
     def silent_s(self) -> float:
-        """Return the wall seconds since a call of this method last found a changed file of the flight."""
-        new, now_s = sizes(self.sortie.folder, PROGRESS_FILES), time.monotonic()
-        if new != self.sizes:
-            self.sizes, self.since_s = new, now_s
-        return now_s - self.since_s
+        """Wall seconds since a check last found a changed file of the flight."""
+        return time.monotonic() - self.since_s
 
     @property
     def begun(self) -> bool:
-        """Whether the flight had written anything at the last call of `silent_s`."""
+        """Whether the flight had written anything at the last check."""
         return any(self.sizes)
 
 
@@ -186,7 +190,7 @@ class LocalEngine:
     def _work(self, number: int) -> None:
         """Begin the flights from the inbox, and pass on those that end. Each worker has one thread that runs this."""
         inbox = self._inboxes[number]
-        flying: dict[str, _InFlight] = {}  # by folder
+        flying: dict[str, InFlight] = {}  # by folder
         worker: ChildProcess | None = None
         try:
             while not self._stopped:
@@ -194,7 +198,7 @@ class LocalEngine:
                 if worker is None and (fresh or flying):
                     worker = self._start()
                 for sortie in fresh:
-                    flying[str(sortie.folder)] = _InFlight(sortie)
+                    flying[str(sortie.folder)] = InFlight(sortie)
                 try:
                     self._turn(worker, fresh, flying)
                 except InfrastructureError as death:
@@ -213,7 +217,7 @@ class LocalEngine:
         finally:
             self._end(worker)
 
-    def _turn(self, worker: ChildProcess | None, fresh: list[Sortie], flying: dict[str, _InFlight]) -> None:
+    def _turn(self, worker: ChildProcess | None, fresh: list[Sortie], flying: dict[str, InFlight]) -> None:
         """Begin the flights in `fresh`, and ask once for a flight that has ended.
 
         Raises InfrastructureError when the worker is gone or hangs.
@@ -226,12 +230,14 @@ class LocalEngine:
         if outcome is not None:
             sortie = flying.pop(outcome["folder"]).sortie
             self._landed.put(landed_with(outcome, sortie))
-        if (hanging := _hanging(list(flying.values()), self._hang_s)) is not None:
+        for flight in flying.values():
+            flight.check(sizes(flight.sortie.folder))
+        if (found := hanging(list(flying.values()), self._hang_s)) is not None:
             raise InfrastructureError(
-                f"the flight in {hanging.sortie.folder} hangs: its logs have not grown for {self._hang_s:g} s"
+                f"the flight in {found.sortie.folder} hangs: its logs have not grown for {self._hang_s:g} s"
             )
 
-    def _lose(self, flying: dict[str, _InFlight], fault: str) -> None:
+    def _lose(self, flying: dict[str, InFlight], fault: str) -> None:
         """Report the flights of a dead worker as lost."""
         if not self._stopped:
             for flight in flying.values():
@@ -277,12 +283,12 @@ def lost(sortie: Sortie, fault: str) -> Landed:
     return Landed(sortie=sortie, result=result)
 
 
-def _hanging(flying: Sequence[_InFlight], hang_s: float) -> _InFlight | None:
+def hanging(flying: Sequence[InFlight], hang_s: float) -> InFlight | None:
     """Return one flight that hangs among the flights of a worker; None: no flight hangs.
 
     A flight that has not begun waits for its turn to compute. It hangs only if all flights of the worker are silent.
     """
-    silent = [flight for flight in flying if flight.silent_s() > hang_s]
+    silent = [flight for flight in flying if flight.silent_s > hang_s]
     begun = next((flight for flight in silent if flight.begun), None)
     return begun or (silent[0] if silent and len(silent) == len(flying) else None)
 
@@ -300,9 +306,9 @@ def _taken(inbox: "queue.SimpleQueue[Sortie | None]", *, wait: bool) -> list[Sor
         return taken
 
 
-def sizes(folder: Path, names: Sequence[str] = LOGS) -> tuple[int, ...]:
-    """Return the size in bytes of each file of a flight, 0 for a missing file."""
-    return tuple(_size(folder / name) for name in names)
+def sizes(folder: Path) -> tuple[int, ...]:
+    """Return the size in bytes of each file in PROGRESS_FILES of a flight, 0 for a missing file."""
+    return tuple(_size(folder / name) for name in PROGRESS_FILES)
 
 
 def _size(path: Path) -> int:

@@ -128,7 +128,7 @@ class BusyWorker(ClusterWorker):
     def ready(self):
         return code_digest()
 
-    def fly(self, flight, name):
+    def fly(self, flight, name, key):
         time.sleep(600.0)
 
 

@@ -107,20 +107,27 @@ def test_a_flight_in_lockstep_waits_for_its_turn(tmp_path):
     assert "nowhere" in str(results[0]["fault"])
 
 
+def hanging(flying):
+    """Check the files of the flights, and return one that hangs for 100 s."""
+    for flight in flying:
+        flight.check(local.sizes(flight.sortie.folder))
+    return local.hanging(flying, 100.0)
+
+
 def test_a_flight_that_waits_for_its_first_turn_hangs_only_if_no_flight_advances(tmp_path, monkeypatch):
     now, flying = [0.0], []
     monkeypatch.setattr("dronecats.bench.engine.time.monotonic", lambda: now[0])
     for name in ("flies", "waits"):
         prepare(tmp_path / name)
         sortie = Sortie(flight=FlightSpec(pilot="oracle", simulated=Simulated()), folder=tmp_path / name)
-        flying.append(local._InFlight(sortie=sortie))
+        flying.append(local.InFlight(sortie=sortie))
     log = tmp_path / "flies" / "truth.jsonl"
     for now[0] in (0.0, 80.0, 160.0, 240.0):
         log.write_text(f"{now[0]}" + log.read_text())
-        assert local._hanging(flying, 100.0) is None
+        assert hanging(flying) is None
     now[0] = 341.0
-    assert local._hanging(flying, 100.0) is flying[0]
-    assert local._hanging(flying[1:], 100.0) is flying[1]  # alone it waits for no other flight
+    assert hanging(flying) is flying[0]
+    assert hanging(flying[1:]) is flying[1]  # alone it waits for no other flight
 
 
 def test_a_hang_before_the_first_log_line_is_detected_while_others_advance(tmp_path, monkeypatch):
@@ -131,14 +138,14 @@ def test_a_hang_before_the_first_log_line_is_detected_while_others_advance(tmp_p
         prepare(tmp_path / name)
         (tmp_path / name / "episode.json").write_text("{}")
         sortie = Sortie(flight=FlightSpec(pilot="oracle", simulated=Simulated()), folder=tmp_path / name)
-        flying.append(local._InFlight(sortie=sortie))
+        flying.append(local.InFlight(sortie=sortie))
     log = tmp_path / "flies" / "truth.jsonl"
     for now[0] in (0.0, 80.0, 99.0):
         log.write_text(f"{now[0]}" + log.read_text())
-        assert local._hanging(flying, 100.0) is None
+        assert hanging(flying) is None
     now[0] = 101.0
     log.write_text("more" + log.read_text())
-    assert local._hanging(flying, 100.0) is flying[1]
+    assert hanging(flying) is flying[1]
 
 
 def test_a_flight_that_only_asks_its_model_does_not_hang(tmp_path, monkeypatch):
@@ -147,8 +154,10 @@ def test_a_flight_that_only_asks_its_model_does_not_hang(tmp_path, monkeypatch):
     monkeypatch.setattr("dronecats.bench.engine.time.monotonic", lambda: now[0])
     prepare(tmp_path / "asks")
     sortie = Sortie(flight=FlightSpec(pilot="oracle", simulated=Simulated()), folder=tmp_path / "asks")
-    flying = local._InFlight(sortie=sortie)
-    assert flying.silent_s() == 0.0
+    flying = local.InFlight(sortie=sortie)
+    flying.check(local.sizes(sortie.folder))
     now[0] = 90.0
+    assert flying.silent_s == 90.0
     (sortie.folder / "prompts.jsonl").write_text("{}\n")
-    assert flying.silent_s() == 0.0
+    flying.check(local.sizes(sortie.folder))
+    assert flying.silent_s == 0.0
