@@ -18,15 +18,15 @@ from foundation.protocol import CAP_S
 from foundation.run_folder.prompts import SentPrompt, prompts_of, read_prompts
 from foundation.run_folder.rows import Decision, EstimatedFrame, EstimatedPose, Exchange, FrameTruth, Pose, drone_label
 
-Fields = dict[str, Any]  # a JSON object of the page
+PageObject = dict[str, Any]  # a JSON object of the page
 
 
-def fields(**values: Any) -> Fields:
+def fields(**values: Any) -> PageObject:
     """Return a JSON object without the fields that are None."""
     return {name: value for name, value in values.items() if value is not None}
 
 
-def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> Fields:
+def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> PageObject:
     """Return a flight as JSON for the page. Raises UsageError if a log is damaged."""
     logs, camera = flight.logs, flight.camera
     poses: Sequence[Pose | EstimatedPose] = logs.poses if logs.true else flight.estimated_poses
@@ -56,7 +56,7 @@ def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> Fields:
 
 def _step(
     decision: Decision, flight: RecordedFlight, prompt: SentPrompt | None, texts: "_Texts", picture: PictureAddress
-) -> Fields:
+) -> PageObject:
     """Return one decision of one drone. `reply`, `parts` and `history` are indices into the flight's texts."""
     action = action_of(decision)
     return fields(
@@ -87,7 +87,7 @@ def _step(
     )
 
 
-def _exchange(exchange: Exchange, prompt: str | None) -> Fields:
+def _exchange(exchange: Exchange, prompt: str | None) -> PageObject:
     """Return one question to a commander, with its answer and the orders in it."""
     return fields(
         number=exchange.number,
@@ -122,7 +122,7 @@ class _Texts:
         return self._numbers[text]
 
 
-def _truth(decision: Decision, flight: RecordedFlight) -> Fields | None:
+def _truth(decision: Decision, flight: RecordedFlight) -> PageObject | None:
     """Return the truth of a frame, which only the judge knows; in a flight without truth, the estimate."""
     at, logs = (decision.drone, decision.frame_id), flight.logs
     frame: FrameTruth | EstimatedFrame | None = logs.frames.get(at)
@@ -147,7 +147,7 @@ def _truth(decision: Decision, flight: RecordedFlight) -> Fields | None:
     )
 
 
-def _trace(drone: int, poses: Sequence[Pose | EstimatedPose]) -> Fields:
+def _trace(drone: int, poses: Sequence[Pose | EstimatedPose]) -> PageObject:
     """Return the path of a drone, with a sample every half second. Unknown values are None."""
     own = sorted((pose for pose in poses if pose.drone == drone), key=lambda pose: pose.t)
     return {
@@ -162,7 +162,7 @@ def _trace(drone: int, poses: Sequence[Pose | EstimatedPose]) -> Fields:
     }
 
 
-def _path(poses: Sequence[Pose | EstimatedPose]) -> Fields | None:
+def _path(poses: Sequence[Pose | EstimatedPose]) -> PageObject | None:
     """Return the path of the target. It has one sample if the target does not move."""
     seen: dict[float, Vec3] = {pose.t: pose.target_ned for pose in poses if pose.target_ned is not None}
     if not seen:
@@ -178,7 +178,7 @@ def _path(poses: Sequence[Pose | EstimatedPose]) -> Fields | None:
     }
 
 
-def _look_alikes(entries: Any) -> list[Fields]:
+def _look_alikes(entries: Any) -> list[PageObject]:
     """Return the look-alikes that have a position (m). `entries`: the candidates in an episode record."""
     look_alikes = []
     for entry in entries if isinstance(entries, list) else ():

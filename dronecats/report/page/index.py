@@ -14,7 +14,7 @@ from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import MetricValue
 from dronecats.report.kit import shell
 from dronecats.report.kit.shell import OUTCOMES
-from dronecats.report.page.flights import Fields, fields, shown_flight
+from dronecats.report.page.flights import PageObject, fields, shown_flight
 from dronecats.report.page.pictures import (
     FOLDER,
     PictureAddress,
@@ -64,7 +64,7 @@ def keys(names: Sequence[str]) -> list[str]:
     return result
 
 
-def _page_runs(collection: Collection) -> tuple[list[Fields], list[Fields]]:
+def _page_runs(collection: Collection) -> tuple[list[PageObject], list[PageObject]]:
     """Return the run folders in the order of the collection, and their entrants in the order of the tables.
 
     An entrant has all runs that differ only in their seed. Raises UsageError if two records have the same id.
@@ -96,8 +96,14 @@ def _page_runs(collection: Collection) -> tuple[list[Fields], list[Fields]]:
 
 
 def _page_episode(
-    scored: ScoredEpisode, metrics: Sequence[Fields], key: str, run: int, ground: str, error: str | None, shown: bool
-) -> Fields:
+    scored: ScoredEpisode,
+    metrics: Sequence[PageObject],
+    key: str,
+    run: int,
+    ground: str,
+    error: str | None,
+    shown: bool,
+) -> PageObject:
     """Return the data of one flight of one episode for the index."""
     verdict = scored.verdict
     return fields(
@@ -124,7 +130,7 @@ def script_json(value: Any) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _page_metrics(collection: Collection) -> list[Fields]:
+def _page_metrics(collection: Collection) -> list[PageObject]:
     """Return the metrics of episodes: those of the registry, then the user's own metrics (only names)."""
     ours = [metric for metric in METRICS.values() if metric.level == "episode"]
     own = {name for scored in collection.episodes for name in scored.values} - {*METRICS}
@@ -244,7 +250,7 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
     return page
 
 
-def _sections(tables: Sequence[ReportTable], entrants: Sequence[Fields]) -> str:
+def _sections(tables: Sequence[ReportTable], entrants: Sequence[PageObject]) -> str:
     """Return the tables as HTML, with links from the rows to the flights."""
     keys = {entrant["title"]: entrant["key"] for entrant in entrants}
     sections = []
