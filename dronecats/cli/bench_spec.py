@@ -50,6 +50,11 @@ FILE_OPTIONS = {
 }
 # valid keys of a model that is a table in a file; `reasoning` is a short name of reasoning_effort
 ROW = ("name", "called", "reasoning", *(option.name for option in MODEL))
+# option → the options that set the same in another way
+ALTERNATIVES = {
+    "episodes": ("suite", "cells", "maps"), "suite": ("episodes",), "cells": ("episodes",), "maps": ("episodes",),
+    "latency": ("rate",), "rate": ("latency",),
+}  # fmt: skip
 DEFAULTS: dict[str, Any] = {"flights": 1, "seed": 0, "parser": "strict", "speed": "max"}
 MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}  # largest value of each count
 
@@ -71,9 +76,13 @@ def with_file(args: argparse.Namespace) -> argparse.Namespace:
 
 
 def filled(args: argparse.Namespace, values: dict[str, Any]) -> argparse.Namespace:
-    """Return the arguments. An absent option gets its value from `values`. Raises UsageError for an invalid count."""
+    """Return the arguments. An absent option gets its value from `values`, unless one of its ALTERNATIVES was given.
+
+    Raises UsageError for an invalid count.
+    """
+    given = {name for name, value in vars(args).items() if is_set(value)}
     for name, value in values.items():
-        if not is_set(getattr(args, name)):
+        if name not in given and given.isdisjoint(ALTERNATIVES.get(name, ())):
             is_path = name in FILE_OPTIONS and FILE_OPTIONS[name].kind is Path
             setattr(args, name, Path(value) if is_path else value)
     for name, most in MOST.items():

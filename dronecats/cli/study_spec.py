@@ -39,7 +39,6 @@ OWN_KEYS: dict[str, Any] = {  # keys of a study file that a benchmark file does 
     "held": dict[str, Any],
 }
 PILOT_FACTORS = ("pilot", "model")
-CHOSEN = ("suite", "cells", "maps")  # keys that select episodes by group, not by name
 FACTOR_KEYS = ("agent", "command", "latency", "rate")  # keys of a benchmark file that are factors in a study
 BENCH_KEYS = [key for key in FILE_OPTIONS if key not in (*FACTOR_KEYS, "no_retry", "drop_stalled")]
 
@@ -77,11 +76,6 @@ def of_file(args: argparse.Namespace) -> StudyRequest:
         )
     values = bench_spec.checked(path, of_bench, BENCH_KEYS, tuple(OWN_KEYS))
     values |= {key: own.pop(key) for key in ("cells", "maps", "seconds") if key in own}
-    # --episodes overrides the file's suite, cells and maps; --suite, --cells and --maps override the file's episodes
-    if args.episodes:
-        values = {key: value for key, value in values.items() if key not in CHOSEN}
-    if any(getattr(args, key) for key in CHOSEN):
-        values.pop("episodes", None)
     bench_spec.filled(args, values)
     return _request(args, {"name": path.stem, **own}, Path("runs") / path.stem, path)
 

@@ -145,6 +145,23 @@ def test_the_command_line_goes_before_the_file(tmp_path, monkeypatch):
     assert {run.flight.parser for run in file_runs} == {"strict"}
 
 
+@pytest.mark.parametrize(
+    ("text", "option", "dropped"),
+    [
+        ('episodes = ["residential-approaching-01"]', ("--suite", "quick"), "episodes"),
+        ('suite = ["quick"]\nlatency = "fixed:1"', ("--rate", "4"), "latency"),
+        ('suite = ["quick"]\nrate = 4', ("--latency", "fixed:1"), "rate"),
+    ],
+)
+def test_an_option_overrides_its_alternative_in_the_file(tmp_path, monkeypatch, text, option, dropped):
+    monkeypatch.chdir(tmp_path)
+    Path("my.toml").write_text(f'{text}\npilot = "oracle"\n')
+    args, file_runs = runs("my.toml", *option)
+    assert not getattr(args, dropped)
+    assert file_runs == runs(*(("--suite", "quick") if dropped != "episodes" else ()), *option, "--pilot", "oracle",
+                             "--out", "runs/my")[1]  # fmt: skip
+
+
 def test_invalid_spec_files_are_rejected_in_one_sentence(tmp_path, monkeypatch, capsys):
     for text, parts in (
         ("flihgts = 2", "'flihgts' .*flights"),
