@@ -29,6 +29,7 @@ COMMANDER = 255  # drone number of a commander's questions; no vehicle has it
 STEADY_CV = 1e-3  # below this coefficient of variation, a gamma draw is the mean
 NOTHING_ADDED = "--latency real is the measured time of a reply and cannot be combined with another policy"
 REAL, TRACE, FIXED, RATE, JITTER, STALL, CAP = "real", "trace", "fixed", "rate", "jitter", "stall", "cap"
+MEASURED = "measured"
 
 Seed = tuple[int, ...]  # seeds of the episode and of this flight
 
@@ -299,7 +300,7 @@ def _rate(name: str) -> DeclaredNumber:
 
 
 KINDS = {
-    "measured": LatencyKind(charge=_measured_s, foreseen=False),
+    MEASURED: LatencyKind(charge=_measured_s, foreseen=False),
     FIXED: LatencyKind(charge=lambda _question, _of, seconds: seconds, quantities=(_seconds("SECONDS"),)),
     RATE: LatencyKind(charge=lambda _question, _of, hz: 1.0 / hz, quantities=(_rate("HZ"),)),
     "lognormal": LatencyKind(charge=_lognormal_s, quantities=(_seconds("MEDIAN", ABOVE_0), _number("SIGMA", 0.0, 3.0))),

@@ -130,7 +130,8 @@ def _fly(request: study_spec.StudyRequest) -> int:
         result = campaign.fly(bench, args, retry=False, pages=pages)
         repeats = {run.entry.name: _repeat_command(run) for run in bench.runs if run.part}
         if not args.json:
-            print("To repeat one flight of each run, to the same bytes:")
+            exact = all(run.entry.flight.repeats_exactly for run in bench.runs)
+            print(f"To repeat one flight of each run{', to the same bytes' if exact else ''}:")
             for command in repeats.values():
                 print(f"  {command}")
         more = {"study": study.name, "again": repeats, "report": next_commands("study", out=out)[0]}

@@ -9,14 +9,20 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import psutil
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
+from dronecats.agent.models.spec import ModelSpec
 from dronecats.cli import campaign, study_spec
 from dronecats.cli.main import main, parse
 from dronecats.cli.options import level_list as levels
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.report.recorded.run import recorded_runs
 from dronecats.study import folder
 from foundation.errors import UsageError
@@ -266,6 +272,30 @@ def test_a_study_flies_into_its_folder_and_each_flight_can_be_repeated_alone(tmp
     errors = capsys.readouterr().err
     assert re.search("factors, latency 0, 2 .*latency 0, 1 .*--out", errors)
     assert errors.count("\n") == 1
+
+
+@pytest.mark.parametrize(("words", "exact"), [((), True), (("--speed", "20"), False)])
+def test_same_bytes_are_promised_only_for_flights_that_repeat_exactly(tmp_path, monkeypatch, capsys, words, exact):
+    monkeypatch.setattr(campaign, "fly", lambda *arguments, **options: SimpleNamespace(scores=()))
+    monkeypatch.setattr(campaign, "print_result", lambda *arguments, **options: None)
+    monkeypatch.setattr(campaign, "status", lambda *arguments: 0)
+    out = ("--out", str(tmp_path / "s"))
+    assert main(["study", "latency", "--values", "1,2", "--episodes", TWO, "--pilot", "oracle", *words, *out]) == 0
+    printed = capsys.readouterr().out
+    assert "To repeat one flight of each run" in printed
+    assert ("to the same bytes" in printed) == exact
+
+
+def test_a_flight_repeats_exactly_in_lockstep_without_a_model():
+    lockstep = FlightSpec(pilot="oracle", simulated=Simulated(speed=None))
+    assert lockstep.repeats_exactly
+    model = ModelSpec(provider="local", name="m")
+    changes: tuple[dict[str, Any], ...] = (
+        {"simulated": Simulated()}, {"pilot": None, "model": model}, {"command": "hierarchical", "commander": model},
+        {"latency": LatencyPolicy.parse("measured+fixed:1")},
+    )  # fmt: skip
+    for change in changes:
+        assert not replace(lockstep, **change).repeats_exactly, change
 
 
 def test_the_open_file_limit_is_raised_to_one_lock_per_run():

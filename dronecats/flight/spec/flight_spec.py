@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from msgspec import UNSET
 
-from dronecats.agent.latency import TRACE, TRACE_MAX, LatencyPolicy, split_policy, trace_name
+from dronecats.agent.latency import MEASURED, TRACE, TRACE_MAX, LatencyPolicy, split_policy, trace_name
 from dronecats.agent.models.ledger import cost_limit, token_limit
 from dronecats.agent.models.replay import FlightRecording
 from dronecats.agent.models.spec import ModelSpec
@@ -222,6 +222,12 @@ class FlightSpec:
     def models(self) -> tuple[ModelSpec, ...]:
         """The models that the flight asks: the pilot's and the commander's own. A replay asks none."""
         return () if self.replay else tuple(model for model in (self.model, self.commander) if model)
+
+    @property
+    def repeats_exactly(self) -> bool:
+        """Whether a second flight writes the same bytes: in lockstep, without a model or the measured time of a reply."""
+        is_lockstep = self.simulated is not None and self.simulated.speed is None
+        return is_lockstep and not self.models and self.outside is None and self.latency.part(MEASURED) is None
 
     @property
     def scripted_commander(self) -> str | None:
