@@ -120,6 +120,15 @@ def save(drawing: Any, out: Path, name: str) -> Path:
     return out / f"{name}.png"
 
 
+def remove(out: Path, name: str) -> None:
+    """Remove the files of a figure, if there are any. Raises InfrastructureError if this fails."""
+    try:
+        for kind in FORMATS:
+            (out / f"{name}.{kind}").unlink(missing_ok=True)
+    except OSError as error:
+        raise InfrastructureError(f"the figure {out / name} cannot be removed: {error.strerror}") from None
+
+
 NESTED = (  # column of the table, title, colour
     ("approaching_oracle_success_percent", "came within the radius", SKY),
     ("approaching_declared_percent", "declared arrival", ORANGE),
@@ -312,7 +321,8 @@ OF_TABLES = {  # table → name and function of its figure
 def draw(data: ReportData, tables: Sequence[ReportTable], out: Path) -> dict[str, Path]:
     """Draw the figures as SVG, PDF and PNG; return the paths of the PNGs by table name or GRID.
 
-    Raises InfrastructureError if a figure cannot be written.
+    The figures of an earlier report that this one lacks are removed. Raises InfrastructureError if a figure cannot be
+    written or removed.
     """
     drawn = {}
     with styled():
@@ -322,4 +332,7 @@ def draw(data: ReportData, tables: Sequence[ReportTable], out: Path) -> dict[str
                 drawn[table.name] = save(draw_table(table), out, name)
         if data.episodes:
             drawn[GRID] = save(episode_grid(data), out, GRID)
+    names = {GRID, *(name for name, _ in OF_TABLES.values())}
+    for name in names.difference(path.stem for path in drawn.values()):
+        remove(out, name)
     return drawn

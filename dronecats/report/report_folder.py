@@ -15,6 +15,7 @@ from foundation.protocol import RADIUS_M
 from foundation.wording import counted
 
 TABLES = (*outcomes.TABLES, *comparison.TABLES, *measures.TABLES, *setup.TABLES)
+TABLE_NAMES = tuple(table.__name__ for table in (*TABLES, measures.own))  # the function has the name of its table
 
 
 def tables(data: ReportData, metrics: Sequence[Metric] = ()) -> tuple[ReportTable, ...]:
@@ -56,10 +57,11 @@ def write(tables: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequ
     """Write the tables, and report.md with tables and figures, into the folder; return the path of report.md.
 
     `figures` maps table names to files; figures without a table are placed last. `head`: sentences above all tables.
-    Raises InfrastructureError when the report cannot be written.
+    The tables of an earlier report that this one lacks are removed. Raises InfrastructureError when the report cannot be written.
     """
     page = out / "report.md"
     try:
+        _remove_tables(set(TABLE_NAMES).difference(table.name for table in tables), out / "tables")
         write_tables(tables, out / "tables")
         page.write_text(
             _page(tables, {name: path.relative_to(out) for name, path in figures.items()}, head), encoding="utf-8"
@@ -75,6 +77,13 @@ def write_tables(tables: Iterable[ReportTable], folder: Path) -> None:
     for table in tables:
         (folder / f"{table.name}.csv").write_text(as_csv(table), encoding="utf-8")
         (folder / f"{table.name}.tex").write_text(as_latex(table), encoding="utf-8")
+
+
+def _remove_tables(names: Iterable[str], folder: Path) -> None:
+    """Remove the files of these tables from the folder. Raises OSError."""
+    for name in names:
+        for suffix in (".csv", ".tex"):
+            (folder / f"{name}{suffix}").unlink(missing_ok=True)
 
 
 def _page(tables: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str]) -> str:

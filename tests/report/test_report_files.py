@@ -9,7 +9,7 @@ import pytest
 from dronecats.report import figures as drawing
 from dronecats.report import figures as style
 from dronecats.report import report_data
-from dronecats.report.report_folder import tables, write
+from dronecats.report.report_folder import TABLES, tables, write
 from dronecats.report.table import ReportTable
 from foundation.errors import InfrastructureError
 from tests.report import golden
@@ -24,6 +24,23 @@ def files(folder):
 def test_the_small_report_equals_the_reviewed_report(tmp_path):
     golden.report(tmp_path)
     assert files(tmp_path) == files(golden.FOLDER)
+
+
+def test_a_second_report_removes_the_tables_and_figures_that_it_lacks(tmp_path):
+    made, figures = tables(small()), tmp_path / "figures"
+    written = write(made, drawing.draw(small(), made, figures), (), tmp_path)
+    (tmp_path / "tables" / "mine.csv").write_text("a file of the user")
+    (figures / "mine.png").write_text("a file of the user")
+    oracle = small(collected([an_episode(a_run(pilot="oracle"), "campus-tracking-01")]))
+    made = tables(oracle)
+    drawn_figures = drawing.draw(oracle, made, figures)
+    write(made, drawn_figures, (), tmp_path)
+    assert {path.stem for path in written.parent.glob("tables/*")} == {"mine", *(table.name for table in made)}
+    assert {path.stem for path in figures.iterdir()} == {"mine", *(path.stem for path in drawn_figures.values())}
+
+
+def test_the_name_of_a_table_is_the_name_of_its_function():
+    assert all(made.name == table.__name__ for table in TABLES if (made := table(small())) is not None)
 
 
 def test_a_file_in_place_of_the_tables_folder_is_reported(tmp_path):
