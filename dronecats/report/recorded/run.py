@@ -114,13 +114,14 @@ def recorded_run(folder: Path) -> RecordedRun:
 def recorded_runs(paths: Iterable[Path]) -> list[RecordedRun]:
     """Return the unique runs at or below these folders, in their order.
 
-    A folder may be a run, an episode of a run, or a folder of runs, such as a benchmark's. Raises UsageError.
+    A folder may be a run, an episode of a run, or a folder of runs, such as a benchmark's. The folders of benchmarks
+    and studies in a folder of runs are read too. Raises UsageError.
     """
     by_folder: dict[Path, RecordedRun] = {}
     for path in paths:
         if not path.is_dir():
             raise UsageError(f"folder {path} does not exist")
-        inside = [path] if episodes(path) else sorted(p.parent for p in path.glob(f"*/{layout.RUN}"))
+        inside = [path] if episodes(path) else _run_folders(path)
         runs = [recorded_run(folder) for folder in inside if episodes(folder)]
         if not runs:
             raise UsageError(
@@ -132,3 +133,10 @@ def recorded_runs(paths: Iterable[Path]) -> list[RecordedRun]:
             unique = {folder.resolve(): folder for folder in (*run.episodes, *known)}
             by_folder[run.folder] = replace(run, episodes=tuple(sorted(unique.values(), key=lambda path: path.name)))
     return list(by_folder.values())
+
+
+def _run_folders(folder: Path) -> list[Path]:
+    """Return the run folders in a folder and, one level deeper, in its folders that are not runs, sorted by path."""
+    runs = {path.parent for path in folder.glob(f"*/{layout.RUN}")}
+    deeper = {path.parent for path in folder.glob(f"*/*/{layout.RUN}")}
+    return sorted(runs | {run for run in deeper if run.parent not in runs})
