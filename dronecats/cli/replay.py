@@ -14,6 +14,7 @@ from foundation.errors import UsageError
 
 SIZE, FPS = (1280, 720), 30
 GIF_SIZE, GIF_FPS = (480, 270), 6
+GIF_FPS_MAX = 50  # browsers show a frame of less than 20 ms for 100 ms
 SUFFIXES = (".mp4", ".gif")
 
 
@@ -96,6 +97,10 @@ def _film(args: argparse.Namespace) -> int:
     if args.jobs is not None and args.jobs < 1:
         raise UsageError(f"--jobs must be 1 or more, got {args.jobs}")
     gif = suffix == ".gif"
+    if gif and args.fps is not None and args.fps > GIF_FPS_MAX:
+        raise UsageError(
+            f"--fps of a GIF must be {GIF_FPS_MAX} or less, got {args.fps}: browsers show faster GIFs at 10 images a second"
+        )
     film = plan(
         filmable(args.episode),
         size=args.size or (GIF_SIZE if gif else SIZE),

@@ -260,3 +260,10 @@ def test_an_invalid_output_path_is_a_one_line_error(pictured, tmp_path, capsys, 
 def test_a_gif_with_an_mp4_name_is_rejected(pictured, tmp_path, capsys):
     assert main(["film", str(pictured), "--gif", "--out", str(tmp_path / "film.mp4")]) == 2
     assert ".gif" in capsys.readouterr().err
+
+
+def test_a_gif_that_browsers_would_slow_down_is_rejected(pictured, tmp_path, capsys):
+    film = tmp_path / "film.gif"
+    assert main(["film", str(pictured), "--fps", "51", "--out", str(film)]) == 2
+    assert "--fps of a GIF must be 50 or less, got 51" in capsys.readouterr().err
+    assert not film.exists()
