@@ -198,7 +198,7 @@ SILENCE_S = 2.0  # s without a byte until the stream counts as broken
 
 def is_multipart(response: httpx.Response) -> bool:
     """Return whether a response is a stream of pictures."""
-    return response.headers.get("content-type", "").lower().startswith("multipart/")
+    return bool(response.headers.get("content-type", "").lower().startswith("multipart/"))
 
 
 class Multipart:
