@@ -99,7 +99,7 @@ def _film(args: argparse.Namespace) -> int:
     gif = suffix == ".gif"
     if gif and args.fps is not None and args.fps > GIF_FPS_MAX:
         raise UsageError(
-            f"--fps of a GIF must be {GIF_FPS_MAX} or less, got {args.fps}: browsers show faster GIFs at 10 images a second"
+            f"--fps of a GIF must be {GIF_FPS_MAX} or less, got {args.fps}: browsers show faster GIFs slowly"
         )
     film = plan(
         filmable(args.episode),

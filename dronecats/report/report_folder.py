@@ -57,7 +57,8 @@ def write(tables: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequ
     """Write the tables, and report.md with tables and figures, into the folder; return the path of report.md.
 
     `figures` maps table names to files; figures without a table are placed last. `head`: sentences above all tables.
-    The tables of an earlier report that this one lacks are removed. Raises InfrastructureError when the report cannot be written.
+    The tables of an earlier report that this one lacks are removed. Raises InfrastructureError when the report cannot
+    be written.
     """
     page = out / "report.md"
     try:

@@ -2,9 +2,11 @@
 
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import ray
 
 from dronecats.bench import cluster, worker
 from dronecats.bench.cluster import ClusterEngine, ClusterWorker
@@ -21,11 +23,23 @@ def actor():
 
 
 @pytest.fixture
-def engine(actor, monkeypatch):
-    """An engine with one worker in this process. `killed` has the handles of killed workers."""
+def folders():
+    """The folders in which the worker flies, in the order of the flights."""
+    return list[Path]()
+
+
+@pytest.fixture
+def killed():
+    """The handles of the workers that the engine has killed."""
+    return []
+
+
+@pytest.fixture
+def engine(actor, folders, killed, monkeypatch):
+    """An engine with one worker in this process. Its flights never end."""
     made = object.__new__(ClusterEngine)
-    made._ledger, made._flying, made._most, made.killed = None, {}, 1, []
-    over, threads = threading.Event(), []
+    made._ledger, made._flying, made._most = None, {}, 1
+    over, threads = threading.Event(), list[threading.Thread]()
 
     def fly(flight, folder):
         folders.append(folder)
@@ -37,7 +51,6 @@ def engine(actor, monkeypatch):
         threads[-1].start()
         return len(threads)
 
-    folders = made.folders = []
     look = SimpleNamespace(remote=actor.written)
     handle = SimpleNamespace(
         fly=SimpleNamespace(remote=remote), written=SimpleNamespace(options=lambda concurrency_group: look)
@@ -45,21 +58,20 @@ def engine(actor, monkeypatch):
     made._workers = [cluster._Actor(handle)]
     monkeypatch.setattr(worker, "fly_flight", fly)
     monkeypatch.setattr(cluster, "HANG_S", 0.2)
-    monkeypatch.setattr(cluster.ray, "get", lambda reference, timeout: reference)
-    monkeypatch.setattr(cluster.ray, "kill", made.killed.append)
+    monkeypatch.setattr(ray, "get", lambda reference, timeout: reference)
+    monkeypatch.setattr(ray, "kill", killed.append)
     yield made
     over.set()
     for thread in threads:
         thread.join()
 
 
-def begin(engine, tmp_path, *runs):
-    """Begin a flight of one episode for each run, and return the folders in which the worker flies, in their order."""
-    for count, run in enumerate(runs, 1):
+def begin(engine, folders, tmp_path):
+    """Begin two flights of one episode, in two runs."""
+    for count, run in enumerate(("run1", "run2"), 1):
         engine.begin(Sortie(flight=FLIGHT, folder=tmp_path / run / "residential-approaching-01"))
-        while len(engine.folders) < count:
+        while len(folders) < count:
             time.sleep(0.01)
-    return engine.folders
 
 
 def check_twice(engine, growing):
@@ -71,15 +83,15 @@ def check_twice(engine, growing):
     engine._look()
 
 
-def test_a_flight_that_has_not_begun_does_not_kill_its_worker(engine, tmp_path):
-    growing, _ = begin(engine, tmp_path, "run1", "run2")
-    check_twice(engine, growing)
-    assert engine.killed == []
+def test_a_flight_that_has_not_begun_does_not_kill_its_worker(engine, folders, killed, tmp_path):
+    begin(engine, folders, tmp_path)
+    check_twice(engine, folders[0])
+    assert killed == []
 
 
 @pytest.mark.parametrize("silent", [0, 1])
-def test_flights_of_one_episode_are_checked_separately(engine, tmp_path, silent):
-    folders = begin(engine, tmp_path, "run1", "run2")
+def test_flights_of_one_episode_are_checked_separately(engine, folders, killed, tmp_path, silent):
+    begin(engine, folders, tmp_path)
     (folders[silent] / "episode.json").write_text("{}")
     check_twice(engine, folders[1 - silent])
-    assert engine.killed == [engine._workers[0].handle]
+    assert killed == [engine._workers[0].handle]

@@ -225,7 +225,7 @@ class FlightSpec:
 
     @property
     def repeats_exactly(self) -> bool:
-        """Whether a second flight writes the same bytes: in lockstep, without a model or the measured time of a reply."""
+        """Whether a second flight writes the same bytes: in lockstep, without a model or a `measured` latency."""
         is_lockstep = self.simulated is not None and self.simulated.speed is None
         return is_lockstep and not self.models and self.outside is None and self.latency.part(MEASURED) is None
 

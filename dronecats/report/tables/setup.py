@@ -138,11 +138,11 @@ def costs(data: ReportData) -> ReportTable | None:
         title="Costs",
         caption=(
             "Questions and tokens per flight: means over all flights, unscored ones too. A commander's questions"
-            " are included if it is a model, but not its cached and reasoning tokens. Cached: tokens in that the vendor had"
-            " cached. Reasoning: tokens out for reasoning. Both are known only if the vendor reports them. $: by"
-            " the prices in the runs, cached tokens at the full price. Repeated questions, and the test question"
-            " before take-off, are only in the run's ledger. Answered by: the provider that a router such as"
-            " OpenRouter chose."
+            " are included if it is a model, but not its cached and reasoning tokens. Cached: tokens in that the"
+            " vendor had cached. Reasoning: tokens out for reasoning. Both are known only if the vendor reports"
+            " them. $: by the prices in the runs, cached tokens at the full price. Repeated questions, and the"
+            " test question before take-off, are only in the run's ledger. Answered by: the provider that a router"
+            " such as OpenRouter chose."
         ),
         columns=COSTS,
         row_of=row_of,

@@ -68,7 +68,7 @@ def test_a_trial_without_a_step_is_not_scored():
 
 
 def test_the_time_limit_comes_before_the_step_limit():
-    assert dronecats_task("residential-approaching-03").max_steps >= CAP_S / (1 / SETPOINT_HZ)
+    assert (dronecats_task("residential-approaching-03").max_steps or 0) >= CAP_S * SETPOINT_HZ
 
 
 def test_each_epoch_has_its_own_run_folder(tmp_path, refused):

@@ -146,7 +146,7 @@ def test_a_vehicle_that_reboots_during_connect_gets_setpoints(vehicle):
     vehicle.time_ms = 3_600_000
     vehicle.silent = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED}  # it is still starting, so `connect` waits
     link = Link(vehicle.transport())
-    reboots = []
+    reboots: list[bool] = []
 
     def reboot():
         if not reboots and vehicle.time_ms > 3_602_000:

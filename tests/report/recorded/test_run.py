@@ -33,6 +33,7 @@ def test_the_runs_of_a_benchmark_beside_other_runs_are_read(tmp_path):
     assert [(run.folder.name, len(run.episodes)) for run in read] == [("alone", 1), ("oracle", 2)]
     assert recorded_runs([tmp_path, tmp_path / "bench"]) == read
 
+
 @pytest.mark.parametrize("harness", ["inspect", "gymnasium"])
 def test_a_run_of_another_harness_has_no_built_in_pilot(tmp_path, harness):
     flight = {"outside": {"harness": harness, "name": "openai/gpt-5"}}
