@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dronecats.cli.main import main
-from episodes.authoring.check import referring
+from episodes import maps
 from episodes.authoring.check.rules import check
 from episodes.authoring.propose import draft
 from episodes.authoring.propose.proposals import RecordRequest, first_free, propose
@@ -125,6 +125,6 @@ def test_plates_are_similar_and_distinct() -> None:
 
 def test_a_map_without_places_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     for cell in CELLS:
-        monkeypatch.setattr(referring, "places", lambda name, seed: Places((), ()))
+        monkeypatch.setattr(maps, "places", lambda name, seed: Places((), ()))
         with pytest.raises(UsageError, match="blocks"):
             propose(RecordRequest("blocks", cell, 1, 1, 1))
