@@ -125,7 +125,7 @@ def _page_episode(
 
 
 def script_json(value: Any) -> str:
-    """Return a value as JSON that is safe in a script element or file, whatever text it has."""
+    """Return a value as JSON for a script element or file. No text in the value can end the element."""
     text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
