@@ -22,6 +22,7 @@ hours, with `--short` one round.
 
 import argparse
 import contextlib
+import itertools
 import json
 import statistics
 import tempfile
@@ -84,6 +85,8 @@ class Pilot(threading.Thread):
         super().__init__(daemon=True)
         self.rounds = Rounds()
         self.over = threading.Event()
+        self.moved = threading.Event()  # whether the vehicle has left the place of its boot
+        self.next: Pilot | None = None  # of the vehicle that booted beside it, to the east
         self._number, self._url, self._logs = number, url, logs
         self._hours, self._most = hours, rounds
         self.client = Conversation(connect(url), silence_s=60.0)
@@ -130,15 +133,25 @@ class Pilot(threading.Thread):
             self._order("arming", dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
             self._order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
             self.client.wait_for(lambda s: s.mode == "HOLD" and s.landed is False, 60.0, "reaching take-off height")
+            self._await_way()
             north, east, down = self._place
             for place in ((north, east, down), (north + LAP_M, east, down), (north, east, down)):
                 self._go(place)
+                self.moved.set()
             self._land()
         except LinkError as fault:
             self._note(str(fault))
             self._land()
             return False
         return True
+
+    def _await_way(self) -> None:
+        """Wait until the next vehicle has moved: the way to the landing place leads over the places where others boot.
+
+        On a busy machine, one pilot may be much slower than another.
+        """
+        while self.next is not None and not (self.next.moved.is_set() or self.next.over.is_set()):
+            self.client.tick()
 
     def _order(self, name: str, command: int, *parameters: float) -> None:
         self._order_us = self.client.time_us
@@ -286,6 +299,8 @@ def soak(vehicles: int, args: argparse.Namespace) -> dict[str, Any]:
     with rig(vehicles, args.speed) as (urls, camera_url, folder):
         begun_s = time.monotonic()
         pilots = [Pilot(k, url, folder / f"vehicle-{k + 1}" / "log", args.hours, rounds) for k, url in enumerate(urls)]
+        for pilot, neighbour in itertools.pairwise(pilots):
+            pilot.next = neighbour
         for pilot in pilots:
             pilot.start()
         photographer, watch, seen = Photographer(camera_url, pilots), Watch(), 0
