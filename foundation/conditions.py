@@ -5,6 +5,8 @@ from typing import Any, Literal
 
 import msgspec
 
+from foundation.conversion import convert
+
 LOWEST_DEG = 3.0  # lowest elevation of the sun; below it, shadows reach across the whole map
 
 
@@ -24,6 +26,6 @@ AS_BUILT = SceneConditions()
 def recorded(flight: Any) -> SceneConditions:
     """Return the conditions in the flight object of a run.json; AS_BUILT if they are missing or invalid."""
     try:
-        return msgspec.convert(flight["disturbances"]["conditions"], SceneConditions)
+        return convert(flight["disturbances"]["conditions"], SceneConditions)
     except (KeyError, TypeError, msgspec.ValidationError):
         return AS_BUILT

@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, get_args, 
 
 import msgspec
 
+from foundation.conversion import convert
 from foundation.errors import UsageError
 from foundation.wording import suggestion
 
@@ -114,7 +115,7 @@ def typed(value: Any, kind: type[T], where: str, at: str = "") -> T:
     fault = _first_extra_fault(value, kind, at)
     if fault is None:
         try:
-            return msgspec.convert(value, kind)
+            return convert(value, kind)
         except msgspec.ValidationError as error:
             fault = _rejected(str(error), value, kind, at)
         except UnicodeError:  # half a surrogate pair
@@ -298,7 +299,7 @@ def _rejected(error: str, value: Any, annotation: Any, at: str) -> PlacedFault:
 
 def _converts(value: Any, annotation: Any) -> bool:
     try:
-        msgspec.convert(value, annotation)
+        convert(value, annotation)
     except (msgspec.ValidationError, UnicodeError):
         return False
     return True

@@ -30,6 +30,8 @@ from xml.etree import ElementTree
 
 import msgspec
 
+from foundation.conversion import decode
+
 ROOT = Path(__file__).resolve().parents[1]
 CORE = ["foundation", "autopilot", "vehicles", "episodes", "hil", "dronecats/agent", "dronecats/judge"]
 CORE += [f"dronecats/flight/{name}" for name in ("spec", "logger", "sitl")]
@@ -210,7 +212,7 @@ class Checkout:
 
 
 def read(path: Path) -> dict[int, Mutant]:
-    rows = msgspec.json.Decoder(Mutant).decode_lines(path.read_bytes()) if path.exists() else []
+    rows = [decode(line, Mutant) for line in path.read_bytes().splitlines()] if path.exists() else []
     return {mutant.id: mutant for mutant in rows}
 
 

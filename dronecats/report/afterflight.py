@@ -27,6 +27,7 @@ from dronecats.judge.episode import write_verdict
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.telemetry import DroneTelemetry
 from dronecats.report.recorded.tracks import onboard_log_path, track_of_rows, ulog_topics
+from foundation.conversion import convert
 from foundation.errors import UsageError
 from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic, vec3
 from foundation.protocol import POSE_PERIOD_S
@@ -95,7 +96,7 @@ def target_from(text: str, std_m: float | None = None) -> SurveyedTarget:
 def target_of(value: Any) -> SurveyedTarget:
     """Return the target from the JSON of `as_json`. Raises UsageError for other values."""
     try:
-        return msgspec.convert(value, SurveyedTarget)
+        return convert(value, SurveyedTarget)
     except msgspec.ValidationError:
         wanted = "latitude_deg, longitude_deg, altitude_m (or null) and std_m, in numbers"
         raise UsageError(f"a surveyed target needs {wanted}") from None

@@ -6,14 +6,14 @@ later versions are skipped. Valid lines take a fast path that gives the same row
 
 import json
 import re
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import msgspec
 
+from foundation.conversion import convert, decoder
 from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.results import Result
@@ -287,7 +287,7 @@ FastReader = Callable[[bytes], Row | None]  # line → its row; None: the strict
 
 def fast_reader(row: type[Row]) -> FastReader[Row]:
     """Return the fast reader of lines of one kind of row."""
-    decode: Callable[[bytes], Row] = _decoder(cast(Hashable, row))
+    decode: Callable[[bytes], Row] = decoder(row)
     checked = row is Decision
 
     def read(line: bytes) -> Row | None:
@@ -299,7 +299,7 @@ def fast_reader(row: type[Row]) -> FastReader[Row]:
 
 def fast_reader_of_kinds(kinds: Mapping[str, type[Row]]) -> FastReader[Row]:
     """Return the fast reader of lines of several kinds of rows. The first bytes of a line tell its kind."""
-    decoders = {f'{{"kind": "{kind}", '.encode()[:KIND]: _decoder(cast(Hashable, row)) for kind, row in kinds.items()}
+    decoders = {f'{{"kind": "{kind}", '.encode()[:KIND]: decoder(row) for kind, row in kinds.items()}
 
     def read(line: bytes) -> Row | None:
         decode = decoders.get(line[:KIND])
@@ -317,11 +317,6 @@ def _decoded(line: bytes, decode: Callable[[bytes], Row]) -> Row | None:
         return None
 
 
-@cache
-def _decoder(row: Hashable) -> Callable[[bytes], Any]:
-    return msgspec.json.Decoder(cast(Any, row)).decode
-
-
 EARLY_S = 0.05  # s, about one telemetry message: a decision may be this much earlier than its frame
 AT = re.compile(r"\$\.(\w+)")  # the field in an error of msgspec
 
@@ -329,7 +324,7 @@ AT = re.compile(r"\$\.(\w+)")  # the field in an error of msgspec
 def parse_row(value: dict[str, Any], row: type[Row]) -> tuple[Row, None] | tuple[None, str]:
     """Return a JSON object as (row, None), or (None, description of its fault)."""
     try:
-        made = msgspec.convert(value, row)
+        made = convert(value, row)
     except msgspec.ValidationError as error:
         if missing := MISSING.search(str(error)):
             return None, f"it has no {missing[1]}"

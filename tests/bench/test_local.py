@@ -95,16 +95,21 @@ def test_flights_that_share_a_worker_equal_flights_flown_alone(tmp_path):
     # one map twice, a fleet, and a target that moves
     episodes = [EASY, "residential-tracking-01", "blocks-commanding-01"]
     together, alone = (batch_of(tmp_path / name, seen) for name in ("together", "alone"))
-    in_flight = []
+    waiting, begun = [], []
 
-    class Watched(LocalEngine):
+    class Gathering(LocalEngine):
+        """Begins no flight before all have come, so that they are in the air together on a slow machine too."""
+
         def _turn(self, worker, fresh, flying):
-            in_flight.append((worker.pid, len(flying)))
-            super()._turn(worker, fresh, flying)
+            waiting.extend(fresh)
+            if len(flying) == len(episodes) or begun:
+                begun.extend((worker.pid, sortie) for sortie in waiting)
+                super()._turn(worker, waiting[:], flying)
+                waiting.clear()
 
-    fly(together, seen, episodes, jobs=3, engine=Watched, workers=1)
-    assert max(count for _, count in in_flight) == 3
-    assert len({pid for pid, _ in in_flight}) == 1
+    fly(together, seen, episodes, jobs=3, engine=Gathering, workers=1)
+    assert len(begun) == len(episodes)
+    assert len({pid for pid, _ in begun}) == 1
     fly(alone, seen, episodes)
     for episode in episodes:
         assert flown_bytes(together.folder(episode)) == flown_bytes(alone.folder(episode))

@@ -13,6 +13,7 @@ import msgspec
 from dronecats.agent.models.model import Model, Reply, Request, WrappedModel, tokens_of, tokens_of_text
 from dronecats.agent.models.rate_limits import Allowance, Limiter, RateLimitState
 from dronecats.agent.models.spec import ModelSpec
+from foundation.conversion import decode
 from foundation.errors import BudgetError, ModelError, UsageError
 from foundation.files import FileKind, SqliteFile
 
@@ -113,7 +114,7 @@ class SharedLimiter:
 
     def _read(self, db: Connection) -> RateLimitState:
         row = db.execute("SELECT state FROM turns WHERE address = ?", (self._address,)).fetchone()
-        return msgspec.json.decode(row[0], type=RateLimitState) if row else RateLimitState()
+        return decode(row[0], RateLimitState) if row else RateLimitState()
 
     def _write(self, db: Connection, limits: RateLimitState) -> None:
         state = msgspec.json.encode(limits).decode()

@@ -10,6 +10,7 @@ import msgspec
 
 from dronecats.agent.latency import LONGEST_S
 from dronecats.agent.models.model import Model, Reply, Request, WrappedModel
+from foundation.conversion import convert
 from foundation.errors import InfrastructureError, ModelError
 from foundation.files import FileKind, SqliteFile
 
@@ -140,7 +141,7 @@ class ReplyCache:
 
 def _reply(text: str) -> Reply:
     try:
-        return msgspec.convert(json.loads(text), Reply)
+        return convert(json.loads(text), Reply)
     except (ValueError, msgspec.ValidationError):
         raise InfrastructureError(
             "the cache has an entry that is not a reply. Move the file away, or name another file"

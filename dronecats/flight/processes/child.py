@@ -18,8 +18,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Protocol, get_type_hints
 
-import msgspec
-
+from foundation.conversion import convert
 from foundation.errors import DronecatsError
 
 
@@ -88,7 +87,7 @@ def main() -> int:
 def _created(make: Any, config: Any) -> Part:
     """Create a part with its class or function, whose annotation gives the type of the configuration."""
     of_type = get_type_hints(vars(make).get("__init__", make))["config"]
-    part: Part = make(msgspec.convert(config, of_type))
+    part: Part = make(convert(config, of_type))
     return part
 
 

@@ -12,6 +12,7 @@ from msgspec import UNSET
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.replay import FlightRecording, LoggedReply, Role
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec
+from foundation.conversion import convert
 from foundation.errors import UsageError
 from foundation.redaction import HIDDEN, redacted_url
 from foundation.run_folder import layout
@@ -59,12 +60,12 @@ def from_json(value: Any, where: str) -> FlightSpec:
 def _flight(value: Any) -> FlightSpec:
     """Return the spec in JSON values. `latency` is a text; `latency_trace` has the numbers of a recorded latency."""
     if not isinstance(value, dict) or not {"latency", "latency_trace"} & value.keys():
-        return msgspec.convert(value, FlightSpec)
-    text = msgspec.convert(value.get("latency", LATENCY), str)
-    trace = msgspec.convert(value.get("latency_trace"), tuple[float, ...] | None)
+        return convert(value, FlightSpec)
+    text = convert(value.get("latency", LATENCY), str)
+    trace = convert(value.get("latency_trace"), tuple[float, ...] | None)
     policy = msgspec.to_builtins(LatencyPolicy.parse(text, trace))
     fields = {name: value for name, value in value.items() if name != "latency_trace"}
-    return msgspec.convert({**fields, "latency": policy}, FlightSpec)
+    return convert({**fields, "latency": policy}, FlightSpec)
 
 
 def read(path: Path) -> FlightSpec:

@@ -20,7 +20,6 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-import msgspec
 import numpy as np
 
 from dronecats.pilots import actions
@@ -29,6 +28,7 @@ from dronecats.pilots.oracle.oracle import TrueState
 from dronecats.pilots.vision import search
 from dronecats.pilots.vision.command import read_inscription, read_place_expression, read_referent
 from foundation.camera import camera_pose
+from foundation.conversion import decode
 from foundation.frames import Vec3, rotate
 from foundation.protocol import FINISHED, POINT_SPAN
 
@@ -90,7 +90,7 @@ class VisionErrors:
 @cache
 def shipped_errors() -> VisionErrors:
     """Return the errors that ship with the package."""
-    return msgspec.json.decode(FILE.read_bytes(), type=VisionErrors)
+    return decode(FILE.read_bytes(), VisionErrors)
 
 
 def named_by(command: str) -> NamedBy:

@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Annotated, BinaryIO
+from typing import Annotated, Any, BinaryIO
 
 import msgspec
 from msgspec import Meta
 
+from foundation.conversion import convert, decode
 from foundation.errors import UsageError
 from foundation.run_folder import layout
 
@@ -80,14 +81,14 @@ class Manifest:
 def decoded(data: bytes) -> Manifest:
     """Parse the contents of manifest.json. Raises UsageError for a damaged or newer manifest."""
     try:
-        content = msgspec.json.decode(data)
+        content: Any = decode(data, object)
         version = content.get("schema") if isinstance(content, dict) else None
         if isinstance(version, int) and version > SCHEMA:
             raise UsageError(
                 f"the archive is of a newer dronecats: it has version {version}, and this one reads {SCHEMA}."
                 " Update dronecats"
             )
-        manifest = msgspec.convert(content, Manifest)
+        manifest = convert(content, Manifest)
         unknown = content.keys() - Manifest.__dataclass_fields__.keys()
     except (msgspec.DecodeError, UnicodeError, RecursionError) as wrong:
         raise UsageError(f"{MANIFEST} of the archive is damaged: {wrong}") from None

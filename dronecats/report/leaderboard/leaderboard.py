@@ -14,6 +14,7 @@ from dronecats.report.table import CellValue, TableCell, numbers, table_of, word
 from dronecats.report.writers import as_markdown, escaped
 from episodes.records.catalogue import VERSION
 from episodes.records.record import CELLS
+from foundation.conversion import decode
 from foundation.errors import UsageError
 
 ENTRY_MAX = 1 << 20  # bytes
@@ -34,7 +35,7 @@ def entry(path: Path) -> Verification:
         data = path.read_bytes()
         if len(data) > ENTRY_MAX:
             raise UsageError(f"{path} is too large for an entry. Name the output of `dronecats verify FILE --json`")
-        made = msgspec.json.decode(data, type=Verification)
+        made = decode(data, Verification)
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from None
     except (msgspec.DecodeError, UnicodeError, RecursionError) as wrong:

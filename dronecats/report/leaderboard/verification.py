@@ -18,6 +18,7 @@ from dronecats.report.leaderboard.submission import common_suite, incompleteness
 from dronecats.report.recorded.run import RecordedRun, recorded_run
 from dronecats.report.results.identity import differences, identity, identity_digest
 from episodes.records import catalogue, record
+from foundation.conversion import convert
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S
 from foundation.run_folder import layout
@@ -166,7 +167,7 @@ class _KeptRun(msgspec.Struct):
 
 def _check_run(path: Path) -> None:
     try:
-        msgspec.convert(json_object(path), _KeptRun)
+        convert(json_object(path), _KeptRun)
     except (msgspec.ValidationError, UnicodeError, RecursionError) as wrong:
         raise UsageError(f"{path.parent.name}/{path.name} has no valid flight: {wrong}") from None
 

@@ -24,6 +24,7 @@ from dronecats.report.leaderboard.archive_file import decoded
 from dronecats.report.leaderboard.leaderboard import page
 from dronecats.report.leaderboard.submission import digest
 from dronecats.report.leaderboard.verification import verify
+from foundation.conversion import decode
 from foundation.errors import UsageError
 from tests.report.results.archives import QUICK, TWO, changed, contents, in_manifest, packed
 
@@ -248,7 +249,7 @@ def test_no_value_in_a_file_breaks_the_verification(data, small, tmp_path_factor
     message = refusal(lambda: reports.append(verify(forged, reread)))
     assert len(message.splitlines()) <= 1
     for report in reports:
-        assert msgspec.json.decode(msgspec.json.encode(report), type=verification.Verification) == report
+        assert decode(msgspec.json.encode(report), verification.Verification) == report
         page([replace(report, verified=True)])
 
 
