@@ -5,7 +5,6 @@ import hashlib
 import os
 import pickle
 import sys
-import time
 from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from pathlib import Path
@@ -16,22 +15,23 @@ from foundation.files import whole_file
 from foundation.machine import user_cache
 
 ROOT = Path(__file__).resolve().parents[1]
-LIBRARIES = ("numpy", "scipy", "opencv-python-headless")  # whose arithmetic may differ from version to version
-KEPT_S = 86_400.0  # s; when a new value is stored, files of its name that were unused for longer are removed
+LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "numba")  # whose arithmetic may differ between versions
+FILES_MAX = 8  # files of one name; when a new one is stored, those that were unused for longest are removed
 T = TypeVar("T")
 
 
-def kept(name: str, sources: Iterable[str], make: Callable[[], T]) -> T:
-    """Return the value of `make()`; the cached value if a process with the same sources stored it.
+def kept(name: str, sources: Iterable[str], make: Callable[[], T], of: object = None) -> T:
+    """Return the value of `make()`; the cached value if a process with the same sources and `of` stored it.
 
-    `name`: start of the file's name. `sources`: patterns of files below the project's root. The value must be made of
-    plain types, arrays and the project's own classes. A cache that cannot be read or written only costs time.
+    `name`: start of the file's name. `sources`: patterns of files below the project's root. `of`: the input of `make`.
+    Value and input must be made of plain types, arrays and the project's own classes. A cache that cannot be read or
+    written only costs time.
     """
     try:
         folder = user_cache() / "values"
     except UsageError:
         return make()
-    file = folder / f"{name}.{digest(sources)}"
+    file = folder / f"{name}.{digest(sources, of)}"
     with contextlib.suppress(Exception):  # a damaged pickle may raise any exception
         value: T = pickle.loads(file.read_bytes())
         with contextlib.suppress(OSError):  # the folder may be read-only
@@ -42,16 +42,17 @@ def kept(name: str, sources: Iterable[str], make: Callable[[], T]) -> T:
         folder.mkdir(parents=True, exist_ok=True)
         with whole_file(file) as draft:
             draft.write_bytes(pickle.dumps(value, pickle.HIGHEST_PROTOCOL))
-        for other in folder.glob(f"{name}.*"):
-            if time.time() - other.stat().st_mtime > KEPT_S:
-                other.unlink()
+        by_use = sorted(folder.glob(f"{name}.*"), key=lambda other: other.stat().st_mtime)
+        for other in by_use[:-FILES_MAX]:
+            other.unlink()
     return value
 
 
-def digest(sources: Iterable[str]) -> str:
-    """Return a digest of the files that match the patterns, and of the versions of Python and LIBRARIES."""
+def digest(sources: Iterable[str], of: object = None) -> str:
+    """Return a digest of `of`, the files that match the patterns, and the versions of Python and LIBRARIES."""
     state = hashlib.sha256(repr((sys.version_info[:2], [version(library) for library in LIBRARIES])).encode())
     for path in (path for pattern in sources for path in sorted(ROOT.glob(pattern))):
         state.update(str(path.relative_to(ROOT)).encode())
         state.update(path.read_bytes())
+    state.update(pickle.dumps(of, pickle.HIGHEST_PROTOCOL))
     return state.hexdigest()[:16]

@@ -4,16 +4,21 @@ The axes of an asset point forward, right and down (FRD). Its origin is the cent
 its vertices have z ≤ 0 (down is positive).
 """
 
+import hashlib
 import math
-from collections.abc import Mapping
+import pickle
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from foundation.frames import Quat, Vec3, rotate
+from foundation.kept_values import kept
 from foundation.terrain import HeightField
+from foundation.threads import once
 
 # id → new pose of an instance: (position_ned m, yaw rad or attitude FRD → NED); None: the instance is not drawn
 Moved = Mapping[int, tuple[Vec3, float | Quat] | None]
@@ -124,6 +129,26 @@ class Scene:
     spawn_yaw: float = 0.0  # rad
     notes: tuple[str, ...] = field(default=())
     base: "Scene | None" = None  # the map to which this scene adds instances; None: this scene is a map
+
+
+LARGE = 20_000  # triangles; the values of smaller scenes are computed faster than read
+T = TypeVar("T")
+
+
+def kept_of_scene(name: str, sources: tuple[str, ...], scene: Scene, make: Callable[[], T]) -> T:
+    """Return `make()`, a value that depends on the scene and the sources. That of a large scene is kept on disk.
+
+    The arguments are as in `foundation.kept_values.kept`.
+    """
+    if sum(len(instance.mesh.triangles) for instance in scene.instances) < LARGE:
+        return make()
+    return kept(name, sources, make, _content(scene))
+
+
+@once(3)  # it takes 0.1 s
+def _content(scene: Scene) -> str:
+    """Return a digest of all values of a scene."""
+    return hashlib.sha256(pickle.dumps(scene, pickle.HIGHEST_PROTOCOL)).hexdigest()
 
 
 def sun_at(latitude_deg: float, day: int, solar_hour: float) -> Sun:

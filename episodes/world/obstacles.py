@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.scene import Instance, Scene
+from episodes.maps.scene import Instance, Scene, kept_of_scene
 from foundation.frames import vec3
 from foundation.terrain import OPEN, MovingBox, Obstacles
 from foundation.threads import once
 
 CELL_M = 2.0
+SOURCES = ("episodes/world/obstacles.py", "episodes/maps/scene.py", "foundation/*.py")  # of the values kept on disk
 BATCH = 4096  # triangles sorted at a time, to limit the memory that sorting takes
 REACH_M = 0.7  # m, from a vehicle's origin to its farthest part, with room for the camera 0.5 m ahead
 
@@ -39,8 +40,11 @@ def obstacles(scene: Scene, reach_m: float = REACH_M) -> Obstacles:
 
 @once(3)
 def _of_map(scene: Scene, reach_m: float) -> Obstacles | None:
-    triangles, owner, names = _static_triangles(scene.instances)
-    return sorted_into_cells(triangles, owner, names, reach_m) if names else None
+    def computed() -> Obstacles | None:
+        triangles, owner, names = _static_triangles(scene.instances)
+        return sorted_into_cells(triangles, owner, names, reach_m) if names else None
+
+    return kept_of_scene(f"obstacles-{reach_m:g}", SOURCES, scene, computed)
 
 
 def _static_triangles(instances: Sequence[Instance]) -> tuple[Array, NDArray[np.int32], tuple[str, ...]]:

@@ -95,7 +95,8 @@ def test_flights_that_share_a_worker_equal_flights_flown_alone(tmp_path):
     # one map twice, a fleet, and a target that moves
     episodes = [EASY, "residential-tracking-01", "blocks-commanding-01"]
     together, alone = (batch_of(tmp_path / name, seen) for name in ("together", "alone"))
-    waiting, begun = [], []
+    waiting: list[Sortie] = []
+    begun: list[tuple[int, Sortie]] = []
 
     class Gathering(LocalEngine):
         """Begins no flight before all have come, so that they are in the air together on a slow machine too."""

@@ -1,6 +1,7 @@
 """Values cached on disk. They are computed again if a source file changes or the cache file is damaged."""
 
 import os
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,17 @@ def test_a_changed_source_file_causes_a_new_computation(made, tmp_path):
     assert ask() == [1, 2, 3]
     (tmp_path / "source.py").write_text("a = 1")
     assert ask() == [0, 1, 2]
+
+
+def test_each_input_has_a_value_of_its_own_and_the_oldest_files_go(made, tmp_path, monkeypatch):
+    del made
+    monkeypatch.setattr(kept_values, "FILES_MAX", 2)
+    for number in (1, 2, 1, 3):
+        assert kept("square", ["*.py"], partial(pow, number, 2), number) == number**2
+        for file in files(tmp_path):  # the clock of the file system may be coarse
+            os.utime(file, (file.stat().st_atime, file.stat().st_mtime - 10.0))
+    assert len(files(tmp_path)) == 2
+    assert kept("square", ["*.py"], lambda: 0, 1) == 1  # 2 was unused for longest
 
 
 @pytest.mark.parametrize("data", [b"", b"no pickle", "half"])

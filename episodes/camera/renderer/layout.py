@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from episodes.camera.renderer.textures import Atlas, build_atlas
 from episodes.maps.cutouts import OPAQUE, Cutouts, cutouts_of, distinct, is_cut_out
-from episodes.maps.scene import Instance, Material, Mesh, Moved, Scene, turn
+from episodes.maps.scene import Instance, Material, Mesh, Moved, Scene, kept_of_scene, turn
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, rotate
@@ -26,6 +26,7 @@ from foundation.threads import once
 
 NEAR_M = 0.05  # nothing closer along the optical axis is drawn
 
+SOURCES = ("episodes/camera/renderer/*.py", "episodes/maps/*.py", "foundation/*.py")  # of the values kept on disk
 CHUNK = 128  # largest number of triangles that are culled together
 
 
@@ -182,7 +183,7 @@ class SceneLayout:
     arrays: SceneArrays
     materials: tuple[Material, ...] = ()  # the rows of Surfaces
     pictures: tuple[NDArray[np.uint8], ...] = ()  # the textures of the atlas
-    planes: Mapping[int, NDArray[np.int32]] = field(default_factory=dict)  # `_flat_pieces` by id of the mesh
+    planes: Mapping[Mesh, NDArray[np.int32]] = field(default_factory=dict)  # `_flat_pieces` of each mesh
     plane_count: int = 0
 
 
@@ -207,20 +208,65 @@ def map_layout(scene: Scene) -> SceneLayout | None:
     """Return the layout of a map, for `lay_out`; None if the map has movable instances, whose rows must be last."""
     if any(instance.movable for instance in scene.instances):
         return None
-    return add_instances(NOTHING, scene.instances)
+    rows = kept_of_scene("layout", SOURCES, scene, lambda: _with_instances(NOTHING, scene.instances))
+    return _layout_of(NOTHING, scene.instances, rows)
 
 
 def add_instances(laid: SceneLayout, instances: Sequence[Instance]) -> SceneLayout:
     """Return a layout with these instances added. Raises UsageError for a corner that is not finite."""
-    for name, mesh in {id(i.mesh): (i.name, i.mesh) for i in instances}.values():
+    return _layout_of(laid, instances, _with_instances(laid, instances))
+
+
+class _Rows(NamedTuple):
+    """The rows of a layout and of added instances. They can be stored in a file if no instance is movable."""
+
+    triangles: Triangles  # without `cutout`
+    planes: list[NDArray[np.int32]]  # `_flat_pieces` of each mesh, for the meshes of `_meshes`
+    plane_count: int
+    movable: tuple[PlacedPart, ...]
+    static_count: int
+
+
+def _layout_of(laid: SceneLayout, instances: Sequence[Instance], rows: _Rows) -> SceneLayout:
+    """Return the layout with the rows of added instances, and with their materials."""
+    materials = _materials(laid, instances)
+    surfaces, pictures = _surfaces(materials)
+    cutouts, cutout_of = cutouts_of(materials)
+    triangles = rows.triangles
+    triangles.cutout[:] = cutout_of[triangles.material] if materials else OPAQUE
+    atlas = build_atlas(pictures[len(laid.pictures) :], laid.arrays.atlas)
+    arrays = SceneArrays(triangles, surfaces, atlas, cutouts, rows.movable, rows.static_count)
+    planes = dict(zip(_meshes(laid, instances), rows.planes, strict=True))
+    return SceneLayout(arrays, tuple(materials), tuple(pictures), planes, rows.plane_count)
+
+
+def _in_order(instances: Sequence[Instance]) -> list[Instance]:
+    """Return the instances that have triangles, in the order of their rows: the movable ones are last."""
+    return sorted((i for i in instances if len(i.mesh.triangles)), key=lambda i: i.movable)
+
+
+def _meshes(laid: SceneLayout, instances: Sequence[Instance]) -> list[Mesh]:
+    """Return the meshes of a layout and of added instances, each once, in the order of their rows."""
+    return list(dict.fromkeys([*laid.planes, *(instance.mesh for instance in _in_order(instances))]))
+
+
+def _materials(laid: SceneLayout, instances: Sequence[Instance]) -> list[Material]:
+    """Return the materials of a layout and of added instances, each once, in the order of the rows of Surfaces."""
+    added = (material for instance in _in_order(instances) for material in instance.mesh.materials)
+    return list(dict.fromkeys([*laid.materials, *added]))
+
+
+def _with_instances(laid: SceneLayout, instances: Sequence[Instance]) -> _Rows:
+    """Return the rows of a layout and of these instances. Raises UsageError for a corner that is not finite."""
+    for name, mesh in {i.mesh: (i.name, i.mesh) for i in instances}.values():
         if not (np.isfinite(mesh.vertices).all() and np.isfinite(mesh.normals).all() and np.isfinite(mesh.uv).all()):
             raise UsageError(f"the mesh of '{name}' has a corner that is not finite: mend its vertices, normals or uv.")
-    instances = sorted((i for i in instances if len(i.mesh.triangles)), key=lambda i: i.movable)
+    row_of = {material: row for row, material in enumerate(_materials(laid, instances))}
+    instances = _in_order(instances)
     before = laid.arrays.triangles
     filled, first_chunk, static_count = len(before.position), len(before.chunk_first), laid.arrays.static_count
     triangles = _with_empty_rows(before, instances)
-    materials, planes, plane_count = list(laid.materials), dict(laid.planes), laid.plane_count
-    row_of = {id(material): row for row, material in enumerate(materials)}
+    planes, plane_count = dict(laid.planes), laid.plane_count
     movable: list[PlacedPart] = []
     lay_mesh = cache(_lay_mesh)  # meshes are compared by identity
     for instance in instances:
@@ -229,32 +275,23 @@ def add_instances(laid: SceneLayout, instances: Sequence[Instance]) -> SceneLayo
         filled = rows.stop
         chunk_rows = slice(first_chunk, first_chunk + len(_chunk_starts(mesh)))
         first_chunk = chunk_rows.stop
-        for material in mesh.materials:
-            if id(material) not in row_of:
-                row_of[id(material)] = len(materials)
-                materials.append(material)
         of_mesh = lay_mesh(mesh)
         part = PlacedPart(instance, rows, chunk_rows, of_mesh)
         place(triangles, part, instance.position_ned, instance.turned)
         triangles.uv[rows], triangles.flat[rows] = of_mesh.uv, of_mesh.flat
-        triangles.material[rows] = np.array([row_of[id(m)] for m in mesh.materials], np.int32)[mesh.material]
+        triangles.material[rows] = np.array([row_of[m] for m in mesh.materials], np.int32)[mesh.material]
         triangles.solid[rows], triangles.solid_radius[chunk_rows] = of_mesh.solid, of_mesh.solid_radius
         triangles.chunk_cut[chunk_rows] = is_cut_out(mesh)[_chunk_starts(mesh)]
         triangles.instance[rows] = instance.id
-        if id(mesh) not in planes:
-            planes[id(mesh)] = _flat_pieces(mesh, of_mesh.position, of_mesh.face)
-        triangles.plane[rows] = planes[id(mesh)] + plane_count
-        plane_count += int(planes[id(mesh)].max()) + 1
+        if mesh not in planes:
+            planes[mesh] = _flat_pieces(mesh, of_mesh.position, of_mesh.face)
+        triangles.plane[rows] = planes[mesh] + plane_count
+        plane_count += int(planes[mesh].max()) + 1
         if instance.movable:
             movable.append(part)
         else:
             static_count = filled
-    surfaces, pictures = _surfaces(materials)
-    cutouts, cutout_of = cutouts_of(materials)
-    triangles.cutout[:] = cutout_of[triangles.material] if materials else OPAQUE
-    atlas = build_atlas(pictures[len(laid.pictures) :], laid.arrays.atlas)
-    arrays = SceneArrays(triangles, surfaces, atlas, cutouts, tuple(movable), static_count)
-    return SceneLayout(arrays, tuple(materials), tuple(pictures), planes, plane_count)
+    return _Rows(triangles, list(planes.values()), plane_count, tuple(movable), static_count)
 
 
 @dataclass(frozen=True, slots=True)

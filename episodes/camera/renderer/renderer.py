@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from episodes.camera.renderer.coverage import BAND, draw_bands, new_drawn, set_up, sort_into_bands
 from episodes.camera.renderer.environment import mean_reflectance, reflection_map
-from episodes.camera.renderer.layout import Eye, SceneArrays, eye_of, lay_out, map_layout, place_all
+from episodes.camera.renderer.layout import SOURCES, Eye, SceneArrays, eye_of, lay_out, map_layout, place_all
 from episodes.camera.renderer.occlusion import Columns, ContactShadows, Occlusion, columns_of, footprint, occlusion_of
 from episodes.camera.renderer.shading import SceneLight, ShadingInput, measure_rows, resolve_rows, shade_rows
 from episodes.camera.renderer.shadow import CELLS, Shadows, SunMap, fits, instance_slices, sun_map
 from episodes.camera.renderer.sky import daylight, display_table, sky_of
 from episodes.camera.renderer.textures import drift_table
-from episodes.maps.scene import Moved, Scene
+from episodes.maps.scene import Moved, Scene, kept_of_scene
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.threads import once
@@ -209,7 +209,8 @@ def _of_map(
         return None
     layout = laid.arrays
     sun = sun_map(layout, scene.sun, _ground(scene), cells)
-    return (sun, threading.Lock()), *_surroundings(scene, layout, layout.static_count), threading.Lock()
+    around = kept_of_scene("occlusion", SOURCES, scene, lambda: _surroundings(scene, layout, layout.static_count))
+    return (sun, threading.Lock()), *around, threading.Lock()
 
 
 def _ground(scene: Scene) -> frozenset[int]:

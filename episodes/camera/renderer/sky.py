@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from episodes.maps.scene import Sun
 from foundation.compiled import njit
 from foundation.frames import Vec3, vec3
+from foundation.kept_values import kept
 from foundation.threads import once
 
 EXPOSURE = 0.72
@@ -76,6 +77,11 @@ def sky_of(sun: Sun) -> NDArray[np.float32]:
 
 @once(2)
 def _sky(day: Daylight, clouds: float, glow: Vec3) -> NDArray[np.float32]:
+    given = day, clouds, glow
+    return kept("sky", ["episodes/camera/renderer/sky.py"], lambda: _computed_sky(*given), given)
+
+
+def _computed_sky(day: Daylight, clouds: float, glow: Vec3) -> NDArray[np.float32]:
     axis = np.linspace(-1.0, 1.0, SKY_CELLS, dtype=np.float32)
     x, y = axis[:, None], axis[None, :]
     square = np.minimum(x * x + y * y, 1.0)
