@@ -63,7 +63,7 @@ def _plain(text: str | bytes) -> str:
 
 
 WRAP_MS = 1 << 32  # time_boot_ms is a uint32
-FAR_MS = 60_000  # ms; a stamp further ahead than this, or below this after a reboot, counts only if others confirm it
+FAR_MS = 60_000  # ms; a stamp further ahead than this, like one of a reboot, counts only if others confirm it
 LATE_MS = 5_000  # a stamp older than this is not from a late packet
 CONFIRMED = 5  # stamps in a row that must agree with each other, to confirm such a stamp
 CONFIRMED_S = 0.3  # s that must pass from the first to the last of them, for live messages
@@ -78,21 +78,28 @@ class _Doubt(NamedTuple):
 
 
 class VehicleClock:
-    """µs since boot from time_boot_ms, with its wrap after 49 days. It runs backwards only at a reboot."""
+    """µs since boot from time_boot_ms, with its wrap after 49 days. It runs backwards only at a reboot.
+
+    After a reboot, the stamps are smaller than before. They are also smaller in delayed messages and after the wrap.
+    The arrival distinguishes the three: a vehicle that rebooted has been up for no longer than it has not been seen,
+    and a vehicle whose stamps wrapped is no further ahead than that. Both may exceed it by FAR_MS, because the newest
+    stamp may itself have been late.
+    """
 
     def __init__(self) -> None:
         self.time_us = 0
         self.reboots = 0
         self._last_ms: int | None = None
+        self._last_received_s: float | None = None  # the arrival of that stamp
         self._doubt: _Doubt | None = None
 
     def see(self, time_boot_ms: int, received_s: float | None = None) -> None:
         """Record a time stamp; `received_s`: its arrival by a clock other than the vehicle's; None: a recording."""
         if self._last_ms is None:
-            self._last_ms, self.time_us = time_boot_ms, time_boot_ms * 1000
+            self._last_ms, self._last_received_s, self.time_us = time_boot_ms, received_s, time_boot_ms * 1000
             return
         ahead_ms = _between(self._last_ms, time_boot_ms)
-        rebooted = ahead_ms < -LATE_MS and time_boot_ms < FAR_MS
+        rebooted = self._shows_reboot(self._last_ms, time_boot_ms, received_s)
         if ahead_ms < 0 and not rebooted:
             if ahead_ms >= -LATE_MS:
                 self._doubt = None
@@ -100,12 +107,23 @@ class VehicleClock:
         # a damaged stamp must not stop the clock forever, and a forged one must not end the flight
         if (rebooted or ahead_ms > FAR_MS) and not self._is_confirmed(time_boot_ms, received_s):
             return
-        self._doubt, self._last_ms = None, time_boot_ms
+        self._doubt, self._last_ms, self._last_received_s = None, time_boot_ms, received_s
         if rebooted:
             self.reboots += 1
             self.time_us = time_boot_ms * 1000
         else:
             self.time_us += ahead_ms * 1000
+
+    def _shows_reboot(self, last_ms: int, time_boot_ms: int, received_s: float | None) -> bool:
+        """Return whether a stamp is one of a vehicle that has rebooted since the stamp `last_ms`."""
+        ahead_ms = _between(last_ms, time_boot_ms)
+        if time_boot_ms >= last_ms or -LATE_MS <= ahead_ms < 0:
+            return False
+        if received_s is None or self._last_received_s is None:  # without arrivals, a long gap at the wrap is unlikely
+            return ahead_ms < 0 or ahead_ms > FAR_MS
+        # in lockstep, arrivals are by the vehicle's clock, which a reboot sets back
+        longest_ms = FAR_MS + max(received_s - self._last_received_s, 0.0) * 1000.0
+        return time_boot_ms < longest_ms and not 0 <= ahead_ms <= longest_ms
 
     def _is_confirmed(self, time_boot_ms: int, received_s: float | None) -> bool:
         doubt = self._doubt

@@ -25,6 +25,47 @@ def test_clock_ignores_late_packets_and_detects_a_reboot():
     assert clock.reboots == 1
 
 
+DAY_MS = 24 * 3600 * 1000
+
+
+@pytest.mark.parametrize("before_ms", [600_000, 30 * DAY_MS, 49 * DAY_MS])  # the uint32 wraps after 49.7 days
+@pytest.mark.parametrize(("away_s", "up_ms"), [(310.0, 300_000), (30.0, 25_000), (2.0, 700)])
+def test_a_vehicle_that_rebooted_before_it_is_seen_again_is_recognised(before_ms, away_s, up_ms):
+    clock = VehicleClock()
+    clock.see(before_ms, 0.0)
+    for n in range(10):
+        clock.see(up_ms + 50 * n, away_s + 0.05 * n)
+    assert clock.reboots == 1
+    assert clock.time_us == (up_ms + 450) * 1000
+
+
+@pytest.mark.parametrize("before_ms", [600_000, 30 * DAY_MS])
+def test_a_recording_shows_a_reboot_with_any_uptime(before_ms):
+    clock = VehicleClock()
+    for stamp in (before_ms, *range(300_000, 300_500, 50)):
+        clock.see(stamp)
+    assert clock.reboots == 1
+    assert clock.time_us == 300_450_000
+
+
+def test_delayed_messages_are_not_a_reboot():
+    clock = VehicleClock()
+    clock.see(600_000, 0.0)
+    for n in range(2400):  # another path brings what was sent eight minutes ago, at its own pace
+        clock.see(120_000 + 50 * n, 0.05 * n)
+    assert clock.reboots == 0
+    assert clock.time_us == 600_000_000
+
+
+def test_a_wrap_during_a_gap_is_not_a_reboot():
+    clock = VehicleClock()
+    clock.see((1 << 32) - 30_000, 0.0)
+    for n in range(10):
+        clock.see(570_000 + 50 * n, 600.0 + 0.05 * n)
+    assert clock.reboots == 0
+    assert clock.time_us == ((1 << 32) + 570_450) * 1000
+
+
 @pytest.mark.parametrize("claimed_ms", [700, 300_000])
 def test_contradicting_timestamps_are_ignored_while_consistent_ones_arrive(claimed_ms):
     clock = VehicleClock()
