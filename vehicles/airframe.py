@@ -1,6 +1,8 @@
 """Loads and checks airframes, by name or from a TOML file, and adds payloads to them."""
 
+import math
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ from foundation.typed_file import fields_of, toml_table, typed, unknown_key_mess
 from foundation.wording import suggestion
 
 _FOLDER = Path(__file__).parent / "airframes"
+ROUNDED = 0.01  # tolerance for constants that are rounded in files: relative for moments, rad for bearings
 PX4_ROTORS = 4  # rotors of PX4's airframe none_iris
 
 
@@ -62,6 +65,17 @@ def parse(table: dict[str, Any], name: str) -> Airframe:
         raise UsageError(f"{where}: curve.speed_idle must be below curve.speed_max")
     if airframe.thrust_max <= airframe.mass_kg * GRAVITY:
         raise UsageError(f"{where}: curve.thrust_coefficient gives less thrust at full speed than the weight needs")
+    least, middle, largest = sorted(airframe.inertia_frd)
+    if largest > (least + middle) * (1.0 + ROUNDED):
+        raise UsageError(
+            f"{where}: inertia_frd is impossible: in a rigid body no principal moment exceeds the sum of the other two,"
+            f" but {largest:g} kg·m² exceeds {least:g} + {middle:g}. Correct the moments"
+        )
+    if not _stands(airframe):
+        raise UsageError(
+            f"{where}: contact_points_frd has no feet on which the vehicle stands. Place three or more points below the"
+            " centre of mass (down above 0) and on all sides of it"
+        )
     gimbal = airframe.camera.gimbal
     if gimbal is not None and not gimbal.pitch_min_deg <= airframe.camera.pitch_deg <= gimbal.pitch_max_deg:
         raise UsageError(
@@ -69,6 +83,16 @@ def parse(table: dict[str, Any], name: str) -> Airframe:
             f" {gimbal.pitch_min_deg:g} … {gimbal.pitch_max_deg:g}"
         )
     return airframe
+
+
+def _stands(airframe: Airframe) -> bool:
+    """Return whether the centre of mass is above and within the feet: the contact points below it."""
+    feet = [(forward, right) for forward, right, down in airframe.contact_points_frd if down > 0.0]
+    bearings = sorted(math.atan2(right, forward) for forward, right in feet if (forward, right) != (0.0, 0.0))
+    if not bearings:
+        return False
+    turns = pairwise([*bearings, bearings[0] + 2.0 * math.pi])
+    return all(later - earlier < math.pi - ROUNDED for earlier, later in turns)
 
 
 HOVER_MAX = 0.8  # share of the full thrust; above it, too little thrust is left for control

@@ -65,16 +65,43 @@ def test_the_error_names_a_malformed_field() -> None:
         ("name", "x", "name"),
         ("mass_kg", 50.0, "thrust_coefficient"),
         ("inertia_frd", [1.0, 2.0], "inertia_frd"),
+        ("inertia_frd", [0.02, 0.02, 0.0], "inertia_frd"),
+        ("inertia_frd", [0.02, 0.02, -0.04], "inertia_frd"),
+        ("inertia_frd", [0.02, 0.02, 0.041], "inertia_frd"),  # no rigid body: 0.041 > 0.02 + 0.02
+        ("inertia_frd", [0.07, 0.02, 0.04], "inertia_frd"),
         ("wings", 2, "wings"),
         ("rotors", [], "rotors"),
         ("curve", 3, "curve"),
         ("contact_points_frd", [[0, 0, 0]], "contact_points_frd"),
+        ("contact_points_frd", [[x, y, -0.2] for x in (-1, 1) for y in (-1, 1)], "contact_points_frd"),  # all above
+        ("contact_points_frd", [[x, y, 0.2] for x in (1, 2) for y in (-1, 1)], "contact_points_frd"),  # all in front
+        ("contact_points_frd", [[x, 0, 0.2] for x in (-1, 0, 1)], "contact_points_frd"),  # in a line
+        ("contact_points_frd", [[0, 0, 0.2]] * 3, "contact_points_frd"),  # a single point
         ("mav_type", 2.5, "mav_type"),
     ]
     for field, value, named in fields:
         table = tomllib.loads((FILES / "x500.toml").read_text(encoding="utf-8"))
         table[field] = value
-        assert named in refusal(airframe.parse, table, "broken")
+        message = refusal(airframe.parse, table, "broken")
+        assert named in message, message
+        assert "\n" not in message
+
+
+@pytest.mark.parametrize("key", ["cells", "capacity_ah"])
+@pytest.mark.parametrize("value", [0, -1])
+def test_a_battery_without_cells_or_capacity_is_rejected(key: str, value: int) -> None:
+    table = tomllib.loads((FILES / "x500.toml").read_text(encoding="utf-8"))
+    table["battery"][key] = value
+    assert f"battery.{key}" in refusal(airframe.parse, table, "broken")
+
+
+def test_rounded_moments_of_a_plate_and_three_feet_are_accepted() -> None:
+    table = tomllib.loads((FILES / "x500.toml").read_text(encoding="utf-8"))
+    table |= {
+        "inertia_frd": [0.01, 0.02, 0.03],
+        "contact_points_frd": [[0.1, 0, 0.2], [-0.1, 0.1, 0.2], [-0.1, -0.1, 0.2]],
+    }
+    assert airframe.parse(table, "fine").inertia_frd == (0.01, 0.02, 0.03)
 
 
 def test_a_camera_pitch_outside_the_gimbal_range_is_rejected() -> None:
