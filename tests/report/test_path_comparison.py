@@ -98,6 +98,19 @@ def test_alignment_by_step_ignores_slower_replies(tmp_path: Path) -> None:
     assert main(["compare", str(a), str(b), "--align", "time"]) == 1
 
 
+def test_steps_of_any_length_take_as_long_as_they_last(tmp_path: Path) -> None:
+    a, b = (
+        flight(tmp_path / name, straight, seconds=seconds, replies=["go"] * 200, decided=lambda n, s=length_s: n * s)
+        for name, length_s, seconds in (("a", 0.13, 30.0), ("b", 0.25, 60.0))
+    )
+    (only,) = compared(a, b, by_step=True)
+    assert only.t[-1] == pytest.approx(30.0)  # each step as long as in a, which is faster
+    assert only.here[:, 0] == pytest.approx(only.t)
+    at = only.t < 20.0
+    steps_before = only.t[at] // 0.13
+    assert only.there[at, 0] == pytest.approx(only.t[at] + 0.12 * steps_before, abs=0.121)
+
+
 def test_every_drone_of_a_fleet_is_compared(tmp_path: Path) -> None:
     a, b = (flight(tmp_path / name, straight, drones=3) for name in "ab")
     assert [c.drone for c in compared(a, b)] == [0, 1, 2]
