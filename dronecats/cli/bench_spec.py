@@ -1,7 +1,7 @@
 """Turns the options of `dronecats bench`, and a file of the same options, into the runs of a benchmark."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -156,8 +156,11 @@ def _latencies(args: argparse.Namespace) -> "list[LatencyPolicy]":
     return [latency_policy(text) for text in args.latency or [DEFAULT if args.speed == "max" else "real"]]
 
 
-def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]":
-    """Return (name, flight) for each pair of pilot and agent. The flights have no episode, command or latency yet."""
+def pilots(args: argparse.Namespace, out: Path, varied: Collection[str] = ()) -> "list[tuple[str, FlightSpec]]":
+    """Return (name, flight) for each pair of pilot and agent. The flights have no episode, command or latency yet.
+
+    `varied`: names of the factors that a study sets afterwards.
+    """
     from dronecats.agent.names import PAPER
     from dronecats.cli.fly_spec import commanded_by, template_of
     from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -189,7 +192,7 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
             prompt=template_of(args.prompt) if args.prompt else None,
             parser=args.parser,
             stop_unreadable=args.stop_unreadable,
-            disturbances=UNDISTURBED.with_options(vars(args)),
+            disturbances=UNDISTURBED.with_options(vars(args), varied),
             seed=args.seed,
             full=args.full,
         )

@@ -253,5 +253,5 @@ def _pilots(
     seconds = CAP_S if args.seconds is None else float(args.seconds)
     return [
         ("" if factor else name, replace(flight, latency=latency, seconds=seconds))
-        for name, flight in bench_spec.pilots(args, out)
+        for name, flight in bench_spec.pilots(args, out, levels)
     ]

@@ -63,6 +63,16 @@ def study(name, *words):
     return study_spec.of_options(args, name, {"latency": levels(args.values)})
 
 
+def test_a_queue_goes_with_a_varied_baud(tmp_path):
+    words = ("--episodes", TWO, "--pilot", "oracle", "--link", "queue=4096")
+    with pytest.raises(UsageError, match=r"queue .*baud"):
+        study("latency", *words)
+    file = tmp_path / "baud.toml"
+    file.write_text("[factors]\nlink_baud = [9600, 57600]\n")
+    for entry in study("run", str(file), *words).plan.entries:
+        assert entry.flight.disturbances.link.to_vehicle.queue_bytes == 4096
+
+
 def test_invalid_arguments_are_rejected_in_one_sentence(capsys, tmp_path, monkeypatch):
     for words, parts in (
         (["latency", "--pilot", "oracle"], "--suite"),

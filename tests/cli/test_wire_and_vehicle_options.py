@@ -32,9 +32,10 @@ def wire(text: str) -> LinkFaults:
 def test_one_direction_of_a_link_option_overrides_both() -> None:
     both = Impairment(delay_s=0.1, loss=0.05, baud=57_600)
     assert wire("delay=0.1,loss=0.05,baud=57600") == LinkFaults(to_vehicle=both, from_vehicle=both)
-    assert wire("to.loss=1,delay=0.2,from.delay=0.3, to.queue=4096") == LinkFaults(
-        to_vehicle=Impairment(delay_s=0.2, loss=1.0, queue_bytes=4096), from_vehicle=Impairment(delay_s=0.3)
+    assert wire("to.loss=1,delay=0.2,from.delay=0.3, to.queue=4096,to.baud=300") == LinkFaults(
+        to_vehicle=Impairment(delay_s=0.2, loss=1.0, queue_bytes=4096, baud=300), from_vehicle=Impairment(delay_s=0.3)
     )
+    assert wire("queue=4096,from.baud=300").from_vehicle == Impairment(queue_bytes=4096, baud=300)
     every = "jitter=0.1,duplicate=0.2,reorder=0.3,corrupt=0.01"
     assert wire(every).from_vehicle == Impairment(jitter_s=0.1, duplicate=0.2, reorder=0.3, corrupt=0.01)
 
@@ -65,6 +66,10 @@ def test_invalid_values_are_rejected_in_one_sentence() -> None:
         ("--link loss=2", "loss .*0 .*1"),
         ("--link delay=nan", "delay .*0 .*60 "),
         ("--link loss=1", r"to\.loss=1"),
+        ("--link delay=0.1,loss=0.1,delay=0.2", r"delay .*twice.*'delay=0\.2'"),
+        ("--link to.delay=0.1, to.delay=0.1", r"to\.delay .*twice"),
+        ("--link queue=4096", "queue .*no effect.*baud"),
+        ("--link from.queue=4096,to.baud=300", r"from\.queue .*no effect.*from\.baud"),
         ("--wind 4", "--wind .*N,E"),
         ("--wind nan,0", "--wind .*N,E"),
         ("--wind 30,30", "wind .*0 .*30 m/s"),

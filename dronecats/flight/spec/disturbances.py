@@ -10,7 +10,7 @@ disturb nothing. `dronecats/agent/latency.py` declares the latency of replies.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import chain
 from typing import Any, Literal, TypeVar
@@ -173,6 +173,7 @@ WIRE_LEVELS = ("delay", "jitter", "loss", "duplicate", "reorder", "baud")  # val
 def _read_wire(text: str) -> FieldValues:
     """Return both directions of a link from `delay=0.1,loss=0.05,to.delay=0.2`. A name without prefix is for both."""
     ways: dict[str, FieldValues] = {"to_vehicle": {}, "from_vehicle": {}}
+    names: set[str] = set()
     for word in sorted(
         text.split(","), key=lambda word: "." in word.partition("=")[0]
     ):  # a value for one direction overrides that for both
@@ -184,6 +185,9 @@ def _read_wire(text: str) -> FieldValues:
                 f"--link must be NAME=VALUE,… with the names {', '.join(WIRE)}, or to.NAME and from.NAME for one"
                 f" direction; got '{word}'{f': {did_you_mean(near)}' if near else ''}"
             )
+        if name in names:
+            raise UsageError(f"--link has {name} twice, the second time in '{word.strip()}'. Give it once")
+        names.add(name)
         is_whole = declarations(Impairment)[WIRE[quantity]].quantity.whole
         try:
             number = int(value) if is_whole else float(value)
@@ -193,6 +197,24 @@ def _read_wire(text: str) -> FieldValues:
         for entry in DIRECTIONS[way]:
             ways[entry][WIRE[quantity]] = number
     return {way: Impairment(**values) for way, values in ways.items()}
+
+
+def _check_queue(text: str) -> None:
+    """Raise UsageError if the values of a link set a queue for a direction that has no baud."""
+    names = {word.partition("=")[0].strip() for word in text.split(",")}
+    if "baud" in names:
+        return
+    for name, bauds in (
+        ("queue", ("to.baud", "from.baud")),
+        ("to.queue", ("to.baud",)),
+        ("from.queue", ("from.baud",)),
+    ):
+        if name in names and names.isdisjoint(bauds):
+            baud = name.replace("queue", "baud")
+            raise UsageError(
+                f"--link: {name} has no effect without {baud}, because only a serial line has a queue. Add"
+                f" {baud}=57600, or leave {name} out"
+            )
 
 
 def _wire_level(name: str) -> DisturbanceLevel:
@@ -415,13 +437,18 @@ class Disturbances:
         parts = words_of(self.frame), self.link.words, words_of(self.vehicle), words_of(self.conditions)
         return ", ".join(chain(*parts)) or None
 
-    def with_options(self, options: Mapping[str, Any]) -> "Disturbances":
-        """Return a copy with the values of options, name → number or text; None: not set. Raises UsageError."""
+    def with_options(self, options: Mapping[str, Any], varied: Collection[str] = ()) -> "Disturbances":
+        """Return a copy with the values of options, name → number or text; None: not set. Raises UsageError.
+
+        `varied`: names of the factors that a study sets afterwards.
+        """
         values = self._values()
         for part, name, disturbance in DECLARED:
             option = disturbance.option
             if option and (value := options.get(option.name)) is not None:
                 values[part] |= option.read(value) if option.read else {name: float(value)}
+        if (link := options.get("link")) is not None and "link_baud" not in varied:
+            _check_queue(link)
         return _made(values)
 
     def with_levels(self, levels: Mapping[str, Level]) -> "Disturbances":
