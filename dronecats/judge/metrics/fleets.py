@@ -88,23 +88,27 @@ COMMAND = "Commanding Several Drones"
 METRICS = (
     Metric(
         name="drones_found", title="Found the target", unit="count", level="episode", better="more",
+        value_type=int,
         definition="number of drones with a declaration that qualifies",
         paper=COMMAND, of=_outcome_count("found"),
     ),
     Metric(
         name="drones_beside", title="Declared at a look-alike", unit="count", level="episode", better="less",
+        value_type=int,
         definition="number of drones without a declaration that qualifies, but with a declaration within the radius of"
         " a look-alike's centre",
         paper=COMMAND, of=_outcome_count("look-alike"),
     ),
     Metric(
         name="drones_elsewhere", title="Declared elsewhere", unit="count", level="episode", better="less",
+        value_type=int,
         definition="number of drones with declarations, of which none qualifies or is within the radius of a"
         " look-alike's centre",
         paper=COMMAND, of=_outcome_count("elsewhere"),
     ),
     Metric(
         name="drones_silent", title="Never declared", unit="count", level="episode", better=None,
+        value_type=int,
         definition="number of drones that never declared within the cap",
         paper=COMMAND, of=_outcome_count("never declared"),
     ),

@@ -7,7 +7,7 @@ drone.
 from collections.abc import Callable
 
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.metric import Metric, MetricFunction, MetricValue, known_values, median, quantile
+from dronecats.judge.metrics.metric import Metric, MetricFunction, MetricValue, median, quantile
 from foundation.run_folder.rows import Decision
 
 REFUSALS = ("refusal", "filtered")  # values of `Decision.finish`
@@ -43,7 +43,12 @@ def _per_question(field: str) -> MetricFunction:
 
 def _token_sum(field: str) -> MetricFunction:
     """Return a function that adds up tokens. It returns None if no server counted them."""
-    return lambda flight: sum(counts) if (counts := known_values(question_values(flight, field))) else None
+
+    def of(flight: JudgedFlight) -> MetricValue:
+        counts = [value for value in question_values(flight, field) if value is not None]
+        return sum(counts) if counts else None
+
+    return of
 
 
 def _decision_count(counts: Callable[[Decision], bool]) -> MetricFunction:
@@ -64,11 +69,13 @@ METRICS = (
     ),
     Metric(
         name="tokens_in", title="Tokens in", unit="count", level="step", better="less",
+        value_type=int,
         definition="tokens of the request, as the server counts them",
         paper="Serving and Decoding", of=_per_question("tokens_in"),
     ),
     Metric(
         name="tokens_out", title="Tokens out", unit="count", level="step", better="less",
+        value_type=int,
         definition="tokens of the reply, as the server counts them",
         paper="Serving and Decoding", of=_per_question("tokens_out"),
     ),
@@ -101,11 +108,13 @@ METRICS = (
     ),
     Metric(
         name="all_tokens_in", title="Tokens in (all)", unit="count", level="episode", better="less",
+        value_type=int,
         definition="sum of tokens_in over the replies",
         paper="Serving and Decoding", of=_token_sum("tokens_in"),
     ),
     Metric(
         name="all_tokens_out", title="Tokens out (all)", unit="count", level="episode", better="less",
+        value_type=int,
         definition="sum of tokens_out over the replies",
         paper="Serving and Decoding", of=_token_sum("tokens_out"),
     ),

@@ -23,6 +23,10 @@ def test_every_metric_has_a_second_implementation():
     assert set(naive.METRICS) == set(METRICS)
 
 
+def test_every_count_is_declared_as_a_whole_number():
+    assert {metric.value_type for metric in METRICS.values() if metric.unit == "count"} == {int}
+
+
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(flights())
 def test_every_metric_agrees_with_its_second_implementation(rows):
@@ -39,6 +43,7 @@ def test_every_metric_agrees_with_its_second_implementation(rows):
             assert computed == (expected if expected is None else pytest.approx(expected, abs=ROUNDED)), name
         for value in computed if isinstance(computed, list) else [computed]:
             assert value is None or type(value) is bool or metric.unit != "share", name
+            assert value is None or type(value) is int or metric.unit != "count", name
 
 
 INCIDENTS = ("hits", "crashes", "hardest_hit_mps", "contact_s", "estimator_resets")
