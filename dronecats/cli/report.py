@@ -29,7 +29,7 @@ def add_report_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--metric", type=Path, action="append", default=[], metavar="FILE.py", help="add a file of your own metrics"
     )
-    parser.add_argument("--no-page", action="store_true", help="write no browser page")
+    parser.add_argument("--no-page", action="store_true", help="write no browser page, and remove an earlier one")
     parser.add_argument("--embed", action="store_true", help="embed the pictures in the page")
     parser.add_argument("--json", action="store_true", help="print the tables as one JSON object")
     parser.set_defaults(run=run)
@@ -40,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.judge.episode import check_radius
     from dronecats.judge.metrics.judging import METRICS, own_metrics
     from dronecats.report.figures import draw
+    from dronecats.report.page.index import remove_page, write_page
     from dronecats.report.report_folder import opening, report_data, tables, write
     from dronecats.report.results.collection import collect, exclude, parse_exclusion, without_stalled
     from dronecats.report.writers import as_json
@@ -58,9 +59,9 @@ def run(args: argparse.Namespace) -> int:
     made = tables(data, own)
     written = write(made, draw(data, made, args.out / "figures"), opening(data, args.delta, exclusions), args.out)
     page = None
-    if not args.no_page:
-        from dronecats.report.page.index import write_page
-
+    if args.no_page:
+        remove_page(args.out)
+    else:
         page = write_page(collection, made, args.out, embed=args.embed)
     if args.json:
         print(json.dumps({"report": str(written), "page": page and str(page), "tables": as_json(made)}))

@@ -62,6 +62,15 @@ def test_the_html_page_is_written_next_to_the_report(place, capsys, monkeypatch)
     assert (place / "report" / "index.html").exists()
 
 
+def test_a_report_without_a_page_removes_the_page_of_an_earlier_report(place, monkeypatch):
+    monkeypatch.setattr("dronecats.report.page.pictures.GROUND_PX", 100)
+    assert main(["report", "runs", "--out", "report"]) == 0
+    assert main(["report", "runs/oracle", "--out", "report", "--no-page"]) == 0
+    assert not (place / "report" / "index.html").exists()
+    (place / "report" / "index.html").mkdir()
+    assert main(["report", "runs/oracle", "--out", "report", "--no-page"]) == 3
+
+
 @pytest.mark.parametrize("metric", ["hits", "estimator_resets"])
 def test_incidents_have_a_table_and_their_flights_can_be_excluded(place, metric):
     tell_incidents(place / "runs" / "oracle" / IDS[0], hit(2.0), hit(8.0), clear(10.0, 1.5), reset(4.0))
