@@ -37,7 +37,8 @@ class FaultEntry:
     kind: str  # a key of `vehicles.faults.KINDS`
     from_s: BootSeconds = 0.0
     until_s: BootSeconds | None = None  # None: no end
-    value: FaultValue = None  # required by the kinds in WITH_VALUE, not allowed for others
+    # required by the kinds in WITH_VALUE, not allowed for others; a single number n stands for (n, 0, 0)
+    value: FaultValue = None
 
     @property
     def fault(self) -> Fault:

@@ -40,7 +40,7 @@ class Fault:
     kind: str  # a key of KINDS
     from_us: int = 0  # µs since boot
     until_us: int = FOR_EVER_US  # µs since boot
-    value: Vec3 = (0.0, 0.0, 0.0)  # a scalar sensor uses the first component
+    value: Vec3 = (0.0, 0.0, 0.0)  # baro, range, `delay` and `weaken` use the first component only
 
 
 def fault_record(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency_us: int) -> np.void:

@@ -43,6 +43,11 @@ def test_a_file_is_parsed_into_its_faults(tmp_path: Path) -> None:
     ]
 
 
+def test_a_single_number_is_the_first_component_as_the_docs_state() -> None:
+    (fault,) = parse({"fault": [{"part": "mag", "kind": "bias", "value": 0.02}]}, "script.toml", 4)
+    assert fault.value == (0.02, 0.0, 0.0)
+
+
 def test_a_vehicle_has_the_faults_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "script.toml"
     path.write_text(SCRIPT, encoding="utf-8")
