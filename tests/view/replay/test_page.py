@@ -4,6 +4,7 @@ import math
 import re
 import socket
 
+import numpy as np
 import pytest
 
 from dronecats.view.replay.moments import flight_moments
@@ -54,6 +55,19 @@ def test_a_trail_is_redrawn_after_a_jump_back(page, sent):
         page.go_to(t_s)
         assert page.idle(PATIENCE_S)
         assert len(shown(sent, "/world/flight/trail-0/")) == pieces
+
+
+def test_after_any_jump_the_trail_leads_from_the_start_to_the_drone(page, fleet):
+    """The drones fly straight ahead, so a trail that goes back or has a gap is longer or shorter than the way."""
+    for t_s in (4.0, 4.5, 4.2, 10.0, 10.5, 2.0, 2.3):
+        page.go_to(t_s)
+        assert page.idle(PATIENCE_S)
+        for drone in fleet.drones:
+            start, end = (fleet.moment(t).drones[drone].position_ned for t in (0.0, t_s))
+            lines = np.concatenate([piece.points for piece in page._scenes[0]._trails[drone]._pieces])
+            assert lines[0, 0] == pytest.approx(display.place_of(start), abs=1e-4), t_s
+            assert lines[-1, 1] == pytest.approx(display.place_of(end), abs=1e-4), t_s
+            assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1).sum() == pytest.approx(math.dist(start, end)), t_s
 
 
 def shown(sent, node):
