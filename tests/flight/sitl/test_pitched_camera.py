@@ -1,6 +1,7 @@
 """Cameras that do not look level: their pictures, and the logger's measurements in them."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,15 +9,31 @@ import pytest
 from dronecats.agent.action import Go
 from dronecats.agent.controller import displacement
 from dronecats.flight.sitl.camera import WorldCamera
-from dronecats.flight.sitl.simulation import origin
+from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, origin
 from episodes.camera.renderer import Renderer
 from episodes.records import catalogue
 from episodes.world.world import World
 from foundation.camera import CameraModel, camera_pose
+from foundation.camera_mount import CameraMount, GimbalLimits
 from foundation.frames import quat_from_euler, rotate
 from foundation.mavlink import Packer
 from foundation.protocol import POINT_SPAN
 from foundation.truth import NewestTruth, gimbal_message, truth_message
+from vehicles import airframe
+
+
+def test_a_gimbal_boots_at_the_pitch_of_its_mounting():
+    frame = airframe.load("x500")
+    for pitch_deg in (0.0, -10.0, 25.0):
+        mount = CameraMount(pitch_deg=pitch_deg, gimbal=GimbalLimits())
+        place, reference = BootPose((2.0, -3.0, 0.0), 1.0), (47.4, 8.5, 488.0)
+        vehicle = SimulatedVehicle(0, replace(frame, camera=mount), place, seed=4, origin=reference)
+        truth = NewestTruth(reference)
+        truth.feed(vehicle.truth())
+        sample = truth.of(0)
+        assert sample is not None
+        assert sample.gimbal_pitch == pytest.approx(math.radians(pitch_deg), abs=1e-6)
+        vehicle.close()
 
 
 @pytest.fixture(scope="module")
