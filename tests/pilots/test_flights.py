@@ -11,6 +11,7 @@ from dronecats.pilots.vision import pilot
 from episodes.records import catalogue
 from episodes.world import world as worlds
 from foundation.camera import CameraModel
+from foundation.frames import quat_from_euler
 
 SINGLE = [i for i in catalogue.QUICK if i in catalogue.ids() and "commanding" not in i]  # `episodes audit` flies all
 SEEN = ["residential-approaching-01", "residential-searching-01", "residential-tracking-01"]
@@ -21,7 +22,8 @@ def oracle_of(world, camera):
     def decide(prompt, position, yaw, t):
         here, soon = world.target_centre(t), world.target_centre(t + 0.5)
         velocity = tuple((b - a) / 0.5 for a, b in zip(here, soon, strict=True))
-        return oracle.next_action(position, yaw, None, camera, here, velocity)
+        attitude = quat_from_euler(0.0, 0.0, yaw)
+        return oracle.next_action(oracle.TrueState(position, yaw, attitude, here, velocity, camera))
 
     return decide
 

@@ -79,7 +79,7 @@ def declares_early(state: TrueState) -> ActionGenerator:
 def never_declares(state: TrueState) -> ActionGenerator:
     """Fly to the target like the oracle, then point at the target at every step without moving."""
     while True:
-        reply = oracle.reply_for(state)
+        reply = oracle.next_action(state)
         has_arrived = state.distance_m <= _ARRIVED_M or json.loads(reply)["action"] == FINISHED
         state = yield _pointing(state) if has_arrived else reply
 
@@ -153,9 +153,7 @@ def _in_turn(texts: Sequence[str]) -> ActionGenerator:
 
 def _pointing(state: TrueState) -> str:
     """Return a `go` at the target that is too short to move the drone, or a turn that brings the target into view."""
-    x, y = oracle.pixel(
-        oracle.in_camera(state.position_ned, state.attitude, state.camera, state.target_ned), state.camera
-    )
+    x, y = oracle.pixel(oracle.in_camera(state, state.target_ned), state.camera)
     if not 0.0 <= x <= state.camera.width:
         return actions.rotate(max(-90.0, min(90.0, state.bearing_deg)))
     return actions.go(POINT_SPAN * x / state.camera.width, POINT_SPAN * y / state.camera.height, _STILL_DEPTH_M)

@@ -15,7 +15,7 @@ numbers.
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -170,7 +170,7 @@ class NoisyPilot:
             return reply
         if has_declared and not memory.nearer:
             memory.nearer = True
-            x, _ = oracle.pixel(_in_camera(state, estimate_ned), state.camera)
+            x, _ = oracle.pixel(oracle.in_camera(state, estimate_ned), state.camera)
             return actions.go(POINT_SPAN * x / state.camera.width, POINT_SPAN * 0.5, actions.SHORTEST_DEPTH_M)
         memory.declared, memory.nearer = True, False
         return actions.finished()
@@ -208,7 +208,7 @@ class NoisyPilot:
 
     def _estimate_ned(self, state: TrueState, errors: DetectionErrors, draw: _Draw, flight_depth: float) -> Vec3:
         """Return the estimated place (m, NED) of the target, with errors in pixel and depth."""
-        camera, true = state.camera, _in_camera(state, state.target_ned)
+        camera, true = state.camera, oracle.in_camera(state, state.target_ned)
         x, y = oracle.pixel(true, camera)
         x = min(max(x + errors.aside_px * draw.aside, 0.0), camera.width)
         y = min(max(y + errors.above_px * draw.above, 0.0), camera.height)
@@ -232,15 +232,11 @@ class NoisyPilot:
 
 
 def _fly_to(state: TrueState, point_ned: Vec3) -> str:
-    return oracle.next_action(state.position_ned, state.yaw_rad, state.attitude, state.camera, point_ned)
+    return oracle.next_action(replace(state, target_ned=point_ned, target_velocity_ned=(0.0, 0.0, 0.0)))
 
 
 def _declares(reply: str) -> bool:
     return bool(json.loads(reply)["action"] == FINISHED)
-
-
-def _in_camera(state: TrueState, point_ned: Vec3) -> Vec3:
-    return oracle.in_camera(state.position_ned, state.attitude, state.camera, point_ned)
 
 
 def _place(state: TrueState, x: float, y: float, depth_m: float) -> Vec3:

@@ -7,11 +7,11 @@ not import the oracle; `dronecats/flight/run/truth.py` passes the oracle to the 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dronecats.pilots import actions
 from foundation.camera import CameraModel, camera_pose
-from foundation.frames import Quat, Vec3, course, quat_from_euler, rotate_inverse, wrap_pi
+from foundation.frames import Quat, Vec3, course, rotate_inverse, wrap_pi
 from foundation.protocol import NEAR_M, NEAR_SCALE, POINT_SPAN, STEP_S, STRIDE_MAX_M, STRIDE_MIN_M
 
 ARRIVED_M = 4.0  # 3-D distance at which the oracle declares; the verifier's radius is 5 m
@@ -47,8 +47,7 @@ class TrueState:
     @property
     def bearing_deg(self) -> float:
         """The direction of the target, degrees from the nose, + right."""
-        north, east = (self.target_ned[k] - self.position_ned[k] for k in (0, 1))
-        return math.degrees(wrap_pi(math.atan2(east, north) - self.yaw_rad))
+        return math.degrees(wrap_pi(course(self.position_ned, self.target_ned) - self.yaw_rad))
 
 
 TruthPilot = Callable[[Sequence[TrueState]], str]  # (true state of each drone of the request) → reply
@@ -57,28 +56,11 @@ TruthPilot = Callable[[Sequence[TrueState]], str]  # (true state of each drone o
 def reply_nearest(states: Sequence[TrueState]) -> str:
     """Return the oracle's reply for some drones. The nearest drone flies; the others hover: one arrival is enough."""
     nearest = min(states, key=lambda state: state.distance_m)
-    return actions.join([reply_for(state) if state is nearest else actions.think() for state in states])
+    return actions.join([next_action(state) if state is nearest else actions.think() for state in states])
 
 
-def reply_for(state: TrueState) -> str:
-    """Return the next action of one drone from its true state."""
-    return next_action(
-        state.position_ned, state.yaw_rad, state.attitude, state.camera, state.target_ned, state.target_velocity_ned
-    )
-
-
-def next_action(
-    position_ned: Vec3,
-    yaw_rad: float,
-    attitude: Quat | None,
-    camera: CameraModel,
-    target_ned: Vec3,
-    target_velocity_ned: Vec3 | None = None,
-) -> str:
+def next_action(state: TrueState) -> str:
     """Return the next action of one drone as reply text.
-
-    position_ned, target_ned: m, body origin and target centre in the same NED frame; target_velocity_ned: m/s, None
-    for a target at rest. attitude: of the body, None for level flight at yaw_rad.
 
     The drone rotates until the target is in the picture. Then it flies to the target's true projection, with the true
     planar depth. For a moving target, both are predicted for the end of the step. Smaller depths make the last strides
@@ -86,22 +68,21 @@ def next_action(
     the target, the drone keeps its height. If the target is ahead but above or below the picture, the point is on the
     picture's edge.
     """
-    q = attitude if attitude is not None else quat_from_euler(0.0, 0.0, yaw_rad)
-    aim = target_ned if target_velocity_ned is None else _after_step(target_ned, target_velocity_ned)
-    x, y = pixel(in_camera(position_ned, q, camera, target_ned), camera)
+    camera, distance = state.camera, state.distance_m
+    x, y = pixel(in_camera(state, state.target_ned), camera)
     if not 0.0 <= x <= camera.width:
-        return actions.rotate(_bearing_deg(position_ned, yaw_rad, target_ned))
+        return actions.rotate(_turn_deg(state))
     in_picture = 0.0 <= y <= camera.height
-    distance = math.dist(position_ned, target_ned)
     if in_picture and distance <= ARRIVED_M:
         return actions.finished()
 
-    ahead = in_camera(position_ned, q, camera, aim)
+    aim = _after_step(state.target_ned, state.target_velocity_ned)
+    ahead = in_camera(state, aim)
     x, y = pixel(ahead, camera)
     if not 0.0 <= x <= camera.width:
-        return actions.rotate(_bearing_deg(position_ned, yaw_rad, aim))
-    horizontal = math.hypot(aim[0] - position_ned[0], aim[1] - position_ned[1])
-    vertical = aim[2] - position_ned[2]
+        return actions.rotate(_turn_deg(replace(state, target_ned=aim)))
+    north, east, vertical = (a - p for a, p in zip(aim, state.position_ned, strict=True))
+    horizontal = math.hypot(north, east)
     if not in_picture and horizontal < STRIDE_MAX_M:  # above or below the target: fly on, then turn round
         return actions.go(500.0, 500.0, NEAR_M)
     # stop safely inside the sphere of ARRIVED_M, at the kept height
@@ -136,9 +117,9 @@ def depth_for(travel_m: float, depth_m: float) -> float:
     return actions.short_stride_m(travel_m) / NEAR_SCALE
 
 
-def in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3) -> Vec3:
-    """Return a point in camera axes (forward, right, down), m from the optical centre."""
-    pose = camera_pose(position_ned, q, camera)
+def in_camera(state: TrueState, point_ned: Vec3) -> Vec3:
+    """Return a point in the axes of the drone's camera (forward, right, down), m from the optical centre."""
+    pose = camera_pose(state.position_ned, state.attitude, state.camera)
     (north, east, down), (n, e, d) = point_ned, pose.position_ned
     return rotate_inverse(pose.attitude, (north - n, east - e, down - d))
 
@@ -153,7 +134,6 @@ def pixel(point: Vec3, camera: CameraModel) -> tuple[float, float]:
     )
 
 
-def _bearing_deg(position_ned: Vec3, yaw_rad: float, point_ned: Vec3) -> float:
-    """Return the turn (deg, + right, at most 90 to either side) that brings a point ahead."""
-    bearing = wrap_pi(course(position_ned, point_ned) - yaw_rad)
-    return min(max(math.degrees(bearing), -_TURN_MAX_DEG), _TURN_MAX_DEG)
+def _turn_deg(state: TrueState) -> float:
+    """Return the turn (deg, + right, at most 90 to either side) that brings the target ahead."""
+    return min(max(state.bearing_deg, -_TURN_MAX_DEG), _TURN_MAX_DEG)

@@ -48,7 +48,7 @@ def action(reply: str):
 @given(north=st.floats(8.0, 40.0), aside=st.floats(-0.9, 0.9))
 def test_without_errors_it_approaches_like_the_oracle(north, aside):
     seen = sight((north, aside * north, -0.8))
-    assert pilot()([seen]) == oracle.next_action(seen.position_ned, 0.0, seen.attitude, seen.camera, seen.target_ned)
+    assert pilot()([seen]) == oracle.next_action(seen)
 
 
 def test_it_declares_by_its_estimated_distance():
