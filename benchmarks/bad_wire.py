@@ -148,24 +148,20 @@ def autopilot(args: argparse.Namespace) -> Iterator[tuple[str, str]]:
     if args.to:
         yield args.to, args.truth
         return
-    with tempfile.TemporaryDirectory() as folder:
-        supervisor = Supervisor(Path(folder))
-        try:
-            speed = SHORT_SPEED if args.short else 1.0
-            px4 = bool(args.px4)
-            simulator = supervisor.start(
-                SIMULATOR,
-                SimulatorConfig(
-                    episode=EPISODE, speed=speed, autopilot="px4" if px4 else "ours", px4=args.px4, log_dir=folder
-                ),
-            )
-            ports = simulator.ready()
-            while px4 and not simulator.do("in step"):
-                time.sleep(0.1)
-            way = "udpin" if px4 else "udpout"  # PX4 sends first, to a configured port
-            yield f"{way}://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
-        finally:
-            supervisor.close()
+    with tempfile.TemporaryDirectory() as folder, contextlib.closing(Supervisor(Path(folder))) as supervisor:
+        speed = SHORT_SPEED if args.short else 1.0
+        px4 = bool(args.px4)
+        simulator = supervisor.start(
+            SIMULATOR,
+            SimulatorConfig(
+                episode=EPISODE, speed=speed, autopilot="px4" if px4 else "ours", px4=args.px4, log_dir=folder
+            ),
+        )
+        ports = simulator.ready()
+        while px4 and not simulator.do("in step"):
+            time.sleep(0.1)
+        way = "udpin" if px4 else "udpout"  # PX4 sends first, to a configured port
+        yield f"{way}://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
 
 
 Path3 = list[tuple[float, float, float]]

@@ -22,6 +22,7 @@ import socket
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -150,25 +151,21 @@ class Client:
 
 def measure(name: str, seconds: float, seed: int) -> dict[str, Any]:
     """Return the figures of one row of ROWS."""
-    with tempfile.TemporaryDirectory() as folder:
-        supervisor = Supervisor(Path(folder))
-        try:
-            simulator = supervisor.start(SIMULATOR, SimulatorConfig(episode=EPISODE, count=1))
-            ports = simulator.ready()
-            client, sent = Client(ports["agent"][0]), multiprocessing.Array("d", 2)
-            targets = (ports["agent"][0], ports["truth"])
-            sender = multiprocessing.Process(target=send, args=(ROWS[name], targets, seconds + ANSWER_S, seed, sent))
-            if ROWS[name]:
-                sender.start()
-            before_s, began_s = process_cpu_s(simulator.pid), time.monotonic()
-            client.ping(seconds)
-            core = (process_cpu_s(simulator.pid) - before_s) / (time.monotonic() - began_s)
-            if ROWS[name]:
-                sender.join()
-            pace = simulator.do("pace")
-            client.close()
-        finally:
-            supervisor.close()
+    with tempfile.TemporaryDirectory() as folder, closing(Supervisor(Path(folder))) as supervisor:
+        simulator = supervisor.start(SIMULATOR, SimulatorConfig(episode=EPISODE, count=1))
+        ports = simulator.ready()
+        client, sent = Client(ports["agent"][0]), multiprocessing.Array("d", 2)
+        targets = (ports["agent"][0], ports["truth"])
+        sender = multiprocessing.Process(target=send, args=(ROWS[name], targets, seconds + ANSWER_S, seed, sent))
+        if ROWS[name]:
+            sender.start()
+        before_s, began_s = process_cpu_s(simulator.pid), time.monotonic()
+        client.ping(seconds)
+        core = (process_cpu_s(simulator.pid) - before_s) / (time.monotonic() - began_s)
+        if ROWS[name]:
+            sender.join()
+        pace = simulator.do("pace")
+        client.close()
     answers_s = sorted(client.answers_s)
     return {
         "garbage": name,

@@ -277,20 +277,18 @@ def _name(process: psutil.Process) -> str:
 @contextlib.contextmanager
 def rig(vehicles: int, speed: float) -> Iterator[tuple[list[str], str, Path]]:
     """Start the processes; yield the URLs of the vehicles, the URL of their camera and the folder of their states."""
-    with tempfile.TemporaryDirectory(prefix="dronecats-soak-") as name:
-        folder = Path(name)
-        supervisor = Supervisor(folder)
-        try:
-            config = SimulatorConfig(
-                episode=OPEN_GROUND, speed=speed, count=vehicles, least_charge=LEAST_CHARGE, state_dir=str(folder)
-            )
-            ports = supervisor.start(SIMULATOR, config).ready()
-            truth = f"udpout://127.0.0.1:{ports['truth']}"
-            camera = supervisor.start(CAMERA, CameraConfig(episode=OPEN_GROUND, truth=truth, count=vehicles))
-            url = str(camera.ready()["url"])
-            yield [f"udpout://127.0.0.1:{port}" for port in ports["agent"]], url, folder
-        finally:
-            supervisor.close()
+    with (
+        tempfile.TemporaryDirectory(prefix="dronecats-soak-") as folder,
+        contextlib.closing(Supervisor(Path(folder))) as supervisor,
+    ):
+        config = SimulatorConfig(
+            episode=OPEN_GROUND, speed=speed, count=vehicles, least_charge=LEAST_CHARGE, state_dir=folder
+        )
+        ports = supervisor.start(SIMULATOR, config).ready()
+        truth = f"udpout://127.0.0.1:{ports['truth']}"
+        camera = supervisor.start(CAMERA, CameraConfig(episode=OPEN_GROUND, truth=truth, count=vehicles))
+        url = str(camera.ready()["url"])
+        yield [f"udpout://127.0.0.1:{port}" for port in ports["agent"]], url, Path(folder)
 
 
 def soak(vehicles: int, args: argparse.Namespace) -> dict[str, Any]:
