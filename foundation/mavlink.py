@@ -54,6 +54,17 @@ def frame_of(message: dialect.MAVLink_message) -> bytes:
     return bytes(message.get_msgbuf()) if frame is None else bytes(frame)
 
 
+def first_field(message: dialect.MAVLink_message) -> bytes:
+    """Return the first 4 bytes of a received message's payload: `param_value` of a PARAM_SET or PARAM_VALUE.
+
+    Decoding to a float may change the bits of a signalling NaN. pymavlink's get_payload starts at the wrong byte,
+    because the header of MAVLink 2 is longer. MAVLink 2 also cuts trailing zeros, which are filled in.
+    """
+    frame = bytes(message.get_msgbuf())
+    start = 10 if frame[0] == dialect.PROTOCOL_MARKER_V2 else 6
+    return frame[start : start + min(frame[1], 4)].ljust(4, b"\0")
+
+
 class Packer:
     """Packs the messages of one MAVLink 2 component, with its own sequence numbers."""
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from autopilot.mavlink.node import Node, Port
 from autopilot.mavlink.status_makers import Message
 from autopilot.parameters import ParameterTable
-from foundation.mavlink import dialect
+from foundation.mavlink import dialect, first_field
 
 INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
 _INTEGER_PAYLOAD = struct.Struct("<iHH16sB")
@@ -32,17 +32,6 @@ def parameter_value(parameters: ParameterTable, name: str) -> Message:
     if parameters.is_integer(name):
         return _IntegerValue(name.encode(), int(value), count, index)
     return dialect.MAVLink_param_value_message(name.encode(), value, REAL32, count, index)
-
-
-def value_bytes(message: Message) -> bytes:
-    """Return the 4 bytes of `param_value`, the first field of the payload, of a PARAM_SET or PARAM_VALUE.
-
-    Decoding to a float may change the bits of a signalling NaN. pymavlink's get_payload starts at the wrong byte,
-    because the header of MAVLink 2 is longer.
-    """
-    frame = bytes(message.get_msgbuf())
-    start = 10 if frame[0] == dialect.PROTOCOL_MARKER_V2 else 6
-    return frame[start : start + min(frame[1], 4)].ljust(4, b"\0")
 
 
 def request_list(node: Node, port: Port, message: Message) -> None:
@@ -79,7 +68,7 @@ def set_value(node: Node, port: Port, message: Message) -> None:
         node.complain(f"Parameter {name}: wrong type, not set")
         port.send(parameter_value(parameters, name))
         return
-    value = struct.unpack("<i" if parameters.is_integer(name) else "<f", value_bytes(message))[0]
+    value = struct.unpack("<i" if parameters.is_integer(name) else "<f", first_field(message))[0]
     before = parameters[name]
     try:
         parameters.set(name, value)

@@ -8,7 +8,7 @@ import struct
 from collections.abc import Iterable
 
 from foundation.errors import LinkError, UsageError
-from foundation.mavlink import dialect
+from foundation.mavlink import dialect, first_field
 from hil.link.link import Link
 
 Value = int | float
@@ -139,16 +139,10 @@ class Parameters:
 
 
 def decoded(message: dialect.MAVLink_message) -> Value:
-    """Return the value of a received PARAM_VALUE. An INT32 is read from the frame's bytes.
-
-    This is needed because the decoded float has lost the bits if they form a signalling NaN.
-    """
+    """Return the value of a received PARAM_VALUE. An INT32 is read from the frame's bytes."""
     if message.param_type == REAL32:
         return float(message.param_value)
-    frame = bytes(message.get_msgbuf())
-    start = 10 if frame[0] == dialect.PROTOCOL_MARKER_V2 else 6
-    payload = frame[start : start + min(frame[1], 4)].ljust(4, b"\0")  # MAVLink 2 cuts trailing zeros
-    return int(struct.unpack("<i", payload)[0])
+    return int(struct.unpack("<i", first_field(message))[0])
 
 
 def _checked(name: str) -> None:
