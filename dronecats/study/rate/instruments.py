@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.controller import Aircraft
-from dronecats.agent.models.model import Model, Reply, Request
+from dronecats.agent.models.model import Model, Reply, Request, WrappedModel
 from dronecats.flight.run.setup import Instruments
 from dronecats.study.rate.chain import ChainClock, ChainLog, QuestionTimes
 from foundation.camera import Camera, Frame
@@ -96,25 +96,18 @@ class TimedCamera:
         self._camera.close()
 
 
-class TimedModel:
+class TimedModel(WrappedModel):
     """A model whose replies are timed."""
 
     def __init__(self, model: Model, clock: ChainClock) -> None:
-        self.name = model.name
-        self._model, self._clock = model, clock
+        super().__init__(model)
+        self._clock = clock
 
     def ask(self, request: Request) -> Reply:
         """Return the model's reply. Raises ModelError."""
         reply = self._model.ask(request)
         self._clock.answered(reply)
         return reply
-
-    def check(self) -> None:
-        """Raise UsageError if the model does not answer."""
-        self._model.check()
-
-    def close(self) -> None:
-        self._model.close()
 
 
 class TimedAircraft:
