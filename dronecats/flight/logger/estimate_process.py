@@ -8,11 +8,10 @@ from typing import Any
 from msgspec import UNSET
 
 from dronecats.flight.logger.estimator_resets import ResetWatch, reset_row
+from dronecats.flight.logger.recorder import EpisodeRecorder, LoggerPart
 from foundation.mavlink import Parser, dialect
 from foundation.protocol import POSE_PERIOD_S
-from foundation.run_folder import layout
-from foundation.run_folder.rows import Begin, End, Pose
-from foundation.run_folder.writing import LineLog, TelemetryLog
+from foundation.run_folder.rows import Begin, Pose
 from hil.link.telemetry import VehicleClock
 from hil.link.transport import UdpTransport
 
@@ -24,35 +23,24 @@ class EstimateLoggerConfig:
     folder: str  # of the episode's logs
 
 
-class EstimateRecorder:
+class EstimateRecorder(EpisodeRecorder):
     """Writes poses from LOCAL_POSITION_NED and ATTITUDE into truth.jsonl, and every message into flight.tlog.
 
     Values that are not finite stay out of truth.jsonl.
     """
 
     def __init__(self, folder: Path) -> None:
-        self._rows, self._tlog = LineLog(folder / layout.TRUTH), TelemetryLog(folder / layout.TLOG)
+        super().__init__(folder)
         self._parser = Parser()
         self._clock = VehicleClock()
         self._resets = ResetWatch()
         self._yaw_deg: float | None = None
-        self._t0_us: int | None = None
-        self._newest_us = 0
         self._next_pose = 0
 
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
-        self._t0_us = self._newest_us = t0_us
+        self._t0_us, self._time_us = t0_us, max(t0_us, self._clock.time_us)
         resets = True if self._resets.sends_counter else UNSET
         self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, source="estimate", resets=resets))
-
-    def end(self, reason: str, error: str | None = None) -> None:
-        if self._t0_us is not None:
-            self._rows.write(End(t=self._t(), reason=reason, error=error))
-            self._t0_us = None
-
-    def close(self) -> None:
-        self._rows.close()
-        self._tlog.close()
 
     def telemetry(self, data: bytes) -> None:
         """Process bytes from the link."""
@@ -65,22 +53,25 @@ class EstimateRecorder:
                     self._yaw_deg = math.degrees(message.yaw)
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 self._clock.see(message.time_boot_ms)
+                # a vehicle that reboots and so restarts its clock does not set the time of the episode back
+                self._time_us = max(self._time_us, self._clock.time_us)
                 self._pose(message)
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_ODOMETRY:
                 reset = self._resets.message(message)
                 if reset is not None and self._t0_us is not None:
-                    self._rows.write(reset_row(self._t(), 0, reset))
+                    self._rows.write(reset_row(self._t(self._time_us), 0, reset))
         self._tlog.flush()
 
     def _pose(self, message: dialect.MAVLink_message) -> None:
-        if self._t0_us is None or self._t() < self._next_pose * POSE_PERIOD_S:
+        t = self._t(self._time_us)
+        if self._t0_us is None or t < self._next_pose * POSE_PERIOD_S:
             return
         if not all(map(math.isfinite, (message.x, message.y, message.z))):
             return
-        self._next_pose = math.floor(self._t() / POSE_PERIOD_S) + 1
+        self._next_pose = math.floor(t / POSE_PERIOD_S) + 1
         self._rows.write(
             Pose(
-                t=self._t(),
+                t=t,
                 drone=0,
                 position_ned=(round(message.x, 4), round(message.y, 4), round(message.z, 4)),
                 yaw_deg=None if self._yaw_deg is None else round(self._yaw_deg, 4),
@@ -89,14 +80,11 @@ class EstimateRecorder:
             )
         )
 
-    def _t(self) -> float:
-        """Return the time (s) of the episode. A vehicle that reboots and so restarts its clock does not set it back."""
-        self._newest_us = max(self._newest_us, self._clock.time_us)
-        return round((self._newest_us - (self._t0_us or 0)) / 1e6, 6)
 
-
-class EstimateLogger:
+class EstimateLogger(LoggerPart):
     """The estimate logger as a child process of a flight on a connected vehicle."""
+
+    _recorder: EstimateRecorder
 
     def __init__(self, config: EstimateLoggerConfig) -> None:
         self._recorder = EstimateRecorder(Path(config.folder))
@@ -105,17 +93,9 @@ class EstimateLogger:
     def ready(self) -> dict[str, Any]:
         return {"port": self._socket.port}
 
-    def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        if command == "begin":
-            self._recorder.begin(arguments["t0_us"], arguments["cap_s"])
-        elif command == "end":
-            self.turn()
-            self._recorder.end(arguments["reason"], arguments.get("error"))
-        return None
-
     def turn(self) -> None:
         self._recorder.telemetry(self._socket.receive(0.02))
 
     def close(self) -> None:
-        self._recorder.close()
+        super().close()
         self._socket.close()

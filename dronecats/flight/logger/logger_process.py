@@ -3,9 +3,8 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from dronecats.flight.logger.recorder import LoggerConfig, Measure, Recorder
+from dronecats.flight.logger.recorder import LoggerConfig, LoggerPart, Measure, Recorder
 from dronecats.flight.sitl.config import AIRFRAME
 from dronecats.flight.sitl.simulation import load_world, origin
 from dronecats.flight.sitl.truth_listener import Listener
@@ -59,7 +58,7 @@ def subscribe(send: Callable[[bytes], None], system: int) -> None:
         )
 
 
-class Logger:
+class Logger(LoggerPart):
     """The logger as a child process of a real-time flight."""
 
     def __init__(self, config: LoggerConfig) -> None:
@@ -73,21 +72,7 @@ class Logger:
         for index, listener in enumerate(self._telemetry):
             subscribe(listener.send, index + 1)
 
-    def ready(self) -> dict[str, Any]:
-        return {}
-
-    def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        if command == "begin":
-            self._recorder.begin(arguments["t0_us"], arguments["cap_s"])
-        elif command == "end":
-            self.turn()
-            self._recorder.end(arguments["reason"], arguments.get("error"))
-        return None
-
     def turn(self) -> None:
         self._truth.read(0.02)
         for listener in self._telemetry:
             listener.read(0.0)
-
-    def close(self) -> None:
-        self._recorder.close()

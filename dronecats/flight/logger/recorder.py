@@ -11,6 +11,7 @@ from typing import Any
 from msgspec import UNSET, UnsetType
 
 from dronecats.flight.logger.estimator_resets import ResetWatch, reset_row
+from dronecats.flight.processes.child import Part
 from foundation.camera import CameraModel
 from foundation.frames import quat_yaw
 from foundation.mavlink import Parser, dialect, frame_of
@@ -61,38 +62,73 @@ class LazySample:
         return truth_sample(self._message, self._origin, self._pitch)
 
 
-class Recorder:
-    """Writes the logs. Before `begin` and after `end`, it writes only the tlog."""
+class EpisodeRecorder:
+    """Writes truth.jsonl and flight.tlog of one episode. Before `begin` and after `end`, it writes only the tlog."""
 
-    def __init__(self, folder: Path, origin: Origin, measure: Measure, camera: CameraModel) -> None:
-        self._origin, self._measure, self._camera = origin, measure, camera
+    def __init__(self, folder: Path) -> None:
         self._rows, self._tlog = LineLog(folder / layout.TRUTH), TelemetryLog(folder / layout.TLOG)
-        self._truth_parser = Parser()
-        self._telemetry: dict[int, tuple[Parser, ResetWatch]] = {}  # by drone
-        self._samples: dict[int, deque[LazySample]] = {}
-        self._pitches: dict[int, float] = {}  # rad, gimbal pitch by system id; the bus sends it before the drone's pose
-        self._next_pose: dict[int, int] = {}
-        self._due: deque[LazySample] = deque()  # poses that wait for the positions of the other drones
-        self._t0_us: int | None = None
-        self._time_us = 0
+        self._t0_us: int | None = None  # None: outside the episode
+        self._time_us = 0  # newest vehicle time
 
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
         """Start the episode at vehicle time `t0_us` (µs), which is its time zero. It lasts `cap_s` seconds at most."""
-        self._t0_us = t0_us
-        sending = {drone for drone, (_, watch) in self._telemetry.items() if watch.sends_counter}
-        resets = True if sending and sending >= set(self._samples) else UNSET
-        self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, contacts=True, resets=resets))
+        raise NotImplementedError
 
     def end(self, reason: str, error: str | None = None) -> None:
         """Write the end of the episode, once. `reason` is cap, decided, interrupted or error."""
         if self._t0_us is not None:
-            self._write_poses(waiting=False)
             self._rows.write(End(t=self._t(self._time_us), reason=reason, error=error))
             self._t0_us = None
 
     def close(self) -> None:
         self._rows.close()
         self._tlog.close()
+
+    def _t(self, time_us: int) -> float:
+        """Return the time (s) of the episode at a vehicle time."""
+        return round((time_us - (self._t0_us or 0)) / 1e6, 6)
+
+
+class LoggerPart(Part):
+    """A recorder as a child process of a flight: the `Part` of a logger. Subclasses read the wires in `turn`."""
+
+    _recorder: EpisodeRecorder
+
+    def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        if command == "begin":
+            self._recorder.begin(arguments["t0_us"], arguments["cap_s"])
+        elif command == "end":
+            self.turn()
+            self._recorder.end(arguments["reason"], arguments.get("error"))
+        return None
+
+    def close(self) -> None:
+        self._recorder.close()
+
+
+class Recorder(EpisodeRecorder):
+    """Writes the logs of a flight whose truth is known."""
+
+    def __init__(self, folder: Path, origin: Origin, measure: Measure, camera: CameraModel) -> None:
+        super().__init__(folder)
+        self._origin, self._measure, self._camera = origin, measure, camera
+        self._truth_parser = Parser()
+        self._telemetry: dict[int, tuple[Parser, ResetWatch]] = {}  # by drone
+        self._samples: dict[int, deque[LazySample]] = {}
+        self._pitches: dict[int, float] = {}  # rad, gimbal pitch by system id; the bus sends it before the drone's pose
+        self._next_pose: dict[int, int] = {}
+        self._due: deque[LazySample] = deque()  # poses that wait for the positions of the other drones
+
+    def begin(self, t0_us: int, cap_s: float | None = None) -> None:
+        self._t0_us = t0_us
+        sending = {drone for drone, (_, watch) in self._telemetry.items() if watch.sends_counter}
+        resets = True if sending and sending >= set(self._samples) else UNSET
+        self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, contacts=True, resets=resets))
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        if self._t0_us is not None:
+            self._write_poses(waiting=False)
+        super().end(reason, error)
 
     def truth(self, data: bytes) -> None:
         """Process bytes of the truth bus."""
@@ -187,9 +223,6 @@ class Recorder:
         fleet = [nearest(kept, sample.time_us).sample for k, kept in self._samples.items() if k != sample.drone]
         measured = self._measure(self._t(sample.time_us), sample, self._camera, fleet)
         return {field.name: _rounded(getattr(measured, field.name), field.name) for field in fields(measured)}
-
-    def _t(self, time_us: int) -> float:
-        return round((time_us - (self._t0_us or 0)) / 1e6, 6)
 
 
 def _body(sample: TruthSample) -> dict[str, Any]:

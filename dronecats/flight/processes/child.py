@@ -30,11 +30,11 @@ class Part(Protocol):
 
     def ready(self) -> dict[str, Any]:
         """Return facts for the parent, such as the ports that were bound."""
-        ...
+        return {}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         """Carry out a command and return its answer."""
-        ...
+        return None
 
     def turn(self) -> None:
         """Do a little work, or wait briefly for work. The main loop calls it repeatedly."""

@@ -8,6 +8,7 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from dronecats.flight.processes.child import Part
 from dronecats.flight.sitl.config import TruthBridgeConfig
 from dronecats.flight.sitl.simulation import TruthBus, boot_poses, load_world, origin
 from dronecats.flight.sitl.sockets import UdpPort
@@ -134,7 +135,7 @@ class TruthSource:
                 self._samples.append((time_us, message))
 
 
-class TruthBridge:
+class TruthBridge(Part):
     """The truth bridge as a child process, for a vehicle with its own simulation in an episode's world."""
 
     def __init__(self, config: TruthBridgeConfig) -> None:
@@ -153,9 +154,6 @@ class TruthBridge:
     def ready(self) -> dict[str, Any]:
         """Return the port of the bus, and the fields of the `Placement`."""
         return {"truth": self._port.port, "placement": asdict(self._placement)}
-
-    def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        return None
 
     def turn(self) -> None:
         for time_us, message in self._source.read(0.02):
