@@ -2,12 +2,13 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Unpack
 
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.pace import PaceReport, RateKeeper
 from dronecats.flight.sitl.px4 import HilVehicle
-from dronecats.flight.sitl.simulation import BootPose, Physics, Simulation, build, load_world
+from dronecats.flight.sitl.simulation import BootPose, Physics, Simulation, build_configured, load_world
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, GCS_PORT, LOOPBACK, UdpPort, truth_port
 from foundation.airframe import Airframe
 from foundation.mavlink import Packer
@@ -67,14 +68,10 @@ class BoardSimulator:
         url, instance = config.hitl or "", config.instance or 0
         period_us = sensor_period_us(url)
         self._line = BoardLine(lambda: connect(url), Packer(1, TRUTH_COMPONENT))
-        self.simulation: Simulation[BoardVehicle] = build(
+        self.simulation: Simulation[BoardVehicle] = build_configured(
             lambda *arguments, **physics: BoardVehicle(*arguments, line=self._line, period_us=period_us, **physics),
             load_world(config.episode),
-            airframe=config.airframe,
-            seed=config.seed,
-            count=1,
-            disturbances=config.disturbances,
-            from_boot=config.from_boot,
+            replace(config, count=1, faults=None),
         )
         self._vehicle = self.simulation.vehicles[0]
         self._vehicle.plant.advance(0)  # compiles the physics on the first run of an installation

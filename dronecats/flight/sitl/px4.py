@@ -22,9 +22,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Unpack
 
-from dronecats.flight.sitl.config import SimulatorConfig, noise_seed
-from dronecats.flight.sitl.pace import PaceReport, RateKeeper, Staller
-from dronecats.flight.sitl.simulation import STEP_US, TICK_US, BootPose, Physics, Simulation, Vehicle, build, load_world
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.sitl.simulation import (
+    STEP_US,
+    TICK_US,
+    BootPose,
+    PacedSimulator,
+    Physics,
+    Vehicle,
+    build_configured,
+    load_world,
+)
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
 from episodes.world.world import World
 from foundation.airframe import Airframe
@@ -45,7 +53,6 @@ from hil.simulator import (
     sensor_message,
 )
 from vehicles import airframe as airframes
-from vehicles import fault_script
 from vehicles.sensors import Suite
 
 EXCHANGE_US = 4_000  # PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
@@ -305,7 +312,7 @@ def _print_line(line: str) -> None:
     sys.stderr.write(f"{line}\n")
 
 
-class Px4Simulator:
+class Px4Simulator(PacedSimulator[Px4Vehicle]):
     """The simulator with PX4. Once every PX4 has connected, one turn is one tick of the simulation."""
 
     def __init__(
@@ -317,26 +324,18 @@ class Px4Simulator:
         `state_dir`, PX4 runs in a temporary folder.
         """
         world = world or load_world(config.episode)
-        script, command = config.faults, config.px4
-        rotors = len(airframes.require_quadrotor(airframes.load(config.airframe)).rotors)
+        super().__init__(config, world)
+        command = config.px4
+        airframes.require_quadrotor(airframes.load(config.airframe))
         self._notify, self._restarts = notify, config.restart
-        self.speed: float | None = config.speed
+        self.speed = config.speed
         with ExitStack() as stack:
             self._passing = stack.enter_context(TemporaryDirectory(prefix="dronecats-px4-", ignore_cleanup_errors=True))
             self._servers = _servers(config, config.count or len(world.record.starts))
             for server in self._servers:
                 stack.callback(server.close)
             self.instance = self._servers[0].port - PORT
-            self.simulation: Simulation[Px4Vehicle] = build(
-                self._vehicle,
-                world,
-                airframe=config.airframe,
-                seed=config.seed,
-                count=config.count,
-                from_boot=config.from_boot,
-                disturbances=config.disturbances,
-                faults=fault_script.load(Path(script), rotors) if script else (),
-            )
+            self.simulation = build_configured(self._vehicle, world, config)
             self.vehicles = self.simulation.vehicles
             for vehicle in self.vehicles:
                 vehicle.plant.advance(0)  # compiles the physics on the first run of an installation
@@ -345,7 +344,6 @@ class Px4Simulator:
             self._in_step = [False] * len(self.vehicles)
             self._started_at = [0] * len(self.vehicles)
             self._processes: list[Px4Process] = []
-            self._staller = Staller(config.disturbances, noise_seed(world.record.seed, config.seed, 0))
             if config.keep_ulogs:
                 stack.callback(self._keep_ulogs, Path(config.keep_ulogs), Path(config.state_dir or self._passing))
             if command is not None:
@@ -377,8 +375,7 @@ class Px4Simulator:
             shutil.copyfile(logs[-1], kept / onboard_log_name(vehicle.index))
 
     def _reset_pace(self) -> None:
-        self._keeper = RateKeeper(TICK_US / 1e6 / (self.speed or 1.0))
-        self.pace = PaceReport(self._keeper)
+        super()._reset_pace()
         self._began_s, self._began_us = time.monotonic(), self.simulation.time_us
 
     def summary(self) -> str:
@@ -398,14 +395,7 @@ class Px4Simulator:
         return {"agent": agent, "log": [], "truth": self._truth.port, "px4": px4}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        if command == "begin":
-            self.simulation.begin(arguments["t0_us"])
-            self._staller.begin(arguments["t0_us"])
-        if command == "pace":
-            return self._keeper.figures()
-        if command == "in step":
-            return all(self._in_step)
-        return None
+        return all(self._in_step) if command == "in step" else super().do(command, arguments)
 
     def turn(self) -> None:
         self._look_after()

@@ -8,14 +8,15 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, Required, TypedDict, TypeVar, Unpack
+from typing import Any, Generic, Required, TypedDict, TypeVar, Unpack
 
 from autopilot.autopilot import Autopilot
 from autopilot.control.flight_core import FlightCore
 from dronecats.flight.sitl.collisions import CollisionReport, Encounters, Traffic
-from dronecats.flight.sitl.config import AIRFRAME, noise_seed
+from dronecats.flight.sitl.config import AIRFRAME, SimulatorConfig, noise_seed
 from dronecats.flight.sitl.failures import Failures
 from dronecats.flight.sitl.fused import Fused
+from dronecats.flight.sitl.pace import PaceReport, RateKeeper, Staller
 from dronecats.flight.spec.disturbances import VehicleFaults
 from episodes.maps.assets.multirotor import outline
 from episodes.records import catalogue
@@ -32,6 +33,7 @@ from foundation.sensors import TRUTH
 from foundation.terrain import FLAT, OPEN, HeightField, Obstacles
 from foundation.truth import TRUTH_COMPONENT, Origin, gimbal_message, truth_message
 from vehicles import airframe as airframes
+from vehicles import fault_script
 from vehicles.airframe import with_payload
 from vehicles.faults import Fault
 from vehicles.gimbal import Gimbal
@@ -409,6 +411,43 @@ def build(
         disturbances,
         from_boot=from_boot,
     )
+
+
+def build_configured(make: Callable[..., V], world: World, config: SimulatorConfig) -> Simulation[V]:
+    """Return the simulation that a configuration describes; `make` as in `build`. Raises UsageError as `build`."""
+    rotors = len(airframes.load(config.airframe).rotors)
+    return build(
+        make,
+        world,
+        airframe=config.airframe,
+        seed=config.seed,
+        count=config.count,
+        disturbances=config.disturbances,
+        from_boot=config.from_boot,
+        faults=fault_script.load(Path(config.faults), rotors) if config.faults else (),
+    )
+
+
+class PacedSimulator(Generic[V]):
+    """The `Part` of a simulator that follows the wall clock: its simulation, pace and stalls."""
+
+    simulation: Simulation[V]
+    speed: float | None  # factor on real time; None: as fast as possible
+
+    def __init__(self, config: SimulatorConfig, world: World) -> None:
+        self._staller = Staller(config.disturbances, noise_seed(world.record.seed, config.seed, 0))
+
+    def _reset_pace(self) -> None:
+        self._keeper = RateKeeper(TICK_US / 1e6 / (self.speed or 1.0))
+        self.pace = PaceReport(self._keeper)
+
+    def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        if command == "begin":
+            self.simulation.begin(arguments["t0_us"])
+            self._staller.begin(arguments["t0_us"])
+        if command == "pace":
+            return self._keeper.figures()
+        return None
 
 
 def load_world(

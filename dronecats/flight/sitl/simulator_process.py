@@ -5,40 +5,34 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from dronecats.flight.processes.child import Part
-from dronecats.flight.sitl.config import SimulatorConfig, noise_seed
-from dronecats.flight.sitl.pace import PaceReport, RateKeeper, Staller
-from dronecats.flight.sitl.simulation import TICK_US, BootPose, Physics, SimulatedVehicle, build, load_world
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.sitl.simulation import (
+    BootPose,
+    PacedSimulator,
+    Physics,
+    SimulatedVehicle,
+    build_configured,
+    load_world,
+)
 from dronecats.flight.sitl.sockets import Ports
 from foundation.airframe import Airframe
 from foundation.signing import load_key, timestamp
-from vehicles import airframe as airframes
-from vehicles import fault_script
 
 WORK_SHARE = 0.1  # largest share of a tick for client messages, before the simulation step and again after it
 
 
-class Simulator:
+class Simulator(PacedSimulator[SimulatedVehicle]):
     """The simulator with the project's autopilot. One turn is one tick of the simulation."""
 
     def __init__(self, config: SimulatorConfig) -> None:
         world = load_world(config.episode)
-        script = config.faults
-        rotors = len(airframes.load(config.airframe).rotors)
+        super().__init__(config, world)
 
         def make(index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> SimulatedVehicle:
             folder = Path(config.state_dir) / f"vehicle-{index + 1}" if config.state_dir else None
             return SimulatedVehicle(index, airframe, pose, state_dir=folder, **physics)
 
-        self.simulation = build(
-            make,
-            world,
-            airframe=config.airframe,
-            seed=config.seed,
-            count=config.count,
-            from_boot=config.from_boot,
-            disturbances=config.disturbances,
-            faults=fault_script.load(Path(script), rotors) if script else (),
-        )
+        self.simulation = build_configured(make, world, config)
         if config.least_charge is not None:
             for vehicle in self.simulation.vehicles:
                 vehicle.plant.keep_charge(config.least_charge)
@@ -50,27 +44,16 @@ class Simulator:
             for vehicle in self.simulation.vehicles:
                 vehicle.sign(key, now)
         self.speed = 1.0 if config.speed is None else config.speed
-        self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
-        self.pace = PaceReport(self._keeper)
-        self._staller = Staller(config.disturbances, noise_seed(world.record.seed, config.seed, 0))
+        self._reset_pace()
 
     def ready(self) -> dict[str, Any]:
         """Start the rate keeper anew, because starting up took time, and return the ports."""
-        self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
-        self.pace = PaceReport(self._keeper)
+        self._reset_pace()
         return {
             "agent": [port.port for port in self.ports.agent],
             "log": [port.port for port in self.ports.log],
             "truth": self.ports.truth.port,
         }
-
-    def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        if command == "begin":
-            self.simulation.begin(arguments["t0_us"])
-            self._staller.begin(arguments["t0_us"])
-        if command == "pace":
-            return self._keeper.figures()
-        return None
 
     def turn(self) -> None:
         work_s = WORK_SHARE * self._keeper.period_s
