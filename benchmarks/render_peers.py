@@ -146,7 +146,7 @@ PEERS: dict[str, Callable[[dict[str, Any], Path], dict[str, float]]] = {"mujoco"
 def compare(folder: Path, exported: Path, ours: Callable[[], dict[str, float]]) -> dict[str, Any]:
     """Return per peer its milliseconds, the project's, and their ratio, or a `note` on why it is absent.
 
-    `exported` is the folder that `render_export.export` wrote. `ours` times the project's renderer and is called before
+    `exported` is the folder that `render.export` wrote. `ours` times the project's renderer and is called before
     each peer. The first picture of each peer is kept as `DIR/NAME.npy`, (720, 1280, 3).
     """
     results: dict[str, Any] = {}

@@ -6,7 +6,7 @@ import sys
 from sphinx.cmd.build import build_main
 
 from docs.website import api, commands, pages
-from docs.website.places import CONFIGURATION, DOCTREES, PAGES, SITE
+from docs.website.pages import CONFIGURATION, DOCTREES, PAGES, SITE
 
 
 def main() -> int:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from docs.website.docstrings import document_comments, process
+from docs.website.api import document_comments, process
 from foundation.version import __version__
 
 project = "DroneCATS"

@@ -16,7 +16,12 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path, PurePosixPath
 
-from docs.website.places import ROOT
+# folders of the site's build
+ROOT = Path(__file__).parents[2]
+CONFIGURATION = Path(__file__).parent
+PAGES = ROOT / "build" / "docs" / "pages"  # copies of the committed pages, and the generated ones
+DOCTREES = ROOT / "build" / "docs" / "doctrees"
+SITE = ROOT / "build" / "site"
 
 INDEX = PurePosixPath("docs/README.md")
 FRONT = "README.md"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks import render_peers as peers
-from benchmarks.render_export import export
+from benchmarks.render import export
 from episodes.camera.renderer import Renderer
 from episodes.maps.scene import Material
 from foundation.camera import CameraModel

@@ -14,7 +14,7 @@ from tests.needs import needs
 pytestmark = pytest.mark.slow("whole benchmark commands")
 ROOT = Path(__file__).parents[2]
 # modules that the benchmarks share, not commands
-PARTS = {"machine", "stand_in", "page_client", "flight_peers", "render_peers", "render_export"}
+PARTS = {"machine", "stand_in", "page_client", "flight_peers", "render_peers"}
 SPEEDS = {f"{name}_{of}" for name in ("core", "mavlink", "mavlink_onboard", "fleet4") for of in ("rtf", "rtf_x_loop")}
 MILLISECONDS = {f"ms_{size}" for size in ("1280x720", "640x360", "agent", "fleet4_agent")}
 

@@ -7,8 +7,8 @@ from pathlib import PurePosixPath
 import pytest
 
 from docs.website import api, commands, pages
-from docs.website.docstrings import preformatted
-from docs.website.places import ROOT
+from docs.website.api import preformatted
+from docs.website.pages import ROOT
 from dronecats.cli.main import VERBS, command_parser
 
 PAGE = PurePosixPath("docs/sitl.md")
