@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from foundation.errors import InfrastructureError, UsageError
+from foundation.errors import DronecatsError, InfrastructureError, UsageError
 
 
 @contextlib.contextmanager
@@ -28,6 +28,15 @@ def whole_file(path: Path) -> Iterator[Path]:
         with contextlib.suppress(OSError):
             draft.unlink()
         raise
+
+
+@contextlib.contextmanager
+def file_errors_as(kind: type[DronecatsError], failure: str, advice: str = "") -> Iterator[None]:
+    """Raise `kind` in place of an OSError of the block, with the text `failure: reason` and then `advice`."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{failure}: {error.strerror or error}{advice}") from None
 
 
 def check_folder(path: Path) -> None:

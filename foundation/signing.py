@@ -11,6 +11,7 @@ import struct
 from pathlib import Path
 
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 from foundation.mavlink import dialect
 
 KEY_BYTES = 32
@@ -23,10 +24,8 @@ EPOCH_S = 1_420_070_400  # s of Unix time, 2015-01-01
 
 def load_key(path: Path) -> bytes:
     """Return the key in a file of 32 bytes or 64 hexadecimal digits. Raises UsageError."""
-    try:
+    with file_errors_as(UsageError, f"--sign {path} cannot be read", ". Give a file with a key"):
         data = path.read_bytes()
-    except OSError as error:
-        raise UsageError(f"--sign {path} cannot be read: {error.strerror}. Give a file with a key") from None
     digits = data.strip()
     if len(digits) == 2 * KEY_BYTES:
         try:

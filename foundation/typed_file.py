@@ -21,6 +21,7 @@ import msgspec
 
 from foundation.conversion import convert
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 from foundation.wording import suggestion
 
 BYTES_MAX = 1_000_000  # size limit of a file that people write
@@ -45,11 +46,8 @@ PlacedFault = tuple[str, str]  # place of a value in the file, and what is wrong
 
 def file_bytes(path: Path, where: str, bytes_max: int = BYTES_MAX) -> bytes:
     """Return the content of a file of at most `bytes_max`. `where` names the file in errors. Raises UsageError."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(bytes_max + 1)
-    except OSError as error:
-        raise UsageError(f"{where} cannot be read: {error.strerror}") from None
+    with file_errors_as(UsageError, f"{where} cannot be read"), path.open("rb") as file:
+        data = file.read(bytes_max + 1)
     _check_size(data, where, bytes_max)
     return data
 

@@ -1,7 +1,7 @@
 """The folder of a benchmark: bench.json, a folder per run, and one ledger for all runs."""
 
 from collections.abc import Callable, Collection, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,8 @@ from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.spec_file import as_redacted_json
 from dronecats.pilots import roster
 from foundation.errors import UsageError
+from foundation.files import file_errors_as, write_json
 from foundation.run_folder import layout
-from foundation.run_folder.folder import write_json
 from foundation.run_folder.reading import json_object, stored_result
 from foundation.run_folder.results import Result
 from foundation.run_folder.writing import as_json
@@ -113,15 +113,13 @@ class Bench:
 
     def _with_other_runs(self, now: dict[str, Any]) -> dict[str, Any]:
         """Return the contents of bench.json: the runs of `now`, then the other runs of the existing file."""
-        try:
+        with _folder_errors(self.out):
             before = json_object(self.out / layout.BENCH)
             paths = self.out.iterdir() if self.out.exists() else ()
             if before is None and any(not path.name.startswith(layout.STUDY) for path in paths):
                 raise UsageError(
                     f"{self.out} is not empty and has no {layout.BENCH}, so it is not a benchmark. Choose another --out"
                 )
-        except OSError as error:
-            raise _unwritable(self.out, error) from None
         if before is not None and before.get("suite") != now["suite"]:
             raise UsageError(f"{self.out} is a benchmark with other episodes. Choose another --out")
         names = {run["name"] for run in now["runs"]}
@@ -129,16 +127,14 @@ class Bench:
         return {**now, "runs": [*now["runs"], *kept]}
 
     def _write(self, manifest: dict[str, Any], first: Callable[[], None]) -> None:
-        try:
+        with _folder_errors(self.out):
             self.out.mkdir(parents=True, exist_ok=True)
             first()
             write_json(self.out / layout.BENCH, manifest)
-        except OSError as error:
-            raise _unwritable(self.out, error) from None
 
 
-def _unwritable(folder: Path, error: OSError) -> UsageError:
-    return UsageError(f"the folder {folder} cannot be written: {error.strerror}. Choose another --out")
+def _folder_errors(folder: Path) -> AbstractContextManager[None]:
+    return file_errors_as(UsageError, f"the folder {folder} cannot be written", ". Choose another --out")
 
 
 def setting_of(entry: BenchEntry) -> str:

@@ -18,7 +18,7 @@ from dronecats.judge.metrics.failure_mode import is_stuck, poses_of, track_m
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord
 from foundation.errors import InfrastructureError, UsageError
-from foundation.files import write_json
+from foundation.files import file_errors_as, write_json
 from foundation.run_folder import layout
 from foundation.run_folder.folder import LOCK, differences, hold, prepare, write_run
 from foundation.run_folder.reading import json_object
@@ -38,7 +38,7 @@ class Batch:
         """
         self.run = run
         self._records: dict[str, EpisodeRecord] = {}
-        try:
+        with file_errors_as(UsageError, f"the run folder {run} cannot be written"):
             run.mkdir(parents=True, exist_ok=True)
             self._lock = hold(run / LOCK, run)
             before = json_object(run / layout.RUN)
@@ -52,8 +52,6 @@ class Batch:
             elif any(path.name != LOCK for path in run.iterdir()):
                 raise UsageError(f"{run} is not empty and has no run.json, so it is not a run. Choose another --out")
             write_run(run, dict(configuration))
-        except OSError as error:
-            raise UsageError(f"the run folder {run} cannot be written: {error.strerror}") from None
 
     def close(self) -> None:
         """Release the run for another process."""
@@ -208,10 +206,8 @@ class Campaign:
         return before - len(self._todo)
 
     def _sortie(self, run: OpenRun, episode: str) -> Sortie:
-        try:
+        with file_errors_as(InfrastructureError, f"{run.batch.run} cannot be written"):
             folder = run.batch.fresh(episode)
-        except OSError as error:
-            raise InfrastructureError(f"{run.batch.run} cannot be written: {error.strerror}") from None
         flight = replace(run.entry.flight, episode=None, record=run.batch.record(episode))
         return Sortie(flight=flight, folder=folder)
 

@@ -24,6 +24,7 @@ from dronecats.flight.run.identity import code_digest
 from dronecats.flight.spec.flight_spec import ON_CLUSTER
 from dronecats.flight.spec.spec_file import as_json
 from foundation.errors import InfrastructureError, UsageError
+from foundation.files import file_errors_as
 
 FLIGHTS_MAX = 64  # flights at a time per actor; each has a thread, which mostly waits for a model
 LOOK = "look"  # concurrency group with a thread of its own, so that checks do not wait for flights
@@ -249,7 +250,7 @@ def _keeper(ledger: Path) -> tuple[Any, str]:
 
 def _write_files(files: Mapping[str, bytes], folder: Path) -> None:
     """Write the files of an episode, by their paths in its folder. Raises InfrastructureError."""
-    try:
+    with file_errors_as(InfrastructureError, f"{folder} cannot be written"):
         for name, data in files.items():
             inside = PurePosixPath(name)
             if inside.is_absolute() or ".." in inside.parts:
@@ -257,8 +258,6 @@ def _write_files(files: Mapping[str, bytes], folder: Path) -> None:
             path = folder / inside
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
-    except OSError as error:
-        raise InfrastructureError(f"{folder} cannot be written: {error.strerror}") from None
 
 
 def _first_line(fault: Exception) -> str:

@@ -10,6 +10,7 @@ from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import add_page, page_of, serve
 from dronecats.cli.output import print_line, show
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 
 
 def add_edit_options(parser: argparse.ArgumentParser) -> None:
@@ -67,10 +68,8 @@ def _new(args: argparse.Namespace) -> int:
     first = proposals.first_free(args.map, args.cell) if args.first is None else args.first
     request = proposals.RecordRequest(args.map, args.cell, first, args.count, args.seed, args.map_seed)
     records = proposals.propose(request)
-    try:
+    with file_errors_as(UsageError, f"--out '{args.out}' cannot be created", ". Choose another --out"):
         args.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"--out '{args.out}' cannot be created: {error.strerror}. Choose another --out") from None
     files = []
     for record in records:
         file = args.out / f"{record.id}.json"
@@ -83,12 +82,10 @@ def _new(args: argparse.Namespace) -> int:
 
 def _write(file: Path, text: str) -> None:
     """Write a record. Raises UsageError if the file has another record or cannot be written."""
-    try:
+    with file_errors_as(UsageError, f"'{file}' cannot be written"):
         if file.exists() and file.read_bytes() != text.encode():
             raise UsageError(f"'{file}' has another record. Choose another --out or --first")
         file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"'{file}' cannot be written: {error.strerror}") from None
 
 
 def add_sheet_options(parser: argparse.ArgumentParser) -> None:

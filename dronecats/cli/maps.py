@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 
 if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
@@ -80,10 +81,8 @@ def run(args: argparse.Namespace) -> int:
         else:
             show(_table(_facts(scene)))
         return 0
-    try:
+    with file_errors_as(UsageError, f"'{args.out}' cannot be written"):
         gltf.save(scene, args.out)
-    except OSError as error:
-        raise UsageError(f"'{args.out}' cannot be written: {error.strerror}") from None
     print(f"written: {args.out}, {args.out.stat().st_size / 1e6:.1f} MB")
     return 0
 

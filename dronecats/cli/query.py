@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from dronecats.cli.output import print_note, show, write_data
 from foundation.errors import UsageError
-from foundation.files import whole_file
+from foundation.files import file_errors_as, whole_file
 from foundation.wording import counted
 
 if TYPE_CHECKING:
@@ -91,10 +91,8 @@ def _answer(args: argparse.Namespace) -> "QueryResult":
     from dronecats.report.recorded.run import recorded_runs
     from dronecats.report.results.database import query
 
-    try:
+    with file_errors_as(UsageError, f"{args.parquet} cannot be written"):
         answer = query(args.sql, recorded_runs(args.runs or [Path("runs")]), args.parquet)
-    except OSError as error:
-        raise UsageError(f"{args.parquet} cannot be written: {error.strerror}") from None
     for episode in answer.damage:
         print_note(f"dronecats query: damaged, and only in the table episodes: {episode}")
     return answer
@@ -108,11 +106,12 @@ def _csv(answer: "QueryResult", file: str) -> None:
         write_data(text.getvalue())
         return
     path = Path(file)
-    try:
-        with whole_file(path) as draft, draft.open("w", encoding="utf-8", newline="") as out:
-            csv.writer(out, lineterminator="\n").writerows(lines)
-    except OSError as error:
-        raise UsageError(f"{file} cannot be written: {error.strerror}") from None
+    with (
+        file_errors_as(UsageError, f"{file} cannot be written"),
+        whole_file(path) as draft,
+        draft.open("w", encoding="utf-8", newline="") as out,
+    ):
+        csv.writer(out, lineterminator="\n").writerows(lines)
 
 
 def _cell(value: Any) -> Any:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import print_wrapped, show
 from foundation.errors import UsageError
-from foundation.files import whole_file, write_text
+from foundation.files import file_errors_as, whole_file, write_text
 from foundation.wording import counted
 
 if TYPE_CHECKING:
@@ -129,10 +129,8 @@ def _leaderboard(args: argparse.Namespace) -> int:
     if args.out is None:
         print(text, end="")
         return 0
-    try:
+    with file_errors_as(UsageError, f"{args.out} cannot be written"):
         write_text(args.out, text)
-    except OSError as error:
-        raise UsageError(f"{args.out} cannot be written: {error.strerror}") from None
     return 0
 
 

@@ -12,7 +12,7 @@ from msgspec import UNSET
 from dronecats.judge.judged_flight import JudgedFlight, gaps, outcome
 from dronecats.judge.verdict import NOTHING_KNOWN, SAME_S, consistent
 from foundation.errors import InfrastructureError, UsageError
-from foundation.files import write_json
+from foundation.files import file_errors_as, write_json
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder import layout
 from foundation.run_folder.layout import COMMANDER, EPISODE
@@ -179,10 +179,8 @@ def write_verdict(folder: Path, delta_m: float = RADIUS_M) -> Verdict:
     """
     verdict = verdict_of(folder, delta_m)
     path = folder / layout.VERDICT
-    try:
+    with file_errors_as(InfrastructureError, f"{path} cannot be written"):
         write_json(path, verdict.as_json())
-    except OSError as error:
-        raise InfrastructureError(f"{path} cannot be written: {error.strerror}") from None
     return verdict
 
 

@@ -29,6 +29,7 @@ from dronecats.report.recorded.telemetry import DroneTelemetry
 from dronecats.report.recorded.tracks import onboard_log_path, track_of_rows, ulog_topics
 from foundation.conversion import convert
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic, vec3
 from foundation.protocol import POSE_PERIOD_S
 from foundation.run_folder import layout
@@ -303,10 +304,8 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
         if (common := fields(t))
     ]
     file = folder / layout.ESTIMATE
-    try:
+    with file_errors_as(UsageError, f"{file} cannot be written"):
         write_lines(file, [head, *poses, *seen])
-    except OSError as error:
-        raise UsageError(f"{file} cannot be written: {error.strerror}") from None
     return file
 
 

@@ -22,6 +22,7 @@ from dronecats.report.table import ReportTable, TableCell, TableRow, rounded
 from dronecats.report.tables.measures import QUANTILES
 from episodes.records.record import CELLS
 from foundation.errors import InfrastructureError
+from foundation.files import file_errors_as
 
 WIDTH_IN = 6.9  # inches, width of the text on a page
 FORMATS = ("svg", "pdf", "png")
@@ -110,23 +111,19 @@ def label_rows(axis: Any, rows: Sequence[FigureLine], heads: Sequence[tuple[str,
 
 def save(drawing: Any, out: Path, name: str) -> Path:
     """Write the figure as SVG, PDF and PNG, and return the PNG's path. Raises InfrastructureError if this fails."""
-    try:
+    with file_errors_as(InfrastructureError, f"the figure {out / name} cannot be written"):
         out.mkdir(parents=True, exist_ok=True)
         for kind in FORMATS:
             metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None, "ModDate": None}, "png": {}}[kind]
             drawing.savefig(out / f"{name}.{kind}", metadata=metadata)
-    except OSError as full:
-        raise InfrastructureError(f"the figure {out / name} cannot be written: {full.strerror}") from None
     return out / f"{name}.png"
 
 
 def remove(out: Path, name: str) -> None:
     """Remove the files of a figure, if there are any. Raises InfrastructureError if this fails."""
-    try:
+    with file_errors_as(InfrastructureError, f"the figure {out / name} cannot be removed"):
         for kind in FORMATS:
             (out / f"{name}.{kind}").unlink(missing_ok=True)
-    except OSError as error:
-        raise InfrastructureError(f"the figure {out / name} cannot be removed: {error.strerror}") from None
 
 
 NESTED = (  # column of the table, title, colour

@@ -11,6 +11,7 @@ from dronecats.report.tables import comparison, measures, outcomes, setup
 from dronecats.report.writers import as_csv, as_latex, as_markdown, as_shell, escaped
 from episodes.records.catalogue import load_blind
 from foundation.errors import InfrastructureError
+from foundation.files import file_errors_as
 from foundation.protocol import RADIUS_M
 from foundation.wording import counted
 
@@ -61,14 +62,12 @@ def write(tables: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequ
     be written.
     """
     page = out / "report.md"
-    try:
+    with file_errors_as(InfrastructureError, f"the report cannot be written into {out}"):
         _remove_tables(set(TABLE_NAMES).difference(table.name for table in tables), out / "tables")
         write_tables(tables, out / "tables")
         page.write_text(
             _page(tables, {name: path.relative_to(out) for name, path in figures.items()}, head), encoding="utf-8"
         )
-    except OSError as error:
-        raise InfrastructureError(f"the report cannot be written into {out}: {error.strerror}") from None
     return page
 
 

@@ -14,7 +14,7 @@ from dronecats.flight.spec.spec_file import as_redacted_json
 from dronecats.study.factors import factor_of, level_text
 from dronecats.study.plan import StudyPlan
 from foundation.errors import UsageError
-from foundation.files import write_json
+from foundation.files import file_errors_as, write_json
 from foundation.run_folder import layout
 from foundation.run_folder.folder import PER_EPISODE, PER_RESUME
 from foundation.run_folder.reading import json_object, parse_row
@@ -39,11 +39,9 @@ def read(folder: Path) -> Study:
 
 def write(folder: Path, study: Study) -> None:
     """Write study.json. Raises UsageError if the folder cannot be written."""
-    try:
+    with file_errors_as(UsageError, f"the folder {folder} cannot be written", ". Choose another --out"):
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / layout.STUDY, as_json(study))
-    except OSError as error:
-        raise UsageError(f"the folder {folder} cannot be written: {error.strerror}. Choose another --out") from None
 
 
 def _checked(study: Study) -> Study:

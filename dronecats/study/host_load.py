@@ -21,6 +21,7 @@ from dronecats.judge.statistics.shares import wilson
 from dronecats.report.table import CellValue, ReportTable, numbers, table_of, words
 from dronecats.report.writers import as_markdown, as_shell
 from foundation.errors import InfrastructureError
+from foundation.files import file_errors_as
 from foundation.run_folder import layout
 from foundation.run_folder.reading import stored_result
 from foundation.run_folder.results import SCORED
@@ -323,11 +324,9 @@ def _mark_cells(case: str, marking: Marking) -> tuple[CellValue, ...]:
 def write(findings: LoadFindings, out: Path, command: str, machine: str) -> Sequence[Path]:
     """Write the page and the JSON file into a folder and return their paths. Raises InfrastructureError."""
     page, data = out / f"{NAME}.md", out / f"{NAME}.json"
-    try:
+    with file_errors_as(InfrastructureError, f"{out} cannot be written"):
         made = "\n".join(map(as_markdown, tables(findings)))
         head = f"# A busy host\n\n{as_shell([command])}\n{TEXT}\n\n"
         page.write_text(f"{head}{made}\n{machine}\n", encoding="utf-8")
         data.write_text(json.dumps({"command": command, **findings.as_json()}, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InfrastructureError(f"{out} cannot be written: {error.strerror}") from None
     return page, data

@@ -28,6 +28,7 @@ from episodes.maps.scene import Instance, Mesh, Scene, Sun
 from episodes.records import catalogue
 from foundation.camera import WIDTH_MAX, CameraPose, encode
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 from foundation.frames import quat_from_euler
 from foundation.terrain import FLAT
 from foundation.wording import suggestion
@@ -170,7 +171,7 @@ def write_probe(folder: Path, seed: int = 0) -> list[Probe]:
     rng, taken = np.random.default_rng(seed), used_inscriptions()
     probes: list[Probe] = []
     rows = []
-    try:
+    with file_errors_as(UsageError, f"the probe cannot be written to '{folder}'", ". Choose another --out"):
         folder.mkdir(parents=True, exist_ok=True)
         for kind in KINDS:
             cells = []
@@ -187,8 +188,6 @@ def write_probe(folder: Path, seed: int = 0) -> list[Probe]:
         index = json.dumps({"seed": seed, "probes": [asdict(p) for p in probes]}, indent=2)
         (folder / "index.json").write_text(index + "\n", encoding="utf-8")
         (folder / "contact-sheet.png").write_bytes(cv2.imencode(".png", np.concatenate(rows))[1].tobytes())
-    except OSError as error:
-        raise UsageError(f"the probe cannot be written to '{folder}': {error.strerror}. Choose another --out") from None
     return probes
 
 

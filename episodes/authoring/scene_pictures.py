@@ -22,6 +22,7 @@ from episodes.world.world import World
 from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.conditions import SceneConditions
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 from foundation.frames import quat_from_euler
 
 Picture = NDArray[np.uint8]  # (H, W, 3) sRGB
@@ -210,8 +211,6 @@ def jpeg(picture: Picture, quality: int, optimize: bool = True) -> bytes:
 
 def write_picture(data: bytes, file: Path) -> None:
     """Write an encoded picture, and create its folder if it is missing. Raises UsageError if that fails."""
-    try:
+    with file_errors_as(UsageError, f"the picture '{file}' cannot be written", "."):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data)
-    except OSError as error:
-        raise UsageError(f"the picture '{file}' cannot be written: {error.strerror}.") from None

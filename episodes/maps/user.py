@@ -7,7 +7,7 @@ from pathlib import Path
 
 from episodes.maps.scene import Scene
 from foundation.errors import UsageError
-from foundation.files import whole_file
+from foundation.files import file_errors_as, whole_file
 from foundation.wording import did_you_mean, nearest
 
 FOLDER = "DRONECATS_MAPS"  # environment variable: where the maps are
@@ -73,10 +73,8 @@ def add(
     if kept.exists() and not replace:
         raise UsageError(f"you already have a map '{name}'. Choose another name, or add --replace.")
     scene = gltf.load(path, spawn, name)
-    try:
+    with file_errors_as(UsageError, f"the map cannot be written to '{kept.parent}'", "."):
         kept.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(kept) as draft:
             gltf.save(scene, draft)
-    except OSError as error:
-        raise UsageError(f"the map cannot be written to '{kept.parent}': {error.strerror}.") from None
     return scene

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 
 
 def print_line(text: str) -> None:
@@ -12,7 +13,5 @@ def print_line(text: str) -> None:
 
 def make_folder(path: Path) -> None:
     """Create a folder and its parents. Raises UsageError if that fails."""
-    try:
+    with file_errors_as(UsageError, f"'{path}' cannot be created", "."):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"'{path}' cannot be created: {error.strerror}.") from None

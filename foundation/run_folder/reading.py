@@ -15,6 +15,7 @@ import msgspec
 
 from foundation.conversion import convert, decoder
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 from foundation.run_folder import layout
 from foundation.run_folder.results import Result
 from foundation.run_folder.rows import (
@@ -265,10 +266,8 @@ class LogLine:
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield the lines that are not blank, with their numbers as in `LogLine`. Raises UsageError."""
-    try:
+    with file_errors_as(UsageError, f"{path} cannot be read", ". Name the folder of an episode"):
         data = path.read_bytes()
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror}. Name the folder of an episode") from None
     texts = data.split(b"\n")
     for number, text in enumerate(texts, 1):
         if text and not text.isspace():

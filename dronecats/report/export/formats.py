@@ -16,7 +16,7 @@ from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results import tables as tabulation
 from dronecats.report.results.tables import TABLES
 from foundation.errors import UsageError
-from foundation.files import check_folder, whole_file
+from foundation.files import check_folder, file_errors_as, whole_file
 from foundation.run_folder import layout
 
 FILE_OF_EPISODE = {
@@ -58,14 +58,12 @@ class Exported:
 def export(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool = False) -> Exported:
     """Write runs in a format into a folder. Raises UsageError, if possible before it writes a file."""
     check_folder(out)
-    try:
+    with file_errors_as(UsageError, f"{out} cannot be written", ". Choose another --out"):
         if kind in FILES_OF_TABLES:
             return _tables(kind, runs, out, overwrite)
         if kind in DATASETS:
             return _dataset(runs, out, overwrite)
         return _files(kind, runs, out, overwrite)
-    except OSError as error:
-        raise UsageError(f"{out} cannot be written: {error.strerror or error}. Choose another --out") from None
 
 
 def _files(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool) -> Exported:

@@ -34,7 +34,7 @@ from dronecats.report.table import ReportTable, TableColumn, TableRow
 from dronecats.report.writers import as_html
 from episodes.records.record import CELLS
 from foundation.errors import InfrastructureError, UsageError
-from foundation.files import whole_file
+from foundation.files import file_errors_as, whole_file
 
 RESERVED = ("of",)  # first words of page addresses (#of/ENTRANT), which no run has as its key
 SETTING_KEYS = (
@@ -188,18 +188,14 @@ def write_page(
     `every`: keep only the pictures of every n-th step, the last step and the declarations. Raises UsageError if the
     page cannot be written.
     """
-    try:
+    with file_errors_as(UsageError, f"the report cannot be written to {out}"):
         return _write(collection, tables, out, embed, every)
-    except OSError as error:
-        raise UsageError(f"the report cannot be written to {out}: {error.strerror or error}") from None
 
 
 def remove_page(out: Path) -> None:
     """Remove the page of an earlier report from the folder, if there is one. Raises InfrastructureError."""
-    try:
+    with file_errors_as(InfrastructureError, f"the page {out / PAGE} cannot be removed"):
         (out / PAGE).unlink(missing_ok=True)
-    except OSError as error:
-        raise InfrastructureError(f"the page {out / PAGE} cannot be removed: {error.strerror}") from None
 
 
 def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, embed: bool, every: int) -> Path:

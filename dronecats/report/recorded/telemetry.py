@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from foundation import wire
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 from foundation.frames import Vec3
 from foundation.mavlink import Parser, dialect
 from foundation.truth import TRUTH_COMPONENT, Origin, TruthSample, truth_sample
@@ -152,10 +153,8 @@ def telemetry(path: Path, t0_us: int) -> dict[int, DroneTelemetry]:
 
 
 def _frames(path: Path) -> Iterator[bytes]:
-    try:
+    with file_errors_as(UsageError, f"{path} cannot be read"):
         data = path.read_bytes()
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror}") from None
     yield from (frame for _, frame in wire.logged_frames(data)[0])
 
 

@@ -21,7 +21,7 @@ from dronecats.study.report.drawing import StudyFigure, draw
 from dronecats.study.report.findings import compute_findings
 from dronecats.study.report.sections import ReportContent, report_content
 from foundation.errors import InfrastructureError
-from foundation.files import whole_file, write_text
+from foundation.files import file_errors_as, whole_file, write_text
 
 PAGE, MARKDOWN = "index.html", "report.md"
 TABLES, FIGURES, DATA = "tables", "figures", "data"
@@ -40,7 +40,7 @@ class StudyReport:
 def write(results: StudyResults, command: str, out: Path) -> StudyReport:
     """Write the report of these results. `command` is the command line that makes it. Raises InfrastructureError."""
     findings = compute_findings(results, command)
-    try:
+    with file_errors_as(InfrastructureError, f"the report cannot be written into {out}"):
         (out / DATA).mkdir(parents=True, exist_ok=True)
         content = report_content(findings, draw(findings, out / FIGURES))
         write_tables(content.tables, out / TABLES)
@@ -49,8 +49,6 @@ def write(results: StudyResults, command: str, out: Path) -> StudyReport:
         parquet = write_parquet(columns, out / DATA / PARQUET)
         (out / MARKDOWN).write_text(_markdown(content, out), encoding="utf-8")
         write_text(out / PAGE, html_page(content))
-    except OSError as error:
-        raise InfrastructureError(f"the report cannot be written into {out}: {error.strerror or error}") from None
     return StudyReport(out / PAGE, out / MARKDOWN, content, parquet)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 
 _F = TypeVar("_F", np.float32, np.float64)
 
@@ -87,7 +88,7 @@ def to_gltf(frd: NDArray[_F]) -> NDArray[_F]:
 
 def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
     """Return (the JSON object, the binary chunk or b"") of a .glb. Raises UsageError for any other file."""
-    try:
+    with file_errors_as(UsageError, f"map file '{path}' cannot be read", "."):
         if not path.is_file():
             raise UsageError(f"map file '{path}' does not exist or is not a regular file.")
         with path.open("rb") as file:
@@ -119,8 +120,6 @@ def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
                     binary = file.read(span)
                 else:  # the specification requires that other chunks are ignored
                     file.seek(span, 1)
-    except OSError as error:
-        raise UsageError(f"map file '{path}' cannot be read: {error.strerror}.") from None
     return _document(path, text), binary
 
 
