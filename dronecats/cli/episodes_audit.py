@@ -139,7 +139,7 @@ def _keep(steps: dict[str, int]) -> None:
     """Write the oracle's steps in shipped episodes to the table of pars. Other episodes keep their par."""
     from episodes.records import catalogue
     from episodes.records.catalogue import PAR, load_par
-    from foundation.run_folder.folder import write_json
+    from foundation.files import write_json
 
     table = {**load_par(), **steps}
     write_json(PAR, {episode: table[episode] for episode in catalogue.all_ids() if episode in table})
@@ -149,6 +149,6 @@ def _keep_blind(pilot: str, flights: "dict[str, BlindFlight]") -> None:
     """Write a blind pilot's flights of shipped episodes to the table of blind results."""
     from episodes.records import catalogue
     from episodes.records.catalogue import BLIND, load_blind, merged
-    from foundation.run_folder.folder import write_json
+    from foundation.files import write_json
 
     write_json(BLIND, merged(load_blind(), pilot, flights, catalogue.all_ids()))

@@ -237,6 +237,14 @@ class ReportData:
         """Return the maps that have flights, sorted by name."""
         return sorted({flight.map for flight in self.episodes} - {""})
 
+    def blocks(self, rows_of: Callable[[Sequence[Entrant]], Sequence[TableRow]]) -> tuple[TableBlock, ...]:
+        """Return a block of models and one of built-in pilots with the rows of these entrants; none without rows."""
+        blocks = []
+        for title, is_model in ((MODELS, True), (BUILT_IN, False)):
+            if rows := rows_of([entrant for entrant in self.entrants if entrant.is_model is is_model]):
+                blocks.append(TableBlock(title=title, rows=tuple(rows)))
+        return tuple(blocks)
+
     def table(
         self,
         name: str,
@@ -249,16 +257,17 @@ class ReportData:
         """Return a table with a block of models and one of built-in pilots; None: no entrant has a row.
 
         The best cells of the models are marked. Built-in pilots are only references."""
-        blocks = []
-        for block, is_model in ((MODELS, True), (BUILT_IN, False)):
-            named_cells = [(e.label, row_of(e)) for e in self.entrants if e.is_model is is_model]
+
+        def rows_of(entrants: Sequence[Entrant]) -> Sequence[TableRow]:
+            named_cells = [(e.label, row_of(e)) for e in entrants]
             rows = [row(label, *cells, entrant=label) for label, cells in named_cells if cells is not None]
-            if rows:
-                blocks.append(TableBlock(title=block, rows=_marked(rows, columns) if is_model else tuple(rows)))
+            return _marked(rows, columns) if any(e.is_model for e in entrants) else rows
+
+        blocks = self.blocks(rows_of)
         if not blocks:
             return None
         return ReportTable(
-            name=name, title=title, caption=caption, columns=tuple(columns), blocks=tuple(blocks), notes=notes,
+            name=name, title=title, caption=caption, columns=tuple(columns), blocks=blocks, notes=notes,
             command=self.command,
         )  # fmt: skip
 
@@ -388,13 +397,14 @@ def total(flights: Iterable[ScoredEpisode], metric: str) -> int:
 
 def known_values(flights: Iterable[ScoredEpisode], metric: str) -> list[float]:
     """Return the values of an episode metric for every scored flight that has it."""
-    known = (flight.values.get(metric) for flight in flights if flight.scored)
-    return [float(value) for value in known if value is not None]
+    return metric_statistics.known_values(flight.values.get(metric) for flight in flights if flight.scored)
 
 
 def steps(flights: Iterable[ScoredEpisode], metric: str) -> list[float]:
     """Return the values of a step metric for every step of scored flights that has it."""
-    return [float(v) for flight in flights if flight.scored for v in flight.steps.get(metric, ()) if v is not None]
+    return metric_statistics.known_values(
+        v for flight in flights if flight.scored for v in flight.steps.get(metric, ())
+    )
 
 
 def quantile(values: Sequence[float], share: float) -> TableCell:

@@ -5,18 +5,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dronecats.judge.statistics.shares import ALPHA, POWER, Paired, Spread, holm, paired, spread
-from dronecats.report.report_data import (
-    BUILT_IN,
-    COMMANDING,
-    MODELS,
-    NAME,
-    ONE_DRONE,
-    PERCENT,
-    Entrant,
-    ReportData,
-    cell_heading,
-)
-from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow, row
+from dronecats.report.report_data import COMMANDING, NAME, ONE_DRONE, PERCENT, Entrant, ReportData, cell_heading
+from dronecats.report.table import ReportTable, TableCell, TableColumn, TableRow, row
 from episodes.records.record import CELLS
 
 SUITES = (("one drone", ONE_DRONE), ("commanding", (COMMANDING,)))
@@ -41,12 +31,7 @@ def comparison(data: ReportData) -> ReportTable | None:
 
     None if no pair has common episodes.
     """
-    blocks = []
-    for title, is_model in ((MODELS, True), (BUILT_IN, False)):
-        among = [entrant for entrant in data.entrants if entrant.is_model is is_model]
-        rows = [row for suite, cells in SUITES for row in _pair_rows(among, suite, cells)]
-        if rows:
-            blocks.append(TableBlock(title=title, rows=tuple(rows)))
+    blocks = data.blocks(lambda among: [row for suite, cells in SUITES for row in _pair_rows(among, suite, cells)])
     if not blocks:
         return None
     return ReportTable(
@@ -62,7 +47,7 @@ def comparison(data: ReportData) -> ReportTable | None:
             " difference itself if that is larger."
         ),
         columns=COLUMNS,
-        blocks=tuple(blocks),
+        blocks=blocks,
         command=data.command,
     )
 
@@ -104,12 +89,13 @@ def variance(data: ReportData) -> ReportTable | None:
         for cell in cells
     ]
     columns.append(TableColumn(name="one_drone_successes", title="One drone", decimals=1))
-    blocks, notes = [], []
-    for title, is_model in ((MODELS, True), (BUILT_IN, False)):
+    notes: list[str] = []
+
+    def rows_of(entrants: Sequence[Entrant]) -> list[TableRow]:
         rows = []
-        for entrant in data.entrants:
+        for entrant in entrants:
             flights = _repeated(entrant)
-            if entrant.is_model is not is_model or not flights:
+            if not flights:
                 continue
             scatter = [_spread(flights, [cell]) for cell in cells] + [_spread(flights, ONE_DRONE)]
             rows += _scatter_rows(entrant.label, scatter)
@@ -120,8 +106,9 @@ def variance(data: ReportData) -> ReportTable | None:
                 )
             if left := len(entrant.by_episode) - len(flights):
                 notes.append(f"Of {entrant.label}, episodes left out that were not scored in every flight: {left}.")
-        if rows:
-            blocks.append(TableBlock(title=title, rows=tuple(rows)))
+        return rows
+
+    blocks = data.blocks(rows_of)
     if not blocks:
         return None
     return ReportTable(
@@ -135,7 +122,7 @@ def variance(data: ReportData) -> ReportTable | None:
             " independent flights if each episode has its own estimated success rate."
         ),
         columns=tuple(columns),
-        blocks=tuple(blocks),
+        blocks=blocks,
         notes=tuple(notes),
         command=data.command,
     )
