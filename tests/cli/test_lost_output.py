@@ -13,6 +13,26 @@ from tests.support.command_line import DRONECATS
 FLY = [*DRONECATS, "fly", "--sitl", "--speed", "max", "--pilot", "oracle", "--latency", "fixed:0.5", "--json", "--out"]
 
 
+# `dronecats`; before its third and its sixth question it waits for a line on its standard input
+HELD = """
+import sys
+from dronecats.agent.prompt import Prompt
+from dronecats.cli.main import main
+render, count = Prompt.render, 0
+
+def held(*arguments, **options):
+    global count
+    count += 1
+    if count in (3, 6):
+        sys.stdin.readline()
+    return render(*arguments, **options)
+
+Prompt.render = held
+sys.exit(main(sys.argv[1:]))
+"""
+HELD_FLY = [sys.executable, "-c", HELD, *FLY[len(DRONECATS) :]]
+
+
 def after_one_line(command, **streams):
     """Start a command, read one line of its output, and close the pipe, as `head -1` does."""
     process = subprocess.Popen(command, stdout=subprocess.PIPE, **{"stderr": subprocess.PIPE, **streams}, text=True)
@@ -25,7 +45,8 @@ def after_one_line(command, **streams):
 @pytest.mark.slow
 @pytest.mark.parametrize("stderr", [subprocess.PIPE, subprocess.STDOUT])
 def test_a_flight_continues_when_its_output_reader_exits(tmp_path, stderr):
-    process = after_one_line([*FLY, str(tmp_path / "run")], stderr=stderr)
+    process = after_one_line([*HELD_FLY, str(tmp_path / "run")], stderr=stderr, stdin=subprocess.PIPE)
+    process.stdin.close()
     error_output = process.stderr.read() if process.stderr else None
     assert process.wait(300) == 0
     (verdict,) = (tmp_path / "run").glob("*/verdict.json")
@@ -40,7 +61,9 @@ def test_a_shell_pipeline_gets_the_exit_status_of_the_command():
 
 
 def test_an_interrupted_flight_without_a_reader_exits_with_130(tmp_path):
-    process = after_one_line([*FLY, str(tmp_path / "run"), "--full"])
+    process = after_one_line([*HELD_FLY, str(tmp_path / "run"), "--full"], stdin=subprocess.PIPE)
+    process.stdin.write("\n")
+    process.stdin.flush()
     assert process.stderr.readline()
     process.send_signal(signal.SIGINT)
     assert process.wait(300) == 130
