@@ -9,6 +9,7 @@ import pytest
 import ray
 
 from dronecats.bench import cluster, worker
+from dronecats.bench import engine as local
 from dronecats.bench.cluster import ClusterEngine, ClusterWorker
 from dronecats.bench.engine import Sortie
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -35,7 +36,15 @@ def killed():
 
 
 @pytest.fixture
-def engine(actor, folders, killed, monkeypatch):
+def clock(monkeypatch):
+    """The clock of the engine. Only the test advances it."""
+    made = SimpleNamespace(now_s=0.0, monotonic=lambda: made.now_s)
+    monkeypatch.setattr(local, "time", made)
+    return made
+
+
+@pytest.fixture
+def engine(actor, folders, killed, clock, monkeypatch):
     """An engine with one worker in this process. Its flights never end."""
     made = object.__new__(ClusterEngine)
     made._ledger, made._flying, made._most = None, {}, 1
@@ -57,7 +66,7 @@ def engine(actor, folders, killed, monkeypatch):
     )
     made._workers = [cluster._Actor(handle)]
     monkeypatch.setattr(worker, "fly_flight", fly)
-    monkeypatch.setattr(cluster, "HANG_S", 0.2)
+    monkeypatch.setattr(cluster, "HANG_S", 100.0)
     monkeypatch.setattr(ray, "get", lambda reference, timeout: reference)
     monkeypatch.setattr(ray, "kill", killed.append)
     yield made
@@ -74,24 +83,24 @@ def begin(engine, folders, tmp_path):
             time.sleep(0.01)
 
 
-def check_twice(engine, growing):
+def check_twice(engine, clock, growing):
     """Check the worker twice, and let a log grow in between, for longer than a flight may be silent."""
     engine._look()
-    time.sleep(0.4)
+    clock.now_s += 101.0
     with (growing / "truth.jsonl").open("a") as log:
         log.write("{}\n")
     engine._look()
 
 
-def test_a_flight_that_has_not_begun_does_not_kill_its_worker(engine, folders, killed, tmp_path):
+def test_a_flight_that_has_not_begun_does_not_kill_its_worker(engine, clock, folders, killed, tmp_path):
     begin(engine, folders, tmp_path)
-    check_twice(engine, folders[0])
+    check_twice(engine, clock, folders[0])
     assert killed == []
 
 
 @pytest.mark.parametrize("silent", [0, 1])
-def test_flights_of_one_episode_are_checked_separately(engine, folders, killed, tmp_path, silent):
+def test_flights_of_one_episode_are_checked_separately(engine, clock, folders, killed, tmp_path, silent):
     begin(engine, folders, tmp_path)
     (folders[silent] / "episode.json").write_text("{}")
-    check_twice(engine, folders[1 - silent])
+    check_twice(engine, clock, folders[1 - silent])
     assert killed == [engine._workers[0].handle]

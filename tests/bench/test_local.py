@@ -16,7 +16,7 @@ import pytest
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.campaign import Batch, Campaign, EndedFlight, OpenRun
-from dronecats.bench.engine import LocalEngine, Sortie
+from dronecats.bench.engine import ANSWER_S, LocalEngine, Sortie
 from dronecats.bench.matrix import BenchEntry
 from dronecats.cli.main import main
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -168,9 +168,10 @@ def test_a_worker_that_hangs_is_killed_and_its_flight_is_an_error(tmp_path):
             if not stopped:
                 stopped.append(worker.pid)
                 os.kill(worker.pid, signal.SIGSTOP)
+            self._answer_s = 3.0 if worker and worker.pid == stopped[0] else ANSWER_S  # the next worker may be slow
             super()._turn(worker, fresh, flying)
 
-    results = fly(batch, SHORT, TWO, engine=Frozen, answer_s=3.0)
+    results = fly(batch, SHORT, TWO, engine=Frozen)
     assert results[TWO[0]].outcome == "error"
     assert "hangs" in str(results[TWO[0]].error)
     assert results[TWO[1]].outcome == "failure"
