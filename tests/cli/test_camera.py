@@ -1,14 +1,17 @@
 """The command `dronecats camera`."""
 
+import itertools
 import json
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
+from dronecats.cli import camera
 from dronecats.cli.main import main
 from hil.cameras.lens import load, save
 from tests import pictures
@@ -89,13 +92,21 @@ def test_check_uses_the_result_of_calibrate(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_live_calibration_uses_each_view_once(tmp_path, capsys):
-    """The camera shows each board several times."""
+def test_live_calibration_uses_each_view_once(tmp_path, capsys, monkeypatch):
+    """The camera shows each board several times. The clock of the command counts the pictures."""
     out = tmp_path / "camera.json"
     shown = [cv2.imencode(".png", picture)[1].tobytes() for picture in views()]
-    requests = iter(range(10**6))
-    server = HttpServer(lambda handler: reply(handler, 200, shown[min(next(requests) // 2, len(shown) - 1)]))
-    command = ["camera", "calibrate", server.url(), "--square", "0.025", "--out", str(out), "--seconds", "15", "--json"]
+    requests = itertools.count()
+    clock = SimpleNamespace(now_s=0.0)
+    clock.monotonic = lambda: clock.now_s
+    monkeypatch.setattr(camera, "time", clock)
+
+    def show(handler):
+        clock.now_s = float(next(requests))
+        reply(handler, 200, shown[min(int(clock.now_s) // 2, len(shown) - 1)])
+
+    server = HttpServer(show)
+    command = ["camera", "calibrate", server.url(), "--square", "0.025", "--out", str(out), "--seconds", "40", "--json"]
     assert main(command) == 0
     server.close()
     report = json.loads(capsys.readouterr().out)
