@@ -1,6 +1,5 @@
 """The command `dronecats bench`: rejected arguments, spec files, and the results after processes are killed."""
 
-import contextlib
 import json
 import os
 import random
@@ -190,8 +189,29 @@ def test_invalid_spec_files_are_rejected_in_one_sentence(tmp_path, monkeypatch, 
         assert len(error.strip().splitlines()) == 1, text
 
 
-def bench(out, *words):
-    command = [sys.executable, "-m", "dronecats.cli.main", "bench", "--out", str(out), *words]
+# `dronecats bench`; it waits before its second and its third flight, until the test allows it to begin
+GATED = """
+import sys, time
+from pathlib import Path
+from dronecats.bench.engine import LocalEngine
+from dronecats.cli.main import main
+gates, begin, begun = Path(sys.argv[1]), LocalEngine.begin, []
+
+def gated(engine, sortie):
+    begun.append(sortie)
+    if len(begun) in (2, 3):
+        (gates / f"waits-{len(begun)}").touch()
+        while not (gates / f"begins-{len(begun)}").exists():
+            time.sleep(0.02)
+    begin(engine, sortie)
+
+LocalEngine.begin = gated
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+def bench(out, *words, program=("-m", "dronecats.cli.main")):
+    command = [sys.executable, *program, "bench", "--out", str(out), *words]
     return subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "OPENAI_API_KEY": KEY}
     )
@@ -230,13 +250,12 @@ def deterministic_logs(out):
     return {str(f.relative_to(out)): f.read_bytes() for name in names for f in sorted(out.glob(f"*/*/{name}"))}
 
 
-def in_the_air(out, process):
-    """Wait until a flight of this process has begun; return False if the process ends before."""
-    while process.poll() is None:
-        if any(not (log.parent / "verdict.json").exists() for log in out.glob("*/*/flight.tlog")):
-            return True
+def wait_for(condition, process):
+    """Wait until a condition is true while a process runs, and return its value."""
+    while not (value := condition()):
+        assert process.poll() is None, finished(process)
         time.sleep(0.05)
-    return False
+    return value
 
 
 @pytest.mark.slow("a run is killed and resumed several times")
@@ -246,16 +265,29 @@ def test_a_killed_run_resumes_and_ends_with_the_same_bytes(tmp_path):
     assert status == 0, errors
     expected, draw = deterministic_logs(tmp_path / "whole"), random.Random(12)
     assert len(expected) == 3 * 6
-    out, killed = tmp_path / "torn", 0
-    for what in ("worker", "parent", "worker", "parent"):
-        process, flying = bench(out, *words), []
-        if in_the_air(out, process):
-            time.sleep(draw.uniform(0.0, 3.0))  # a random moment
-            flying = children("dronecats.bench.worker", process.pid)
-            victim = psutil.Process(process.pid) if what == "parent" or not flying else draw.choice(flying)
-            with contextlib.suppress(psutil.NoSuchProcess):  # it may have ended by itself
-                victim.kill()
-                killed += 1
+    out = tmp_path / "torn"
+    for number in range(2):
+        gates = tmp_path / f"gates-{number}"
+        gates.mkdir()
+        began_ns = time.time_ns()
+        process = bench(out, *words, program=("-c", GATED, str(gates)))
+
+        def workers(process=process):
+            return children("dronecats.bench.worker", process.pid)
+
+        def has_flown(began_ns=began_ns):  # a worker that dies before its first flight ends the run
+            return any(log.stat().st_mtime_ns > began_ns for log in out.glob("*/*/flight.tlog"))
+
+        wait_for((gates / "waits-2").exists, process)
+        wait_for(has_flown, process)
+        victim = draw.choice(wait_for(workers, process))
+        time.sleep(draw.uniform(0.0, 3.0))  # a random moment of the first flight
+        victim.kill()
+        (gates / "begins-2").touch()
+        wait_for((gates / "waits-3").exists, process)
+        flying = wait_for(workers, process)
+        time.sleep(draw.uniform(0.0, 3.0))  # a random moment of the second flight
+        process.kill()
         finished(process)
         _, alive = psutil.wait_procs(flying, timeout=20)
         assert not alive
@@ -265,7 +297,6 @@ def test_a_killed_run_resumes_and_ends_with_the_same_bytes(tmp_path):
             assert stored[place] == expected[place]
     status, _, errors = finished(bench(out, *words))
     assert status == 0, errors
-    assert killed >= 2
     assert deterministic_logs(out) == expected
     status, output, errors = finished(bench(out, *words))  # no flight remains
     assert (status, "6/6" in errors) == (0, True)
