@@ -3,9 +3,11 @@
 import math
 import re
 import socket
+from types import SimpleNamespace
 
 import pytest
 
+from dronecats.view.replay import player
 from dronecats.view.replay.moments import OccurrenceKind, flight_moments
 from dronecats.view.replay.page import ReplayPage
 from dronecats.view.replay.player import SPEEDS
@@ -89,9 +91,11 @@ def plain(tmp_path):
     return run_folder(tmp_path / "plain", {"nowhere-approaching-01": "go there"}) / "nowhere-approaching-01"
 
 
-def test_keys_control_time_speed_playback_and_help(browser, opened, plain):
+def test_keys_control_time_speed_playback_and_help(browser, opened, plain, monkeypatch):
     from selenium.webdriver.common.keys import Keys
 
+    wall = SimpleNamespace(now_s=100.0, monotonic=lambda: wall.now_s)
+    monkeypatch.setattr(player, "time", wall)
     flight = flight_moments(plain)
     page, _ = opened([flight])
     decided = [one.t_s for one in flight.of(OccurrenceKind.DECISION)]
@@ -116,11 +120,13 @@ def test_keys_control_time_speed_playback_and_help(browser, opened, plain):
         press(browser, key)
         until(browser, lambda speed=speed: page.clock.speed == speed and f"· {speed:g}×" in text(browser))
     press(browser, " ")
-    until(browser, lambda: page.clock.playing and page.t_s > 0.5)
-    until(browser, lambda: "▶ " in text(browser))
+    until(browser, lambda: page.clock.playing)
+    wall.now_s += 0.7
+    until(browser, lambda: "▶ " in text(browser) and "0.7 s of" in text(browser))
     press(browser, " ")
     until(browser, lambda: not page.clock.playing)
-    assert 0.5 < page.t_s < flight.end_s
+    assert page.t_s == pytest.approx(0.7)
+    assert page.t_s < flight.end_s
     press(browser, Keys.SHIFT, "?")
     until(browser, lambda: "next declaration" in text(browser))
     press(browser, "?")
