@@ -38,7 +38,8 @@ def killed():
 @pytest.fixture
 def clock(monkeypatch):
     """The clock of the engine. Only the test advances it."""
-    made = SimpleNamespace(now_s=0.0, monotonic=lambda: made.now_s)
+    made = SimpleNamespace(now_s=0.0)
+    made.monotonic = lambda: made.now_s
     monkeypatch.setattr(local, "time", made)
     return made
 

@@ -94,7 +94,8 @@ def plain(tmp_path):
 def test_keys_control_time_speed_playback_and_help(browser, opened, plain, monkeypatch):
     from selenium.webdriver.common.keys import Keys
 
-    wall = SimpleNamespace(now_s=100.0, monotonic=lambda: wall.now_s)
+    wall = SimpleNamespace(now_s=100.0)
+    wall.monotonic = lambda: wall.now_s
     monkeypatch.setattr(player, "time", wall)
     flight = flight_moments(plain)
     page, _ = opened([flight])
