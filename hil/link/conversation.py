@@ -429,13 +429,13 @@ class Conversation:
                 raise LinkError(f"the autopilot on {self.transport.url} has rebooted")
             self.on_wait()
             reads += 1
-            # several reads, so that one long pause of ours does not count as silence
+            # a read counts PATIENCE_S at most, so that a long pause of ours does not count as silence
             silent_s = self._time_s() - moved_s
             if self.time_us != moved_us:
                 if silent_s >= WARNING_S and reads * PATIENCE_S >= silent_s:
                     self.on_silence(silent_s)
                 moved_s, moved_us, reads, self._lost = self._time_s(), self.time_us, 0, False
-            elif reads >= 5 and silent_s >= (LOST_S if self._lost else self._silence_s):
+            elif reads >= 5 and min(silent_s, reads * PATIENCE_S) >= (LOST_S if self._lost else self._silence_s):
                 self._lost = True  # so that the end of the flight does not wait as long for every order
                 fault = "has sent no telemetry" if received else "has been silent"
                 raise LinkError(f"the vehicle on {self.transport.url} {fault} for {silent_s:.3g} s")
