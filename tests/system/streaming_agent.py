@@ -1,8 +1,6 @@
 """An agent that a test kills during a step. It takes off, then streams 1.2 m/s ahead through the link without end.
 
-    python streaming_agent.py URL
-
-It prints `streaming` on standard output when it is in offboard.
+python streaming_agent.py URL
 """
 
 import sys
@@ -20,7 +18,5 @@ link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
 link.wait_for(lambda state: state.mode == "HOLD" and state.landed is False, 60.0, "reaching take-off height")
 link.fly(Velocity(forward=1.2, up=None))
 link.start_offboard()
-sys.stdout.write("streaming\n")
-sys.stdout.flush()
 while True:
     link.tick()
