@@ -421,6 +421,7 @@ class Conversation:
 
     def _wait_until(self, reached: Callable[[], bool]) -> None:
         moved_s, moved_us, reads = self._time_s(), self.time_us, 0
+        read_s, away_s = moved_s, 0.0
         while not reached():
             received = self._receive(PATIENCE_S)
             if self.clock.reboots != self._boots:
@@ -429,13 +430,15 @@ class Conversation:
                 raise LinkError(f"the autopilot on {self.transport.url} has rebooted")
             self.on_wait()
             reads += 1
-            # a read counts PATIENCE_S at most, so that a long pause of ours does not count as silence
-            silent_s = self._time_s() - moved_s
+            # a much longer read is a pause of our process, which does not count as silence of the vehicle
+            now_s, before_s = self._time_s(), read_s
+            away_s += now_s - before_s - PATIENCE_S if now_s - before_s > 2.0 * PATIENCE_S else 0.0
+            read_s, silent_s = now_s, now_s - moved_s - away_s
             if self.time_us != moved_us:
-                if silent_s >= WARNING_S and reads * PATIENCE_S >= silent_s:
+                if silent_s >= WARNING_S:
                     self.on_silence(silent_s)
-                moved_s, moved_us, reads, self._lost = self._time_s(), self.time_us, 0, False
-            elif reads >= 5 and min(silent_s, reads * PATIENCE_S) >= (LOST_S if self._lost else self._silence_s):
+                moved_s, moved_us, reads, away_s, self._lost = now_s, self.time_us, 0, 0.0, False
+            elif reads >= 5 and silent_s >= (LOST_S if self._lost else self._silence_s):
                 self._lost = True  # so that the end of the flight does not wait as long for every order
                 fault = "has sent no telemetry" if received else "has been silent"
                 raise LinkError(f"the vehicle on {self.transport.url} {fault} for {silent_s:.3g} s")
