@@ -1,5 +1,6 @@
 """A simulated vehicle in its own process, for the links and clients of tests."""
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,9 @@ from dronecats.flight.sitl.config import AIRFRAME, CameraConfig, SimulatorConfig
 from dronecats.flight.stages.stage import CAMERA, SIMULATOR
 
 EPISODE = "residential-approaching-01"
+# A busy machine may not run a client for seconds. With PX4's defaults, a second of vehicle time without setpoints ends
+# Offboard, and ten seconds between arming and take-off disarm the vehicle.
+PATIENT = {"COM_OF_LOSS_T": 60.0, "COM_DISARM_PRFLT": -1.0}
 
 
 def start_vehicle(
@@ -24,16 +28,20 @@ def start_vehicle(
     return supervisor.start(SIMULATOR, config).ready()
 
 
+def patient_state(folder: Path) -> Path:
+    """Make and return a `state_dir` whose vehicle waits for a client that the machine does not run."""
+    vehicle = folder / "state" / "vehicle-1"
+    vehicle.mkdir(parents=True)
+    (vehicle / "parameters.json").write_text(json.dumps(PATIENT))
+    return vehicle.parent
+
+
 @contextmanager
 def simulated_rig(folder: Path) -> Iterator[tuple[int, str]]:
-    """Yield the agent's port of a vehicle and the URL of its camera, for any pilot.
-
-    The vehicle flies in real time, because its failsafe allows a second of vehicle time without setpoints. At double
-    speed, half a second in which a busy machine does not run the agent would end a flight.
-    """
+    """Yield the agent's port of a patient vehicle and the URL of its camera, for any pilot."""
     supervisor = Supervisor(folder)
     try:
-        ports = start_vehicle(supervisor)
+        ports = start_vehicle(supervisor, state_dir=patient_state(folder))
         truth = f"udpout://127.0.0.1:{ports['truth']}"
         camera = supervisor.start(CAMERA, CameraConfig(episode=EPISODE, truth=truth))
         yield ports["agent"][0], str(camera.ready()["url"])

@@ -11,14 +11,14 @@ from pymavlink import mavutil
 from foundation.sensors import CALENDAR_START_US
 from tests.support.command_line import last_object
 from tests.support.mavsdk_example import fly_example
-from tests.support.simulated_vehicle import simulated_vehicle
+from tests.support.simulated_vehicle import patient_state, simulated_vehicle
 
 SPEED = 4.0
 
 
 @pytest.fixture
 def simulator(tmp_path):
-    with simulated_vehicle(tmp_path, SPEED) as ports:
+    with simulated_vehicle(tmp_path, SPEED, patient_state(tmp_path)) as ports:
         yield ports
 
 
@@ -38,7 +38,7 @@ def test_a_pymavlink_script_takes_off_flies_offboard_and_lands(agent_url):
 @pytest.mark.slow
 def test_a_mavsdk_script_receives_all_telemetry_and_flies_offboard_and_a_mission(tmp_path):
     script = Path(__file__).with_name("mavsdk_tour.py")
-    with simulated_vehicle(tmp_path, SPEED, state_dir=tmp_path / "state") as ports:
+    with simulated_vehicle(tmp_path, SPEED, patient_state(tmp_path)) as ports:
         run = subprocess.run(
             [sys.executable, script, f"udpout://127.0.0.1:{ports['agent'][0]}"],
             capture_output=True, text=True, timeout=200, check=False,

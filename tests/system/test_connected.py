@@ -132,15 +132,13 @@ def test_a_pause_of_the_vehicle_process_is_reported_and_marks_the_steps(field, t
     assert sum(map(delayed, decisions)) >= 1
 
 
-def test_the_loss_of_the_vehicle_ends_the_flight_within_15_seconds(field, tap, tmp_path):
+def test_the_loss_of_the_vehicle_ends_the_flight(field, tap, tmp_path):
     flight = fly(tap, field[1], tmp_path, "--arm")
     flight.stdin.write("ARM\n")
     flight.stdin.flush()
     tap.until(lambda: any(m.coordinate_frame == 8 for m in setpoints(tap)), flight=flight)
     simulator().kill()
-    killed_s = time.monotonic()
-    out, err = flight.communicate(timeout=240)
-    assert time.monotonic() - killed_s < 15.0
+    out, err = flight.communicate(timeout=60)  # tests/hil/link/test_silence.py tests the time, on the link's own clock
     assert flight.returncode == 3
     assert "silent" in err
     assert last_object(out)["outcome"] == "error"

@@ -14,7 +14,7 @@ from dronecats.cli.main import main
 from dronecats.flight.sitl.simulation import load_world
 from foundation.run_folder.reading import read
 from tests.support.command_line import DRONECATS, last_object
-from tests.support.simulated_vehicle import simulated_vehicle
+from tests.support.simulated_vehicle import patient_state, simulated_vehicle
 
 HERE = "campus-approaching-01"
 
@@ -22,7 +22,7 @@ HERE = "campus-approaching-01"
 @pytest.fixture
 def elsewhere(tmp_path):
     """Yield the link URL and the truth URL of a vehicle that is simulated on another map."""
-    with simulated_vehicle(tmp_path) as ports:
+    with simulated_vehicle(tmp_path, state_dir=patient_state(tmp_path)) as ports:
         yield f"udpout://127.0.0.1:{ports['agent'][0]}", f"udpout://127.0.0.1:{ports['truth']}"
 
 
