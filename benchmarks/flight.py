@@ -4,8 +4,9 @@
 
 Prints the real-time factor (`…_rtf`) for the plant with its autopilot (`core`), for a client that flies it through
 MAVLink as an agent does (`mavlink`; with more telemetry `mavlink_onboard`), and for a fleet of four (`fleet4`). Also
-prints the memory of one simulator process, the compile time of a first run, and how well real-time mode holds its rate.
-The task is always the same: hover and steps of 1 m/s.
+prints the memory of one simulator process, the compile time of a first run, the time that a flight with pictures takes
+to its first decision, and how well real-time mode holds its rate. The task is always the same: hover and steps of
+1 m/s.
 
 Every `…_rtf` is the median over the repetitions of vehicle seconds per wall second. `…_rtf_cpu` counts processor
 seconds instead, which other programs on a shared machine disturb less. `…_rtf_x_loop` is `…_rtf_cpu` times
@@ -25,6 +26,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 from autopilot.records import FREE, NAN, CascadeSetpoint
 from benchmarks import flight_peers
@@ -236,6 +239,30 @@ def processes() -> dict[str, float]:
     }
 
 
+def first_decision(repeat: int) -> dict[str, float]:
+    """Return the median time from the start of `dronecats fly` to its first decision, which has a picture.
+
+    Everything that a flight keeps on disk is there, from a flight that is not counted.
+    """
+    command = [sys.executable, "-m", "dronecats.cli.main", "fly", "--sitl", "--pilot", "vision"]
+    command += ["--episode", "residential-approaching-01", "--speed", "max", "--latency", "fixed:0.5", "--out"]
+    wall_s, cpu_s = [], []
+    for _ in range(repeat + 1):
+        with tempfile.TemporaryDirectory() as folder:
+            began = time.perf_counter()
+            with subprocess.Popen([*command, f"{folder}/run"], stdout=subprocess.PIPE, text=True) as process:
+                assert process.stdout
+                next(line for line in process.stdout if line.startswith("   0 "))
+                wall_s.append(time.perf_counter() - began)
+                used = psutil.Process(process.pid).cpu_times()
+                cpu_s.append(used.user + used.system)
+                process.kill()
+    return {
+        "first_decision_s": round(statistics.median(wall_s[1:]), 2),
+        "first_decision_cpu_s": round(statistics.median(cpu_s[1:]), 2),
+    }
+
+
 def measure(repeat: int, seconds: float, quick: bool) -> dict[str, Any]:
     """Return all figures of the project's flight stack."""
     results: dict[str, Any] = {
@@ -257,7 +284,7 @@ def measure(repeat: int, seconds: float, quick: bool) -> dict[str, Any]:
     for name in FLIGHTS:
         results[f"{name}_rtf_x_loop"] = machine.rtf_x_loop(results[f"{name}_rtf_cpu"])
     if not quick:
-        results |= processes()
+        results |= processes() | first_decision(repeat)
         vehicle, port = linked.clock.simulation.vehicles[0], linked.clock.simulation.vehicles[0].autopilot.node.ports[0]
 
         def turn() -> None:
