@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class HostPace:
-    """The wall clock that paces the vehicle's clock. Its watches measure how far the latter lags behind.
+    """The wall clock that paces the vehicle's clock. Its watches measure how far the vehicle's clock lags behind.
 
     A delay of the host computer must not count as a delay of the model (paper, "Throughput sensitivity"). Only flights
     in real time have a pace; in lockstep the vehicle's clock waits.
@@ -35,7 +35,7 @@ class HostPace:
 
     @property
     def now_s(self) -> float:
-        """Wall time × speed (s), from an arbitrary zero; vehicle time plus a constant while the host is not late."""
+        """Wall time × speed (s), from an arbitrary zero. The difference to vehicle time grows when the host is late."""
         return self._wall_s() * self._speed
 
     def watch(self) -> "HostWatch":

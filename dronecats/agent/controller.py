@@ -75,7 +75,7 @@ def _go(go: Go, camera: CameraModel) -> tuple[Segment, ...]:
 def turn(angle: float, *, onto_line: bool = False) -> Segment:
     """Return the turn by an angle (rad, + right) from the heading when the picture was taken.
 
-    `onto_line`: a move follows, so during the turn the vehicle holds a place on the line of that move.
+    `onto_line`: a move follows. During the turn, the vehicle holds the nearest place on the line of this move.
     """
     return Segment(Turn(math.copysign(YAW_RATE, angle), angle, onto_line), abs(angle) / YAW_RATE, SETTLE_S)
 

@@ -1,8 +1,8 @@
 """Policies for model latency in vehicle time: real, measured, fixed, drawn, recorded, or by the token.
 
 The drone holds while the model decodes, and the world keeps moving. In real time, vehicle time passes during the call.
-In lockstep, the policy charges the latency. The vehicle's clock stands still during the call and advances after it; if
-the policy knows the latency beforehand, the clock advances during the call. All policies: docs/latency.md.
+In lockstep, the vehicle's clock stands still during the call, then advances by the charge (the latency that the policy
+gives). If the charge is known beforehand, the clock may advance during the call. See docs/latency.md.
 
 A policy is a value (`LatencyPolicy`). run.json and spec files hold its text as it was written.
 """
@@ -175,10 +175,9 @@ def _recorded(text: str, name: str, trace: Sequence[float] | None) -> tuple[floa
     return tuple(trace)
 
 
-# Random streams. Each kind has its own stream, so that joined kinds are independent. A draw is a quantile, so that the
-# same questions are slow under all parameters of a policy. Stream 0 is not used, because NumPy's seed sequences ignore
-# a 0 at the end. `pictures.py` uses stream 6. Without a stream, the draws would equal those of the noisy pilot
-# (`pilots/oracle/noisy.py`).
+# Random streams. Each kind has its own stream, so that joined kinds are independent. A question draws the same quantile
+# under all parameters of a kind, so the same questions are slow. Stream 0 is not used, because NumPy's seed sequences
+# ignore a 0 at the end. `pictures.py` uses stream 6. The noisy pilot (`pilots/oracle/noisy.py`) draws without a stream.
 GAMMA_STREAM, BIMODAL_STREAM, STALL_STREAM, JITTER_STREAM, TRACE_STREAM = range(1, 6)
 LOGNORMAL_STREAM = 7
 
@@ -215,8 +214,8 @@ def _stall_s(question: Question, _of: Circumstance, probability: float, seconds:
 def _jitter_s(question: Question, _of: Circumstance, rate_hz: float, cv: float, rho: float = 0.0) -> float:
     """Return a draw with the mean 1 / `rate_hz` and this coefficient of variation.
 
-    The logarithm is normal. It follows a first-order autoregression over the questions, with the correlation `rho` of
-    two successive ones. Each call draws the sequence up to this question again, so that no state is kept.
+    The logarithm is normal, and follows a first-order autoregression over the questions. `rho` is the correlation of
+    two successive questions. No state is kept: each call draws the sequence up to this question again.
     """
     variance = math.log1p(cv * cv)
     shocks = np.random.default_rng((*question.seed, 0, question.drone, JITTER_STREAM)).standard_normal(
@@ -255,7 +254,7 @@ def _measured_s(_question: Question, of: Circumstance) -> float:
 
 
 def _held_s(_question: Question, of: Circumstance, rate_hz: float) -> float:
-    """Return the delay (s) of a reply that keeps the rate of replies at or below `rate_hz`."""
+    """Return the latency (s) after which 1 / `rate_hz` has passed since the last reply; 0 for the first reply."""
     return 0.0 if of.since_s is None else max(0.0, 1.0 / rate_hz - of.since_s)
 
 

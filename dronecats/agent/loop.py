@@ -35,7 +35,7 @@ class Questions:
     axis_order: actions.AxisOrder = "xy"
     parser: ReplyParser = "strict"
     patience_s: float | None = None  # vehicle s, longest wait for a frame or a reply before an error; None: no limit
-    beside: bool = False  # the reply depends on the question alone, so a lockstep clock may run during the call
+    beside: bool = False  # a lockstep clock may run during the call, because a reply depends on its question alone
     last_reply: bool = True  # wait for a reply under way at the cap, to tell a slow model from a dead endpoint
 
 
@@ -100,7 +100,7 @@ class PendingQuestion:
     def latency_s(self, now_s: float) -> float:
         """Return the vehicle seconds that the reply took; `now_s` is the time of the decision.
 
-        This is the charge if at most SLACK_S more than the charge has elapsed. Otherwise, or without a charge, it is
+        This is the charge. If the elapsed time exceeds the charge by more than SLACK_S, or there is no charge, it is
         the elapsed time.
         """
         elapsed_s = (now_s - self._start_s) * self.reply().share  # without failed attempts
@@ -134,7 +134,7 @@ def await_reply(
 
     Times are vehicle seconds since the episode began. `last_reply`: wait for a reply under way at `cap_s`, although it
     is too late to be an action. The wait tells a slow model (a failure) from a dead endpoint (no failure). Raises
-    ModelError beyond `patience_s` (None: only the client has a limit), and the client's errors.
+    ModelError beyond `patience_s` (None: only the model's client has a limit), and the errors of that client.
     """
     while not asking.due(now_s()):
         yield
@@ -339,7 +339,7 @@ class SideBySideAgent:
     def now_s(self) -> float:
         """Vehicle seconds since the episode began, by the newest telemetry of any drone; all clocks start together.
 
-        A vehicle that reboots, and so restarts its clock, does not set it back.
+        If a vehicle reboots and restarts its clock, this time does not go back.
         """
         self._newest_us = max(self._newest_us, *(drone.aircraft.time_us for drone in self._drones))
         return (self._newest_us - self._cockpit.t0_us) / 1e6

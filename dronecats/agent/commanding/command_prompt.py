@@ -25,7 +25,7 @@ CAUSES = {
     "stall": "Drone {n} has not moved from its place for {steps} steps.",
     "time": "Nothing was heard of you for {seconds} s.",
 }
-STALL_STEPS = 8  # decisions in a row without a go that are a stall; a look around in turns of 60° takes only six
+STALL_STEPS = 8  # number of decisions in a row without a go that counts as a stall; six turns of 60° are a look around
 INTERVAL_S = 45.0  # s of vehicle time between two questions, unless there is another cause
 
 

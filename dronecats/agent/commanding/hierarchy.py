@@ -60,7 +60,7 @@ class FleetCommander:
     ) -> None:
         """`questions` has the commander's model; `prompt` replaces the prompt of the pilots.
 
-        `posts` are in the order of the drones; `keep` logs an exchange (a question and its reply).
+        `posts`: the state of each drone, in their order. `keep` logs an exchange (a question and its reply).
         """
         self._questions, self._prompt, self._posts, self._cockpit = questions, prompt, posts, cockpit
         self._now_s, self._tally, self._keep = now_s, tally, keep

@@ -118,7 +118,7 @@ MAX_BODY_BYTES = 4 * 2**20  # of an answer, decompressed; an answer of 8192 toke
 MAX_READ_CHARS = 100_000  # of an answer; `brief` reads this much, and shows 200
 MAX_PAUSE_S = 60.0  # upper limit on Retry-After
 AGAIN = (408, 425, 429)  # statuses after which a question is sent again, besides 5xx
-UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # every question would get this status
+UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # all other questions would get the same status
 _VERSION = re.compile(r"/v\d")  # in the path of an address
 HEADERS = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
 T = TypeVar("T")
@@ -130,7 +130,7 @@ class RetryPolicy:
 
     give_up_s: float = GIVE_UP_S  # wall s
     attempts: int = 3
-    pause_s: float = 2.0  # wall s before attempt 2, doubled for each later one; the endpoint may ask for another pause
+    pause_s: float = 2.0  # wall s before attempt 2, doubled for each later one, unless the endpoint sets the pause
 
 
 DEFAULT = RetryPolicy()
@@ -149,7 +149,7 @@ BEARER = KeyHeader("Authorization", "Bearer ")
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The body of an answer with status 200, or of one that the provider's filter withheld."""
+    """The body of an answer: a reply with status 200, or a refusal by the provider's filter."""
 
     body: bytes  # decompressed
     latency_s: float  # wall s, of the successful attempt
@@ -173,7 +173,7 @@ class Exchanged:
 
     @property
     def rejects(self) -> bool:
-        """True if every question would get the same answer: a wrong key, model or path, or no credit."""
+        """True if every question would get the same error: a wrong key, model or path, or no credit."""
         if self.status in (UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND):
             return True
         return 400 <= self.status < 500 and is_exhausted(self.body)
@@ -274,10 +274,10 @@ class Endpoint:
             raise ModelError(f"the model endpoint {self.shown} cannot be reached: {self._reason(error)}") from None
 
     def post(self, path: str, content: bytes, tokens: int, failed: list[bytes]) -> Answer:
-        """Return the first answer of status 200 without an error. `patience` limits the number of attempts.
+        """Return the first `Answer`. `patience` limits the number of attempts.
 
         `tokens`: an estimate for the limiter. `failed` receives the bodies of all other answers. Raises ModelError. If
-        every question would get the same answer, raises its subclass ModelRejectedError without more attempts.
+        every question would get the same error, raises its subclass ModelRejectedError without more attempts.
         """
         return self._within(self.patience.give_up_s, lambda until: self._attempts(path, content, tokens, failed, until))
 
@@ -304,7 +304,7 @@ class Endpoint:
             began = time.monotonic()
             try:
                 came = self._exchange(url, content, until)
-            except (httpx.ReadTimeout, httpx.WriteTimeout):  # the timeout was all the time that was left
+            except (httpx.ReadTimeout, httpx.WriteTimeout):  # the timeout is the remaining time
                 raise self._silent(self.patience.give_up_s) from None
             except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
                 is_down = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout | httpx.ProxyError)

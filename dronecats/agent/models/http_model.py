@@ -25,7 +25,7 @@ TOKENS_MAX = 1_000_000_000  # largest valid token count of one question
 class HttpModel(ABC):
     """A model behind an HTTP endpoint. API keys are read from the environment and sent only in the header."""
 
-    answer: ClassVar[str]  # what the format calls an answer, in "the endpoint sent something other than a …"
+    answer: ClassVar[str]  # name of an answer, in the error message "sent something other than a …"
     key_header: ClassVar[KeyHeader] = BEARER
     listing: ClassVar[str] = "models"  # path of the list of models, with the query for the longest page
     unknown: ClassVar[Collection[str]] = ()  # keywords of JSON Schema that the format does not support
@@ -98,7 +98,7 @@ class HttpModel(ABC):
         return hashlib.sha256(json.dumps(question, sort_keys=True).encode()).hexdigest()
 
     def ask(self, request: Request) -> Reply:
-        """Return the reply of one HTTP exchange, with the API keys removed. Raises ModelError, ModelRejectedError.
+        """Return the reply to a question, with the API keys removed. Raises ModelError, ModelRejectedError.
 
         `lost` of the reply or the error counts the tokens of failed answers, because a vendor may charge for them.
         """

@@ -197,7 +197,7 @@ def spent_on(spec: ModelSpec, request: Request, reply: Reply) -> Spent:
 
 
 class BudgetedModel(WrappedModel):
-    """Asks a model while the budget lasts. n concurrent questions may exceed the budget by n questions."""
+    """Asks a model while the budget lasts. n concurrent questions may exceed the budget by the cost of n questions."""
 
     def __init__(self, model: Model, spec: ModelSpec, budget: Budget, ledger: LedgerInterface) -> None:
         super().__init__(model)

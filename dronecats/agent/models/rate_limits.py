@@ -98,8 +98,8 @@ def http_date(text: str | None) -> datetime | None:
 
 
 LONGEST_WAIT_S = 60.0  # s, longest block of requests; a stored time farther ahead means that the clock was set back
-SLOW_S = 60.0  # s after a block in which requests are sent one by one
-SLOW_INTERVAL_S = 0.5  # s between these requests, for vendors without rate-limit headers
+SLOW_S = 60.0  # s; after a block, requests are sent one by one for this time
+SLOW_INTERVAL_S = 0.5  # s between these requests; needed for vendors without rate-limit headers
 MINUTE_S = 60.0  # s, assumed period of a limit
 LATE_S = 0.001  # s, margin on the computed time of a refill
 
@@ -164,7 +164,7 @@ class RateLimitState:
     def updated(self, model: str, new: Allowance, now: float) -> "RateLimitState":
         """Return the state with a new allowance.
 
-        The lower of the old and the new level counts, because the answer may not yet include later requests.
+        The lower of the old and the new level counts, because the new level may not include the latest requests.
         """
         name = f"{new.kind} {model}"
         before = self.buckets.get(name)

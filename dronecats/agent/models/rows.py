@@ -16,7 +16,7 @@ from foundation.wording import did_you_mean, nearest
 OWN_FILE = "DRONECATS_MODELS"  # environment variable: the user's file
 SHIPPED = "models.toml"
 INTEGER_MAX = 2**63 - 1  # JSON readers accept integers at least up to this
-NONE = "none"  # with this value of a key in the file, requests do not have the setting
+NONE = "none"  # value of a key in the file: requests omit the setting
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 

@@ -201,7 +201,7 @@ def _place(division: Assignment, placed_items: list[tuple[int | None, Any]], dro
 def _places(names: list[int], drones: int) -> tuple[list[int], bool]:
     """Return the drones' indices for their numbers, and whether the numbers count from 0.
 
-    They count from 0 if a 0 is among them and the number of drones is not.
+    They count from 0 if 0 is among them and `drones` is not.
     """
     zero_based = 0 in names and drones not in names
     return [name if zero_based else name - 1 for name in names], zero_based
@@ -217,6 +217,6 @@ def _name(item: Any) -> int | None:
             return int(match.group(1))
         if isinstance(name, int) and not isinstance(name, bool):
             return name
-    name = item.get("id")  # a bare number as `id` may not be the number of a drone
+    name = item.get("id")  # a bare number as `id` is ignored: it may number other things
     match = _NAME.fullmatch(name.strip()) if isinstance(name, str) else None
     return int(match.group(1)) if match and not match.group().isdigit() else None

@@ -131,8 +131,8 @@ ANGLES = ("angle_deg", "angle", "angle_degrees", "degrees", "deg")
 # name of an action; side in the name that the reply used (1: right, -1: left, 0: no side); the action's fields
 Unfolded = tuple[str, int, dict[str, Any]]
 _BETWEEN_WORDS = re.compile(r"[\s\-_]+")
-_DEPTH = 6  # most levels of objects within objects
-_HELD_MAX = 40  # most members of an object that may wrap an action
+_DEPTH = 6  # maximum depth of objects within objects
+_HELD_MAX = 40  # maximum number of members of an object that may wrap an action
 _NAME_MAX = 40  # characters
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 
 MAX_REPLY_CHARS = 200_000  # characters of a reply that are parsed; a reply of 8192 tokens is far shorter
-MAX_TRIES = 500  # places in a reply at which JSON may begin
+MAX_TRIES = 500  # largest number of places at which JSON is tried
 MAX_VAIN_CHARS = 5 * MAX_REPLY_CHARS  # characters that are read in all failed attempts to parse a value
 _WORD = "think(?:ing)?|thoughts?|reasoning|analysis|reflection|scratchpad"
 _MARK = re.compile(

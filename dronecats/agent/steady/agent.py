@@ -83,10 +83,11 @@ class SteadyDrone(Drone):
     def wants_picture(self, now_s: float, age_s: float) -> bool:
         """Return whether it is time for the next picture; its reply is expected `age_s` later.
 
-        During a turn: no, because the model needs the view after the turn. During a hold: in its last `age_s` seconds.
-        On a leg: when the decision is due; in the `age_s` seconds before that, if the drone has flown a full stride
-        since the last picture, as the prompt's history will say; and earlier, if the drone rests. During a short
-        stride: when the decision is due or the drone rests.
+        - during a turn: no, because the model needs the view after the turn
+        - during a hold: in its last `age_s` seconds
+        - during a short stride: when the decision is due, or the drone rests
+        - on another leg: when the decision is due; in the `age_s` seconds before that, if the drone has flown a full
+          stride since the last picture (the prompt's history implies full strides); even earlier, if the drone rests
         """
         if self._segments:
             last = self._segments[-1]

@@ -43,9 +43,9 @@ def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
 def _reach(distance_m: float, depth_m: float) -> float:
     """Return the share of the way that a go may be flown before the next picture.
 
-    It is 0 below a depth of 2 m. From 2 to 5 m it gives the paper's stride. From 5 m on the share is constant, so that
-    the way grows with the depth, from the paper's 3 m at a depth of 5 m. The next reply decides how much of this way is
-    flown.
+    It is 0 below a depth of 2 m. From 2 to 5 m it gives the paper's stride. From 5 m on the share is constant: the
+    permitted way is the paper's 3 m at a depth of 5 m, and grows with the depth. The flown way depends on when the next
+    reply comes.
     """
     if depth_m < BRAKE_M:
         return 0.0
@@ -107,8 +107,8 @@ def leg_to(
 ) -> Leg:
     """Return the leg to a goal from a position, if a decision comes about every `period_s`.
 
-    The pace is the paper's 1.2 m/s, or slower if the way would take less than a step (2.5 s). For a short stride
-    (`careful`) the limit is CAREFUL_S. Without a next decision the leg continues for one more period.
+    The pace is the paper's 1.2 m/s, or slower, so that the way takes at least one step (2.5 s), or at least CAREFUL_S
+    for a short stride (`careful`). Without a next decision the leg continues for one more period.
     """
     lasts_s = STEP_S if careful else max(STEP_S, period_s)
     pace = min(SPEED_MAX, math.dist(goal_ned, position_ned) / (CAREFUL_S if careful else STEP_S))
