@@ -1,1 +1,1 @@
-"""The logger: a separate process that writes the truth of a flight."""
+"""The logger of a flight, in real time a process. It writes truth, or the autopilot's estimate, and telemetry."""

@@ -21,7 +21,7 @@ from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from foundation.redaction import keyless_environment
 
 HEARTBEAT_PERIOD_S = 1.0  # wall s from the answer to one heartbeat request until the next request
-CHECK_MAX_S = 0.5  # wall s; largest wait that one check counts, so that a pause of the parent counts little
+CHECK_MAX_S = 0.5  # wall s; one check adds at most this to the wait, so that a pause of the parent counts little
 
 
 class Heartbeat:
@@ -66,7 +66,7 @@ READY_S = 600.0  # wall seconds; includes the compilation of a first run on a sl
 ANSWER_S = 30.0  # wall seconds; longest wait for the answer to a command
 # Longest wait for a heartbeat, wall seconds. A part answers between two turns. A turn takes milliseconds, on a busy
 # machine seconds. A flight with a longer silence cannot be judged, because the socket of the silent process overflows.
-# The agent waits longer for its camera, so that this check, whose error names the process, comes first.
+# The agent waits longer for its camera, so this check comes first. Its error names the process.
 HANG_S = 15.0
 CAUSE_S = 10.0  # longest wait for a heartbeat after another error, which a hanging process may have caused
 CLOSE_S = 5.0

@@ -87,7 +87,7 @@ class RemoteLimiter:
         self._call("limit", "update", self._address, self._model, allowances)
 
     def hold(self, seconds: float) -> None:
-        """Hold back all requests to the address for this time. Raises InfrastructureError."""
+        """Block all requests to the address for `seconds`. Raises InfrastructureError."""
         self._call("limit", "hold", self._address, self._model, seconds)
 
 

@@ -1,4 +1,4 @@
-"""Flies a connected vehicle with the episode code of a simulated one. A flight without true poses has no verdict."""
+"""Flies a connected vehicle with the episode code of a simulated one. Flights without true poses are not scored."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

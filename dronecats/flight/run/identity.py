@@ -1,7 +1,7 @@
 """Computes the identity of a flight: digests of its source code, record and frames, and the protocol's constants.
 
-Digests are SHA-256 in hexadecimal. A report does not count runs with different digests of the code together, and it
-rejects flights of one episode with different digests of the record.
+Digests are SHA-256 in hexadecimal. A report does not combine runs with different digests of the code, and rejects
+flights of one episode with different digests of the record.
 
 The digest of the source code covers statements, not their places and comments. From a Python file it covers the
 top-level statements, without imports, docstrings, comments and `__version__`. So moving a function to another file does

@@ -32,7 +32,7 @@ class StepLines:
     ) -> None:
         """`spent` returns the cost of the model so far, or an empty string.
 
-        `stop_unreadable`: number of replies in a row without an action that end the flight; None: no limit.
+        `stop_unreadable`: the flight ends after this number of replies in a row without an action; None: never.
         """
         self._notify, self._drones, self._spent, self._stop = notify, drones, spent, stop_unreadable
         self._unreadable: Counter[int] = Counter()  # replies in a row, by drone
@@ -64,7 +64,7 @@ def unreadable(decision: Decision) -> str:
 
 
 class SafetyLog:
-    """Writes every change of the active limits of the envelopes to safety.jsonl. Prints the links' notices, and limits.
+    """Writes every change of the active limits of the envelopes to safety.jsonl, and prints limits and link notices.
 
     A limit is printed when it first acts on a drone. It may act at every step, so later times are only counted, and
     `sum_up` prints the counts. The file is created when the first limit acts.

@@ -48,7 +48,7 @@ from hil.link.transport import bind_error
 from vehicles import airframe as airframes
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
-# samples per pixel and axis of a reduced picture: as dense as the 2 samples of a full picture, with half as wide pixels
+# samples per pixel and axis of a reduced picture; as dense as 2 in a full picture, whose pixels are half as wide
 GRAIN = 4
 DEPTHS_KEPT = 32  # number of newest frames whose depth pictures are kept
 STALE_S = 0.5  # s; body rates are not computed from samples that are farther apart in time

@@ -19,7 +19,7 @@ class SimulatorConfig:
     episode: str  # id, or path of a record file; drones boot on the ground below its start poses
     airframe: str = AIRFRAME
     seed: int = 0  # differs between flights of one episode
-    speed: float | None = 1.0  # × real time; None: as fast as possible
+    speed: float | None = 1.0  # × real time; None: with PX4 as fast as possible, else real time
     instance: int | None = None  # added to every port; None: the system chooses the ports
     count: int | None = None  # vehicles; None: as many as the record has starts
     least_charge: float | None = None  # 0 … 1, lower bound of the battery charge; None: no bound

@@ -4,9 +4,9 @@ Every EXCHANGE_US of vehicle time PX4 gets one HIL_SENSOR, which sets its clock,
 A PX4 that has just connected does not answer yet. Until its first answer, and after PX4 stops answering, the vehicle
 does not wait: it sends sensors, and its rotors stand still.
 
-In lockstep, vehicle and PX4 are synchronised, but PX4's MAVLink threads are not: after each tick the agent waits a
-short wall time for telemetry. So a flight is as fast as the machine allows, but the logs of a repetition differ in
-their bytes.
+In lockstep, vehicle and PX4 are synchronised, and a flight is as fast as the machine allows. PX4's MAVLink threads are
+not synchronised: after each tick the agent waits a short wall time for telemetry. So the logs of a repeated flight
+differ.
 """
 
 import os
@@ -58,8 +58,8 @@ from vehicles.sensors import Suite
 EXCHANGE_US = 4_000  # PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
 # period of the truth that PX4 gets for its log; PX4 asks for 5 ms, but the period must be a multiple of EXCHANGE_US
 TRUTH_US = 8_000
-# Wall seconds to wait for an answer. After that, vehicle time advances without PX4, because PX4 never answers again
-# after a flight termination. The agent's link detects a PX4 that hangs.
+# Wall seconds to wait for an answer. After that, vehicle time advances without PX4. This happens after each flight
+# termination, because PX4 then never answers again. The agent's link detects a PX4 that hangs.
 ANSWER_S = 3.0
 PATIENCE_S = 0.2  # wall seconds between two checks during this wait
 # PX4's start script sets EKF2_GPS_DELAY to 10 ms for this interface. Each exchange has one (mean) IMU sample.

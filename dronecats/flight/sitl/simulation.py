@@ -180,7 +180,7 @@ class Vehicle:
 
 
 class VehiclePort:
-    """A MAVLink port of a vehicle that survives reboots: it forwards to a port of the current autopilot."""
+    """A vehicle's MAVLink port, which survives reboots: it forwards to a port of the current autopilot."""
 
     def __init__(self, autopilot: Autopilot, profile: str) -> None:
         """Open a port of `profile`. Raises UsageError for an unknown profile."""
@@ -238,7 +238,7 @@ class SimulatedVehicle(Vehicle):
         self._boot()
 
     def advance(self) -> None:
-        """Advance by one tick: each ms physics, then estimator and cascade; at its end the commander and MAVLink."""
+        """Advance by one tick: physics, estimator and cascade each ms, then commander and MAVLink once."""
         if self.autopilot.stream_us < TICK_US:
             self._stream_through(self.autopilot.stream_us)
         else:
@@ -429,7 +429,7 @@ def build_configured(make: Callable[..., V], world: World, config: SimulatorConf
 
 
 class PacedSimulator(Generic[V]):
-    """The `Part` of a simulator that follows the wall clock: its simulation, pace and stalls."""
+    """Base class of simulators that follow the wall clock, with `do` of `processes.child.Part`."""
 
     simulation: Simulation[V]
     speed: float | None  # factor on real time; None: as fast as possible

@@ -1,4 +1,4 @@
-"""The process that moves the truth of a vehicle with its own simulation onto an episode's map and publishes it.
+"""The process that publishes the true poses of a vehicle with its own simulation, moved onto an episode's map.
 
 Camera, logger and oracle read this truth bus in the same way as the bus of the project's simulator.
 """

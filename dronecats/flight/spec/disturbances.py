@@ -50,7 +50,7 @@ class DisturbanceOption:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisturbanceLevel(DeclaredNumber):
-    """A number that a study can vary: a factor. It is the declared field itself unless `put` or `get` is given."""
+    """A number that a study can vary: a factor. Unless `put` or `get` is given, the number is the field's value."""
 
     put: Callable[[FieldValues, float], None] | None = None  # stores the number in the section's values
     get: Callable[[Any], float] | None = None  # returns the number from the section

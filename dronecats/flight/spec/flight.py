@@ -48,7 +48,7 @@ class Flight:
 
     @property
     def scored(self) -> bool:
-        """Whether the truth is measured, so that there is a verdict."""
+        """Whether the vehicle's true poses are known, as a verdict requires."""
         return not self.spec.connected or self.spec.connected.truth is not None
 
     @property

@@ -3,9 +3,9 @@
 Command line, files and studies create a FlightSpec. It checks all rules between options, and raises UsageError for
 contradictions.
 
-A worker on any machine needs only the spec. The spec has the contents of files instead of their names, for example the
-latencies of a `trace:FILE`. Some files stay on the machine, and the spec has only their names: the script of
-`recorded:`, a user's own map, the key file of `Connected` and the files of `Accounts`.
+A worker on any machine can fly the spec, which has the contents of files, for example the latencies of a `trace:FILE`.
+It has only the names of some files on the machine: the script of `--pilot recorded:FILE`, a user's own map or agent,
+the program in `px4`, the key file of `Connected` and the files of `Accounts`.
 """
 
 import csv
@@ -88,7 +88,7 @@ class Accounts:
     """The limits of a model's cost, and the files of this machine for its cost and replies."""
 
     cost_limit_usd: float | None = None  # $, limit for the whole ledger; None: no limit
-    token_limit: int | None = None  # of questions and replies, limit for the whole ledger; None: no limit
+    token_limit: int | None = None  # tokens of questions and replies, limit for the whole ledger; None: no limit
     ledger: str | None = None  # file, or ON_CLUSTER and a name; None: a file in the run folder
     cache: str | None = None  # file of stored replies; None: every question is sent
 
@@ -102,17 +102,17 @@ class Accounts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExternalHarness:
-    """Another harness, which asks its own model and gives its replies (`dronecats.bench.harnesses`)."""
+    """Another harness, which asks a model and passes on the replies (`dronecats.bench.harnesses`)."""
 
     harness: str  # gymnasium, inspect or inspect-robots
     name: str  # the harness's name for its model
-    axis_order: Literal["xy", "yx"] = "xy"  # order of points in the prompt
+    axis_order: Literal["xy", "yx"] = "xy"  # order of the coordinates of a point
     lifted: str | None = None  # the harness's reasoning effort after a `think`; None: as for other questions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightSpec:
-    """The settings of a flight; without an episode, of all flights of a run. Raises UsageError for contradictions."""
+    """The settings of a flight, or without an episode those of all flights of a run. Raises UsageError."""
 
     episode: str | None = None  # id of a shipped episode
     record: dict[str, Any] | None = None  # or the content of the user's own record file
@@ -130,17 +130,18 @@ class FlightSpec:
         "flat"  # flat: one question for all drones; hierarchical: a commander; solo: a question for each drone
     )
     commander: ModelSpec | None = None  # the commander's model; only with `command` hierarchical
-    scripted: str | None = None  # a built-in commander; if both are None: `model`, or SCRIPTED if `model` is None
+    # a built-in commander. If `commander` is None too, `model` commands, or SCRIPTED if `model` is None
+    scripted: str | None = None
     prompt: str | None = None  # a template; None: the shipped one
     agent: str = PAPER  # a shipped agent (`dronecats.flight.run.pilot`), or MODULE:NAME of the user's own
     latency: LatencyPolicy = DEFAULT_LATENCY  # `flight.run.pilot.questions_of` passes it to the agent
     parser: ReplyParser = "strict"  # how replies are read: docs/replies.md
     stop_unreadable: int | None = (
-        number(  # number of replies in a row without an action that end the flight; None: no limit
+        number(  # the flight ends after this number of replies to one drone in a row without an action; None: never
             None, "--stop-unreadable", "replies in a row that are no actions", low=1, high=COUNT_MAX, whole=True
         )
     )
-    patience_s: float | None = number(  # s without frame or reply that end the flight; None: limits of camera and model
+    patience_s: float | None = number(  # s, longest wait for a frame or reply; None: only camera and model have limits
         None, "--patience", "time without a frame or a reply", low=1.0, high=CAP_S, unit="s"
     )
     disturbances: Disturbances = UNDISTURBED  # faults of pictures, link and vehicle
@@ -257,8 +258,8 @@ AT = "@"  # between a file's name and the digest of its latencies
 def latency_policy(text: str, recorded: Sequence[float] | None = None) -> LatencyPolicy:
     """Return the policy of a text; the file of a `trace:FILE` is read.
 
-    `recorded`: the latencies (s) of a text from `portable_policy_text`. If they have the digest in the text, no file is
-    read. Raises UsageError for an invalid policy, and for a file without latencies.
+    `recorded`: latencies (s). No file is read if the text has their digest, like a text from `portable_policy_text`.
+    Raises UsageError for an invalid policy, and for a file without latencies.
     """
     file = _file(text)
     if file is None:

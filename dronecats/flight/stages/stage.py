@@ -62,7 +62,7 @@ class Stage:
         raise NotImplementedError
 
     def check(self) -> None:
-        """Raise InfrastructureError if a part of the stage is gone. In one process, errors raise by themselves."""
+        """Raise InfrastructureError if a part of the stage is gone. In one process, a part itself raises its errors."""
 
     def check_vehicles(self) -> None:
         """Raise InfrastructureError if the simulator of the vehicles is gone, so that none of them can land."""
