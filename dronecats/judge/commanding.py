@@ -1,8 +1,8 @@
 """Diagnostics of a fleet's commands: identical points, spread of the places, and the candidates that drones approach.
 
 Paper, "Commanding Several Drones". The diagnostics do not affect the verdict. A `go` commands a drone to a point of its
-frame at a depth. A place is the 3-D position of that point, for the benchmark's camera on a level drone with the
-drone's true position and heading at the time of the frame.
+frame at a depth. A place is the 3-D position of that point, for the benchmark's camera on a level drone with the true
+position, heading and camera pitch at the frame.
 """
 
 import itertools

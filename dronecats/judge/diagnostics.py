@@ -1,8 +1,8 @@
 """Computes the diagnostics of an episode: trace, contacts, estimator resets, delays, and estimated distances.
 
 No diagnostic affects the verdict. Paper, "Metrics"; table in docs/run-folder.md. Poses and frames of a drone are
-samples of the same truth. A sample holds until the next sample, but for no time if the next one is more than GAP_S
-later.
+samples of the same truth. A sample holds until the next sample. If that is more than GAP_S later, the time between them
+is a gap, for which no sample holds.
 """
 
 import math
@@ -237,7 +237,7 @@ SURE = 2.0  # standard deviations
 
 
 def distances(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Distances | None:
-    """Return the estimated distances of a flight without truth to a surveyed target; None without estimate or target.
+    """Return the estimated distances to a surveyed target, for a flight without truth; None without estimate or target.
 
     The distances never show a success, because a success needs the target in view. `within` is known only if SURE
     standard deviations lie between the distance and the radius; otherwise `within` is None (open).

@@ -135,7 +135,7 @@ def _stored(path: Path, verdict: Verdict) -> Comparison | None:
 
 
 def judge_run(run: Path, delta_m: float = RADIUS_M, reread: Rereading | None = None) -> dict[str, Judged]:
-    """Return `judge_folder` of every episode of a run folder, or of a single episode folder, by the folder's name.
+    """Return the results of `judge_folder` by folder name, for all episodes of a run folder or for an episode folder.
 
     A damaged episode gets the outcome "error", and the others are still judged. Raises UsageError.
     """

@@ -1,4 +1,4 @@
-"""Reads a flight from its folder, with the files that the judge may use, and derives the verdict from its logs.
+"""Reads the files of a flight that the judge may use, and derives the verdict from its logs.
 
 `JudgedFlight` is the input of every metric. `dronecats.report.recorded.flight` adds the data of MAVLink and of the
 world.
@@ -49,11 +49,11 @@ from foundation.run_folder.writing import as_json
 def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verdict:
     """Return the verdict of an episode's logs. Table of its keys: docs/run-folder.md.
 
-    A qualifying declaration is a success, however the flight ended. Without one, three cases are errors of the
-    infrastructure and never a failure: the logger recorded neither an end at the cap nor a decided end, the logs
-    contradict their end, or a declaration was not measured. A flight is censored if it ended before `cap_s`, for
-    example because it was decided at another radius. Without truth `success` is None. The outcome is then "distance
-    only" if the autopilot's estimate and a surveyed target give `distances`, else "unknown".
+    A qualifying declaration is a success, however the flight ended. Without one, the outcome is "error", an error of
+    the infrastructure, if a declaration was not measured, or if `ending` or `gaps` finds a fault. A flight is censored
+    if it ended before `cap_s`, for example because it was decided at another radius. Without truth `success` is None,
+    and the outcome, if not "error", is "distance only" if the autopilot's estimate and a surveyed target give
+    `distances`, else "unknown".
     """
     declared = declarations(logs, cap_s) if logs.true else []
     last = last_action(logs, cap_s) if logs.true else None
@@ -137,8 +137,8 @@ def _of_drone(drone: int, diagnostics: Diagnostics, declared: list[Measured], de
     return DroneDiagnostics(drone=drone, declarations=len(own), qualifying=qualifying, **as_json(diagnostics))
 
 
-# s by which the logged end may precede the cap: the logger's clock is the time of the newest truth that it received,
-# and a process may stall for this time on a busy machine
+# s by which the logged end may precede the cap. The logged end is the time of the newest truth that the logger has
+# received, and on a busy machine a process may stall for this long.
 LATE_S = 5.0
 
 
@@ -187,7 +187,7 @@ class FlightStep:
 
     decision: Decision
     truth: FrameTruth | None  # at the time of its picture; None: the logger has no such row
-    is_question: bool  # first decision from a reply of the pilot; metrics count the cost of the reply here
+    is_question: bool  # it is the first decision from a pilot's reply; metrics count the reply's cost here
     counts: bool  # it was made within the cap
     go: PointedGo | None  # None: another action, or none
 

@@ -1,9 +1,9 @@
 """Audits of a run: alternative success rules, strict parsing of replies, and the effect of `think`.
 
 Paper, appendix "Verifier Audit" and "Test-Time Deliberation". A mended reply is one that the lenient parser repaired.
-Strict parsing reads it again, exactly by the format of the prompt. If the result is no action or another action, the
-step changes, and the verdict is derived again; a real flight would have continued differently. The comparisons of
-`think` are observations, not an experiment: a pilot thinks when it is in trouble. The paper does not define the
+Strict parsing reads it again, exactly by the format of the prompt. If this removes or changes a declaration, the
+verdict is derived again from the changed log, although a real flight would have continued differently. The comparisons
+of `think` are observations, not an experiment: a pilot thinks when it is in trouble. The paper does not define the
 compared steps. This module uses the three steps before a step and the three steps after it.
 """
 
@@ -28,14 +28,14 @@ from foundation.run_folder.results import SCORED
 from foundation.run_folder.rows import Decision
 
 AFTER = 3  # steps before and after a step that are compared
-MATCHED_M = 0.25  # m per step, width of an interval of closing rates; steps in the same interval are matched
+MATCHED_M = 0.25  # m per step; steps are matched if their closing rates are in the same interval of this width
 # m closed in three steps. Less than STALL_M before a step is a stall. BROKEN_M or more after the step ends the stall.
 STALL_M, BROKEN_M = 0.5, 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class StepOutlook:
-    """One step of one drone with the motion before and after it. None: too few steps before or after, or unknown.
+    """One step of one drone with the motion around it. A field is None if steps are missing or the truth is unknown.
 
     Closed metres are the metres by which the distance to the target became smaller.
     """
@@ -51,7 +51,7 @@ class StepOutlook:
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """Counts of an event after `think` steps (`think` of `of_thinks`) and ordinary steps (`other` of `of_others`)."""
+    """Counts of an event: it followed `think` of `of_thinks` think steps, and `other` of `of_others` ordinary steps."""
 
     think: int
     of_thinks: int
@@ -193,9 +193,9 @@ class Strictness:
     """The effect of strict parsing on one episode, for its decisions within the cap."""
 
     steps: int  # decisions
-    mended: int  # of these, those whose reply was mended
-    changed: int  # of these, those whose action strict parsing removes or changes
-    declarations: int  # of these, declarations
+    mended: int  # of `steps`, those whose reply was mended
+    changed: int  # of `mended`, those whose action strict parsing removes or changes
+    declarations: int  # of `changed`, declarations
     success: bool | None  # under strict parsing; None: not scored
 
 
@@ -327,8 +327,8 @@ def strictness(flight: JudgedFlight) -> Strictness:
 def strictly(decision: Decision, drones: list[int]) -> dict[str, Any] | None:
     """Return the action of a decision under strict parsing of its reply.
 
-    The result is the logged action if one of the axis orders xy and yx gives it, or if the reply was not logged;
-    otherwise the action in the order xy. `drones`: the drones of the reply.
+    The axis order is not known here. The result is the logged action if the order xy or yx gives it, else the action in
+    the order xy. If the reply was not logged, the result is the logged action. `drones`: the drones of the reply.
     """
     if decision.reply is UNSET:
         return decision.action

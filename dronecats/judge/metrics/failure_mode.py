@@ -1,12 +1,12 @@
 """Failure modes: the paper's modes and thresholds. Each scored episode has exactly one mode.
 
 Paper, "Failure Taxonomy" and appendix "Additional Results". The paper does not say which mode counts if several hold.
-Here the first mode of MODES that holds counts. After success, MODES has the order of the appendix. "did not move" is
-meant for faults of the simulation, so it holds only if moves were commanded. It precedes the other modes without
-declaration or arrival, because they assume a drone that moves. The appendix and `band` count it as "timed out".
+Here the first mode of MODES that holds counts. After success, MODES has the order of the appendix, except for "did not
+move", which the appendix and `band` count as "timed out". It is meant for faults of the simulation, so it holds only if
+moves were commanded. It precedes "never grounded" and all later modes, because they assume a drone that moves.
 
-For a fleet, declarations, arrival, closing and the share of steps with the target ahead are those of the best drone, as
-in the success criterion. A fleet oscillated, or did not move, if every drone oscillated, or did not move.
+For a fleet, one drone with a declaration or an arrival is enough. Closing and the share of steps with the target ahead
+are those of the best drone. A fleet oscillated if every drone oscillated. It did not move if no drone moved.
 
 `dronecats bench` retries a "did not move" flight once. The paper's "pose track under 5 m" assumes a vehicle that hovers
 without motion. The simulated vehicle follows its drifting estimate: a hover of 300 s makes a path of about 10 m. So

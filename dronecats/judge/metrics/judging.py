@@ -1,8 +1,8 @@
 """Registers all metrics, loads a user's own metrics, and judges many episodes.
 
-The table in the docs, reports, `--json` and SQL are made from METRICS. A user's metrics are in a Python file with
-`METRICS`, as in the other modules of this package. The file is executed, so it must be trusted. Episodes are judged in
-parallel on all cores. Results are in the order of the episodes.
+METRICS is the source for the table in the docs, for reports, `--json` and SQL. A user's metrics are in a Python file
+with `METRICS`, as in the other modules of this package. The file is executed, so it must be trusted. Episodes are
+judged in parallel on all cores. Results are in the order of the episodes.
 """
 
 import gc
@@ -181,7 +181,7 @@ def values_of(flight: JudgedFlight, metrics: Sequence[Metric]) -> dict[str, Metr
 def reread(reply: str, drones: int, mended: bool = False) -> Iterator[tuple[dict[str, Any] | None, ...]]:
     """Yield the actions of a reply, one per drone, first with the axis order xy, then yx.
 
-    `mended`: parse leniently, which gives the same as strict parsing for a reply without faults.
+    `mended`: parse leniently. For a reply without faults, this gives the same as strict parsing.
     """
     yield _read(reply, drones, "xy", mended)
     yield _read(reply, drones, "yx", mended)

@@ -1,7 +1,7 @@
 """Metrics of outcome and trajectory: success and declarations, distances, times, path and contacts.
 
-Paper, "Maps, Episodes and Metrics" and "Metrics". For a fleet, each diagnostic of the trajectory is that of the best
-drone, except the path, which is the sum (`dronecats/judge/diagnostics.py`). Trajectories do not affect the verdict.
+Paper, "Maps, Episodes and Metrics" and "Metrics". For a fleet, most diagnostics of the trajectory are those of the best
+drone (`fleet_diagnostics`). Path, contacts and resets are summed. Trajectories do not affect the verdict.
 """
 
 from dronecats.judge.diagnostics import contacts, estimator_resets

@@ -42,9 +42,8 @@ class MeanDifference(KnownMean):
 def known_mean(values: Sequence[float]) -> KnownMean:
     """Return the mean of `values`, one per episode, with an interval within the range of the values.
 
-    The ends are quantiles of the means of all subsets of the episodes (Hartigan, "Using subsample values as typical
-    values", J. Am. Stat. Assoc. 64, 1969), so the interval is between the least and the largest value. Fewer
-    than 6 episodes are too few for 95 %.
+    The ends are quantiles of the means of subsets of the episodes (`_subsets`; Hartigan, "Using subsample values as
+    typical values", J. Am. Stat. Assoc. 64, 1969). Fewer than 6 episodes are too few for 95 %.
     """
     if not len(values):
         return KnownMean(0, math.nan, None, None)
@@ -76,14 +75,14 @@ def mean_difference(differences: Sequence[float]) -> MeanDifference:
 
 
 def share_difference(differences: Sequence[float], flights: float = 1.0) -> MeanDifference:
-    """Return the mean difference of two shares of successes, from a difference per episode, -1 … 1.
+    """Return the mean difference of two shares of successes. `differences` has one value per episode, -1 … 1.
 
-    For one flight per episode, the interval is Agresti and Min's (Stat. Med. 24, 2005): half a pair is added to each of
-    the four outcomes of a pair, so its width is never 0. With several `flights` per episode on average, the added pairs
-    have the weight 1 / `flights` of an episode, and the variance uses the squared differences of the episodes. If all
-    differences are equal, they do not show their scatter, and the weight is 1. p is the larger of two values: that of
-    the exact randomisation test of the mean (McNemar's test for one flight each), and that of the interval. If the
-    exact test is not significant, the interval includes 0. Raises ValueError for an invalid difference.
+    The interval is Agresti and Min's (Stat. Med. 24, 2005). It adds half a pair to each of the four outcomes of a pair,
+    so its width is never 0. `flights` is the mean number of flights per episode. An added pair has the weight
+    1 / `flights` of an episode, or 1 if all differences are equal, because they do not show their scatter. The variance
+    uses squared differences. p is the larger p of two tests: the exact randomisation test of the mean (McNemar's test
+    for one flight each), and the test of the interval. If the exact test is not significant, the interval is extended
+    to 0. Raises ValueError for a difference or `flights` out of range.
     """
     count = len(differences)
     if any(not -1 <= difference <= 1 for difference in differences) or flights < 1:

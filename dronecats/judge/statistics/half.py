@@ -32,8 +32,8 @@ Where = Literal["within", "between", "above all", "below all", "no slope"]
 PLACES = 17  # places of the profile, from the lowest to the highest level
 # loss in 2 · log likelihood; a place that loses more is noticeably worse than the best place
 NOTICEABLE_LOSS = 1.0
-# The width of the profile at the loss EQUAL_LOSS, divided by that at NOTICEABLE_LOSS. Above this ratio the profile is
-# flat, so that no place is best; the ratio of a parabola is 0.1.
+# The profile is flat, so that no place is best, if its width at EQUAL_LOSS divided by its width at NOTICEABLE_LOSS is
+# more than this. The ratio of a parabola is 0.1.
 FLAT_WIDTH_RATIO = 0.25
 
 
@@ -41,14 +41,14 @@ FLAT_WIDTH_RATIO = 0.25
 class HalfSuccess:
     """The place at which half of the trials succeed."""
 
-    where: Where  # "between": within the levels, but success turns to failure too sharply for a best place
+    where: Where  # "between": within the levels, but many places are equally good
     value: float | None  # the place, in the factor's unit; None: outside of the levels, or unknown
     low: float  # lower end of the interval; -inf: below the lowest level, +inf: above the highest
     high: float  # upper end, with the same infinities
     slope: float | None  # of the log odds per unit of the factor; None: the likelihood has no peak
     scatter: float | None  # standard deviation of the groups' intercepts, log odds; WIDEST means at least WIDEST
     p_slope: float  # p-value of the likelihood ratio test of no slope
-    p_straight: float | None  # p-value of log odds on a straight line against a share per level; None: two levels
+    p_straight: float | None  # p-value of the test of straight log odds against a share per level; None: two levels
     groups: int
     trials: int
 
@@ -206,7 +206,7 @@ def _design(at: Array) -> Array:
 
 
 def _gap(at: Array, trials: Trials) -> tuple[float, float] | None:
-    """Return the two levels between which all trials turn from success to failure or back; None: no such levels."""
+    """Return the two levels between which all trials change to the other outcome; None: no such levels."""
     shares = trials.successes.sum(axis=0) / trials.trials.sum(axis=0)
     turns = [k for k in range(1, len(at)) if shares[k] != shares[k - 1]]
     if set(shares) != {0.0, 1.0} or len(turns) != 1:

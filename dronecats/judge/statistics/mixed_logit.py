@@ -21,7 +21,7 @@ REACH = 7.0  # range of z, to either side
 STEEPEST = 400.0  # bound of a coefficient whose column is scaled to at most 1
 WIDEST = 12.0  # bound of s; beyond it only the group determines the outcome
 EQUAL_LOSS = 0.01  # loss in 2 · log likelihood; a fit that loses less is as good as the best
-LEAST_PEAK = 1e-4  # least curvature (eigenvalue, scaled columns) of the log likelihood at a peak
+LEAST_PEAK = 1e-4  # the log likelihood has no peak if its curvature (eigenvalue, scaled columns) is less
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,10 +46,10 @@ def estimate_share(flights: Sequence[Sequence[bool]]) -> ShareEstimate:
     """Return the share of successes over all flights of some episodes; `flights` has the outcomes of each episode.
 
     Flights of one episode are correlated, so ten flights of one episode carry less information than one flight of each
-    of ten episodes. The interval is Wilson's with an effective number of trials. This number gives the share's
-    variance over the episodes (linearised, Cochran, "Sampling Techniques", 1977, 6.4), and is limited to the range from
-    the number of episodes to the number of flights. With one flight per episode it is the number of flights. If all
-    flights have the same outcome, each episode counts once.
+    of ten episodes. The interval is Wilson's with an effective number of trials: the number of independent trials with
+    the same variance of the share (linearised: Cochran, "Sampling Techniques", 1977, 6.4). It is at least the number of
+    episodes, and at most the number of flights. If all flights have the same outcome, or there is only one episode, it
+    is the number of episodes.
     """
     episodes = [outcomes for outcomes in flights if outcomes]
     trials, successes = sum(map(len, episodes)), sum(map(sum, episodes))
@@ -80,7 +80,7 @@ class Spread:
     mean: float  # mean number of successes
     deviation: float | None  # standard deviation of the number of successes; None: one flight
     low: float | None  # lower end of the interval of `deviation`, for normal totals
-    high: float | None  # upper end, at most half of the episodes
+    high: float | None  # upper end, at most half of the episodes, or `deviation` if that is more
     binomial: float  # expected deviation for equally hard episodes: the paper's sqrt(n p (1 - p))
     binomial_by_episode: float | None  # expected deviation if each episode has its own success rate; None: one flight
 
@@ -96,7 +96,7 @@ def spread(flights: Sequence[Sequence[bool]]) -> Spread:
     mean = statistics.fmean(totals)
     deviation = statistics.stdev(totals) if len(totals) > 1 else None
     low, high = (None, None) if deviation is None else deviation_interval(deviation, len(totals))
-    if high is not None and deviation is not None:  # a deviation of totals cannot exceed half of the episodes
+    if high is not None and deviation is not None:  # the true deviation of totals cannot exceed half of the episodes
         high = max(deviation, min(high, episodes / 2))
     return Spread(
         totals=totals,
@@ -225,9 +225,9 @@ def mcnemar_power(episodes: int, difference: float, discordant: float) -> float:
 
 @functools.cache
 def _largest_significant_minority(pairs: int) -> int:
-    """Return how many of `pairs` discordant pairs may at most favour the weaker pilot for p ≤ ALPHA; -1: not even 0.
+    """Return the largest number of `pairs` discordant pairs that may favour the weaker pilot so that p ≤ ALPHA.
 
-    -1 means that p > ALPHA even if all discordant pairs favour one pilot.
+    -1: p > ALPHA even if all discordant pairs favour one pilot.
     """
     most = -1
     while 2 * (most + 1) < pairs and mcnemar(most + 1, pairs - most - 1) <= ALPHA:
