@@ -19,7 +19,7 @@ class CameraModel:
     height: int = 720  # px
     hfov_deg: float = 90.0
     offset_frd: Vec3 = (0.5, 0.0, 0.1)  # m from the body origin
-    pitch_deg: float = 0.0  # of the mount: up from body forward; with a gimbal, up from the horizon
+    pitch_deg: float = 0.0  # up from body forward; with a gimbal, up from the horizon
     gimballed: bool = False  # whether a gimbal holds the camera level in roll and changes its pitch in flight
 
     @property

@@ -26,7 +26,7 @@ from foundation.machine import user_cache
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
 # types in the signatures of kernels
-Record = Any  # a numpy record with its fields as attributes; the name of the argument tells the record's dtype
+Record = Any  # a numpy record with its fields as attributes; the argument's name tells its dtype
 Grid = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -1,7 +1,7 @@
 """Conversion of JSON values into typed objects, by msgspec, for programs with several threads.
 
-At the first use of a class, msgspec stores a description of its fields. A second thread that converts to the same class
-meanwhile reads the unfinished description, and the process crashes (msgspec 0.22). So one thread at a time converts.
+At the first use of a class, msgspec stores a description of its fields. If a second thread uses the class before this
+description is complete, the process crashes (msgspec 0.22). So one thread at a time converts or makes a decoder.
 """
 
 import threading
@@ -30,6 +30,6 @@ def decode(data: bytes | str, kind: type[T]) -> T:
 
 
 def decoder(kind: type[T]) -> Callable[[bytes | str], T]:
-    """Return a function as `decode` for one kind."""
+    """Return a function that does the same as `decode` for one kind."""
     with _CONVERTING:
         return msgspec.json.Decoder(kind).decode

@@ -1,4 +1,4 @@
-"""Declares numbers that users set, in the metadata of dataclass fields.
+"""Declares the numbers that users set. The metadata of a dataclass field holds its declaration.
 
     loss: float = number(0.0, "loss", "share of frames that never arrive", high=1.0, words="{percent:g} % lost")
 

@@ -32,7 +32,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def file_errors_as(kind: type[DronecatsError], failure: str, advice: str = "") -> Iterator[None]:
-    """Raise `kind` in place of an OSError of the block, with the text `failure: reason` and then `advice`."""
+    """Raise `kind` instead of an OSError of the block. Its text is `failure: reason`, then `advice`."""
     try:
         yield
     except OSError as error:

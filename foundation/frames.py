@@ -6,8 +6,8 @@ Conventions
     q     attitude quaternion (w, x, y, z), Hamilton, unit, rotates FRD vectors into NED.
     yaw   rad, 0 = north, positive towards east (clockwise seen from above).
 
-Every function takes and returns plain floats and tuples. So ordinary Python and, through `numba.njit`, the compiled
-kernels of `vehicles` and `autopilot` use the same source.
+Every function takes and returns plain floats and tuples. So Python code can call it, and `numba.njit` can compile it
+into the kernels of `vehicles` and `autopilot`.
 """
 
 import math

@@ -15,13 +15,13 @@ from foundation.files import whole_file
 from foundation.machine import user_cache
 
 ROOT = Path(__file__).resolve().parents[1]
-LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "numba")  # whose arithmetic may differ between versions
-FILES_MAX = 8  # files of one name; when a new one is stored, those that were unused for longest are removed
+LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "numba")  # their arithmetic may differ between versions
+FILES_MAX = 8  # files of one name; if there are more, those that were unused for longest are removed
 T = TypeVar("T")
 
 
 def kept(name: str, sources: Iterable[str], make: Callable[[], T], of: object = None) -> T:
-    """Return the value of `make()`; the cached value if a process with the same sources and `of` stored it.
+    """Return the cached value if a process with the same sources and `of` stored it, otherwise the value of `make()`.
 
     `name`: start of the file's name. `sources`: patterns of files below the project's root. `of`: the input of `make`.
     Value and input must be made of plain types, arrays and the project's own classes. A cache that cannot be read or

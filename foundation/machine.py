@@ -1,4 +1,4 @@
-"""Queries of this machine: the user's cache folder, names of hosts, cores, the limit on address space, users of ports.
+"""Queries of this machine: the user's cache folder, names of hosts, cores, limit on address space, holders of ports.
 
 The limit is checked before compiled code is loaded, because compiled code crashes when it runs out of memory. A limit
 on the address space (`ulimit -v`, RLIMIT_AS) counts reserved memory, which is several times the used memory: each

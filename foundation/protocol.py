@@ -11,9 +11,9 @@ POSE_PERIOD_S = 0.5  # s, period of the pose trace: 2 Hz
 DETECTION_RANGE_M = 300.0  # m; objects farther away do not count as seen
 
 # Action Space
-GO, ROTATE, THINK, FINISHED = "go", "rotate", "think", "finished"  # as replies and logs name the actions
+GO, ROTATE, THINK, FINISHED = "go", "rotate", "think", "finished"  # names of the actions in replies and logs
 ACTIONS = (GO, ROTATE, THINK, FINISHED)  # add new ones at the end: logs of PX4 store their index
-ACTION_FIELDS = ("action", "point", "depth_m", "angle_deg")  # of a reply's JSON object, the action's name first
+ACTION_FIELDS = ("action", "point", "depth_m", "angle_deg")  # keys of a reply's JSON object; the action's name is first
 POINT_SPAN = 1000.0  # range of both axes of a point, for any shape of picture
 
 # Execution; appendix "Execution"

@@ -1,7 +1,7 @@
 """Removes keys and passwords from messages and files.
 
 Any part of an address may be a key. So only safe parts are shown: scheme, host, port, short words of the path, names in
-the query. The other parts are also hidden, in any spelling, in replies of the server at that address.
+the query. In replies of the server at that address, the other parts are hidden too, in any spelling.
 """
 
 import base64
@@ -93,7 +93,7 @@ def secrets_of(url: str) -> tuple[str, ...]:
 
 
 def worth_hiding(*texts: str | None) -> tuple[str, ...]:
-    """Return the texts that are safe to hide everywhere, without duplicates: not short, no words of replies."""
+    """Return the texts to hide everywhere, without duplicates, short texts and words of replies."""
     return tuple(dict.fromkeys(text for text in texts if text and len(text) >= MIN_CHARS and text not in REPLY_WORDS))
 
 

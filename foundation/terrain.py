@@ -1,4 +1,4 @@
-"""The shapes that the physics collides with: height of the ground, solid triangles, and a moving box."""
+"""The shapes that vehicles collide with: height of the ground, solid triangles, and a moving box."""
 
 from dataclasses import dataclass
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Generic, ParamSpec, TypeVar
 
-STEPS = 8  # steps in one turn; a thread that waits in every step never reaches this limit
+STEPS = 8  # steps in one turn; a thread that lends its turn in every step never reaches this limit
 
 
 class ComputingTurn:
@@ -23,7 +23,7 @@ class ComputingTurn:
     def __init__(self) -> None:
         self._guard = threading.Lock()
         self._taken = False
-        self._queue: deque[threading.Lock] = deque()  # held locks; a release gives a thread the turn
+        self._queue: deque[threading.Lock] = deque()  # one locked lock per waiting thread; its release gives that thread the turn
         self._own = threading.local()
 
     @contextmanager

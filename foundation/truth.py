@@ -1,7 +1,7 @@
 """Messages of the truth bus, and a reader that keeps the newest samples.
 
 The truth bus carries the true states of the simulated vehicles as MAVLink messages. The simulator sends
-HIL_STATE_QUATERNION, GIMBAL_DEVICE_ATTITUDE_STATUS and, about contacts, STATUSTEXT. The camera sends
+HIL_STATE_QUATERNION, GIMBAL_DEVICE_ATTITUDE_STATUS and STATUSTEXT (about contacts). The camera sends
 CAMERA_IMAGE_CAPTURED. The agent and the autopilot must not import this module.
 """
 
@@ -165,10 +165,10 @@ class NewestTruth:
             return samples[-1] if samples else None
 
     def together(self, drone: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
-        """Return a drone's newest sample at a time that all drones have reached, and the others' by drone number.
+        """Return a drone's newest sample up to the time that all drones have reached, and the others' by drone number.
 
-        The others' samples are those nearest to this time. A drone that has been silent for longer than SILENT_US does
-        not limit the time; its last sample is used. Returns None without a sample of `drone`.
+        The others' samples are those nearest to that sample. A drone that has been silent for longer than SILENT_US
+        does not limit the time; its last sample is used. Returns None without a sample of `drone`.
         """
         with self._lock:
             self._read()
@@ -180,7 +180,7 @@ class NewestTruth:
             return self._with_others(sample if own[-1].time_us - sample.time_us <= SILENT_US else own[-1])
 
     def at(self, drone: int, time_us: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
-        """Return a drone's first sample at or after a time (µs), and the others' of that time by drone number.
+        """Return a drone's first sample at or after a time (µs), and the others' nearest to it by drone number.
 
         For a time in the future, the drone's newest sample is used; for a time too long ago, its oldest kept sample.
         Returns None without a sample of `drone`.

@@ -35,7 +35,7 @@ def create(
     configuration: dict[str, Any],
     first: Callable[[], None] = lambda: None,
 ) -> Iterator[Path]:
-    """Yield a new episode folder in a run folder, with empty logs and the run's run.json, locked until the end.
+    """Yield a new episode folder in a run folder, with empty logs and the run's run.json, locked during the block.
 
     The run folder is `out`, or a new one named after the time and the pilot. An earlier flight without a score (its
     verdict is an error, or it was killed) is moved to UNFINISHED. `first` is called when the run folder exists and

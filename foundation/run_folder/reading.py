@@ -1,7 +1,7 @@
-"""Reads the logs of a run folder. Known fields are checked strictly; unknown ones are skipped.
+"""Reads the logs of a run folder, and checks their known fields strictly.
 
-A torn last line, which a kill leaves, is skipped. An impossible value raises UsageError. Fields and kinds of rows of
-later versions are skipped. Valid lines take a fast path that gives the same rows.
+An impossible value raises UsageError. Unknown fields and kinds of rows, which later versions may add, are skipped. An
+incomplete last line, which a kill may leave, is skipped too. Valid lines take a fast path that gives the same rows.
 """
 
 import json
@@ -238,11 +238,11 @@ class LogLine:
     """A line of a file of JSON lines, read strictly."""
 
     path: Path
-    number: int  # from 1; negative: the last line, without a newline, which may be torn
+    number: int  # from 1; negative: the last line, without a newline, which may be incomplete
     text: bytes
 
     def value(self) -> dict[str, Any] | None:
-        """Return the JSON object in the line; None for a torn line. Raises UsageError."""
+        """Return the JSON object in the line; None for an incomplete line. Raises UsageError."""
         try:
             value = json.loads(self.text, parse_constant=_reject_constant)
         except (ValueError, RecursionError):
@@ -279,7 +279,7 @@ def _reject_constant(constant: str) -> Any:
 
 
 LONG = 4000  # bytes; a longer line may hold a number with more digits than Python's own reader accepts
-KIND = 15  # number of bytes that tell the kind of a line from `writing.py`: {"kind": "pose"
+KIND = 15  # number of first bytes that tell the kind of a line: {"kind": "pose"
 
 FastReader = Callable[[bytes], Row | None]  # line → its row; None: the strict reader must read it
 
