@@ -1,4 +1,4 @@
-"""Collisions of a vehicle, modelled as balls, with solid triangles and one moving box, solved by small impulses.
+"""Collisions of a vehicle, which is modelled as balls, with solid triangles and one moving box.
 
 Every rotor disc is a ball, and so are the hull, the feet and the camera. Bumpers, which are rows of balls, connect the
 front rotors to the camera, so that no post or board gets behind the camera.
@@ -10,7 +10,7 @@ solved together, implicitly for the end of the step (sequential impulses, as in 
 coherence", 2005). So a step of 1 ms is stable for any mass and any speed of approach. Contacts change only velocities;
 the inertial sensors measure each change.
 
-The search for contacts takes most of the time. Each search notes how far the vehicle may move before the next one.
+The search for contacts takes most of the time. Each search notes how far the vehicle may move before the next search.
 """
 
 import math
@@ -244,7 +244,7 @@ def _approach(state: Record, near: Record, n: int, q: Quat) -> tuple[Vec3, Vec3]
 
 @njit(cache=True)
 def mobility(params: Record, arm: Vec3, way: Vec3) -> float:
-    """Return the change of speed (m/s) at `arm` (m, FRD) by an impulse of 1 N·s, both along unit vector `way` (FRD)."""
+    """Return the change of speed (m/s) that an impulse of 1 N·s causes at `arm` (m, FRD), both along `way` (FRD)."""
     x = arm[1] * way[2] - arm[2] * way[1]
     y = arm[2] * way[0] - arm[0] * way[2]
     z = arm[0] * way[1] - arm[1] * way[0]

@@ -94,7 +94,7 @@ def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
 
 @njit(cache=True)
 def _note_contact(state: Record, near: Record, closing: float, tick_s: float) -> None:
-    """Note a contact in `near`, even if it is no hit. For a vehicle on the ground, note only the time."""
+    """Note a contact in `near`, even if it is too slow for a hit. For a vehicle on the ground, note only the time."""
     near.newest_us = state.time_us
     if state.on_ground != 0:
         return

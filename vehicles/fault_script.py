@@ -57,7 +57,7 @@ def load(path: Path, rotors: int) -> list[Fault]:
 
 
 def parse(table: dict[str, Any], name: str, rotors: int) -> list[Fault]:
-    """Return the faults that a parsed TOML table lists. `name`: of the file, for errors. Raises UsageError."""
+    """Return the faults that a parsed TOML table lists. `name`: the file's, for errors. Raises UsageError."""
     suite = Suite()
     where = f"fault script {name}"
     entries = typed(table, FaultScript, where).fault

@@ -145,10 +145,10 @@ def support(
 
 @njit(cache=True)
 def at_rest(params: Record, state: Record, load: Load, breeze: Vec3) -> bool:
-    """Return whether the vehicle stands still and nothing new could move it.
+    """Return whether the vehicle stands still and no new force could move it.
 
-    `load` is the force and moment of the rotors, `breeze` (m/s, NED) the wind. The remaining motion is then far below
-    the noise of every sensor. It need not be integrated while the load of the rotors stays the same.
+    `load` is the force and moment of the rotors, `breeze` (m/s, NED) the wind. The motion of a vehicle at rest is far
+    below the noise of every sensor. It need not be integrated while the load of the rotors stays the same.
     """
     if state.on_ground == 0:
         return False

@@ -247,8 +247,8 @@ class PlantArguments(NamedTuple):
     """The arguments of `step` for one vehicle."""
 
     plant: np.void  # PLANT
-    down: NDArray[np.float64]  # m, heights of the terrain
-    peak: NDArray[np.float64]  # m, highest terrain within reach
+    down: NDArray[np.float64]  # m, NED z of the terrain
+    peak: NDArray[np.float64]  # m, NED z of the highest terrain within reach
     triangles: SolidTriangles
 
 
@@ -369,7 +369,7 @@ class Multirotor:
         sag = self.airframe.mass_kg * GRAVITY / (feet * float(self.params["contact_stiffness"]))
         below = terrain.at(north, east)
         c, s = math.cos(yaw), math.sin(yaw)
-        # on a slope or a kerb the foot on the highest ground decides: a foot inside the ground would be thrown out
+        # on a slope or a kerb, the foot on the highest ground sets the height: no foot may begin inside the ground
         stands = min(
             terrain.at(north + c * x - s * y, east + s * x + c * y) - z for x, y, z in self.airframe.contact_points_frd
         )
@@ -406,7 +406,7 @@ def parameters(airframe: Airframe, terrain: HeightField = FLAT) -> np.void:
     record["contacts"] = len(points)
     record["contact_position"][: len(points)] = points
     lowest = max(point[2] for point in points)
-    # feet: the lowest points, within 2 % for the play of a landing gear
+    # feet are the lowest points; the tolerance of 2 % is for uneven landing gear
     record["contact_is_foot"][: len(points)] = [point[2] > lowest - 0.02 * max(lowest, 0.0) - 1e-9 for point in points]
     record["contact_stiffness"] = airframe.mass_kg * ground.RESONANCE**2 / 4.0
     record["contact_damping"] = 2.0 * ground.DAMPING_RATIO * airframe.mass_kg * ground.RESONANCE / 4.0

@@ -20,7 +20,7 @@ STEP_US = 1000  # µs, the plant's step
 STEP_S = 1e-3
 
 MAX_FAULTS = 16
-GPS_QUEUE = 16  # largest number of GPS fixes that wait for delivery; a fix must arrive within so many periods
+GPS_QUEUE = 16  # most GPS fixes that wait for delivery; a fix waits for less than this number of periods
 
 PARAMS = np.dtype(
     [
@@ -83,7 +83,7 @@ STATE = np.dtype(
         ("carried", "f8", (4,)),  # N and N·m, vertical force and moment of the rotors when the vehicle came to rest
         ("on_ground", "i8"),  # bool: any point touches
         ("crashed", "i8"),  # bool, latched: a hit faster than CRASH_FOOT (landing feet) or CRASH_BODY (other parts)
-        ("hits", "i8"),  # number of hits so far: contacts with obstacles that began faster than HIT_LEAST
+        ("hits", "i8"),  # number of contacts with obstacles and vehicles so far that began faster than HIT_LEAST
         ("hit_speed", "f8"),  # m/s, closing speed of the last hit
         ("hit_owner", "i8"),  # index in `Obstacles.names`, `collision.BOX` or `encounter.DRONE`
         ("upside_down", "i8"),  # bool: body z axis points up

@@ -1,4 +1,4 @@
-"""Models of the sensors. Each samples the true state at its own rate, with latency and noise, into a SENSORS record.
+"""Models of the sensors. Each model samples the true state at its own rate and writes into a SENSORS record.
 
 The record type SENSORS is in `foundation.sensors`. The default suite is that of a current small autopilot board. Every
 number can be set; zero switches an error off.
@@ -48,7 +48,7 @@ class Suite:
     accel_scale: float = 0.002  # relative: remains after a field calibration
     accel_range: float = 156.9  # m/s²: ±16 g, as PX4 sets the ICM-42688-P and the BMI055; also the limit of HIL_SENSOR
     gyro_noise_density: float = 2.44e-4  # rad/s/√Hz: BMI088 data sheet, 0.014 °/s/√Hz
-    gyro_random_walk: float = 3.9e-5  # rad/s/√s: 8 °/h/√s-class MEMS, as in RotorS' ADIS16448
+    gyro_random_walk: float = 3.9e-5  # rad/s/√s: a MEMS gyroscope with 8 °/h/√s, as RotorS' ADIS16448
     gyro_bias: float = 0.003  # rad/s at boot: remains after a calibration at another temperature
     gyro_scale: float = 0.001  # relative
     gyro_range: float = 34.9  # rad/s: BMI088, ±2000 °/s

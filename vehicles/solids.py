@@ -83,7 +83,7 @@ class SolidTriangles(NamedTuple):
 
 @njit(cache=True)
 def in_triangle(corners: Grid32, t: int, x: float, y: float, z: float) -> tuple[float, float, float, bool]:
-    """Return (x, y, z of the point of triangle t nearest to a point, whether it lies inside and not on an edge).
+    """Return (x, y, z of the point of triangle t nearest to (x, y, z), whether it lies inside and not on an edge).
 
     By the regions of Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
     """
