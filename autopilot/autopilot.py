@@ -88,7 +88,7 @@ class Autopilot:
         self.node = Node(vehicle, system_id, Uploads(), self.log, inject, card_dir)
 
     def update(self) -> None:
-        """Run the commander once and queue the telemetry that is due on every port."""
+        """Run the commander if it is due (50 Hz), and queue the telemetry that is due on every port."""
         state, node = self.state, self.node
         state.refresh()
         self.calibration.tick()
@@ -269,10 +269,10 @@ _COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # also handled if for an
 
 
 def handle(node: Node, port: Port, message: Message) -> None:
-    """Call the handler of a message. Messages from this component are ignored, and so are those for other targets.
+    """Call the handler of a message. Messages from this component are ignored.
 
-    Commands for other targets are handled, because their senders get an answer. An error of the handler is counted, not
-    raised. The first error is also sent to the clients as a text.
+    Messages for other targets are ignored too, except commands, which get the answer FAILED. An error of the handler is
+    counted, not raised. The first error is also sent to the clients as a text.
     """
     kind = message.get_type()
     handler = HANDLERS.get(kind)

@@ -1,6 +1,6 @@
 """Runs the estimator and the cascade again on the samples and setpoints of a recorded flight.
 
-The file stores each sample once, with the row of its arrival. Inertial and magnetic samples have single precision. The
+`save` stores each sample once, with the row of its arrival. Inertial and magnetic samples have single precision. The
 setpoints are stored when they change. The commander's landed flag is stored for every row.
 """
 

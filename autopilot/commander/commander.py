@@ -41,7 +41,7 @@ ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
 DENIED = int(dialect.MAV_RESULT_DENIED)
 
-HOME_LOOK_US = 1_000_000  # interval at which home is set again if the disarmed vehicle has moved
+HOME_LOOK_US = 1_000_000  # µs; home is set again at this interval if the disarmed vehicle has moved
 
 
 class SetpointWriter:
@@ -204,7 +204,7 @@ class Commander:
     def set_mode(self, mode: str) -> int:
         """Request a flight mode by name (see `foundation.mavlink.MODES`).
 
-        Returns REJECTED if the vehicle is armed, and the flight is terminated or the mode cannot be flown now.
+        An armed vehicle returns REJECTED if the flight is terminated, or if the mode cannot be flown now.
         """
         if self.mode == "TERMINATION" and self.armed:
             return REJECTED
@@ -438,7 +438,7 @@ class Commander:
     def _follow_home_on_ground(self, now: int) -> None:
         """Keep home at the vehicle's position while disarmed, so that clients get a home before arming.
 
-        A home whose position was given stays where it is.
+        A home with a given position stays there.
         """
         if now - self._home_looked_us < HOME_LOOK_US:
             return

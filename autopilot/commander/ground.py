@@ -165,9 +165,9 @@ class LandDetector:
 
 
 def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
-    """Return the speed (m/s) that a demanded descent has at least; None if the demand is not a clear descent.
+    """Return the lowest speed (m/s) of a demanded descent; None if the demand is not a clear descent.
 
-    A demand with a horizontal speed above SIDEWAYS_SPEED is none: the vehicle may only slide along an obstacle.
+    A demand with a horizontal speed above SIDEWAYS_SPEED does not count: the vehicle might slide along an obstacle.
     """
     north, east, vz = demand.velocity_ned
     sinks = vz >= CONTACT_SPEED

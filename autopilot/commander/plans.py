@@ -1,10 +1,10 @@
-"""Plans: missions, geofences and rally points, their items, the checks of uploads, and their storage.
+"""Plans (missions, geofences and rally points): their items, the checks of uploads, and the plan file.
 
 The geofence has polygons and circles, and the cylinder of GF_MAX_HOR_DIST and GF_MAX_VER_DIST. As on PX4, a position
 must be inside at least one inclusion area, if there is any, and outside all exclusion areas.
 
-A plan is always replaced as a whole: an incomplete upload changes nothing. A file keeps the plans and the number of the
-next mission item across restarts, as PX4's dataman does. The checks of uploads return MAV_MISSION_RESULT
+A plan is always replaced as a whole: an incomplete upload changes nothing. The file keeps the plans and the number of
+the next mission item across restarts, as PX4's dataman does. The checks of uploads return MAV_MISSION_RESULT
 numbers.
 """
 

@@ -259,8 +259,8 @@ LOOK_US = 100_000  # slow conditions (battery, links, fence) are checked 10 time
 class Supervision:
     """Decides on the failsafe of an armed vehicle.
 
-    `failsafe` is the present reaction. A delayed failsafe has the action HOLD for COM_FAIL_ACT_T, so that the pilot can
-    choose another mode, and then its own action. `breach` is the broken limit of the geofence, empty if none.
+    `failsafe` is the present reaction. A delayed failsafe has the action HOLD for COM_FAIL_ACT_T, and the pilot can
+    choose another mode. Then it has its own action. `breach` is the broken limit of the geofence, empty if none.
     """
 
     def __init__(self, parameters: ParameterTable, send_text: StatusText) -> None:

@@ -161,9 +161,9 @@ GAINS: dict[str, GainField] = {
 def default_parameters(gains: Gains, allocation: Allocation, rotors: int) -> np.void:
     """Return one CONTROL_PARAMS record: gains from the design, and limits that are PX4's defaults if PX4 has them.
 
-    Two limits differ from PX4 1.15 on purpose. MPC_JERK_MAX is 40 instead of 8 m/s³: a real PX4 does not smooth
-    offboard velocity setpoints at all, so it flies 1.4 m/s half a second after a setpoint of 2 m/s. MPC_YAWRAUTO_MAX is
-    60 °/s, the rate of the agent's turns (`foundation.protocol.YAW_RATE_DEG`).
+    Four limits differ from PX4 1.15. MPC_JERK_MAX is 40 instead of 8 m/s³: a real PX4 does not smooth offboard velocity
+    setpoints, so it flies 1.4 m/s half a second after a setpoint of 2 m/s. MPC_JERK_AUTO is 8 instead of 4 m/s³.
+    MPC_YAWRAUTO_MAX is 60 °/s, the rate of the agent's turns. MPC_THR_MIN is at most 0.4 of the hover thrust.
     """
     params: np.void = np.zeros(1, CONTROL_PARAMS)[0]
     for name in ("attitude_p", "velocity_p", "velocity_i", "velocity_d", "position_p"):

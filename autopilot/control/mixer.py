@@ -141,8 +141,8 @@ def mix(
     """Write rotor thrust fractions in [floor, 1] and return (achieved roll-pitch scale, yaw scale, collective).
 
     `matrix` (MAX_ROTORS, 4) is `Allocation.mix`. `roll`, `pitch` and `yaw` are in [-1, 1], `thrust` in [0, 1].
-    `fractions` (MAX_ROTORS,) is the output. Roll and pitch may lower the collective. They may also raise it;
-    if `airmode` is 0, at most to the collective that gives every rotor `floor` when there is no torque.
+    `fractions` (MAX_ROTORS,) is the output. Roll and pitch may lower or raise the collective. With
+    `airmode` 0 they raise it at most to the collective that gives every rotor `floor` when there is no torque.
     """
     thrust = min(max(thrust, 0.0), 1.0)
     # roll and pitch: the largest share for which a collective exists that keeps every rotor in range

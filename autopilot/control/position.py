@@ -78,7 +78,7 @@ def expect(params: Record, state: Record, dt: float) -> None:
         v[i] += (a[i] + 0.5 * (state.velocity_reference[i] - params.velocity_lag[i] * a[i] - v[i])) * dt
 
 
-YAW_LEAD_MAX = math.radians(30.0)  # rad, largest lead of the yaw reference over the yaw of a vehicle that turns slowly
+YAW_LEAD_MAX = math.radians(30.0)  # rad; at a yaw rate setpoint, the yaw reference leads the yaw by at most this angle
 YAW_GAIN = 3.0  # 1/s, yaw rate per yaw error near a yaw setpoint
 YAW_ACCELERATION = 2.5  # rad/s²; yaw torque is weak, so a faster start would saturate the rotors
 FOLLOWING_ERROR_MAX = 0.4  # m/s; with a smaller velocity error, the vehicle follows its setpoint
@@ -92,7 +92,7 @@ INITIAL_PUSH_LIMIT, FIRST_S = 2.5, 2.0  # m/s², s: first limit of the P term ag
 LASTING_PUSH_LIMIT = 1.0  # m/s², the limit after that
 BLOCKED_S = 3.0  # s, after which the integral may grow again, because the cause may have been a gust
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
-KNOCK = 8.0  # m/s², least sudden unexplained acceleration of a knock; 10 m/s of wind: 3.3 (X500), 6.1 (30 g drone)
+KNOCK = 8.0  # m/s²; a larger sudden unexplained acceleration is a knock; 10 m/s of wind: 3.3 (X500), 6.1 (30 g drone)
 KNOCK_TORQUE = 0.15  # the same as a fraction of the rotors' largest torque; wind of 10 m/s causes 0.06 and 0.08
 # s, time constants of the band-pass for knocks: above a gust's frequency, up to 10 Hz
 KNOCK_S, GUST_S = 0.016, 0.3

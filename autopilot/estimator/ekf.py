@@ -23,7 +23,7 @@ FULL_SCALE = 0.98 * 16.0 * GRAVITY  # m/s², of an accelerometer with ±16 g; a 
 STILL_PERIOD_US = 100_000
 STILL_NOISE_GROUND = 0.1  # m/s; without fixes, zero velocity is fused with this noise on the ground
 SHOCK_SPEED = 3.0  # m/s, standard deviation of the velocity after a sample at the accelerometer's limit
-STILL_NOISE_AIR = 10.0  # m/s; the same in the air, so that the tilt error stays bounded
+STILL_NOISE_AIR = 10.0  # m/s; as STILL_NOISE_GROUND, but in the air, so that the tilt error stays bounded
 
 
 @njit(cache=True)
@@ -68,7 +68,7 @@ def predict_covariance(params: Record, state: Record, P: Grid, history: Grid) ->
         params.mag_bias_walk if params.mag_bias_std > 0.0 else 0.0,
     )  # fmt: skip
     state.impulse_dt = 0.0
-    if state.shocked:  # larger variances, or the gates would reject the first fixes after the impact
+    if state.shocked:  # larger variances, so that the gates accept the first fixes after the impact
         state.shocked = 0
         for i in range(3, 6):
             P[i, i] = max(P[i, i], SHOCK_SPEED * SHOCK_SPEED)

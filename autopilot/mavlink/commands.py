@@ -35,7 +35,7 @@ def _message_id(parameters: Sequence[float]) -> int:
 
 
 def set_message_interval(port: Port, p: Sequence[float]) -> int:
-    """Stream message param1 at the interval param2 (µs; 0: default, -1: off). Returns FAILED for an unknown message."""
+    """Stream the message with id param1 every param2 µs (0: default, -1: off). Returns FAILED for an unknown id."""
     message_id = _message_id(p)
     if message_id not in BY_ID:
         return int(FAILED)
@@ -48,7 +48,7 @@ def set_message_interval(port: Port, p: Sequence[float]) -> int:
 
 
 def get_message_interval(port: Port, p: Sequence[float]) -> int:
-    """Send MESSAGE_INTERVAL of message param1 (µs; -1: not streamed, 0: unknown message)."""
+    """Send MESSAGE_INTERVAL for the id param1 (µs; -1: not streamed, 0: unknown id)."""
     message_id = _message_id(p)
     interval = port.interval_us(message_id) if message_id in BY_ID else 0
     port.send(dialect.MAVLink_message_interval_message(message_id & 0xFFFF, min(interval, 0x7FFFFFFF)))
@@ -56,7 +56,7 @@ def get_message_interval(port: Port, p: Sequence[float]) -> int:
 
 
 def request_message(port: Port, p: Sequence[float]) -> int:
-    """Send message param1 now. Returns DENIED for an unknown message, or a gimbal message without a gimbal."""
+    """Send the message with id param1 now. Returns DENIED for an unknown id, or a gimbal message without a gimbal."""
     message_id = _message_id(p)
     if message_id == dialect.MAVLINK_MSG_ID_AVAILABLE_MODES:
         _send_modes(port, p[1])
@@ -215,7 +215,7 @@ def _takeoff(node: Node, port: Port, c: Command) -> int:
 def _place(node: Node, c: Command, relative: bool) -> Vec3:
     """Return params 5 to 7 as a local position (m, NED); nan if not given.
 
-    `relative`: the frame states whether the altitude is above home. Otherwise it is always above sea level.
+    `relative`: the altitude may be above home, if the frame says so. Otherwise it is above sea level.
     """
     state, home = node.vehicle.state, node.vehicle.commander.flight.home
     _, _, _, _, lat, lon, alt = c.p

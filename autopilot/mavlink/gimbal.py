@@ -66,8 +66,8 @@ class GimbalManager:
     def point(self, source: GimbalClient, pitch_deg: float, rate_deg_s: float, flags: int) -> int:
         """Move to a pitch, or at a rate if the pitch is not finite; return MAV_RESULT.
 
-        The flag NEUTRAL has priority over pitch and rate. Returns DENIED while another client is in control, or without
-        the flag if neither value is finite.
+        The flag NEUTRAL has priority over pitch and rate. Returns DENIED while another client is in control, or if
+        neither value is finite and the flag is not set.
         """
         if self.primary != (0, 0) and source not in (self.primary, self.secondary):
             return int(dialect.MAV_RESULT_DENIED)

@@ -262,7 +262,7 @@ class Port:
             due = stream[0]
             if now >= due:
                 interval = stream[1]
-                # late by more than one interval: start a new grid instead of sending a burst
+                # late by an interval or more: count from now instead of sending a burst
                 stream[0] = due + interval if now - due < interval else now + interval
                 self.send_telemetry(message_id)
         self._next_due_us = min((stream[0] for stream in self._streams.values()), default=now)

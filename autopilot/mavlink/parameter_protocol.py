@@ -13,7 +13,7 @@ _INTEGER_PAYLOAD = struct.Struct("<iHH16sB")
 
 
 class _IntegerValue(dialect.MAVLink_param_value_message):  # type: ignore[misc]
-    """PARAM_VALUE of an INT32, packed as an integer: as a float, bits that form a signalling NaN may change."""
+    """PARAM_VALUE of an INT32, packed as an integer, because packing as a float may change a signalling NaN."""
 
     def __init__(self, name: bytes, value: int, count: int, index: int) -> None:
         super().__init__(name, 0.0, INT32, count, index)
@@ -40,7 +40,7 @@ def request_list(node: Node, port: Port, message: Message) -> None:
 
 
 def _values(parameters: ParameterTable) -> Iterator[Message]:
-    """Return every parameter, each with the value that it has when its turn comes."""
+    """Return every parameter, each with its value at the time of sending."""
     return (parameter_value(parameters, name) for name in parameters.names)
 
 
@@ -59,7 +59,7 @@ def request_read(node: Node, port: Port, message: Message) -> None:
 
 
 def set_value(node: Node, port: Port, message: Message) -> None:
-    """Set a value and send it on all ports. A value of the wrong type changes nothing: the reply is the old value."""
+    """Set a value; send it on all ports if it changed. For a value of the wrong type, the reply is the old value."""
     parameters, name = node.vehicle.parameters, message.param_id
     if name not in parameters:
         _refuse(port, message, -1, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST)

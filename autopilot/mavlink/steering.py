@@ -51,9 +51,9 @@ def trajectory(mask: int, frame: int, position: Vec3, velocity: Vec3, accelerati
                attitude: Quat, heading: float) -> CascadeSetpoint:  # fmt: skip
     """Return the raw fields of a message (frame LOCAL_NED or BODY_NED) as a setpoint in the local frame.
 
-    `attitude` and `heading` (rad) are the vehicle's. In BODY_NED the position is ignored. The velocity is rotated by
-    the heading only (z stays world down). It is ignored if the mask ignores one of its components. The acceleration is
-    rotated by the attitude. Raises RejectedError for another frame, for a force setpoint, or if no axis is controlled.
+    `attitude` and `heading` (rad) are the vehicle's. In BODY_NED the position is ignored, and so is the velocity if
+    the mask ignores one of its components. The heading alone rotates the velocity (z stays world down). The attitude
+    rotates the acceleration. Raises RejectedError for another frame, for a force setpoint, or if no axis is controlled.
     """
     if mask & FORCE:
         raise RejectedError("force not supported")
@@ -101,9 +101,10 @@ def local_ned(node: Node, port: Port, message: Message) -> None:
 
 
 def global_int(node: Node, port: Port, message: Message) -> None:
-    """Handle SET_POSITION_TARGET_GLOBAL_INT. Ignored if it has a position and its altitude's reference is unknown.
+    """Handle SET_POSITION_TARGET_GLOBAL_INT.
 
-    As in PX4, the position is ignored if the mask ignores one of its components.
+    A message with a position is ignored if the reference of its altitude is unknown. As in PX4, the position is ignored
+    if the mask ignores one of its components.
     """
     state, m = node.vehicle.state, message
     position = FREE

@@ -72,7 +72,7 @@ LEAST_CLIMB_M = 0.5
 
 
 class Takeoff(Mode):
-    """TAKEOFF: climbs at MPC_TKO_SPEED above the position at which the vehicle armed or entered the mode."""
+    """TAKEOFF: climbs at MPC_TKO_SPEED above the position at which the vehicle entered the mode."""
 
     def __init__(self) -> None:
         self._target: Vec3 = (0.0, 0.0, 0.0)
@@ -80,14 +80,14 @@ class Takeoff(Mode):
         self._wanted_z = math.nan
 
     def aim(self, z_ned: float) -> None:
-        """Set the local z (m, NED) of the next climb; nan: MIS_TAKEOFF_ALT above the ground or, if in the air, home."""
+        """Set the local z (m, NED) of the next climb; nan: MIS_TAKEOFF_ALT above the ground; in the air, above home."""
         self._wanted_z = z_ned
 
     def enter(self, flight: FlightContext) -> None:
         self.next_mode = None
         n, e, z = flight.state.position_ned
         target = z - float(flight.parameters["MIS_TAKEOFF_ALT"])
-        # the default, for nan and for a height that needs no climb (clients without a height send 0)
+        # this default stays for nan and for a height that needs no climb (clients without a height send 0)
         if self._wanted_z < z - LEAST_CLIMB_M:
             target = self._wanted_z
         elif not flight.landed and flight.home is not None:
