@@ -260,7 +260,7 @@ class ImpairedWire:
         self._down.impair(down, seconds)
 
     def start(self) -> "ImpairedWire":
-        """Start the thread and set the time of the cuts to 0 s; return self."""
+        """Start the thread, and count the times of cuts from now on; return self."""
         self._zero_s = self._clock()
         self._thread.start()
         return self

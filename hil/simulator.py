@@ -44,7 +44,7 @@ class SampleTimes:
 
 
 def sensor_message(sensors: Any, time_us: int, sent: SampleTimes) -> dialect.MAVLink_hil_sensor_message:
-    """Return HIL_SENSOR at `time_us` (µs, vehicle clock), with all groups marked that are newer than `sent`.
+    """Return HIL_SENSOR at `time_us` (µs, vehicle clock), which marks all groups that are newer than `sent`.
 
     `sensors` is a record of `foundation.sensors.SENSORS`. Without new samples the message still advances PX4's clock.
     """
@@ -143,7 +143,7 @@ class SimulatorServer(TcpListener):
     def messages(self, timeout_s: float) -> list[dialect.MAVLink_message]:
         """Wait up to `timeout_s` wall seconds for data and return its messages; none if PX4 is silent or has gone.
 
-        Accepts no new connection, because the caller must notice it: see `accept`.
+        A new connection waits until the caller calls `accept`, so that the caller notices it.
         """
         if self._client is None or not select.select([self._client], [], [], timeout_s)[0]:
             return []

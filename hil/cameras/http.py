@@ -77,7 +77,7 @@ class Caller:
 
 
 def body(response: httpx.Response, bytes_max: int) -> tuple[float, bytes]:
-    """Return the host's monotonic second at the first bytes of the body, and the body.
+    """Return the arrival (s, the host's monotonic clock) of the first bytes of the body, and the body.
 
     Raises CameraError if the connection breaks, or the body is larger than `bytes_max`.
     """

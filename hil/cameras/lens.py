@@ -194,8 +194,8 @@ def _unfolded(x: NDArray[np.float32], y: NDArray[np.float32]) -> bool:
 VIEWS_MIN = 10
 ERROR_MAX_PX = 1.0  # root mean square
 FOCAL_SIGMA_MAX = 0.01  # standard deviation of the focal length, as a share of it
-# Least standard deviation of the boards' normals, for their components across and down the picture. If all boards face
-# the camera, any focal length fits, and the solver may report a small sigma for a wrong focal length.
+# Least standard deviation of two components of the boards' unit normals: across and down the picture. If all boards
+# face the camera, any focal length fits, and the solver may report a small sigma for a wrong one.
 TILT_MIN = 0.1
 COVERAGE_MIN = 0.5  # share of the picture's area with corners; the fit is unreliable outside it
 MOVED_MIN = 0.04  # mean shift of the corners in a new view, as a share of the picture's width

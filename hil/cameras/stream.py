@@ -206,7 +206,7 @@ def decoded(data: bytes | Picture) -> Picture | None:
         return None
 
 
-OPEN_MS, READ_MS = 5000, 5000  # ms of silence: a stream then counts as absent when it is opened, as broken later
+OPEN_MS, READ_MS = 5000, 5000  # ms of silence until opening a stream fails; until an open stream counts as broken
 LIVE_GRABS = 3  # consecutive grabs that had to wait, after which the buffer counts as empty
 WAITED = 0.7  # a grab had to wait if it took longer than this share of the time between two pictures
 DRAIN_S = 5.0  # longest time to drop buffered pictures

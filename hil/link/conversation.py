@@ -392,14 +392,14 @@ class Conversation:
         self._speak()
 
     def keep_up(self) -> None:
-        """Process what has arrived and send what is due, without waiting, while another drone's link waits."""
+        """Process what has arrived and send what is due, without waiting. Used while another drone's link waits."""
         self.listen()
         if self._due():
             self._tick_due_us = self.time_us + self.tick_us
             self._speak()
 
     def _due(self) -> bool:
-        # half a tick of grace: a stream of exactly 20 Hz must not be missed by a rounded millisecond
+        # half a tick of tolerance, because the stamps of a stream of exactly 20 Hz are rounded to milliseconds
         return self.time_us >= self._tick_due_us - self.tick_us // 2
 
     def _speak(self) -> None:
@@ -439,7 +439,7 @@ class Conversation:
                     self.on_silence(silent_s)
                 moved_s, moved_us, reads, away_s, self._lost = now_s, self.time_us, 0, 0.0, False
             elif reads >= 5 and silent_s >= (LOST_S if self._lost else self._silence_s):
-                self._lost = True  # so that the end of the flight does not wait as long for every order
+                self._lost = True  # so that later orders, at the end of the flight, wait only LOST_S
                 fault = "has sent no telemetry" if received else "has been silent"
                 raise LinkError(f"the vehicle on {self.transport.url} {fault} for {silent_s:.3g} s")
 

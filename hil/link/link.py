@@ -21,7 +21,7 @@ BRAKE_S = 0.5  # s of vehicle time that we hold at the end of a flight, before t
 ROUND_RATE = math.radians(60.0)  # rad/s of a turn for the compass
 GIVEN_S = 1.5  # s that a hand-over must last, because only the heartbeat, once a second, shows a failsafe
 OVERTAKEN_US = 300_000  # µs in which a message with the previous mode may still arrive on a link that reorders
-ARMED_S = 10.0  # s of attempts to arm, because a pre-arm check may flicker
+ARMED_S = 10.0  # s of attempts to arm, because a pre-arm check may fail for a moment
 OFFERED_S = 2.0  # s of attempts to enter Offboard while it is temporarily refused
 DISARMED_US = 1_500_000  # µs for which a vehicle in the air must report that it is disarmed: more than one heartbeat
 CAUSE_US = 2_000_000  # µs; the text of a failsafe may arrive this long before its change of mode
@@ -107,7 +107,7 @@ class Link(Conversation):
             self._expected = ()
 
     def arm(self) -> None:
-        """Arm, with attempts for ten seconds, because a pre-arm check may flicker. Raises LinkError if all fail."""
+        """Arm, with attempts for ARMED_S. Raises LinkError if all fail."""
         if self.dry:
             return
         self._tried_to_arm = True
@@ -116,11 +116,11 @@ class Link(Conversation):
         self.wait_for(lambda state: state.armed, 5.0, "arming")
 
     def may_fly(self) -> bool:
-        """Return whether we may have armed or flown the vehicle, so that it must be landed. May order it to disarm.
+        """Return whether the vehicle may be armed or in the air by our orders, so that we must land it.
 
         A vehicle that a person armed and did not hand over does not count. Heartbeats lag by up to a second. So after
-        our order to arm, an order to disarm tests the state: the vehicle obeys on the ground and refuses in the air. A
-        vehicle that we fly and that has sent no heartbeat since a reboot may still be in the air.
+        our order to arm, we test the state by an order to disarm: the vehicle obeys on the ground and refuses in the
+        air. A vehicle that we fly and that has sent no heartbeat since a reboot may still be in the air.
         """
         if not self._tried_to_arm or self.state.armed:
             may_be_armed = self.state.armed or not self.state.heartbeat_us
@@ -166,7 +166,7 @@ class Link(Conversation):
         return self._taken_by
 
     def _expect(self, *modes: str) -> None:
-        """Treat other modes as takeovers from now on; the present mode only after one of `modes` was seen."""
+        """From now on, treat other modes as takeovers, but the present mode only after one of `modes` was seen."""
         if self._taken_by is None:
             # telemetry may show the mode of an acknowledged order only after our next order
             unshown = () if self._obeyed_us else self._expected
@@ -243,7 +243,7 @@ class Link(Conversation):
     def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: PicturePose | None = None) -> None:
         """Send this setpoint from the next tick on. After `seconds` of vehicle time, send a hold instead.
 
-        `seen` is the pose from which the setpoint's angles count; None: the held heading.
+        The setpoint's angles count from the pose `seen`; None: from the held heading.
         """
         ends_us = None if seconds is None else self.time_us + round(seconds * 1e6)
         self._stream.fly(setpoint, ends_us, self.time_us, seen)
@@ -272,7 +272,7 @@ class Link(Conversation):
 
     @property
     def steady(self) -> bool:
-        """Whether a turn is over: the nose is within 1° of its end and slower than 5°/s.
+        """Whether a turn is over: the nose is within 1° of the final heading and turns slower than 5°/s.
 
         If a move follows the turn, the position must also be within 5 cm of the line of that move.
         """
@@ -296,7 +296,7 @@ class Link(Conversation):
                 self._request(interval.message_id, interval.interval_us)
 
     def start_offboard(self) -> None:
-        """Enter Offboard. Before that, the setpoint of `fly` is already sent. Raises LinkError if refused."""
+        """Send the setpoint of `fly`, then enter Offboard. Raises LinkError if refused."""
         if self._taken_by is not None:
             raise self._takeover()
         self.tick()

@@ -16,7 +16,7 @@ LINE_GAIN = 1.5  # 1/s
 CORRECTION_MAX = 0.6  # m/s
 HEADING_GAIN = 1.5  # 1/s
 HEADING_RATE_MAX = 0.5  # rad/s
-STOPPING_S = 0.6  # s of velocity; a hold in motion is placed this far ahead, where the vehicle can stop
+STOPPING_S = 0.6  # s; a hold in motion is placed this time times the velocity ahead, where the vehicle can stop
 BACK_MAX = 0.5  # sine of the largest angle by which a move turns towards its line
 HEADING_REACHED = math.radians(1.0)
 LINE_REACHED_M = 0.05
@@ -131,7 +131,7 @@ class OffboardStream:
     ) -> None:
         """Fly a setpoint from `starts_us` (None: the next tick) until `ends_us` (None: no end), in µs, vehicle clock.
 
-        `seen` is the pose from which the setpoint's angles count; None: the held heading. A repeated hold keeps its
+        The setpoint's angles count from the pose `seen`; None: from the held heading. A repeated hold keeps its
         place. Level moves keep the held height. The held heading changes only by turns and by moves with a bearing.
         """
         if isinstance(self.setpoint, Velocity):
@@ -267,8 +267,7 @@ class SetpointRate:
         if STAMP_US < early_us <= self._period_us:
             return False
         # The next due time counts from the last one; otherwise the rate would fall to a divisor of the tick rate. After
-        # a pause it counts from now. A setpoint counts as in step, not as after a pause, if it is late by at most a
-        # period and the rounding of the stamps.
+        # a pause (the setpoint is late by more than a period and the rounding of the stamps), it counts from now.
         in_step = -self._period_us - STAMP_US < early_us <= STAMP_US
         self._due_us = (self._due_us if in_step else time_us) + self._period_us
         return True

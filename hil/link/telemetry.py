@@ -31,7 +31,7 @@ class StatusTexts:
         self._open_id = 0  # STATUSTEXT.id of that text
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Take a STATUSTEXT. A text whose last piece is full stays open until another text, `since` or `last`."""
+        """Take a STATUSTEXT. A text whose last piece is full stays open until another arrives or it is read."""
         text = _plain(message.text)
         if message.id != self._open_id or message.chunk_seq == 0:
             self._complete()
@@ -63,7 +63,7 @@ def _plain(text: str | bytes) -> str:
 
 
 WRAP_MS = 1 << 32  # time_boot_ms is a uint32
-FAR_MS = 60_000  # ms; a stamp further ahead than this, like one of a reboot, counts only if others confirm it
+FAR_MS = 60_000  # ms; a stamp further ahead than this counts only if others confirm it, and so does one of a reboot
 LATE_MS = 5_000  # a stamp older than this is not from a late packet
 CONFIRMED = 5  # stamps in a row that must agree with each other, to confirm such a stamp
 CONFIRMED_S = 0.3  # s that must pass from the first to the last of them, for live messages
@@ -81,9 +81,9 @@ class VehicleClock:
     """µs since boot from time_boot_ms, with its wrap after 49 days. It runs backwards only at a reboot.
 
     After a reboot, the stamps are smaller than before. They are also smaller in delayed messages and after the wrap.
-    The arrival distinguishes the three: a vehicle that rebooted has been up for no longer than it has not been seen,
-    and a vehicle whose stamps wrapped is no further ahead than that. Both may exceed it by FAR_MS, because the newest
-    stamp may itself have been late.
+    The time since the last arrival distinguishes the three. After a reboot, the stamp is smaller than this time. After
+    a wrap, the stamps have advanced by at most this time. FAR_MS is added to it, because the last stamp may have been
+    late.
     """
 
     def __init__(self) -> None:
@@ -115,7 +115,7 @@ class VehicleClock:
             self.time_us += ahead_ms * 1000
 
     def _shows_reboot(self, last_ms: int, time_boot_ms: int, received_s: float | None) -> bool:
-        """Return whether a stamp is one of a vehicle that has rebooted since the stamp `last_ms`."""
+        """Return whether a stamp shows that the vehicle has rebooted since the stamp `last_ms`."""
         ahead_ms = _between(last_ms, time_boot_ms)
         if time_boot_ms >= last_ms or -LATE_MS <= ahead_ms < 0:
             return False

@@ -17,7 +17,7 @@ FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, tcpin://HOST:PO
 BITS_PER_BYTE = 10  # of a serial line, 8N1: a start bit, eight data bits, a stop bit
 BAUD = 57_600  # default rate of a serial line, as in MAVSDK and for PX4's TELEM1
 SEND_S = 5.0  # wall seconds after which a TCP client that no longer reads is dropped
-PEER_S = 3.0  # wall seconds of silence after which an address gets no more answers
+PEER_S = 3.0  # wall seconds of silence after which nothing is sent to an address
 BUFFER_BYTES = 4 * 1024 * 1024  # a renderer that is busy for 100 ms must not lose telemetry
 
 

@@ -78,7 +78,7 @@ def _offboard_timeout(s: Situation, value: Value) -> Finding:
 
 
 def _stick_exception(s: Situation, value: Value) -> Finding:
-    """Judge COM_RCL_EXCEPT. From PX4 1.14 on, sticks absent at arming are optional: failsafe.cpp, updateArmingState."""
+    """Judge COM_RCL_EXCEPT. Since PX4 1.14, sticks absent at arming are not needed: failsafe.cpp, updateArmingState."""
     exempt = int(value) & EXCEPT_OFFBOARD
     if s.sticks and exempt:
         return _failed_with_change(
