@@ -45,8 +45,8 @@ class Autopilot:
     first estimate. `actuators` (ACTUATORS record, read only) feeds SERVO_OUTPUT_RAW.
     `log_dir` (one per vehicle) receives a ULog file for every flight; without it nothing is logged.
     `card_dir` (one per vehicle) is the memory card, on which clients store files by MAVLink FTP.
-    `inject` (unit, type, instance as in MAV_CMD_INJECT_FAILURE) breaks or repairs a part of the simulated vehicle and
-    returns whether this is possible; without it failure injection is unsupported.
+    `inject` (unit, type, instance as in MAV_CMD_INJECT_FAILURE) breaks or repairs a part of the simulated vehicle, and
+    returns whether this is possible. Without it, failure injection is unsupported.
     `gimbal` carries the camera; without it gimbal commands are unsupported.
     `parameter_file` and `plan_file` store parameters and plans across restarts; a missing file is created when needed.
     Raises UsageError if one of them exists but cannot be read, or `log_dir` or `card_dir` cannot be created.

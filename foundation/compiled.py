@@ -1,8 +1,8 @@
 """The `njit` decorator of all kernels, with a cache on disk that is never out of date.
 
-numba's own cache notices a change only in the file of the outermost function: after an edit of `vehicles/rotor.py`, a
-cached `vehicles.multirotor.step` would still use the old rotor. So the name of the cache folder is a digest of the
-sources of all kernels.
+numba's own cache notices a change only in the file of the outermost function. After an edit of `vehicles/rotor.py`, a
+cached `vehicles.multirotor.step` would use the old rotor. So the name of the cache folder is a digest of the sources of
+all kernels.
 """
 
 import contextlib
@@ -110,8 +110,8 @@ def njit(*, cache: bool = True, allocates: bool = False, **options: Any) -> Call
     """Return the decorator `numba.njit(…)` with caching; it keeps signatures for the type checker.
 
     `allocates`: the kernel, or a kernel that it calls, creates an array. numba counts references only in this case.
-    With reference counts, every view of an array (`a[k]`, a field of a named tuple) costs two locked instructions, and
-    threads that share the array wait for one another. Short kernels would spend most of their time there.
+    With reference counts, every view of an array (`a[k]`, a field of a named tuple) costs two locked instructions.
+    Threads that share the array wait for one another. Short kernels would spend most of their time there.
 
     Without a writable cache folder each start compiles again. numba's default, a cache beside the sources, is not used:
     it gets out of date and fails if the sources are read-only. The wrapper for calls from C is omitted, which saves a

@@ -106,7 +106,7 @@ class Signing:
         timestamp = int.from_bytes(frame[-12:-6], "little")
         speaker = (frame[5], frame[6], frame[-13])
         now = self._now(now_us)
-        # against replays: the first message of a sender may be a minute old, and later timestamps must increase
+        # against replays: a sender's first message may be at most a minute old, and its timestamps must increase
         if timestamp <= self._newest_times.get(speaker, now - UNITS_PER_MINUTE):
             return False
         self._newest_times[speaker] = timestamp

@@ -1,7 +1,7 @@
 """Rotors and battery: from actuator commands to rotor speeds, and to the force and moment on the body.
 
-Rotors are not perfectly balanced. The heavy side of a rotor shakes the frame once per turn, with the square of the
-speed, so that accelerometer and gyroscope measure vibration as on a real frame.
+Rotors are not perfectly balanced. The heavy side of a rotor shakes the frame once per turn. Its force grows with
+the square of the speed. So accelerometer and gyroscope measure vibration as on a real frame.
 
 Signs: body axes are forward, right, down. A rotor of spin +1 turns counter-clockwise seen from above, that is about -z;
 its drag torque turns the body about +z.

@@ -45,7 +45,7 @@ class _Hysteresis:
         self._good_us = 0  # last time at which the deviation was small enough
 
     def limit(self, now_us: int, valid: bool, deviation: float, wanted: float) -> float:
-        """Return the limit of the deviation, above which the quantity is invalid. It is -inf if it is invalid now.
+        """Return the deviation above which the quantity is invalid; -inf if the quantity is invalid now.
 
         With `lasting_us`, the limit of a valid quantity is inf, so that a short deviation does not count. `valid` is
         the estimator's own flag; `wanted` is the result of `required`.

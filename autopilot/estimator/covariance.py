@@ -1,8 +1,8 @@
 """Covariance algebra of the error-state filter, written out by element so that zeros are not computed.
 
-The attitude error is a rotation vector in NED: q_true = exp(δθ) ⊗ q. Then (Solà 2017, "Quaternion kinematics for the
-error-state Kalman filter", section 7), with the specific force f in NED, the rotation R from FRD to NED, the gyro bias
-bg and the accelerometer bias ba,
+The attitude error is a rotation vector in NED: q_true = exp(δθ) ⊗ q. With the specific force f in NED, the rotation R
+from FRD to NED, the gyro bias bg and the accelerometer bias ba, the errors change by (Solà 2017, "Quaternion kinematics
+for the error-state Kalman filter", section 7)
 
     δθ' = -R δbg        δv' = -[f]× δθ - R δba        δp' = δv
 

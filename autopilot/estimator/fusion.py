@@ -50,7 +50,7 @@ def fuse_heading(
 ) -> None:
     """Fuse the direction of the horizontal field (gauss, FRD).
 
-    A rotation error δθ turns the field m = R m_body by δθ x m, and so its heading ψ by
+    A rotation error δθ turns the field m = R m_body by δθ x m, and its heading ψ by
     δθz - (mz/mh)(cos ψ δθx + sin ψ δθy); mh is the length of its horizontal part. Unknown hard iron also changes ψ, but
     this error turns with the vehicle.
     """

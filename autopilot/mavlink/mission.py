@@ -2,7 +2,7 @@
 
 A download reads each item from the plan in force and keeps no state. An upload is collected separately and takes effect
 as a whole. Each client has its own uploads, so clients do not disturb each other.
-Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
+Source: mavlink.io/en/services/mission.html.
 """
 
 import math

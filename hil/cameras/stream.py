@@ -280,7 +280,7 @@ def drain(capture: Any) -> None:
     """Drop the buffered pictures, because otherwise all pictures would stay a second late.
 
     FFmpeg reads a second of a stream to find its format, and servers buffer about a second too. A picture comes from
-    the buffer if its grab takes clearly less than the time between the stamps of this and the previous picture.
+    the buffer if its grab takes clearly less than the time from the previous picture's stamp to its own.
     """
     live, at_ms, end_s = 0, capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic() + DRAIN_S
     while live < LIVE_GRABS and time.monotonic() < end_s:

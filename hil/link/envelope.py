@@ -233,7 +233,7 @@ def _nearest_velocity(wish: Corner, walls: Sequence[tuple[Corner, float]], speed
     each of them allows a standstill.
 
     The allowed velocities are a convex polygon within a circle. So the nearest one is `wish`, its projection on a wall,
-    or a corner: of two walls, or of a wall and the circle.
+    or a corner (of two walls, or of a wall and the circle).
     """
     for lowest in (-speed, 0.0):
         bounds = [(normal, max(allowed, lowest)) for normal, allowed in walls if allowed < speed]

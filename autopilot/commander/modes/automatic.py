@@ -171,8 +171,8 @@ RETURN_ARRIVED_M = 1.0
 def return_height(flight: FlightContext, distance: float, height: float) -> float:
     """Return the height above home (m) for the flight home, from the horizontal distance and the present height (m).
 
-    Within RTL_MIN_DIST of home it is the present height. Farther away it is RTL_RETURN_ALT, or the height of the cone
-    of half-angle RTL_CONE_ANG over home if that is lower, but never less than the present height.
+    Within RTL_MIN_DIST of home it is the present height. Farther away it is the lower of RTL_RETURN_ALT and the cone
+    over home (half-angle RTL_CONE_ANG), but at least the present height.
     """
     p = flight.parameters
     if distance < p["RTL_MIN_DIST"]:
