@@ -23,7 +23,7 @@ class ComputingTurn:
     def __init__(self) -> None:
         self._guard = threading.Lock()
         self._taken = False
-        self._queue: deque[threading.Lock] = deque()  # a locked lock for each waiting thread; its release gives the turn
+        self._queue: deque[threading.Lock] = deque()  # a locked lock per waiting thread; a release gives the turn
         self._own = threading.local()
 
     @contextmanager

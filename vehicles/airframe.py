@@ -102,9 +102,9 @@ def with_payload(airframe: Airframe, payload_kg: float) -> Airframe:
     """Return the airframe with `payload_kg` fixed halfway down its legs, where cameras and batteries hang.
 
     The payload is a point mass on the vertical axis. It adds to the weight and to the inertia of roll and pitch, but
-    not to that of yaw. Rotors and feet keep their places relative to the origin. The vertical shift of
-    the centre of mass is neglected, because it does not change the moments of the rotors' thrust. Raises UsageError if
-    the airframe would hover above HOVER_MAX of its thrust.
+    not to that of yaw. Rotors and feet keep their places relative to the origin. The vertical shift of the centre
+    of mass is neglected, because it does not change the moments of the rotors' thrust. Raises UsageError if the
+    airframe would hover above HOVER_MAX of its thrust.
     """
     if payload_kg == 0.0:
         return airframe

@@ -244,7 +244,7 @@ def _approach(state: Record, near: Record, n: int, q: Quat) -> tuple[Vec3, Vec3]
 
 @njit(cache=True)
 def mobility(params: Record, arm: Vec3, way: Vec3) -> float:
-    """Return the change of speed (m/s) that an impulse of 1 N·s causes at `arm` (m, FRD), both along `way` (FRD)."""
+    """Return the change of speed (m/s) by an impulse of 1 N·s at `arm` (m, FRD), both along unit vector `way` (FRD)."""
     x = arm[1] * way[2] - arm[2] * way[1]
     y = arm[2] * way[0] - arm[0] * way[2]
     z = arm[0] * way[1] - arm[1] * way[0]

@@ -1,4 +1,4 @@
-"""Models of the sensors. Each model samples the true state at its own rate and writes into a SENSORS record.
+"""Models of the sensors. Each samples the true state at its own rate, adds errors, and writes into a SENSORS record.
 
 The record type SENSORS is in `foundation.sensors`. The default suite is that of a current small autopilot board. Every
 number can be set; zero switches an error off.

@@ -4,8 +4,7 @@ A port is one MAVLink connection. It has its own stream rates, sequence numbers,
 the streams: message, rate (Hz) on each kind of port, and maker. The rates are as measured on PX4 1.15; 0 = only on
 request. A stream sends at most one message per call of `Port.tick` or `Port.stream`.
 
-An upload is a plan that a client sends. Its items are collected separately, and the plan takes effect as a whole.
-Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
+An upload is a plan that a client sends (`mission.py`). Retry 0.25 s and time-out 5 s are PX4's.
 """
 
 import struct

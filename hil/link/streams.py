@@ -27,7 +27,7 @@ ONCE = (  # requested as single messages until they arrive
     dialect.MAVLINK_MSG_ID_HOME_POSITION,
 )
 CHECK_US = 3_000_000  # µs of vehicle time over which arrivals are counted
-SHORT = 0.6  # share of the requested rate; below it, the link is too slow
+SHORT = 0.6  # share of the requested rate; below it, the link or the autopilot is too slow
 DOUBLINGS = 2  # doublings of the fast messages' interval, down to 5 Hz: PX4's Offboard needs setpoints above 2 Hz
 SMALL = 0.05  # share of all bytes; smaller streams that we do not read are not stopped
 # messages that are never stopped, although they are not requested either
