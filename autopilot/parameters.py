@@ -105,7 +105,7 @@ class ParameterTable:
         self._values = dict(self._defaults)
         self._core_names = frozenset(core_defaults)
         self._set_core = set_core
-        self._file: Path | None = None  # None while `file` is read: saving then would lose the values not yet read
+        self._file: Path | None = None  # None while `file` is read, because a save would lose the values not yet read
         self.unsaved: str | None = None
         self.names = tuple(self._values)
         self._index = {name: i for i, name in enumerate(self.names)}

@@ -52,7 +52,7 @@ _SPACE = "Zs"  # category of Unicode: spaces of all widths, which Python calls u
 def printable(text: str) -> str:
     r"""Return `text` with every character that is neither printable nor a newline escaped as in JSON, such as \u001b.
 
-    A second call changes nothing more. An escaped JSON text keeps its value.
+    A second call has no effect. An escaped JSON text keeps its value.
     """
     if text.isascii() and text.replace(LINE, "").isprintable():
         return text

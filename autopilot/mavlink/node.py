@@ -288,7 +288,7 @@ class Port:
 
 RETRY_US = 250_000
 TIMEOUT_US = 5_000_000
-MOST_UPLOADS = 16  # at once, of all clients, so that a hostile client cannot fill the memory
+MOST_UPLOADS = 16  # open uploads of all clients; the limit stops a hostile client from filling the memory
 CANCELLED = int(dialect.MAV_MISSION_OPERATION_CANCELLED)
 
 Key = tuple[int, int, int, int]  # port, system, component, mission type

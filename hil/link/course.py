@@ -13,7 +13,7 @@ HEADING = math.radians(0.7)
 STILL_MPS = 0.12
 RESTING_US = 1_000_000  # µs that the vehicle must stay at the place
 COARSE_US = 15_000_000  # µs after `due_us` until the limits are widened
-COARSER = 3.0  # factor on the limits then, because with a drifting GPS no vehicle stays that still
+COARSER = 3.0  # factor on the limits after that: with a drifting GPS, no vehicle meets the normal limits
 
 
 class Arrival:

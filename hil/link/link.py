@@ -26,7 +26,7 @@ OFFERED_S = 2.0  # s of attempts to enter Offboard while it is temporarily refus
 DISARMED_US = 1_500_000  # µs for which a vehicle in the air must report that it is disarmed: more than one heartbeat
 CAUSE_US = 2_000_000  # µs; the text of a failsafe may arrive this long before its change of mode
 FOREIGN_S = 600.0  # s for a person to arm, take off and hand over
-LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # modes to which PX4 switches by itself from a mode
+LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # mode → modes to which PX4 switches from it by itself
 HOMEWARD = ("LAND", "RETURN")  # modes that end on the ground; we send no orders after them
 ENDINGS = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}  # modes for the end of a flight
 
@@ -201,7 +201,7 @@ class Link(Conversation):
         return self._disarmed_us is not None
 
     def _is_disarmed(self) -> bool:
-        """Return whether this report counts: on the ground at once, in the air if it lasts for DISARMED_US."""
+        """Return whether the report `disarmed` counts: on the ground always, in the air after DISARMED_US."""
         assert self._disarmed_us is not None
         return self.state.landed is not False or self.state.heartbeat_us >= self._disarmed_us + DISARMED_US
 
