@@ -39,10 +39,9 @@ class Bench:
     ) -> None:
         """`limit` and `shard` select the episodes that this process flies. `retry`: repeat flights that did not move.
 
-        First, existing run folders are opened and checked. Second, each model with flights left gets one small test
-        question; `report` gets the lines about it. Third, the callback `first` runs, and bench.json is written. New run
-        folders are created last, so that bench.json names every run folder even after a kill. Raises UsageError,
-        ModelError, InfrastructureError.
+        The steps, in order: check existing run folders; send a small test question to each model with flights left, and
+        report the results to `report`; call `first`; write bench.json; create new run folders. So bench.json names
+        every run folder even after a kill. Raises UsageError, ModelError, InfrastructureError.
         """
         self.out = out
         self._opened = ExitStack()
@@ -147,7 +146,7 @@ def _configurations(suite: ChosenSuite, entries: Sequence[BenchEntry]) -> list[t
     configurations = []
     for entry in entries:
         spec = entry.flight
-        # without the ledger: `look_up` would open it, but its folder may not exist yet
+        # without the ledger, because `look_up` opens it and its folder may not exist yet
         flight = look_up(replace(spec, accounts=replace(spec.accounts, ledger=None)))
         configuration = {
             **settings(flight, flight.camera),

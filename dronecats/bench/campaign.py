@@ -26,9 +26,9 @@ from foundation.run_folder.results import SCORED, Result
 
 
 class Batch:
-    """A run folder, with a folder per episode that is named after the id of its record.
+    """A run folder. It has a folder for each episode, and the episode's id is the folder's name.
 
-    An episode is done when its folder has the same record, and a verdict of success or failure.
+    An episode is done when its folder has a verdict of success or failure, and its record has not changed since.
     """
 
     def __init__(self, run: Path, configuration: Mapping[str, Any]) -> None:
@@ -84,7 +84,7 @@ class Batch:
             return False
         try:
             return is_stuck(poses_of(folder))
-        except UsageError:  # a damaged log, which the verdict reports
+        except UsageError:  # a log is damaged; the verdict reports it
             return False
 
     def retried(self, episode: str) -> bool:

@@ -27,9 +27,9 @@ from foundation.errors import InfrastructureError, UsageError
 from foundation.files import file_errors_as
 
 FLIGHTS_MAX = 64  # flights at a time per actor; each has a thread, which mostly waits for a model
-LOOK = "look"  # concurrency group with a thread of its own, so that checks do not wait for flights
+LOOK = "look"  # Ray concurrency group with its own thread, so that checks do not wait for flights
 GONE_S = 30.0  # wall s to wait until a killed actor is gone
-LOOK_S = 30.0  # wall s between two checks of the workers while nothing lands
+LOOK_S = 30.0  # wall s between two checks of the workers while no flight ends
 CONNECT_S = 10.0  # wall s for the head of a cluster to accept a connection
 STARTED_S = 300.0  # wall s for a worker to start and compile
 GONE = (ray.exceptions.RayActorError, ray.exceptions.ObjectLostError, ray.exceptions.NodeDiedError,
@@ -52,7 +52,7 @@ class ClusterWorker:
     def fly(self, flight: dict[str, Any], name: str, key: str) -> tuple[dict[str, Any], dict[str, bytes]]:
         """Return the outcome of `worker.fly_flight`, and the episode's files by their paths within its folder.
 
-        `name`: of the episode's folder. `key`: of the flight in `written`.
+        `name`: name of the episode's folder. `key`: identifies the flight in `written`.
         """
         from dronecats.bench.worker import fly_flight
         from foundation.run_folder.folder import prepare
@@ -85,14 +85,14 @@ class _Actor:
 @dataclass(slots=True, kw_only=True)
 class _Flying(InFlight):
     worker: _Actor
-    key: str  # of the flight in `ClusterWorker.written`
+    key: str  # identifies the flight in `ClusterWorker.written`
 
 
 class ClusterEngine:
-    """Flies on a Ray cluster. The failure of a flight raises nothing: its result has the error."""
+    """Flies on a Ray cluster. A failed flight raises no exception; its result has the error."""
 
     def __init__(self, jobs: int, ledger: Path | None, address: str | None = None) -> None:
-        """`jobs`: flights at a time. `ledger`: file on this machine for the cost of models; None: no model is paid.
+        """`jobs`: flights at a time. `ledger`: file on this machine for the models' costs; None: no model costs money.
 
         `address`: HOST:PORT of the cluster; None: a cluster of this machine only. Raises UsageError,
         InfrastructureError.

@@ -136,7 +136,7 @@ class InFlight:
 class LocalEngine:
     """Flies in worker processes, at most one per core, each with several flights in the air.
 
-    The failure of a flight raises nothing: its result has the error.
+    A failed flight raises no exception; its result has the error.
     """
 
     def __init__(
@@ -286,7 +286,7 @@ def lost(sortie: Sortie, fault: str) -> Landed:
 def hanging(flying: Sequence[InFlight], hang_s: float) -> InFlight | None:
     """Return one flight that hangs among the flights of a worker; None: no flight hangs.
 
-    A flight that has not begun waits for its turn to compute. It hangs only if all flights of the worker are silent.
+    A flight that has not begun may wait for the others. It hangs only if all flights of the worker are silent.
     """
     silent = [flight for flight in flying if flight.silent_s > hang_s]
     begun = next((flight for flight in silent if flight.begun), None)

@@ -83,8 +83,8 @@ def entries(
 ) -> list[BenchEntry]:
     """Return all runs of the matrix: the first flights of all combinations, then the second flights, and so on.
 
-    `pilots`: (name, flight without episode, command and latency). Commands apply to fleets: episodes of one drone are
-    flown once, under `flat`. The k-th flight differs from the first only in its seed. Raises UsageError for an unknown
+    `pilots`: (name, flight); the flight has no episode, command or latency yet. `commands` are for fleets; one drone
+    always flies with `flat`. The k-th flight differs from the first only in its seed. Raises UsageError for an unknown
     command, for two runs with the same name, and if there is no run.
     """
     if unknown := next((command for command in commands if command not in COMMANDS), None):
@@ -138,6 +138,6 @@ def slug(text: str) -> str:
 
 
 def command_fields(command: str) -> dict[str, Any]:
-    """Return the fields of a flight for a command. Only `hierarchical` keeps the commander."""
+    """Return the fields of a flight for a command. All but `hierarchical` remove the commander."""
     without = {} if command == "hierarchical" else {"commander": None, "scripted": None}
     return {"command": command, **without}

@@ -31,7 +31,7 @@ HOUR_S = 3600.0
 
 @dataclass(slots=True)
 class Progress:
-    """Counts of the flights of a campaign; `before` of them were done when this process began."""
+    """Counts of the flights of a campaign. `before`: number of flights that earlier processes have done."""
 
     total: int
     before: int = 0

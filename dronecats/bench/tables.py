@@ -30,7 +30,7 @@ from foundation.wording import counted
 class ScoreRow:
     """One row of an audit, with the fields that `episodes audit --json` prints. None: nothing was measured."""
 
-    name: str  # a suite, or a map and cell
+    name: str  # a suite, or a map and a cell (kind of episode)
     solved: int  # number of `flown` that succeeded by the paper's criterion: SR
     flown: int  # scored flights, without infrastructure errors
     errors: int
@@ -38,7 +38,7 @@ class ScoreRow:
     solved_within_three: int | None  # flights solved by one of the first three declarations: SR₃
     precision: float | None  # 0 … 1, share of declarations that are true, mean over the flights that declared
     false_declarations: float | None  # mean number per flight
-    censored: int  # flights that ended with their first success, so that later declarations are unknown
+    censored: int  # flights that ended at their first success; their later declarations are unknown
     median_steps: float | None  # over the solved flights
 
 
@@ -92,7 +92,7 @@ def cell_of(episode: str) -> str:
 def cell_order(group: str) -> tuple[int, str]:
     """Return the sort key of maps and cells: the paper's order of the cells, then all other groups."""
     cells = [k for k, cell in enumerate(CELLS) if group.endswith(f"-{cell}")]
-    # at most one cell fits, since `-search-and-track` does not end with `-tracking`; a user's episodes may have none
+    # at most one cell fits: `-search-and-track` does not end with `-tracking`. For a user's episodes none may fit
     return (cells[-1] if cells else len(CELLS), group)
 
 
@@ -220,7 +220,7 @@ class BenchRow:
     errors: int  # not scored
     retries: int
     stalled: int  # flights that the host delayed
-    dropped: int  # of these, left unscored
+    dropped: int  # of these, not scored because of `--drop-stalled`
     broken_pins: int
     unreadable: int  # decisions without an action
     refused: int  # of these, refused by the model or withheld by its provider

@@ -55,9 +55,9 @@ class Worker:
         return {"pid": os.getpid()}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        """Begin a `flight` in `folder`; for the command `ended`, return a flight that has ended, or None.
+        """Run a command: `fly` begins a `flight` in a `folder`, `ended` returns a flight that has ended, or None.
 
-        An ended flight has its `folder`, and a `result`, or a `fault`: the reason why there is no result.
+        An ended flight is a dict with its `folder` and its `result`, or a `fault`: why there is no result.
         """
         if command == "ended":
             try:

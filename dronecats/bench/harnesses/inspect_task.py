@@ -35,7 +35,7 @@ from foundation.wording import counted
 
 Effort = Literal["minimal", "low", "medium", "high", "xhigh", "max"]  # values of Inspect's reasoning_effort
 FOLDER = "dronecats_folder"  # key of the flight's folder in the sample's store
-_DECLARED = ModelSpec(provider="local", name="")  # the sampling of the paper
+_DECLARED = ModelSpec(provider="local", name="")  # for its default temperature and max_tokens
 
 
 @task
@@ -55,10 +55,10 @@ def dronecats(
     `suite`: one-drone, commanding, quick, all, or comma-separated ids and files. Inspect splits the text at the commas.
 
     `latency`: the vehicle time that a reply costs (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
-    `axis_order`: xy or yx, the order of the model's points. `full`: fly to the time limit, even when the verdict is
-    decided. `out`: a folder in which each model and epoch get their own run folder; None: a new one in `runs` for each.
-    `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of calls after a `think`; None: all calls use the
-    evaluation's effort. Some models have no setting for their effort.
+    `axis_order`: xy or yx, the order of the coordinates in the model's points. `full`: fly to the time limit, even when
+    the verdict is decided. `out`: folder that gets a run folder for each model and epoch; None: each gets a new one in
+    `runs`. `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of the calls after a `think`; None: that
+    of the evaluation. Some models have no such setting.
 
     Raises UsageError for another `axis_order`, or an effort that Inspect does not know.
     """
