@@ -4,11 +4,11 @@ The inputs are the logs, which stay unchanged: decisions.jsonl (time of every fr
 episode), and flight.tlog or the autopilot's ULog (estimates). The target's position may come from a GNSS survey.
 
 A Rauch-Tung-Striebel (RTS) smoother runs on each axis. The autopilot has already filtered the reported positions. Their
-error is nearly the same in successive reports and drifts with the satellites. The model of a reported position is
-therefore the true position plus a slowly drifting error: a Gauss-Markov process with the reported accuracy and the time
-constant CORRELATION_S. The average over a flight does not remove this error. The smoother removes short errors: noise,
-and jumps of the estimate that contradict its velocity. State per axis: position, velocity (constant except for white
-noise in the acceleration), error of the reported position.
+error is nearly the same in successive reports and drifts with the satellites. A reported position is therefore modelled
+as the true position plus a slowly drifting error. This error is a Gauss-Markov process with the reported accuracy and
+the time constant CORRELATION_S; smoothing cannot remove it. Smoothing removes short errors: noise, and jumps of the
+estimate that contradict its velocity. State per axis: position, velocity (constant except for white noise in the
+acceleration), error of the reported position.
 """
 
 import math
@@ -107,7 +107,7 @@ Array = NDArray[np.float64]
 CORRELATION_S = 300.0  # s, about the length of a flight; the error of a receiver is correlated for less time
 POSITION_NOISE_M = 0.05  # m, white noise of one report, from the small corrections of the estimator
 ACCELERATION_PSD = 1.0  # (m/s²)²/Hz, of a multirotor at the speeds of these flights
-UNREPORTED_M = 1.0  # m, assumed for positions without a reported accuracy; the smoothed accuracy is NaN
+UNREPORTED_M = 1.0  # m, assumed accuracy if an axis has no reported one; SmoothedPath.std_m is then NaN
 THINNED_US = 90_000  # µs, least interval of the used reports; more reports add no information
 _H = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 
@@ -178,7 +178,7 @@ def _thinned(time_us: Array) -> NDArray[np.int64]:
 
 
 def _filled(std: Array) -> Array:
-    """Return accuracies with gaps filled by the previous one, else by the first one, else by UNREPORTED_M."""
+    """Fill gaps in accuracies with the previous value, or the first one at the start; with UNREPORTED_M without any."""
     reported = np.flatnonzero(np.isfinite(std))
     if not len(reported):
         return np.full_like(std, UNREPORTED_M)
@@ -406,9 +406,9 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
 
 
 def _covers(times: Array, t: float) -> bool:
-    """Return whether a time (s) is at a true pose, or between two successive ones (no gap in the log).
+    """Return whether a time (s) is at a true pose, or between two true poses without a gap in the log.
 
-    There is a pose every 0.5 s, each up to 20 ms later than the estimated pose beside it.
+    A true pose is logged every 0.5 s, up to 20 ms after the corresponding estimated pose.
     """
     after = int(np.searchsorted(times, t))
     if after == len(times) or (after == 0 and times[0] > t):

@@ -63,12 +63,12 @@ class Entrant:
 
     @cached_property
     def scored(self) -> tuple[ScoredEpisode, ...]:
-        """The flights that count."""
+        """The flights that are scored and not left out."""
         return tuple(flight for flight in self.episodes if flight.scored)
 
     @cached_property
     def by_episode(self) -> Mapping[str, tuple[ScoredEpisode, ...]]:
-        """The flights that count by the episode's id, in the order of their seeds."""
+        """The flights in `scored` by their episode's id, in the order of their seeds."""
         flights: dict[str, list[ScoredEpisode]] = {}
         for flight in sorted(self.scored, key=lambda flight: flight.run.seed):
             flights.setdefault(flight.episode, []).append(flight)
@@ -297,7 +297,7 @@ class ReportData:
 
 
 def is_common(name: str) -> bool:
-    """Return whether all rows of a table should agree in this entry of their identity, even if the pilots differ."""
+    """Return whether this setting of the identity should be equal in all rows, even for different pilots."""
     return name in ("the code", "the camera", "the clock") or name.startswith(
         ("the protocol", "the suite", "the version")
     )

@@ -292,7 +292,7 @@ def as_html(table: ReportTable) -> str:
 
 def _html_heads(columns: Sequence[TableColumn]) -> Iterator[str]:
     if any(column.group for column in columns):
-        first = [] if columns[0].group else [("", 1)]  # a cell of its own: this column stays in place
+        first = [] if columns[0].group else [("", 1)]  # a separate cell, because the first column does not scroll
         heads = [
             f'<th class="group" scope="colgroup" colspan="{count}">{html.escape(group)}</th>'
             if group else f'<td colspan="{count}"></td>'

@@ -44,7 +44,7 @@ class Axis:
         return self.levels or (self._number(self.low), self._number(self.high))
 
     def at(self, share: float) -> Level:
-        """Return the level at a share of the axis, 0 ≤ share < 1. Levels have equal parts of the axis."""
+        """Return the level at a share of the axis, 0 ≤ share < 1. Each level covers an equal part of the axis."""
         if self.levels:
             return self.levels[int(share * len(self.levels))]
         if self.integer:

@@ -22,7 +22,7 @@ from foundation.wording import did_you_mean, nearest
 ENTRANT_FACTORS = ("pilot", "model", "agent", "command")  # factors that choose the entrant
 REPLY_TIME, PILOT = "the reply time", "the pilot"
 POLICY = "latency_policy"  # the factor whose levels may name a file
-ADDED = {"rate_cap": CAP, "reply_stall_share": STALL}  # factor → the part that it adds to a latency policy
+ADDED = {"rate_cap": CAP, "reply_stall_share": STALL}  # factor → kind of the part that it adds to a latency policy
 SLOWEST_HZ = 0.01  # lowest level of factors that are rates of replies
 NUMBER_FORMAT = ".12g"  # for numbers in names and policies
 
@@ -38,7 +38,7 @@ class Factor:
     help: str  # its meaning, one line
     sets: str  # the property that it sets; a study has one factor for each property
     put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: a disturbance, see `at_levels`
-    get: Callable[[FlightSpec], float | None] = lambda flight: None  # the level in a flight; None: no number
+    get: Callable[[FlightSpec], float | None] = lambda flight: None  # level of a flight; None: not a number
     quantity: DeclaredNumber | None = None  # for numeric levels
     words: Sequence[str] | None = None  # allowed words; with neither quantity nor words, any word
     refines: str = ""  # name of another factor; while that factor is 0, this one has no effect

@@ -44,10 +44,10 @@ def plan(
     """Return the plan of a study.
 
     `pilots`: (name, flight); the flights have no episode and no levels yet. The k-th flight of an episode by a pilot
-    has the same seed at every point of the design. The first round has the first flights: pilot after pilot, and for
-    each pilot episode after episode, each episode at all points. The second round has the second flights, and so on. If
-    a study stops early, only its last flights lack a counterpart at other points. Raises UsageError for contradicting
-    levels, a factor without an effect, and if there is nothing to fly.
+    has the same seed at every point of the design. Round k has all k-th flights. In a round, the pilots fly one after
+    another, and each pilot flies each episode at all points before the next episode. So if a study stops early, only
+    its last flights lack a counterpart at other points. Raises UsageError for contradicting levels, a factor without an
+    effect, and if there is nothing to fly.
     """
     factors = tuple(design.points[0]) if design.points else ()
     if overlap := next((factor for factor in factors if factor in held), None):
@@ -151,7 +151,7 @@ def _refusal(flight: FlightSpec) -> str | None:
     return None
 
 
-COMPARED = ("rate_cap",)  # factors that may have levels without effect, as a reference for the other levels
+COMPARED = ("rate_cap",)  # factors that may have a level without effect, as the reference of the other levels
 
 
 def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mapping[str, Level]) -> None:

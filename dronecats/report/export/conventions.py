@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 _ENU_OF_NED = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # rotation of 180° about the axis between north and east
 _FRD_OF_FLU = (0.0, 1.0, 0.0, 0.0)  # rotation of 180° about the forward axis
-JUDGE = "judge"  # prefix of data that agent and autopilot do not have: true positions, targets, verdicts
+JUDGE = "judge"  # prefix of data that only the judge has: true positions, targets, verdicts
 
 
 def optical_in_flu(camera: CameraModel) -> Quat:

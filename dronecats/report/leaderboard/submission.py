@@ -179,9 +179,9 @@ def digest(data: bytes) -> FileDigest:
 
 
 def incompleteness_reason(flights: Sequence[Sequence[str]]) -> str | None:
-    """Return the reason why some flights are not of one complete suite, as a sentence; None: they are.
+    """Return, as a sentence, why some runs are not of one complete suite; None: they are.
 
-    `flights`: the episode ids of each flight.
+    `flights`: the episode ids of each run.
     """
     for ids in flights:
         own = [id for id in ids if id not in catalogue.all_ids()]
@@ -207,9 +207,9 @@ def suite_of(ids: Sequence[str]) -> str | None:
 
 
 def common_suite(flights: Sequence[Sequence[str]]) -> str | None:
-    """Return the suite of which every flight has exactly the episodes; None: no such suite.
+    """Return the suite whose episodes every run has, and no others; None: no such suite.
 
-    `flights`: the episode ids of each flight.
+    `flights`: the episode ids of each run.
     """
     of_each = {suite_of(ids) for ids in flights}
     return of_each.pop() if len(of_each) == 1 else None

@@ -36,7 +36,7 @@ from episodes.records.record import CELLS
 from foundation.errors import InfrastructureError, UsageError
 from foundation.files import file_errors_as, whole_file
 
-RESERVED = ("of",)  # first words of page addresses (#of/ENTRANT), which no run has as its key
+RESERVED = ("of",)  # first words of page addresses (#of/ENTRANT); no run may have them as its key
 SETTING_KEYS = (
     "command",
     "scripted",
@@ -168,7 +168,7 @@ def _settings(run: RecordedRun) -> tuple[tuple[str, str], ...]:
 
 
 PAGE = "index.html"
-DATA = "data"  # folder with a script for each flight, not JSON: a page on a local disk can load only scripts
+DATA = "data"  # folder with a script per flight; not JSON, because a page on a local disk can load only scripts
 TITLE = "DroneCATS report"
 KEYS_BUTTON = '<button type="button" id="keys" class="tool" aria-haspopup="dialog" title="Keyboard (?)">Keys</button>'
 MORE = """<noscript><p>This page needs JavaScript. It loads nothing from the network.</p></noscript>
@@ -183,10 +183,10 @@ def write_page(
 ) -> Path:
     """Write the page of a collection into the folder `out`, and return its path, out/index.html.
 
-    The function writes flights and pictures to the folders data/ and pictures/ in `out`. With `embed`, it puts both
-    into the page itself. The pictures are then smaller, and `every` is raised until a browser can open them all.
-    `every`: keep only the pictures of every n-th step, the last step and the declarations. Raises UsageError if the
-    page cannot be written.
+    The function writes flights and pictures to the folders data/ and pictures/ in `out`. `every`: keep only the
+    pictures of every n-th step, the last step and the declarations. `embed`: put flights and pictures into the page
+    itself, with smaller pictures, and with a larger `every` if a browser could not open them all. Raises UsageError if
+    the page cannot be written.
     """
     with file_errors_as(UsageError, f"the report cannot be written to {out}"):
         return _write(collection, tables, out, embed, every)

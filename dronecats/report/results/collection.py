@@ -1,8 +1,8 @@
 """Reads all episodes of some runs, one row per episode. Reports, comparisons and studies use these rows.
 
 Flights can be left out by the value of a metric, for example flights with more than two estimator resets. By default no
-flight is left out. Reports state every such rule, because it biases a comparison if one level of a study loses more
-flights than another.
+flight is left out. Reports state every such rule: it biases a comparison if it leaves out more flights at one level of
+a study than at another.
 """
 
 import math
@@ -106,7 +106,7 @@ def collect(
     def read(number: int) -> ScoredEpisode:
         run, folder = folders[number]
         scored = scored_episode(run, folder, delta_m, metrics)
-        return replace(scored, run=replace(run, configuration={}, episodes=()))  # to send less: the parent has both
+        return replace(scored, run=replace(run, configuration={}, episodes=()))  # send less; the parent has both fields
 
     episodes = []
     for (run, _), scored in zip(folders, parallel_map(read, range(len(folders)), processes), strict=True):

@@ -1,8 +1,8 @@
 """Decides which runs may be counted together: the identity of a run, and the differences between two runs.
 
 Two runs are of one kind if their identities do not differ. The identity has the settings and versions in run.json. It
-has no measured values and no fields that may differ between flights of one kind, such as the seed. A value that an
-older run lacks equals only another missing value.
+has no measured values and no fields that may differ between runs of one kind, such as the seed. A value that an older
+run did not record equals only another missing value.
 """
 
 import hashlib

@@ -73,7 +73,7 @@ def _sampling(entrant: Entrant) -> str:
 
 
 def _reasoning(entrant: Entrant) -> str:
-    """Return the request fields that set a model's reasoning: `usual | after a think`; empty: unknown, or no model."""
+    """Return the request fields for reasoning: `of most steps | after a think`; empty: unknown, or no model."""
     model = entrant.runs[0].flight.get("model") or {}
     provider = PROVIDERS.get(str(model.get("provider")))
     if provider is None:
@@ -150,7 +150,7 @@ def costs(data: ReportData) -> ReportTable | None:
 
 
 def _model_usage(flight: ScoredEpisode) -> Usage:
-    """Return the usage of the models of a flight. The usage of a built-in commander is left out: it is no model."""
+    """Return the usage of the models of a flight, without that of a built-in commander, which is not a model."""
     if not flight.run.flight.get("scripted"):
         return flight.usage
     return replace(flight.usage, commander_questions=0, commander_in=None, commander_out=None)

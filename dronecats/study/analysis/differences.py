@@ -45,8 +45,8 @@ class PairedDifference:
 def between_levels(results: StudyResults, factor: int) -> list[PairedDifference]:
     """Return the difference of each level of a factor from its reference, for the same entrant, seed and other factors.
 
-    `level_steps` groups the levels of a factor with many levels. The reference is a single level even then, and the
-    other levels of its group are in no pair.
+    If a factor has many levels, `level_steps` groups them. The reference is still a single level, and the other levels
+    of its group are in no pair.
     """
     steps, reference = level_steps(results.factors[factor]), _reference_step(results.factors[factor])
     differences = []
@@ -114,7 +114,7 @@ def difference(
             statistics.fmean(a.scored.success - partner[id(a)].scored.success for a in group)
             for group in by_episode([a for a, _ in pairs]).values()
         ]
-        apart = len({id(b) for _, b in pairs})  # a flight in several pairs counts once
+        apart = len({id(b) for _, b in pairs})  # count a flight that is in several pairs once
         estimate, count = share_difference(means, max(1.0, apart / max(1, len(means)))), len(pairs)
     else:
         means, count = [], 0
@@ -159,8 +159,8 @@ class PointDifference:
 def point_differences(results: StudyResults) -> list[PointDifference]:
     """Return the difference of each pair of entrants at each point that both entrants flew.
 
-    The list is empty for a study of one factor, or with more than POINTS_MAX points. Without factors that are not
-    entrants, there is one point.
+    The list is empty for a study of one factor, or with more than POINTS_MAX points. A study that varies only the
+    entrant has one point.
     """
     count = len({flight.levels for flight in results.scored})
     if len(results.factors) == 1 or not 0 < count <= POINTS_MAX:

@@ -123,9 +123,9 @@ def _with_levels(
 def _entrants(
     runs: Sequence[RecordedRun], study: Study, study_runs: Mapping[str, StudyRun]
 ) -> tuple[dict[Path, str], dict[Path, Identity]]:
-    """Return two mappings from run folders: the entrant's label, and the identity without the effect of its levels.
+    """Return, by run folder, the label of the run's entrant, and the run's identity without the effect of its levels.
 
-    For the identity, every run gets the levels of the first run.
+    To remove this effect, every identity is computed with the levels of the first run.
     """
     first = study_runs[runs[0].folder.name].levels
     same_levels = {factor.name: first[factor.name] for factor in study.factors if factor.name not in ENTRANT_FACTORS}
@@ -210,7 +210,7 @@ def _check_duplicates(
 def _notes(
     runs: Sequence[RecordedRun], labels: Mapping[Path, str], identities: Mapping[Path, Identity]
 ) -> Iterator[str]:
-    """Yield sentences about entrants that differ in common parts of the identity or in their seeds."""
+    """Yield sentences on entrants that differ in settings that all should share (`is_common`), or in their seeds."""
     first: dict[str, RecordedRun] = {}
     for run in runs:
         first.setdefault(labels[run.folder], run)

@@ -107,9 +107,9 @@ class StudyResults:
 def comparable(results: StudyResults, flights: Sequence[StudiedFlight], factor: int) -> list[StudiedFlight]:
     """Return those of `flights` that can be compared over the levels of the factor with this index.
 
-    In a design of one factor at a time, these are the flights with all other factors at the base: their levels of the
-    other factors were flown at several levels of this factor. If there are none, all flights are returned. In a full,
-    fractional or Latin hypercube design, all flights are returned: the design or chance balances the other factors.
+    In a design of one factor at a time, these are the flights whose levels of the other factors occur at several levels
+    of this factor: the flights with the other factors at the base. If there are none, all flights are returned. In any
+    other design, all flights are returned, because the design or chance balances the other factors.
     """
     if not results.design.startswith(ONE_AT_A_TIME):
         return list(flights)

@@ -125,8 +125,8 @@ def main_effects(results: StudyResults) -> list[MainEffect]:
 def heat_maps(results: StudyResults) -> list[HeatMap]:
     """Return the shares over each two factors, for every entrant and cell.
 
-    A pair is left out if no flight has both of its factors away from their base levels, as in a design of one factor at
-    a time. Such flights show no interaction.
+    A pair of factors is left out if no flight has both away from their base levels, as in a design of one factor at a
+    time. Then the flights show no interaction.
     """
     steps = [level_steps(factor) for factor in results.factors]
     maps = []
@@ -215,15 +215,15 @@ class _Regression:
     def _effect(self, place: int, block: range, effect: MainEffect) -> MainEffect:
         """Return an effect with its log odds, its interval and the fitted shares at both ends.
 
-        `place` is the column of the effect, `block` are all columns of its factor. The other columns of the factor are
-        0 at both ends.
+        `place` is the column of the effect, and `block` all columns of its factor. The others of these are 0 at both
+        ends.
         """
         coefficient = float(self._fit.coefficients[place])
         middle = self._design.mean(axis=0)
         ends = np.stack([middle, middle])
         least = float(self._design[:, place].min())
         ends[:, block] = 0.0
-        ends[:, place] = (least, least + 1.0)  # a column spans 1
+        ends[:, place] = (least, least + 1.0)  # the values of a column span 1
         begin, end = map(float, share(ends @ self._fit.coefficients, self._fit.scatter))
         effect = replace(effect, share_begin=begin, share_end=end)
         if self._covariance is None:
@@ -232,9 +232,9 @@ class _Regression:
         return replace(effect, log_odds=coefficient, low=low, high=high)
 
     def _edge(self, place: int, best: float, way: float) -> float | None:
-        """Return the end of a coefficient's interval below (`way` −1) or above (+1) the best value.
+        """Return the lower (`way` −1) or upper (+1) end of a coefficient's interval; `best` is the best value.
 
-        The fit is significantly worse beyond it. None: no end within 32 of the best value.
+        Beyond the end, the fit is significantly worse. None: no end within 32 of the best value.
         """
         limit = float(special.fdtri(1, max(1, self.episodes - 1), CONFIDENCE))
         without = np.delete(self._design, place, axis=1)

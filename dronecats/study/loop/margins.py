@@ -36,8 +36,8 @@ class Oscillation:
 def oscillation(signal: Array, step_s: float, expected: float) -> Oscillation | None:
     """Return the strongest oscillation in a signal, within FREQUENCY_RANGE × `expected` (rad/s); None: there is none.
 
-    `step_s` (s) is the sampling period. The strongest oscillation has the most energy over the signal. The weak
-    overtones of rotors, which spin up faster than they spin down, are therefore not chosen. Method: matrix pencil.
+    `step_s` (s) is the sampling period. The strongest oscillation has the most energy over the signal. This excludes
+    weak overtones, which exist because rotors spin up faster than they spin down. Method: matrix pencil.
     """
     stride = max(round(2.0 * math.pi / expected / SAMPLES_A_PERIOD / step_s), 1)
     values, period = signal[::stride], stride * step_s
@@ -148,8 +148,8 @@ def step_oscillation(hover: Hover, loop: CascadeLoop, expected: DelayMargin) -> 
         value = hover.step_response(loop, delay_s, seconds).value
         left = oscillation(value[round(SETTLING * len(value)) :], SAMPLE_S, expected.frequency)
         if left is not None and left.size > loop.step:
-            # so large an oscillation counts as growing: beyond the margin, limits of tilt and integrals can hold its
-            # amplitude constant
+            # count an oscillation larger than the step as growing: beyond the margin, limits of tilt and integrals can
+            # keep its amplitude constant
             return replace(left, growth=abs(left.growth))
         return left
 

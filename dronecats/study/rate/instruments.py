@@ -88,7 +88,7 @@ class TimedCamera:
         """Return the camera's newest frame. Raises CameraError."""
         self._clock.picture_requested()
         frame = self._camera.newest(drone)
-        # the age is at least 0: the clock shows the time of the newest telemetry, and a picture may be newer
+        # not negative: a picture may be newer than the newest telemetry, whose time the clock shows
         self._clock.picture_arrived(max(0.0, (self._now_us() - frame.time_us) / 1e6))
         return frame
 
@@ -165,7 +165,7 @@ class CountedAgent:
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
         """Fly until `cap_s` or until `stop`. Raises DronecatsError, and KeyboardInterrupt after the last question.
 
-        The interrupt marks the flight as interrupted, since it was stopped early.
+        The KeyboardInterrupt makes the flight count as interrupted, because it is stopped early.
         """
         self._agent.fly(cap_s, lambda decision: stop(decision) or self._is_done())
         if self._is_done():

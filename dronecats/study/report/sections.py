@@ -156,7 +156,7 @@ def _insignificant_factors(findings: Findings) -> Iterator[str]:
 def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
     """Yield (sentence, whether a difference is significant) for each entrant.
 
-    Of the levels that differ significantly from the reference, the sentence states the loss at the nearest one.
+    The sentence names the nearest level that differs significantly from the reference, and the loss there.
     """
     reference = along.factor.label(along.factor.reference)
     name = "" if len(findings.factors) <= FACTORS_FEW else f" along {along.factor.words}"
@@ -165,7 +165,7 @@ def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple
         rows = _against_reference(along, entrant, cell)
         significant = [row for row in rows if row.p_holm <= ALPHA]
         if significant:
-            nearest = min(significant, key=_distance)  # for words, all distances are 0 and the first row is taken
+            nearest = min(significant, key=_distance)  # the first row for words, whose distances are all 0
             text = (
                 f"{in_cell(entrant, cell)}{name}: {nearest.at.title} is the first level that differs significantly from"
                 f" {reference}: {_success_text(nearest)}; p {equals_p(nearest.p_holm)} after Holm's correction."
