@@ -81,7 +81,7 @@ class Previews:
 
 
 def _movable(world: World) -> tuple[Scene, tuple[Instance, ...]]:
-    """Return the scene and the record's placed objects, target first. In the scene, the map's objects cannot move."""
+    """Return the scene and the record's placed objects, target first. Only these objects and the drones can move."""
     placed = len(world.record.candidates) + (world.record.target.native is None)
     plan = world.scene.instances[: len(world.scene.instances) - placed]
     free = tuple(replace(instance, movable=True) for instance in world.scene.instances[len(plan) :])

@@ -25,7 +25,7 @@ LINE, PATH = (palette.rgb(palette.MARKS[name]) for name in ("goal", "path"))
 RULER = (255, 255, 255)
 
 
-# called during a drag with (name, north, east, yaw in °); names: 'target', 'waypoint-2', 'drone-0', 'candidate-1'
+# called during a drag with (name, north, east, yaw in °); example names: 'target', 'waypoint-2', 'drone-0'
 OnMove = Callable[[str, float, float, float], None]
 
 

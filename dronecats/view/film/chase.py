@@ -30,13 +30,13 @@ BOOM_M = 3.4  # m from the drone to the camera
 SHORTEST_M = 0.9  # m, shortest boom: an x500 fills the picture but is not clipped
 STEP_S = 0.25  # s between planned places
 PLACE_S, HEADING_S, ANGLE_SIGMA_S, BOOM_S = 0.35, 1.0, 0.6, 0.3  # s, σ of the smoothing
-AHEAD_M = 4.0  # m from the drone ahead to the point at which the camera looks
+AHEAD_M = 4.0  # m; the camera looks at the point this far ahead of the drone
 CAMERA_MARGIN_M = 0.35  # m, free space on each side of the camera
 # candidate places of the camera: azimuth (0 is behind the drone), elevation, share of the boom length
 AZIMUTHS_DEG = (15.0, -15.0, 38.0, -38.0, 68.0, -68.0, 100.0, -100.0)  # not 0, where the drone would hide its goal
 ELEVATIONS_DEG = (20.0, 34.0, 52.0, 70.0)
 LENGTHS = (1.0, 0.65, 0.4)
-BLOCKED = 30.0  # cost of a place from which the drone is hidden; more than the cost of moving around the drone
+BLOCKED = 30.0  # cost of a place with a blocked view; higher than the cost of moving around the drone
 
 HFOV_DEG, VFOV_DEG = 70.0, 50.0  # largest field of view of a chase view
 

@@ -36,11 +36,11 @@ CRF, PRESET = 23, "veryfast"
 JPEG_QUALITY = 95  # of a part that `join` encodes again; the loss is not visible
 GIF_COLORS = 128  # including MARKS, the colours of marks and text, which are rare in the sampled pictures
 GIF_SAMPLED = 24  # number of pictures from which the palette is computed
-GIF_STILL = 10  # of 255: a pixel that changes by less in each channel keeps its value, for a smaller file
+GIF_STILL = 10  # of 255; pixels that change by less in every channel keep their value, for a smaller file
 BRIGHT = (YELLOW, MAGENTA, GREEN, RED)
-# DIM: BRIGHT at the edge of a letter, mixed with the background. The last of MARKS is a field of view on a road
+# the colours BRIGHT at the edges of letters, mixed with the background
 DIM = tuple(tuple((a + b) // 2 for a, b in zip(mark, BACKGROUND, strict=True)) for mark in BRIGHT)
-MARKS = (*BRIGHT, *DIM, WHITE, *DRONES, (112, 86, 34))
+MARKS = (*BRIGHT, *DIM, WHITE, *DRONES, (112, 86, 34))  # the last colour: a field of view drawn over a road
 
 Codec = Literal["h264", "mp4v", "gif"]
 PicturesDone = Callable[[int], object]  # takes the number of pictures that were drawn since the last call

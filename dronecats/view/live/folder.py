@@ -24,7 +24,7 @@ READ_BYTES = 4_000_000  # most bytes per read; the next reads return the rest of
 NAME = re.compile(r"(\d{6,})(?:_d(\d+))?\.jpg")
 END = b"\xff\xd9"  # last bytes of a complete JPEG
 KEPT = 4  # most pictures in the cache, per drone
-SETTLED_NS = 100_000_000  # a folder that changed within this time may change again with the same timestamp
+SETTLED_NS = 100_000_000  # a folder that changed this recently may change again without a new timestamp
 
 
 @dataclass(frozen=True, slots=True)

@@ -136,7 +136,7 @@ class FlightFollower:
     def _take_prompt(self, value: dict[str, Any]) -> None:
         row = parse_row(value, LoggedPrompt)[0]
         if row is not None:
-            with contextlib.suppress(UsageError):  # the line of prompts.jsonl that defines the template is missing
+            with contextlib.suppress(UsageError):  # prompts.jsonl lacks the line that defines the row's template
                 prompt = self._reader.read(row)
                 if row.role == "pilot":
                     self._texts[row.drone].append(prompt.text)

@@ -56,7 +56,7 @@ class JudgeMoment:
 class Moment:
     """The state of a flight at one time."""
 
-    t_s: float  # s of vehicle time since the episode began, at most 0 before; from a simulator: the vehicle's clock
+    t_s: float  # s of vehicle time since the episode began (before: ≤ 0); from a simulator, the vehicle's clock
     drones: tuple[DroneMoment, ...]
     judge: JudgeMoment = JudgeMoment()
     moved: Moved = field(default_factory=dict)  # poses of moving objects other than drones
@@ -80,7 +80,7 @@ def chosen_go(decision: Decision) -> Go | None:
 
 
 def sight(go: Go, position_ned: Vec3, attitude: Quat, camera: CameraModel) -> ChosenSight:
-    """Return the ray of a `go`. Position (m, NED, body), attitude (FRD → NED), camera: when its picture was taken."""
+    """Return the ray of a `go`, from the body's position (m, NED), attitude (FRD → NED) and camera at its picture."""
     lens = _added(position_ned, rotate(attitude, camera.offset_frd))
     right, forward, up = displacement(go, camera)
     axes = quat_from_euler(0.0, 0.0, quat_yaw(attitude)) if camera.gimballed else attitude

@@ -62,6 +62,6 @@ def opened(
                     threading.Event().wait()
         finally:
             closing.set()
-            child.kill()  # no clean stop: the viewer has no state to save and may hang
+            child.kill()  # not a clean stop: the viewer may hang, and has no state to save
             thread.join()
             child.close()

@@ -59,7 +59,7 @@ class FlightScene:
         self._picker: display.Picker | None = None
         self._view_is_set = False
         self._brought: set[int] = set()  # ids of browsers whose view was moved to the flight
-        self.shows_objects = True  # whether to show the record's objects; with several flights, only one shows them
+        self.shows_objects = True  # whether to show the record's objects; only one of several flights shows them
         self.judge_shown = False  # whether to send and show the judge's marks
         base = None if scene is None else scene.base or scene
         if server.scene.get_handle_by_name(WORLD) is None:
@@ -106,7 +106,7 @@ class FlightScene:
         eye, seen = self._behind(here, yaw)
         for name, client in clients.items():
             if name not in self._brought:
-                client.camera.position, client.camera.look_at = eye, seen  # in this order: `position` moves `look_at`
+                client.camera.position, client.camera.look_at = eye, seen  # in this order: `position` sets `look_at` too
         self._brought |= clients.keys()
 
     def remove(self) -> None:

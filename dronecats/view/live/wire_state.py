@@ -22,7 +22,7 @@ AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, POSITION_TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
 TEXT, LOCAL_POSITION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 HANDLED = STATE_MESSAGES | {POSITION_TARGET, TEXT}  # messages of an autopilot that change a drone's state
-KEPT = 3000  # truth frames per drone: one minute at 50 Hz, so that the pose at a decision's picture is available
+KEPT = 3000  # truth frames per drone: a minute at 50 Hz, which includes the pose at a decision's picture
 KEPT_ESTIMATES = 600
 _TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
 

@@ -28,7 +28,7 @@ from foundation.run_folder.rows import ActiveLimits, Decision, EnvelopeRow, Orde
 SAME_S = 1e-6  # s, the tolerance between times
 NORMAL_END_REASONS = ("cap", "decided")  # normal reasons for the end of a flight
 OFFBOARD = "OFFBOARD"
-# s; a change from OFFBOARD this shortly before the end of a flight is no fault, because the run itself may cause it
+# s; this shortly before a flight's end, a change from OFFBOARD is no fault, because the run itself may cause it
 END_TOLERANCE_S = 1.0
 
 

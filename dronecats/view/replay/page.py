@@ -216,7 +216,7 @@ class ReplayPage:
             self._panels.forget()
         self._panels.show_wanted(state.judge, self._drone(state) if state.along else None)
         for number, scene in enumerate(self._scenes):
-            # only the chosen flight shows objects: a shorter flight, once over, would show its target at an old place
+            # only the chosen flight shows objects: a flight that is already over would show its target at an old place
             scene.shows_objects = number == state.flight
             scene.judge_shown = state.judge and number == state.flight
             if before is None or replace(before, judge=state.judge, view=state.view) != state:

@@ -84,8 +84,8 @@ def yaw_of(wxyz: tuple[float, ...] | Array) -> float:
 def map_glb(scene: Scene) -> bytes:
     """Return a map as one glTF file with one mesh per material.
 
-    Browsers draw few large meshes faster than many small ones. No two meshes share vertices: viser recomputes the
-    normals of each primitive, which would change shared vertices.
+    Browsers draw few large meshes faster than many small ones. Meshes share no vertices, because viser recomputes the
+    normals of each mesh and would change shared vertices.
     """
     meshes: dict[int, list[Mesh]] = {}  # key: `id` of the material
     for instance in scene.instances:
