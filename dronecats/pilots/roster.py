@@ -52,7 +52,7 @@ def check_installed(name: str, instructions: Iterable[str]) -> None:
 
 
 def check_camera(name: str | None, camera: CameraModel) -> None:
-    """Raise UsageError if a pilot cannot use a camera: vision reads the points of its history as benchmark pixels."""
+    """Raise UsageError if a pilot cannot use a camera. For vision, the size of the pictures must be the benchmark's."""
     size, needed = (camera.width, camera.height), (CameraModel().width, CameraModel().height)
     if name == "vision" and size != needed:
         raise UsageError(

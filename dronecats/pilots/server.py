@@ -192,9 +192,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.OK, completion(self.server.name, body, prompt, images, text))
 
     def _body(self) -> bytes | None:
-        """Return the request body; None if the request is invalid. In that case the connection closes, with an error if
-        possible.
-        """
+        """Return the request body; None for an invalid one. Then the connection closes, after an error if possible."""
         declared = self.headers.get("Content-Length", "")
         if not (declared.isascii() and declared.isdigit()) or len(declared) > 18:
             self.close_connection = True

@@ -154,8 +154,8 @@ ASIDE_PX = 4  # px, tolerance left and right of the target's box for the middle 
 # Outlines
 OUTLINE_PAINT = "red"  # the shape is the same for every paint
 LEVELS = 6  # height bands of an outline
-DIRECTIONS = 8  # horizontal directions; each band has its outermost points in each direction
-STEEP = 6.0  # slope of additional directions up and down; their outermost points join the outline
+DIRECTIONS = 8  # horizontal directions; an outline has each band's outermost points in each of them
+STEEP = 6.0  # slope of additional directions up and down; an outline also has the outermost points in these
 
 TargetJpeg = tuple[bytes, Target]
 
@@ -285,7 +285,7 @@ def cost_gradient(is_target: NDArray[np.floating], factor: NDArray[np.floating])
     def gradient(outputs: NDArray[np.floating]) -> NDArray[np.floating]:
         error = np.empty_like(outputs)
         error[:, 0] = 1.0 / (1.0 + np.exp(-np.clip(outputs[:, 0], -30.0, 30.0))) - is_target
-        # clip the error at 3 DISTANCE_SCALE, because the size of a partly hidden object is always wrong
+        # clip the error at 3 DISTANCE_SCALE: the distance of a partly hidden object is always far off
         error[:, 1] = is_target * 0.1 * DISTANCE_WEIGHT * np.clip(outputs[:, 1] - factor / DISTANCE_SCALE, -3.0, 3.0)
         error /= len(is_target)
         return error

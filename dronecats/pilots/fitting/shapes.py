@@ -170,17 +170,17 @@ SHORT_PICTURES = 4
 CHECK_SCENES, CHECK_PICTURES = 4, 24
 
 # Limits of the offset from a window to a thing: log of the ratio of distances, m aside, m of height. A window within
-# EXAMPLE_TOLERANCE is an example of the thing. Other windows within UNUSED_TOLERANCE are not used. Other windows within
-# PARTIAL_TOLERANCE show a part of the thing; DISPLACED_WINDOWS of them are examples of nothing.
+# EXAMPLE_TOLERANCE is an example of the thing. Other windows within UNUSED_TOLERANCE are not used. Of the others within
+# PARTIAL_TOLERANCE, which show a part of the thing, DISPLACED_WINDOWS per picture are examples of an empty window.
 EXAMPLE_TOLERANCE = (0.10, 0.36, 0.17)
 UNUSED_TOLERANCE = (0.26, 0.90, 0.40)
 PARTIAL_TOLERANCE = (0.60, 1.6, 0.80)
-# m, at least this instead of UNUSED_TOLERANCE[1] for wide things
+# m; UNUSED_TOLERANCE[1] is at least this for these wide things
 WIDE_M = {"fountain": 1.8, "tiered-fountain": 1.8, "clock-tower": 1.8, "kiosk": 1.3, "bike-rack": 1.3}
 VISIBLE_SHARE_LIMITS = (
     0.15,
     0.40,
-)  # visible share of a thing: below the first, it counts as absent; below the second, it is not used
+)  # visible share: below the first, a thing counts as absent; between the two, its windows are not used
 NO_EXAMPLE = -1
 RANDOM_WINDOWS, MISTAKEN_WINDOWS = 50, 45  # empty windows per picture, random and mistaken for a thing
 DISPLACED_WINDOWS = 12  # windows per picture that show a part of a thing
@@ -247,8 +247,8 @@ def labels(
 ) -> NDArray[np.int8]:
     """Return for each window of a strip the index of its thing in KINDS, 0 for nothing, or NO_EXAMPLE.
 
-    `height`: index of HEIGHTS_M; `fill`: from `usual_fill`; `near`: a window that is within these limits of a thing,
-    but is no example of it, gets NO_EXAMPLE.
+    `height`: index of HEIGHTS_M; `fill`: from `usual_fill`; `near`: limits of the offset from a thing within which a
+    window that is not an example of the thing gets NO_EXAMPLE.
     """
     right = strip.rights_m()
     kinds = np.zeros(len(right), np.int8)

@@ -161,8 +161,8 @@ def _spread(values: Sequence[float]) -> float:
 def fit_run(run: Path) -> VisionErrors:
     """Return the errors of a run's flights.
 
-    Raises UsageError for a damaged run or a run without scored flights. Raises it also if one of the ways in which a
-    command names its target has no flight with two depths: the noisy pilot needs the errors of all ways.
+    Raises UsageError for a damaged run, a run without scored flights, and a run in which a way of naming the target has
+    no flight with two measured depths: the noisy pilot needs the errors of all ways.
     """
     flights: dict[NamedBy, list[OneDroneFlight]] = defaultdict(list)
     for folder in reading.episodes(run):

@@ -27,7 +27,7 @@ _KEPT_OFF_M = 2.0 * RADIUS_M  # within this distance the pilot never strides tow
 
 ActionGenerator = Generator[
     str, TrueState, None
-]  # yields a drone's next action; the drone's true state after it is sent back
+]  # yields a drone's next action, and receives the drone's true state after this action
 
 
 @dataclass(frozen=True, slots=True)

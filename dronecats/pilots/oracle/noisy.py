@@ -6,10 +6,9 @@ that the picture does not show. Like vision, it declares by its own estimate of 
 only on the record's seed, the flight's seed, the drone and the step. Flights under different disturbances therefore
 have the same draws and can be compared in pairs. In studies the noisy pilot represents vision, not a model.
 
-The probabilities at a step depend on the previous step and, for a visible target, on its distance. There are two sets
-of probabilities: that of the flights in which vision failed, and that of its successes. One draw per flight selects the
-set, because a mistake of vision lasts the whole flight. `python -m dronecats.pilots.fitting vision-errors` fits the
-numbers.
+The probabilities at a step depend on the previous step and, for a visible target, on its distance. They have one set of
+values for flights in which vision failed, and one for its successes. One draw per flight selects the set, because a
+mistake of vision lasts the whole flight. `python -m dronecats.pilots.fitting vision-errors` fits the values.
 """
 
 import json
@@ -49,16 +48,16 @@ def distance_band(distance_m: float) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attention:
-    """Shares of the steps at which vision takes the target, something else or nothing for the target.
+    """Shares of steps at which vision takes the target, something else or nothing for the target.
 
-    `strays`, `stays` and `claims` are shares of the steps at which vision does not take the target.
+    `strays`, `stays` and `claims` count only steps at which vision does not take the target.
     """
 
     found: tuple[float, float, float]  # by band: takes the visible target, after a step at which it did not
     kept: tuple[float, float, float]  # by band: takes the visible target, after a step at which it did
-    strays: float  # begins to take something else
-    stays: float  # takes something else, after it took something else at the previous step
-    claims: float  # declares, after it took something else at the previous step
+    strays: float  # takes something else or declares wrongly, unless the previous step took something else
+    stays: float  # takes something else, after a step that did too
+    claims: float  # declares wrongly, after a step that took something else
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

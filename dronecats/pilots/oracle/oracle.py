@@ -62,10 +62,10 @@ def reply_nearest(states: Sequence[TrueState]) -> str:
 def next_action(state: TrueState) -> str:
     """Return the next action of one drone as reply text.
 
-    The drone rotates until the target is in the picture. Then it flies to the target's true projection, with the true
-    planar depth. For a moving target, both are predicted for the end of the step. Smaller depths make the last strides
-    shorter, so that the drone stops before the target. Far away, the controller climbs or descends along the ray; near
-    the target, the drone keeps its height. If the target is ahead but above or below the picture, the point is on the
+    The drone rotates until the target is in the picture. Then it flies to the target: the point is the target's true
+    projection, and the depth its true planar depth, both predicted for the end of the step. Smaller depths make the
+    last strides shorter, so that the drone stops before the target. Far away, the controller climbs or descends along
+    the ray; near the target, the drone keeps its height. For a target above or below the picture, the point is on the
     picture's edge.
     """
     camera, distance = state.camera, state.distance_m

@@ -39,9 +39,9 @@ class OracleModel:
     ) -> None:
         """`listen` is called before each answer. It passes the waiting bytes of the truth bus to `feed`.
 
-        kept: truth samples to keep per drone, for pictures of earlier times. obeys: in a request for one drone, the
-        drone flies to the candidate that the commander's goal in the prompt names. looks: measure the target's
-        visibility, because the pilot needs it.
+        kept: truth samples to keep per drone, for pictures of earlier times. obeys: the only drone of a request flies
+        to the candidate that the commander's goal in the prompt names. looks: measure the target's visibility, for a
+        pilot that needs it.
         """
         self.name = name
         self._world, self._camera, self._listen, self._pilot = world, camera, listen, pilot

@@ -42,7 +42,7 @@ _EXPECTED_SCORE = 0.12  # least score of a detection by the network at the expec
 _EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # tolerances: fraction of the picture's width, log of the depth
 _EXPECTED_PREFERENCE = 3.0  # factor on the rank of a detection at the expected place
 _AREA_POWER = 0.3  # exponent of a patch's number of pixels in the rank; larger patches are preferred
-_HORIZON_SLACK = 0.05  # of the picture's width; lower edges may be this far above the middle: the drone pitches
+_HORIZON_SLACK = 0.05  # of the picture's width; pitch may move a lower edge this far above the picture's middle
 
 
 class PatchNetwork(Network):
@@ -164,7 +164,7 @@ class ColorPatch:
     """A patch of the referent's colour."""
 
     box: BoundingBox
-    range: Range  # distance, if the patch is of a thing with the size of the referent
+    range: Range  # distance, assuming a thing with the size of the referent
     pixels: int
     lean: float  # see `Detection.lean`
 

@@ -91,7 +91,7 @@ def is_at_flank(detection: Detection, past: tuple[PastAction, ...]) -> bool:
 
 
 def passing_side(past: tuple[PastAction, ...]) -> int:
-    """Return 1 or -1 if the last stride passed a thing on its right or on its left; else 0."""
+    """Return 1 or -1 if the last stride passed a thing on the thing's right or left side; else 0."""
     last = next((p for p in reversed(past) if p.kind == GO), None)
     if last is None:
         return 0
@@ -101,7 +101,8 @@ def passing_side(past: tuple[PastAction, ...]) -> int:
 def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
     """Return a stride past the near end, on the flank's side.
 
-    The flank's upper edge drops away from the near end, so `Detection.lean` shows the flank's side.
+    In the picture, the flank's upper edge drops with the distance from the near end. So the sign of `Detection.lean`
+    tells on which side the flank is.
     """
     box = detection.box
     middle = 0.5 * (box.left + box.right)
@@ -110,7 +111,7 @@ def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
     outer = box.right if side > 0 else -box.left
     if outer > _CUT_OFF:  # the thing fills the picture on that side
         side, outer = -side, -box.left if side > 0 else box.right
-    # the depth of the near end, or of the far end if the near end is already beside the drone
+    # `near`: depth of the near end; of the far end if the near end is already beside the drone
     beside_it = (box.left < -_CUT_OFF) if side > 0 else (box.right > _CUT_OFF)
     near = max(2.0, detection.range.depth_m + (_END_REACH_M if beside_it else -_END_REACH_M))
     return _coded_stride(side * min(_CUT_OFF, outer + _CLEAR_M * FOCAL_PER_WIDTH / near), side)
@@ -152,7 +153,7 @@ _STOP_M = 3.8  # distance at which a stride ends; the drone then drifts on for a
 _CAREFUL_M = 9.0  # within this distance strides are short: the estimate may be wrong, and the target may approach
 _FILLS = 0.6  # of the picture's width; a wider thing fills the picture
 _EDGE = 0.015  # of the picture's width; the picture's edge cuts off a thing this near to it
-_AHEAD_M = 6.0  # if an undetected target is expected beyond this, the drone flies one more stride
+_AHEAD_M = 6.0  # the drone flies one more stride to an undetected target that is expected beyond this
 _LOST_M = 12.0  # a detection farther away than this after a declaration is not the target
 _FIRST_CIRCLE_SCORE_MIN = 0.6  # least score of a detection during the first circle
 

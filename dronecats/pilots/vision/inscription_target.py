@@ -22,13 +22,13 @@ from foundation.protocol import GO, HISTORY_LENGTH, NEAR_M, ROTATE, STRIDE_MAX_M
 Past = tuple[PastAction, ...]
 OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone, its candidates) → its own thing
 
-# Scales of the change of a drone's own thing between two pictures: bearing if far, bearing if near, log of distance
+# Tolerated changes of a drone's own thing between two pictures: bearing if far, bearing if near, log of distance
 _ASIDE_RAD, _NEAR_ASIDE_RAD, _DISTANCE_LOG = math.radians(4.0), math.radians(8.0), 0.3
-_DETOUR_FACTOR = 3.0  # factor on the bearing's scale if the path leads round a vehicle
-_MISMATCH_MAX = 3.0  # largest change of a drone's own thing, in these scales
+_DETOUR_FACTOR = 3.0  # factor on the tolerance of the bearing if the path leads round a vehicle
+_MISMATCH_MAX = 3.0  # largest change of a drone's own thing, in multiples of these tolerances
 _NEAR_THING_M = 16.0  # within this distance, the path may lead past the thing
 _BACK_DEG = 50.0  # turn to look for a lost thing
-_THINKS_MAX = 2  # `think` actions after reading a plate; then the drone looks for vehicles hidden at the start
+_THINKS_MAX = 2  # `think` actions after reading a plate; then the drone looks for vehicles that the first picture hid
 _OTHER_M = 7.0  # least distance of another thing; a nearer thing was already read
 _LOST_M = 16.0  # largest distance of a lost thing that is found again
 _SHORT_OF_M = 6.0  # largest distance of a thing after a short stride to it, apart from the error of the estimate
@@ -117,7 +117,7 @@ def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
         return min(near, key=lambda candidate: candidate.spot.distance_m) if near else None
     near_aside = _NEAR_ASIDE_RAD if past[-1].y_px == LEVEL_PX else _DETOUR_FACTOR * _NEAR_ASIDE_RAD
     left = past[-1].depth_m - STRIDE_MAX_M
-    was_short = left <= NEAR_M  # such a depth sets the length of the stride and is not the distance
+    was_short = left <= NEAR_M  # the depth of a short stride only sets its length, and is not the distance
 
     def mismatch(candidate: Candidate) -> float:
         aside = abs(candidate.spot.bearing_rad) / (_ASIDE_RAD if left > _NEAR_THING_M else near_aside)
@@ -144,7 +144,7 @@ def find_candidates(
 
 
 def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidate | None) -> list[list[Candidate]]:
-    """Return the vehicles of the best paint: by the score of the drones' own vehicles, then by that of all vehicles."""
+    """Return the vehicles of one paint: that with the best score of the drones' own vehicles, then of all vehicles."""
     best: list[list[Candidate]] = [[] for _ in pictures]
     most = (0.0, 0.0)
     for color in (*VIVID, *DULL):

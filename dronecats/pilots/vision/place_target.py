@@ -88,9 +88,10 @@ def _follow(
     expression: PlaceExpression,
     detections: list[PlacedThing],
 ) -> str:
-    """Return the next action to the thing of the last stride; a choice of another thing if this one seems lost.
+    """Return the next action towards the thing of the last stride.
 
-    Without a detection, the drone flies on if the thing is near or was in the first picture.
+    Without a detection, the drone declares if it should have arrived. It flies on if the thing is near or was in the
+    first picture. Otherwise it chooses another thing.
     """
     last = past[-1]
     stride = STRIDE_MAX_M if last.depth_m >= NEAR_M else NEAR_SCALE * last.depth_m
@@ -144,12 +145,12 @@ def _choose(
     open_to = [t for t in wanted if not (past and _away_m(t) < _VISITED_M)]
     turns = search.count_trailing(past, ROTATE)
     ranked = sorted(((_log_odds(t, expression, detections), t) for t in open_to), key=lambda pair: -pair[0])
-    # The first picture does not show a target to search for. During the first circle the drone accepts only a thing
-    # whose relation to its landmark holds.
+    # If the command says to search, the first picture does not show the target. During the first circle the drone
+    # accepts only a thing whose relation to its landmark holds.
     has_known_landmarks = all(mark.kind for mark in expression.landmarks)
     first_circle = expression.needs_search and turns == len(past) and turns < search.CIRCLE_TURNS
     least = _SURE + 0.3 * _WEIGHT if first_circle and has_known_landmarks else _SURE
-    if not past and not expression.needs_search:  # the target is in the first picture, however unsure the detection
+    if not past and not expression.needs_search:  # the first picture shows the target, so accept any detection
         least = shape_detector.LEAST_ODDS
     if ranked and ranked[0][0] >= least and not (expression.needs_search and not past):
         likely = [t for odds, t in ranked if odds >= least]

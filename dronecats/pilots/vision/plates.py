@@ -196,7 +196,7 @@ def decide_unseen(past: tuple[PastAction, ...]) -> str:
 
 
 def was_plate_read(past: tuple[PastAction, ...]) -> bool:
-    """Return whether the pilot has read the wanted plate before the last stride, which led to the plate."""
+    """Return whether the pilot read the wanted plate before the last stride, which led to the plate."""
     return bool(past) and past[-1].kind == GO and past[-1].depth_m < _READ_DEPTH_M
 
 
@@ -207,7 +207,7 @@ def _is_wanted(plate: Plate | None, wanted: Inscription) -> bool | None:
 def _declare_again(vehicle: Candidate, past: tuple[PastAction, ...]) -> str:
     """Return the action after a declaration: declare twice, fly one stride nearer, declare twice again, then think.
 
-    The nearer declarations are for an error of the estimated distance.
+    The stride corrects an error of the estimated distance.
     """
     declared = [action.kind == FINISHED for action in past]
     if not (len(declared) >= 2 and declared[-2]):
@@ -226,7 +226,7 @@ def _arrive(plate: Plate, size: Size, focal: float) -> str:
     bearing = math.atan((plate.middle - focal) / focal)
     if travel <= NEAR_SCALE * STRIDE_MAX_M:
         return _stride_to(bearing, max(travel, STRIDE_MIN_M), 0.0, 0)
-    return _stride_to(bearing, min(max(0.5 * travel, _UNREAD_M), STRIDE_MAX_M), depth, 0)  # and read it again
+    return _stride_to(bearing, min(max(0.5 * travel, _UNREAD_M), STRIDE_MAX_M), depth, 0)  # then read the plate again
 
 
 def _approach_end(

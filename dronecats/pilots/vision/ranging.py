@@ -121,7 +121,7 @@ def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArr
     across = np.tile((0.5, -0.5), 6) * size.width_m
     waist = size.paint_from_m + 0.5 * size.paint_height_m
     # As on a vehicle, the sill and the waist have the full footprint, and the roof has a smaller footprint.
-    # The points are spread along the sides: if the picture cuts off the near part, the prediction keeps the far part.
+    # Points along the whole sides keep the far part in the prediction if the picture cuts off the near part.
     return (
         np.concatenate((along, along, 0.7 * along)),
         np.concatenate((across, across, 0.85 * across)),
@@ -150,7 +150,7 @@ def _grid(size: Size, half: float) -> _Grid:
     depth = np.maximum(_DEPTHS_M[:, None, None] + ahead[None], 0.25)
     u = FOCAL_PER_WIDTH * right[None] / depth
     v = FOCAL_PER_WIDTH * (_CAMERA_HEIGHTS_M[:, None] - z)[None, None] / depth[:, :, None, :]
-    # only points inside the picture decide the width: close to the camera, the picture cuts off the lower body
+    # only points inside the picture set the width, because the picture cuts off the lower body of a near thing
     inside = (v < _BELOW * half) | (v <= v.min(axis=-1, keepdims=True))
     u = np.broadcast_to(u[:, :, None, :], v.shape)
     left = np.where(inside, u, np.inf).min(axis=-1)

@@ -26,7 +26,7 @@ _OPEN = 0.62  # least share of sky above the horizon in an open direction
 LEAVE_TURN_DEG = 88.0  # turn away from a wrong target, to bring it to the edge of the picture or out of it
 CLEARANCE_M = 0.9  # m, kept between the drone and the nearest end of the thing
 CLOSER_STRIDE_M = 2.4  # m, longest stride after a wrong declaration; a target may move away at 0.3 m/s
-_MOST_DECLARATIONS = 3  # at one thing
+_MOST_DECLARATIONS = 3  # largest number of declarations at one thing
 _REJECTED_WITHIN_M = 10.0  # m; after the turn, a thing farther away than this is not the wrong target
 
 
@@ -47,7 +47,7 @@ def next_action(picture: colors.Picture, past: tuple[PastAction, ...]) -> str:
         u, openness = open_direction(picture)
         if openness >= 0.5 * _OPEN:
             return actions.go(u, 500.0, WANDER_M)
-    if wander_strides == 0 and past and past[-1].kind == GO:  # the last picture showed the target: turn to its side
+    if wander_strides == 0 and past and past[-1].kind == GO:  # the target was just lost: turn to its last side
         return actions.rotate(math.copysign(SWEEP_DEG, past[-1].x_px - 640.0))
     return actions.rotate(SWEEP_DEG)
 
@@ -55,8 +55,8 @@ def next_action(picture: colors.Picture, past: tuple[PastAction, ...]) -> str:
 def open_direction(picture: colors.Picture) -> tuple[float, float]:
     """Return the direction (u, 0–1000) with the most open view, and the share of sky there, 0 … 1.
 
-    Sky low over the horizon means that nothing tall stands there. Upright edges at the horizon mean posts, trunks and
-    hedges at the drone's own height.
+    Sky just above the horizon means that nothing tall stands there. Upright edges near the horizon mean posts, trunks
+    and hedges at the drone's height.
     """
     height, width = picture.shape[:2]
     middle = cv2.cvtColor(picture[int(0.38 * height) : int(0.75 * height)], cv2.COLOR_BGR2GRAY)

@@ -37,7 +37,7 @@ _GRADIENT = 4.0  # factor that brings gradients to the magnitude of colours
 
 LEAST_ODDS = -1.3  # least log odds of a detection
 _APART_LOG = 0.40  # detections in one direction are the same thing up to this log ratio of distances
-_SAME_RAD = 0.02  # detections within this angle may be the same thing, however narrow the thing is
+_SAME_RAD = 0.02  # detections within this angle may be the same thing, even a narrow one
 _HALF_WIDTH_M = {
     "fountain": 2.2,
     "tiered-fountain": 2.6,
@@ -195,9 +195,9 @@ def _window_peaks(picture: Picture, kinds: tuple[str, ...], network: ShapeNetwor
 
 
 def _ground_below_m(peaks: list[PlacedThing]) -> float:
-    """Return the ground's distance (m) below the camera: the mean of HEIGHTS_M, weighted by the squared evidence.
+    """Return how far (m) the ground is below the camera; 1.6 without peaks.
 
-    1.6 m without peaks.
+    The result is the mean of HEIGHTS_M, weighted by the square of the sum of each height's log odds above LEAST_ODDS.
     """
     if not peaks:
         return 1.6
