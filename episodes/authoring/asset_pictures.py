@@ -40,12 +40,12 @@ DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from the camera to the asset's bounding
 WIDTHS_PX = (448, 320, 192, 128)  # of the tiles, one per distance; each tile is cut from the middle of the picture
 HEIGHT_PX, LABEL_PX, GAP_PX = 248, 26, 6
 EYE_M = 1.6  # height of the camera above the ground
-QUARTER_DEG = 35.0  # direction of the camera from the asset, to the right of the asset's nose
+QUARTER_DEG = 35.0  # bearing of the camera from the asset, to the right of the asset's nose
 SEEN_PX = (640, 360)  # size of the reduced frame
 SHADE = Sun((0.22, 0.62, -0.753))  # behind the camera
 PAINTS = ("cyan", "red", "yellow", "green", "orange", "blue", "purple", "pink")  # one per row, in turn
 INSCRIPTIONS = {"sign": "GATE 7"}
-DRONE, HOVER_M = "drone", 1.3  # name of the drone, which records cannot use, and its height above the ground
+DRONE, HOVER_M = "drone", 1.3  # name of the drone on the sheet (not an asset of records); its height above the ground
 QUALITY = 75
 INK, PAGE = (36, 38, 42), (246, 246, 244)
 
@@ -198,7 +198,7 @@ def letter_px(kind: InscriptionKind, distance_m: float) -> float:
 
 
 def used_inscriptions() -> set[str]:
-    """Return the inscriptions of all episode records, and the plate text of vehicles without an inscription."""
+    """Return the inscriptions of all episode records, and the default text of number plates."""
     inscriptions = {assets.PLATE}
     for name in catalogue.ids():
         record = catalogue.load(name)

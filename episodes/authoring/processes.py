@@ -28,8 +28,8 @@ def process_map(work: Callable[[Item], Result], items: Sequence[Item], jobs: int
         return
     before_us, complete = set(multiprocessing.active_children()), False
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _end_with_the_parent) as pool:
-        interrupts = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # Ctrl-C waits until SIG_SETMASK
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited by the processes, which `submit` starts
+        interrupts = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # delay Ctrl-C until SIG_SETMASK below
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # the processes that `submit` starts inherit this
         try:
             futures = [pool.submit(work, item) for item in items]
         finally:

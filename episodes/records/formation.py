@@ -65,7 +65,7 @@ def has_room(world: World, obstacles: StaticObstacles, place: StartPose) -> bool
 
 
 def in_sight(record: EpisodeRecord) -> bool:
-    """Return whether every drone sees every candidate past the other drones and cannot read any inscription."""
+    """Return whether every drone sees every candidate, with the other drones in its view, and reads no inscription."""
     return all(finding.passed for finding in candidates.rules(World(record), StaticObstacles(())))
 
 

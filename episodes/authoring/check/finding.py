@@ -18,7 +18,7 @@ LEVEL_M = 0.10  # largest unevenness of the ground under a start: on a kerb, a d
 BODY_M = 0.45  # half the diagonal of a drone with its propellers
 OFF_GROUND_M = 0.02  # largest distance of a standing target, a look-alike or a path from the ground
 WHEEL_OFF_M = 0.03  # largest distance of a wheel of a target or look-alike from the ground
-START_TO_PATH_M = 6.0  # least distance from start to target's path, so that a drone that waits at its start fails
+START_TO_PATH_M = 6.0  # least distance from start to target's path: a drone that waits at its start must fail
 
 # Commanding episodes: a fleet starts in a square (the grid), and the target is one of four candidates
 CANDIDATES = 4
@@ -27,7 +27,7 @@ WIDEST_PAIR_M: Bounds = (18.0, 32.0)
 GRID_SIDE_M, GRID_OFF_M = 2.0, 0.02  # side of the grid, and largest error of a distance in it
 GRID_TO_TARGET_M: Bounds = (12.0, 32.0)
 GRID_TO_CANDIDATES_M: Bounds = (7.0, 37.0)
-SPOTTED_PX = 90  # least visible part of a candidate, px of a 1280×720 frame; 22 px of the model's picture, a small dot
+SPOTTED_PX = 90  # least visible pixels of a candidate in a 1280×720 frame; 22 in the model's picture, a small dot
 
 # Height of letters in the 640 px picture (focal length 320 px). In the paper's reading probe, no model reads a plate
 # (0.10 m) at 10 m, where its digits are 3.2 px high. Two models read a sign (0.136 m) at 13 m, where its letters are

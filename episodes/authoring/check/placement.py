@@ -42,9 +42,9 @@ Array = NDArray[np.float64]
 
 GROUND_STEP_M = 0.1
 SWEEP_STEP_M = 0.25
-MOST_SWEEPS = 1500  # largest number of checked poses on a path; beyond 375 m, they are more than SWEEP_STEP_M apart
+MOST_SWEEPS = 1500  # most checked poses on a path; on paths over 375 m they are more than SWEEP_STEP_M apart
 MARGIN_M = 0.05  # least distance between the target on its path and every obstacle
-LIFT_M = 0.12  # wheels pass over kerbs and roots lower than this
+LIFT_M = 0.12  # a target may pass over obstacles lower than this, such as kerbs and roots
 
 CLIMB_STEP_M = 0.2
 RIM = 16  # points around a start at which the ground is measured

@@ -222,9 +222,9 @@ def footprint(instance: Instance) -> Footprint:
 def landmarks(map_name: str, map_seed: int, kind: str, viewer: Vec3, yaw_deg: float | None) -> dict[str, Footprint]:
     """Return phrase → footprint of all landmarks that an instruction may use to distinguish things of a kind.
 
-    These are the map's own landmarks of other kinds. `yaw_deg` is the yaw of a drone that sees its target at the start.
-    If it is given, there are additional landmarks, such as 'the kiosk': things that are the only one of their kind in
-    the drone's first picture. The result is empty for a map without its own landmarks.
+    These are the map's own landmarks of other kinds. `yaw_deg` is the yaw of a drone that sees its target at the start;
+    None without such a drone. With it, things that are the only one of their kind in the drone's first picture are
+    landmarks too, such as 'the kiosk'. The result is empty for a map without its own landmarks.
     """
     named = {mark.phrase: mark.name for mark in places(map_name, map_seed).landmarks}
     if not named:

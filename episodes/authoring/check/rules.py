@@ -34,9 +34,9 @@ UNEVEN = 0.25  # largest allowed difference (Kolmogorov's D) of a cell's values 
 CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # limits of the start distance on campus: nearest start, farthest start
 HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # limits of the lowest and of the highest start
 LEAST_ROW_SPREAD = 0.05  # least distance between the lowest and the uppermost target, as a share of the picture
-# A straight flight passes, and sees, all targets at 16 m that are up to 14° off its heading. These 28° are more than a
-# third of the picture's usable 74°. So for any spread of ten visible targets, some heading passes at least four, if no
-# obstacle is in the way. To pass a target is to come within 5 m of it.
+# To pass a target means to come within 5 m of it and see it. A straight flight passes all targets at 16 m that are up
+# to 14° off its heading, if no obstacle is in the way. Three such headings cover the usable 74° of the picture. So
+# however ten visible targets are spread, one of these headings passes at least four.
 # Key: whether the targets are visible at the start. Value: how many of ten targets a straight flight may pass.
 AHEAD = {True: 2, False: 1}  # if it flies straight ahead
 ANY_HEADING = {True: 4, False: 2}  # on the best heading
@@ -156,8 +156,8 @@ def _in_picture(start: StartPose, goal: Vec3) -> tuple[float, float]:
 def straight(world: World, off_deg: float) -> frozenset[int]:
     """Return the headings relative to the nose (°, -180 … 179) on which a straight flight can make a true declaration.
 
-    On such a heading the drone comes within RADIUS_M of the target and sees it. It flies level and nose first, from the
-    start to the first obstacle. Only multiples of HEADING_STEP_DEG are checked.
+    On such a heading the drone comes within RADIUS_M of the target and sees it. The flight is level, nose first, and
+    ends at the first obstacle. Only multiples of HEADING_STEP_DEG are checked.
     """
     here = world.record.starts[0].position_ned
     span = max(math.dist(here, world.target_centre(0.0)), 1e-3)

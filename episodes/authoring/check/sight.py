@@ -30,7 +30,7 @@ CAMERA = CameraModel()
 HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
 
 STEP_M = 0.5
-MOST_STEPS = 201  # most points checked on a way, enough for 100 m; a farther start fails the rule about distances
+MOST_STEPS = 201  # most points checked on a way: enough for 100 m, the largest start distance of the rules
 FACED_FRACTION = 0.5  # share of the target's silhouette that must be visible when the drone faces it
 
 
@@ -164,8 +164,8 @@ def box_corners(mesh: Mesh, position_ned: Vec3, turned: float | Quat) -> Array:
 def yaw_showing(framing: Framing, share: float) -> float | None:
     """Return the yaw, relative to a thing's bearing (deg), that puts its middle in the column that `share` selects.
 
-    Only columns at which the picture shows the whole thing are used. `share` 0 selects the rightmost of these columns,
-    1 the leftmost. None if the thing is too wide for the picture.
+    `share` runs from 0 for the rightmost to 1 for the leftmost column at which the picture shows the whole thing. None
+    if the thing is too wide for the picture.
     """
     good = np.flatnonzero(framing.inside())
     if len(good) == 0:
@@ -176,9 +176,9 @@ def yaw_showing(framing: Framing, share: float) -> float | None:
 
 
 def yaw_showing_all(framings: Sequence[Framing], ahead_deg: Sequence[float], share: float) -> float | None:
-    """Return the compass yaw (deg) at a share (0 … 1) of the range of yaws at which the picture shows all things whole.
+    """Return a compass yaw (deg) at which the picture shows all things whole; None: there is none.
 
-    `ahead_deg`: the bearing of each framing's thing. None if no yaw shows all things whole.
+    `ahead_deg`: the bearing of each framing's thing. `share` (0 … 1) selects from the range of these yaws.
     """
     first = ahead_deg[0]
     common = np.ones(len(framings[0].off_deg), dtype=bool)
@@ -193,14 +193,14 @@ def yaw_showing_all(framings: Sequence[Framing], ahead_deg: Sequence[float], sha
 
 
 def yaw_hiding(framing: Framing, share: float) -> float | None:
-    """Return the yaw from a thing's bearing (deg, 0 … 360) at a share (0 … 1) of the yaws that hide it.
+    """Return a yaw, relative to a thing's bearing (deg, 0 … 360), that hides the thing; None: there is none.
 
-    None if no yaw hides the thing.
+    `share` (0 … 1) selects from the range of these yaws.
     """
     hidden = np.flatnonzero(framing.hidden())
     if len(hidden) == 0:
         return None
-    round_about = np.sort(framing.off_deg[hidden] % 360.0)  # from one end of the hidden range to the other
+    round_about = np.sort(framing.off_deg[hidden] % 360.0)  # from one end of the hiding range to the other
     return float(round_about[0] + share * (round_about[-1] - round_about[0]))
 
 

@@ -33,7 +33,7 @@ GRIDS = 40  # places of the fleet tried per group, checked for distances and fre
 VIEWS = 6  # largest number of these places that are checked for the drones' views
 HALF_VIEW_DEG = 40.0  # largest angle of a candidate off the axis of a 90° wide picture; leaves room for its width
 ROADSIDE = ("kerb", "drive")  # kinds of place for vehicles
-TURNED_GRIDS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # angles tried between grid and way to the first candidate
+TURNED_GRIDS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # tried angles between grid and direction to first candidate
 ABREAST_M = 0.4  # half width of a drone as another one sees it, with a margin
 HIDES = 0.4  # largest share of a candidate's width that another drone may cover
 TURNED_DEG = 35.0  # largest angle between a sign's direction and the fleet
@@ -95,7 +95,7 @@ def _groups(
 
 
 def four_spots(spots: tuple[Spot, ...], rng: random.Random) -> list[Spot] | None:
-    """Return four spots whose nearest and widest pairs keep the limits; None if this try fails."""
+    """Return four random spots whose nearest and widest pairs keep the limits; None if this try fails."""
     first = rng.choice(spots)
     chosen, low, high = [first], NEAREST_PAIR_M[0] + SPARE_M, WIDEST_PAIR_M[1] - SPARE_M
     near = [s for s in spots if low <= math.dist(s.position_ned, first.position_ned) <= high]

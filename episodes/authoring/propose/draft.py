@@ -95,7 +95,7 @@ class Draw:
 def shares(count: int, rng: random.Random) -> list[Draw]:
     """Return the draws of `count` records. Each dimension is cut into `count` strata, with one draw in each stratum.
 
-    With two or more records, the middles of the first and the last stratum are the ends of the range, so draws reach
+    With two or more records, the first and the last stratum have their middles at the ends of the range. So draws reach
     both ends.
     """
     turns, distances, heights = (_strata(count, rng) for _ in range(3))

@@ -31,8 +31,8 @@ NOT_PAINTED = ("sign", "person", "pedestrian", "delivery_robot", "service_cart")
 SPEED_MPS = 0.3  # on a map that requires no speed
 PAINTED_SPARE_M = 1.5  # length of the path beyond the distance that the target covers in an episode
 BAY_M = 0.25  # least free space around a parked target
-# largest reach of a target from its middle towards the start. A drone that flies at the end of a longer target, such as
-# a bus, would hit the target before the drone is within 5 m of the target's middle.
+# m, largest reach of a target from its middle towards the start. A drone that flies towards the end of a longer target,
+# such as a bus, would hit it before it is within 5 m of its middle.
 REACH_M = 3.2
 PAINTED_STARTS = 2  # largest number of drafts of one target
 # kinds of spots for an asset; an asset without an entry gets ANY_GROUND
@@ -45,7 +45,7 @@ NO_TARGETS = (*referring.UNNAMED, "clock-tower")  # kinds of a map that are neve
 MOVERS = ("delivery_robot", "service_cart", "pedestrian")
 PAINT = "white"  # of moving robots and carts, like those that belong to the map
 REFERRED_SPARE_M = 1.0
-VIEW_INDEPENDENT_RELATIONS = ("nearest", "between")  # they ignore the viewer's place; for hidden targets
+VIEW_INDEPENDENT_RELATIONS = ("nearest", "between")  # the same from every place, so they suit hidden targets
 EMPTY_ROUNDS_MAX = 4  # after this many rounds through all kinds without a draft, the search ends
 SKIPPED_NEAREST = 0.8  # probability of skipping a target that only `nearest` identifies, to try other targets
 REFERRED_STARTS = 12  # largest number of starts tried for one target
@@ -74,7 +74,7 @@ def painted_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Propo
             for draft in drafts:
                 previous = share
                 share = yield draft
-                if share != previous:  # a changed draw: the caller went on to another record
+                if share != previous:  # a new draw: the caller has gone on to another record
                     break
             if drafts:
                 break
