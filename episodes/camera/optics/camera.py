@@ -122,7 +122,7 @@ class OpticalRenderer:
 def noisy(light: Light, sensor: Sensor, rng: np.random.Generator) -> Light:
     """Return `light` with the noise of a sensor: variance in electrons = signal (shot noise) + read noise squared.
 
-    A normal distribution approximates Poisson's. From about twenty electrons on, they look the same.
+    A normal distribution stands for Poisson's. Above about twenty electrons, they look the same.
     """
     per_light = sensor.full_well_e / WHITE
     electrons = np.maximum(light, 0.0) * np.float32(per_light)
@@ -137,7 +137,7 @@ def decoding_table() -> NDArray[np.float32]:
     steps = np.arange(STEPS + 1)
     first, last = np.searchsorted(codes, np.arange(256)), np.searchsorted(codes, np.arange(256), side="right") - 1
     middle: NDArray[np.int64] = steps[(first + last) // 2]
-    middle[0], middle[255] = 0, STEPS  # black is no light, white is the most light that the sensor measures
+    middle[0], middle[255] = 0, STEPS  # black: no light; white: the most light that the sensor measures
     return (middle * (WHITE / STEPS)).astype(np.float32)
 
 

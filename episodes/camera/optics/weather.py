@@ -87,9 +87,9 @@ def streaks(
 ) -> NDArray[np.float32]:
     """Return (H, W) the share of each pixel's light that comes from drops in front of the scene.
 
-    `depth` is the planar depth (m) of the scene, and `velocity_ned` (m/s) the velocity of the camera. A drop of
-    diameter D that moves by L in the picture during the exposure makes a streak. The drop covers each place of the
-    streak for the share D / (D + L) of the exposure.
+    `depth` is the planar depth (m) of the scene, and `velocity_ned` (m/s) the velocity of the camera. A drop that moves
+    during the exposure makes a streak. A drop of width D in the picture that moves by L covers each place of its streak
+    for the share D / (D + L) of the exposure.
     """
     eye = eye_of(pose, camera)
     half_w, half_h = 0.5 * camera.width / eye.focal, 0.5 * camera.height / eye.focal

@@ -29,7 +29,7 @@ class Drawn(NamedTuple):
     """The values that `set_up` computes for each triangle of a scene in one picture."""
 
     # (T, 9) (a, b, c) of three edge functions a·i + b·j + c at sample (j, i). All three are ≥ 0 inside the triangle.
-    # Each is proportional to the weight of one corner at the sample's point of the triangle
+    # Each is proportional to the weight of one corner in the interpolation at that sample
     edges: NDArray[np.float64]
     volume: NDArray[np.float64]  # (T,) m³: planar depth = volume / (sum of the three edge functions)
     nearest: NDArray[np.float64]  # (T,) 1/m, greatest inverse depth of a corner; < 0: the near plane cuts the triangle
@@ -105,7 +105,7 @@ def _set_up_triangle(t: int, solid: int, position: NDArray[np.float32], eye: Eye
     cx, cy, cz = y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
     volume = x0 * ax + y0 * ay + z0 * az
     if volume == 0.0 or solid * volume > 0.0:
-        return  # seen exactly edge-on, or the back of a closed surface
+        return  # the camera sees the triangle exactly edge-on, or the back of a closed surface
     grain = float(eye.grain)
     rows = 2.0 * grain * eye.center_y  # the last row of samples is grain · H
     nearest = -1.0
@@ -117,7 +117,7 @@ def _set_up_triangle(t: int, solid: int, position: NDArray[np.float32], eye: Eye
         left = math.ceil(scale * min(h0, h1, h2) + grain * eye.center_x - 1e-6)
         last = math.floor(scale * max(h0, h1, h2) + grain * eye.center_x + 1e-6)
         if left > last:
-            return  # it is between two columns of samples
+            return  # the triangle is between two columns of samples
         drawn.columns[t, 0] = int(max(left, 0.0))
         drawn.columns[t, 1] = int(min(last, 2.0 * grain * eye.center_x))
         nearest = 1.0 / min(x0, x1, x2)
@@ -147,7 +147,7 @@ def _set_up_triangle(t: int, solid: int, position: NDArray[np.float32], eye: Eye
 
 @njit(cache=True, nogil=True)
 def _widen(xa: float, za: float, xb: float, zb: float, low: float, high: float) -> tuple[float, float]:
-    """Return (low, high), widened to the slopes z / x of the part of edge a - b that is beyond the near plane."""
+    """Return the range (low, high), extended by the slopes z / x of the part of edge a - b beyond the near plane."""
     if xa >= NEAR_M:
         low, high = min(low, za / xa), max(high, za / xa)
     if (xa >= NEAR_M) != (xb >= NEAR_M):
@@ -263,7 +263,7 @@ class _Slopes(NamedTuple):
     ic: float  # the same for the third edge
     iw: float  # 1 / wa, 0 if wa is 0; only used for a triangle that the near plane cuts
     is_cut: bool
-    limit: np.float32  # greatest inverse depth, so that no rounding brings a sliver nearer than its corners
+    limit: np.float32  # greatest inverse depth: rounding must not bring a thin triangle nearer than its corners
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -1,7 +1,7 @@
 """Draws the surroundings that paint, glass and water reflect: a small picture of all directions around a place.
 
-The picture shows the sky with its clouds, the ground, and the map's objects. An object appears as columns: one per grid
-cell, each with one colour. The picture has two halves, upper and lower, in the stereographic projection of
+The picture shows the sky with its clouds, the ground, and the map's objects. It shows an object as columns: one per
+grid cell, each with one colour. The picture has two halves, upper and lower, in the stereographic projection of
 `sky.read_half`. It is coarse, because reflections in paint and panes are blurred.
 """
 

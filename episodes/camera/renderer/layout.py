@@ -26,7 +26,7 @@ from foundation.threads import once
 
 NEAR_M = 0.05  # nothing closer along the optical axis is drawn
 
-SOURCES = ("episodes/camera/renderer/*.py", "episodes/maps/*.py", "foundation/*.py")  # of the values kept on disk
+SOURCES = ("episodes/camera/renderer/*.py", "episodes/maps/*.py", "foundation/*.py")  # cached values depend on these
 CHUNK = 128  # largest number of triangles that are culled together
 
 
@@ -87,7 +87,7 @@ class Triangles(NamedTuple):
     chunk_count: NDArray[np.int32]  # (C,)
     chunk_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the chunk
     chunk_radius: NDArray[np.float64]  # (C,) m
-    chunk_cut: NDArray[np.bool_]  # (C,) whether the triangles of the chunk have cut-out textures: all or none have
+    chunk_cut: NDArray[np.bool_]  # (C,) whether all triangles of the chunk have cut-out textures; else none has
     solid_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around all surfaces that the chunk is part of
     solid_radius: NDArray[np.float64]  # (C,) m
 
@@ -190,8 +190,8 @@ class SceneLayout:
 def lay_out(scene: Scene, of_map: SceneLayout | None = None) -> SceneArrays:
     """Return the arrays of a scene.
 
-    `of_map` is the layout of the scene's map, so that only the other instances are laid out. The result is the same
-    without `of_map`. Raises UsageError for ids that repeat or are below 1, or a corner that is not finite.
+    `of_map`: the layout of the scene's map. With it, only the other instances are laid out, and the result is the same.
+    Raises UsageError for ids that repeat or are below 1, or a corner that is not finite.
     """
     ids = [instance.id for instance in scene.instances]
     if len(set(ids)) != len(ids) or min(ids, default=1) < 1:

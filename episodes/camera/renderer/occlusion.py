@@ -29,15 +29,15 @@ EMPTY = 1e30  # lower end of the column of an empty cell; its upper end is -EMPT
 
 AZIMUTHS = 12
 RINGS = (1.0, 2.0, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0)  # distances in cells
-BINS = 16  # of elevation, each with the same share of the light on level ground
-DARKEST = 0.16  # least open share: light comes from walls too
+BINS = 16  # ranges of elevation; each gives the same share of the light on level ground
+DARKEST = 0.16  # least open share, because walls reflect light
 
 SUB_CELLS = 6  # per cell and direction, of the finer grid for drawing a footprint
 REACH_M = 0.45  # standard deviation of the blur of a footprint
 CLEARANCE_M = 0.5  # height above the ground at which a thing's shadow below it loses two thirds of its darkness
-FOOT_M = 0.9  # the footprint has all points of a thing that are less than this above its lowest point
+FOOT_M = 0.9  # the footprint contains a thing's points up to this height above its lowest point
 FOOT_SHARE = 0.30  # factor on the open share below a thing that stands on the ground
-ON_TOP_M = 0.6  # a point less than this below a column's upper end is on top, because roofs slope within a cell
+ON_TOP_M = 0.6  # a point up to this far below a column's upper end counts as on top: roofs slope within a cell
 FACES_UP = 0.35  # least upward component of the normal of a point on top of a column
 ROOF_M = 1.0  # least height above the ground of a point on top of a column
 
@@ -160,7 +160,7 @@ def _trace(
 ) -> None:
     """Fill `open_share` (N, N, LAYERS) at cells that are `near`: 0 … 1, or -1 for a height within the cell's column.
 
-    `steps` (A, R, 2) are the offsets of the cells that are looked at, in cells, by azimuth and distance.
+    `steps` (A, R, 2) are the offsets, in cells, to the cells that may block the sky, by azimuth and distance.
     """
     cells, cell = columns.low.shape[0], 1.0 / columns.per_cell
     counts = np.zeros(LAYERS, np.int64)

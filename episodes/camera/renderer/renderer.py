@@ -176,7 +176,7 @@ class _StaticData:
 
 
 def _static_data(scene: Scene, layout: SceneArrays, cells: int) -> _StaticData:
-    """Return the data of a scene's static instances. Scenes of one map share the map's part if `_of_map` has it."""
+    """Return the data of a scene's static instances. Scenes of a map share the map's part, unless `_of_map` is None."""
     own = layout.static_count
     if scene.base is not None and not any(i.movable for i in scene.base.instances):
         own = sum(len(i.mesh.triangles) for i in scene.base.instances)

@@ -23,13 +23,13 @@ from foundation.frames import Vec3
 
 FRESH = 4  # px between updates of slowly changing values in `_shade`; a power of two
 UNSEEN = -2  # in place of a triangle: no sample so far
-# distance from a wall, in cells of the occlusion grid, at which its open sky is read: outside the wall's own column
+# cells of the occlusion grid; a wall's open share of the sky is read this far before it, outside its own column
 AWAY_CELLS = 0.8
-# m, height below which upright things darken towards the foot; share of the sky's light that they lose at the foot
+# m, upright things get darker below this height; share of the sky's light that they lose at the foot
 FOOT_M, FOOT_DARKNESS = 0.8, 0.5
 LEAF_BIAS_M = 0.35  # leaves do not shade one another within this distance towards the sun
-LEAF_WRAP = 0.35  # wrap lighting: how far (cosine) the sun lights leaves beyond the lit side of their clump
-SLIVER = 1e-7  # least sum of weights, as a share of the volume: no rounding puts a thin triangle at infinity
+LEAF_WRAP = 0.35  # wrap lighting: cosine by which the sun also lights leaves beyond the lit side of their clump
+SLIVER = 1e-7  # least sum of weights, as a share of the volume: rounding must not put a thin triangle at infinity
 
 
 class SceneLight(NamedTuple):
@@ -99,9 +99,9 @@ def shade_rows(
 def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.float32]) -> None:
     """Fill `light` (n, 3) with the light at the samples `places` (n, 3: row, column, not used here).
 
-    The values of a triangle are computed again if the triangle changes, or if the column changes by more than FRESH
-    pixels. The texture's footprint, the drift of the tone and the open share of the sky are also computed again every
-    FRESH samples.
+    Values are kept from sample to sample. Those of a triangle are computed again if the triangle changes, or the column
+    by more than FRESH pixels. The texture's footprint, the drift of the tone and the open share of the sky are also
+    computed again every FRESH samples.
     """
     eye, drawn, triangles, surfaces, atlas, samples = (
         shot.eye, shot.drawn, shot.triangles, shot.surfaces, shot.atlas, shot.samples
@@ -143,12 +143,12 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
             base, texture = surfaces.color[m], surfaces.texture[m]
             emission, gloss = float(surfaces.emission[m]), float(surfaces.specular[m])
             drifts = float(surfaces.drift[m])
-            # turn both normals towards the viewer, since corners have any order
+            # turn both normals towards the viewer: the corners may have either order
             fn, fe, fd = float(triangles.face[t, 0]), float(triangles.face[t, 1]), float(triangles.face[t, 2])
             if fn * dn + fe * de + fd * dd > 0.0:
                 fn, fe, fd = -fn, -fe, -fd
             leafy = surfaces.foliage[m]
-            if leafy:  # lit like its clump, not by the direction of the leaf
+            if leafy:  # light a leaf like its clump, not by the leaf's own direction
                 fn, fe, fd = float(normal[0, 0]), float(normal[0, 1]), float(normal[0, 2])
                 facing_sun, slope_x, slope_y, bias = 1.0, 0.0, 0.0, LEAF_BIAS_M
             else:
@@ -171,7 +171,7 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
             u = w0 * uv[0, 0] + w1 * uv[1, 0] + w2 * uv[2, 0]
             v = w0 * uv[0, 1] + w1 * uv[1, 1] + w2 * uv[2, 1]
             if entered or k & (FRESH - 1) == 0:
-                two = 2.0 * share  # over two samples
+                two = 2.0 * share  # for the change over two samples
                 ux = two * (e[0] * (uv[0, 0] - u) + e[3] * (uv[1, 0] - u) + e[6] * (uv[2, 0] - u))
                 vx = two * (e[0] * (uv[0, 1] - v) + e[3] * (uv[1, 1] - v) + e[6] * (uv[2, 1] - v))
                 uy = two * (e[1] * (uv[0, 0] - u) + e[4] * (uv[1, 0] - u) + e[7] * (uv[2, 0] - u))
@@ -304,11 +304,11 @@ def resolve_rows(
 ) -> None:
     """Write this thread's rows of `rgb` (H, W, 3) from `light` (H, W, 3 linear, 0 … WHITE) and `display_table`.
 
-    A pixel whose samples all see one triangle keeps its light. Any other pixel gets the mean of its samples, in which
-    samples on its border count half. A sample has the light of this pixel, or of the pixel next to the sample, if that
-    pixel sees the same flat piece at its middle. Otherwise the sample is shaded itself. `edges` (threads, grain · W +
-    1), `places` (threads, n, 3), `own` (threads, n, 3), `weights` (threads, n) and `means` (threads, W, 3) are work
-    arrays for each thread. n is the number of samples of a row of pixels; samples on a border count once per pixel.
+    A pixel whose samples all see one triangle keeps its light. Any other pixel gets the mean of its samples; samples on
+    its border count half. A sample gets the light of this pixel, or of the pixel next to the sample, if the middle of
+    that pixel shows the same flat piece. Otherwise the sample is shaded itself. Work arrays per thread: `edges`
+    (threads, grain · W + 1), `places` and `own` (threads, n, 3), `weights` (threads, n), `means` (threads, W, 3). n is
+    the number of samples in a row of pixels; samples on a border count once per pixel.
     """
     height, width = rgb.shape[:2]
     samples, plane = shot.samples, shot.triangles.plane

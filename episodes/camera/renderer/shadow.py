@@ -61,7 +61,7 @@ def _grid(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: int,
     across /= np.linalg.norm(across)
     up = np.cross(toward, across)
     triangles = layout.triangles
-    # a thing and its shadow are on the same rays, so the bounds of the things are enough
+    # a thing and its shadow are on the same rays, so a grid that covers the things also covers their shadows
     casts = ~np.isin(triangles.instance, sorted(ground_ids))
     low, high = np.zeros(2), np.zeros(2)
     if len(casts):
@@ -206,7 +206,7 @@ def sun_slopes(sun: SunMap, nn: float, ne: float, nd: float) -> Vec3:
     limit = SLOPE_LIMIT * sun.cell
     slope_x = min(max(k * (sun.across[0] * nn + sun.across[1] * ne + sun.across[2] * nd), -limit), limit)
     slope_y = min(max(k * (sun.up[0] * nn + sun.up[1] * ne + sun.up[2] * nd), -limit), limit)
-    # on a curved or folded surface, points within the filter may be higher by a fraction of the slope
+    # the bias grows with the slope: on a curved surface, points within the filter may be higher than the plane
     return slope_x, slope_y, BIAS_M + 0.2 * (abs(slope_x) + abs(slope_y)) + 0.1 * sun.cell
 
 

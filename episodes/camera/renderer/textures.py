@@ -19,7 +19,7 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3
 
 LARGEST_SIDE = 2048  # texels; larger pictures are reduced
-MOST_DOUBLINGS = 3  # the reads along the longer axis of a pixel's footprint double at most three times, to eight
+MOST_DOUBLINGS = 3  # at most 2³ reads along the longer axis of a pixel's footprint
 WEIGHT = 2048  # sum of a pixel's integer weights; see `_bilinear`
 ONE_BITS = 0x3F800000  # bits of the float 1.0
 SHARPEN = -0.35  # levels; a slightly finer level keeps letters readable, and edge smoothing hides the aliasing
@@ -150,10 +150,10 @@ def footprint(
 ) -> tuple[np.int64, int, int, float, float]:
     """Return the parameters of `texture_color` for one texture: (level, mix, doublings, step_u, step_v).
 
-    (ux, vx) and (uy, vy) are the changes of (u, v) from one read to the next, to the right and down. The shorter axis
-    of the footprint selects the level. The next coarser level is blended in with the weight `mix` / WEIGHT. 2^doublings
-    reads follow the longer axis in steps of (step_u, step_v). So a road at a grazing angle is sharp across its
-    direction and does not shimmer along it.
+    (ux, vx) and (uy, vy) are the changes of (u, v) from one read to the next, to the right and down. They are the axes
+    of the footprint. 2^doublings reads follow the longer axis in steps of (step_u, step_v). The level fits the shorter
+    axis, or one read's part of the longer axis if that is larger. `mix` / WEIGHT is the weight of the next coarser
+    level. So a road at a grazing angle is sharp across its direction and does not shimmer along it.
     """
     first = atlas.first_level[texture]
     w = float(atlas.levels[first, 1])
@@ -194,8 +194,8 @@ def texture_color(
 ) -> Vec3:
     """Return the linear (r, g, b) around (u, v) for a `footprint`: the mean of `reads` × `reads` places.
 
-    The places are (ux, vx) and (uy, vy) apart. `reads` is a power of two. A place without doublings reads both levels
-    once. A place with doublings reads the two levels in turn.
+    The places are (ux, vx) and (uy, vy) apart. `reads` is a power of two. Without doublings, both levels are read once
+    at each place. With doublings, the two levels are read in turn along the step.
     """
     texels, levels = atlas.texels, atlas.levels
     first, w, h = levels[level, 0], levels[level, 1], levels[level, 2]
