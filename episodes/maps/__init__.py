@@ -10,7 +10,7 @@ from foundation.kept_values import kept
 from foundation.threads import once
 from foundation.wording import suggestion
 
-# map → functions seed → scene, and seed → places
+# map → (function that makes the scene of a seed, function that makes the places of a seed)
 _MAPS: dict[str, tuple[Callable[[int], Scene], Callable[[int], Places]]] = {
     "blocks": (blocks.build, blocks.places),
     "campus": (campus.build, campus.places),

@@ -1,8 +1,7 @@
 """The ground of the campus: one gently rolling surface, cut along the edges of plazas and walks.
 
-Areas are convex polygons of (north, east) in metres. Their corners are counter-clockwise if north is drawn as x, to the
-right, and east as y, upwards. The cuts do not change the surface, so drawn ground and height field agree to a few
-millimetres.
+Areas are convex polygons of (north, east) in metres, counter-clockwise with north as x and east as y. The cuts do not
+change the surface, so the drawn ground and the height field agree to a few millimetres.
 """
 
 import math
@@ -217,7 +216,7 @@ def _crossed(tri: Array, side: Array) -> tuple[Array, Array]:
     `side` (T, 3) is the distance (m) of each corner from the line, positive on its left.
     """
     positive = side > 0.0
-    one_left = positive.sum(axis=1) == 1  # True: only one corner is left of the line. False: only one is right of it
+    one_left = positive.sum(axis=1) == 1  # whether one corner is left of the line; otherwise, one is right of it
     lone = np.where(one_left, positive.argmax(axis=1), (side < 0.0).argmax(axis=1))
     row, order = np.arange(len(tri))[:, None], (lone[:, None] + np.arange(3)) % 3
     (a, b, c), (sa, sb, sc) = tri[row, order].transpose(1, 0, 2), side[row, order].T[..., None]

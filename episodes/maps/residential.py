@@ -158,11 +158,11 @@ def _fence(
 def _fences(plot: Plot, homes: tuple[Plot, ...], terrain: HeightField) -> Iterator[Furnishing]:
     """Yield the fences at the back and sides of a garden. Adjacent gardens share a fence, which one of them yields."""
     neighbours = {round(o.along - plot.along) for o in homes if o.street is plot.street and o.side == plot.side}
-    # a garden between the two streets that run east: one side is the back fence of another street's gardens
+    # whether the garden is between the two streets that run east; then one side has another street's back fence
     is_inner = plot.street.dead and plot.along < 107.0 and abs(plot.at(0.0, DEPTH)[0]) < 60.0
     for direction in (1, -1):
         if direction == -1 and -20 in neighbours:
-            continue  # the neighbour's plot yields this fence
+            continue  # the neighbouring plot yields this fence
         if is_inner and (direction > 0) == (plot.along < 0.0):
             continue  # the back fence of the gardens of the other street stands here
         edge = plot.along + direction * 9.7

@@ -131,12 +131,12 @@ class Scene:
     base: "Scene | None" = None  # the map to which this scene adds instances; None: this scene is a map
 
 
-LARGE = 20_000  # triangles; the values of smaller scenes are computed faster than read
+LARGE = 20_000  # triangles; for smaller scenes, computing a value is faster than reading it from disk
 T = TypeVar("T")
 
 
 def kept_of_scene(name: str, sources: tuple[str, ...], scene: Scene, make: Callable[[], T]) -> T:
-    """Return `make()`, a value that depends on the scene and the sources. That of a large scene is kept on disk.
+    """Return `make()`, which depends on the scene and the sources; for a large scene, cached on disk.
 
     The arguments are as in `foundation.kept_values.kept`.
     """

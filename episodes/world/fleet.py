@@ -57,7 +57,7 @@ class Fleet:
         return {k: pose for k, pose in enumerate(self.starts) if k != drone}
 
     def among(self, solids: Occluder, poses: Iterable[DronePose]) -> Occluder:
-        """Return solids and drones at `poses` as one obstacle to views; only `solids` in an episode with one drone."""
+        """Return solids and drones at `poses` as one occluder; in an episode with one drone, only the solids."""
         return _OccluderWithDrones(solids, self._shape, tuple(poses)) if self._shape else solids
 
 

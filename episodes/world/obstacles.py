@@ -13,7 +13,7 @@ from foundation.terrain import OPEN, MovingBox, Obstacles
 from foundation.threads import once
 
 CELL_M = 2.0
-SOURCES = ("episodes/world/obstacles.py", "episodes/maps/scene.py", "foundation/*.py")  # of the values kept on disk
+SOURCES = ("episodes/world/obstacles.py", "episodes/maps/scene.py", "foundation/*.py")  # cached values depend on these
 BATCH = 4096  # triangles sorted at a time, to limit the memory that sorting takes
 REACH_M = 0.7  # m, from a vehicle's origin to its farthest part, with room for the camera 0.5 m ahead
 
@@ -97,7 +97,7 @@ def with_more(
 ) -> Obstacles | None:
     """Return `before` with more triangles: the same result as `sorted_into_cells` of all triangles, computed faster.
 
-    Return None if the new triangles reach beyond the cells of `before`, because other cells would be needed.
+    Return None if the new triangles reach beyond the cells of `before`.
     """
     low, high = triangles.min(axis=1) - before.reach_m, triangles.max(axis=1) + before.reach_m
     origin, cells = np.array(before.origin_ned), np.array(before.cells, np.int64)

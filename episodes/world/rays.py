@@ -16,7 +16,7 @@ NOTHING = -1  # triangle index of a ray without a hit
 BEYOND_M = 1e-4  # from a hole to the start of the continued ray
 MOST_HOLES = 200  # along one ray; a ray through more holes counts as blocked
 FAR = 1e30
-BEFORE = 0.999  # of the way to a point: a hit at the point itself does not count
+BEFORE = 0.999  # share of the way to a point in which hits count, so that the point itself is no hit
 
 
 class Hits(NamedTuple):
@@ -27,7 +27,7 @@ class Hits(NamedTuple):
 
 
 class RayScene:
-    """Triangles indexed for ray casting. The triangles of all meshes are numbered in one sequence, in their order."""
+    """Triangles indexed for ray casting. Their numbers continue from mesh to mesh."""
 
     def __init__(self, meshes: Sequence[Mesh], corners: Sequence[NDArray[np.floating]]) -> None:
         """`corners`: for each mesh, the corners (T, 3, 3) of its triangles, m; all meshes in the axes of the rays."""

@@ -32,7 +32,7 @@ EDGES = tuple(
 class Visibility:
     """The part of a target that one camera sees."""
 
-    fraction: float  # share 0 … 1 of the target's full silhouette that is in the picture and not hidden
+    fraction: float  # share 0 … 1 of the target's silhouette in the picture, not hidden and within DETECTION_RANGE_M
     depth_m: float | None  # median planar depth of the visible part; None if nothing is visible
 
     @property
@@ -126,7 +126,7 @@ class SolidsUnion(Solids):
 
 
 class SolidsExcept(Solids):
-    """A map's solids without one instance, which they can hide when it is the target. Shares all solids' ray scene."""
+    """A map's solids without one instance, so that they can hide it if it is the target. Shares their ray scene."""
 
     def __init__(self, everything: Solids, left_out: Instance) -> None:
         """Share the ray scene of `everything`. Raises ValueError if `left_out` is not part of it."""
@@ -141,8 +141,8 @@ class SolidsExcept(Solids):
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether something solid lies between it and the origin.
 
-        `left_out` itself must hide none of the points, which are on its surface. So if a ray's first hit is on
-        `left_out`, nothing lies before its point.
+        The points must be on the surface of `left_out`, which must not hide them itself. So if a ray's first hit is on
+        `left_out`, nothing else lies before its point.
         """
         hits = self._scene.first_hits(origin, points - np.array(origin), BEFORE)
         hidden = (hits.triangle != NOTHING) & (hits.distance < BEFORE)
@@ -221,7 +221,7 @@ class TargetView:
         if len(front) == 0:
             return Visibility(0.0, None)
         hits = self._own.first_hits(local_eye, way[front])
-        shown = front[hits.distance > 0.9998]  # the ray's first hit on the target is the sample itself
+        shown = front[hits.distance > 0.9998]  # samples that are the first hit of their ray on the target
         total = float(weight[shown].sum())
         if total <= 0.0:
             return Visibility(0.0, None)

@@ -49,7 +49,7 @@ class World:
         built = in_conditions(maps.build(record.map, record.map_seed), conditions)
         next_id = max(i.id for i in built.instances) + 1
         native = _native(built, record)
-        if native:  # the exact pose on the map; the pose in a record is rounded
+        if native:  # use the exact pose on the map, because the pose in a record is rounded
             self._motion = TargetMotion((native.position_ned,), (0.0,), 0.0, native.yaw, 0.0)
         moves, ground = self._motion.speed_mps > 0.0, built.terrain
         target = native or _placed(next_id, "target", record.target, ground, movable=moves)
@@ -106,8 +106,8 @@ class World:
     def moved(self, t_s: float, drones: Mapping[int, DronePose] | None = None) -> Moved:
         """Return the poses of all moving instances for the renderer.
 
-        `drones` are the drones to draw, by number: all except the drone that carries the camera. With `drones`, the
-        poses are for the scene `filmed`; without, for `scene`.
+        `drones`: the drones to draw, by number: all except the one that carries the camera. With them, the poses are
+        for the scene `filmed`; without, for `scene`.
         """
         moved: Moved = {self.target_id: self.target_pose(t_s)} if self._motion.speed_mps > 0.0 else {}
         return moved if drones is None else {**moved, **self.fleet.moved(drones)}

@@ -87,7 +87,7 @@ def _has_window(y: float, storey: int, front: bool) -> bool:
 
 
 def _foot_of(plan: HallPlan, y: float, front: bool) -> float:
-    """Return the height (m) at which a pier at y begins; a pier in the way of the doors begins above them."""
+    """Return the height (m) of a pier's lower end at y; a pier at the doors begins above them."""
     return FLOOR_M + (plan.storey_m if front and abs(y) < 2.8 else 0.0)
 
 
@@ -100,7 +100,7 @@ def _band(
 
 
 def _blind(column: int, storey: int) -> float:
-    """Return the share of a window that its blind covers. The three values form no visible pattern."""
+    """Return the share of a window that its blind covers: one of three values, without a visible pattern."""
     return (0.0, 0.0, 0.28, 0.0, 0.55, 0.0, 0.28)[(column * 3 + storey * 5) % 7]
 
 

@@ -31,8 +31,8 @@ _HEART = ((0.0, 0.02), (0.02, 0.26), (0.22, 0.4), (0.5, 0.36), (0.8, 0.14), (1.0
 _KITE = ((0.0, 0.02), (0.22, 0.3), (0.36, 0.32), (1.0, 0.0))
 _OUTLINES = {"oval": _OVAL, "lobed": _LOBED, "palmate": _PALMATE, "heart": _HEART, "kite": _KITE}
 
-# species → (tint of its leaves; outline of a leaf, or kind of needles; length of a leaf or needle as a share of a
-# sprig's width; number per sprig of leaves, 'tufts' or the side twigs of a 'frond')
+# species → (tint of the leaves; outline of a leaf, or 'tufts' or 'frond' for needles; length of a leaf or needle in
+# sprig widths; number of leaves, tufts or side twigs of a frond per sprig)
 _SPECIES: dict[str, tuple[Srgb, str, float, int]] = {
     "oak": ((116, 142, 66), "lobed", 0.20, 88),
     "maple": ((142, 164, 72), "palmate", 0.18, 84),

@@ -29,7 +29,7 @@ REAR_BLADE = materials.plain("drone-rear-blade", (58, 60, 64), 0.1)
 # a blade from hub to tip: points (along, across), as fractions of the rotor's radius
 BLADE = ((0.06, -0.05), (0.25, -0.12), (0.65, -0.11), (1.0, -0.04), (1.0, 0.04), (0.65, 0.055), (0.25, 0.065))
 QUADROTOR_SIZE = 1.16  # scale of `quadrotor`: 2.8 m across the propellers, like a crop-spraying drone
-STOPPED_RAD = 0.6, 1.1  # angle of the first propeller, step to the next; a short exposure shows propellers at rest
+STOPPED_RAD = 0.6, 1.1  # angle of the first propeller, step to the next; they stand still, as in a short exposure
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,7 @@ LEGS: tuple[Srgb, ...] = (
 SHOES: tuple[Srgb, ...] = ((36, 34, 34), (206, 206, 202), (96, 70, 50), (70, 74, 80))
 SHIRTS: tuple[Srgb, ...] = ((224, 224, 220), (150, 164, 178), (70, 76, 86), (196, 184, 160))
 BAGS: tuple[Srgb, ...] = ((64, 62, 60), (132, 104, 76), (58, 68, 84), (76, 84, 70), (150, 148, 142))
-# jackets of passers-by. Instructions do not name these colours, so that only the target has the named colour
+# jackets of passers-by. No instruction names these colours, so only the target has the named colour
 MUTED: tuple[Srgb, ...] = (
     (98, 102, 106), (58, 62, 72), (188, 178, 160), (92, 94, 74), (40, 42, 46), (98, 104, 112), (142, 136, 126),
     (86, 98, 100), (214, 210, 200), (90, 95, 104), (124, 114, 118), (64, 64, 62), (128, 136, 122), (160, 164, 168),

@@ -359,7 +359,7 @@ def _sprigs(
 
 def _quads(at: Array, out: Array, up: Array, sizes: Array, tilt: float, rng: np.random.Generator) -> Array:
     """Return randomly tilted squares (N, 4, 3) around `at` (N, 3). They face `out`; their upper edges point to `up`."""
-    # the factor 0.6 keeps the squares upright: level squares on top of a crown would be seen edge-on
+    # the factor 0.6 keeps the squares upright, because cameras would see level squares on a crown edge-on
     face = out * (1.0, 1.0, 0.6) + tilt * rng.normal(size=out.shape) * (1.0, 1.0, 0.6)
     face /= np.linalg.norm(face, axis=1, keepdims=True)
     up = up + 0.45 * rng.normal(size=up.shape)

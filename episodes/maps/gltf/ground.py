@@ -41,9 +41,8 @@ class Ground:
 def find(triangles: Array, north: float, east: float, down: float | None) -> Ground | None:
     """Return the ground among triangles (T, 3, 3), m NED; None if there is none under the spawn.
 
-    The winding of a triangle defines the side that it faces. If no triangle under the spawn faces up, both sides count.
-    `down` (m) selects the nearest of several floors. None selects the lowest floor with headroom, or the lowest floor
-    if none has headroom.
+    The winding of a triangle defines the side that it faces. If no triangle at the spawn faces up, both sides count.
+    Of several floors, the one nearest to `down` (m) is used; None: the lowest with headroom, or else the lowest.
     """
     corners = triangles.reshape(-1, 3).astype(np.float32)
     area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -122,14 +121,14 @@ def _grow(
         return Ground(flat, np.zeros(len(triangles), np.bool_), spawn_down)
     depth, which = depth[:layers], which[:layers]
     # A surface with less room than ROOM_M above it is under a slab and is not ground. Without this rule, the result for
-    # a slab that touches the ground would depend on the processor: rounding determines which of them the ray hits.
+    # a slab that touches the ground would depend on the processor, whose rounding decides which of the two a ray hits.
     room = np.diff(depth, axis=0, prepend=-np.inf)
     depth = np.where((which >= 0) & (facing[which] > FACES_UP) & (room >= ROOM_M), depth, np.nan)
     label = _joined(depth.reshape(layers, *shape), STEP_M + cell).reshape(layers, -1)
     row, column = (min(max(round((spawn[k] - first[k]) / cell), 0), shape[k] - 1) for k in (0, 1))
     here = row * shape[1] + column
     gap = np.abs(depth[:, here] - spawn_down)
-    if np.isnan(gap).all():  # the spawn's column has no surface left: take the surface nearest in height
+    if np.isnan(gap).all():  # the rules exclude all surfaces at the spawn: take the surface nearest in height
         gap = np.abs(depth - spawn_down).ravel()
         chosen = label.ravel()[np.nanargmin(gap)]
     else:

@@ -13,8 +13,8 @@ from episodes.maps.gltf.materials import TexturedMaterial
 from episodes.maps.scene import Material, Mesh, turn
 from foundation.frames import Vec3
 
-MAX_VERTICES = 3_000_000  # of one mesh in the file; also of all meshes together, without their unused vertices
-MAX_READ = 20_000_000  # vertices read in all: some programs give every primitive a copy of all vertices of its mesh
+MAX_VERTICES = 3_000_000  # of one mesh in the file, and of all meshes together without unused vertices
+MAX_READ = 20_000_000  # vertices read in total; higher, because some programs copy a mesh's vertices per primitive
 MAX_TRIANGLES = 1_000_000  # placed in the scene, each instance counted
 MAX_COORDINATE_M = 1e6
 TINTS = 31.0  # levels per channel to which vertex colours are rounded; each rounded colour becomes a material
@@ -342,8 +342,8 @@ def _matrix(document: Document, node: Mapping[str, Any], where: str) -> NDArray[
 def pose(matrix: NDArray[np.float64], hint_yaw: Any) -> tuple[Vec3, float, NDArray[np.float64] | None]:
     """Return (position_ned in m, yaw in rad, linear map (3, 3) to apply to the mesh in FRD axes, or None).
 
-    An instance has a yaw only. If the node has any other rotation or a scale, the linear map contains the whole
-    rotation and scale, and the yaw is 0. `hint_yaw` is the exact yaw from the extras; it is used if it fits the matrix.
+    An instance has only a yaw. If the node has another rotation or a scale, the linear map has the whole rotation and
+    scale, and the yaw is 0. `hint_yaw`: the exact yaw from the extras, used if it fits the matrix.
     """
     n, e, d = (float(v) for v in from_gltf(matrix[:3, 3]))
     linear = AXES @ matrix[:3, :3] @ AXES.T

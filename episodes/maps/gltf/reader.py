@@ -26,9 +26,9 @@ def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = No
     """Return the map in a binary glTF file; `name` becomes the map's name. A map from `save` is read back unchanged.
 
     `spawn` is a free place on the ground, (north, east) or (north, east, down) in metres NED. Files from `save` contain
-    the spawn. Without a height, the spawn is on the lowest floor with two metres of headroom. Defaults for missing
-    facts: the sun of a late morning, PX4's usual home, all instances solid, none movable. Raises UsageError for a file
-    that is damaged, beyond the limits, compressed, not self-contained, without a spawn, or without ground under it.
+    one. Without a height, the spawn is on the lowest floor with two metres of headroom. Defaults for facts that the
+    file does not state: sun of a late morning, PX4's usual home, all instances solid, none movable. Raises UsageError
+    for a file that is damaged, too large, compressed, not self-contained, without a spawn, or without ground under it.
     """
     document = Document(path)
     placed = meshes.placed(document)
