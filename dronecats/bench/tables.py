@@ -92,7 +92,7 @@ def cell_of(episode: str) -> str:
 def cell_order(group: str) -> tuple[int, str]:
     """Return the sort key of maps and cells: the paper's order of the cells, then all other groups."""
     cells = [k for k, cell in enumerate(CELLS) if group.endswith(f"-{cell}")]
-    # at most one cell fits: `-search-and-track` does not end with `-tracking`. For a user's episodes none may fit
+    # at most one cell fits: `-search-and-track` does not end with `-tracking`; none for some episodes of users
     return (cells[-1] if cells else len(CELLS), group)
 
 
@@ -119,7 +119,7 @@ def blind_flights(results: Iterable[Result]) -> dict[str, BlindFlight]:
 
 @dataclass(frozen=True, slots=True)
 class BlindBaseline:
-    """The best blind pilots on the episodes of a row."""
+    """The best blind pilots (they use no pictures) on the episodes of a row."""
 
     solved: tuple[str, ScoreRow]  # the pilot with the most solved flights, and its row
     within_three: tuple[str, ScoreRow]  # the pilot with the most flights solved within three declarations, and its row
@@ -200,7 +200,7 @@ class EpisodeScore:
     retried: bool  # the flight replaces one that did not move
     stalled: bool  # the host delayed the flight
     rates_hz: tuple[float, ...]  # decisions per s of vehicle time, of each step but the first
-    broken_pins: int  # replies that came later than the pinned rate allows
+    broken_pins: int  # replies that came later than a fixed rate allows
     unreadable: int = 0  # decisions without an action
     refused: int = 0  # of these, refused by the model or withheld by its provider
     cut_off: int = 0  # of these, cut off at the length limit of a reply
@@ -248,12 +248,12 @@ def score(setting: str, flight: FlightSpec, folder: Path, result: Result, *, ret
 
 
 def broken_pins(latency: LatencyPolicy, decisions: Iterable[Decision]) -> int:
-    """Return how many replies came later than the pinned rate allows; 0 when the policy pins no rate."""
+    """Return how many replies came later than a fixed rate allows; 0 unless the policy is only a fixed rate."""
     if [part.kind for part in latency.parts] != [RATE]:  # other parts make the rate variable
         return 0
     pinned_s = 1.0 / latency.parts[0].numbers[0]
     late = {d.step for d in decisions if d.latency_s is not None and d.latency_s > pinned_s + CLOSE_S}
-    return len(late)  # each step counts once, although the log has a joint reply once per drone
+    return len(late)  # a joint reply is in the log once per drone, but counts once
 
 
 def bench_rows(scores: Sequence[EpisodeScore], *, drop_stalled: bool = False) -> list[BenchRow]:

@@ -136,8 +136,8 @@ def _compare(
 def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) -> tuple[Array, Array]:
     """Return the corresponding times (s) of the two flights, with the spacing GRID_S.
 
-    Each step is compared over the shorter of its two durations. The grid does not begin anew at each step, so no step
-    is extended to a multiple of GRID_S. Without steps, both results are the common times of the flights.
+    Each step is compared over the shorter of its two durations. One grid runs through all steps, so no step is extended
+    to a multiple of GRID_S. Without steps, both results are the common times of the flights.
     """
     start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     if not steps_a or not steps_b:

@@ -1,4 +1,4 @@
-"""Implements the model interface for a pilot that knows the truth. `OracleModel` reads the truth bus."""
+"""Implements the model interface for a pilot that knows the truth, which it reads from the simulator's truth bus."""
 
 import math
 from collections.abc import Callable

@@ -101,8 +101,7 @@ def passing_side(past: tuple[PastAction, ...]) -> int:
 def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
     """Return a stride past the near end, on the flank's side.
 
-    In the picture, the flank's upper edge drops with the distance from the near end. So the sign of `Detection.lean`
-    tells on which side the flank is.
+    The flank's upper edge drops away from the near end, so the sign of `Detection.lean` gives the flank's side.
     """
     box = detection.box
     middle = 0.5 * (box.left + box.right)

@@ -90,8 +90,8 @@ def _follow(
 ) -> str:
     """Return the next action towards the thing of the last stride.
 
-    Without a detection, the drone declares if it should have arrived. It flies on if the thing is near or was in the
-    first picture. Otherwise it chooses another thing.
+    Without a detection, the drone declares if it should have arrived, and flies on if the thing is near or was in the
+    first picture. Otherwise it chooses anew.
     """
     last = past[-1]
     stride = STRIDE_MAX_M if last.depth_m >= NEAR_M else NEAR_SCALE * last.depth_m

@@ -197,7 +197,7 @@ def _window_peaks(picture: Picture, kinds: tuple[str, ...], network: ShapeNetwor
 def _ground_below_m(peaks: list[PlacedThing]) -> float:
     """Return how far (m) the ground is below the camera; 1.6 without peaks.
 
-    The result is the mean of HEIGHTS_M, weighted by the square of the sum of each height's log odds above LEAST_ODDS.
+    The result is the mean of HEIGHTS_M, weighted by the squared sums of their peaks' log odds above LEAST_ODDS.
     """
     if not peaks:
         return 1.6

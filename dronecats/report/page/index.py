@@ -183,10 +183,10 @@ def write_page(
 ) -> Path:
     """Write the page of a collection into the folder `out`, and return its path, out/index.html.
 
-    The function writes flights and pictures to the folders data/ and pictures/ in `out`. `every`: keep only the
-    pictures of every n-th step, the last step and the declarations. `embed`: put flights and pictures into the page
-    itself, with smaller pictures, and with a larger `every` if a browser could not open them all. Raises UsageError if
-    the page cannot be written.
+    Flights and pictures are in the folders data/ and pictures/ in `out`. `every`: keep only the pictures of every n-th
+    step, the last step and the declarations. `embed`: put flights and pictures into the page itself, with smaller
+    pictures, and a larger `every` if a browser could not open them all. Raises UsageError if the page cannot be
+    written.
     """
     with file_errors_as(UsageError, f"the report cannot be written to {out}"):
         return _write(collection, tables, out, embed, every)

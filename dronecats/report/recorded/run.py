@@ -114,8 +114,8 @@ def recorded_run(folder: Path) -> RecordedRun:
 def recorded_runs(paths: Iterable[Path]) -> list[RecordedRun]:
     """Return the unique runs at or below these folders, in their order.
 
-    A folder may be a run, an episode of a run, or a folder of runs, such as a benchmark's. A folder of benchmarks or
-    studies is read too. Raises UsageError.
+    A folder may be a run, an episode of a run, a folder of runs (such as a benchmark), or a folder of such folders.
+    Raises UsageError.
     """
     by_folder: dict[Path, RecordedRun] = {}
     for path in paths:

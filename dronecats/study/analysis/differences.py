@@ -153,7 +153,7 @@ class PointDifference:
     title: str  # the levels that differ from the usual ones, for example: Wind 10 m/s
     shares: tuple[ShareEstimate, ShareEstimate]  # share of successes of the first and of the second entrant
     success: PairedDifference  # first minus second; Holm's correction is over all points of both entrants and the cell
-    ne: PairedDifference | None  # the same for NE; None: no pair has NE in both flights
+    ne: PairedDifference | None  # the same for NE (navigation error); None: no pair has it in both flights
 
 
 def point_differences(results: StudyResults) -> list[PointDifference]:

@@ -60,7 +60,7 @@ def _finish_success_axis(axis: Any, along: FactorFindings, k: int, title: str) -
 
 
 def measures_figure(findings: Findings, along: FactorFindings) -> Any:
-    """Return a figure of NE, dwell and longest loss along a factor, with a row per cell and a column per measure."""
+    """Return a figure of the measures along a factor: a row per cell; columns for NE, dwell and longest loss."""
     groups = findings.results.groups
     figure, axes = panels.panels(len(groups) * len(MEASURES), 1.55, len(MEASURES), share_y=False)
     for place, axis in enumerate(axes):

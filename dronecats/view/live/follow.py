@@ -63,7 +63,7 @@ class FlightFollower:
         self._rate_hz: float | None = None
         self._messages: dict[int, list[tuple[int, str]]] = defaultdict(list)  # drone → (vehicle time in µs, text)
         self._active = ActiveLimits()
-        self._limited: Counter[tuple[int, str]] = Counter()  # (drone, text) → number of messages from the envelope
+        self._limited: Counter[tuple[int, str]] = Counter()  # (drone, text) → number of messages on safety limits
         self._judge_messages: list[str] = []
         self._verdict: str | None = None
         self.trails: dict[int, list[Vec3]] = defaultdict(list)  # drone → true positions, m, NED, at 2 Hz

@@ -34,7 +34,7 @@ class DroneMoment:
     mode: str = ""  # PX4's name; "": not known
     armed: bool | None = None
     battery: float | None = None  # 0 … 1
-    messages: tuple[str, ...] = ()  # newest last: the autopilot's warnings, active limits of the envelope, orders
+    messages: tuple[str, ...] = ()  # newest last: the autopilot's warnings, active safety limits, orders
     prompt: str = ""  # the prompt of `decision`; "": not known
     picture: ShownPicture | None = None  # the newest picture that the pilot got
     decision: Decision | None = None  # the newest decision

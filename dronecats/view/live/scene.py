@@ -106,7 +106,7 @@ class FlightScene:
         eye, seen = self._behind(here, yaw)
         for name, client in clients.items():
             if name not in self._brought:
-                client.camera.position, client.camera.look_at = eye, seen  # in this order: `position` sets `look_at` too
+                client.camera.position, client.camera.look_at = eye, seen  # in this order: `position` changes `look_at`
         self._brought |= clients.keys()
 
     def remove(self) -> None:
