@@ -36,7 +36,7 @@ class Factor:
 
     name: str  # as in files and options
     help: str  # its meaning, one line
-    sets: str  # the property that it sets; a study has one factor for each property
+    sets: str  # the property that it sets; a study has at most one factor per property
     put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: a disturbance, see `at_levels`
     get: Callable[[FlightSpec], float | None] = lambda flight: None  # level of a flight; None: not a number
     quantity: DeclaredNumber | None = None  # for numeric levels

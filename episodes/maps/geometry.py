@@ -80,7 +80,7 @@ def face_normals(corners: Array) -> Array:
 
 
 def creased_normals(corners: Array, crease_deg: float = CREASE_DEG) -> Array:
-    """Return (T, 3, 3) unit corner normals: area-weighted means of the faces at a corner within the crease angle."""
+    """Return (T, 3, 3) unit corner normals: area-weighted means over faces that meet at less than `crease_deg`."""
     area = face_normals(corners)
     unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-12)
     if crease_deg <= 0.0:

@@ -25,7 +25,7 @@ HEADING_BASE_M = {
     "person": 0.6, "pedestrian": 0.6,
 }  # fmt: skip
 AXLES_OF_OTHERS_M = 1.0
-WALKERS = ("person", "pedestrian")  # upright on a slope; the other assets of HEADING_BASE_M have wheels
+WALKERS = ("person", "pedestrian")  # they stay upright on a slope; all others in HEADING_BASE_M have wheels
 
 TOUCHES_M = 0.01  # height of the part of a wheel that counts as touching the ground
 ONE_TRACK_M = 0.3  # m; a vehicle with a narrower track counts as single-track, like a motorcycle, and does not roll

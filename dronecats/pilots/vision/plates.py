@@ -30,7 +30,7 @@ from foundation.protocol import BRAKE_M, FINISHED, GO, NEAR_M, NEAR_SCALE, STRID
 
 HEIGHT_M = 0.16  # height of a plate; its digits are 0.10 m high
 DIGITS = 4
-_LEVELS = range(110, 250, 14)  # thresholds of lightness: a pale plate against paint, lamps and shade
+_LEVELS = range(110, 250, 14)  # thresholds of lightness that separate a pale plate from paint, lamps and shade
 _DULL = 34.0  # largest distance of a plate's colour from grey, in Lab; an indicator light has more
 _SHAPE = (0.7, 4.6)  # range of width / height, from a very oblique to a frontal view
 _LEAST_PX = (8, 4)  # least width and height of a plate

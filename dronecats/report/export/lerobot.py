@@ -227,7 +227,7 @@ def _schema() -> pa.Schema:
 
 
 def _task_table(tasks: dict[str, int]) -> pa.Table:
-    """Return the tasks in the format of a pandas data frame with the tasks as index, where LeRobot looks up a task."""
+    """Return the tasks in the format of a pandas data frame with the tasks as index, as LeRobot expects."""
     index = "__index_level_0__"
     pandas_metadata = {
         "index_columns": [index],

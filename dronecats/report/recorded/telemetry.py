@@ -86,7 +86,7 @@ class DroneTelemetry:
 
     @cached_property
     def places(self) -> Array:
-        """(n, 10): µs; position (m), velocity (m/s), in the autopilot's frame; std of position (m), NaN: unknown."""
+        """(n, 10): time µs; position m, velocity m/s, in the autopilot's frame; std of position m (NaN: unknown)."""
         return rising(self._autopilot.places, 7)
 
     @cached_property
@@ -96,7 +96,7 @@ class DroneTelemetry:
 
     @cached_property
     def setpoints(self) -> Array:
-        """(n, 12): µs; position m, velocity m/s, yaw rad, yaw rate rad/s, NaN: unset; velocity again, 0: unset."""
+        """(n, 12): time µs; position m, velocity m/s, yaw rad, yaw rate rad/s (NaN: unset); velocity (0: unset)."""
         return rising(self._autopilot.setpoints)
 
     @cached_property
@@ -176,7 +176,7 @@ class _Accuracy:
 
     @property
     def std_ned(self) -> Vec3:
-        """m, N, E, D: the larger of estimator's and receiver's value; N, E: the horizontal one. NaN: not reported."""
+        """North, east, down (m): the larger of the estimator's and the receiver's accuracy. NaN: not reported."""
         horizontal, vertical = (float(np.fmax(a, b)) for a, b in zip(self.estimator, self.receiver, strict=True))
         return (horizontal, horizontal, vertical)
 

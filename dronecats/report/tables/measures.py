@@ -80,7 +80,7 @@ GROUNDING = (
 
 
 def grounding(data: ReportData) -> ReportTable | None:
-    """Return the errors of pointing and depth over all steps with the target in view; None without such steps."""
+    """Return the errors of pointing and depth over the steps with the target in view, and wide turns; None without."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         flights = entrant.scored
@@ -169,7 +169,7 @@ INCIDENTS = (
 
 
 def incidents(data: ReportData) -> ReportTable | None:
-    """Return collisions and estimator resets, which never change a verdict; None if the logs have neither."""
+    """Return collisions and estimator resets, which never change a verdict; None if neither was logged."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         flights = entrant.scored
@@ -214,7 +214,7 @@ SERVED = (
 
 
 def served(data: ReportData) -> ReportTable | None:
-    """Return the quantiles of rate and latency over all steps, and the number of steps that the host delayed."""
+    """Return the quantiles of rate and latency over all steps, and the share of steps that the host delayed."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         rates, latencies = steps(entrant.scored, "rate_hz"), steps(entrant.scored, "latency_s")

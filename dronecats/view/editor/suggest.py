@@ -50,7 +50,7 @@ def corners(points: Sequence[Knot], off_m: float = 0.002) -> Knots:
 
 
 def _needed(count: int, off: Callable[[int, int, int], float], most: float) -> list[int]:
-    """Return the indices of the kept points: off(a, b, k) ≤ `most` for each dropped k between kept neighbours a, b."""
+    """Return the indices to keep, so that off(a, b, k) ≤ `most` for each dropped k between kept neighbours a, b."""
     kept = {0, count - 1}
     waiting = [(0, count - 1)]
     while waiting:
