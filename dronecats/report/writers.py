@@ -239,7 +239,7 @@ def _markdown_line(cells: Iterable[str]) -> str:
 
 
 def as_csv(table: ReportTable) -> str:
-    """Return the table, a line per row, with all digits of numbers. Blocks, intervals and counts have own columns.
+    """Return the table, a line per row, with all digits. Blocks, intervals and counts have their own columns.
 
     A column for an interval or a count is omitted if it is empty in every row.
     """

@@ -179,7 +179,7 @@ class LevelRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marking:
-    """How well `bench` marks the flights in real time that moved. LoadFindings defines which flights moved."""
+    """How well the marks of `bench` agree with the moved flights in real time. LoadFindings defines "moved"."""
 
     moved: int
     marked: int  # flights that `bench` marks as delayed by the host

@@ -80,7 +80,7 @@ GROUNDING = (
 
 
 def grounding(data: ReportData) -> ReportTable | None:
-    """Return the errors of pointing and depth over the steps with the target in view, and wide turns; None without."""
+    """Return pointing and depth errors of steps with the target in view, and wide turns; None if there are none."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         flights = entrant.scored

@@ -126,7 +126,7 @@ def heat_maps(results: StudyResults) -> list[HeatMap]:
     """Return the shares over each two factors, for every entrant and cell.
 
     A pair of factors is left out if no flight has both away from their base levels, as in a design of one factor at a
-    time. Then the flights show no interaction.
+    time. Then the flights cannot show an interaction.
     """
     steps = [level_steps(factor) for factor in results.factors]
     maps = []
@@ -215,8 +215,8 @@ class _Regression:
     def _effect(self, place: int, block: range, effect: MainEffect) -> MainEffect:
         """Return an effect with its log odds, its interval and the fitted shares at both ends.
 
-        `place` is the column of the effect, and `block` all columns of its factor. The others of these are 0 at both
-        ends.
+        `place` is the column of the effect, and `block` all columns of its factor. The factor's other columns are 0 at
+        both ends.
         """
         coefficient = float(self._fit.coefficients[place])
         middle = self._design.mean(axis=0)
