@@ -1,1 +1,1 @@
-"""The link to any MAVLink autopilot: transport, conversation, and commands for flying."""
+"""The link to a PX4, real or simulated: transport, conversation, and commands for flying."""

@@ -1,4 +1,4 @@
-"""The link to any MAVLink autopilot, ours or PX4. Every flight uses this class."""
+"""The link to a PX4, or to the project's autopilot, which speaks the same MAVLink. Every flight uses this class."""
 
 import math
 import time
