@@ -33,7 +33,8 @@ MODES: dict[FailureMode, str] = {  # in the order of precedence
     "declared": "declarations were made, and none qualifies",
     "arrived": "a drone came within the radius, and no drone declared",
     "did not move": (
-        "the track (the path without movements below 0.5 m) is under 5 m, although the commanded moves add up to 5 m"
+        "the track (the path without movements below 0.5 m) is under 5 m, "
+        "although the commanded moves add up to 5 m or more"
     ),
     "never grounded": "the target was within 45° of the nose in fewer than 10 % of the steps",
     "oscillated": (

@@ -115,9 +115,9 @@ METRICS = (
     ),
     Metric(
         name="rescaled", title="Rescaled copy", unit="share", level="step", better="less",
-        definition="for a go, if the history of the last five actions has an earlier go: the point equals, to half a"
-        " unit, the pixel coordinates that the history shows for the newest earlier go. The history shows a"
-        " point (x, y) as (1.28 x, 0.72 y)",
+        definition="the pilot copied an old point. For a go, if the last five actions have a go: the point equals, to"
+        " half a unit, the pixel coordinates of the newest of them. The prompt shows a point (x, y) in pixels, as"
+        " (1.28 x, 0.72 y)",
         paper=EXECUTION, of=rescaled,
     ),
     Metric(
