@@ -1,8 +1,8 @@
 """Finds the thing of a named colour and kind in a picture, and estimates its distance.
 
 The candidates are patches of the colour. For the kinds in KINDS, a small network scores each patch with its
-surroundings, and corrects the distance that the size of the patch gives. For other kinds, size and share of paint give
-the score.
+surroundings, and corrects the distance that the size of the patch gives. For other kinds, the score is a product: the
+fit of the patch's size, the vividness of its colour, and its solidity (few holes).
 `python -m dronecats.pilots.fitting colors` fits the network (`patch_network.npz`).
 """
 
@@ -23,26 +23,26 @@ from dronecats.pilots.vision.ranging import BoundingBox, Range
 KINDS = ("suv", "sedan", "hatchback", "pickup", "van", "bus", "motorcycle", "cyclist", "quadrotor")
 COLORS = ("cyan", "red", "yellow", "orange", "blue", "green", "purple", "pink", "brown")
 SIDE = 16  # cells of a resampled patch, high and wide
-CHANNELS = 7  # CIE Luv, the colour's mask, the gradients across and down, the mask of the picture's area
+CHANNELS = 7  # CIE L, u, v; mask of the colour; gradient of L across, and down; 1 inside the picture and 0 outside
 MARGIN = 0.35  # margin on each side of the rectangle, as a fraction of its width or height
-MARGIN_PX = 3.0  # least margin
+MARGIN_PX = 3.0  # the margin has at least this width
 BOX_FEATURES = 17  # numbers that describe the rectangle
 LENGTH = SIDE * SIDE * CHANNELS + BOX_FEATURES + len(KINDS) + len(COLORS)
 _GRADIENT = 3.0  # factor that brings gradients to the magnitude of colours
 _PICTURE_EDGE = 0.005  # fraction of the picture's width; a rectangle closer to an edge touches that edge
 _FACTOR_LIMIT_LOG = 0.7  # log of the largest factor that corrects the distance
 
-_SMALLEST_PX = 20  # least number of pixels in a 640 × 360 picture; a vehicle has this size at about 60 m
+_SMALLEST_PX = 20  # a patch has at least this many pixels (640 × 360 picture), like a vehicle at about 60 m
 _FARTHEST_M = 42.0  # m; at larger depths, specks of any colour have the right size
 _MOST_PATCHES = 12
 _SAME_TINT = math.cos(math.radians(14.0))  # a paint's tints in sun and shade differ by less; grass differs more
-_LEAST_SCORE = 0.08  # least score of a detection by size
-_LIKELY_SCORE = 0.35  # least score of a detection by the network
-_EXPECTED_SCORE = 0.12  # least score of a detection by the network at the expected place
+_LEAST_SCORE = 0.08  # a detection without the network needs at least this score
+_LIKELY_SCORE = 0.35  # a detection by the network needs at least this score
+_EXPECTED_SCORE = 0.12  # the same at the expected place
 _EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # tolerances: fraction of the picture's width, log of the depth
 _EXPECTED_PREFERENCE = 3.0  # factor on the rank of a detection at the expected place
 _AREA_POWER = 0.3  # exponent of a patch's number of pixels in the rank; larger patches are preferred
-_HORIZON_SLACK = 0.05  # of the picture's width; pitch may move a lower edge this far above the picture's middle
+_HORIZON_SLACK = 0.05  # with pitch, a thing's foot may be above the picture's middle by this share of its width
 
 
 class PatchNetwork(Network):
@@ -109,14 +109,14 @@ class Detection:
     box: BoundingBox
     range: Range
     score: float  # 0 … 1
-    lean: float = 0.0  # drop of the upper edge from the left to the right third, fraction of the picture's width
+    lean: float = 0.0  # height of the upper edge: left third minus right third, as a fraction of the picture's width
 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedPlace:
     """The place in the new picture at which the target of the last action is expected."""
 
-    bearing: float  # horizontal offset from the picture's centre, fraction of its width, + right
+    bearing: float  # horizontal offset from the picture's centre, fraction of the picture's width, + right
     depth_m: float
 
     def matches(self, box: BoundingBox, estimate: Range) -> bool:
@@ -170,7 +170,7 @@ class ColorPatch:
 
 
 def color_patches(picture: colors.Picture, referent: Referent) -> tuple[list[ColorPatch], Floats]:
-    """Return the patches of a referent's colour, and the network's input of each, (N, LENGTH)."""
+    """Return the patches of a referent's colour, and the network's inputs (N, LENGTH), one row per patch."""
     height, width = picture.shape[:2]
     color = referent.color or ""
     mask = colors.mask(picture, color)
@@ -202,7 +202,7 @@ def _detect_by_look(
 
 
 def _lean(core: tuple[int, int, int, int], where: colors.Mask) -> float:
-    """Return the drop (px) of the upper edge from the left third to the right third."""
+    """Return how much lower (px) the upper edge is in the right third than in the left third."""
     left, top, right, bottom = core
     region = where[top:bottom, left:right]
     third = max(1, (right - left) // 3)

@@ -9,10 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 _APART_M = 4.2  # the largest distance between two drones, including the error of the estimates
-_TOLERANCE_M, _TOLERANCE_PER_M = (
-    0.8,
-    0.09,
-)  # tolerance between two drones' points of one thing: m, and m per metre of distance
+# m, and m per metre of the thing's distance: the sum is the limit of the gap between two drones' points of one thing
+_TOLERANCE_M, _TOLERANCE_PER_M = 0.8, 0.09
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +35,10 @@ class GroundPoint:
 class Candidate:
     """A thing in one drone's picture that may carry the inscription."""
 
-    left: int  # px; the same for top, right and bottom
-    top: int
-    right: int
-    bottom: int
+    left: int  # px
+    top: int  # px
+    right: int  # px
+    bottom: int  # px
     spot: GroundPoint
     score: float = 1.0  # 0 … 1, similarity to the wanted kind
 

@@ -1,8 +1,9 @@
 """Chooses the actions for a target that the command names by an inscription. Several things look like the target.
 
 One request has the pictures of all drones. Each drone flies to its own thing and reads it. The drone declares if the
-thing has the wanted inscription; otherwise it hovers (`think`). The pilot has no memory. It finds a drone's own thing
-by the drone's last action: a `go` turns the nose to the thing, and its depth is the distance.
+thing has the wanted inscription; otherwise it hovers (`think`). The pilot has no memory. It recognises a drone's own
+thing by the drone's last action: after a `go`, the thing is straight ahead, and the distance left is the depth of the
+`go` minus the stride.
 """
 
 import math
@@ -25,13 +26,13 @@ OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone,
 # Tolerated changes of a drone's own thing between two pictures: bearing if far, bearing if near, log of distance
 _ASIDE_RAD, _NEAR_ASIDE_RAD, _DISTANCE_LOG = math.radians(4.0), math.radians(8.0), 0.3
 _DETOUR_FACTOR = 3.0  # factor on the tolerance of the bearing if the path leads round a vehicle
-_MISMATCH_MAX = 3.0  # largest change of a drone's own thing, in multiples of these tolerances
+_MISMATCH_MAX = 3.0  # a drone's own thing may change by up to this multiple of these tolerances
 _NEAR_THING_M = 16.0  # within this distance, the path may lead past the thing
 _BACK_DEG = 50.0  # turn to look for a lost thing
-_THINKS_MAX = 2  # `think` actions after reading a plate; then the drone looks for vehicles that the first picture hid
-_OTHER_M = 7.0  # least distance of another thing; a nearer thing was already read
-_LOST_M = 16.0  # largest distance of a lost thing that is found again
-_SHORT_OF_M = 6.0  # largest distance of a thing after a short stride to it, apart from the error of the estimate
+_THINKS_MAX = 2  # `think` actions after reading a plate; then the drone turns, to find vehicles not yet in a picture
+_OTHER_M = 7.0  # a drone that looks for another thing skips things nearer than this, because it has read them
+_LOST_M = 16.0  # a drone that turns to its lost thing accepts only things nearer than this
+_SHORT_OF_M = 6.0  # after a short stride to a thing, the thing is within this distance, apart from errors of estimates
 _WANDER_M = 8.0  # depth of a stride to another place
 _NEXT_THING_TURN_DEG = 60.0  # turn to look for the next thing after reading one
 _SAME_LOOKS = 26.0  # largest boards.color_difference between sun and shade of the same paint
@@ -117,7 +118,7 @@ def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
         return min(near, key=lambda candidate: candidate.spot.distance_m) if near else None
     near_aside = _NEAR_ASIDE_RAD if past[-1].y_px == LEVEL_PX else _DETOUR_FACTOR * _NEAR_ASIDE_RAD
     left = past[-1].depth_m - STRIDE_MAX_M
-    was_short = left <= NEAR_M  # the depth of a short stride only sets its length, and is not the distance
+    was_short = left <= NEAR_M  # the depth of a short stride sets its length, and does not give the thing's distance
 
     def mismatch(candidate: Candidate) -> float:
         aside = abs(candidate.spot.bearing_rad) / (_ASIDE_RAD if left > _NEAR_THING_M else near_aside)
@@ -144,7 +145,7 @@ def find_candidates(
 
 
 def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidate | None) -> list[list[Candidate]]:
-    """Return the vehicles of one paint: that with the best score of the drones' own vehicles, then of all vehicles."""
+    """Return the vehicles of the best paint: it has the best score over the drones' own vehicles, then over all."""
     best: list[list[Candidate]] = [[] for _ in pictures]
     most = (0.0, 0.0)
     for color in (*VIVID, *DULL):
