@@ -42,8 +42,8 @@ Array = NDArray[np.float64]
 
 GROUND_STEP_M = 0.1
 SWEEP_STEP_M = 0.25
-MOST_SWEEPS = 1500  # most checked poses on a path; on paths over 375 m they are more than SWEEP_STEP_M apart
-MARGIN_M = 0.05  # least distance between the target on its path and every obstacle
+MOST_SWEEPS = 1500  # upper limit of checked poses per path; on paths over 375 m they are more than SWEEP_STEP_M apart
+MARGIN_M = 0.05  # a target on its path must be this far from every obstacle
 LIFT_M = 0.12  # a target may pass over obstacles lower than this, such as kerbs and roots
 
 CLIMB_STEP_M = 0.2
@@ -55,7 +55,7 @@ class Box:
     """A box with vertical sides."""
 
     centre_ned: Array  # (3,) m
-    half: Array  # (3,) m, along its own axes
+    half: Array  # (3,) m, half size along the box's own axes
     yaw: float  # rad
 
 
@@ -246,7 +246,10 @@ def start_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindin
 
 
 def distance_and_bearing(world: World) -> Iterator[RuleFinding]:
-    """Yield whether the recorded distance and bearing are those in the scene and, for one drone, allowed on the map."""
+    """Yield whether the recorded distance and bearing match the scene.
+
+    For an episode with one drone, yield also whether the map's rules allow them.
+    """
     record, here, goal = world.record, world.record.starts[0].position_ned, world.target_centre(0.0)
     distance = math.dist(here, goal)
     bearing = bearing_deg(here, goal)
@@ -305,7 +308,7 @@ def climb(world: World, start: StartPose) -> Iterator[tuple[float, float, float]
 
 
 def formation(world: World) -> RuleFinding:
-    """Return whether the number of drones is that of the cell, and whether a fleet starts in a square."""
+    """Return whether a `commanding` episode has four drones that start in a square, and any other episode one drone."""
     starts, commanding = world.record.starts, world.record.cell == "commanding"
     if not commanding:
         return RuleFinding("the number of drones", len(starts) == 1, str(len(starts)), "1")

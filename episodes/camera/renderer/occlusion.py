@@ -1,4 +1,4 @@
-"""Computes the open share of the sky: the share that is visible from a place past the things around it.
+"""Computes the open share of the sky at a point: the share that nearby things do not hide.
 
 A coarse horizontal grid has one column per cell, from the lowest to the highest surface of the map's static things
 above the cell. The open share of the sky is computed from the columns once, at LAYERS heights above the ground. Movable
@@ -19,7 +19,7 @@ from episodes.camera.renderer.layout import SceneArrays
 from foundation.compiled import njit
 from foundation.terrain import HeightField
 
-CELLS = 512  # per side of the grid
+CELLS = 512  # cells per side of the grid
 LEAST_CELL_M = 0.4
 MARGIN_CELLS = 4
 LAYERS = 4
@@ -29,17 +29,17 @@ EMPTY = 1e30  # lower end of the column of an empty cell; its upper end is -EMPT
 
 AZIMUTHS = 12
 RINGS = (1.0, 2.0, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0)  # distances in cells
-BINS = 16  # ranges of elevation; each gives the same share of the light on level ground
-DARKEST = 0.16  # least open share, because walls reflect light
+BINS = 16  # ranges of elevation angle; level ground gets the same light from each range of the sky
+DARKEST = 0.16  # lower limit of the open share, because walls reflect light
 
-SUB_CELLS = 6  # per cell and direction, of the finer grid for drawing a footprint
+SUB_CELLS = 6  # a footprint is drawn on a finer grid, with this many cells per cell and direction
 REACH_M = 0.45  # standard deviation of the blur of a footprint
-CLEARANCE_M = 0.5  # height above the ground at which a thing's shadow below it loses two thirds of its darkness
-FOOT_M = 0.9  # the footprint contains a thing's points up to this height above its lowest point
+CLEARANCE_M = 0.5  # a shadow has lost two thirds of its darkness if the thing is this high above the ground
+FOOT_M = 0.9  # the footprint contains a thing's points up to this height above the thing's lowest point
 FOOT_SHARE = 0.30  # factor on the open share below a thing that stands on the ground
 ON_TOP_M = 0.6  # a point up to this far below a column's upper end counts as on top: roofs slope within a cell
-FACES_UP = 0.35  # least upward component of the normal of a point on top of a column
-ROOF_M = 1.0  # least height above the ground of a point on top of a column
+FACES_UP = 0.35  # a point on top of a column has a normal with at least this upward component
+ROOF_M = 1.0  # a point on top of a column is at least this high above the ground
 
 
 class Columns(NamedTuple):
@@ -48,24 +48,24 @@ class Columns(NamedTuple):
     low: NDArray[np.float32]  # (N, N) m above the origin's level, EMPTY for an empty cell
     high: NDArray[np.float32]  # (N, N) m
     color: NDArray[np.float32]  # (N, N, 3) linear reflectance
-    low_north: float  # m, of the middle of cell 0
-    low_east: float  # m
-    per_cell: float  # 1/m
+    low_north: float  # m, north coordinate of the middle of cell (0, 0)
+    low_east: float  # m, east coordinate of the middle of cell (0, 0)
+    per_cell: float  # cells per m
 
 
 class Occlusion(NamedTuple):
     """The open share of the sky on the cells of a grid."""
 
-    open: NDArray[np.uint64]  # (N, N) one lane of 16 bits per layer, each 0 … 255
+    open: NDArray[np.uint64]  # (N, N) per layer 16 bits with a value 0 … 255, so that weighted sums fit, too
     ground: NDArray[np.float32]  # (N, N) m above the origin's level
-    top: NDArray[np.float32]  # (N, N) m, upper end of the column; for an empty cell, the highest of its neighbours
-    low_north: float  # m, of the middle of cell 0
-    low_east: float  # m
-    per_cell: float  # 1/m
+    top: NDArray[np.float32]  # (N, N) m, upper end of the column; for an empty cell, of the highest column next to it
+    low_north: float  # m, north coordinate of the middle of cell (0, 0)
+    low_east: float  # m, east coordinate of the middle of cell (0, 0)
+    per_cell: float  # cells per m
 
 
 def columns_of(layout: SceneArrays, stop: int, ground_ids: frozenset[int], means: NDArray[np.float32]) -> Columns:
-    """Return the columns of triangles 0 … stop - 1 without the ground. `means` (M, 3) are the materials' colours."""
+    """Return the columns of triangles 0 … stop - 1 without the ground. `means` (M, 3) has a colour per material."""
     triangles = layout.triangles
     stands = ~np.isin(triangles.instance[:stop], sorted(ground_ids))
     corners = triangles.position[:stop][stands][..., :2].reshape(-1, 2)
@@ -158,9 +158,10 @@ def _trace(
     heights: NDArray[np.float64],
     open_share: NDArray[np.float32],
 ) -> None:
-    """Fill `open_share` (N, N, LAYERS) at cells that are `near`: 0 … 1, or -1 for a height within the cell's column.
+    """Fill `open_share` (N, N, LAYERS) where `near` is True: 0 … 1, or -1 at heights within the cell's own column.
 
-    `steps` (A, R, 2) are the offsets, in cells, to the cells that may block the sky, by azimuth and distance.
+    `near` (N, N): whether a column is near the cell. `steps` (A, R, 2): the offsets, in cells, to the cells that may
+    block the sky, by azimuth and distance.
     """
     cells, cell = columns.low.shape[0], 1.0 / columns.per_cell
     counts = np.zeros(LAYERS, np.int64)

@@ -24,12 +24,12 @@ WHITE = 2.14  # the light at which the curve of `display_table` reaches white
 STEPS = 8192  # number of steps of `display_table`; a step is less than one code even where sRGB is steepest
 HAZE_LENGTH_M = 2200.0  # distance at which haze replaces about two thirds of an object's colour
 DISC_COSINE = math.cos(math.radians(0.45))  # radius of the disc; more than the real 0.27°, to be visible
-GLOW_COSINE = math.cos(math.radians(0.9))  # radius of the disc with its soft edge
+GLOW_COSINE = math.cos(math.radians(0.9))  # radius of the disc including the soft edge
 USUAL_GREY = 0.553  # mean of the default `Sun.sky`
 
 Directions = NDArray[np.floating[Any]]  # (SKY_CELLS, SKY_CELLS), one value per direction
 
-SKY_CELLS = 1024  # per side of the table of the sky
+SKY_CELLS = 1024  # cells per side of the table of the sky
 CLOUD_SEED = 5
 CLOUD_BASE_M, EARTH_M = 1300.0, 6.371e6
 CLOUD_TILE_M, CLOUD_CELLS = 14000.0, 1024  # period of the pattern of clouds, in m and in cells
@@ -148,7 +148,7 @@ def _clouds(
 
 
 def _cloud_pattern(clouds: float, toward: Vec3) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the cover of a layer of clouds seen from directly below, and how sunlit it is, each (N, N), 0 … 1."""
+    """Return a layer of clouds seen from directly below: its cover and how sunlit it is, each (N, N), 0 … 1."""
     side = CLOUD_CELLS
     rng = np.random.default_rng(CLOUD_SEED)
     frequency = np.fft.fftfreq(side) * side
@@ -177,7 +177,7 @@ def sky_color(day: Daylight, sky: NDArray[np.float32], n: float, e: float, d: fl
     per = 1.0 / (1.0 - min(d, 0.0))
     x, y = n * per, e * per
     below = 0.0
-    if d > 0.0:  # below eye level, where the map ends: the colour of the horizon with some of the darker zenith
+    if d > 0.0:  # below eye level, where the table has no cells: mix the horizon's colour with the darker zenith's
         per = 1.0 / math.sqrt(max(x * x + y * y, 1e-12))
         x, y = x * per, y * per
         below = 0.35 * min(d * 8.0, 1.0)
@@ -196,7 +196,7 @@ def sky_color(day: Daylight, sky: NDArray[np.float32], n: float, e: float, d: fl
 
 @njit(cache=True, nogil=True, inline="always")
 def read_half(table: NDArray[np.float32], x: float, y: float) -> Vec3:
-    """Return the bilinear value of a table (N, N, 3) of half of all directions, at a place in its disc."""
+    """Return the interpolated value (bilinear) of a table (N, N, 3) at the place (x, y) of its disc of radius 1."""
     half = 0.5 * (table.shape[0] - 1)
     px = min(max((x + 1.0) * half, 0.0), table.shape[0] - 1.001)
     py = min(max((y + 1.0) * half, 0.0), table.shape[1] - 1.001)
