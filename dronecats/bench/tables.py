@@ -92,7 +92,7 @@ def cell_of(episode: str) -> str:
 def cell_order(group: str) -> tuple[int, str]:
     """Return the sort key of maps and cells: the paper's order of the cells, then all other groups."""
     cells = [k for k, cell in enumerate(CELLS) if group.endswith(f"-{cell}")]
-    # at most one cell fits: `-search-and-track` does not end with `-tracking`; none for some episodes of users
+    # a group ends with at most one cell: `-search-and-track` does not end with `-tracking`; some users' groups with none
     return (cells[-1] if cells else len(CELLS), group)
 
 
@@ -194,12 +194,12 @@ CLOSE_S = 1e-6  # s, resolution of a logged latency
 class EpisodeScore:
     """The values of one flight that the table of a benchmark counts."""
 
-    setting: str  # the run's name without the number of its flight
+    setting: str  # name of the run without the flight's number
     episode: str  # id
     outcome: str
     retried: bool  # the flight replaces one that did not move
     stalled: bool  # the host delayed the flight
-    rates_hz: tuple[float, ...]  # decisions per s of vehicle time, of each step but the first
+    rates_hz: tuple[float, ...]  # control rate (decisions per s of vehicle time) of each step except the first
     broken_pins: int  # replies that came later than a fixed rate allows
     unreadable: int = 0  # decisions without an action
     refused: int = 0  # of these, refused by the model or withheld by its provider

@@ -49,14 +49,14 @@ MODULES = {  # verb → module, for verbs whose module has another name
 EXAMPLES = Path(__file__).with_name("examples.txt")  # examples in help texts, one command per line
 HELP_COLUMNS = 100
 # GB of address space, measured as VmPeak on two cores and rounded up
-FLIGHT_GB = 2.0  # for flying or rendering: a flight core, a renderer, and their compilation
+FLIGHT_GB = 2.0  # flying or rendering needs this for a flight core, a renderer, and their compilation
 MEMORY_GB = {
     **dict.fromkeys(("fly", "sitl", "bench", "study", "film", "edit", "replay"), FLIGHT_GB),
     "episodes": 1.0, "compare": 0.4, "judge": 0.2,
     **dict.fromkeys(("models", "doctor", "impair", "prompt"), 0.0),
 }  # fmt: skip
-DEFAULT_GB = 1.2  # for a report with figures
-READER_LOST = {  # messages, for verbs that continue for minutes after the reader of the output has gone
+DEFAULT_GB = 1.2  # a report with figures needs this
+READER_LOST = {  # verb → message when the pipe's reader (such as `head`) has ended and the verb runs on for minutes
     "fly": "dronecats fly: the reader of the output has gone; the flight continues, and its results are"
     " in the run folder"
 }

@@ -45,7 +45,7 @@ class FleetCommander:
 
     The commander sees the picture of every camera, and the roster (the state of each drone as text). It gives goals.
     Only the commander declares arrival: a pilot's report becomes a declaration when the commander confirms it. The
-    declaration refers to the drone's picture that the commander saw.
+    declaration has the id and time of the picture of that drone in the commander's question.
     """
 
     def __init__(
@@ -58,9 +58,9 @@ class FleetCommander:
         tally: Tally,
         keep: Callable[[Exchange], None],
     ) -> None:
-        """`questions` has the commander's model; `prompt` replaces the prompt of the pilots.
+        """`questions`: the settings of the commander's questions, except their prompt, which is `prompt`.
 
-        `posts`: the state of each drone, in their order. `keep` logs an exchange (a question and its reply).
+        `posts`: the states of the drones, in the order of their numbers. `keep` logs an exchange (question and reply).
         """
         self._questions, self._prompt, self._posts, self._cockpit = questions, prompt, posts, cockpit
         self._now_s, self._tally, self._keep = now_s, tally, keep
@@ -275,9 +275,9 @@ class Hierarchy(SideBySideAgent):
     """Flies one episode with a commander and its pilots. All run concurrently, and each pilot has its own pace."""
 
     def __init__(self, questions: Questions, commander: Model, prompt: CommandPrompt, cockpit: Cockpit) -> None:
-        """`questions` are for the pilots; their instruction is each drone's goal until the commander gives another.
+        """`questions`: the settings of the pilots' questions. Their instruction is the first goal of every drone.
 
-        `commander` and `prompt`: model and prompt of the commander. Its other settings are those of `questions`.
+        `commander` and `prompt`: the model and the prompt of the commander. Its other settings come from `questions`.
         """
         super().__init__(cockpit)
         self._log: LineLog | None = None

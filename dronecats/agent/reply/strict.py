@@ -8,7 +8,7 @@ from typing import Any
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 
 MAX_REPLY_CHARS = 200_000  # characters of a reply that are parsed; a reply of 8192 tokens is far shorter
-MAX_TRIES = 500  # largest number of places at which JSON is tried
+MAX_TRIES = 500  # the parser tries to read JSON at up to this many places
 MAX_VAIN_CHARS = 5 * MAX_REPLY_CHARS  # characters that are read in all failed attempts to parse a value
 _WORD = "think(?:ing)?|thoughts?|reasoning|analysis|reflection|scratchpad"
 _MARK = re.compile(
@@ -127,8 +127,8 @@ def first_array(reply: str) -> JsonSpan:
 def json_spans(reply: str, opening: str) -> list[JsonSpan]:
     """Return the outermost JSON values of the text that start with `opening`, in order.
 
-    The search continues inside a value that breaks off. This could take quadratic time, so the search ends after
-    MAX_TRIES places, or after MAX_VAIN_CHARS characters without a complete value.
+    If a value is incomplete or not valid, the search continues after its opening bracket. This could take quadratic
+    time, so the search ends after MAX_TRIES places, or after MAX_VAIN_CHARS characters without a complete value.
     """
     decoder = json.JSONDecoder()
     text, spans, at, tries, vain = reply[:MAX_REPLY_CHARS], [], 0, 0, 0

@@ -27,7 +27,7 @@ T = TypeVar("T")
 FieldValues = dict[str, Any]  # values of a section of `Disturbances`, by field
 PERFECT = Impairment()
 LOSS_MAX = 0.95  # above this share of lost telemetry there are no decisions to score
-RECALL_S = 15.0  # s, limit of `FrameFaults.reach_s`; the logger can measure pictures that are up to 20 s old
+RECALL_S = 15.0  # s, upper limit of `FrameFaults.reach_s`; the logger keeps the truth for 20 s to measure old pictures
 LOCKSTEP = "in lockstep the simulator waits for the host"
 
 
@@ -39,7 +39,7 @@ class DisturbanceOption:
     metavar: str
     help: str
     choices: tuple[str, ...] = ()  # allowed words; (): it takes numbers
-    more: str = ""  # added to its row in the docs
+    more: str = ""  # added to the disturbance's row in the docs
     read: Callable[[str], FieldValues] | None = None  # text → fields; None: the option sets the field to a number
 
     @property
@@ -94,10 +94,10 @@ def _disturbance(
     first: bool = False,
     **level_fields: Any,
 ) -> T:
-    """Return the field of a disturbance with one number: an option and a factor of the same name.
+    """Return the dataclass field of a disturbance that is one number. Its option and its factor have the name `name`.
 
-    `metavar`: of the option; empty: there is no option of this name. `more`: for the docs. `level_fields`: the bounds,
-    the unit and other fields of a `DisturbanceLevel`.
+    `metavar`: metavar of the option; if it is empty, `option` is used, which may have another name or be None. `more`:
+    text for the docs. `level_fields`: the bounds, the unit and other fields of a `DisturbanceLevel`.
     """
     level = DisturbanceLevel(name=name, help=help, **level_fields)
     if metavar:
@@ -106,7 +106,7 @@ def _disturbance(
 
 
 def _word(name: str, help: str, choices: tuple[str, ...], *, words: str, more: str = "") -> Any:
-    """Return the field of a disturbance that is a word. `name` names the field, its option and its factor.
+    """Return the dataclass field of a disturbance that is a word. The field, its option and its factor have one name.
 
     The first of `choices` is the default, which the field stores as None.
     """
@@ -161,7 +161,7 @@ class FrameFaults:
 
     @property
     def reach_s(self) -> float:
-        """Largest age (s) of a picture at the agent's request; 0 without a rate: the picture is taken on request."""
+        """Largest age (s) of a picture when the agent requests it. Without a rate it is 0: the request takes it."""
         return 0.0 if self.rate_hz is None else self.delay_s + 1.0 / self.rate_hz
 
 
@@ -388,7 +388,7 @@ SUN = "AZ,EL in degrees, for example 270,15"
 class FlightConditions:
     """Light and season of the map in a flight's pictures: the options of `SceneConditions`."""
 
-    sun_azimuth_deg: float | None = _disturbance(  # None: that of the map
+    sun_azimuth_deg: float | None = _disturbance(  # None: the map's azimuth
         None, "sun_azimuth", "direction of the sun, clockwise from north", high=360.0, unit="°",
         words="the sun at azimuth {value:g}°",
         option=DisturbanceOption(
@@ -397,7 +397,7 @@ class FlightConditions:
             read=lambda text: dict(zip(("sun_azimuth_deg", "sun_elevation_deg"), _pair("sun", text, SUN), strict=True)),
         ),
     )  # fmt: skip
-    sun_elevation_deg: float | None = _disturbance(  # None: that of the map
+    sun_elevation_deg: float | None = _disturbance(  # None: the map's elevation
         None, "sun_elevation", "height of the sun above the horizon", low=LOWEST_DEG, high=90.0, unit="°",
         words="the sun at elevation {value:g}°",
     )  # fmt: skip

@@ -26,7 +26,7 @@ DEPTH_MAX = 40  # levels of brackets
 
 
 def as_json(spec: FlightSpec) -> dict[str, Any]:
-    """Return the complete spec as JSON values. Addresses may have keys, so store `as_redacted_json` instead."""
+    """Return the complete spec as JSON values. To store it, use `as_redacted_json`: addresses may have API keys."""
     latency = {"latency": str(spec.latency), "latency_trace": spec.latency.trace}
     fields: dict[str, Any] = {}
     for name, value in msgspec.to_builtins(spec).items():
@@ -35,7 +35,7 @@ def as_json(spec: FlightSpec) -> dict[str, Any]:
 
 
 def as_redacted_json(spec: FlightSpec) -> dict[str, Any]:
-    """Return the spec as JSON values for a file. Possible keys and passwords in addresses are hidden."""
+    """Return the spec as JSON values for a file. Possible API keys and passwords in addresses are hidden."""
     model, commander, connected = spec.model, spec.commander, spec.connected
     if model and model.base_url:
         model = replace(model, base_url=redacted_url(model.base_url))
@@ -103,8 +103,8 @@ def _unknown(value: Any, allowed: Any, path: str = "") -> str | None:
 def recorded(path: Path) -> FlightSpec:
     """Return the spec that repeats the flight in an episode folder, or in a run folder with one episode.
 
-    The replies and their latencies are those of the recording; `real` becomes `measured`, because a replayed reply
-    takes no time of its own. Raises UsageError if the flight is not simulated or lacks its settings.
+    The replies and their latencies come from the recording. The latency policy `real` becomes `measured`, because the
+    call for a replayed reply takes no time. Raises UsageError if the flight is not simulated or lacks its settings.
     """
     folder = episode_folder(path).resolve()
     configuration = run_configuration(folder.parent)
@@ -122,8 +122,8 @@ def recorded(path: Path) -> FlightSpec:
 
 def _recording(folder: Path) -> FlightRecording:
     steps: dict[int, LoggedReply] = {}
-    questions: Counter[int] = Counter()  # number of questions so far, by their first drone
-    served: dict[int, str] = {}  # name of the served model, by the same drone; a decision has it only when it changes
+    questions: Counter[int] = Counter()  # first drone of a question → number of such questions so far
+    served: dict[int, str] = {}  # first drone → name of the served model; a decision has the name only when it changes
     last_declared: tuple[Role, int] | None = None
     for decision in rows(folder / layout.DECISIONS, Decision):
         if decision.confirmed_by is not UNSET:  # confirmed by the commander, whose exchange has the reply
@@ -168,7 +168,7 @@ def _recording(folder: Path) -> FlightRecording:
 
 def _of_commander(commanded: Sequence[Exchange]) -> Iterator[LoggedReply]:
     """Yield the replies of the commander. Exchanges without a reply are skipped."""
-    served: str | None = None  # name of the served model; an exchange has it only when it changes
+    served: str | None = None  # name of the served model; an exchange has the name only when it changes
     for exchange in commanded:
         served = served if exchange.served is UNSET else str(exchange.served)
         if exchange.reply is not None:

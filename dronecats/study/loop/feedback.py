@@ -1,7 +1,7 @@
 """Runs plant, estimator and cascade in one compiled loop, with a delay line in the feedback of one control loop.
 
-The cascade gets a copy of the estimate in which one quantity of one axis is delayed. The estimator has no delay, since
-it is not a part of the measured loop. Flights do not use this module; they use `dronecats/flight/sitl/fused.py`.
+The cascade gets a copy of the estimate in which one quantity of one axis is delayed. The samples that the estimator
+reads are not delayed. Flights do not use this module; they use `dronecats/flight/sitl/fused.py`.
 """
 
 import math
@@ -17,7 +17,7 @@ from vehicles.solids import SolidTriangles
 RATE, ATTITUDE, VELOCITY = 0, 1, 2  # the loop with the delayed feedback
 DELAY_LINE_ROWS = 4096  # samples in a delay line, one per millisecond
 CHANNELS = 4  # values in a sample of a delay line; a quaternion needs all four
-COLUMNS = 10  # of the recorded truth: rates FRD (rad/s), attitude (w, x, y, z), velocity NED (m/s)
+COLUMNS = 10  # columns of the recorded truth: rates FRD (rad/s), attitude (w, x, y, z), velocity NED (m/s)
 
 
 @njit(cache=True)
