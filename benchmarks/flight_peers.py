@@ -18,7 +18,7 @@ HEIGHT_M = 1.0
 STEP_S = 2.0
 UNTIMED_S = 8.0  # s of vehicle time before the timing starts: two hovers and two steps
 REPEAT = 3
-LIMIT_S = 300  # wall time of one peer
+LIMIT_S = 300  # wall s, after which a peer is stopped
 
 
 Place = tuple[float, float, float]  # m, up positive
@@ -30,11 +30,12 @@ def target(t: float) -> Place:
 
 
 def timed(step: Callable[[int], Place], dt: float, seconds: float) -> dict[str, float]:
-    """Return vehicle seconds per wall and per processor second: medians of `REPEAT` flights of `seconds` each.
+    """Return the vehicle seconds per wall second and per processor second, and the rate of the steps (Hz).
 
-    `step(number)` advances by `dt` (s) and returns the vehicle's place. The first `UNTIMED_S` are for compiling,
-    allocating and climbing. Raises RuntimeError if the vehicle then deviates from the task by more than 0.5 m, or does
-    not move as the task demands, because its time would not be comparable.
+    The speeds are medians of `REPEAT` flights of `seconds` each. `step(number)` advances by `dt` (s) and returns the
+    vehicle's place. The first `UNTIMED_S` are for compiling, allocating and climbing. Raises RuntimeError if the
+    vehicle then deviates from the task by more than 0.5 m, or does not move as the task demands, because its time would
+    not be comparable.
     """
     number, steps = round(UNTIMED_S / dt), round(seconds / dt)
     for i in range(number):
@@ -90,7 +91,7 @@ def gym_pybullet_drones() -> dict[str, float]:
     from gym_pybullet_drones.envs.CtrlAviary import CtrlAviary
     from gym_pybullet_drones.utils.enums import DroneModel
 
-    rate = 240  # Hz, of physics and control: the peer's default
+    rate = 240  # Hz, rate of physics and control: the peer's default
     env = CtrlAviary(drone_model=DroneModel.CF2X, num_drones=1, pyb_freq=rate, ctrl_freq=rate, gui=False)
     control, dt = DSLPIDControl(drone_model=DroneModel.CF2X), 1.0 / rate
     env.reset()
@@ -110,7 +111,7 @@ def pyflyt() -> dict[str, float]:
 
     env = Aviary(start_pos=np.array([[0.0, 0.0, HEIGHT_M]]), start_orn=np.zeros((1, 3)), drone_type="quadx")
     env.set_mode(7)  # x, y, yaw, z
-    dt = float(env.step_period)  # s, period of the controller; the physics runs at twice its rate
+    dt = float(env.step_period)  # s, period of the controller; the physics runs at twice the controller's rate
 
     def step(i: int) -> Place:
         x, y, z = target(i * dt)
@@ -137,7 +138,7 @@ def crazyflow() -> dict[str, float]:
         command[0, 0, :3] = target(i * dt)
         sim.state_control(command)
         sim.step(every)
-        return tuple(np.asarray(sim.data.states.pos)[0, 0])  # waits for the computation in the background
+        return tuple(np.asarray(sim.data.states.pos)[0, 0])  # waits for JAX, which computes asynchronously
 
     return timed(step, dt, 16.0)
 

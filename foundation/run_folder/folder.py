@@ -22,7 +22,7 @@ from foundation.version import __version__
 PER_EPISODE = ("episode", "record")  # may differ between the flights of one run
 PER_RESUME = ("accounts",)  # may differ when a run is resumed
 MEASURED = ("schema", "served_rate_hz", "pace", "firmware")  # keys of run.json that are not settings and not compared
-SUITE = "suite"  # key in a benchmark's run.json; flights added later keep it
+SUITE = "suite"  # key that only benchmarks write to run.json; later flights in the same run keep its value
 LOCK = ".lock"  # in a run folder; held by the processes that fly the run
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
 

@@ -1,9 +1,10 @@
-"""The PX4 at the other end of a link, or this project's own autopilot: its version and its setpoint messages.
+"""Reads the name and version of the autopilot on a link, and makes the setpoint messages that it accepts.
 
-The following was measured with PX4 1.15. PX4 accepts setpoints only in the frames LOCAL_NED and BODY_NED. It reports a
-mask without vz (0x5E7) or without any value (0xDFF) as invalid, and Offboard times out. It treats a stream of setpoints
-below 2 Hz as lost, and accepts it again without a mode command. It divides the rates of its messages until the radio
-can carry them. It sends STATUSTEXT only on a link with a ground station.
+The autopilot is a PX4 or this project's own. The following was measured with PX4 1.15. PX4 accepts setpoints only in
+the frames LOCAL_NED and BODY_NED. It reports a mask without vz (0x5E7) or without any value (0xDFF) as invalid, and
+Offboard times out. It treats a stream of setpoints below 2 Hz as lost, and accepts it again without a mode command. It
+reduces the rates of its messages until the radio can carry them. It sends STATUSTEXT only on a link with a ground
+station.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Requests the telemetry messages of a flight, counts their arrivals, and adapts the requests to slow links.
 
-A request may be lost on a bad link, forgotten after a restart, or refused: PX4 divides the rates on a telemetry radio
-until they fit MAV_x_RATE. So arriving messages are counted.
+A request may be lost on a bad link, forgotten after a restart, or not fulfilled: on a telemetry radio, PX4 reduces the
+rates until they fit MAV_x_RATE. So arriving messages are counted.
 """
 
 from collections import Counter
