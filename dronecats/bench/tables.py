@@ -92,7 +92,7 @@ def cell_of(episode: str) -> str:
 def cell_order(group: str) -> tuple[int, str]:
     """Return the sort key of maps and cells: the paper's order of the cells, then all other groups."""
     cells = [k for k, cell in enumerate(CELLS) if group.endswith(f"-{cell}")]
-    # a group ends with at most one cell: `-search-and-track` does not end with `-tracking`; some users' groups with none
+    # a group ends with at most one cell: `-search-and-track` does not end with `-tracking`; users may have other groups
     return (cells[-1] if cells else len(CELLS), group)
 
 
