@@ -11,7 +11,7 @@ from foundation.frames import GRAVITY, Vec3
 from foundation.sensors import MAX_ROTORS
 from foundation.typed_file import NotNegative, Positive
 
-MAX_CONTACTS = 16  # most contact points that a record of the compiled physics can hold (`vehicles/records.py`)
+MAX_CONTACTS = 16  # at most this many contact points fit into a record of the compiled physics (`vehicles/records.py`)
 
 CellCount = Annotated[int, Meta(gt=0, lt=1000)]
 MavType = Annotated[int, Meta(gt=0, lt=1000)]

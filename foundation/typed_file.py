@@ -26,7 +26,7 @@ from foundation.wording import suggestion
 
 BYTES_MAX = 1_000_000  # size limit of a file that people write
 DEPTH_MAX = 12  # levels of brackets in a JSON file
-SHOWN = 60  # most characters of a value in a message
+SHOWN = 60  # a message shows at most this many characters of a value
 STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")  # a step of the path at the end of a msgspec message
 REFUSALS = ("Expected", "Invalid", "Object", "Number")  # beginnings of msgspec's messages
 MISSING = re.compile(r"missing required field `(\w+)`")

@@ -20,7 +20,7 @@ STEP_US = 1000  # µs, the plant's step
 STEP_S = 1e-3
 
 MAX_FAULTS = 16
-GPS_QUEUE = 16  # most GPS fixes that wait for delivery; a fix waits for less than this number of periods
+GPS_QUEUE = 16  # at most this many GPS fixes wait for delivery; a fix waits for less than this number of periods
 
 PARAMS = np.dtype(
     [
@@ -55,7 +55,7 @@ PARAMS = np.dtype(
         ("avionics_w", "f8"),
         ("ground_north", "f8"),  # m, north of the height field's first grid point
         ("ground_east", "f8"),  # m, east of it
-        ("ground_cell", "f8"),  # m, side of its cells
+        ("ground_cell", "f8"),  # m, side of a cell of the height field
     ],
     align=True,
 )

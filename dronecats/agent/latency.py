@@ -24,7 +24,7 @@ from foundation.wording import did_you_mean, nearest
 LONGEST_S = CAP_S  # longest latency
 FASTEST_HZ = 20.0  # rate of the ticks at which the agent checks for a reply
 SLOWEST_HZ = 1.0 / LONGEST_S
-TRACE_MAX = 10_000  # largest number of latencies in a trace; run.json holds all of them
+TRACE_MAX = 10_000  # a trace has at most this many latencies; run.json holds all of them
 COMMANDER = 255  # drone number of a commander's questions; no vehicle has it
 STEADY_CV = 1e-3  # below this coefficient of variation, a gamma draw is the mean
 NOTHING_ADDED = "--latency real is the measured time of a reply and cannot be combined with another policy"
@@ -57,7 +57,7 @@ class LatencyPart:
 
     text: str  # "jitter:2,0.5"; for a trace "trace:DIGEST"
     kind: str  # a key of KINDS
-    numbers: tuple[float, ...]  # of a trace: the recorded latencies, s
+    numbers: tuple[float, ...]  # for the kind `trace`: the recorded latencies, s
 
     def charge_s(self, question: Question, of: Circumstance) -> float:
         """Return this part's share of a reply's latency, vehicle seconds."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 QUESTIONS = 30
 LEAST = 5  # fewest questions for useful quantiles
-MOST = 10_000  # most latencies in a trace
+MOST = 10_000  # at most this many latencies in a trace
 INSTRUCTION = "Find the red van and fly up to it."
 
 

@@ -34,7 +34,7 @@ from foundation.protocol import FINISHED, POINT_SPAN
 NamedBy = Literal["paint", "place", "inscription"]  # how a command names its target
 BANDS_M = (8.0, 16.0)  # m, the edges between the three bands of distance: near, middle, far
 FILE = Path(__file__).with_name("vision_errors.json")
-ARRIVED_M = 4.6  # m, estimated distance at which the pilot declares, equal to that of vision
+ARRIVED_M = 4.6  # m, estimated distance at which the pilot declares; pilots with vision have the same value
 _CIRCLE = 5  # turns of a search circle; with the first view, the circle has six directions
 _WANDERS = 3  # after this many strides to other vantage points, a new search circle begins
 _LEAVE_DEG = 75.0  # deg, turn away after a wrong declaration
@@ -54,7 +54,7 @@ class Attention:
     """
 
     found: tuple[float, float, float]  # by band: takes the visible target, after a step at which it did not
-    kept: tuple[float, float, float]  # by band: takes the visible target, after a step at which it did
+    kept: tuple[float, float, float]  # per band: takes the visible target, after a step at which it took the target
     strays: float  # takes something else or declares wrongly, unless the previous step took something else
     stays: float  # takes something else, after a step that did too
     claims: float  # declares wrongly, after a step that took something else
@@ -66,8 +66,8 @@ class DetectionErrors:
 
     flights: int  # number of flights in the fit
     mistaken: float  # share of flights that failed
-    sure: Attention  # in flights that succeeded
-    lost: Attention  # in flights that failed
+    sure: Attention  # attention in flights that succeeded
+    lost: Attention  # attention in flights that failed
     aside_px: float  # px of a picture 1280 wide: standard deviation of a point's horizontal error
     above_px: float  # px of a picture 1280 wide: standard deviation of a point's vertical error
     depth: float  # mean log ratio: log(depth of the `go` / true depth of the target's centre)

@@ -22,23 +22,23 @@ from dronecats.pilots.vision.ocr import ReadText
 from dronecats.pilots.vision.ranging import CAMERA_AHEAD_M
 from foundation.protocol import NEAR_M, STRIDE_MAX_M, STRIDE_MIN_M
 
-HEIGHT_M, WIDTH_M = 0.86, 1.26  # of a board with its frame
+HEIGHT_M, WIDTH_M = 0.86, 1.26  # height and width of a board with its frame
 _LEVEL_STEP = 8  # grey levels between two thresholds
 _TOLERANCES = (6.0, 9.0, 13.0, 18.0, 24.0, 32.0)  # limits of color_difference within a board (sun, shade, letters)
-_LEAST_PX = (4, 5)  # least width and height of a board
+_LEAST_PX = (4, 5)  # width and height that a board has at least
 _FARTHEST_M = 48.0
-_WIDEST = 1.75  # largest width / height: a long word makes a wider board
-_FILLED = 0.5  # least share of the rectangle that is paint and not letters
+_WIDEST = 1.75  # a board is at most this many times as wide as it is high; a long word makes it wider
+_FILLED = 0.5  # at least this share of a board's rectangle is paint and not letters
 _TOP_RANGE = (-0.7, 1.25)  # upper edge below the horizon, in board heights; the camera is 1 … 2.4 m high and pitches
 _BAND_FROM = 0.3  # fraction of the picture's height; the search uses the rows below
 _SAME_OVERLAP = 0.5  # overlap above which two rectangles are the same board
 _POST = 0.73  # distance of the posts from the board's middle, in half widths
-_POST_OFF = 14.0  # least difference of the posts from the ground between them, in grey levels
+_POST_OFF = 14.0  # grey levels by which the posts differ at least from the ground between them
 _POST_FROM, _POST_TO = 0.15, 0.72  # rows of the posts, in board heights below the lower edge
 _READ_M = 9.0  # within this distance, letters are large enough to read
-_ARRIVED_M = 4.55  # from the body to the board's middle; the verifier's radius is 5 m
-_STOP_M = 3.3  # from the camera to the board, at the end of the last stride
-_BELOW_M = 1.0  # largest height of the camera above a board's middle
+_ARRIVED_M = 4.55  # distance from the body to the board's middle on arrival; the verifier's radius is 5 m
+_STOP_M = 3.3  # distance from the camera to the board at the end of the last stride
+_BELOW_M = 1.0  # the camera is at most this high above a board's middle
 _LINE_ROWS = (0.27, 0.73)  # rows of a single line, in board heights
 _STRETCH_MAX = 3.0
 

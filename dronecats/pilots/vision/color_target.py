@@ -25,19 +25,19 @@ UNSEEN_PX = (MIDDLE_PX, LEVEL_PX)  # the point of a stride to a target that was 
 _LEAD_DEPTH_MIN_M = NEAR_M + 1.0  # smaller depths do not encode a lead
 _LEAD_STEP = 0.03  # lead per unit of the digit, as a fraction of the picture's width
 _NO_LEAD = 5  # the digit for no lead
-_STILL_M = 0.4  # least sideways motion of a moving target during a stride; less is the drone's own drift
+_STILL_M = 0.4  # a target moves if its sideways motion during a stride is at least this; less is the drone's own drift
 _MOST_ACROSS_M = 1.2  # largest sideways motion during a stride: 0.3 m/s for 4 s, the time of a turn and a stride
-_MOST_STRIDES = 2.0  # largest number of strides to look ahead
+_MOST_STRIDES = 2.0  # the pilot looks ahead by at most this many strides
 _SHORT_OF_M = 4.0  # distance from the target at which the last stride ends
-LONG_M = 7.0  # least length of a long thing
-_END_REACH_M = 3.2  # least distance from the middle to the near end at which the drone passes the end
+LONG_M = 7.0  # a thing is long from this length on
+_END_REACH_M = 3.2  # the drone passes the near end of a long thing if the end is at least this far from the middle
 _LONG_WITHIN_M = 20.0  # at larger distances the drone flies straight to a long thing
 _CLEAR_M = 1.9  # distance between the drone's path and the edge of the thing
 _RIGHT_M, _LEFT_M = 5.1, 5.2  # depths of a 3 m stride that passes the thing on its right, or on its left
 _FLANK_TURN_DEG = 60.0
 FLANK_DISTANCE_M = 4.0  # distance from a passing drone to the flank
-_PASSING_OFFSET = 0.08  # of the picture's width; the drone already passes a thing this far off the middle
-_CUT_OFF = 0.49  # of the picture's width; the picture cuts off a thing that reaches farther from the middle
+_PASSING_OFFSET = 0.08  # fraction of the picture's width; the drone already passes a thing this far off the middle
+_CUT_OFF = 0.49  # fraction of the picture's width; the picture cuts off a thing that reaches farther from the middle
 
 
 def encode_lead(depth_m: float, lead: float) -> float:
@@ -150,11 +150,11 @@ def _coded_stride(x: float, side: int) -> str:
 ARRIVED_M = 4.6
 _STOP_M = 3.8  # distance at which a stride ends; the drone then drifts on for about half a metre
 _CAREFUL_M = 9.0  # within this distance strides are short: the estimate may be wrong, and the target may approach
-_FILLS = 0.6  # of the picture's width; a wider thing fills the picture
-_EDGE = 0.015  # of the picture's width; the picture's edge cuts off a thing this near to it
+_FILLS = 0.6  # fraction of the picture's width; a wider thing fills the picture
+_EDGE = 0.015  # fraction of the picture's width; the picture's edge cuts off a thing this near to the edge
 _AHEAD_M = 6.0  # the drone flies one more stride to an undetected target that is expected beyond this
 _LOST_M = 12.0  # a detection farther away than this after a declaration is not the target
-_FIRST_CIRCLE_SCORE_MIN = 0.6  # least score of a detection during the first circle
+_FIRST_CIRCLE_SCORE_MIN = 0.6  # during the first circle, a detection needs at least this score
 
 # Height. The controller ignores slopes under 0.15. Near the target, slopes under _LEVEL_BELOW are reduced to _LEVEL.
 _LEVEL, _LEVEL_BELOW = 0.14, 0.30

@@ -42,9 +42,9 @@ BANDS: dict[str, Band] = {
 }
 """The keys are the values of `command.COLORS`."""
 
-_SKY_STEP = 3  # largest difference between neighbouring pixels of the sky, in grey levels
+_SKY_STEP = 3  # neighbouring pixels of the sky differ by at most this, in grey levels
 _SKY_HUE, _SKY_SATURATION = (85, 125), 170  # hues and largest saturation of the sky; car paint of these hues has more
-_SKY_VALUE = 110  # least value of the sky by day
+_SKY_VALUE = 110  # by day, the sky has at least this value
 
 
 def mask(picture: Picture, color: str) -> Mask:

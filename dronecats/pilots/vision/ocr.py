@@ -19,7 +19,7 @@ from foundation import extras
 SURE_CONFIDENCE = 0.90  # least confidence of a sure reading; wrong readings at short distance have less
 _ENLARGED = 4.0  # enlargement: letters of 8 px get the size that the models expect
 _LARGEST_PX = 960  # longer side of an enlarged part
-_LEAST_PX = 6  # least height and width of a line to read
+_LEAST_PX = 6  # a line is read only if its height and its width are at least this
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,27 +31,27 @@ from foundation.protocol import BRAKE_M, FINISHED, GO, NEAR_M, NEAR_SCALE, STRID
 HEIGHT_M = 0.16  # height of a plate; its digits are 0.10 m high
 DIGITS = 4
 _LEVELS = range(110, 250, 14)  # thresholds of lightness that separate a pale plate from paint, lamps and shade
-_DULL = 34.0  # largest distance of a plate's colour from grey, in Lab; an indicator light has more
+_DULL = 34.0  # a plate's colour is at most this far from grey, in Lab; an indicator light is farther from it
 _SHAPE = (0.7, 4.6)  # range of width / height, from a very oblique to a frontal view
-_LEAST_PX = (8, 4)  # least width and height of a plate
-_FILLED = 0.5  # least share of the rectangle that is pale and not digits
-_READABLE_PX = 9  # least height of a plate to read: its digits are 5.6 px high
+_LEAST_PX = (8, 4)  # width and height that a plate has at least
+_FILLED = 0.5  # at least this share of a plate's rectangle is pale and not digits
+_READABLE_PX = 9  # a plate is read only if it is at least this high; its digits are then 5.6 px high
 _MOST_READ = 5  # rectangles to read per vehicle
-_SAME_PX = 3  # largest difference between the edges of the same rectangle at two thresholds
-VANTAGE_OFF_M = 2.6  # from a vehicle's end to the vantage point; near enough to read the plate
-_END_SHARE = 0.12  # of the vehicle's width; a plate this far from the middle shows the side of the nearer end
+_SAME_PX = 3  # at two thresholds, the edges of the same rectangle differ by at most this
+VANTAGE_OFF_M = 2.6  # distance from a vehicle's end to the vantage point; near enough to read the plate
+_END_SHARE = 0.12  # a plate off the middle by this share of the vehicle's width shows which side the nearer end is on
 _LOOK_M = 16.0  # within this distance, the drone flies to an end of the vehicle; beyond it, to the middle
-_ARRIVED_M = 4.5  # horizontal, from the body to the vehicle's middle; the verifier's radius is 5 m
+_ARRIVED_M = 4.5  # horizontal distance from the body to the vehicle's middle; the verifier's radius is 5 m
 _TOO_FAR_M = 0.15  # the drone flies one more stride if it is farther than this from _ARRIVED_M
-_READ_M = 2.4  # least distance to an unread plate
+_READ_M = 2.4  # the drone comes no nearer than this to an unread plate
 _READ_DEPTH_M = 3.05  # a `go` with less depth means that the wanted plate was read
 _AT_VANTAGE_M = 1.4  # within this distance of a vantage point, the drone has arrived there
-_FACING_RAD = math.radians(12.0)  # largest bearing of a vehicle that the drone faces
-_WIDEST_RAD = math.radians(40.0)  # largest bearing of a stride
+_FACING_RAD = math.radians(12.0)  # the drone faces a vehicle whose bearing is at most this
+_WIDEST_RAD = math.radians(40.0)  # a stride has at most this bearing
 _ROW = 18.0  # 0–1000, offset of a point above or below the horizon: a slope of 0.05 at most
 _TURN_DEG = 50.0  # turn to a lost vehicle
 _BROAD_RAD = math.radians(25.0)  # at smaller headings, the drone sees the end of a vehicle
-_UNREAD_M = 1.9  # shortest stride to an unread plate; its depth is over _READ_DEPTH_M
+_UNREAD_M = 1.9  # shortest stride to an unread plate, so that the depth of the `go` is over _READ_DEPTH_M
 
 
 @dataclass(frozen=True, slots=True)

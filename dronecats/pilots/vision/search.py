@@ -22,11 +22,11 @@ CIRCLE_TURNS = 5  # turns of a full search circle: with the first view, six view
 _SECOND_SWEEP_DEG = 45.0  # turn after a closed circle, to look for an open direction
 WANDER_M = 20.0  # a `go` of this depth is a stride to a new vantage point; see avoid_wander_depth
 _WANDERS = 3  # strides to a new vantage point, each up to 3 m
-_OPEN = 0.62  # least share of sky above the horizon in an open direction
+_OPEN = 0.62  # a direction is open if the sky covers at least this share above the horizon
 LEAVE_TURN_DEG = 88.0  # turn away from a wrong target, to bring it to the edge of the picture or out of it
 CLEARANCE_M = 0.9  # m, kept between the drone and the nearest end of the thing
 CLOSER_STRIDE_M = 2.4  # m, longest stride after a wrong declaration; a target may move away at 0.3 m/s
-_MOST_DECLARATIONS = 3  # largest number of declarations at one thing
+_MOST_DECLARATIONS = 3  # the pilot declares at most this often at one thing
 _REJECTED_WITHIN_M = 10.0  # m; after the turn, a thing farther away than this is not the wrong target
 
 

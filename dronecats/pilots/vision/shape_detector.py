@@ -32,10 +32,10 @@ CHANNELS = 8  # CIE Luv, the gradient's magnitude, and its magnitude in four dir
 
 _ABOVE, _UNDER = 9, 9  # cells of a strip above and below the horizon
 _FAR_M = 9.0  # from this distance on, only every second column has a window
-_PER_CELL = 2  # px of the scaled picture
+_PER_CELL = 2  # px per cell in the scaled picture
 _GRADIENT = 4.0  # factor that brings gradients to the magnitude of colours
 
-LEAST_ODDS = -1.3  # least log odds of a detection
+LEAST_ODDS = -1.3  # a detection needs at least these log odds
 _APART_LOG = 0.40  # detections in one direction are the same thing up to this log ratio of distances
 _SAME_RAD = 0.02  # detections within this angle may be the same thing, even a narrow one
 _HALF_WIDTH_M = {
@@ -49,7 +49,7 @@ _HALF_WIDTH_M = {
     "service-cart": 1.2,
 }
 _USUAL_HALF_WIDTH_M = 0.6
-_LEVEL_TOLERANCE_M = 0.3  # largest offset of a thing's foot from the common ground level
+_LEVEL_TOLERANCE_M = 0.3  # a thing's foot is at most this far above or below the common ground level
 
 
 class ShapeNetwork(Network):

@@ -27,8 +27,8 @@ from foundation.run_folder.results import SCORED, Verdict
 from foundation.typed_file import LARGE
 from foundation.wording import printable
 
-SHOWN_MAX = 50  # most sentences about differences
-SHOWN_CHARS = 200  # most characters of a setting
+SHOWN_MAX = 50  # at most this many sentences about differences
+SHOWN_CHARS = 200  # at most this many characters of a setting
 OTHER_CELL = "other"  # cell of records without a cell of the benchmark
 
 

@@ -28,7 +28,7 @@ WORDS = {
     "null": "none",
     "{}": "nothing",
 }  # value of an identity → in a sentence
-KEYS_SHOWN = 4  # most keys of a JSON object that a sentence lists
+KEYS_SHOWN = 4  # a sentence lists at most this many keys of a JSON object
 NAMES = {  # key of run.json → its name in a sentence
     "code_sha256": "the code",
     "prompt_sha256": "the prompt",
@@ -53,7 +53,7 @@ class Difference:
     """One difference between two runs."""
 
     name: str  # "the prompt", "latency", "the version of numpy"
-    values: tuple[str, ...]  # of the two runs, in words
+    values: tuple[str, ...]  # values of the two runs, in words
 
     def __str__(self) -> str:
         return f"{self.name} ({' and '.join(_in_words(self.values))})"

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 SAMPLES_A_PERIOD = 10  # samples per period of the expected oscillation
 SINGULAR_VALUE_CUTOFF = 1e-6  # × the largest singular value; smaller values are rounding and quantisation noise
-MODES = 12  # most modes of the matrix pencil
+MODES = 12  # the matrix pencil has at most this many modes
 FREQUENCY_RANGE = (0.3, 3.0)  # × the expected frequency: the range in which the loop's own oscillation is searched
 
 
@@ -105,7 +105,7 @@ class StepFigures:
     rise_s: float  # s, from 10 to 90 %
     overshoot_percent: float  # % of the step
     delay_s: float  # s until the response reaches half of the step
-    settled_s: float  # s until the response stays within BAND of the step; nan: it does not settle before its end
+    settled_s: float  # s until the response stays within BAND of the step; nan: the response ends before
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ class LoopStudy:
     designed: DelayMargin  # from the airframe's constants, as in `dronecats tune`
     predicted: DelayMargin  # by python-control, for the loop linearised about the hover
     injected: DelayMargin  # the delay at which the simulated loop oscillates
-    responses: dict[float, StepResponse]  # by delay (s): 0 and SHOWN times the injected margin
+    responses: dict[float, StepResponse]  # delay (s) → response, for the delays 0 and SHOWN times the injected margin
 
     @property
     def prediction_error(self) -> float:

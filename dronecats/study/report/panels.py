@@ -9,8 +9,8 @@ from dronecats.study.analysis.study_results import LevelStep, StudiedFactor
 
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 MARKERS = "osD^vP"
-COLUMNS_MAX = 3  # most panels in a row
-COMMAND_LINE_CHARS = 118  # most characters in a line of the command below a figure
+COLUMNS_MAX = 3  # at most this many panels in a row
+COMMAND_LINE_CHARS = 118  # at most this many characters in a line of the command below a figure
 TICK_GAP = 0.045  # share of an axis; labels are at least twice this distance apart
 
 

@@ -20,10 +20,10 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import json_object
 
 DEPTH = 2  # levels of subfolders that are searched: benchmark / run / episode
-READ_BYTES = 4_000_000  # most bytes per read; the next reads return the rest of a long log
+READ_BYTES = 4_000_000  # one read returns at most this many bytes; the next reads return the rest of a long log
 NAME = re.compile(r"(\d{6,})(?:_d(\d+))?\.jpg")
 END = b"\xff\xd9"  # last bytes of a complete JPEG
-KEPT = 4  # most pictures in the cache, per drone
+KEPT = 4  # the cache has at most this many pictures per drone
 SETTLED_NS = 100_000_000  # a folder that changed this recently may change again without a new timestamp
 
 
@@ -31,9 +31,9 @@ SETTLED_NS = 100_000_000  # a folder that changed this recently may change again
 class WatchedEpisode:
     """One flight below the watched folder."""
 
-    name: str  # of its folder, relative to the watched folder
+    name: str  # name of the flight's folder, relative to the watched folder
     folder: Path
-    begun_ns: int  # ns, system clock, when its folder was prepared
+    begun_ns: int  # ns, system clock, when the flight's folder was prepared
     over: bool  # whether the flight has been judged
 
 

@@ -27,7 +27,7 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import json_object
 
 NEWEST = "the newest"
-LISTED = 200  # most flights in the list of choices
+LISTED = 200  # the list of choices has at most this many flights
 WAITING = '<div style="font-size:13px;padding:4px 10px">waiting for a flight …</div>'
 
 

@@ -16,7 +16,7 @@ from dronecats.view.replay.views import HEIGHT_PX, WIDTH_PX, RedrawnView
 from foundation.run_folder.rows import drone_label
 
 STEP_S = 0.1  # s of the episode
-CHOICES = 9  # most runs or drones that can be chosen, with the digits 1 to 9
+CHOICES = 9  # the digits 1 to 9 can choose at most this many runs or drones
 
 
 class ReplayOrders(Protocol):

@@ -13,12 +13,12 @@ OCCUPANCY_PERCENT: Bounds = (0.40, 12.0)
 # distance of 48 m: a kiosk fills 0.27 %, which is 25 × 25 pixels of the model's picture.
 CAMPUS_OCCUPANCY_PERCENT: Bounds = (0.25, 12.0)
 ALTITUDE_M: Bounds = (1.2, 2.2)  # above the ground under the start, on the shipped maps
-DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # largest differences between the record and the measurement
-LEVEL_M = 0.10  # largest unevenness of the ground under a start: on a kerb, a drone tips over before take-off
+DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # the record may differ from the measurement by at most this
+LEVEL_M = 0.10  # the ground under a start may be uneven by at most this: on a kerb, a drone tips over before take-off
 BODY_M = 0.45  # half the diagonal of a drone with its propellers
-OFF_GROUND_M = 0.02  # largest distance of a standing target, a look-alike or a path from the ground
-WHEEL_OFF_M = 0.03  # largest distance of a wheel of a target or look-alike from the ground
-START_TO_PATH_M = 6.0  # least distance from start to target's path: a drone that waits at its start must fail
+OFF_GROUND_M = 0.02  # a standing target, a look-alike or a path may be at most this far from the ground
+WHEEL_OFF_M = 0.03  # a wheel of a target or look-alike may be at most this far from the ground
+START_TO_PATH_M = 6.0  # the target's path stays this far from the start: a drone that waits at its start must fail
 
 # Commanding episodes: a fleet starts in a square (the grid), and the target is one of four candidates
 CANDIDATES = 4
@@ -27,7 +27,7 @@ WIDEST_PAIR_M: Bounds = (18.0, 32.0)
 GRID_SIDE_M, GRID_OFF_M = 2.0, 0.02  # side of the grid, and largest error of a distance in it
 GRID_TO_TARGET_M: Bounds = (12.0, 32.0)
 GRID_TO_CANDIDATES_M: Bounds = (7.0, 37.0)
-SPOTTED_PX = 90  # least visible pixels of a candidate in a 1280×720 frame; 22 in the model's picture, a small dot
+SPOTTED_PX = 90  # a candidate has at least this many visible pixels in a 1280×720 frame: 22 in the model's picture
 
 # Height of letters in the 640 px picture (focal length 320 px). In the paper's reading probe, no model reads a plate
 # (0.10 m) at 10 m, where its digits are 3.2 px high. Two models read a sign (0.136 m) at 13 m, where its letters are
@@ -41,8 +41,8 @@ FACING = 0.17  # least cosine of the angle between normal and view of an inscrip
 class MapRules:
     """The limits that differ between maps."""
 
-    start_distance_m: Bounds  # from start to target in three dimensions; only for episodes with one drone
-    speed_mps: float | None = None  # of moving targets; None: any speed
+    start_distance_m: Bounds  # distance from start to target in three dimensions; only for episodes with one drone
+    speed_mps: float | None = None  # speed of moving targets; None: any speed
     off_axes_deg: float = 0.0  # the least angle between the target's bearing and the map's axes
     altitude_m: Bounds = ALTITUDE_M
     occupancy_percent: Bounds = OCCUPANCY_PERCENT

@@ -58,7 +58,7 @@ _READ = re.compile(
 )
 
 CAMERA = CameraModel(320, 180)
-SEEN_SHARE = 0.0015  # least share of the first picture that an additional landmark fills; see `landmarks`
+SEEN_SHARE = 0.0015  # an additional landmark fills at least this share of the first picture; see `landmarks`
 # kinds that are neither targets nor additional landmarks, because they are too large, too small, or too many
 UNNAMED = ("ground", "hall", "house", "wood", "tree", "conifer", "shrub", "bush", "hedge", "fence", "lamp", "bollard")
 SLIGHT = ("bench", "bin", "person")  # kinds that may be targets, but never additional landmarks

@@ -28,12 +28,12 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3, bearing_deg
 from foundation.protocol import RADIUS_M, SPEED_MAX
 
-ENOUGH = 5  # least number of records of a cell on a map for a rule about their spread
+ENOUGH = 5  # a rule about the spread of a cell's records on a map needs at least this many records
 OFF_CENTRE_DEG = 15.0  # at least half of a cell's visible targets must be farther off the nose than this
-UNEVEN = 0.25  # largest allowed difference (Kolmogorov's D) of a cell's values from an even spread
+UNEVEN = 0.25  # a cell's values may differ from an even spread by at most this (Kolmogorov's D)
 CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # limits of the start distance on campus: nearest start, farthest start
 HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # limits of the lowest and of the highest start
-LEAST_ROW_SPREAD = 0.05  # least distance between the lowest and the uppermost target, as a share of the picture
+LEAST_ROW_SPREAD = 0.05  # the lowest and the uppermost target differ by at least this share of the picture's height
 # To pass a target means to come within 5 m of it and see it. A straight flight passes all targets at 16 m that are up
 # to 14° off its heading, if no obstacle is in the way. Three such headings cover the usable 74° of the picture. So
 # however ten visible targets are spread, one of these headings passes at least four.
@@ -44,7 +44,7 @@ ANY_HEADING = {True: 4, False: 2}  # on the best heading
 HEADING_STEP_DEG = 2
 ALONG_STEP_M = 0.5
 CLEAR_M = 0.3  # free space on each side of a straight flight
-DRONE_ID = 1_000_000  # of the first drone, above all ids of a scene
+DRONE_ID = 1_000_000  # id of the first drone, above all ids of a scene
 DRONE_M = (0.35, 0.35, 0.13)  # half size of a drone with its rotors: length, width, height
 
 
@@ -60,7 +60,7 @@ class Layout:
     column: float | None  # 0 … 1, left to right, of the target's middle in the first picture; None if not visible
     row: float | None  # 0 … 1, top to bottom, of the same point; None if not visible
     distance_m: float
-    height_m: float  # of the first start above the ground under it
+    height_m: float  # height of the first start above the ground under it
     straight_deg: frozenset[int]  # see `straight`; empty for a fleet
     fewest_px: int | None  # see `fewest_candidate_pixels`; None for one drone
 

@@ -25,7 +25,7 @@ from foundation.threads import once
 Array = NDArray[np.float64]
 
 STEP_DEG = 0.1
-EDGE_DEG = 1.0  # least angle between the edge of the picture and a thing that is completely inside
+EDGE_DEG = 1.0  # a thing is completely inside the picture if it is at least this far from the picture's edge
 CAMERA = CameraModel()
 HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
 

@@ -30,15 +30,15 @@ SPARE_M = 0.3  # margin kept from every limit of a distance
 ALTITUDES_M = (1.35, 2.05)  # start height above the ground under the middle of the grid (the fleet's square)
 GROUPS = 3000  # groups of four places tried for one draft
 GRIDS = 40  # places of the fleet tried per group, checked for distances and free space
-VIEWS = 6  # largest number of these places that are checked for the drones' views
-HALF_VIEW_DEG = 40.0  # largest angle of a candidate off the axis of a 90° wide picture; leaves room for its width
+VIEWS = 6  # at most this many of these places are checked for the drones' views
+HALF_VIEW_DEG = 40.0  # a candidate is at most this far off the axis of a 90° wide picture, to leave room for its width
 ROADSIDE = ("kerb", "drive")  # kinds of place for vehicles
 TURNED_GRIDS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # tried angles between grid and direction to first candidate
 ABREAST_M = 0.4  # half width of a drone as another one sees it, with a margin
-HIDES = 0.4  # largest share of a candidate's width that another drone may cover
-TURNED_DEG = 35.0  # largest angle between a sign's direction and the fleet
-SEEN = 0.3  # least visible share of every candidate, from every drone
-FACED = 0.6  # least visible share of the target from the first drone, when the drone faces the target
+HIDES = 0.4  # another drone may cover at most this share of a candidate's width
+TURNED_DEG = 35.0  # a sign faces the fleet to within this angle
+SEEN = 0.3  # every drone sees at least this share of every candidate
+FACED = 0.6  # the first drone sees at least this share of the target when it faces the target
 
 
 def drafts(site: Site, rng: random.Random) -> Generator[Proposal | None, Draw, None]:

@@ -12,7 +12,7 @@ from episodes.authoring.check.sight import Framing, yaw_hiding, yaw_showing
 from episodes.authoring.propose.site import PlacedTarget
 from episodes.records.record import HIDDEN, MAX_SEED, StartPose, TargetRecord
 
-JITTER = 0.25  # largest offset of a draw from the middle of its stratum, as a fraction of the stratum
+JITTER = 0.25  # a draw is at most this fraction of the stratum's width off the stratum's middle
 
 VERBS: dict[str, tuple[str, ...]] = {
     "approaching": (

@@ -30,11 +30,11 @@ from foundation.protocol import CAP_S
 NOT_PAINTED = ("sign", "person", "pedestrian", "delivery_robot", "service_cart")
 SPEED_MPS = 0.3  # on a map that requires no speed
 PAINTED_SPARE_M = 1.5  # length of the path beyond the distance that the target covers in an episode
-BAY_M = 0.25  # least free space around a parked target
+BAY_M = 0.25  # the free space around a parked target is at least this wide
 # m, largest reach of a target from its middle towards the start. A drone that flies towards the end of a longer target,
 # such as a bus, would hit it before it is within 5 m of its middle.
 REACH_M = 3.2
-PAINTED_STARTS = 2  # largest number of drafts of one target
+PAINTED_STARTS = 2  # at most this many drafts for one target
 # kinds of spots for an asset; an asset without an entry gets ANY_GROUND
 GROUNDS = {"bus": ("bus stop",), "quadrotor": ("lawn", "pavement"), "cyclist": ("kerb", "pavement")}
 ANY_GROUND = ("kerb", "drive")
@@ -43,12 +43,12 @@ FOOTWAY = "pavement"  # lanes without vehicles have this word in their names
 # Targets that the instruction identifies by place
 NO_TARGETS = (*referring.UNNAMED, "clock-tower")  # kinds of a map that are never the target
 MOVERS = ("delivery_robot", "service_cart", "pedestrian")
-PAINT = "white"  # of moving robots and carts, like those that belong to the map
+PAINT = "white"  # paint of moving robots and carts, like those that belong to the map
 REFERRED_SPARE_M = 1.0
 VIEW_INDEPENDENT_RELATIONS = ("nearest", "between")  # the same from every place, so they suit hidden targets
 EMPTY_ROUNDS_MAX = 4  # after this many rounds through all kinds without a draft, the search ends
 SKIPPED_NEAREST = 0.8  # probability of skipping a target that only `nearest` identifies, to try other targets
-REFERRED_STARTS = 12  # largest number of starts tried for one target
+REFERRED_STARTS = 12  # at most this many starts are tried for one target
 
 
 def painted_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:

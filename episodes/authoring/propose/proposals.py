@@ -18,10 +18,10 @@ from episodes.world.world import World
 from foundation.errors import UsageError
 from foundation.frames import Vec3, bearing_deg
 
-RECORDS_MAX = 99  # largest number in an id, which has two digits
-APART_M = 6.0  # least distance between the targets of a request
-SPACED_TRIES = 40  # after this many drafts, a target may be nearer than APART_M to that of another record
-TRIES = 160  # largest number of drafts for one record
+RECORDS_MAX = 99  # highest number in an id, which has two digits
+APART_M = 6.0  # the targets of a request are at least this far apart
+SPACED_TRIES = 40  # after this many drafts, a target may be nearer than APART_M to the target of another record
+TRIES = 160  # at most this many drafts for one record
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,13 +28,13 @@ from foundation.terrain import HeightField
 
 LEG_M = 4.0  # longest leg of a path
 SHORTEST_M = 0.2  # shortest leg of a path
-OFF_M = 0.012  # largest distance of a path from the ground, before heights are rounded
+OFF_M = 0.012  # a path is at most this far from the ground, before heights are rounded
 LOOK_M = 0.1  # distance between the points at which OFF_M is checked
 
 ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)  # range of start heights: the rule's, with a margin
 EDGE_M = 3.0  # least distance from the edge of the terrain
 DIRECTIONS = 36  # number of directions tried around a target
-CLEAR_FRACTION = 0.8  # least visible share of the target when the drone faces it; the rules demand less
+CLEAR_FRACTION = 0.8  # at least this share of the target is visible when the drone faces it; the rules demand less
 
 
 def stretch(waypoints: Sequence[Vec3], first_m: float, length_m: float, terrain: HeightField) -> tuple[Vec3, ...]:

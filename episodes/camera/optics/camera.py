@@ -19,10 +19,10 @@ from episodes.maps.scene import Moved, Scene
 from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.frames import Quat, Vec3, quat_integrate
 
-WIDEST = 2.0  # largest picture drawn for a lens, relative to the width and height of the camera's picture
+WIDEST = 2.0  # the picture drawn for a lens is at most this many times as wide and as high as the camera's picture
 ROUNDS = 15  # iterations of the inversion in `pinhole_rays`; a lens that needs more is rejected
 FARTHEST = 10.0  # largest offset from the middle in each direction, in focal lengths: 84° off the axis
-MISS_PX = 0.05  # largest error of the inversion, for a focal length of 640 px
+MISS_PX = 0.05  # error that the inversion may have, for a focal length of 640 px
 
 
 @dataclass(frozen=True, slots=True)

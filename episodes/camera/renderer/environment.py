@@ -18,7 +18,7 @@ from episodes.camera.renderer.textures import Atlas, mean_colors
 from foundation.compiled import njit
 from foundation.frames import Vec3
 
-CELLS = 64  # per side of a half
+CELLS = 64  # cells per side of a half
 EYE_M = 2.5  # height of the eye above the ground
 NEAREST_M, FARTHEST_M = 5.0, 260.0  # m from the eye, first and last point on a ray
 GROUND: Vec3 = (0.15, 0.15, 0.13)  # linear reflectance: roads, walks and grass together

@@ -27,7 +27,7 @@ from foundation.threads import once
 NEAR_M = 0.05  # nothing closer along the optical axis is drawn
 
 SOURCES = ("episodes/camera/renderer/*.py", "episodes/maps/*.py", "foundation/*.py")  # cached values depend on these
-CHUNK = 128  # largest number of triangles that are culled together
+CHUNK = 128  # at most this many triangles are culled together
 
 
 class Eye(NamedTuple):

@@ -20,7 +20,7 @@ from episodes.maps.scene import Sun
 from foundation.compiled import njit
 from foundation.frames import Vec3
 
-CELLS = 4096  # per side of the map
+CELLS = 4096  # cells per side of the map
 MARGIN_CELLS = 4
 SLOPE_LIMIT = 12.0  # largest slope of the receiving plane, m of depth per m across
 BIAS_M = 0.015
