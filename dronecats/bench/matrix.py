@@ -23,8 +23,8 @@ COMMANDS: tuple[str, ...] = get_args(get_type_hints(FlightSpec)["command"])
 class BenchEntry:
     """One run: a flight of each of its episodes, all with the same settings."""
 
-    name: str  # name of its folder
-    flight: FlightSpec  # without the episode
+    name: str  # name of the run's folder
+    flight: FlightSpec  # settings of the run, without the episode
     episodes: tuple[str, ...]  # ids or files
     beside: str | None = None  # runs with the same value are interleaved, episode after episode
 
@@ -34,7 +34,7 @@ class ChosenSuite:
     """The episodes of a benchmark, and the suite that they form."""
 
     name: str | None  # None: the episodes were chosen by id or file
-    records: Mapping[str, EpisodeRecord]  # by id or file, in their order; all ids differ
+    records: Mapping[str, EpisodeRecord]  # id or file, as given → record; all ids differ
     identity: FlownSuite
 
 

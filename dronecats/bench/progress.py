@@ -108,7 +108,7 @@ def _clock(seconds: float) -> str:
     return f"{minutes} min {s:02d} s" if minutes else f"{s} s"
 
 
-REPLY_TOKENS = 40  # of an action as JSON, without reasoning
+REPLY_TOKENS = 40  # tokens of a reply: an action as JSON, without reasoning
 LATENCY_S = 0.5  # vehicle s of a reply, if the latency policy cannot predict it
 STEPS = 20  # number of questions over which predicted latencies are averaged
 

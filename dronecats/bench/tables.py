@@ -202,8 +202,8 @@ class EpisodeScore:
     rates_hz: tuple[float, ...]  # control rate (decisions per s of vehicle time) of each step except the first
     broken_pins: int  # replies that came later than a fixed rate allows
     unreadable: int = 0  # decisions without an action
-    refused: int = 0  # of these, refused by the model or withheld by its provider
-    cut_off: int = 0  # of these, cut off at the length limit of a reply
+    refused: int = 0  # unreadable because the model refused or its provider withheld the reply
+    cut_off: int = 0  # unreadable because the reply was cut off at its length limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,11 +220,11 @@ class BenchRow:
     errors: int  # not scored
     retries: int
     stalled: int  # flights that the host delayed
-    dropped: int  # of these, not scored because of `--drop-stalled`
+    dropped: int  # stalled flights that are not scored because of `--drop-stalled`
     broken_pins: int
     unreadable: int  # decisions without an action
-    refused: int  # of these, refused by the model or withheld by its provider
-    cut_off: int  # of these, cut off at the length limit of a reply
+    refused: int  # unreadable because the model refused or its provider withheld the reply
+    cut_off: int  # unreadable because the reply was cut off at its length limit
 
 
 def score(setting: str, flight: FlightSpec, folder: Path, result: Result, *, retried: bool) -> EpisodeScore:

@@ -186,7 +186,7 @@ class FlightStep:
     """One decision of one drone with the truth of its picture."""
 
     decision: Decision
-    truth: FrameTruth | None  # at the time of its picture; None: the logger has no such row
+    truth: FrameTruth | None  # truth at the time of the decision's picture; None: the logger has no such row
     is_question: bool  # it is the first decision from a pilot's reply; metrics count the reply's cost here
     counts: bool  # it was made within the cap
     go: PointedGo | None  # None: another action, or none

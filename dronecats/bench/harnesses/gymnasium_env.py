@@ -79,7 +79,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         self._out = Path(out if out is not None else self._kept.name)  # type: ignore[union-attr]
         self._begun = 0  # number of begun flights; selects the next episode
         self._run: Path | None = None  # folder of the newest flight
-        self._numbers = itertools.count(1)  # names of the flights' folders; skips those of other environments
+        self._numbers = itertools.count(1)  # names of the flights' folders; skips folders of other environments
         self._flight: OutsideFlight | None = None
         self.render_mode = render_mode
         self.observation_space = observation_space(self._drones)

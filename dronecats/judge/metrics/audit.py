@@ -41,7 +41,7 @@ class StepOutlook:
     """
 
     think: bool
-    closing_m: float | None  # m closed between the frame of the previous step and that of this step
+    closing_m: float | None  # m by which the distance became smaller from the previous step's frame to this step's
     gained_m: float | None  # m per step closed in the three steps after it
     stalled: bool | None  # less than 0.5 m was closed in the three steps before it
     broken: bool | None  # 1 m or more was closed in the three steps after it
@@ -64,10 +64,10 @@ class Deliberation:
     """Three comparisons of `think` steps with ordinary steps."""
 
     thinks: int  # steps that think
-    matched: int  # of these, those with ordinary steps in the same interval of closing rates
-    gain_m_per_step: float | None  # mean closing rate after thinks minus that after their matches; None: no matches
-    stalls: Followed  # for stalled steps; the event: the stall was broken within three steps
-    losses: Followed  # for steps without the target in view; the event: it was in view again within three steps
+    matched: int  # think steps for which there are ordinary steps in the same interval of closing rates
+    gain_m_per_step: float | None  # closing rate: mean after thinks minus mean after their matches; None: no matches
+    stalls: Followed  # counts over stalled steps; the event: the stall was broken within three steps
+    losses: Followed  # counts over steps without the target in view; the event: it was in view again within three steps
 
 
 def step_outlooks(flight: JudgedFlight) -> list[StepOutlook]:
@@ -193,9 +193,9 @@ class Strictness:
     """The effect of strict parsing on one episode, for its decisions within the cap."""
 
     steps: int  # decisions
-    mended: int  # of `steps`, those whose reply was mended
-    changed: int  # of `mended`, those whose action strict parsing removes or changes
-    declarations: int  # of `changed`, declarations
+    mended: int  # decisions whose reply was mended
+    changed: int  # mended decisions whose action strict parsing removes or changes
+    declarations: int  # changed decisions that are declarations
     success: bool | None  # under strict parsing; None: not scored
 
 
@@ -204,9 +204,9 @@ class EpisodeAudit:
     """The audit of one episode: its outcome under every rule."""
 
     success: bool | None  # by the criterion; None: not scored
-    rules: Mapping[str, bool | None]  # by the names of RULES
+    rules: Mapping[str, bool | None]  # name in RULES → success by that rule
     declarations: int  # within the cap
-    false_declarations: int  # of these, those that are known not to qualify
+    false_declarations: int  # declarations that are known not to qualify
     late: int  # declarations after the cap
     strict: Strictness
     steps: tuple[StepOutlook, ...]
@@ -217,9 +217,9 @@ class Flips:
     """The outcomes that a rule would change."""
 
     decided: int  # scored episodes whose logs show the outcome by the rule
-    successes: int  # of these, by the criterion
-    lost: int  # of the successes, those that the rule makes failures
-    gained: int  # of the failures, those that the rule makes successes
+    successes: int  # decided episodes that succeeded by the criterion
+    lost: int  # successes that the rule makes failures
+    gained: int  # failures that the rule makes successes
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,12 +234,12 @@ class Audit:
     late_declarations: int
     late_episodes: int  # episodes with late declarations
     silent_failures: int  # failures without a declaration
-    silent_entered: int  # of these, those that entered the radius
-    flips: Mapping[str, Flips]  # by the names of RULES
+    silent_entered: int  # silent failures that entered the radius
+    flips: Mapping[str, Flips]  # name in RULES → outcomes that the rule would change
     think: Deliberation
     steps: int  # decisions
-    mended: int  # of these, those whose reply was mended
-    changed: int  # of these, those that strict parsing changes
+    mended: int  # decisions whose reply was mended
+    changed: int  # mended decisions that strict parsing changes
     strict: Flips  # outcomes that strict parsing changes
 
 

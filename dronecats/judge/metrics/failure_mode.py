@@ -46,7 +46,7 @@ MODES: dict[FailureMode, str] = {  # in the order of precedence
 }
 HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # half of the camera's field of view; share of the steps
 WANDERED, TURNED_DEG = 8.0, 720.0  # path over net displacement; accumulated yaw
-CLOSED = 0.30  # of the start distance
+CLOSED = 0.30  # share of the start distance
 STUCK_M = 5.0  # m of track; a drone with less did not move
 STEP_M = 0.5  # m, least movement that counts: above the drift in a hover, below half of the shortest stride
 

@@ -90,7 +90,7 @@ def _is_value(value: object) -> bool:
     return value is None or isinstance(value, bool | int) or (isinstance(value, float) and math.isfinite(value))
 
 
-EPISODES_A_PROCESS = 50  # least number of episodes that is worth the start of a process
+EPISODES_A_PROCESS = 50  # episodes per process, at least; fewer are not worth the start of a process
 AT_ONCE = 8  # episodes that a process gets at a time
 FORKS = "fork" in multiprocessing.get_all_start_methods()  # else one process only: a user's metric cannot be pickled
 Item = TypeVar("Item")
@@ -121,7 +121,7 @@ class JudgedEpisode:
     folder: Path
     judged: Judged
     mode: FailureMode | None  # None: not scored
-    values: Mapping[str, MetricValue | Sequence[MetricValue]]  # by metric name; empty for damaged logs
+    values: Mapping[str, MetricValue | Sequence[MetricValue]]  # metric name → value or values; empty for damaged logs
 
 
 def judged_episodes(folders: Sequence[Path], options: Judging, processes: int | None = None) -> Iterator[JudgedEpisode]:

@@ -157,7 +157,7 @@ class Paired:
     episodes: int
     only_first: int  # episodes that the first pilot solved more often than the second: McNemar's b
     only_second: int  # episodes that the second pilot solved more often: McNemar's c
-    difference: float  # share of successes of the first pilot minus that of the second, -1 … 1
+    difference: float  # share of successes of the first pilot minus the second pilot's share, -1 … 1
     p: float  # two-sided, exact
     smallest: float | None  # `smallest_difference` at the observed share of different outcomes; None: too few episodes
 
