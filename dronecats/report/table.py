@@ -20,7 +20,7 @@ class TableColumn:
     """The content of a column, and the format of its values."""
 
     name: str  # in CSV, JSON and links: a Python name that ends in its unit, such as approaching_sr_percent
-    title: str  # its head
+    title: str  # title of the column
     group: str = ""  # a head above neighbouring columns, such as Approaching; empty: none
     unit: str = ""  # of value, low and high: "%", "m", "Hz", "s", "$", …; empty: a count, a ratio or words
     decimals: int = 0  # number of decimals shown; CSV has all digits
@@ -28,9 +28,9 @@ class TableColumn:
     align: Align = "right"
     as_count: bool = False  # show a share as 7/10, not as 70 with its interval
     floor: float | None = None  # a smaller value is shown as `< floor`, such as p < 0.001; None: no floor
-    cell: str | None = None  # the cell (kind of episode) of its values, as in episode records; None: several
-    map: str | None = None  # the map of its values; None: several
-    code: bool = False  # its values are identifiers, which Markdown shows as code
+    cell: str | None = None  # cell (kind of episode) of the column's values, as in episode records; None: several
+    map: str | None = None  # map of the column's values; None: several
+    code: bool = False  # the column's values are identifiers, which Markdown shows as code
 
     @property
     def head_unit(self) -> str:
@@ -52,7 +52,7 @@ class TableCell:
     high: float | None = None  # upper end of the interval
     count: int | None = None  # numerator of a share
     of: int | None = None  # denominator of a share; number of values of a mean
-    best: bool = False  # the best value in its block; equal values are all best
+    best: bool = False  # the best value of the column in the row's block; equal values are all best
     link: str = ""  # address that the cell links to in Markdown and HTML
 
     def text(self, column: TableColumn) -> str:
@@ -95,7 +95,7 @@ class TableBlock:
 class ReportTable:
     """A table with title, caption and notes. The first column names the row."""
 
-    name: str = ""  # name of its files: main, per_map, …
+    name: str = ""  # name of the table's files: main, per_map, …
     title: str = ""
     caption: str = ""  # sentences
     columns: tuple[TableColumn, ...]

@@ -114,8 +114,8 @@ def _status(error: Any) -> int:
 
 GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses; an episode has this length
 CONNECT_S = 10.0  # wall s for each connection, included in GIVE_UP_S
-MAX_BODY_BYTES = 4 * 2**20  # of an answer, decompressed; an answer of 8192 tokens has about 40 kB
-MAX_READ_CHARS = 100_000  # of an answer; `brief` reads this much, and shows 200
+MAX_BODY_BYTES = 4 * 2**20  # longest body of an answer, decompressed; an answer of 8192 tokens has about 40 kB
+MAX_READ_CHARS = 100_000  # `brief` reads this many characters of an answer, and shows 200
 MAX_PAUSE_S = 60.0  # upper limit on Retry-After
 AGAIN = (408, 425, 429)  # statuses after which a question is sent again, besides 5xx
 UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # all other questions would get the same status

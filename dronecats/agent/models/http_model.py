@@ -18,7 +18,7 @@ from foundation.redaction import keyless, redacted_url
 from foundation.wording import did_you_mean, nearest
 
 MAX_FINISH_CHARS = 40
-MAX_SERVED_CHARS = 100  # of each text of `served` and `endpoint` in a `Reply`
+MAX_SERVED_CHARS = 100  # longest text of `served` and of `endpoint` in a `Reply`
 TOKENS_MAX = 1_000_000_000  # largest valid token count of one question
 
 

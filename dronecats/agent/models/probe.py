@@ -30,7 +30,7 @@ class ProbeAnswer:
 
     question: str
     reply: Reply
-    order: AxisOrder | None = None  # the axis order in which its point hits the mark; None: it misses the mark
+    order: AxisOrder | None = None  # the axis order in which the reply's point hits the mark; None: no order does
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
     """Return the place that a go names in a picture taken at `sight`."""
     right, forward, up = displacement(go, camera.at_pitch(sight.gimbal_pitch))
     body = quat_from_euler(sight.roll, sight.pitch, sight.heading)
-    # the axes of `displacement` are those of the vehicle, but level if the camera has a gimbal
+    # `displacement` has the axes of the vehicle, but they are level if the camera has a gimbal
     axes = quat_from_euler(0.0, 0.0, sight.heading) if camera.gimballed else body
     north, east, down = rotate(axes, (forward, right, -up))
     lens = camera_pose(sight.position_ned, body, camera).position_ned

@@ -20,7 +20,7 @@ AVERAGE_S = 3.0  # s over which position and rangefinder distance are averaged o
 ARRIVAL_S = 60.0  # s to settle at the start pose
 RANGED_S = 1.0  # s over which position and rangefinder distance are averaged at the start pose
 LEVEL_M, LEVEL_MAX_M = 0.04, 0.5  # m; height errors between these two are corrected
-LEVELLINGS = 4  # largest number of height corrections
+LEVELLINGS = 4  # at most this many height corrections
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ class _Ground:
     """The place of a drone on the ground before it takes off."""
 
     position_ned: Vec3  # m, local frame
-    range_m: float | None  # m, of its rangefinder; None: it has none
+    range_m: float | None  # m, range that the drone's rangefinder measures; None: no rangefinder
 
 
 @dataclass(frozen=True, slots=True)

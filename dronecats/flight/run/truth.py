@@ -66,8 +66,8 @@ def _samples_to_keep(flight: Flight) -> int:
     return KEPT if flight.spec.disturbances.frame == FrameFaults() else KEPT + round(LATE_S * TRUTH_HZ)
 
 
-HEADING_DEG, LEVEL_DEG, PLACE_M = 5.0, 3.0, 2.0  # largest errors of an estimate before arming; PLACE_M is horizontal
-START_M, START_DEG = 1.0, 5.0  # largest errors of a start pose before the first question
+HEADING_DEG, LEVEL_DEG, PLACE_M = 5.0, 3.0, 2.0  # limits of an estimate's errors before arming; PLACE_M is horizontal
+START_M, START_DEG = 1.0, 5.0  # limits of a start pose's errors before the first question
 DOWN = (0.0, 0.0, 1.0)
 
 

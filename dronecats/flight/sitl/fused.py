@@ -107,7 +107,7 @@ class Fused:
         layouts = [(array.dtype, array.ndim, array.flags.c_contiguous) for array in arrays]
         if [record.dtype for record in records] != [PLANT, *CORE_RECORDS] or layouts != ARRAYS:
             raise TypeError("the arguments of the plant or the inner loop have changed: bring sitl.fused.fly in line")
-        # without the core's sensors and actuators: `fly` uses those of the plant
+        # the core's sensors and actuators are left out: `fly` uses the plant's
         places = [np.frombuffer(record, np.uint8).ctypes.data for record in records[:RECORDS]]
         for array in arrays:
             places += [array.ctypes.data, len(array), array.shape[-1]]

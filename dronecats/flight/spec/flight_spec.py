@@ -75,10 +75,10 @@ class Authority:
 class Connected:
     """A connected vehicle: a real one, or one that simulates itself and sends its true poses."""
 
-    url: str  # of its MAVLink connection
-    camera: str | None = None  # address of its camera; None: pictures are drawn from the poses of `truth`
+    url: str  # URL of the vehicle's MAVLink connection
+    camera: str | None = None  # address of the vehicle's camera; None: pictures are drawn from the poses of `truth`
     calibration: Calibration | None = None
-    truth: str | None = None  # URL of its true poses
+    truth: str | None = None  # URL of the vehicle's true poses
     sign: str | None = None  # file of the key for signed messages; None: unsigned messages
     authority: Authority = Authority(arm=False, then="hold")
 

@@ -34,7 +34,7 @@ from foundation.protocol import FINISHED, POINT_SPAN
 NamedBy = Literal["paint", "place", "inscription"]  # how a command names its target
 BANDS_M = (8.0, 16.0)  # m, the edges between the three bands of distance: near, middle, far
 FILE = Path(__file__).with_name("vision_errors.json")
-ARRIVED_M = 4.6  # m, estimated distance at which the pilot declares; pilots with vision have the same value
+ARRIVED_M = 4.6  # m, estimated distance at which the pilot declares, as in `vision.color_target`
 _CIRCLE = 5  # turns of a search circle; with the first view, the circle has six directions
 _WANDERS = 3  # after this many strides to other vantage points, a new search circle begins
 _LEAVE_DEG = 75.0  # deg, turn away after a wrong declaration
@@ -53,8 +53,8 @@ class Attention:
     `strays`, `stays` and `claims` count only steps at which vision does not take the target.
     """
 
-    found: tuple[float, float, float]  # by band: takes the visible target, after a step at which it did not
-    kept: tuple[float, float, float]  # per band: takes the visible target, after a step at which it took the target
+    found: tuple[float, float, float]  # per band: takes the visible target, but did not take it at the step before
+    kept: tuple[float, float, float]  # per band: takes the visible target, and took it at the step before
     strays: float  # takes something else or declares wrongly, unless the previous step took something else
     stays: float  # takes something else, after a step that did too
     claims: float  # declares wrongly, after a step that took something else

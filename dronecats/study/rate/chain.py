@@ -16,7 +16,7 @@ from dronecats.report.table import ReportTable, numbers, table_of, words
 from foundation.errors import InfrastructureError, UsageError
 from foundation.run_folder.rows import Decision
 
-DIGITS = 6  # of seconds: µs
+DIGITS = 6  # decimal places of seconds, so that the resolution is 1 µs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,13 +26,13 @@ class QuestionTimes:
     step: int  # as in decisions.jsonl
     frame_id: int
     age_s: float  # s of vehicle time, age of the picture on arrival
-    wait_s: float  # from the request of the picture to its arrival
+    wait_s: float  # time from the request of the picture to its arrival
     encode_s: float  # JPEG, prompt, request body and parsing of the response: all work of the client
     failed_s: float  # waits for the rate limit, failed attempts, and the pauses after them
-    model_s: float  # from sending the request that was answered to its answer
-    parse_s: float  # from the reply to the controller's setpoint
+    model_s: float  # time from sending the request that was answered to its answer
+    parse_s: float  # time from the reply to the controller's setpoint
     tick_s: float  # waits for the agent's next tick, after the picture, the reply and the setpoint
-    step_s: float  # from the request of the picture to the ready setpoint: the sum of all times above except age_s
+    step_s: float  # time from the request of the picture to the ready setpoint: the sum of all times above except age_s
     latency_s: float  # encode_s + model_s + parse_s, the latency for a simulation, which has its own ticks
     rate_hz: float | None  # Hz, 1 / vehicle time since the previous decision; None: the first question
 
