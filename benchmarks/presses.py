@@ -57,7 +57,7 @@ COMPARED = ("attitude_deg", "velocity_error", "position_error_m", "speed", "tilt
 class Press:
     """An obstacle, and the course into it."""
 
-    episode: str  # its map is used
+    episode: str  # id of the episode whose map is used
     thing: str  # name of an instance, or 'ground'
     turn_deg: float = 0.0  # angle between the course and the nearest axis of the obstacle; 0: head-on
     beside: float = 0.0  # distance of the course from the obstacle's middle, as a fraction of half its width
@@ -101,7 +101,7 @@ PRESSES = (
 
 # Upper limits of a press, by field of `Outcome`.
 LIMITS = {"attitude_deg": 3.0, "velocity_error": 1.0, "position_error_m": 3.0, "speed": 1.5 * SPEED, "tilt_deg": 90.0}
-PX4_LIMITS = {"position_error_m": 5.0, "speed": 3.0}  # the same for a real PX4; its other figures have no limit
+PX4_LIMITS = {"position_error_m": 5.0, "speed": 3.0}  # the same for a real PX4, whose other figures have no limit
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,10 +71,10 @@ class Rounds:
 
     count: int = 0
     failed: int = 0
-    refusals: Counter[str] = field(default_factory=Counter)  # by reason
+    refusals: Counter[str] = field(default_factory=Counter)  # reason → number of refusals
     without_cause: int = 0
     hours: float = 0.0
-    logs: int = 0  # largest number in its folder
+    logs: int = 0  # largest number of logs in the vehicle's folder
 
 
 class Pilot(threading.Thread):
@@ -85,8 +85,8 @@ class Pilot(threading.Thread):
         super().__init__(daemon=True)
         self.rounds = Rounds()
         self.over = threading.Event()
-        self.moved = threading.Event()  # whether the vehicle has left the place of its boot
-        self.next: Pilot | None = None  # of the vehicle that booted beside it, to the east
+        self.moved = threading.Event()  # whether the vehicle has left the place where it booted
+        self.next: Pilot | None = None  # pilot of the vehicle that booted next to this one, to the east
         self._number, self._url, self._logs = number, url, logs
         self._hours, self._most = hours, rounds
         self.client = Conversation(connect(url), silence_s=60.0)
@@ -231,8 +231,8 @@ class Watch:
     """Samples the memory and the open files of this process and of its children."""
 
     def __init__(self) -> None:
-        self.memory: dict[int, list[float]] = {}  # by process, MB of private memory (USS)
-        self.files: list[int] = []  # of all processes together
+        self.memory: dict[int, list[float]] = {}  # process → MB of private memory (USS), one value per sample
+        self.files: list[int] = []  # number of open files of all processes together, one value per sample
         self.names: dict[int, str] = {}
 
     def sample(self) -> None:

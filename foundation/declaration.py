@@ -28,7 +28,7 @@ class DeclaredNumber:
     """Name, meaning, unit and bounds of a number."""
 
     name: str  # in options, files, studies and errors: "frame_delay"
-    help: str  # its meaning, one line
+    help: str  # meaning of the number, one line
     low: float = 0.0  # lowest allowed value
     high: float  # highest allowed value
     unit: str = ""  # "s", "m/s" …; "" for shares
@@ -62,7 +62,7 @@ class Declaration:
     size: Callable[[Any], float] = float  # value → the number to check, such as the speed of a wind vector
     # sentence about a value that is not the default: a format with {value}, {percent} or {owner}, or a function
     words: str | Callable[[Any], str] = ""
-    first: bool = False  # its words come before those of the other fields
+    first: bool = False  # the words of this field come before the words of all other fields
 
 
 def declared(default: T, declaration: Declaration) -> T:

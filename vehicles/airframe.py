@@ -54,7 +54,7 @@ def require_quadrotor(airframe: Airframe) -> Airframe:
 def parse(table: dict[str, Any], name: str) -> Airframe:
     """Return the airframe that a parsed TOML table describes. Raises UsageError naming the field and the reason."""
     where = f"airframe '{name}'"
-    if "name" in table:  # the name is that of the file
+    if "name" in table:  # the file's name is the airframe's name
         raise UsageError(
             f"{where}: 'name' {unknown_key_message('name', [key for key in fields_of(Airframe) if key != 'name'])}"
         )

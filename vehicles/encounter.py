@@ -17,7 +17,7 @@ from vehicles.ground import CRASH_BODY
 from vehicles.multirotor import Multirotor
 from vehicles.records import rotate, rotate_inverse
 
-DRONE = -2  # owner number of a hit on another vehicle; `collision.BOX` is that of the moving box
+DRONE = -2  # owner number of a hit on another vehicle; `collision.BOX` is the owner number of the moving box
 TOUCH_MARGIN_M = 1e-3  # m, safety margin of `Ball.may_touch`
 RESTITUTION = 0.3  # coefficient for plastic and carbon: a bump loses most of its energy
 SEPARATION_RATE = 3.0  # 1/s, speed (m/s) of separation per m of overlap

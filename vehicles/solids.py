@@ -27,7 +27,7 @@ SOLIDS = np.dtype(
         ("ball_rotor", "i8", (BALLS,)),  # number of the rotor whose disc it is, -1 for none
         ("ball_sound", "f8", (BALLS,)),  # m/s, closing speed above which a hit of the ball is a crash
         ("reach", "f8"),  # m, from the body origin to the farthest point of any ball
-        ("origin", "f8", (3,)),  # m, NED; this and the next two fields are those of `foundation.terrain.Obstacles`
+        ("origin", "f8", (3,)),  # m, NED; this and the next two fields are as in `foundation.terrain.Obstacles`
         ("cell", "f8"),
         ("cells", "i8", (3,)),
         ("box", "i8"),  # bool: there is a moving box

@@ -62,7 +62,7 @@ class Plot:
     along: float  # m, middle of the plot
     side: int
     plan: house_plans.HousePlan
-    house: float  # m along the street, middle of the main block; the plot's middle is that of block plus garage
+    house: float  # m along the street, middle of the main block; the plot's middle is the middle of block plus garage
     drive: float  # m along the street, middle of the drive
 
     def at(self, along: float, out: float) -> tuple[float, float]:

@@ -21,7 +21,7 @@ STALL_S = 20.0  # s without progress until a download ends with an error
 class FlightLog:
     """One log in the autopilot's list."""
 
-    number: int  # its id on board
+    number: int  # id of the log on board
     date: str  # UTC time of writing by the autopilot's clock; in 1970 if the clock was not set
     size_bytes: int
 

@@ -212,7 +212,7 @@ def ground_distance(lat_a: int, lon_a: int, lat_b: int, lon_b: int) -> float:
 
 BATTERY_PARAMETERS = ("BAT1_N_CELLS", "BAT_LOW_THR")
 CELL_LEAST, CELL_MOST = 3.5, 4.35  # V at rest: an empty lithium cell, and a full one of the high-voltage kind
-MARGIN = 0.25  # of the capacity, in addition to BAT_LOW_THR; a flight of five minutes needs about that
+MARGIN = 0.25  # share of the capacity above BAT_LOW_THR; a flight of five minutes needs about that
 
 
 def battery_row(observed: Observation, values: Mapping[str, Value | None]) -> Row:

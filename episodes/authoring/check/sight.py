@@ -30,7 +30,7 @@ CAMERA = CameraModel()
 HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
 
 STEP_M = 0.5
-MOST_STEPS = 201  # most points checked on a way: enough for 100 m, the largest start distance of the rules
+MOST_STEPS = 201  # at most this many points are checked on a way: enough for 100 m, the rules' largest start distance
 FACED_FRACTION = 0.5  # share of the target's silhouette that must be visible when the drone faces it
 
 

@@ -61,7 +61,7 @@ class OpticalRenderer:
         self._lens = BentLens(optics.lens or LensModel(), camera)
         self._renderer = Renderer(dataclasses.replace(scene, sun=sun), self._lens.wide, threads)
         self._codes = Codes()
-        # the colour of the haze: that of the options, else that of the sky at the horizon
+        # the colour of the haze: the option's colour, else the colour of the sky at the horizon
         self._air = (optics.haze.color if optics.haze else None) or daylight(sun).horizon
 
     def picture(
