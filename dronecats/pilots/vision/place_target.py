@@ -20,8 +20,8 @@ from foundation.protocol import FINISHED, GO, NEAR_M, NEAR_SCALE, ROTATE, STRIDE
 
 FloorPoint = tuple[float, float]  # m, (right, ahead) in the ground plane, from the camera
 
-BESIDE_M = 12.0  # `left of`, `right of`, `in front of` and `behind` hold up to this distance from the landmark
-NEAREST_M = 25.0  # `nearest to` holds up to this distance from the landmark
+BESIDE_M = 12.0  # `left of`, `right of`, `in front of` and `behind` hold fully up to this distance from the landmark
+NEAREST_M = 25.0  # `nearest to` holds fully up to this distance from the landmark
 _ARRIVED_M = 4.6  # horizontal distance from the body; the verifier's radius is 5 m in three dimensions
 _STOP_M = 4.1  # intended distance from the target at the end of the last stride
 _CLOSER_M = 2.2  # distance to the thing's edge above which the drone comes closer before it declares again
