@@ -5,6 +5,7 @@ import hashlib
 import os
 import pickle
 import sys
+import time
 from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +17,9 @@ from foundation.machine import user_cache
 
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "numba")  # their arithmetic may differ between versions
-FILES_MAX = 8  # files of one name; if there are more, those that were unused for longest are removed
+# When a value is stored, other files of its name are removed: those that were unused for longer than KEPT_S, and all
+# but the FILES_MAX last used ones.
+FILES_MAX, KEPT_S = 8, 7 * 86_400.0
 T = TypeVar("T")
 
 
@@ -42,9 +45,10 @@ def kept(name: str, sources: Iterable[str], make: Callable[[], T], of: object = 
         folder.mkdir(parents=True, exist_ok=True)
         with whole_file(file) as draft:
             draft.write_bytes(pickle.dumps(value, pickle.HIGHEST_PROTOCOL))
-        by_use = sorted(folder.glob(f"{name}.*"), key=lambda other: other.stat().st_mtime)
-        for other in by_use[:-FILES_MAX]:
-            other.unlink()
+        used_s = {other: other.stat().st_mtime for other in folder.glob(f"{name}.*")}
+        for number, other in enumerate(sorted(used_s, key=lambda other: used_s[other], reverse=True)):
+            if number >= FILES_MAX or time.time() - used_s[other] > KEPT_S:
+                other.unlink()
     return value
 
 

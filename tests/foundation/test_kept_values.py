@@ -57,6 +57,18 @@ def test_each_input_has_a_value_of_its_own_and_the_oldest_files_go(made, tmp_pat
     assert kept("square", ["*.py"], lambda: 0, 1) == 1  # 2 was unused for longest
 
 
+def test_storing_a_value_removes_files_that_were_unused_for_a_week(made, tmp_path):
+    del made
+    for number, age_s in ((1, 8 * 86_400.0), (2, 6 * 86_400.0)):
+        before = set(files(tmp_path)) if number > 1 else set()
+        kept("square", ["*.py"], partial(pow, number, 2), number)
+        (stored,) = set(files(tmp_path)) - before
+        os.utime(stored, (stored.stat().st_atime, stored.stat().st_mtime - age_s))
+    kept("square", ["*.py"], partial(pow, 3, 2), 3)
+    assert kept("square", ["*.py"], lambda: 0, 2) == 4
+    assert kept("square", ["*.py"], lambda: 0, 1) == 0
+
+
 @pytest.mark.parametrize("data", [b"", b"no pickle", "half"])
 def test_a_damaged_cache_file_is_replaced(made, tmp_path, data):
     ask, _ = made
