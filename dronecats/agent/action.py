@@ -7,7 +7,7 @@ from typing import Any, Literal
 from foundation import protocol
 from foundation.protocol import FINISHED, GO, POINT_SPAN, ROTATE, THINK
 
-AxisOrder = Literal["xy", "yx"]  # order of the coordinates of `point` in the replies of a model
+AxisOrder = Literal["xy", "yx"]  # the order in which a model writes the coordinates of `point`
 POINT_FORMAT: dict[AxisOrder, str] = {"xy": "[x, y]", "yx": "[y, x]"}
 
 
@@ -17,7 +17,7 @@ class Go:
 
     x: float  # 0 … 1000, left to right
     y: float  # 0 … 1000, top to bottom
-    depth_m: float  # m along the optical axis, the pilot's own estimate
+    depth_m: float  # m along the optical axis, estimated by the pilot
 
     def as_json(self) -> dict[str, Any]:
         """Return the action in the JSON form of a reply, but the point is always in [x, y] order."""
@@ -25,7 +25,7 @@ class Go:
 
     @property
     def line(self) -> str:
-        """The action on one line. The point has 0–1000 coordinates, as in a reply."""
+        """The action on one line, with the point on the scale 0–1000."""
         return f"GO point=[{self.x:.0f}, {self.y:.0f}] depth={self.depth_m:.4g}m"
 
 
@@ -46,7 +46,7 @@ class Rotate:
 
 @dataclass(frozen=True, slots=True)
 class Think:
-    """Hold, and reason at length in the next call."""
+    """Hold position; the model reasons at length in its next call."""
 
     def as_json(self) -> dict[str, Any]:
         return {"action": THINK}
@@ -88,10 +88,10 @@ SCHEMAS: dict[str, dict[str, Any]] = {  # JSON Schemas of the fields of each act
 
 
 class ActionError(ValueError):
-    """A reply without a valid action; the text is the reason. A failure of the pilot, never of the infrastructure."""
+    """A reply has no valid action; the message says why. The pilot has failed, not the infrastructure."""
 
 
-MAX_ROTATION_DEG = 3600.0  # ten turns
+MAX_ROTATION_DEG = 3600.0  # the parser accepts up to ten turns in either direction
 MAX_DEPTH_M = 100_000.0
 
 

@@ -25,7 +25,7 @@ class HostPace:
     """The wall clock that paces the vehicle's clock. Its watches measure how far the vehicle's clock lags behind.
 
     A delay of the host computer must not count as a delay of the model (paper, "Throughput sensitivity"). Only flights
-    in real time have a pace; in lockstep the vehicle's clock waits.
+    in real time have a HostPace; in lockstep, the vehicle's clock waits for the host.
     """
 
     def __init__(self, wall_s: Callable[[], float], speed: float) -> None:
@@ -55,12 +55,12 @@ class HostWatch:
 
     def __init__(self, pace: HostPace) -> None:
         self.pace = pace
-        self._least_s = self._newest_s = math.inf  # smallest and newest lateness
+        self._least_s = self._newest_s = math.inf  # s, smallest `late_s` since the last `take`, and the newest
         self._lag_s = 0.0
         self._waited_s = 0.0
 
     def late(self, late_s: float) -> None:
-        """Report how late the vehicle's clock is (s, plus an unknown constant). The lag is the growth of this value."""
+        """`late_s`: lateness of the vehicle's clock, s plus an unknown constant. The lag is the growth of `late_s`."""
         self._least_s, self._newest_s = min(self._least_s, late_s), late_s
         self._lag_s = max(self._lag_s, late_s - self._least_s)
 
@@ -96,7 +96,7 @@ class Cockpit:
     seed: tuple[int, ...] = (0,)  # seeds all random draws of the agent
     on_step: Callable[[Decision], None] = _nothing  # called with every decision
     on_tick: Callable[[], None] = _nothing  # called at every tick; an exception in it ends the flight
-    pictures: PicturePath | None = None  # applies the declared disturbances of pictures; None: no disturbances
+    pictures: PicturePath | None = None  # delays and drops pictures as the flight declares; None: no disturbances
     host: HostPace | None = None  # paces the vehicle's clock in real time; None: lockstep
 
     def newest_frames(
@@ -162,7 +162,7 @@ class Agent(Protocol):
 
     @property
     def steps(self) -> int:
-        """Number of decided steps."""
+        """Number of steps decided so far."""
         ...
 
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:

@@ -26,7 +26,7 @@ from foundation.protocol import (
 from foundation.setpoints import Hold, PicturePose, Setpoint, Turn, Velocity
 
 YAW_RATE = math.radians(YAW_RATE_DEG)  # rad/s
-SETTLE_S = 3.0  # s, time that a turn gets in addition to angle / YAW_RATE, for a slow vehicle or a gust
+SETTLE_S = 3.0  # s; in a gust or with a slow vehicle, a turn may last this much longer than angle / YAW_RATE
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,7 @@ class Drone:
         self._segments: list[Segment] = []  # segments of the current action that are still to be flown
         self._segment_ends_s = 0.0
         self._seen: PicturePose | None = None  # pose when the picture of the current action was taken
-        self._counts_from: PicturePose | None = None  # origin of the angles; None: `_seen`. `SteadyDrone` sets it
+        self._counts_from: PicturePose | None = None  # pose from which angles count; None: `_seen`
         self._seen_us = 0  # µs on the vehicle's clock, time of `_seen`
 
     @property
@@ -145,7 +145,7 @@ class Drone:
 
     def see(self, time_us: int) -> None:
         """Remember the pose at the time of a picture (µs, vehicle's clock). The next action is relative to it."""
-        self.aircraft.listen()  # telemetry has arrived while the frame was under way
+        self.aircraft.listen()  # telemetry may have arrived while the frame was under way
         # once per picture: later, the link may no longer have the telemetry of that time
         if self._seen is None or time_us != self._seen_us:
             self._seen, self._seen_us = self.aircraft.sight(time_us), time_us

@@ -21,8 +21,8 @@ from foundation.errors import UsageError
 from foundation.protocol import CAP_S
 from foundation.wording import did_you_mean, nearest
 
-LONGEST_S = CAP_S  # longest latency
-FASTEST_HZ = 20.0  # rate of the ticks at which the agent checks for a reply
+LONGEST_S = CAP_S  # s, upper limit of each latency: the length of an episode
+FASTEST_HZ = 20.0  # upper limit of rates: the agent checks for a reply at ticks of 20 Hz
 SLOWEST_HZ = 1.0 / LONGEST_S
 TRACE_MAX = 10_000  # a trace has at most this many latencies; run.json holds all of them
 COMMANDER = 255  # drone number of a commander's questions; no vehicle has it
@@ -48,7 +48,7 @@ class Circumstance:
     """Other values on which a charge (the latency that is counted for a reply) may depend."""
 
     reply: Reply | None = None  # None if the charge is known before the reply
-    since_s: float | None = None  # vehicle s from the last reply for these drones to this question; None: no reply yet
+    since_s: float | None = None  # vehicle s between the last reply for these drones and this question; None: no reply
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class LatencyPart:
 
 @dataclass(frozen=True, slots=True)
 class LatencyPolicy:
-    """The latency of replies in vehicle time: the sum of its parts, or the time of its `cap` part if that is longer."""
+    """The latency of replies in vehicle time: the sum of its parts, but at least its `cap` part (a maximum rate)."""
 
     parts: tuple[LatencyPart, ...]  # empty: real time
 
@@ -94,7 +94,7 @@ class LatencyPolicy:
         return cls(parts)
 
     def __str__(self) -> str:
-        """Its text, as on the command line, in run.json and in spec files."""
+        """The text of the policy, as on the command line, in run.json and in spec files."""
         return "+".join(part.text for part in self.parts) or REAL
 
     @property
@@ -175,24 +175,21 @@ def _recorded(text: str, name: str, trace: Sequence[float] | None) -> tuple[floa
     return tuple(trace)
 
 
-# Random streams. Each kind has its own stream, so that joined kinds are independent. A question draws the same quantile
-# under all parameters of a kind, so the same questions are slow. Stream 0 is not used, because NumPy's seed sequences
-# ignore a 0 at the end. `pictures.py` uses stream 6. The noisy pilot (`pilots/oracle/noisy.py`) draws without a stream.
+# Random streams. Each kind has its own stream, so that joined kinds are independent. With any parameters of a kind, a
+# question draws the same quantile, so the same questions are slow. NumPy's seed sequences ignore a 0 at the end, so
+# stream 0 is not used. `pictures.py` uses stream 6. The noisy pilot (`pilots/oracle/noisy.py`) draws without a stream.
 GAMMA_STREAM, BIMODAL_STREAM, STALL_STREAM, JITTER_STREAM, TRACE_STREAM = range(1, 6)
 LOGNORMAL_STREAM = 7
 
 
 def _lognormal_s(question: Question, _of: Circumstance, median_s: float, sigma: float) -> float:
-    """Return a draw whose logarithm is normal, so half of all replies come within the median."""
+    """Return a lognormal draw with this median; `sigma` is the standard deviation of the logarithm."""
     draw = np.random.default_rng((*question.seed, question.step, question.drone, LOGNORMAL_STREAM)).normal(0.0, sigma)
     return min(median_s * math.exp(draw), LONGEST_S)
 
 
 def _gamma_s(question: Question, _of: Circumstance, mean_s: float, cv: float) -> float:
-    """Return a gamma draw with this mean and coefficient of variation (standard deviation / mean).
-
-    A coefficient of 1 gives the exponential distribution.
-    """
+    """Return a gamma draw with this mean and coefficient of variation (standard deviation / mean)."""
     if cv < STEADY_CV:
         return mean_s
     from scipy.special import gammaincinv  # a base dependency, but slow to import, and most flights draw no gamma
@@ -214,7 +211,7 @@ def _stall_s(question: Question, _of: Circumstance, probability: float, seconds:
 def _jitter_s(question: Question, _of: Circumstance, rate_hz: float, cv: float, rho: float = 0.0) -> float:
     """Return a draw with the mean 1 / `rate_hz` and this coefficient of variation.
 
-    The logarithm is normal, and follows a first-order autoregression over the questions. `rho` is the correlation of
+    Its logarithm is normal, and follows a first-order autoregression over the questions. `rho` is the correlation of
     two successive questions. No state is kept: each call draws the sequence up to this question again.
     """
     variance = math.log1p(cv * cv)
@@ -241,7 +238,7 @@ def _share(question: Question, stream: int) -> float:
 
 
 def _by_token_s(_question: Question, of: Circumstance, first_s: float, rate_hz: float) -> float:
-    """Return the time to the first token plus the time of all tokens at a rate."""
+    """Return `first_s` (until the first token) plus the time of all tokens of the reply at `rate_hz` tokens per s."""
     assert of.reply is not None  # the charge is computed after the reply
     counted = of.reply.tokens_out
     tokens = tokens_of_text(of.reply.text) if counted is None else counted
@@ -264,7 +261,7 @@ class LatencyKind:
 
     charge: Callable[..., float]  # (question, circumstance, *numbers) → vehicle seconds
     quantities: tuple[DeclaredNumber, ...] = ()
-    optional: int = 0  # number of optional quantities, the last ones
+    optional: int = 0  # so many of the last quantities may be left out
     foreseen: bool = True  # whether the charge is known before the reply
     file: str = ""  # placeholder of a file name, for a kind that has a file instead of numbers
 

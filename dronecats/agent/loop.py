@@ -35,15 +35,15 @@ class Questions:
     axis_order: actions.AxisOrder = "xy"
     parser: ReplyParser = "strict"
     patience_s: float | None = None  # vehicle s, longest wait for a frame or a reply before an error; None: no limit
-    beside: bool = False  # a lockstep clock may run during the call, because a reply depends on its question alone
-    last_reply: bool = True  # wait for a reply under way at the cap, to tell a slow model from a dead endpoint
+    beside: bool = False  # the lockstep clock may run during the call: this model's reply depends only on the question
+    last_reply: bool = True  # at the end of the episode, await an open reply, to tell a slow model from a dead endpoint
 
 
-SLACK_S = 0.15  # three ticks of the 20 Hz clock at which the agent checks for a reply
+SLACK_S = 0.15  # tolerance of `latency_s`: three ticks of the 20 Hz clock at which the agent checks for a reply
 
 
 class PendingQuestion:
-    """One question under way. Its latency is charged once: after the reply, or before if the policy foresees it."""
+    """One question under way. The latency policy sets its latency (the charge) once, after the reply or beforehand."""
 
     def __init__(
         self,
@@ -100,8 +100,8 @@ class PendingQuestion:
     def latency_s(self, now_s: float) -> float:
         """Return the vehicle seconds that the reply took; `now_s` is the time of the decision.
 
-        This is the charge. If the elapsed time exceeds the charge by more than SLACK_S, or there is no charge, it is
-        the elapsed time.
+        The value is the charge. If there is no charge, or more than the charge and SLACK_S has passed, the value is the
+        elapsed time.
         """
         elapsed_s = (now_s - self._start_s) * self.reply().share  # without failed attempts
         charged_s = self._charge()
@@ -133,8 +133,8 @@ def await_reply(
     """Yield until the reply is due or the episode is over; return whether it is due.
 
     Times are vehicle seconds since the episode began. `last_reply`: wait for a reply under way at `cap_s`, although it
-    is too late to be an action. The wait tells a slow model (a failure) from a dead endpoint (no failure). Raises
-    ModelError beyond `patience_s` (None: only the model's client has a limit), and the errors of that client.
+    is too late to be an action. This tells a slow model (a failure) from a dead endpoint. Raises ModelError
+    beyond `patience_s` (None: only the model's client has a limit), and the errors of that client.
     """
     while not asking.due(now_s()):
         yield
@@ -166,7 +166,7 @@ class Tally:
 
 
 class Decider:
-    """Decides for its drones, step by step. With one drone it is the paper's pilot, with four the joint command."""
+    """Decides for its drones, step by step. With one drone this is the paper's pilot, with four its joint command."""
 
     def __init__(
         self, questions: Questions, drones: Sequence[Drone], cockpit: Cockpit, now_s: Callable[[], float], tally: Tally
@@ -194,7 +194,7 @@ class Decider:
         return False
 
     def _see(self, cap_s: float) -> Generator[None, None, list[Frame] | None]:
-        """Return the newest frame of each drone; None if the episode ended first. Stores the drones' poses."""
+        """Return the newest frame of each drone; None if the episode ended first. Each drone stores its pose."""
         indices = [drone.index for drone in self._drones]
         start_s = self._host.pace.now_s if self._host else 0.0
         question = Question(self._cockpit.seed, self._questions_sent, indices[0])
@@ -215,7 +215,7 @@ class Decider:
     def _step(self, frames: Sequence[Frame], cap_s: float) -> Generator[None, None, list[Decision]]:
         """Ask, await the reply, and fly its actions; return the decisions when all drones have flown them."""
         COMPUTING.step()
-        # a frame may be newer than the newest telemetry, but a question is never older than its frames
+        # a frame may be newer than the newest telemetry, but the time of a question is never before its frames
         start_s = max(self._now_s(), *(self._since_begin_s(frame) for frame in frames))
         thinking = any(drone.thinks_next for drone in self._drones)  # one call decides for all drones
         asking = self._send(frames, thinking, self._questions_sent, start_s)

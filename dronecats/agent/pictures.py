@@ -48,7 +48,7 @@ class PicturePath:
         """
         self._delay_s, self._dropped, self._stale = delay_s, dropped, stale
         self._rate_hz, self._recall = rate_hz, recall
-        self._got: dict[tuple[int, int], Frame] = {}  # (first drone of the question, drone) → its last frame
+        self._got: dict[tuple[int, int], Frame] = {}  # (first drone of a question, drone) → last frame of `drone`
         self._numbers: dict[tuple[int, int], int] = {}  # same key → number of that frame, counted from 0 at `rate_hz`
         # first drone of a question → vehicle s by which disturbances delayed the pictures of its newest question
         self.held_s: dict[int, float] = {}
@@ -56,7 +56,7 @@ class PicturePath:
     def drawn(self, question: Question, drone: int) -> PictureLoss:
         """Return the draw for the picture of a question and drone.
 
-        If a share is raised, the pictures that were stale or lost at the lower share stay stale or lost.
+        If the share of stale or lost pictures is raised, the pictures that were stale or lost before remain so.
         """
         numbers = np.random.default_rng((*question.seed, question.step, question.drone, drone, PICTURES))
         stale = float(numbers.random()) < self._stale
@@ -76,7 +76,7 @@ class PicturePath:
     ) -> Generator[None, None, list[Frame]]:
         """Return the frame of each drone for a question; yield until all have arrived. Raises CameraError.
 
-        `now_s` returns the vehicle seconds since the episode began; it began at `t0_us` of the vehicle's clock.
+        `now_s` returns the vehicle seconds since the episode began, at `t0_us` of the vehicle's clock.
         """
         self.held_s[question.drone] = 0.0
         coming = {drone: self._frame(camera, question, drone, now_s, t0_us, fetch) for drone in drones}

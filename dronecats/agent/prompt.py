@@ -17,7 +17,7 @@ from foundation.wording import counted, suggestion
 FIELDS = ("instruction", "point_fmt", "history_len", "history", "drones", "situation", "answer", "closing")
 NEEDED = ("instruction", "history")
 _FIELD = re.compile("{(" + "|".join(FIELDS) + ")}")
-COUNT = ("four", "five", "six", "seven", "eight")[len(ACTIONS) - 4]
+COUNT = ("four", "five", "six", "seven", "eight")[len(ACTIONS) - 4]  # number of actions in words
 _LIKE_A_FIELD = re.compile(r"{([A-Za-z_]\w*)}")
 SINGLE = {
     "situation": "You fly a multirotor. Your only sense is the picture attached to this message: the view straight"
@@ -40,7 +40,7 @@ FRAMED = (
     "\n{closing}\n",
 )
 PAPER_SHA256 = (
-    "aaa508bb2ea6196d2a84e7206dde5509eb967164d62ff2a37e1d26796afc81d5"  # of the paper's listing, see template_sha256
+    "aaa508bb2ea6196d2a84e7206dde5509eb967164d62ff2a37e1d26796afc81d5"  # template_sha256 of the paper's listing
 )
 
 

@@ -25,8 +25,8 @@ CAUSES = {
     "stall": "Drone {n} has not moved from its place for {steps} steps.",
     "time": "Nothing was heard of you for {seconds} s.",
 }
-STALL_STEPS = 8  # number of decisions in a row without a go that counts as a stall; six turns of 60° are a look around
-INTERVAL_S = 45.0  # s of vehicle time between two questions, unless there is another cause
+STALL_STEPS = 8  # decisions in a row without a go that count as a stall; a look around takes six turns of 60°
+INTERVAL_S = 45.0  # vehicle s after which the commander is asked again even without an event
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class CommandPrompt:
 
 
 def cause_text(cause: Cause) -> str:
-    """Return a cause in the words of the prompt, which counts drones from 1."""
+    """Return the cause of a question as a sentence of the prompt, which counts drones from 1."""
     text = CAUSES[cause.why].replace("{steps}", str(STALL_STEPS)).replace("{seconds}", f"{INTERVAL_S:g}")
     return text if cause.drone is None else text.replace("{n}", str(cause.drone + 1))
 
@@ -100,7 +100,7 @@ class CommandedDrone:
 
 
 def roster(posts: Sequence[CommandedDrone], now_s: float) -> str:
-    """Return the state of the drones, in their order, as the commander's prompt shows it."""
+    """Return the states of all drones (`posts`), in the order of the drones, as text for the commander's prompt."""
     return "\n\n".join(_roster_entry(post, place, now_s) for place, post in enumerate(posts, 1))
 
 
@@ -134,8 +134,8 @@ def _heading(post: CommandedDrone) -> str:
     return f"to something {side} its picture, {went.depth_m:.3g} m away by its own judgement"
 
 
-MAX_REPLY_CHARS = 50_000  # a reply with eight orders of the greatest length is far shorter
-MAX_GOAL_CHARS = 500  # also the limit of an episode's instruction
+MAX_REPLY_CHARS = 50_000  # the parser reads only so many; a reply with eight of the longest orders is far shorter
+MAX_GOAL_CHARS = 500  # the same limit as for the instruction of an episode
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,14 +147,14 @@ class FleetOrders:
 
 
 class OrdersError(ValueError):
-    """A reply without valid orders; the text is the reason. A failure of the commander, never of the infrastructure."""
+    """A reply has no valid orders; the message says why. The commander has failed, not the infrastructure."""
 
 
 def parse_orders(reply: str, drones: int) -> FleetOrders:
     """Return the orders in a commander's reply to a fleet of `drones`.
 
-    Prose or a code fence around the object is tolerated. Marked reasoning is skipped. The last object with the key
-    ORDERS or CONFIRM counts. Raises OrdersError if there is no such object, or if anything in it is malformed.
+    The parser skips reasoning in tags such as <think>, and text around the JSON object. The last object with the key
+    ORDERS or CONFIRM counts. Raises OrdersError if there is no such object, or if it is malformed.
     """
     try:
         answer = answer_of(reply[:MAX_REPLY_CHARS])

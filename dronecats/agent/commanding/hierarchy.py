@@ -1,4 +1,4 @@
-"""A commander over the pilots of a fleet. The paper ("Organisational Settings") leaves this to future work."""
+"""A commander model directs the pilots of a fleet. The paper ("Organisational Settings") leaves this to future work."""
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
@@ -45,7 +45,7 @@ class FleetCommander:
 
     The commander sees the picture of every camera, and the roster (the state of each drone as text). It gives goals.
     Only the commander declares arrival: a pilot's report becomes a declaration when the commander confirms it. The
-    declaration has the id and time of the picture of that drone in the commander's question.
+    declaration has the id and time of the picture from this drone that was in the commander's question.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class FleetCommander:
         self._sent_s = 0.0  # time of the last question
         self._answered_s: float | None = None  # time of the last reply
         self._served: str | None = None  # the model of the last reply, as the vendor names it
-        self._sent_reports: set[int] = set()  # drones whose open report was in a question
+        self._sent_reports: set[int] = set()  # drones whose open report has already been in a question
 
     def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
         """Ask whenever there is a cause, and carry out the orders, until `cap_s` or until `stop` returns True.
@@ -180,7 +180,7 @@ class FleetCommander:
         return FleetOrders(tuple(goals), tuple(confirmed)), refusals
 
     def _declare(self, drone: int, shown: _Shown, asking: PendingQuestion) -> Decision:
-        """Declare arrival for a confirmed report, on the shown frame. The drone has hovered since its report."""
+        """Declare arrival for a confirmed report, at the frame that the commander saw. The drone has hovered since."""
         post, frame, now_s = self._posts[drone], shown.frames[drone], self._now_s()
         post.reported_s, post.confirmed = None, True
         decision = Decision(
@@ -277,7 +277,7 @@ class Hierarchy(SideBySideAgent):
     def __init__(self, questions: Questions, commander: Model, prompt: CommandPrompt, cockpit: Cockpit) -> None:
         """`questions`: the settings of the pilots' questions. Their instruction is the first goal of every drone.
 
-        `commander` and `prompt`: the model and the prompt of the commander. Its other settings come from `questions`.
+        `commander` and `prompt`: the commander's model and prompt. Its other settings are in `questions`.
         """
         super().__init__(cockpit)
         self._log: LineLog | None = None

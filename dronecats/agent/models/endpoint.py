@@ -39,7 +39,7 @@ _EXHAUSTED = re.compile(
     rb"|per.?day",
     re.IGNORECASE,
 )
-_DELAY = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)s")  # google.rpc.RetryInfo
+_DELAY = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)s")  # retryDelay of a google.rpc.RetryInfo
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def delay_in(body: bytes) -> float | None:
 
 
 def is_exhausted(body: bytes) -> bool:
-    """Return whether an error says that the credit, or the allowance of a day, is used up."""
+    """Return whether an error says that the credit or the daily quota is used up."""
     return _EXHAUSTED.search(body) is not None
 
 
@@ -118,7 +118,7 @@ MAX_BODY_BYTES = 4 * 2**20  # longest body of an answer, decompressed; an answer
 MAX_READ_CHARS = 100_000  # `brief` reads this many characters of an answer, and shows 200
 MAX_PAUSE_S = 60.0  # upper limit on Retry-After
 AGAIN = (408, 425, 429)  # statuses after which a question is sent again, besides 5xx
-UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # all other questions would get the same status
+UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # statuses that every question would get
 _VERSION = re.compile(r"/v\d")  # in the path of an address
 HEADERS = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
 T = TypeVar("T")
@@ -163,7 +163,7 @@ class Exchanged:
 
     status: int  # HTTP status; for an error inside a 200 answer, the status of that error
     body: bytes  # decompressed
-    wish_s: float | None  # s to wait before the next attempt, as the answer asks
+    wish_s: float | None  # s that the answer asks to wait before the next attempt
     outcome: str = "answered {}"  # in words; {} stands for the status
 
     @property
@@ -186,7 +186,7 @@ def _trusted() -> ssl.SSLContext:
 
 
 class Endpoint:
-    """A base URL with its key. All texts that it returns or raises are free of secrets."""
+    """A base URL with its key. Its errors, `shown` and `brief` have no secrets; a body may, see `hide`."""
 
     def __init__(
         self,
@@ -274,7 +274,7 @@ class Endpoint:
             raise ModelError(f"the model endpoint {self.shown} cannot be reached: {self._reason(error)}") from None
 
     def post(self, path: str, content: bytes, tokens: int, failed: list[bytes]) -> Answer:
-        """Return the first `Answer`. `patience` limits the number of attempts.
+        """Send a question until an attempt gives an `Answer`, and return it. `patience` limits the attempts.
 
         `tokens`: an estimate for the limiter. `failed` receives the bodies of all other answers. Raises ModelError. If
         every question would get the same error, raises its subclass ModelRejectedError without more attempts.
@@ -304,7 +304,7 @@ class Endpoint:
             began = time.monotonic()
             try:
                 came = self._exchange(url, content, until)
-            except (httpx.ReadTimeout, httpx.WriteTimeout):  # the timeout is the remaining time
+            except (httpx.ReadTimeout, httpx.WriteTimeout):  # no time is left for another attempt
                 raise self._silent(self.patience.give_up_s) from None
             except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
                 is_down = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout | httpx.ProxyError)

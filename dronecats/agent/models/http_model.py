@@ -17,7 +17,7 @@ from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.redaction import keyless, redacted_url
 from foundation.wording import did_you_mean, nearest
 
-MAX_FINISH_CHARS = 40
+MAX_FINISH_CHARS = 40  # longest vendor's word in `finish` of a `Reply`
 MAX_SERVED_CHARS = 100  # longest text of `served` and of `endpoint` in a `Reply`
 TOKENS_MAX = 1_000_000_000  # largest valid token count of one question
 
@@ -87,7 +87,7 @@ class HttpModel(ABC):
 
     @abstractmethod
     def read(self, data: Any) -> Reply:
-        """Return the reply in an answer, without times. Its text and `finish` may still have secrets.
+        """Return the reply in an answer; its times are not set. The text and `finish` may still have secrets.
 
         Raises KeyError, IndexError, TypeError, AttributeError or ValueError for data in another format.
         """

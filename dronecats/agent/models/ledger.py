@@ -57,7 +57,7 @@ class LedgerInterface(Protocol):
 
 
 class Ledger:
-    """The open ledger file. Every call is a transaction: a killed process loses only its own question."""
+    """The open ledger file. Every call is a transaction: a killed process loses only the cost of an open question."""
 
     def __init__(self, path: Path, now_s: Callable[[], float] = time.time) -> None:
         """`now_s` returns the time of a clock that all processes share, s since the epoch. Raises UsageError."""
@@ -181,7 +181,7 @@ def spent_text(spent: Spent) -> str:
 
 
 def cost(spec: ModelSpec, tokens_in: int, tokens_out: int) -> float:
-    """Return the $ of a question and its reply; an unknown price counts as 0."""
+    """Return the $ of a question and its reply; an unknown price (per million tokens) counts as 0."""
     return (tokens_in * (spec.input_usd or 0.0) + tokens_out * (spec.output_usd or 0.0)) / MILLION
 
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-REASONS = {  # by `Reply.finish`; {tokens}: number of tokens of the reply, or words if it is unknown
+REASONS = {  # `Reply.finish` → text; {tokens}: number of tokens, "its limit of" if it is unknown
     "length": "cut off at {tokens} tokens: raise max_tokens or lower the reasoning",
     "refusal": "the model refused to answer",
     "filtered": "the provider's filter withheld the reply",
@@ -29,8 +29,8 @@ class Request:
     step: int = 0  # from 0: counts the questions to these drones, or to the commander
     drone: int = 0  # first drone of the question
     role: Literal["pilot", "commander"] = "pilot"
-    # time of each picture (µs, vehicle clock). Pilots that use the true state take the state at this time; empty: the
-    # present state
+    # time of each picture (µs, vehicle clock). The oracle pilot uses the true state at these times; empty: the present
+    # state
     taken_us: tuple[int, ...] = ()
 
     @property
@@ -62,11 +62,11 @@ class Reply:
     latency_s: float  # wall seconds of the successful request
     tokens_in: int | None = None
     tokens_out: int | None = None
-    waited_s: float = 0.0  # wall seconds before that request: rate limit, failed attempts, and pauses
+    waited_s: float = 0.0  # wall seconds before the successful request: rate limit, failed attempts, and pauses
     finish: str | None = None  # reason of an early end: length, filtered, refusal, or a vendor's word; None: complete
     served: str | None = None  # the model that answered, as the vendor names it; None: the requested name
-    tokens_cached: int | None = None  # of tokens_in, from the vendor's cache
-    tokens_reasoning: int | None = None  # of tokens_out, spent on reasoning
+    tokens_cached: int | None = None  # part of tokens_in, from the vendor's cache
+    tokens_reasoning: int | None = None  # part of tokens_out, for reasoning
     endpoint: str | None = None  # the provider that a router (OpenRouter) chose
     lost: tuple[int, int] = (0, 0)  # tokens of questions and replies that the vendor counted in failed attempts
 

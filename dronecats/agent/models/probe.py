@@ -17,10 +17,10 @@ from dronecats.agent.reply.reading import ReplyParser, reading
 from foundation.errors import ModelError
 
 WIDTH, HEIGHT = 640, 360  # px, as in the agent's requests
-MARK = (800.0, 250.0)  # x, y of the mark, 0 … 1000; (x, y) and (y, x) are 778 apart
-NEAR = 100.0  # tolerance of an answer in x and in y
+MARK = (800.0, 250.0)  # x, y of the mark, 0 … 1000; far from (y, x), to detect swapped axes
+NEAR = 100.0  # tolerance in x and in y, in units of MARK
 FORBIDDEN_OBJECT = {"dance": 3}  # no schema of actions allows it
-# the axis order of the answers' points, compared with the declared order
+# the axis order of the model's points, compared with the order that a question declares
 Pointing = Literal["as declared", "always [x, y]", "always [y, x]", "as not declared", "not at all"]
 
 

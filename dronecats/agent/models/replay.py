@@ -30,7 +30,7 @@ Role = Literal["pilot", "commander"]
 class LoggedReply:
     """One reply in the log. None stands for a value that the log does not have."""
 
-    step: int  # number of the question among those for `drone`
+    step: int  # number of the question, from 0, among the questions whose first drone is `drone`
     drone: int  # first drone of the question
     reply: str
     latency_s: float = 0.0  # s of vehicle time
@@ -63,12 +63,12 @@ class ReplayModel(Model):
         self.name = recording.commander or recording.flight if role == "commander" else recording.flight
         self._recording, self._role = recording, role
         self._steps = {(reply.step, reply.drone): reply for reply in recording.steps if reply.role == role}
-        self._late: set[int] = set()  # drones with a question that had no reply in time
+        self._late: set[int] = set()  # drones whose question has already got an empty reply, see `ask`
 
     def ask(self, request: Request) -> Reply:
         """Return the recorded reply. Raises ModelError for a question that the flight did not have.
 
-        If the recorded flight may have ended before the reply, the reply is empty with the latency LONGEST_S.
+        If the recorded flight may have ended before the reply, return an empty reply with the latency LONGEST_S.
         """
         logged = self._steps.get((request.step, request.drone))
         if logged is not None:

@@ -15,8 +15,8 @@ from foundation.wording import did_you_mean, nearest
 
 OWN_FILE = "DRONECATS_MODELS"  # environment variable: the user's file
 SHIPPED = "models.toml"
-INTEGER_MAX = 2**63 - 1  # JSON readers accept integers at least up to this
-NONE = "none"  # value of a key in the file: requests omit the setting
+INTEGER_MAX = 2**63 - 1  # every JSON reader accepts integers up to this
+NONE = "none"  # a key with this value: requests omit the setting
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
@@ -26,7 +26,7 @@ class ModelRow:
 
     name: str
     spec: ModelSpec
-    file: str  # the last file with a row of this name
+    file: str  # the file with the row; the user's file if both files have one
     source: str | None = None  # source of the prices
     note: str | None = None  # advice for users
 

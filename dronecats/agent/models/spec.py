@@ -12,7 +12,7 @@ from foundation.wording import suggestion
 
 Wire = Literal["openai", "gemini", "anthropic"]  # names of formats; `wire_formats` has a class for each
 PAPERS_TEMPERATURE = 0.4
-LOOPBACK = "http://127."  # addresses with this prefix need no key
+LOOPBACK = "http://127."  # addresses on this machine, which need no key
 _EFFORT = {"reasoning_effort": "medium"}, {"reasoning_effort": "none"}
 _TEMPLATE = {"chat_template_kwargs": {"enable_thinking": True}}, {"chat_template_kwargs": {"enable_thinking": False}}
 
@@ -34,7 +34,7 @@ class Provider:
     quick: Mapping[str, Any] = field(default_factory=dict)
     temperature: float | None = PAPERS_TEMPERATURE  # None: not sent, since some models reject it
     tokens_field: str = "max_tokens"  # request field that limits the tokens of a reply, in the OpenAI chat format
-    root_choice: bool = True  # a schema may be a choice (anyOf) at its root
+    root_choice: bool = True  # the server accepts a choice (anyOf) as a schema's root
     wire: Wire = "openai"
     top_p: float | None = None  # None: not sent
     top_k: int | None = None
@@ -70,7 +70,7 @@ PROVIDERS = {
             wire="gemini",
             top_p=0.95,
             top_k=40,
-            effort=("thinkingConfig", "thinkingLevel"),  # of Gemini 3 and later
+            effort=("thinkingConfig", "thinkingLevel"),  # from Gemini 3 on
             effort_in_capitals=True,
         ),
         Provider(
@@ -102,7 +102,7 @@ def provider_of(name: str) -> Provider:
 
 NO_EFFORT = "none"
 TEMPERATURE_MAX = 2.0
-COUNT_MAX = 100_000_000  # of tokens
+COUNT_MAX = 100_000_000  # tokens, in a setting
 PRICE_MAX = 100_000.0
 
 Text = Annotated[str, Meta(pattern=r"\S", extra={"wrong": "is not a text"})]
@@ -115,7 +115,7 @@ Temperature = Annotated[
     ),
 ]
 TokenCount = Annotated[int, Meta(ge=1, le=COUNT_MAX, extra={"wrong": f"is not a whole number from 1 to {COUNT_MAX:,}"})]
-Dollars = Annotated[  # per million tokens
+Dollars = Annotated[  # $ per million tokens
     float, Meta(ge=0.0, le=PRICE_MAX, extra={"wrong": f"is not a number from 0 to {PRICE_MAX:,g}"})
 ]
 Root = Annotated[Literal["object", "array"], Meta(extra={"wrong": 'is not "object", "array" or "none"'})]
@@ -123,16 +123,16 @@ Root = Annotated[Literal["object", "array"], Meta(extra={"wrong": 'is not "objec
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelSpec:
-    """A model and its settings. Default sampling is the paper's ("Model Serving and Decoding")."""
+    """A model and its settings. The sampling defaults are the paper's ("Model Serving and Decoding")."""
 
     provider: Text  # a key of PROVIDERS
-    name: Text  # as the provider calls it
+    name: Text  # at the provider
     base_url: Text | None = None  # None: the provider's own
     axis_order: AxisOrder = "xy"
     temperature: Temperature | None = PAPERS_TEMPERATURE  # None: not sent, for models that reject it
     top_p: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None  # None: the provider's, if it has one
     top_k: TokenCount | None = None  # None: the provider's, if it has one
-    max_tokens: TokenCount = 8192  # of a reply
+    max_tokens: TokenCount = 8192  # of a reply with its reasoning
     schema: Root | None = None  # root of the schema that the server enforces; None: none is sent
     thinking: dict[str, Any] | None = None  # request fields with extended reasoning; None: the provider's
     quick: dict[str, Any] | None = None  # request fields without extended reasoning; None: the provider's

@@ -193,7 +193,7 @@ class AnthropicModel(HttpModel):
             raise UsageError(f"{limits}. Raise max_tokens")
 
     def headers(self) -> dict[str, str]:
-        """Return the version header: the newest version, or with sampling parameters the last that accepts them."""
+        """Return the version header. Requests with sampling parameters need an older version, which accepts them."""
         return {"anthropic-version": ANTHROPIC_SAMPLING_VERSION if self._sampling() else ANTHROPIC_VERSION}
 
     def _sampling(self) -> dict[str, float]:

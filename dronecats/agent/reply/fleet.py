@@ -1,4 +1,4 @@
-"""Lenient parser of a fleet's reply. It divides the objects of the reply among the drones.
+"""Lenient parser of a fleet's reply. It assigns the objects of the reply to the drones.
 
 Replies number the drones from 1, as the prompt does. Objects that name no drone belong to the drones in the order of
 the pictures.
@@ -18,7 +18,7 @@ from dronecats.agent.reply.tolerant import Cut, ReadValue, read_values
 
 NAMED = ("drone", "drone_id", "drone_number", "drone_index")
 _NAME = re.compile(r"(?:drone|uav)?[\s_#-]*(\d{1,3})", re.IGNORECASE)
-_NESTED_MAX = 3  # arrays or objects around the array of actions
+_NESTED_MAX = 3  # largest number of arrays or objects around the array of actions
 
 DroneResult = tuple[Action | ActionError, set[Mend]]
 
@@ -28,7 +28,7 @@ class Assignment:
     """The assignment of the objects of a reply to the drones."""
 
     items: dict[int, Any]  # the object of each drone; drones are numbered from 0
-    mends: set[Mend] = field(default_factory=set)  # of the reply as a whole
+    mends: set[Mend] = field(default_factory=set)  # corrections that concern the whole reply
     duplicated: frozenset[int] = frozenset()  # drones that several objects name
 
 
@@ -62,7 +62,7 @@ def _drone_result(division: Assignment, drone: int, drones: int, axis_order: Axi
 
 
 def _assigned(answer: str, drones: int) -> Assignment:
-    """Return the assignment of an answer's objects to the drones. Raises ActionError if there is none, or several."""
+    """Return the assignment of an answer's objects to the drones. Raises ActionError unless exactly one is possible."""
     try:
         array = strict.first_array(answer)
         strict_error = ActionError(f"expected {drones} actions, got {len(array.value)}")
@@ -153,7 +153,7 @@ def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Assignment
 
 
 def _items(value: Any) -> list[Any] | None:
-    """Return the array of the drones' objects without extra arrays around it; None for any other value."""
+    """Return the array of the drones' objects, taken out of extra arrays; None if `value` is no such array."""
     for _ in range(_NESTED_MAX):
         if not isinstance(value, list):
             return None

@@ -1,4 +1,4 @@
-"""Codes of the mends (corrections) that the lenient parser makes. decisions.jsonl has the codes of each reply."""
+"""Codes of the mends (corrections) of the lenient parser, and what each corrects. decisions.jsonl has the codes."""
 
 import re
 from collections.abc import Collection, Iterable

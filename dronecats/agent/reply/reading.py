@@ -20,15 +20,15 @@ class Reading:
 
     action: Action | None
     error: str | None = None  # None: there is an action
-    mended: tuple[Mend, ...] = ()  # mends that the reading needed, without duplicates, in the order of `mends.MENDS`
+    mended: tuple[Mend, ...] = ()  # codes of the corrections that the parser made, in the order of `mends.MENDS`
 
 
 def reading(reply: str, drones: int, axis_order: AxisOrder = "xy", parser: ReplyParser = "strict") -> list[Reading]:
     """Return the reading of `reply` for each of `drones`, in the order of their pictures.
 
     strict: accepts the form that the prompt asks for, without mends. lenient: accepts any text with only one possible
-    meaning, and lists its mends. Both parsers give the same result for a reply that the strict one accepts, except if
-    a fleet's objects name their drones and are in another order. Never raises.
+    meaning, and lists its mends. If the strict parser accepts a reply, both give the same result, except if the objects
+    of a fleet name their drones in another order. Never raises.
     """
     if parser == "strict":
         return [_reading(result) for result in strict.parse_fleet(reply, drones, axis_order)]

@@ -1,7 +1,7 @@
 """Lenient reading of an object as an action: other field names, tool calls, wrappers, boxes, synonyms.
 
-Only objects with one possible meaning are read. A synonym needs the fields of its action. `hover`, `stop`, `land` and
-`done` are not synonyms: they may mean a think or a declaration, and that choice is what the benchmark measures.
+Only objects with one possible meaning are read. A synonym counts only with the fields of its action. `hover`, `stop`,
+`land` and `done` are not synonyms: they may mean a think or a declaration, and the benchmark measures this choice.
 """
 
 import re
@@ -16,10 +16,10 @@ from foundation.protocol import ACTIONS, FINISHED, GO, POINT_SPAN, ROTATE, THINK
 METRES = frozenset({"m", "meter", "meters", "metre", "metres"})
 DEGREES = frozenset({"°", "º", "deg", "degs", "degree", "degrees"})
 PLAIN: frozenset[str] = frozenset()  # a point's numbers have no unit
-UNITS = {"m": METRES, "deg": DEGREES}  # units by the last word of a field's name
+UNITS = {"m": METRES, "deg": DEGREES}  # allowed units, by the last word of a field's name
 BOXES = ("bbox_2d", "box_2d", "bbox", "box")
 _NUMBER = re.compile(r"([+\-\u2212\uff0b\uff0d]?(?:\d+[.\uff0e]?\d*|[.\uff0e]\d+))\s*([^\W\d_]+|°|º)?")
-_TEXT_MAX = 80  # characters of a number or a point as text
+_TEXT_MAX = 80  # longest text of a number or a point, characters
 _POINT_TAG = re.compile(r"<point>(.*?)</point>", re.DOTALL)
 _BETWEEN = re.compile(r"\s*[,，;]\s*|\s+")
 _BRACKETS = {"[": "]", "(": ")"}
@@ -49,7 +49,7 @@ def number(value: Any, name: str, units: frozenset[str], mends: set[Mend]) -> fl
 
 
 def point(value: Any, axis_order: AxisOrder, mends: set[Mend], depth: int = 3) -> tuple[float, float]:
-    """Return (x, y) on the scale 0–1000. A pair is in `axis_order`, unless its fields are named x and y."""
+    """Return (x, y), 0–1000. A pair is in `axis_order`, unless it has the keys x and y. `depth`: levels to unpack."""
     if isinstance(value, Cut):
         raise ActionError('the reply breaks off in "point"')
     if isinstance(value, str):
@@ -133,7 +133,7 @@ Unfolded = tuple[str, int, dict[str, Any]]
 _BETWEEN_WORDS = re.compile(r"[\s\-_]+")
 _DEPTH = 6  # maximum depth of objects within objects
 _HELD_MAX = 40  # maximum number of members of an object that may wrap an action
-_NAME_MAX = 40  # characters
+_NAME_MAX = 40  # longest key or action name, characters
 
 
 def is_action(value: Any, inner: bool = False) -> bool:

@@ -8,8 +8,8 @@ from typing import Any
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 
 MAX_REPLY_CHARS = 200_000  # characters of a reply that are parsed; a reply of 8192 tokens is far shorter
-MAX_TRIES = 500  # the parser tries to read JSON at up to this many places
-MAX_VAIN_CHARS = 5 * MAX_REPLY_CHARS  # characters that are read in all failed attempts to parse a value
+MAX_TRIES = 500  # the parser tries to read JSON at up to this many places of a reply
+MAX_VAIN_CHARS = 5 * MAX_REPLY_CHARS  # the parser stops when its failed tries have read this many characters
 _WORD = "think(?:ing)?|thoughts?|reasoning|analysis|reflection|scratchpad"
 _MARK = re.compile(
     rf"""<(?P<closes>/?)(?:\w+:)?(?:{_WORD})>  |  \[(?P<closes_bracket>/?)THINK\]  |  ◁(?P<closes_triangle>/?)think▷

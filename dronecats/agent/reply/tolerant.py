@@ -1,8 +1,7 @@
 """Tolerant JSON reader: accepts the deviations of `mends.WRITTEN` except `escaped`, and records them.
 
 It also reads a number with a unit (`Quantity`). It guesses nothing: text with any other deviation is not a value. The
-work is bounded: each attempt reads from left to right once, and the search ends after too many characters without a
-value.
+work is bounded: each attempt reads the text once, and the search ends after too many characters without a value.
 """
 
 import re
@@ -14,8 +13,8 @@ from unicodedata import normalize
 from dronecats.agent.reply.mends import Mend
 from dronecats.agent.reply.strict import MAX_REPLY_CHARS, MAX_TRIES
 
-MAX_VAIN_CHARS = MAX_REPLY_CHARS  # a fifth of the strict parser's limit, because this reader is slower
-MAX_DEPTH = 40  # of nested brackets; the actions of a fleet have three levels
+MAX_VAIN_CHARS = MAX_REPLY_CHARS  # for failed attempts; a fifth of the strict limit, because this reader is slower
+MAX_DEPTH = 40  # deepest nesting of brackets; the actions of a fleet have three levels
 MAX_DIGITS = 60
 _WORD = re.compile(r"[A-Za-z_][\w-]*")
 _NUMBER = re.compile(r"[+\-\u2212\uff0b\uff0d]?(?:\d+[.\uff0e]?\d*|[.\uff0e]\d+)(?:[eE][+-]?\d+)?")

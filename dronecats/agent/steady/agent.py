@@ -18,8 +18,8 @@ from foundation.run_folder.rows import Decision
 from foundation.setpoints import Hold
 
 TURNS_FIRST = math.radians(30.0)  # angle from the nose beyond which the drone turns on the spot before it flies
-SHORT_M = 0.3  # m; a stride with at most this much left counts as flown
-STREAMED_S = 0.5  # s for which a setpoint of a leg is valid if no new one follows
+SHORT_M = 0.3  # m; a stride counts as flown when at most this distance is left
+STREAMED_S = 0.5  # s; without a new setpoint, the drone flies the last one of a leg this long
 
 
 class SteadyDrone(Drone):
@@ -27,7 +27,7 @@ class SteadyDrone(Drone):
 
     def __init__(self, index: int, aircraft: Aircraft, camera_model: CameraModel) -> None:
         super().__init__(index, aircraft, camera_model)
-        self.period_s = 0.0  # s from one decision to the next, estimated
+        self.period_s = 0.0  # estimated s from one decision to the next
         self._pursuit = Pursuit()
         self._seen_s = 0.0  # s of the aircraft's clock at which the picture was taken
         self._place: SeenPlace | None = None  # destination of a go
@@ -137,8 +137,8 @@ class SteadyDrone(Drone):
         """Return the goal of the leg and its velocity (m, m/s, local frame).
 
         The goal is at the share `reach` of the way to the place, and moves with the target. The goal of a short
-        stride does not move and is at most as far as the place in the picture. Otherwise a drone would fly faster and
-        faster if its pilot named the same small depth again and again.
+        stride does not move and is at most as far as the place in the picture. Without this limit, a drone would fly
+        faster and faster if its pilot named the same small depth again and again.
         """
         old_s = self.aircraft.time_us / 1e6 - self._seen_s
         place, velocity = self._place_now(seen)

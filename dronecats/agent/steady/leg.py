@@ -43,9 +43,9 @@ def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
 def _reach(distance_m: float, depth_m: float) -> float:
     """Return the share of the way that a go may be flown before the next picture.
 
-    It is 0 below a depth of 2 m. From 2 to 5 m it gives the paper's stride. From 5 m on the share is constant: the
-    permitted way is the paper's 3 m at a depth of 5 m, and grows with the depth. The flown way depends on when the next
-    reply comes.
+    It is 0 below a depth of 2 m. From 2 to 5 m it gives the move of the paper's controller. From 5 m on the share is
+    constant: the permitted way is 3 m at a depth of 5 m, as in the paper, and grows with the depth. The next reply may
+    end the way earlier.
     """
     if depth_m < BRAKE_M:
         return 0.0
@@ -57,8 +57,8 @@ def _reach(distance_m: float, depth_m: float) -> float:
 REACHED_M = 0.3  # m, horizontal distance at which the goal is reached
 FOLLOW_AGAIN_M = 1.0  # m, horizontal distance beyond which the drone leaves its hold and follows the goal again
 SLOW_DOWN_S = 0.8  # s; the speed is at most the distance to the goal divided by this
-KEEP_COURSE_M = 1.5  # m from the goal within which the course is kept, so that the drone does not turn when passing it
-CAREFUL_S = 1.5  # s, shortest duration of a short stride
+KEEP_COURSE_M = 1.5  # m; nearer to the goal the drone keeps its course, so that it does not turn at the goal
+CAREFUL_S = 1.5  # s, shortest duration of a short stride (a go with a depth below NEAR_M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ class Steered:
     """The setpoint of a leg at one tick."""
 
     setpoint: Velocity
-    seen: PicturePose  # origin of the setpoint's line
+    seen: PicturePose  # pose at which the line of the setpoint begins
     valid_s: float  # s for which the setpoint is valid
 
 

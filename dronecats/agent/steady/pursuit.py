@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from foundation.frames import Vec3
 
 ACROSS_M, ACROSS = 0.3, 0.02  # m, and m per m of distance: 1 σ of a sighting across the line of sight
-ALONG_M, ALONG = 0.3, 0.2  # the same along the line of sight
+ALONG_M, ALONG = 0.3, 0.2  # same units: 1 σ of a sighting along the line of sight
 SPEED_STD = 0.4  # m/s, 1 σ per axis after one sighting
 ACCELERATION = 0.02  # m/s², 1 σ: people and vehicles keep their velocity for a while
 GATE = 16.27  # χ² of three degrees of freedom, 99.9 %: a sighting beyond it begins a new track
@@ -52,7 +52,7 @@ class Pursuit:
         self._filter: KalmanFilter | None = None
         self._time_s = 0.0
         self._before: _Belief | None = None  # state before the last sighting; None: there was no track
-        self.sightings = 0  # number in this track
+        self.sightings = 0  # number of sightings in this track
 
     def see(self, time_s: float, lens_ned: Vec3, place_ned: Vec3) -> bool:
         """Add a place that was seen from a lens at a time (m, local frame); return False if it begins a new track."""
