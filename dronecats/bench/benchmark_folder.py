@@ -87,7 +87,7 @@ class Bench:
     def scores(self, broken: Callable[[OpenRun, str], Result | None]) -> list[EpisodeScore]:
         """Return the scores of the selected episodes that have a result.
 
-        `broken` returns the result of a flight that ended in an error; None if there was no such flight.
+        `broken` returns the result of an episode whose flight ended in an error; None if no flight did.
         """
         scores = []
         stored = {(run.entry.name, episode): result for run, episode, result in self.stored()}
@@ -137,12 +137,12 @@ def _folder_errors(folder: Path) -> AbstractContextManager[None]:
 
 
 def setting_of(entry: BenchEntry) -> str:
-    """Return the name of a run without its flight number. Flights of one setting are pooled."""
+    """Return the setting of a run: its name without the flight number. Tables pool the flights of one setting."""
     return entry.name.rpartition("-f")[0]
 
 
 def _configurations(suite: ChosenSuite, entries: Sequence[BenchEntry]) -> list[tuple[BenchEntry, dict[str, Any]]]:
-    """Return the contents of each run.json. Raises UsageError."""
+    """Return each run with the contents of its run.json. Raises UsageError."""
     configurations = []
     for entry in entries:
         spec = entry.flight

@@ -74,7 +74,7 @@ class Batch:
         return verdict if verdict is not None and verdict.get("outcome") in SCORED else None
 
     def left(self, episodes: Iterable[str], *, retry: bool = False) -> list[str]:
-        """Return the episodes that remain to be flown, in their order; with `retry` also those that are stuck."""
+        """Return the episodes that remain to be flown, in their order; `retry`: add the `stuck` ones."""
         return [episode for episode in episodes if self.done(episode) is None or (retry and self.stuck(episode))]
 
     def stuck(self, episode: str) -> bool:
@@ -88,7 +88,7 @@ class Batch:
             return False
 
     def retried(self, episode: str) -> bool:
-        """Return whether an episode, with its current record, was retried because it did not move."""
+        """Return whether an episode, with its current record, was retried because its drones did not move."""
         name, record = self.folder(episode).name, self.record(episode)
         before = [self.run / layout.RETRIED / name, *(self.run / layout.RETRIED).glob(f"{name}-[0-9]*")]
         return any(json_object(folder / layout.EPISODE) == record for folder in before)
@@ -153,7 +153,7 @@ class EndedFlight:
 
     run: OpenRun
     result: Result
-    again: bool  # the flight did not move and is retried, so this is not the final result
+    again: bool  # the drones did not move and the flight is retried, so this is not the final result
     dropped: int = 0  # flights of the same model that are cancelled, because its endpoint rejects every question
 
 

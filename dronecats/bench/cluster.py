@@ -157,7 +157,7 @@ class ClusterEngine:
         actors = [worker.handle for worker in self._workers] + ([self._keeper] if self._keeper is not None else [])
         for actor in actors:
             ray.kill(actor)
-        for actor in actors:  # a kill is only a request, which is lost if this process ends too early
+        for actor in actors:  # a kill is a request, which is lost if this process ends too early, so wait
             with contextlib.suppress(ray.exceptions.RayError):
                 ray.get(actor.__ray_ready__.remote(), timeout=GONE_S)
         self._workers, self._flying = [], {}
@@ -181,7 +181,7 @@ class ClusterEngine:
     def _hire(self) -> _Actor | None:
         """Start a worker and return it; None: the cluster has no core for it. Raises DronecatsError."""
         options = {"num_cpus": 1, "max_concurrency": FLIGHTS_MAX, "scheduling_strategy": "SPREAD"}
-        # Ray lists a lost node until it notices the loss, and may place a worker there: so try once per node
+        # Ray may place a worker on a lost node until it notices the loss, so try once per node
         nodes = len(ray.nodes())
         for attempt in range(1, nodes + 1):
             handle = ray.remote(concurrency_groups={LOOK: 1})(ClusterWorker).options(**options).remote()

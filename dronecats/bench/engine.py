@@ -25,8 +25,8 @@ from foundation.run_folder.results import SCORED, Result
 class Sortie:
     """One flight to be flown, and the folder for its files."""
 
-    flight: FlightSpec  # with the record of its episode
-    folder: Path  # of the episode; it exists and has only empty logs
+    flight: FlightSpec  # its `record` is the record of the episode
+    folder: Path  # folder of the episode; it exists and has only empty logs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +34,7 @@ class Landed:
     """A flight that has ended."""
 
     sortie: Sortie
-    result: Result  # with the outcome `error` when the infrastructure failed
+    result: Result  # its outcome is `error` if the infrastructure failed
 
 
 class Engine(Protocol):
@@ -99,8 +99,8 @@ class WorkerSlots:
 
 WORKER = ChildKind("worker", "dronecats.bench.worker:Worker", WorkerConfig, needs_keys=True)
 ANSWER_S = 120.0  # wall s that a worker has to answer a command; it usually takes less than 1 s
-# wall s without a new byte in any file of a flight, after which the flight counts as hanging. The longest regular pause
-# is 300 s, after which a question with all its retries is given up.
+# wall s; a flight hangs if none of its files has grown for so long. The longest regular pause is 300 s, after which a
+# question with all its retries is given up.
 HANG_S = 900.0
 # Files that show the progress of a flight. The record is written before the map is loaded, so a flight counts as begun
 # even if the loading of its map hangs.

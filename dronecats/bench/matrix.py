@@ -21,7 +21,7 @@ COMMANDS: tuple[str, ...] = get_args(get_type_hints(FlightSpec)["command"])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchEntry:
-    """One run: a flight of each of its episodes, all with the same settings."""
+    """One run: one flight of each episode in `episodes`, all with the same settings."""
 
     name: str  # name of the run's folder
     flight: FlightSpec  # settings of the run, without the episode
@@ -138,6 +138,6 @@ def slug(text: str) -> str:
 
 
 def command_fields(command: str) -> dict[str, Any]:
-    """Return the fields of a flight for a command. All but `hierarchical` remove the commander."""
+    """Return the fields of a flight for a command. Only `hierarchical` keeps the commander."""
     without = {} if command == "hierarchical" else {"commander": None, "scripted": None}
     return {"command": command, **without}

@@ -35,7 +35,7 @@ class Progress:
 
     total: int
     before: int = 0
-    outcomes: dict[str, list[bool]] = field(default_factory=dict)  # successes of the scored flights, by episode
+    outcomes: dict[str, list[bool]] = field(default_factory=dict)  # episode → whether each scored flight succeeded
     errors: int = 0
     retries: int = 0
     ended: int = 0  # flights of this process, retries included
@@ -82,7 +82,7 @@ class Progress:
         left_s = self.left_s(wall_s)
         if left_s is not None and self.done < self.total:
             fields.append(f"{_clock(left_s)} left, {self.per_hour(wall_s):.0f} an hour")
-        if self.outcomes:  # the same interval as in the table, which counts episodes and not single flights
+        if self.outcomes:  # the interval as in the table: the episodes are the sample, not the flights
             share = estimate_share(list(self.outcomes.values()))
             fields.append(f"SR {share.share:.0%} ({share.low:.0%}–{share.high:.0%})")
         fields.append(f"{self.solved} solved, {self.failed} failed, {counted(self.errors, 'error')}")
@@ -117,7 +117,7 @@ class CostEstimate:
     """The estimated cost of the remaining flights of models, corrected as flights end."""
 
     def __init__(self, runs: Sequence[OpenRun], left: Collection[tuple[str, str]]) -> None:
-        """`left`: the remaining flights, (run, episode) by name, from `Campaign.left`."""
+        """`left`: the remaining flights as (name of the run, episode), from `Campaign.left`."""
         self._left: dict[tuple[str, str], tuple[OpenRun, str]] = {
             (run.entry.name, run.batch.folder(episode).name): (run, episode)
             for run in runs
@@ -125,9 +125,9 @@ class CostEstimate:
             for episode in run.part
             if (run.entry.name, episode) in left
         }
-        self._failed: dict[str, list[float]] = {}  # $ of each flight that failed, by setting
-        self._succeeded: dict[str, list[float]] = {}  # $ of each flight that succeeded, by setting
-        self._foreseen: dict[tuple[str, str], float] = {}  # $ by setting and episode
+        self._failed: dict[str, list[float]] = {}  # setting (see `setting_of`) → $ of each failed flight
+        self._succeeded: dict[str, list[float]] = {}  # setting → $ of each flight that succeeded
+        self._foreseen: dict[tuple[str, str], float] = {}  # (setting, episode) → predicted $
 
     @property
     def flights(self) -> int:
@@ -165,7 +165,7 @@ class CostEstimate:
 
 
 def foreseen_usd(flight: FlightSpec, record: Mapping[str, Any]) -> float:
-    """Return the predicted cost of a flight to its cap, $, for replies without reasoning."""
+    """Return the predicted cost ($) of a flight to its time limit, for replies without reasoning."""
     drones, instruction = flight.drones or len(record["starts"]), str(record["instruction"])
     usd = 0.0
     if (pilot := flight.model) is not None:

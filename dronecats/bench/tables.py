@@ -31,15 +31,15 @@ class ScoreRow:
     """One row of an audit, with the fields that `episodes audit --json` prints. None: nothing was measured."""
 
     name: str  # a suite, or a map and a cell (kind of episode)
-    solved: int  # number of `flown` that succeeded by the paper's criterion: SR
-    flown: int  # scored flights, without infrastructure errors
+    solved: int  # scored flights that succeeded by the paper's criterion: SR
+    flown: int  # scored flights, so without infrastructure errors
     errors: int
     solved_at_first: int | None  # flights solved by the first declaration: SR₁
     solved_within_three: int | None  # flights solved by one of the first three declarations: SR₃
     precision: float | None  # 0 … 1, share of declarations that are true, mean over the flights that declared
     false_declarations: float | None  # mean number per flight
     censored: int  # flights that ended at their first success; their later declarations are unknown
-    median_steps: float | None  # over the solved flights
+    median_steps: float | None  # median number of steps of the solved flights
 
 
 def score_row(name: str, results: Iterable[Result]) -> ScoreRow:
@@ -92,7 +92,7 @@ def cell_of(episode: str) -> str:
 def cell_order(group: str) -> tuple[int, str]:
     """Return the sort key of maps and cells: the paper's order of the cells, then all other groups."""
     cells = [k for k, cell in enumerate(CELLS) if group.endswith(f"-{cell}")]
-    # a group ends with at most one cell: `-search-and-track` does not end with `-tracking`; users may have other groups
+    # no group ends with two cells (`-search-and-track` does not end with `-tracking`); a user's group may end with none
     return (cells[-1] if cells else len(CELLS), group)
 
 
@@ -126,7 +126,7 @@ class BlindBaseline:
 
 
 def floor(blind: BlindTable, name: str, results: Iterable[Result]) -> BlindBaseline | None:
-    """Return the best blind pilots on the episodes of these results; None: no blind pilot has flown all of them."""
+    """Return the best blind pilots on the episodes of these results; None if no blind pilot has flown all episodes."""
     episodes = [r.episode for r in results]
     rows = [
         (pilot, score_row(name, [_blind_result(episode, flights[episode]) for episode in episodes]))
@@ -202,8 +202,8 @@ class EpisodeScore:
     rates_hz: tuple[float, ...]  # control rate (decisions per s of vehicle time) of each step except the first
     broken_pins: int  # replies that came later than a fixed rate allows
     unreadable: int = 0  # decisions without an action
-    refused: int = 0  # unreadable because the model refused or its provider withheld the reply
-    cut_off: int = 0  # unreadable because the reply was cut off at its length limit
+    refused: int = 0  # unreadable decisions because the model refused or its provider withheld the reply
+    cut_off: int = 0  # unreadable decisions because the reply was cut off at its length limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,19 +212,19 @@ class BenchRow:
 
     setting: str
     group: str  # a map and cell, or "all"
-    flights: int  # scored
+    flights: int  # scored flights
     solved: int
     share: float | None  # SR, 0 … 1; None: nothing is scored
     interval: tuple[float, float]  # 95 % interval of the SR, 0 … 1, by `estimate_share`
     rate_hz: tuple[float, float, float] | None  # the quantiles 0.1, 0.5 and 0.9 of the control rate over all steps
-    errors: int  # not scored
+    errors: int  # flights that ended in an error and are not scored
     retries: int
     stalled: int  # flights that the host delayed
     dropped: int  # stalled flights that are not scored because of `--drop-stalled`
-    broken_pins: int
+    broken_pins: int  # as in EpisodeScore
     unreadable: int  # decisions without an action
-    refused: int  # unreadable because the model refused or its provider withheld the reply
-    cut_off: int  # unreadable because the reply was cut off at its length limit
+    refused: int  # as in EpisodeScore
+    cut_off: int  # as in EpisodeScore
 
 
 def score(setting: str, flight: FlightSpec, folder: Path, result: Result, *, retried: bool) -> EpisodeScore:

@@ -48,7 +48,7 @@ class Worker:
         sys.setswitchinterval(SWITCH_S)
         with compile_lock():  # workers start together: the first one compiles, the others use the cache
             compile_all()
-        gc.freeze()  # code and kernels are permanent: collections can skip them
+        gc.freeze()  # code and kernels are permanent, so collections may skip them
         gc.set_threshold(YOUNG, 10, 10)
 
     def ready(self) -> dict[str, Any]:
@@ -85,7 +85,7 @@ class Worker:
 
 
 def fly_flight(flight: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Fly a flight, given as JSON values, in a prepared empty folder. Raises nothing.
+    """Fly a flight (a FlightSpec as JSON values) in a prepared empty folder. Raises nothing.
 
     Returns its `result` as in `fly --json`, or a `fault`: the reason why there is no result.
     """

@@ -12,11 +12,10 @@ from dronecats.cli.options import PILOTS, PLACE, SELECTION, add, add_disturbance
 from dronecats.cli.output import print_note
 from foundation.errors import UsageError
 
-EXPORT = "export-parquet"  # first argument instead of episodes: export runs as Parquet
+EXPORT = "export-parquet"  # as the first argument: export runs as Parquet instead of flying
 
 
 def add_bench_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     episodes = parser.add_argument_group("episodes")
     episodes.add_argument(
         "episodes",
@@ -62,7 +61,7 @@ def _run(args: argparse.Namespace) -> int:
 def _export(args: argparse.Namespace) -> int:
     """Write runs as Parquet files, one per table, and print their numbers of rows.
 
-    Damaged episodes are named on standard error.
+    Prints the names of damaged episodes on standard error.
     """
     from dronecats.report.recorded.run import recorded_runs
     from dronecats.report.results.database import write_tables

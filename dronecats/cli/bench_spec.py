@@ -50,13 +50,13 @@ FILE_OPTIONS = {
 }
 # valid keys of a model that is a table in a file; `reasoning` is a short name of reasoning_effort
 ROW = ("name", "called", "reasoning", *(option.name for option in MODEL))
-# option → the options that set the same in another way
+# option → options that set the same value in another way
 ALTERNATIVES = {
     "episodes": ("suite", "cells", "maps"), "suite": ("episodes",), "cells": ("episodes",), "maps": ("episodes",),
     "latency": ("rate",), "rate": ("latency",),
 }  # fmt: skip
 DEFAULTS: dict[str, Any] = {"flights": 1, "seed": 0, "parser": "strict", "speed": "max"}
-MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}  # largest value of each count
+MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}  # largest valid value of each option
 
 
 def with_file(args: argparse.Namespace) -> argparse.Namespace:

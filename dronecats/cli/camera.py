@@ -20,7 +20,6 @@ VIEWS_WANTED = 20  # number of different views of the board that a live camera m
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     url_help = "http://…, rtsp://…, v4l2:0, a video file or a folder of pictures"
     check = actions.add_parser("check", help="measure rate, latency, drops and size of the frames")
@@ -137,7 +136,7 @@ def _calibrate(args: argparse.Namespace) -> int:
     views, width, height = collect(args, board, report)
     result = fit(views, board, width, height)
     model = Lens(result.calibration).model
-    assert model is not None  # a calibrated lens knows its picture's size
+    assert model is not None  # a calibration has the size of the pictures
     save(result.calibration, args.out)
     if args.json:
         print(json.dumps({**asdict(result), "hfov_deg": model.hfov_deg, "file": str(args.out)}))
@@ -157,9 +156,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 
 def _views_in_folder(args: argparse.Namespace, board: Any, report: Callable[[str], None]) -> tuple[list[Any], int, int]:
-    """Return the board's corners in each picture of a folder that shows the board, and the pictures' size (px).
-
-    The result is (corners by picture, width, height).
+    """Return (views, width, height) of a folder of pictures: the corners in each picture with the board; size in px.
     """
     from hil.cameras.lens import corners
     from hil.cameras.stream import decoded, pictures

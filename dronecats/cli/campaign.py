@@ -36,8 +36,8 @@ class CampaignResult:
     scores: "list[EpisodeScore]"  # of all requested episodes, flown now or earlier
     ending: "Ending"
     episodes: int  # number of requested episodes
-    done: int
-    spent: "Spent | None"  # None: no flight uses a paid model
+    done: int  # number of requested episodes that have a result
+    spent: "Spent | None"  # None: no model was paid
     broken: "Mapping[tuple[str, str], Result]"  # (run, episode) → result of a flight that ended in an error
 
 

@@ -12,7 +12,6 @@ from foundation.errors import UsageError
 
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument(
         "a", type=Path, metavar="RUN[/EPISODE]", help="a run folder, or the folder of one episode in it"
     )
@@ -66,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(result))
     else:
         _print(result)
-        if a.true == b.true and len({_record(path) for path in (args.a, args.b)}) == 1:  # one page can show both
+        if a.true == b.true and len({_record(path) for path in (args.a, args.b)}) == 1:  # one replay page can show both
             print_next("compare", flights=[args.a, args.b])
     return 0 if result["agree"] else 1
 

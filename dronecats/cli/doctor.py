@@ -55,7 +55,7 @@ KEYS = {provider.key_variable: provider.name for provider in PROVIDERS.values() 
 HOSTED = [
     variable for variable, name in KEYS.items() if not (PROVIDERS[name].base_url or LOOPBACK).startswith(LOOPBACK)
 ]
-DISK_WANTED_GB = 1.0  # for about 120 frames of 40 kB per episode, and compiled code
+DISK_WANTED_GB = 1.0  # a run stores about 120 frames of 40 kB per episode; compiled code also needs space
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +66,10 @@ class Diagnosis:
     state: str  # OK; NOTE: a problem that does not prevent simulated flights; MISSING: a problem that does
     detail: str
     remedy: str = ""
-    kind: str = MACHINE  # or PACKAGE, EXTRA
+    kind: str = MACHINE  # PACKAGE, EXTRA or MACHINE
 
 
 def add_doctor_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 

@@ -14,7 +14,6 @@ from foundation.files import file_errors_as
 
 
 def add_edit_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument(
         "what", nargs="?", default="residential", metavar="MAP|ID", help="map or episode to edit (default residential)"
     )
@@ -43,7 +42,6 @@ def _edit(args: argparse.Namespace) -> int:
 
 
 def add_new_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's options."""
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the record files")
     parser.add_argument("--map", metavar="NAME", help="a map's name")
     parser.add_argument("--cell", metavar="CELL", help="approaching, searching, tracking, search-and-track, commanding")
@@ -89,14 +87,13 @@ def _write(file: Path, text: str) -> None:
 
 
 def add_sheet_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's options."""
     parser.add_argument("assets", nargs="*", metavar="ASSET", help="names of assets (default: all)")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="picture to write (.jpg)")
     parser.set_defaults(run=_sheet)
 
 
 def _sheet(args: argparse.Namespace) -> int:
-    """Write the contact sheet of assets."""
+    """Write a contact sheet: small pictures of assets."""
     from episodes.authoring.asset_pictures import write_contact_sheet
 
     if args.out.suffix.lower() not in (".jpg", ".jpeg"):
@@ -108,13 +105,12 @@ def _sheet(args: argparse.Namespace) -> int:
 
 
 def add_optics_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's options."""
     parser.add_argument("file", type=Path, metavar="FILE", help="picture to write (.jpg)")
     parser.set_defaults(run=_optics)
 
 
 def _optics(args: argparse.Namespace) -> int:
-    """Write the sheet of lens, sensor and weather options."""
+    """Write a picture of one place with every lens, sensor and weather option."""
     from episodes.authoring.scene_pictures import write_optics_sheet
 
     write_optics_sheet(args.file)
@@ -123,7 +119,6 @@ def _optics(args: argparse.Namespace) -> int:
 
 
 def add_probe_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's options."""
     parser.add_argument("--out", type=Path, metavar="DIR", required=True, help="folder for the pictures")
     parser.add_argument("--seed", type=int, default=0, help="seed of the inscriptions (default 0)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

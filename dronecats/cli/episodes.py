@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 
 def add_episodes_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's actions."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="print one line per episode")
     listing.add_argument("--suite", default="all", help="one-drone, commanding, quick, all (default) or v1")
@@ -61,12 +60,11 @@ def add_episodes_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _list(args: argparse.Namespace) -> int:
-    """Print the episodes."""
     from dronecats.report.table import numbers, table_of, words
     from episodes.records import catalogue
     from episodes.records.catalogue import load_par
 
-    pars = load_par()
+    pars = load_par()  # par: number of steps of the oracle pilot
     records = [catalogue.load(episode) for episode in catalogue.suite_ids(args.suite)]
     if args.json:
         summaries = (_summary(r, catalogue.suites_of(r.id), pars.get(r.id)) for r in records)

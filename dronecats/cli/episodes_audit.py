@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 
 def add_audit_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's options."""
     parser.add_argument("episodes", nargs="*", metavar="ID|FILE", help="only these (default: all shipped)")
     parser.add_argument("--suite", metavar="NAME", help="one-drone, commanding, quick, all or v1")
     parser.add_argument(
@@ -136,7 +135,7 @@ def _reason(result: "Result") -> str:
 
 
 def _keep(steps: dict[str, int]) -> None:
-    """Write the oracle's steps in shipped episodes to the table of pars. Other episodes keep their par."""
+    """Store the oracle's steps in shipped episodes as their par. Shipped episodes without new steps keep their par."""
     from episodes.records import catalogue
     from episodes.records.catalogue import PAR, load_par
     from foundation.files import write_json
@@ -146,7 +145,7 @@ def _keep(steps: dict[str, int]) -> None:
 
 
 def _keep_blind(pilot: str, flights: "dict[str, BlindFlight]") -> None:
-    """Write a blind pilot's flights of shipped episodes to the table of blind results."""
+    """Store a blind pilot's results in shipped episodes in blind.json."""
     from episodes.records import catalogue
     from episodes.records.catalogue import BLIND, load_blind, merged
     from foundation.files import write_json

@@ -32,7 +32,7 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
         return INTERRUPTED
     finally:
         # A Ctrl-C during an `exec` of text, as in dataclasses and Numba, sets a flag in Python. The flag stays set if
-        # the KeyboardInterrupt is caught, and Python then ends by a signal instead of a status. Each `exec` clears it.
+        # the KeyboardInterrupt is caught, and Python then ends by a signal instead of a status. Any `exec` clears it.
         exec("")
 
 

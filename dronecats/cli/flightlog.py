@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 
 def add_flightlog_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="list the logs on board")
     fetching = actions.add_parser("fetch", help="download one log")
@@ -83,7 +82,7 @@ def _on_board(args: argparse.Namespace) -> int:
 def _trace(args: argparse.Namespace) -> int:
     """Write estimate.jsonl, the estimated path, and judge the flight by it.
 
-    If the flight has a truth, print the error of the estimated path instead of a judgement.
+    If the log of the flight has true poses, print the error of the estimated path instead of a judgement.
     """
     from dronecats.judge.diagnostics import distances_sentence
     from dronecats.judge.episode import write_verdict

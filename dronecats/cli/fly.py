@@ -24,7 +24,6 @@ ARM = "ARM"  # the user types it to confirm
 
 
 def add_fly_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     _add(parser.add_argument_group("vehicle"), VEHICLE)
     _add(parser.add_argument_group("pilot"), (*PILOT, COMMAND, LATENCY))
     add_disturbances(parser)

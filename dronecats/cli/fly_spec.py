@@ -143,7 +143,7 @@ PAGE = ("view", "view_port", "view_host", "view_stay")
 ALLOWED_WITH_SPEC = {"verb", "run", *PAGE, *(option.name for option in OPTIONS if option.beside_spec)}
 REPLAY = "replay:"
 SCRIPTED = "scripted:"  # before the name of a built-in commander
-PATIENCE_S = 60.0  # s without a reply after which the flight of a connected vehicle ends
+PATIENCE_S = 60.0  # default of --patience, s without a reply after which a real flight ends
 
 
 def spec_of(args: argparse.Namespace) -> "FlightSpec":
@@ -214,7 +214,7 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError(f"{stray.flag} cannot change in a replay (--model replay:RUN). Leave it out")
     spec = recorded(Path(path))
     vehicle = spec.simulated or Simulated()
-    if args.autopilot == "ours":  # the recorded PX4 and its log go with it
+    if args.autopilot == "ours":  # the recorded settings of PX4 no longer apply
         vehicle, spec = replace(vehicle, autopilot="ours", px4=None), replace(spec, keep_ulog=False)
     for name in ("airframe", "autopilot", "px4"):
         if (value := getattr(args, name)) is not None:

@@ -8,13 +8,12 @@ from foundation.errors import UsageError
 from hil.impairment import Impairment
 
 DIRECTIONS = "A both ways, or A,B: A towards the autopilot and B from it"
-QUANTITIES: dict[str, DeclaredNumber] = {  # field of Impairment → the number that its option takes; baud 0: no limit
+QUANTITIES: dict[str, DeclaredNumber] = {  # field of Impairment → bounds of its option; baud 0: no limit
     name: field.quantity for name, field in declarations(Impairment).items() if field.quantity
 }
 
 
 def add_impair_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument("--listen", required=True, metavar="URL", help="where the agent connects: udpin://…, tcpin://…")
     parser.add_argument("--to", required=True, metavar="URL", help="the autopilot: udpout://…, tcp://…, serial://…")
     wire = parser.add_argument_group("link", f"Each option takes {DIRECTIONS}.")

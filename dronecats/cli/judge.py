@@ -25,7 +25,6 @@ DIFFERS = 4  # exit status: a stored verdict differs from the logs, or the logs 
 
 
 def add_judge_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     _add_rules(parser)
     parser.add_argument(
         "--metric",
@@ -148,14 +147,13 @@ def _agreement(judged: "Judged") -> str:
 
 
 def add_audit_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     _add_rules(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=_audit)
 
 
 def _audit(args: argparse.Namespace) -> int:
-    """Print one audit of all episodes."""
+    """Print what other rules would change, over all episodes together."""
     from dronecats.judge.metrics.audit import audit, audited_episode
     from dronecats.judge.metrics.judging import Judging, parallel_map
     from dronecats.report.recorded.run import recorded_runs

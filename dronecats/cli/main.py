@@ -55,7 +55,7 @@ MEMORY_GB = {
     "episodes": 1.0, "compare": 0.4, "judge": 0.2,
     **dict.fromkeys(("models", "doctor", "impair", "prompt"), 0.0),
 }  # fmt: skip
-DEFAULT_GB = 1.2  # a report with figures needs this
+DEFAULT_GB = 1.2  # for the other verbs: a report with figures needs this
 READER_LOST = {  # verb → message when the pipe's reader (such as `head`) has ended and the verb runs on for minutes
     "fly": "dronecats fly: the reader of the output has gone; the flight continues, and its results are"
     " in the run folder"
@@ -90,7 +90,7 @@ class Actions(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic 
 
 
 class VerbParser(argparse.ArgumentParser):
-    """A parser whose help ends with examples, and whose errors suggest the nearest words for a mistyped word."""
+    """A parser whose help ends with examples, and whose errors suggest similar words for a mistyped word."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(formatter_class=VerbHelp, **kwargs)

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 
 def add_maps_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="print one line per map")
     listing.add_argument("--json", action="store_true", help="print one JSON object")
@@ -115,7 +114,6 @@ def _facts(scene: Any) -> dict[str, Any]:
 
 
 def _table(facts: dict[str, Any]) -> "ReportTable":
-    """Return the facts as a table."""
     from dronecats.report.table import table_of, words
 
     (n0, n1), (e0, e1), (h0, h1) = facts["north_m"], facts["east_m"], facts["height_m"]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dronecats.agent.models.rows import ModelRow
     from dronecats.agent.models.spec import ModelSpec
 
-INSTRUCTION = "go to the cyan SUV"  # in the request that `show` prints
+INSTRUCTION = "go to the cyan SUV"  # the task in the request that `show` prints
 REPLY_SHOWN = 120  # characters of a reply that are printed
 SCHEMA_FINDINGS = {
     None: "no schema is sent",
@@ -38,7 +38,6 @@ POINTING_FINDINGS = {
 
 
 def add_models_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's actions."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="print one line per model of models.toml")
     listing.add_argument("--endpoint", metavar="URL", help="list the models that this PROVIDER or address serves")
@@ -182,7 +181,7 @@ def _recorded(spec: "ModelSpec") -> dict[str, Any]:
 
 
 def _request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
-    """Return {url, headers, body} of the first step's request, without the key and the picture. Raises UsageError."""
+    """Return {url, headers, body} of a flight's first request, without key and picture. `lifted`: with reasoning."""
     from dronecats.agent.models.model import Request
     from dronecats.agent.models.probe import marked_picture
     from dronecats.agent.models.spec import provider_of
@@ -305,7 +304,6 @@ def _count(tokens: int | None) -> str:
 
 
 def add_prompt_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's action."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     extract = actions.add_parser("extract", help="copy the prompt of a LaTeX source to a file for --prompt")
     extract.add_argument("source", type=Path, metavar="PAPER.tex", help="LaTeX file with the prompt in a listing")

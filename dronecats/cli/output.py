@@ -1,7 +1,7 @@
 """Prints tables, lines and progress. A closed pipe or a full disk does not stop the verb.
 
-`dronecats fly … | head -1` closes the output during the flight. The flight continues to its end, its results are in the
-run folder, and the exit status is that of the flight.
+`dronecats fly … | head -1` closes the output during the flight. The flight continues to its end, and its result still
+sets the exit status.
 
 `printable` escapes control characters in all printed text, because the text may come from a model, a server or a file.
 Only data for another program is written unchanged (`write_data`).

@@ -28,7 +28,6 @@ GIVES_KEY = (
 
 
 def add_preflight_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument(
         "--connect",
         required=True,

@@ -25,7 +25,6 @@ FORMATS = {"mcap": "message", "rerun": "message", "lerobot": "frame", "ulog": "m
 
 
 def add_query_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument("sql", nargs="?", metavar="SELECT", help="one SELECT, in quotes")
     parser.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="runs, or folders of runs (default runs)")
     parser.add_argument("--tables", action="store_true", help="print the tables with their columns and units")
@@ -36,7 +35,7 @@ def add_query_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _query(args: argparse.Namespace) -> int:
-    """Print or write the answer of a query. Damaged episodes are named on standard error."""
+    """Print or write the answer of a query. Prints the names of damaged episodes on standard error."""
     if args.tables:
         if args.csv is not None or args.parquet is not None:
             raise UsageError("--csv and --parquet write the answer of a query. Leave them out, or leave --tables out")
@@ -159,7 +158,6 @@ def _shown(value: Any) -> str | None:
 
 
 def add_export_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument(
         "runs", type=Path, nargs="+", metavar="RUN", help="run folders, episodes of them, or folders that hold runs"
     )
@@ -173,7 +171,7 @@ def add_export_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _export(args: argparse.Namespace) -> int:
-    """Write the files. Episodes that are left out are named on standard error."""
+    """Write the files. Prints the names of episodes that are left out on standard error."""
     from dronecats.report.export.formats import export
     from dronecats.report.export.layouts import FILES
     from dronecats.report.recorded.run import recorded_runs

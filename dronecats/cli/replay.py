@@ -14,12 +14,11 @@ from foundation.errors import UsageError
 
 SIZE, FPS = (1280, 720), 30
 GIF_SIZE, GIF_FPS = (480, 270), 6
-GIF_FPS_MAX = 50  # browsers show a frame of less than 20 ms for 100 ms
+GIF_FPS_MAX = 50  # with more, a frame lasts less than 20 ms, and browsers show it for 100 ms
 SUFFIXES = (".mp4", ".gif")
 
 
 def add_replay_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument(
         "runs",
         type=Path,
@@ -58,7 +57,6 @@ def _replay(args: argparse.Namespace) -> int:
 
 
 def add_film_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument(
         "episode", type=Path, metavar="RUN[/EPISODE]", help="a run with one episode, or an episode's folder"
     )

@@ -13,7 +13,6 @@ from foundation.protocol import RADIUS_M
 
 
 def add_report_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folders, or folders that hold runs")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the report")
     parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")

@@ -1,6 +1,6 @@
 """Verb `sitl`: runs only the simulator, on PX4's ports, for any MAVLink client.
 
-The autopilot is that of this project, or PX4.
+The autopilot is this project's own, or PX4.
 """
 
 import argparse
@@ -17,12 +17,11 @@ from foundation.errors import UsageError
 
 AIR = ("wind", "gusts")  # disturbances that act from boot on
 SEEN = ("sun", "sky", "season")  # conditions that change only the camera's pictures
-LEAST_CHARGE = 0.5  # SIM_BAT_MIN_PCT: the battery keeps at least this charge, so a session has no time limit
-PX4_INSTANCES = 10  # PX4 instances with separate offboard ports; all further instances send to port 14549
+LEAST_CHARGE = 0.5  # 0 … 1: the battery keeps this charge (like SIM_BAT_MIN_PCT), so a session has no time limit
+PX4_INSTANCES = 10  # so many PX4 instances have their own offboard port; all further ones send to port 14549
 
 
 def add_sitl_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument(
         "--instance", type=int, default=0, metavar="I", help="add this to every port except 14550 (default 0)"
     )

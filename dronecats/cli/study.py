@@ -31,14 +31,13 @@ if TYPE_CHECKING:
     from dronecats.bench.campaign import OpenRun
 
 REPEATED = Path("again")  # folder for the run folders of repeated flights
-LATENCIES = "0,0.25,0.5,1,2,4"  # s
-RATE, CVS = "2", "0,0.25,0.5,1,2"  # Hz; standard deviation / mean
+LATENCIES = "0,0.25,0.5,1,2,4"  # s, default of --values
+RATE, CVS = "2", "0,0.25,0.5,1,2"  # defaults of --rate (Hz) and --cv (standard deviation / mean)
 SECONDS = Option(name="seconds", kind=float, metavar="S", help="length of a flight in vehicle time (default 300)")
 HOLD = Option(name="hold", repeated=True, metavar="FACTOR=LEVEL", help="set this in every flight: docs/studies.md")
 
 
 def add_study_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's actions."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     latency = actions.add_parser("latency", help="repeat flights with several reply times")
     latency.add_argument(

@@ -11,11 +11,10 @@ from foundation.files import check_folder
 from foundation.machine import cores
 
 BUSY = "0,2,4,8"  # default numbers of busy processes
-MOST = 256  # largest number of busy processes
+MOST = 256  # largest valid number of busy processes
 
 
 def add_load_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's options."""
     parser.add_argument(
         "--busy",
         type=level_list,

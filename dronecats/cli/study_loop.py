@@ -14,7 +14,6 @@ EXPERIMENTS = ("margins", "stream", "trace")
 
 
 def add_loop_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's options."""
     parser.add_argument(
         "--airframe", action="append", metavar="NAME", help="airframe, by name or TOML file; repeatable (default: all)"
     )

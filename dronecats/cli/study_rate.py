@@ -18,14 +18,13 @@ if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import FlightSpec
     from dronecats.study.rate.chain import ChainSummary, ReplayedChain
 
-QUESTIONS = 30
-LEAST = 5  # fewest questions for useful quantiles
-MOST = 10_000  # at most this many latencies in a trace
+QUESTIONS = 30  # default of --questions
+LEAST = 5  # fewer questions give no useful quantiles
+MOST = 10_000  # largest number of questions, because a latency trace has at most so many values
 INSTRUCTION = "Find the red van and fly up to it."
 
 
 def add_rate_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's options."""
     rig = parser.add_argument_group("the rig")
     rig.add_argument("--connect", metavar="URL", required=True, help="the vehicle: udpin://0.0.0.0:14540, serial://…")
     add(rig, [SIGN])
@@ -56,8 +55,8 @@ def add_rate_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure the times.
 
-    Return 0 if all questions, or at least LEAST of them in the time, were answered, 2 if fewer were, 3 after an error,
-    and 130 if interrupted before the last question.
+    Return 0 if all questions were answered, or at least LEAST of them within --seconds; 2 if fewer were; 3 after an
+    error; 130 if interrupted before the last question.
     """
     wanted = _wanted(args)
     spec = rehearsal(args)
@@ -142,7 +141,7 @@ def _report(
 
 
 def next_command_values(chain: "ReplayedChain") -> dict[str, str | Path | list[str]]:
-    """Return the values for NEXT["study rate"]: latency and frame delay of the chain, folder and study file."""
+    """Return the values for NEXT["study rate"]: latency and frame delay as measured, folder and study file."""
     from dronecats.study.rate.chain import STUDY
 
     folder = chain.trace.parent

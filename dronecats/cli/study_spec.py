@@ -226,7 +226,7 @@ def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
 def _pilots(
     args: argparse.Namespace, out: Path, levels: "Mapping[str, tuple[Level, ...]]"
 ) -> "list[tuple[str, FlightSpec]]":
-    """Return the name and the flight specification of each pilot. If the pilot is a factor: one, with an empty name.
+    """Return the name and the flight specification of each pilot. If the pilot is a factor: one entry without a name.
 
     `levels`: the levels of each varied or held factor, by the factor's name.
     """

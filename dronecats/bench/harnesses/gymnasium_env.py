@@ -31,7 +31,7 @@ from foundation.protocol import CAP_S, POINT_SPAN
 ENV_ID = "DroneCATS-v0"
 DEPTH_MAX_M = 300.0
 ANGLE_MAX_DEG = 90.0
-CHARACTERS = frozenset(map(chr, range(32, 0x2100)))  # allowed in instructions
+CHARACTERS = frozenset(map(chr, range(32, 0x2100)))  # characters that an instruction may have
 
 # {"frame": (360, 640, 3) uint8 RGB, "instruction": str}; for n drones, "frames": (n, 360, 640, 3) instead of "frame"
 EnvObservation = dict[str, Any]
@@ -77,7 +77,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         self._reward, self._latency, self._seconds, self._policy = reward, latency, seconds, policy
         self._kept = None if out is not None else tempfile.TemporaryDirectory(prefix="dronecats-")
         self._out = Path(out if out is not None else self._kept.name)  # type: ignore[union-attr]
-        self._begun = 0  # number of begun flights; selects the next episode
+        self._begun = 0  # number of flights begun so far; selects the next episode
         self._run: Path | None = None  # folder of the newest flight
         self._numbers = itertools.count(1)  # names of the flights' folders; skips folders of other environments
         self._flight: OutsideFlight | None = None

@@ -30,10 +30,10 @@ from foundation.run_folder import folder as folders
 from foundation.run_folder.reading import result_of
 from foundation.run_folder.results import Result
 
-KINDS = ACTIONS  # an action's number is its index here
+KINDS = ACTIONS  # a harness names an action by its index in this tuple
 _CAMERA = CameraModel()
 PICTURE_SHAPE = (_CAMERA.height * WIDTH_MAX // _CAMERA.width, WIDTH_MAX, 3)  # as models get it: height, width, RGB
-_CREATING = threading.Lock()  # flights of a run may begin together, but create or read run.json one at a time
+_CREATING = threading.Lock()  # held to create or read run.json, because flights of a run may begin together
 
 
 def picture(jpeg: bytes) -> NDArray[np.uint8]:

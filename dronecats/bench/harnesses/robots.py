@@ -38,7 +38,7 @@ FOLDER = "dronecats_folder"  # key of the flight's folder in a step's info
 LABELS = ("kind", "point_x", "point_y", "depth_m", "angle_deg")
 LOW = np.array([0.0, 0.0, 0.0, 0.1, -90.0])
 HIGH = np.array([len(KINDS) - 1.0, POINT_SPAN, POINT_SPAN, 300.0, 90.0])
-STEPS_MAX = int(CAP_S * SETPOINT_HZ)  # never reached before the time limit: a step lasts for at least one tick
+STEPS_MAX = int(CAP_S * SETPOINT_HZ)  # the time limit comes first, because a step lasts for at least one tick
 NOTES = """One step is one decision. `kind`: 0 go, 1 rotate, 2 think, 3 finished.
 go: fly towards the picture's point (`point_x`, `point_y`, 0 to 1000 from the upper left corner), which is `depth_m`
 away; at most 3 m a step. rotate: turn by `angle_deg`, + right. think: hover. finished: claim to have arrived, within
