@@ -96,7 +96,7 @@ class Cockpit:
     seed: tuple[int, ...] = (0,)  # seeds all random draws of the agent
     on_step: Callable[[Decision], None] = _nothing  # called with every decision
     on_tick: Callable[[], None] = _nothing  # called at every tick; an exception in it ends the flight
-    pictures: PicturePath | None = None  # delays and drops pictures as the flight declares; None: no disturbances
+    pictures: PicturePath | None = None  # declared disturbances of pictures, such as a delay; None: none
     host: HostPace | None = None  # paces the vehicle's clock in real time; None: lockstep
 
     def newest_frames(
@@ -137,7 +137,7 @@ class Cockpit:
             yield
 
     def keep_pictures(self, frames: Sequence[Frame]) -> tuple[bytes, ...]:
-        """Return frames as JPEGs for a model, and write each into the run folder, with its depth if it has one."""
+        """Return frames as JPEGs for a model. Write each JPEG, with the depth image if any, into the run folder."""
         pictures = tuple(encode(frame.image_rgb) for frame in frames)
         for frame, jpeg in zip(frames, pictures, strict=True):
             (self.frames_dir / frame_name(frame.frame_id, frame.drone)).write_bytes(jpeg)

@@ -1,4 +1,4 @@
-"""The fixed geometric controller, and `Drone`, which flies its segments. Paper, appendix "Execution".
+"""The fixed geometric controller (paper, appendix "Execution"), and `Drone`, which flies its segments.
 
 One action becomes at most a turn and a move. The geometry is solved once per step, without feedback; the autopilot
 tracks the result. Angles count from the heading that the vehicle had when the picture was taken, so a go flies to its
@@ -39,7 +39,7 @@ class Segment:
 
 
 def displacement(go: Go, camera: CameraModel) -> tuple[float, float, float]:
-    """Return (right, forward, up) in metres of the point, back-projected with the pilot's depth.
+    """Return the offset of the point (right, forward, up; m), back-projected with the pilot's depth.
 
     Forward and up are axes of the vehicle. The depth is along the optical axis of the camera, which may be pitched.
     """

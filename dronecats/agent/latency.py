@@ -125,8 +125,8 @@ class LatencyPolicy:
     def with_part(self, text: str, instead_of: Sequence[str] = ()) -> "LatencyPolicy":
         """Return the policy with a new part.
 
-        The new part replaces the first part whose kind is in `instead_of`. Otherwise it is added at the end, and
-        replaces a part of its own kind. Raises UsageError.
+        The new part replaces the first part whose kind is in `instead_of`. Without such a part, it is added at the end,
+        and a part of the same kind is removed. Raises UsageError.
         """
         if self.real:
             raise UsageError(f"{NOTHING_ADDED}, got '{text}'")

@@ -346,7 +346,7 @@ class SideBySideAgent:
 
     @property
     def steps(self) -> int:
-        """Number of decided steps, of all deciders."""
+        """Number of steps that all deciders have decided."""
         return self._tally.taken
 
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:

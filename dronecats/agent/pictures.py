@@ -49,7 +49,7 @@ class PicturePath:
         self._delay_s, self._dropped, self._stale = delay_s, dropped, stale
         self._rate_hz, self._recall = rate_hz, recall
         self._got: dict[tuple[int, int], Frame] = {}  # (first drone of a question, drone) → last frame of `drone`
-        self._numbers: dict[tuple[int, int], int] = {}  # same key → number of that frame, counted from 0 at `rate_hz`
+        self._numbers: dict[tuple[int, int], int] = {}  # same key → n, for a frame taken at n / `rate_hz` s
         # first drone of a question → vehicle s by which disturbances delayed the pictures of its newest question
         self.held_s: dict[int, float] = {}
 

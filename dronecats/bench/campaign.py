@@ -74,7 +74,7 @@ class Batch:
         return verdict if verdict is not None and verdict.get("outcome") in SCORED else None
 
     def left(self, episodes: Iterable[str], *, retry: bool = False) -> list[str]:
-        """Return the episodes that remain to be flown, in their order; `retry`: add the `stuck` ones."""
+        """Return the episodes that remain to be flown, in their order; `retry`: also the `stuck` ones."""
         return [episode for episode in episodes if self.done(episode) is None or (retry and self.stuck(episode))]
 
     def stuck(self, episode: str) -> bool:

@@ -43,7 +43,7 @@ MATRIX = (
 )  # fmt: skip
 DROP_STALLED = Option(name="drop_stalled", kind=bool, help="leave flights unscored that the host delayed")
 EPISODES = Option(name="episodes", many=True, help="by id or file")
-# the valid keys of a file
+# the valid keys of a benchmark file
 FILE_OPTIONS = {
     option.name: option
     for option in (EPISODES, *SELECTION, *PILOTS, *MATRIX, NO_RETRY, *DISTURBANCES, *PLACE, DROP_STALLED)

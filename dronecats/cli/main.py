@@ -56,7 +56,7 @@ MEMORY_GB = {
     **dict.fromkeys(("models", "doctor", "impair", "prompt"), 0.0),
 }  # fmt: skip
 DEFAULT_GB = 1.2  # for the other verbs: a report with figures needs this
-READER_LOST = {  # verb → message when the pipe's reader (such as `head`) has ended and the verb runs on for minutes
+READER_LOST = {  # verb that runs for minutes → message when the reader of the output (such as `head`) has ended
     "fly": "dronecats fly: the reader of the output has gone; the flight continues, and its results are"
     " in the run folder"
 }

@@ -47,7 +47,7 @@ class Option:
     many: bool = False  # takes several values
     repeated: bool = False  # may be given several times
     vehicle: Literal["--sitl", "--connect"] | None = None  # the only vehicle that the option applies to; None: both
-    replay: Literal["may change", "as recorded"] | None = None  # whether a replay of a recorded flight may change it
+    replay: Literal["may change", "as recorded"] | None = None  # whether a replay of a flight may change the value
     beside_spec: bool = False  # allowed together with --spec FILE
 
     @property

@@ -53,7 +53,7 @@ def print_line(line: str) -> None:
 
 
 def write_data(text: str) -> None:
-    """Write data for another program on standard output. Only a terminal gets it without control characters."""
+    """Write data for another program on standard output. A terminal gets no control characters."""
     if isinstance(sys.stdout, Printing) and not sys.stdout.isatty():
         sys.stdout.draw(text)
     else:

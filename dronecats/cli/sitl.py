@@ -17,7 +17,7 @@ from foundation.errors import UsageError
 
 AIR = ("wind", "gusts")  # disturbances that act from boot on
 SEEN = ("sun", "sky", "season")  # conditions that change only the camera's pictures
-LEAST_CHARGE = 0.5  # 0 … 1: the battery keeps this charge (like SIM_BAT_MIN_PCT), so a session has no time limit
+LEAST_CHARGE = 0.5  # the battery keeps this share of its charge (SIM_BAT_MIN_PCT), so a session has no time limit
 PX4_INSTANCES = 10  # so many PX4 instances have their own offboard port; all further ones send to port 14549
 
 

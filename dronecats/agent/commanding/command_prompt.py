@@ -31,7 +31,7 @@ INTERVAL_S = 45.0  # vehicle s after which the commander is asked again even wit
 
 @dataclass(frozen=True, slots=True)
 class CommandPrompt:
-    """The prompt template of a commander. Braces are literal except in its four fields."""
+    """The prompt template of a commander. Braces are literal except in the four fields of _FIELD."""
 
     template: str
 
@@ -47,7 +47,6 @@ class CommandPrompt:
         return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
     def render(self, instruction: str, roster: str, causes: Sequence[Cause], drones: int) -> str:
-        """Return the text of one question."""
         values = {
             "drones": FLEET.replace("{n}", str(drones)) if drones > 1 else ALONE,
             "instruction": instruction,

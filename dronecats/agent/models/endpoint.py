@@ -39,7 +39,7 @@ _EXHAUSTED = re.compile(
     rb"|per.?day",
     re.IGNORECASE,
 )
-_DELAY = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)s")  # retryDelay of a google.rpc.RetryInfo
+_DELAY = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)s")  # retryDelay of google.rpc.RetryInfo
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,10 +116,10 @@ GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses; an 
 CONNECT_S = 10.0  # wall s for each connection, included in GIVE_UP_S
 MAX_BODY_BYTES = 4 * 2**20  # longest body of an answer, decompressed; an answer of 8192 tokens has about 40 kB
 MAX_READ_CHARS = 100_000  # `brief` reads this many characters of an answer, and shows 200
-MAX_PAUSE_S = 60.0  # upper limit on Retry-After
+MAX_PAUSE_S = 60.0  # s, longest pause that an answer may ask for
 AGAIN = (408, 425, 429)  # statuses after which a question is sent again, besides 5xx
 UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # statuses that every question would get
-_VERSION = re.compile(r"/v\d")  # in the path of an address
+_VERSION = re.compile(r"/v\d")  # version in the path of an address
 HEADERS = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
 T = TypeVar("T")
 
@@ -186,7 +186,7 @@ def _trusted() -> ssl.SSLContext:
 
 
 class Endpoint:
-    """A base URL with its key. Its errors, `shown` and `brief` have no secrets; a body may, see `hide`."""
+    """A base URL with its key. Errors, `shown` and `brief` have no secrets; a body may (`hide`)."""
 
     def __init__(
         self,
@@ -400,7 +400,6 @@ class Endpoint:
 
 
 def _is_loopback(host: str) -> bool:
-    """Return whether the host of a URL is a loopback name or address."""
     try:
         return ip_address(host).is_loopback
     except ValueError:

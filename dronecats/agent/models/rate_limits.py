@@ -9,7 +9,7 @@ from email.utils import parsedate_to_datetime
 from typing import Literal, Protocol
 
 Kind = Literal["requests", "tokens"]
-LONGEST_S = 86_400.0  # a later reset counts as one day
+LONGEST_S = 86_400.0  # s; a reset after a longer time counts as one day
 _UNIT_S = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}
 _DURATION = re.compile(r"(\d{1,9}(?:\.\d{1,9})?)(ms|s|m|h|d)")
 _EPOCH_MS = re.compile(r"\d{13}")
@@ -97,7 +97,7 @@ def http_date(text: str | None) -> datetime | None:
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
-LONGEST_WAIT_S = 60.0  # s, longest block of requests; later stored times are ignored: the clock was set back
+LONGEST_WAIT_S = 60.0  # s, longest block of requests; a time stored farther ahead is ignored: the clock was set back
 SLOW_S = 60.0  # s; after a block, requests are sent one by one for this time
 SLOW_INTERVAL_S = 0.5  # s between requests in this time; needed for vendors without rate-limit headers
 MINUTE_S = 60.0  # s, assumed time of a refill if the headers do not give it
@@ -115,7 +115,6 @@ class Bucket:
     whole_at: float  # time at which the limit is full again
 
     def left(self, now: float) -> float:
-        """Return the level now."""
         if now >= self.whole_at or now < self.at - LONGEST_WAIT_S:
             return self.full
         return min(self.full, self.level + self.rate * max(now - self.at, 0.0))
@@ -142,7 +141,7 @@ class RateLimitState:
     held_until: float = 0.0  # no requests before this time
     slow_until: float = 0.0  # requests are sent one by one until this time
     next_at: float = 0.0  # earliest time of the next request, until `slow_until`
-    buckets: Mapping[str, Bucket] = field(default_factory=dict)  # key: 'KIND MODEL', such as 'tokens gpt-5'
+    buckets: Mapping[str, Bucket] = field(default_factory=dict)  # by 'KIND MODEL', such as 'tokens gpt-5'
 
     def claim(self, model: str, tokens: int, now: float) -> "tuple[float, RateLimitState]":
         """Return (0, the state after this request), or (seconds to wait, the same state)."""

@@ -46,7 +46,7 @@ class LoggedReply:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightRecording:
-    """All replies of a flight as data, so that it can be flown again without its folder."""
+    """All replies of a flight as data, so that the flight can be repeated without its folder."""
 
     flight: str  # name of the episode folder
     steps: tuple[LoggedReply, ...]

@@ -42,7 +42,7 @@ def orders_schema(drones: int) -> dict[str, Any]:
 
 
 def known_part(schema: Any, unknown: Collection[str]) -> Any:
-    """Return a schema without the keywords that a server does not support. The parser still checks their conditions."""
+    """Return a schema without the keywords that a server does not support; the parser checks their conditions."""
     if isinstance(schema, dict):
         return {key: known_part(value, unknown) for key, value in schema.items() if key not in unknown}
     return [known_part(value, unknown) for value in schema] if isinstance(schema, list) else schema

@@ -102,7 +102,7 @@ def provider_of(name: str) -> Provider:
 
 NO_EFFORT = "none"
 TEMPERATURE_MAX = 2.0
-COUNT_MAX = 100_000_000  # tokens, in a setting
+COUNT_MAX = 100_000_000  # tokens, largest setting
 PRICE_MAX = 100_000.0
 
 Text = Annotated[str, Meta(pattern=r"\S", extra={"wrong": "is not a text"})]
@@ -126,13 +126,13 @@ class ModelSpec:
     """A model and its settings. The sampling defaults are the paper's ("Model Serving and Decoding")."""
 
     provider: Text  # a key of PROVIDERS
-    name: Text  # at the provider
+    name: Text  # as the provider writes it
     base_url: Text | None = None  # None: the provider's own
     axis_order: AxisOrder = "xy"
     temperature: Temperature | None = PAPERS_TEMPERATURE  # None: not sent, for models that reject it
     top_p: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None  # None: the provider's, if it has one
     top_k: TokenCount | None = None  # None: the provider's, if it has one
-    max_tokens: TokenCount = 8192  # of a reply with its reasoning
+    max_tokens: TokenCount = 8192  # limit of a reply with its reasoning
     schema: Root | None = None  # root of the schema that the server enforces; None: none is sent
     thinking: dict[str, Any] | None = None  # request fields with extended reasoning; None: the provider's
     quick: dict[str, Any] | None = None  # request fields without extended reasoning; None: the provider's

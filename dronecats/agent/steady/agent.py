@@ -99,7 +99,7 @@ class SteadyDrone(Drone):
         return now_s >= self._leg.due_s or self._stride_m() >= STRIDE_MAX_M - SHORT_M
 
     def _stride_m(self) -> float:
-        """Return the distance (m) from the place where the last picture was taken."""
+        """Return the drone's distance (m) from the place where it took the last picture."""
         assert self._place is not None
         return math.dist(self.aircraft.sight(self.aircraft.time_us).position_ned, self._place.from_ned)
 

@@ -27,7 +27,7 @@ def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
     """Return the place that a go names in a picture taken at `sight`."""
     right, forward, up = displacement(go, camera.at_pitch(sight.gimbal_pitch))
     body = quat_from_euler(sight.roll, sight.pitch, sight.heading)
-    # `displacement` has the axes of the vehicle, but they are level if the camera has a gimbal
+    # `displacement` is in the axes of the vehicle, or in level axes if the camera has a gimbal
     axes = quat_from_euler(0.0, 0.0, sight.heading) if camera.gimballed else body
     north, east, down = rotate(axes, (forward, right, -up))
     lens = camera_pose(sight.position_ned, body, camera).position_ned
@@ -57,7 +57,7 @@ def _reach(distance_m: float, depth_m: float) -> float:
 REACHED_M = 0.3  # m, horizontal distance at which the goal is reached
 FOLLOW_AGAIN_M = 1.0  # m, horizontal distance beyond which the drone leaves its hold and follows the goal again
 SLOW_DOWN_S = 0.8  # s; the speed is at most the distance to the goal divided by this
-KEEP_COURSE_M = 1.5  # m; nearer to the goal the drone keeps its course, so that it does not turn at the goal
+KEEP_COURSE_M = 1.5  # m; nearer to the goal, the drone keeps its course and does not turn
 CAREFUL_S = 1.5  # s, shortest duration of a short stride (a go with a depth below NEAR_M)
 
 
@@ -70,8 +70,8 @@ class Leg:
     level: bool  # the height is held
     begins_s: float  # s of the episode
     due_s: float  # s, when the next decision is expected
-    ends_s: float  # s, end of the leg's validity
-    pace: float  # m/s
+    ends_s: float  # s, when the leg ends without a new decision
+    pace: float  # m/s, full speed
 
     def goal(self, now_s: float) -> Vec3:
         """Return the position of the goal at a time (m, local frame)."""

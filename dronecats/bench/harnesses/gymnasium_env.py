@@ -1,4 +1,4 @@
-"""`DroneCATS-v0`: one episode of one drone, or of a fleet under joint command, as a Gymnasium environment.
+"""`DroneCATS-v0`: one episode of one drone, or of a fleet with one policy, as a Gymnasium environment.
 
     import gymnasium
     import dronecats.bench.harnesses.gymnasium_env

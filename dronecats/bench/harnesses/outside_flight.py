@@ -1,4 +1,4 @@
-"""A simulated flight with another harness as its pilot. The harness may answer a question at any time.
+"""A simulated flight whose pilot is another harness, such as Inspect. The harness may answer at any time.
 
 The flight runs in lockstep: the vehicle's clock stands still from a question to its answer. Only the latency policy
 determines the vehicle time that an answer takes.
@@ -82,7 +82,7 @@ class OutsideFlight:
     """One flight in lockstep. The caller alternates `question` and `answer` until there is no further question."""
 
     def __init__(self, spec: FlightSpec, run: Path) -> None:
-        """Begin the flight, in a new folder of the run. Raises UsageError if another harness cannot fly the spec."""
+        """Begin the flight, in a new folder of the run. Raises UsageError if no harness can fly the spec."""
         if spec.outside is None:
             raise UsageError("the spec has no `outside`. Set it to the name of the harness")
         self._folder_lock = ExitStack()  # locks the folder until the flight is over
