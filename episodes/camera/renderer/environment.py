@@ -1,8 +1,8 @@
-"""Draws the surroundings that paint, glass and water reflect: a small picture of all directions around a place.
+"""Draws the surroundings that paint, glass and water reflect: a small picture of all directions.
 
-The picture shows the sky with its clouds, the ground, and the map's objects. It shows an object as columns: one per
-grid cell, each with one colour. The picture has two halves, upper and lower, in the stereographic projection of
-`sky.read_half`. It is coarse, because reflections in paint and panes are blurred.
+The picture shows the sky with its clouds, the ground, and the map's objects. Objects are drawn as the vertical columns
+of `occlusion.Columns`, each with one colour. The picture has an upper and a lower half, in the stereographic projection
+of `sky.read_half`. It is coarse, because reflections in paint and panes are blurred.
 """
 
 import math
@@ -18,10 +18,10 @@ from episodes.camera.renderer.textures import Atlas, mean_colors
 from foundation.compiled import njit
 from foundation.frames import Vec3
 
-CELLS = 64  # cells per side of a half
+CELLS = 64  # cells per side of each half of the picture
 EYE_M = 2.5  # height of the eye above the ground
-NEAREST_M, FARTHEST_M = 5.0, 260.0  # m from the eye, first and last point on a ray
-GROUND: Vec3 = (0.15, 0.15, 0.13)  # linear reflectance: roads, walks and grass together
+NEAREST_M, FARTHEST_M = 5.0, 260.0  # m from the eye; rays are followed between these distances
+GROUND: Vec3 = (0.15, 0.15, 0.13)  # linear reflectance of all ground
 
 
 def mean_reflectance(surfaces: Surfaces, atlas: Atlas) -> NDArray[np.float32]:
@@ -34,7 +34,7 @@ def mean_reflectance(surfaces: Surfaces, atlas: Atlas) -> NDArray[np.float32]:
 def reflection_map(
     columns: Columns, shade: Occlusion, day: Daylight, sky: NDArray[np.float32], north: float, east: float
 ) -> NDArray[np.float32]:
-    """Return the (2, CELLS, CELLS, 3) linear RGB that is seen from a place (north, east; m), upper and lower half."""
+    """Return the (2, CELLS, CELLS, 3) linear RGB seen from (north, east), m: the upper half, then the lower half."""
     blurred = np.ascontiguousarray(cv2.resize(sky, (CELLS, CELLS), interpolation=cv2.INTER_AREA))
     made = np.zeros((2, CELLS, CELLS, 3), np.float32)
     _look_around(columns, shade.ground, day, blurred, north, east, np.array(GROUND), made)

@@ -73,10 +73,10 @@ def as_floats(v: Vec3) -> Vec3:
 class Triangles(NamedTuple):
     """All triangles of the scene, in NED, and the chunks of triangles that are culled together."""
 
-    position: NDArray[np.float32]  # (T, 3, 3) m, NED, corner by corner
+    position: NDArray[np.float32]  # (T, 3, 3) m, NED, corners
     normal: NDArray[np.float32]  # (T, 3, 3) unit, NED, at the corners
     uv: NDArray[np.float32]  # (T, 3, 2)
-    face: NDArray[np.float32]  # (T, 3) unit, NED, plane's normal, on the side that sees the corners counter-clockwise
+    face: NDArray[np.float32]  # (T, 3) unit, NED, normal on the side that sees the corners counter-clockwise
     flat: NDArray[np.bool_]  # (T,) whether the normals at the corners are equal
     material: NDArray[np.int32]  # (T,) row of Surfaces
     instance: NDArray[np.int32]  # (T,) the instance's id
@@ -87,8 +87,8 @@ class Triangles(NamedTuple):
     chunk_count: NDArray[np.int32]  # (C,)
     chunk_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the chunk
     chunk_radius: NDArray[np.float64]  # (C,) m
-    chunk_cut: NDArray[np.bool_]  # (C,) whether all triangles of the chunk have cut-out textures; else none has
-    solid_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around all surfaces that the chunk is part of
+    chunk_cut: NDArray[np.bool_]  # (C,) whether the chunk's triangles have textures with holes: all or none
+    solid_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the surfaces of the chunk's triangles
     solid_radius: NDArray[np.float64]  # (C,) m
 
 
@@ -190,7 +190,7 @@ class SceneLayout:
 def lay_out(scene: Scene, of_map: SceneLayout | None = None) -> SceneArrays:
     """Return the arrays of a scene.
 
-    `of_map`: the layout of the scene's map. With it, only the other instances are laid out, and the result is the same.
+    `of_map`, the layout of the scene's map, only saves time: its rows are copied instead of computed.
     Raises UsageError for ids that repeat or are below 1, or a corner that is not finite.
     """
     ids = [instance.id for instance in scene.instances]
@@ -205,7 +205,7 @@ def lay_out(scene: Scene, of_map: SceneLayout | None = None) -> SceneArrays:
 
 @once(3)  # a run has many episodes on one map, and several cameras
 def map_layout(scene: Scene) -> SceneLayout | None:
-    """Return the layout of a map, for `lay_out`; None if the map has movable instances, whose rows must be last."""
+    """Return the layout of a map, for `lay_out`; None if the map has movable instances: their rows must be last."""
     if any(instance.movable for instance in scene.instances):
         return None
     rows = kept_of_scene("layout", SOURCES, scene, lambda: _with_instances(NOTHING, scene.instances))
@@ -220,15 +220,15 @@ def add_instances(laid: SceneLayout, instances: Sequence[Instance]) -> SceneLayo
 class _Rows(NamedTuple):
     """The rows of a layout and of added instances. They can be stored in a file if no instance is movable."""
 
-    triangles: Triangles  # without `cutout`
-    planes: list[NDArray[np.int32]]  # `_flat_pieces` of each mesh, for the meshes of `_meshes`
+    triangles: Triangles  # `cutout` is not yet filled
+    planes: list[NDArray[np.int32]]  # `_flat_pieces` of each mesh, in the order of `_meshes`
     plane_count: int
     movable: tuple[PlacedPart, ...]
     static_count: int
 
 
 def _layout_of(laid: SceneLayout, instances: Sequence[Instance], rows: _Rows) -> SceneLayout:
-    """Return the layout with the rows of added instances, and with their materials."""
+    """Return `laid` with `instances` added; `rows` are the rows of the result."""
     materials = _materials(laid, instances)
     surfaces, pictures = _surfaces(materials)
     cutouts, cutout_of = cutouts_of(materials)
@@ -320,7 +320,7 @@ def _lay_mesh(mesh: Mesh) -> LaidMesh:
         position=mesh.vertices[mesh.triangles],
         normal=normal,
         face=face_normals(mesh),
-        uv=uv - np.floor(uv.min(axis=1, keepdims=True)),  # small numbers keep their precision
+        uv=uv - np.floor(uv.min(axis=1, keepdims=True)),  # textures repeat, and small numbers are more precise
         flat=(normal.max(axis=1) - normal.min(axis=1) < 1e-6).all(axis=1),
     )
 

@@ -28,7 +28,7 @@ LAYER_HEIGHTS = np.array((0.05, LAYER_1_M, LAYER_2_M, LAYER_3_M))
 EMPTY = 1e30  # lower end of the column of an empty cell; its upper end is -EMPTY
 
 AZIMUTHS = 12
-RINGS = (1.0, 2.0, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0)  # distances in cells
+RINGS = (1.0, 2.0, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0)  # distances, in cells, at which columns may hide the sky
 BINS = 16  # ranges of elevation angle; level ground gets the same light from each range of the sky
 DARKEST = 0.16  # lower limit of the open share, because walls reflect light
 
@@ -56,16 +56,16 @@ class Columns(NamedTuple):
 class Occlusion(NamedTuple):
     """The open share of the sky on the cells of a grid."""
 
-    open: NDArray[np.uint64]  # (N, N) per layer 16 bits with a value 0 … 255, so that weighted sums fit, too
+    open: NDArray[np.uint64]  # (N, N) 16 bits per layer; values are 0 … 255, so that weighted sums fit
     ground: NDArray[np.float32]  # (N, N) m above the origin's level
     top: NDArray[np.float32]  # (N, N) m, upper end of the column; for an empty cell, of the highest column next to it
-    low_north: float  # m, north coordinate of the middle of cell (0, 0)
-    low_east: float  # m, east coordinate of the middle of cell (0, 0)
+    low_north: float  # m, as in Columns
+    low_east: float  # m
     per_cell: float  # cells per m
 
 
 def columns_of(layout: SceneArrays, stop: int, ground_ids: frozenset[int], means: NDArray[np.float32]) -> Columns:
-    """Return the columns of triangles 0 … stop - 1 without the ground. `means` (M, 3) has a colour per material."""
+    """Return the columns of triangles 0 … stop - 1 without the ground. `means` (M, 3): mean colours of materials."""
     triangles = layout.triangles
     stands = ~np.isin(triangles.instance[:stop], sorted(ground_ids))
     corners = triangles.position[:stop][stands][..., :2].reshape(-1, 2)
@@ -92,7 +92,7 @@ def _fill(
     means: NDArray[np.float32],
     stands: NDArray[np.bool_],
 ) -> None:
-    """Extend the columns to points on the triangles in `stands`. The points are less than a cell apart."""
+    """Extend the columns to the triangles that `stands` marks: to points on them, less than a cell apart."""
     cells, per = columns.low.shape[0], columns.per_cell
     for t in range(len(stands)):
         if not stands[t]:
@@ -257,7 +257,7 @@ class ShadowFootprint(NamedTuple):
     """The outline of the lowest part of a thing, seen from above."""
 
     outline: NDArray[np.float64]  # (K, 2) m, convex
-    bottom: float  # m, NED z of its lowest point
+    bottom: float  # m, NED z of the thing's lowest point
 
 
 def footprint(corners: NDArray[np.float32]) -> ShadowFootprint:

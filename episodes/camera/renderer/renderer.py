@@ -28,7 +28,7 @@ NOTHING_MOVED: Moved = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """The camera's view at one instant. Depth and id of a pixel are those at its exact middle."""
+    """The camera's view at one instant. `depth` and `ids` belong to the exact middle of each pixel."""
 
     rgb: NDArray[np.uint8]  # (H, W, 3) sRGB
     depth: NDArray[np.float32]  # (H, W) m along the optical axis; inf = sky
@@ -128,7 +128,7 @@ class Renderer:
         return rgb
 
     def _nearest_first(self, eye: Eye) -> NDArray[np.int64]:
-        """Return the chunks of cut-out triangles, nearest first. Leaves behind nearer leaves then cost less work."""
+        """Return the chunks with cut-out textures (leaves), nearest first. Then hidden leaves cost less work."""
         away = self._layout.triangles.chunk_center[self._cut_chunks] - eye.position
         return self._cut_chunks[np.argsort(np.einsum("ij,ij->i", away, away), kind="stable")]
 
@@ -176,7 +176,7 @@ class _StaticData:
 
 
 def _static_data(scene: Scene, layout: SceneArrays, cells: int) -> _StaticData:
-    """Return the data of a scene's static instances. Scenes of a map share the map's part, unless `_of_map` is None."""
+    """Return the data of a scene's static instances. Scenes of a map share its data, unless `_of_map` returns None."""
     own = layout.static_count
     if scene.base is not None and not any(i.movable for i in scene.base.instances):
         own = sum(len(i.mesh.triangles) for i in scene.base.instances)

@@ -1,8 +1,8 @@
 """Computes the light, depth and id of each pixel, and the picture with smooth edges.
 
 Shading computes the light from a surface to the camera, at the middle of each pixel. Resolving smooths edges with the
-samples in each pixel, and encodes the light as sRGB. For this, it also shades single samples: those of a surface that
-no nearby pixel sees at its middle.
+samples in each pixel, and encodes the light as sRGB. If a sample sees a surface that is at the middle of no nearby
+pixel, resolving shades this sample, too.
 """
 
 import math
@@ -22,14 +22,14 @@ from foundation.compiled import njit
 from foundation.frames import Vec3
 
 FRESH = 4  # px between updates of slowly changing values in `_shade`; a power of two
-UNSEEN = -2  # in place of a triangle: no sample so far
-# cells of the occlusion grid; a wall's open share of the sky is read this far before it, outside its own column
+UNSEEN = -2  # instead of a triangle: no sample so far
+# the sky's open share at a wall is read this far in front of the wall, in cells of the occlusion grid
 AWAY_CELLS = 0.8
-# m, upright things get darker below this height; share of the sky's light that they lose at the foot
+# below FOOT_M above the ground, upright things get darker; at their foot they lose FOOT_DARKNESS of the sky's light
 FOOT_M, FOOT_DARKNESS = 0.8, 0.5
 LEAF_BIAS_M = 0.35  # leaves do not shade one another within this distance towards the sun
-LEAF_WRAP = 0.35  # wrap lighting: cosine by which the sun also lights leaves beyond the lit side of their clump
-SLIVER = 1e-7  # least sum of weights, as a share of the volume: rounding must not put a thin triangle at infinity
+LEAF_WRAP = 0.35  # wrap lighting: the sun lights leaves until the cosine between sun and clump is -LEAF_WRAP
+SLIVER = 1e-7  # lower limit of (sum of weights) / volume: rounding must not put a thin triangle at infinity
 
 
 class SceneLight(NamedTuple):
@@ -99,8 +99,8 @@ def shade_rows(
 def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.float32]) -> None:
     """Fill `light` (n, 3) with the light at the samples `places` (n, 3: row, column, not used here).
 
-    Values are kept from sample to sample. Those of a triangle are computed again if the triangle changes, or the column
-    by more than FRESH pixels. The texture's footprint, the drift of the tone and the open share of the sky are also
+    Values of a triangle are kept until a sample sees another triangle, or its column differs from the last sample's by
+    more than FRESH pixels. The texture's footprint, the drift of the tone and the open share of the sky are also
     computed again every FRESH samples.
     """
     eye, drawn, triangles, surfaces, atlas, samples = (
@@ -305,8 +305,8 @@ def resolve_rows(
     """Write this thread's rows of `rgb` (H, W, 3) from `light` (H, W, 3 linear, 0 … WHITE) and `display_table`.
 
     A pixel whose samples all see one triangle keeps its light. Any other pixel gets the mean of its samples; samples on
-    its border count half. A sample gets the light of this pixel, or of the pixel next to the sample, if the middle of
-    that pixel shows the same flat piece. Otherwise the sample is shaded itself. Work arrays per thread: `edges`
+    the border count half. If the middle of this pixel, or of one next to the sample, shows the same flat piece as the
+    sample, the sample gets that pixel's light. Otherwise the sample itself is shaded. Work arrays per thread: `edges`
     (threads, grain · W + 1), `places` and `own` (threads, n, 3), `weights` (threads, n), `means` (threads, W, 3). n is
     the number of samples in a row of pixels; samples on a border count once per pixel.
     """
@@ -367,7 +367,7 @@ def resolve_rows(
 
 @njit(cache=True, nogil=True)
 def _find_edges(rows: NDArray[np.int32], middle: int, edge: NDArray[np.bool_]) -> None:
-    """Set `edge` (n,) where a column of `rows` (k, n) is not uniform, or row `middle` changes to the next column."""
+    """Set `edge` (n,) where a column of `rows` (k, n) is not uniform, or row `middle` differs in the next column."""
     here = rows[middle]
     last = len(here) - 1
     for i in range(last):

@@ -20,16 +20,16 @@ from episodes.maps.scene import Sun
 from foundation.compiled import njit
 from foundation.frames import Vec3
 
-CELLS = 4096  # cells per side of the map
+CELLS = 4096  # cells per side of the shadow map
 MARGIN_CELLS = 4
-SLOPE_LIMIT = 12.0  # largest slope of the receiving plane, m of depth per m across
+SLOPE_LIMIT = 12.0  # upper limit of a receiving plane's slope: m along the rays per m across
 BIAS_M = 0.015
 
 
 class SunMap(NamedTuple):
     """A shadow map: heights towards the sun, on a grid perpendicular to the sun's rays.
 
-    Cell (j, i) belongs to the ray through `low + (i, j)·cell` in the coordinates along `across` and `up`.
+    Cell (j, i) belongs to the ray at `(low_across, low_up) + (i, j)·cell`, along `across` and `up`.
     """
 
     height: NDArray[np.float32]  # (CELLS, CELLS) m along `toward`; -1e30 where the ray meets nothing
@@ -130,7 +130,7 @@ def instance_slices(triangles: Triangles, first: int, stop: int) -> list[slice]:
 def draw_instances(
     sun: SunMap, layout: SceneArrays, instances: Iterable[slice]
 ) -> list[tuple[tuple[slice, slice], NDArray[np.float32]]]:
-    """Draw instances, one slice of triangles each, into the map. Return the places and the overwritten heights."""
+    """Draw instances, one slice of triangles each, into the map; return the places and overwritten heights."""
     axes = np.column_stack((sun.across, sun.up))
     cells = sun.height.shape[0]
     covered = []

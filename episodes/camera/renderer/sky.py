@@ -21,11 +21,11 @@ EXPOSURE = 0.72
 SHOULDER = 0.48
 WHITENING = 0.09
 WHITE = 2.14  # the light at which the curve of `display_table` reaches white
-STEPS = 8192  # number of steps of `display_table`; a step is less than one code even where sRGB is steepest
+STEPS = 8192  # steps of `display_table`; a step is less than one code even where sRGB is steepest
 HAZE_LENGTH_M = 2200.0  # distance at which haze replaces about two thirds of an object's colour
-DISC_COSINE = math.cos(math.radians(0.45))  # radius of the disc; more than the real 0.27°, to be visible
-GLOW_COSINE = math.cos(math.radians(0.9))  # radius of the disc including the soft edge
-USUAL_GREY = 0.553  # mean of the default `Sun.sky`
+DISC_COSINE = math.cos(math.radians(0.45))  # of the sun's radius; more than the real 0.27°, to be visible
+GLOW_COSINE = math.cos(math.radians(0.9))  # of the sun's radius with the soft edge
+USUAL_GREY = 0.553  # mean of the default `Sun.sky`; darker skies have darker horizons
 
 Directions = NDArray[np.floating[Any]]  # (SKY_CELLS, SKY_CELLS), one value per direction
 
@@ -33,18 +33,18 @@ SKY_CELLS = 1024  # cells per side of the table of the sky
 CLOUD_SEED = 5
 CLOUD_BASE_M, EARTH_M = 1300.0, 6.371e6
 CLOUD_TILE_M, CLOUD_CELLS = 14000.0, 1024  # period of the pattern of clouds, in m and in cells
-CLOUD_FADE_M = 24000.0  # along the ray; at this distance haze hides about two thirds of a cloud
-# clouds fade out between these angles from the sun: it casts shadows, so no cloud may hide it
+CLOUD_FADE_M = 24000.0  # at this distance along the ray, haze hides about two thirds of a cloud
+# clouds fade out between these angles from the sun: the sun casts shadows, so no cloud may hide it
 SUN_HOLE = math.cos(math.radians(14.0)), math.cos(math.radians(6.0))
 
 
 class Daylight(NamedTuple):
     """The light sources of a scene, linear RGB."""
 
-    toward: Vec3  # unit, NED
+    toward: Vec3  # unit, NED, towards the sun
     sun: Vec3  # sun colour times strength
-    ambient: Vec3  # from above
-    bounce: Vec3  # from below: sky and sun light returned by the ground
+    ambient: Vec3  # light from above
+    bounce: Vec3  # light that the ground returns
     zenith: Vec3  # the sky overhead
     horizon: Vec3  # the sky at eye level, and the haze
     disc: float  # share of the sun's disc that clouds do not hide
@@ -62,7 +62,7 @@ def daylight(sun: Sun) -> Daylight:
     grey = sum(sky) / 3.0
     ambient = tuple(1.15 * (c + 0.3 * (grey - c)) for c in sky)  # less blue: light from walls and clouds is greyer
     bounce = tuple(0.20 * (a + c * high) * g for a, c, g in zip(ambient, light, (1.0, 0.95, 0.8), strict=True))
-    zenith = tuple(2.1 * c**2.2 for c in sky)  # a deeper blue than `sky`, which is a mean
+    zenith = tuple(2.1 * c**2.2 for c in sky)  # a deeper blue than `sky`, the mean of all directions
     veil = min(grey / USUAL_GREY, 1.0)
     horizon = tuple(1.2 * c + w * veil for c, w in zip(sky, (0.80, 0.95, 1.06), strict=True))
     disc = min(max((0.95 - float(sun.clouds)) / 0.2, 0.0), 1.0)
@@ -173,7 +173,7 @@ def _cloud_pattern(clouds: float, toward: Vec3) -> tuple[NDArray[np.float32], ND
 
 @njit(cache=True, nogil=True)
 def sky_color(day: Daylight, sky: NDArray[np.float32], n: float, e: float, d: float) -> Vec3:
-    """Return the linear (r, g, b) of the sky in the unit direction (n, e, d), NED, from its table."""
+    """Return the linear (r, g, b) of the sky in the unit direction (n, e, d), NED, from the table `sky`."""
     per = 1.0 / (1.0 - min(d, 0.0))
     x, y = n * per, e * per
     below = 0.0
@@ -196,7 +196,7 @@ def sky_color(day: Daylight, sky: NDArray[np.float32], n: float, e: float, d: fl
 
 @njit(cache=True, nogil=True, inline="always")
 def read_half(table: NDArray[np.float32], x: float, y: float) -> Vec3:
-    """Return the interpolated value (bilinear) of a table (N, N, 3) at the place (x, y) of its disc of radius 1."""
+    """Return the bilinear value of a table (N, N, 3) at the place (x, y) of its disc of radius 1."""
     half = 0.5 * (table.shape[0] - 1)
     px = min(max((x + 1.0) * half, 0.0), table.shape[0] - 1.001)
     py = min(max((y + 1.0) * half, 0.0), table.shape[1] - 1.001)

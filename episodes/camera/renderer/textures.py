@@ -24,7 +24,7 @@ WEIGHT = 2048  # sum of a pixel's integer weights; see `_bilinear`
 ONE_BITS = 0x3F800000  # bits of the float 1.0
 SHARPEN = -0.35  # levels; a slightly finer level keeps letters readable, and edge smoothing hides the aliasing
 
-DRIFT_CELLS = 256  # a power of two
+DRIFT_CELLS = 256  # cells per side of `drift_table`, a power of two
 
 LANE_1, LANE_2, LANE_MASK = np.uint64(21), np.uint64(42), np.uint64((1 << 21) - 1)
 NEXT = np.uint64(1)
@@ -104,9 +104,9 @@ def drift_table() -> NDArray[np.float32]:
 
 @njit(cache=True, nogil=True, inline="always")
 def drift(table: NDArray[np.float32], n: float, e: float, z: float) -> float:
-    """Return how much lighter or darker natural ground is at (n, e), m, from -1.2 to 1.2: small and large patches.
+    """Return the change of natural ground's tone at (n, e), m, within -1.2 … 1.2: the sum of small and large patches.
 
-    The small patches fade at distances `z` of about 60 m, the large ones at about 800 m, where pixels are coarser.
+    Patches fade where pixels are coarser than they are: small ones at depths `z` of about 60 m, large ones at 800 m.
     """
     fine = 1.0 / (1.0 + z * z * (1.0 / 3600.0))
     coarse = 1.0 / (1.0 + z * z * (1.0 / 640000.0))
@@ -236,7 +236,7 @@ def texture_color(
 def _bilinear(
     texels: NDArray[np.uint64], offset: np.int64, w: np.int64, h: np.int64, u: float, v: float, weight: int
 ) -> np.uint64:
-    """Return one level's code at (u, v) times `weight`, with the three channels side by side in one integer.
+    """Return one level's interpolated code at (u, v), times `weight`.
 
     Positions have eight binary places and weights are whole numbers, so that one multiplication or addition applies to
     all channels. A channel has 21 bits, enough for 1023 · WEIGHT.
