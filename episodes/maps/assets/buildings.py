@@ -1,6 +1,6 @@
-"""Campus halls: walls with windows set back between piers, an entrance with steps and a name, and a roof.
+"""Builds campus halls: walls with windows set back between piers, an entrance with steps and a name, and a roof.
 
-A hall's front faces forward (+x) and its width runs along y. Its origin is the middle of its footprint on the ground.
+A hall's front faces forward (+x) and its width runs along y. The origin is on the ground under the hall's middle.
 """
 
 import itertools
@@ -64,7 +64,7 @@ def _stone(plan: HallPlan) -> Material:
 
 
 def _wall(plan: HallPlan) -> tuple[Material, float]:
-    """Return the walls' material and its metres per repeat."""
+    """Return the walls' material and the metres per repeat of its texture."""
     if plan.style == "brick":
         return surface("brick"), 0.6
     if plan.style == "ribbon":
@@ -94,7 +94,7 @@ def _foot_of(plan: HallPlan, y: float, front: bool) -> float:
 def _band(
     y: tuple[float, float], z: tuple[float, float], out: float, look: Material, tile: float, door: bool
 ) -> list[MeshPart]:
-    """Return a horizontal band that projects from a wall; if `door`, the band is interrupted at the entrance."""
+    """Return a horizontal band that projects by `out` (m) from a wall; if `door`, it has a gap at the entrance."""
     ends = ((y[0], -2.3), (2.3, y[1])) if door else (y,)
     return [g.box((-0.1, a, z[0]), (out, b, z[1]), look, tile) for a, b in ends]
 
@@ -209,7 +209,7 @@ def _steps(front: float, half: float, count: int = 3) -> list[MeshPart]:
 
 
 def _entrance(plan: HallPlan) -> list[MeshPart]:
-    """Return doors in their surround, and the hall's name above them; steps and a canopy unless the style is 'columns'.
+    """Return doors with their surround and the hall's name; add steps and a canopy unless the style is 'columns'.
 
     The wall is at x = 0.
     """
@@ -260,7 +260,7 @@ def _portico(plan: HallPlan) -> list[MeshPart]:
     solids.append(g.box((front, -half - 0.4, beam), (front + 5.85, half + 0.4, plan.top - 1.1), stone, 2.4))
     solids.append(g.box((front, -half - 0.8, plan.top - 1.1), (front + 6.2, half + 0.8, plan.top - 0.7), stone, 2.4))
     gable = [(-half - 0.8, plan.top - 0.7), (half + 0.8, plan.top - 0.7), (0.0, plan.top + 2.4)]
-    # a profile lies in x and z; a quarter turn makes its x the portico's width
+    # the quarter turn puts the profile's x along the portico's width
     return [*solids, g.transformed(g.profile(gable, -front - 6.1, -front, stone, 2.4), yaw=np.pi / 2)]
 
 

@@ -1,4 +1,4 @@
-"""The fixtures of the campus: benches, lamps, bins and racks, fountains, statues, kiosks and the clock tower.
+"""Builds the fixtures of the campus: benches, lamps, bins and racks, fountains, statues, kiosks and the clock tower.
 
 All fixtures of a kind look the same. Each faces forward and has its origin on the ground under its middle.
 """
@@ -17,7 +17,7 @@ from episodes.maps.scene import Material, Mesh
 IRON = materials.plain("campus-iron", (48, 52, 54), 0.3)
 CAST = materials.plain("cast-concrete", (172, 168, 160))
 SLATS = surface("boards", (1.15, 1.08, 1.0), 0.05)
-SINK = 0.06  # m; feet reach this far below the ground, so that they touch a gentle slope
+SINK = 0.06  # m; feet reach this far into the ground, so that they touch slopes
 
 WATER = materials.plain("water", (84, 124, 138), 0.85)
 SPRAY = materials.plain("spray", (206, 220, 226), 0.3, 0.06)

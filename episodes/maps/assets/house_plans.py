@@ -1,4 +1,4 @@
-"""Plans of suburban houses: dimensions, colours and styles, drawn from a seed and changed so that neighbours differ."""
+"""Draws plans of suburban houses from a seed: dimensions, colours and styles. Makes neighbours differ."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -67,6 +67,7 @@ TRIMS: dict[str, Srgb] = {
     "bronze": (92, 76, 62),
     "dove": (178, 178, 174),
 }
+# styles listed twice are drawn twice as often
 CLADDINGS = ("lap", "lap", "battens", "shakes", "render")
 ROOFINGS = ("shingles", "shingles", "tiles", "seams")
 WINDOWS = ("sash", "grid", "casement", "plain")
@@ -118,7 +119,7 @@ def plan_of(seed: int) -> HousePlan:
     def pick(names: Sequence[str]) -> str:
         return names[int(rng.integers(len(names)))]
 
-    # Keep the order of the first draws. They set the dimensions of the house, on which the places of its plot depend.
+    # Keep the order of these draws: another order changes the dimensions, and so the places of things on the plot.
     storeys = int(rng.integers(1, 3))
     plan = HousePlan(
         width=float(rng.uniform(8.5, 10.0) if storeys == 2 else rng.uniform(10.0, 12.0)),

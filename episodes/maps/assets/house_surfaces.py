@@ -1,4 +1,4 @@
-"""Materials of houses, and textures of walls, roofs, garage doors, and windows with curtains or blinds.
+"""Makes materials of houses, and textures of walls, roofs, garage doors, and windows with curtains or blinds.
 
 All textures are sRGB and have fixed seeds.
 """
@@ -11,7 +11,7 @@ from episodes.maps.assets.house_plans import BRICKS, ROOFS, TRIMS, WALLS, HouseP
 from episodes.maps.assets.materials import Picture, linear, noise, plain, surface, texture, tinted
 from episodes.maps.scene import Material
 
-TILE_M = {"brick": 0.6, "pale_brick": 0.6, "tiles": 1.6, "seams": 1.8}  # m per repeat; 1.6 for all others
+TILE_M = {"brick": 0.6, "pale_brick": 0.6, "tiles": 1.6, "seams": 1.8}  # m per repeat; other textures: 1.6
 
 
 @texture
@@ -138,7 +138,7 @@ def blind() -> Picture:
 
 
 class HouseLooks(NamedTuple):
-    """The materials of a house. A pair is a material and its metres per repeat."""
+    """The materials of a house. A pair is a material and the metres per repeat of its texture."""
 
     wall: tuple[Material, float]
     roof: tuple[Material, float]
@@ -147,7 +147,7 @@ class HouseLooks(NamedTuple):
 
 
 def looks_of(plan: HousePlan) -> HouseLooks:
-    """Return the materials of a plan."""
+    """Return a house's materials."""
     return HouseLooks(_wall(plan), _roof(plan), _bricks(plan), plain(f"trim-{plan.trim}", TRIMS[plan.trim], 0.05))
 
 

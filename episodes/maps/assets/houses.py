@@ -1,4 +1,4 @@
-"""Suburban houses: walls of boards, brick or plaster, roofs with dormers and vents, windows, a porch, a garage."""
+"""Builds suburban houses: walls of boards, brick or plaster, roofs with dormers and vents, a porch, a garage."""
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from episodes.maps.geometry import MeshPart
 from episodes.maps.scene import Material, Mesh
 
 FOUNDATION_M = 0.35  # height of the floor above the ground
-SIDES, ENDS = ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0)), ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0))  # directions of hidden faces
+# normals of faces that other parts hide: the ends of level bars, and of upright bars
+SIDES, ENDS = ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0)), ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
 FOOTING_M = -0.9  # lower edge of the walls; below 0, because the ground may slope away from the house
 
 
@@ -51,7 +52,7 @@ def window(
     if shutter is not None:
         for y in (-half - bar - 0.34, half + bar):
             solids.append(g.box((-0.01, y, sill - bar), (0.045, y + 0.34, top + bar), shutter))
-    # leave out the faces against the wall, which are never seen
+    # the faces against the wall are never seen
     solids = [g.without(p, (-1.0, 0.0, 0.0)) for p in solids]
     turn = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}[face]
     return [g.transformed(p, (*centre, 0.0), turn) for p in solids]
@@ -154,7 +155,6 @@ def gable(
     for end in (x0 - overhang, x1 + overhang):
         ring = [(middle, ridge), (middle, ridge + thick), (end, eave - drop + thick), (end, eave - drop)]
         solids.append(g.profile(ring, y0 - overhang, y1 + overhang, *looks.roof))
-        # fascia board under the eave
         near, far = sorted((end + np.sign(end - middle) * 0.03, end - np.sign(end - middle) * 0.05))
         board = (near, y0 - overhang + 0.02, eave - drop - 0.10), (far, y1 + overhang - 0.02, eave - drop + 0.12)
         solids.append(g.box(*board, looks.trim))

@@ -1,4 +1,4 @@
-"""Materials of leaves and bark for each species, and their cut-out textures, which are sRGB and have fixed seeds.
+"""Makes the materials of leaves and bark for each species, and cut-out sRGB textures, which have fixed seeds.
 
 A texture of leaves has 2 × 2 sprigs: small twigs with their leaves. Each sprig grows from the middle of the lower edge
 of its quarter and is nearly as wide as high. The material has the colour of the species, so that a season only changes
@@ -22,7 +22,7 @@ PALE = (214.0, 216.0, 196.0)  # sRGB of a leaf; the material's colour tints it
 TWIG = (116.0, 100.0, 84.0)
 SHADE = 0.55  # brightness of the inner leaves of a crown, relative to the outer leaves
 
-# outlines of half a leaf from base to tip: (position along the leaf, half width), as shares of its length
+# outlines of half a leaf from base to tip: (position along the leaf, half width), as shares of the leaf's length
 _OVAL = ((0.0, 0.03), (0.2, 0.2), (0.5, 0.27), (0.8, 0.16), (1.0, 0.0))
 _LOBED = ((0, 0.02), (0.18, 0.12), (0.24, 0.2), (0.34, 0.12), (0.46, 0.27), (0.56, 0.16), (0.7, 0.28), (0.8, 0.14),
           (0.92, 0.13), (1.0, 0.0))  # fmt: skip
@@ -211,7 +211,7 @@ def _frond(sheet: _Sheet, corner: Array, size: float, count: int, rng: np.random
 
 @cache
 def _dense(needles: bool) -> Picture:
-    """Return (256, 256, 3): overlapping leaves or needles, for a repeat of 1.2 m."""
+    """Return (256, 256, 3): overlapping leaves or needles, which repeat every 1.2 m."""
     side, rng = SIDE * FINE, np.random.default_rng(83 + needles)
     sheet = _Sheet(side)
     sheet.color[:], sheet.there[:] = np.array(PALE) * 0.30, 255
@@ -226,7 +226,7 @@ def _dense(needles: bool) -> Picture:
 
 @cache
 def _furrows() -> Picture:
-    """Return (256, 256, 3): bark in pale grey with upright furrows, for a repeat of 0.8 m; the material tints it."""
+    """Return (256, 256, 3): pale grey bark with upright furrows, which repeats every 0.8 m; the material tints it."""
     ridge = np.abs(noise((256, 256), 1.3, 91, stretch=5.0))
     fine = noise((256, 256), 0.5, 92, stretch=3.0)
     value = 0.62 + 0.42 * np.clip(ridge, 0.0, 1.0) ** 0.6 + 0.07 * fine

@@ -1,6 +1,6 @@
-"""Inscriptions: plates and boards with capitals and digits of an exact height, and the sign that shows a board.
+"""Draws plates and boards with capitals and digits of an exact height, and builds the sign that shows a board.
 
-Letters are drawn larger and reduced by area averaging, so that strokes have an even width.
+Letters are drawn OVERSAMPLED times larger, then averaged by area, so that strokes have an even width.
 """
 
 from functools import cache
@@ -22,7 +22,7 @@ STROKE = 0.17  # width, as a share of a capital's height; a wider stroke closes 
 SPACING = 0.19  # between letters, as a share of a capital's height
 LEADING = 1.55  # distance between the lines of a sign, in heights of a capital
 FONT = cv2.FONT_HERSHEY_SIMPLEX
-ZERO_WIDTH = 0.86  # width relative to the letter O; a zero has no slash, because a slash makes it look like an 8
+ZERO_WIDTH = 0.86  # of a zero, relative to the letter O; a zero has no slash, which would make it look like an 8
 
 LETTER_M = 0.136  # height of a sign's letters (paper, appendix "Maps and Episodes")
 BOARD_M = (1.2, 0.8)  # least width and height of a sign's board
@@ -43,7 +43,7 @@ def _drawn(text: str, scale: float) -> NDArray[np.uint8]:
 
 @cache
 def _measure() -> tuple[float, int]:
-    """Return the font scale at which an H is exactly CAP_PX · OVERSAMPLED high, and the row of its top."""
+    """Return the font scale at which an H is exactly CAP_PX · OVERSAMPLED high, and the top row of the H."""
     cap, scale = CAP_PX * OVERSAMPLED, 5.0
     for _ in range(8):
         rows = np.flatnonzero(_drawn("H", scale).max(axis=1) > 127)

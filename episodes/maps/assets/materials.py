@@ -1,4 +1,7 @@
-"""Paints, plain materials that assets share, and procedural textures, which are sRGB and have fixed seeds."""
+"""Paints, plain materials that assets share, and procedural textures, which are sRGB and have fixed seeds.
+
+A texture "for a repeat of 4 m" covers 4 m × 4 m, then repeats.
+"""
 
 from collections.abc import Callable
 from functools import cache
@@ -78,7 +81,7 @@ def tinted(value: Array, color: tuple[float, float, float]) -> Picture:
     return np.asarray(np.clip(value[..., None] * np.array(color), 0, 255), np.uint8)
 
 
-_TEXTURES: dict[str, Callable[[], Picture]] = {}  # name of a texture → function that draws it
+_TEXTURES: dict[str, Callable[[], Picture]] = {}
 
 
 def texture(draw: Callable[[], Picture]) -> Callable[[], Picture]:

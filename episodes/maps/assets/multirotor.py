@@ -1,4 +1,4 @@
-"""Meshes of drones: the drones of a fleet as they see each other, and a quadrotor on a stand that can be a target.
+"""Builds meshes of drones: those of a fleet as they see each other, and a quadrotor on a stand that can be a target.
 
 A drone of a fleet has its rotors, arms, feet and mast where the airframe's TOML has them. Its origin is the body
 origin, between the rotors and not on the ground. The quadrotor on the stand is about five times as wide.
@@ -29,7 +29,7 @@ REAR_BLADE = materials.plain("drone-rear-blade", (58, 60, 64), 0.1)
 # a blade from hub to tip: points (along, across), as fractions of the rotor's radius
 BLADE = ((0.06, -0.05), (0.25, -0.12), (0.65, -0.11), (1.0, -0.04), (1.0, 0.04), (0.65, 0.055), (0.25, 0.065))
 QUADROTOR_SIZE = 1.16  # scale of `quadrotor`: 2.8 m across the propellers, like a crop-spraying drone
-STOPPED_RAD = 0.6, 1.1  # angle of the first propeller, step to the next; they stand still, as in a short exposure
+STOPPED_RAD = 0.6, 1.1  # propellers stand still, as in a short exposure: angle of the first, step to the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Outline:
 
     hubs: tuple[Vec3, ...]  # middles of the rotor discs
     radius_m: float  # of each disc
-    touching: tuple[Vec3, ...]  # feet, mast and outermost points of the discs
+    touching: tuple[Vec3, ...]  # contact points with the ground: feet, mast, rims of the discs
 
     @property
     def arm_m(self) -> float:
@@ -101,7 +101,7 @@ def _hull(shape: Outline) -> list[MeshPart]:
 
 
 def _rotor(hub: Vec3, radius_m: float, number: int, look: Material) -> list[MeshPart]:
-    """Return a motor and its two blades at rest, as a short exposure shows a propeller from near."""
+    """Return a motor and its two blades at rest."""
     x, y, z = hub
     first, step = STOPPED_RAD
     solids = [
@@ -125,7 +125,7 @@ def _legs(shape: Outline, thin: float) -> list[MeshPart]:
 
 
 def _camera(shape: Outline, thin: float) -> list[MeshPart]:
-    """Return the camera on its boom, and the bumper bars from the two nearest rotors to it."""
+    """Return the camera on its boom, and bumper bars to the camera from the two rotors nearest to it."""
     x, y, z = CameraModel().offset_frd
     size = 0.2 * min(shape.radius_m, 0.15)
     place, cube = np.array((x, -y, -z)), np.array((size, size, size))
@@ -169,7 +169,7 @@ def quadrotor(paint: str) -> Mesh:
         g.hull(level(0.86, z + 0.09), level(0.45, z + 0.17), shell),
         g.rod((-0.18, 0, z + 0.15), (-0.18, 0, z + 0.30), (0.02, 0.02), materials.TRIM, 6),
         g.rod((-0.18, 0, z + 0.29), (-0.18, 0, z + 0.33), (0.09, 0.09), materials.WHITE_WOOD, 12),
-        # the camera below its nose
+        # the camera below the nose
         g.box((0.30, -0.07, z - 0.20), (0.40, 0.07, z - 0.10), materials.TRIM),
         g.ball((0.39, 0.0, z - 0.20), (0.09, 0.09, 0.09), materials.TRIM, 2),
         g.rod((0.44, 0, z - 0.20), (0.49, 0, z - 0.20), (0.05, 0.055), materials.GLASS, 12),

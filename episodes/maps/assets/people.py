@@ -1,4 +1,4 @@
-"""Builds meshes of standing and walking people. The paint colours the jacket; passers-by have muted colours."""
+"""Builds meshes of standing and walking people. `paint` names the jacket's colour; passers-by have muted colours."""
 
 import itertools
 from collections.abc import Sequence
@@ -326,7 +326,7 @@ def pedestrian(paint: str) -> Mesh:
 
 @cache
 def passer_by(number: int) -> Mesh:
-    """Return a standing person in colours without a common name. Any sixteen consecutive numbers look different."""
+    """Return a standing person in muted colours. Any sixteen consecutive numbers look different."""
     color = MUTED[number % len(MUTED)]
     cloth = Material("cloth-muted", materials.linear(color), specular=0.05)
     return _grounded(_dressed(STANDING[number % len(STANDING)], cloth, _outfit(number)))

@@ -1,8 +1,8 @@
 """Builds meshes of trees, shrubs and hedges.
 
-A plant has a trunk, dark solid cores, and cut-out sprigs of leaves around the cores. Its crown is made of lobes
-(ellipsoids). A sprig is lit like the lobe on which it grows. Vehicles pass through sprigs, but collide with trunks,
-branches and cores. Lengths in `Species` are shares of the tree's height.
+A plant has dark solid cores with cut-out sprigs of leaves around them; a tree also has a trunk. The crown is made of
+lobes (ellipsoids). A sprig is lit like its lobe. Vehicles pass through sprigs, but collide with trunks, branches and
+cores. Lengths in `Species` are shares of the tree's height.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Material, Mesh
 
 BARK_TILE_M = 0.8
-HIDDEN_WITHIN = 0.80  # share of a lobe's radii; sprigs of other lobes inside this share are hidden and left out
+HIDDEN_WITHIN = 0.80  # sprigs within this share of another lobe's radii are hidden, and left out
 LOWEST_M = 0.1  # least height of the middle of a sprig
 
 
@@ -26,7 +26,7 @@ class Lobe:
     """An ellipsoid of a crown."""
 
     centre: Array  # (3,) FLU; m, or shares of the tree's height in `Species.lobes`
-    radii: Array  # (3,) in the same unit
+    radii: Array  # (3,) half axes, in the unit of `centre`
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from episodes.maps.scene import Material, Mesh
 MOTORCYCLE_SIZE = 1.06  # scale of motorcycle and rider: 2.4 m long, like the largest touring motorcycles
 SADDLE = materials.plain("saddle", (30, 28, 28), 0.15)
 ALLOY = materials.plain("alloy", (150, 153, 158), 0.6)
-FORWARD = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+FORWARD = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))  # of both feet
 
 
 RIDER = Posture(
@@ -142,7 +142,7 @@ def motorcycle(paint: str, plate: str) -> Mesh:
     guard = np.array([[(front + r * np.cos(a), y, 0.31 + r * np.sin(a)) for a in arc] for y, r in
                       ((-0.09, 0.34), (-0.05, 0.365), (0.05, 0.365), (0.09, 0.34))])  # fmt: skip
     solids += [g.grid(guard, shell, 50.0), g.grid(guard[::-1] - (0, 0, 0.004), materials.TRIM, 50.0)]
-    # panniers, top case, and panels that shield the rider's legs from the wind
+    # panniers, top case, and panels that shield the rider's legs
     for s in (-1.0, 1.0):
         y0, y1 = sorted((s * 0.24, s * 0.53))
         solids.append(g.box((-1.16, y0, 0.40), (-0.54, y1, 0.86), shell))

@@ -12,7 +12,7 @@ from episodes.maps.assets.vehicles import CarShape, body, plan_at, plates, wheel
 from episodes.maps.geometry import MeshPart
 from episodes.maps.scene import Material, Mesh
 
-LENGTH, WIDTH, ROOF = 10.2, 2.35, 2.92
+LENGTH, WIDTH, ROOF = 10.2, 2.35, 2.92  # m
 SHAPE = CarShape(
     LENGTH, WIDTH, 5.6, 0.47, 0.34,
     ((-5.1, 2.72), (-4.95, 2.86), (-4.0, 2.90), (4.0, 2.90), (4.95, 2.86), (5.1, 2.72)),

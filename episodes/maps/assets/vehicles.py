@@ -11,19 +11,19 @@ from episodes.maps.assets import lettering, materials
 from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Material, Mesh
 
-DIGIT_M = 0.10  # height of a plate's letters (paper, appendix "Maps and Episodes")
+DIGIT_M = 0.10  # height of a plate's characters (paper, appendix "Maps and Episodes")
 
 
 @dataclass(frozen=True, slots=True)
 class CarShape:
-    """Dimensions of a car in metres: x forward of its middle, heights above the road."""
+    """Dimensions of a car, m: x is forward of the middle, heights are above the road."""
 
     length: float
     width: float  # without mirrors
     wheelbase: float
     wheel_radius: float
     clearance: float
-    deck: tuple[tuple[float, float], ...]  # (x, height) of the body's upper line from tail to nose, cabin left out
+    deck: tuple[tuple[float, float], ...]  # (x, height) of the body's upper line from tail to nose, without cabin
     cabin_low: tuple[float, float]  # x of the rear and front glass at the belt
     cabin_high: tuple[float, float]  # x of the rear and front edge of the roof
     belt: float  # height of the lower edge of the windows
@@ -39,14 +39,14 @@ class CarShape:
 class Trim:
     """Features by which cars of one shape differ."""
 
-    shade: int | None = None  # number of the shade of a neutral paint; None: the paint itself
+    shade: int | None = None  # index into SHADES of a neutral paint; None: the paint itself
     spokes: int = 5  # of a wheel, 0 for a hub cap
     rim: str = "silver"  # of RIMS
     grille: str = "bars"  # or 'mesh', 'slim'
     lamps: str = "square"  # or 'slim', 'round'
     roof: str = "painted"  # or 'black', 'glass'
-    has_strip: bool = False  # along the doors
-    rise_m: float = 0.20  # of the underside at nose and tail
+    has_strip: bool = False  # dark, along the doors
+    rise_m: float = 0.20  # rise of the underside at the ends
 
 
 PLAIN = Trim()
