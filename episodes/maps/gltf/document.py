@@ -41,7 +41,7 @@ LIMITS = {  # table → largest number of entries
     "textures": 5_000,
     "images": 2_000,
 }
-# a file that requires another extension is rejected, because ignoring the extension would change its meaning
+# files that require another extension are rejected: ignoring it would change their meaning
 SUPPORTED = frozenset(
     {
         "KHR_materials_unlit",
@@ -60,6 +60,7 @@ SUPPORTED = frozenset(
         "KHR_xmp_json_ld",
     }
 )
+# extension → advice
 REMEDY = {
     "KHR_draco_mesh_compression": "export it without Draco compression",
     "EXT_meshopt_compression": "export it without meshopt compression",

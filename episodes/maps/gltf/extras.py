@@ -23,13 +23,13 @@ _ID, _KIND, _SOLID, _MOVABLE, _YAW = (f"dronecats_{name}" for name in ("id", "ki
 
 @dataclass(frozen=True, slots=True)
 class NodeFacts:
-    """The facts about one instance, from the extras of its node."""
+    """The facts about one instance, from the extras of its node. None: not in the file."""
 
     id: int | None = None
     kind: str | None = None
     solid: bool = True
     movable: bool = False
-    yaw: float | None = None  # rad, not rounded like the quaternion of the node
+    yaw: float | None = None  # rad, exact; the node's quaternion is rounded
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +71,7 @@ def node_facts(extras: Mapping[str, Any]) -> NodeFacts:
 
 
 def _flag(value: Any, default: bool) -> bool:
-    return bool(value) if isinstance(value, bool) or value in (0, 1) else default  # some editors have no booleans
+    return bool(value) if isinstance(value, bool) or value in (0, 1) else default  # some editors write 0 and 1
 
 
 def of_scene(scene: Scene, terrain_view: int, terrain_bytes: bytes) -> dict[str, Any]:

@@ -15,10 +15,10 @@ from scipy import ndimage, sparse
 
 from foundation.terrain import HeightField
 
-FINEST_M = 0.25  # m, cell size of a small map
+FINEST_M = 0.25  # cell size of a small map
 MOST_CELLS = 512  # cells per side; a map of a kilometre has a cell size of two metres
 REACH_M = 500.0  # from the spawn in each direction; farther out, the height at the edge applies
-STEP_M = 0.25  # greatest step between connected surfaces, in addition to a slope of 45°
+STEP_M = 0.25  # connected neighbours differ in height by at most this plus the cell size (45°)
 LAYERS = 24  # greatest number of surfaces that a ray passes
 FACES_UP = 0.5  # least upward component of the unit normal of a ground surface: at most 60° from level
 ROOM_M = 0.3  # least free height above a ground surface
@@ -146,7 +146,7 @@ def _grow(
 
 
 def _joined(depth: NDArray[np.float64], step: float) -> NDArray[np.int64]:
-    """Return a component number for each surface (L, N, M). Neighbours within `step` (m) of height are joined."""
+    """Return a component number for each surface (L, N, M). Neighbours within `step` (m) in height are joined."""
     layers = depth.shape[0]
     number = np.arange(depth.size).reshape(depth.shape)
     ends: list[NDArray[np.int64]] = []

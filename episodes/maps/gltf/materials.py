@@ -16,7 +16,7 @@ from foundation.frames import Vec3
 
 MAX_SIDE = 8192
 MAX_TEXELS = 48 * 2**20  # of all pictures of a map together, after they are reduced
-SIDES = (2048, 1024, 512, 256, 128, 64, 32, 16)  # px, limits of a side; the first that keeps MAX_TEXELS applies
+SIDES = (2048, 1024, 512, 256, 128, 64, 32, 16)  # px; the first limit of a side that keeps MAX_TEXELS applies
 CUTOFF = 0.5  # default of alphaCutoff: texels with a lower alpha are holes
 
 EXTRA = "dronecats_look"  # field of the extras: [red, green, blue, emission, specular, drift, foliage]
@@ -254,7 +254,7 @@ def _cutoff(document: Document, entry: Mapping[str, Any], where: str) -> float:
 
 
 def _ours(document: Document, entry: Mapping[str, Any], where: str, read: Material) -> Material | None:
-    """Return the exact material from the extras; None without extras, or if the standard fields no longer match."""
+    """Return the exact material from the extras; None without extras, or if the standard fields were changed since."""
     look = document.mapping(entry, "extras", f"{where}.extras").get(EXTRA) if "extras" in entry else None
     if not isinstance(look, list) or len(look) not in (5, 7):  # files of earlier versions have no drift and no foliage
         return None

@@ -13,8 +13,8 @@ from episodes.maps.gltf.materials import TexturedMaterial
 from episodes.maps.scene import Material, Mesh, turn
 from foundation.frames import Vec3
 
-MAX_VERTICES = 3_000_000  # of one mesh in the file, and of all meshes together without unused vertices
-MAX_READ = 20_000_000  # vertices read in total; higher, because some programs copy a mesh's vertices per primitive
+MAX_VERTICES = 3_000_000  # of each mesh in the file, and of all meshes together without unused vertices
+MAX_READ = 20_000_000  # vertices read in total, before unused ones are removed
 MAX_TRIANGLES = 1_000_000  # placed in the scene, each instance counted
 MAX_COORDINATE_M = 1e6
 TINTS = 31.0  # levels per channel to which vertex colours are rounded; each rounded colour becomes a material
@@ -24,14 +24,14 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 MAX_DEPTH = 200
 MAX_PLACE_M = 20_000.0
-_EXACT = 1e-6
+_EXACT = 1e-6  # tolerance of a matrix that is a yaw only
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Block:
     """Vertices that primitives share."""
 
-    first: int  # index of its first vertex in the new mesh
+    first: int  # index of the block's first vertex in the new mesh
     position: NDArray[np.float32]  # (V, 3) m, FRD
     normal: NDArray[np.float32] | None
     uv: NDArray[np.float32]
@@ -95,7 +95,7 @@ class Shapes:
         raw: dict[Any, _Block] = {}  # vertices in the order of the file
         made: dict[Any, _Block] = {}  # vertices in the order of the new mesh
         triangles, which = [], []
-        worn: dict[int, tuple[int, Material]] = {}  # identity → (row, material)
+        worn: dict[int, tuple[int, Material]] = {}  # identity of a material → (row in the new mesh, material)
         first = 0
         start = self._read_vertices
         for k, primitive in enumerate(_primitives(self._document, index)):
@@ -196,7 +196,7 @@ class Shapes:
     def _material_rows(
         self, material: Material, corners: NDArray[np.int32], block: _Block, worn: dict[int, tuple[int, Material]]
     ) -> NDArray[np.int32]:
-        """Return each triangle's row (T,) in `worn`; add missing rows to it. Vertex colours become rounded tints."""
+        """Return each triangle's row (T,) in `worn`; add missing rows to `worn`. Vertex colours become tints."""
 
         def row(look: Material) -> int:
             return worn.setdefault(id(look), (len(worn), look))[0]
