@@ -1,4 +1,4 @@
-"""A map of bare solids: boxes, cylinders, cones, arches and ramps in muted colours, on a level floor with a faint grid.
+"""Builds a map of bare solids: boxes, cylinders, cones, arches and ramps in muted colours, on a floor with a grid.
 
 No solid is a landmark, so instructions can refer only to objects that an episode adds. The solids form two bands that
 cross in the middle, and a ring around them. The four fields between the bands and the ring are free.
@@ -35,7 +35,7 @@ TINTS: tuple[tuple[int, int, int], ...] = (  # sRGB; greys with a hint of a hue,
     (92, 97, 104),
 )
 
-# solids of the bands between the fields: shape, north (m), east (m), compass bearing that it faces (degrees)
+# solids of the bands between the fields: shape, north (m), east (m), compass bearing that the solid faces (degrees)
 BANDS: tuple[tuple[str, float, float, float], ...] = (
     ("box", 6.0, 7.0, 0.0),
     ("cylinder", -5.5, 6.0, 0.0),

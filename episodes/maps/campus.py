@@ -1,4 +1,4 @@
-"""A campus: a plaza and four courts between halls of three to five storeys, with lawns, walks and many fixtures.
+"""Builds a campus: a plaza and four courts between halls of three to five storeys, with lawns, walks and many fixtures.
 
 All fixtures of a kind look the same, so only their places distinguish them. No two people look the same. The plan is in
 `campus_plan`.
@@ -142,7 +142,7 @@ def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
 
 
 def _blocks(seed: int) -> Iterator[PlanBox]:
-    """Yield all footprints. A tree has a fixed square footprint, a wood has none."""
+    """Yield all footprints. A tree has a fixed square footprint. Woods are left out: they are far away."""
     for kind, mesh, north, east, yaw in _placed_meshes(seed):
         if kind in ("tree", "conifer"):
             half = np.array((0.5, 0.5)) if kind == "tree" else np.array((2.2, 2.2))

@@ -1,4 +1,4 @@
-"""The ground of the campus: one gently rolling surface, cut along the edges of plazas and walks.
+"""Builds the ground of the campus: one gently rolling surface, cut along the edges of plazas and walks.
 
 Areas are convex polygons of (north, east) in metres, counter-clockwise with north as x and east as y. The cuts do not
 change the surface, so the drawn ground and the height field agree to a few millimetres.
@@ -18,12 +18,12 @@ from episodes.maps.scene import Material, Mesh
 from foundation.frames import course
 from foundation.terrain import HeightField
 
-REACH = 95.0  # m, half extent of the height field; beyond it the ground keeps the height of its edge
-CELL = 0.5  # m, of the height field
+REACH = 95.0  # m, half extent of the height field; beyond, the ground has the height of the edge
+CELL = 0.5  # m, cell size of the height field
 LATTICE = 2.5  # m, spacing of the nodes of the drawn surface; a multiple of CELL
 FAR = (120.0, 170.0, 260.0, 430.0)  # m, grid lines of the drawn surface beyond REACH
 RISE = 0.008  # m per m, slope of the ground, which rises to the north
-MOUNDS = (  # north, east, height, spread in m: all in lawns
+MOUNDS = (  # north, east, height, spread in m; all in lawns
     (27.0, -13.0, 0.55, 5.0),
     (31.0, -40.0, 0.7, 5.0),
     (11.0, 31.5, 0.4, 3.0),

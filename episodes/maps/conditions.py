@@ -93,7 +93,7 @@ def moved(sun: Sun, azimuth_deg: float, elevation_deg: float) -> Sun:
     toward = direction(azimuth_deg, elevation_deg)
 
     def through(height: float) -> list[float]:
-        thickness = 1.0 / (height + 0.05)  # air masses; 0.05 keeps it finite at the horizon
+        thickness = 1.0 / (height + 0.05)  # air masses; 0.05 avoids a division by 0 at the horizon
         return [math.exp(-depth * thickness) for depth in REDDENING]
 
     new, old = through(-toward[2]), through(max(-sun.toward_ned[2], 0.05))

@@ -1,6 +1,6 @@
 """Builds the land beyond a map: fields with hedgerows, and low wooded hills, out to where the haze hides them.
 
-The ground of the map is a square. The land begins under its edge, at the height of that edge.
+The ground of the map is a square. The land begins slightly below the edge of this square.
 """
 
 from collections.abc import Callable
@@ -19,9 +19,9 @@ from episodes.maps.scene import Material
 HORIZON_M = 9000.0  # half extent of the land
 OVERLAP_M, DROP_M = 8.0, 0.4  # width of the strip of land under the map's edge, and how much lower it is there
 PER_SIDE = 48  # pieces of a ring along each side of the square
-RINGS = (1.12, 1.3, 1.6, 2.0, 2.5, 3.1, 3.8, 4.7, 5.8, 7.2, 9.0, 12.0, 16.0)  # times the map's half extent
+RINGS = (1.12, 1.3, 1.6, 2.0, 2.5, 3.1, 3.8, 4.7, 5.8, 7.2, 9.0, 12.0, 16.0)  # extents of rings, relative to the map
 LEVEL_M = 700.0  # distance from the map's edge at which the height of the edge has faded to 0
-HILLS_FROM_M, HILLS_M = (800.0, 3200.0), 170.0  # distances from the edge: first hills, full height; scale of height
+HILLS_FROM_M, HILLS_M = (800.0, 3200.0), 170.0  # distances from the edge: hills begin, are full-size; height scale
 TILE_M = 2600.0  # period of the pattern of fields
 FIELDS = (  # sRGB colour of a crop, and its relative frequency
     ((98, 119, 61), 6),

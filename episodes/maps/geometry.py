@@ -17,7 +17,7 @@ from foundation.frames import Vec3
 
 Array = NDArray[np.float64]
 
-PlanBox = tuple[float, float, float, Array, Array]  # a footprint: north, east (m), yaw (rad), low and high corner (2,)
+PlanBox = tuple[float, float, float, Array, Array]  # footprint: north, east (m), yaw (rad), corners (2,) in its axes
 
 CREASE_DEG = 38.0  # faces that meet at a smaller angle are shaded as one smooth surface
 

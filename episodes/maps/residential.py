@@ -1,4 +1,4 @@
-"""A residential neighbourhood: two streets of houses, two roads that join them, gardens, drives and parked cars.
+"""Builds a residential neighbourhood: two streets of houses, two roads that join them, gardens, drives and parked cars.
 
 The main street runs north through the origin. `residential_plan` has the streets and plots, `residential_places` the
 free places for targets.
@@ -86,7 +86,7 @@ def bays(homes: tuple[Plot, ...]) -> list[tuple[Street, float, int]]:
 
 
 def parked(homes: tuple[Plot, ...], seed: int) -> list[Parked]:
-    """Return the parked cars. Those of the main street are always the same; the seed decides the others."""
+    """Return the parked cars. On the main street, the seed does not change their kinds and paints."""
     cars = [
         Parked("sedan", "grey", MAIN, -20.0, 2.9, 0.0),
         Parked("hatchback", "white", MAIN, 24.0, 2.9, 0.0),
@@ -158,13 +158,13 @@ def _fence(
 def _fences(plot: Plot, homes: tuple[Plot, ...], terrain: HeightField) -> Iterator[Furnishing]:
     """Yield the fences at the back and sides of a garden. Adjacent gardens share a fence, which one of them yields."""
     neighbours = {round(o.along - plot.along) for o in homes if o.street is plot.street and o.side == plot.side}
-    # whether the garden is between the two streets that run east; then one side has another street's back fence
+    # whether the garden is between the two streets that run east; then gardens of a street that runs north adjoin
     is_inner = plot.street.dead and plot.along < 107.0 and abs(plot.at(0.0, DEPTH)[0]) < 60.0
     for direction in (1, -1):
         if direction == -1 and -20 in neighbours:
             continue  # the neighbouring plot yields this fence
         if is_inner and (direction > 0) == (plot.along < 0.0):
-            continue  # the back fence of the gardens of the other street stands here
+            continue  # the adjoining gardens have their back fence here
         edge = plot.along + direction * 9.7
         yield from _fence(plot, (edge, 18.0), (edge, DEPTH), terrain)
     if plot.street is not SECOND or plot.side > 0:
@@ -215,7 +215,7 @@ def _garden(plot: Plot, homes: tuple[Plot, ...], seed: int, terrain: HeightField
 
 
 def _lamps(homes: tuple[Plot, ...]) -> Iterator[Furnishing]:
-    """Yield the lamps of each street, none of them in front of a drive."""
+    """Yield the lamps of each street. Except on the main street, no lamp is in front of a drive."""
     lamp = street.lamp()
     for k, n in enumerate(np.arange(-55.0, 56.0, 22.0)):
         side = -1 if k % 2 else 1

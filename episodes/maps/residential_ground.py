@@ -33,7 +33,7 @@ from foundation.terrain import HeightField
 STEP_M = 5.0  # default spacing of the lattice
 FAR_M = 420.0  # half extent of the drawn ground, without the land beyond
 WEST, EAST, NORTH = -62.0, 126.0, 104.0  # m, edges of the neighbourhood; the south edge is -NORTH
-TINTS = ((1.0, 1.0, 1.0), (1.12, 1.06, 1.0), (0.86, 0.93, 0.9))  # factors on the colour of neighbouring lawns
+TINTS = ((1.0, 1.0, 1.0), (1.12, 1.06, 1.0), (0.86, 0.93, 0.9))  # factors on the colour of lawns
 
 Mask = NDArray[np.bool_]
 
@@ -63,7 +63,7 @@ def _between(a: float, b: float) -> tuple[float, float]:
 
 
 def _zones() -> Iterator[tuple[float, float, float, float, str]]:
-    """Yield rectangles (n0, n1, e0, e1, kind of grass). With the round corners, they tile the ground."""
+    """Yield rectangles (n0, n1, e0, e1, kind of grass). With the round corners of `_corners`, they tile the ground."""
     inner, outer = UPPER.middle - CORNER, UPPER.middle
     back = UPPER.middle - DEPTH
     for street in (MAIN, SECOND):

@@ -1,8 +1,8 @@
 """The plan of the residential neighbourhood: its streets, plots and drives, and the heights of the ground.
 
-Two streets run north. Two others run east and join them, so that a vehicle can drive round the block. The streets that
-run east have dead ends in the fields. Heights follow the paper's residential map (appendix "Maps and Episodes"): NED z
-is +0.05 m on roads and −0.45 m at drives, so plots are half a metre above the road.
+Two streets run north. Two others run east and join them, so that a vehicle can drive round the block. These two
+streets have dead ends in the fields. Heights follow the paper's residential map (appendix "Maps and Episodes"): NED z
+is +0.05 m on roads and −0.45 m at drives (plus `swell`), so plots are half a metre above the road.
 """
 
 import math
@@ -15,18 +15,18 @@ from episodes.maps.geometry import Array
 from foundation.terrain import HeightField
 
 REACH = (-112.0, 112.0, -70.0, 134.0)  # m, north and east extents of the height field; outside, the edge height applies
-CELL = 0.25  # m
+CELL = 0.25  # m, of the height field
 CORNER = 9.5  # m from a centre line to the plots; kerbs at junctions are arcs around plot corners
 FRONT = 14.0  # m, house fronts from the centre line
 DEPTH = 32.0  # m, back fences from the centre line
 DRIVE_HALF = 2.3  # m, half the width of a drive
-DRIVE_END = 13.6  # m from the centre line
+DRIVE_END = 13.6  # m, end of a drive from the centre line
 NEAR_M = 21.0  # m along the street; houses closer than this do not look alike
 FLANK = 0.25  # m along the street, the slope on each side of a dropped kerb
 
 # distance from the centre line → NED z: road, kerb, verge, pavement, bank, plot
 PROFILE = ((0.0, 0.05), (4.0, 0.05), (4.25, -0.07), (5.5, -0.09), (7.0, -0.12), (9.5, -0.45), (50.0, -0.45))
-# the same across a drive, where the kerb is dropped
+# the profile at a drive, where the kerb is dropped
 PROFILE_DRIVE = ((0.0, 0.05), (4.0, 0.05), (5.5, -0.09), (7.0, -0.12), (9.5, -0.45), (50.0, -0.45))
 RINGS = (4.0, 4.25, 5.5, 7.0, 8.25, CORNER)  # m from the centre line, where the use or the slope of the ground changes
 
@@ -93,7 +93,7 @@ def _sites() -> list[tuple[Street, float, int]]:
 
 
 def plots(seed: int) -> tuple[Plot, ...]:
-    """Return the plots. `seed` changes their houses, but not where the plots are."""
+    """Return the plots. `seed` changes their houses and drives, but not where the plots are."""
     homes: list[Plot] = []
     for number, (street, along, side) in enumerate(_sites()):
         garage = 1 if (number // 2 + (side > 0) + seed) % 2 else -1
@@ -164,7 +164,7 @@ def height(north: Array, east: Array, homes: tuple[Plot, ...]) -> Array:
 
 
 def terrain(homes: tuple[Plot, ...]) -> HeightField:
-    """Return the height field. For each drive, only a small window of the 0.7 million nodes is computed again."""
+    """Return the height field. For each drive, only a small window of it is computed again."""
     n0, n1, e0, e1 = REACH
     north, east = np.arange(n0, n1 + CELL / 2, CELL)[:, None], np.arange(e0, e1 + CELL / 2, CELL)[None, :]
     down = height(north, east, ())

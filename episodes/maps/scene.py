@@ -1,7 +1,7 @@
 """The types of a map: its scene, and its places for targets. Lengths are in metres; the world has NED axes.
 
-The axes of an asset point forward, right and down (FRD). Its origin is the centre of its footprint on the ground, so
-its vertices have z ≤ 0 (down is positive).
+The axes of an asset point forward, right and down (FRD). The origin of most assets is on the ground under the asset's
+middle, so points above the ground have z < 0.
 """
 
 import hashlib
@@ -20,7 +20,7 @@ from foundation.kept_values import kept
 from foundation.terrain import HeightField
 from foundation.threads import once
 
-# id → new pose of an instance: (position_ned m, yaw rad or attitude FRD → NED); None: the instance is not drawn
+# id → new pose of an instance: (position_ned m, yaw rad or attitude FRD → NED); None: not drawn
 Moved = Mapping[int, tuple[Vec3, float | Quat] | None]
 
 
@@ -68,8 +68,8 @@ class Instance:
     mesh: Mesh
     position_ned: Vec3  # m, of the asset's origin
     yaw: float = 0.0  # rad
-    movable: bool = False  # may be given another pose when rendering
-    solid: bool = True  # counts for occlusion and collision
+    movable: bool = False  # may be drawn at another pose
+    solid: bool = True  # can hide other things, and can be hit
     attitude: Quat | None = None  # FRD → NED, of an instance that leans; None: it is level
 
     @property
@@ -127,7 +127,7 @@ class Scene:
     altitude_m: float  # m above mean sea level, of the NED origin
     spawn_ned: Vec3 = (0.0, 0.0, 0.0)  # m, a free place on the ground
     spawn_yaw: float = 0.0  # rad
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = field(default=())  # sentences for users
     base: "Scene | None" = None  # the map to which this scene adds instances; None: this scene is a map
 
 
@@ -179,7 +179,7 @@ class Lane:
 
     name: str
     waypoints_ned: tuple[Vec3, ...]  # m, on the ground; legs are so short that they follow the ground
-    width_m: float  # free of solids, half of it on either side
+    width_m: float  # of the strip without solids, centred on the waypoints
 
     @property
     def length_m(self) -> float:
