@@ -1,6 +1,7 @@
 """The shipped episodes: their ids, their suites, and the baselines of the oracle and the blind pilots.
 
-A suite is a named list of episodes, for runs and reports. `dronecats episodes audit` writes the baselines.
+A suite is a named list of episodes. `dronecats episodes audit` writes the baselines. The oracle is a pilot that knows
+the truth; blind pilots fly fixed patterns.
 """
 
 from collections.abc import Sequence
@@ -24,7 +25,8 @@ OPEN_GROUND = "open-ground"  # start place of `dronecats sitl`, no solid within 
 
 VERSION = 3  # of the benchmark; raised when its images or records change
 SUITES = ("one-drone", "commanding", "quick", "all", "v1")
-# Twelve episodes for a quick run: one for each one-drone cell and map, and two for each map with commanding episodes.
+# Twelve episodes for a quick run: one for each one-drone cell (kind of task) and map, and two for each map with
+# commanding episodes.
 QUICK = (
     "residential-approaching-01",
     "residential-searching-01",
@@ -141,11 +143,11 @@ def suites_of(episode: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class BlindFlight:
-    """The result of one full-length flight of a blind pilot, which flies a fixed pattern."""
+    """The result of one full-length flight of a blind pilot."""
 
     success: bool
-    first: bool  # its first declaration was true
-    within_three: bool  # one of its first three declarations was true
+    first: bool  # the first declaration of the flight was true
+    within_three: bool  # one of the first three declarations was true
     declarations: FlightCount
     false_declarations: FlightCount
     steps: FlightCount

@@ -1,9 +1,9 @@
 """Changes the number of drones of a record.
 
-Fewer drones use the first starts of the record. More drones need a record with a square of four starts. The additional
-starts are lattice places, 2 m apart, behind and beside the square, nearest first. A place is used if the record still
-passes its checks: room to stand and to climb, level ground, a valid height, all candidates in sight and no inscription
-legible. This procedure has no source: the paper flies one drone or four.
+For fewer drones, the record keeps its first starts. For more drones, the record must have a square of four starts. The
+other starts are lattice places, 2 m apart, behind and beside the square, nearest first. A place is used if the record
+still passes its checks: room to hover and to climb, level ground, a valid height, all candidates (the target and its
+look-alikes) in sight, and no inscription legible. This procedure has no source: the paper flies one drone or four.
 """
 
 import itertools
@@ -20,7 +20,7 @@ from episodes.world.world import World
 from foundation.errors import UsageError
 
 FLEET = 4  # drones of the shipped commanding records
-RINGS = 3  # number of rings of lattice places around the square where a start is tried
+RINGS = 3  # rings of lattice places around the square that are tried
 
 
 def with_drones(record: EpisodeRecord, drones: int) -> EpisodeRecord:
@@ -65,7 +65,7 @@ def has_room(world: World, obstacles: StaticObstacles, place: StartPose) -> bool
 
 
 def in_sight(record: EpisodeRecord) -> bool:
-    """Return whether every drone sees every candidate, with the other drones in its view, and reads no inscription."""
+    """Return whether every drone sees every candidate past the other drones, and reads no inscription."""
     return all(finding.passed for finding in candidates.rules(World(record), StaticObstacles(())))
 
 
@@ -79,7 +79,7 @@ def failed(record: EpisodeRecord) -> Iterator[RuleFinding]:
 def places(square: tuple[StartPose, ...]) -> Iterator[StartPose]:
     """Yield more places of the lattice of `square` (front left, front right, rear left, rear right), nearest first.
 
-    No place is ahead of the square: a drone there would be in the pictures of the others and nearer to the candidates.
+    No place is ahead of the square: a drone there would be in the other drones' pictures and nearer to the candidates.
     """
     corners = [start.position_ned for start in square]
     north, east, down = (sum(axis) / len(corners) for axis in zip(*corners, strict=True))

@@ -23,9 +23,9 @@ from foundation.errors import UsageError
 from foundation.typed_file import file_bytes, json_of, no_choice, short_repr, typed
 
 VERSION: Final = 1
-CELLS = ("approaching", "searching", "tracking", "search-and-track", "commanding")
-MOVING = ("tracking", "search-and-track")
-HIDDEN = ("searching", "search-and-track")
+CELLS = ("approaching", "searching", "tracking", "search-and-track", "commanding")  # kinds of task
+MOVING = ("tracking", "search-and-track")  # the target moves
+HIDDEN = ("searching", "search-and-track")  # the target is hidden at the start
 STATIONARY = ("quadrotor", "sign")  # assets that cannot move, because they are on a stand or on posts
 
 MAX_POSITION_M = 1000.0
@@ -55,9 +55,9 @@ class TargetKind(NamedTuple):
     """A kind of target."""
 
     title: str
-    required: tuple[str, ...]  # fields
-    forbidden: tuple[str, ...]  # fields
-    reason: str = ""  # why a target of this kind must not have these fields
+    required: tuple[str, ...]  # fields that must be set
+    forbidden: tuple[str, ...]  # fields that must not be set
+    reason: str = ""  # why the fields are forbidden
 
 
 STANDING = TargetKind("placed, standing", ("paint", "position_ned", "yaw_deg"), ("path", "native"))
@@ -97,7 +97,7 @@ class TargetRecord:
     """A target or look-alike: placed on the map (standing or on a path), or native (an object of the map)."""
 
     asset: Annotated[MapName, _about("For a native target, the kind of the instance.")]  # else one of `assets.names()`
-    paint: Annotated[str, _choice(assets.PAINTS)] | None = None  # None if the target is native
+    paint: Annotated[str, _choice(assets.PAINTS)] | None = None
     # the text on the licence plates or on the board
     inscription: (
         Annotated[
@@ -109,7 +109,7 @@ class TargetRecord:
         ]
         | None
     ) = None
-    position_ned: MapPlace | None = None  # m, origin of the asset: on the ground under its middle
+    position_ned: MapPlace | None = None  # m, origin of the asset, on the ground under the asset's middle
     yaw_deg: Yaw | None = None
     path: Path3D | None = None
     # for a native target, position_ned and yaw_deg repeat the pose of the instance on the map
@@ -149,7 +149,7 @@ class EpisodeRecord:
         float, Meta(ge=0.0, le=360.0, description="Compass bearing of that centre from the first drone.")
     ]
     visible_at_start: bool
-    seed: RecordSeed  # of all random values in the flight
+    seed: RecordSeed  # seed of all random values in the flight
     candidates: Annotated[
         tuple[TargetRecord, ...],
         Meta(max_length=MAX_CANDIDATES, description="Look-alikes of the target; commanding episodes only."),
@@ -203,7 +203,7 @@ def _faults(record: EpisodeRecord) -> Iterator[tuple[str, str]]:
 def _text_faults(field: str, text: str) -> Iterator[tuple[str, str]]:
     if not text.strip():
         yield field, "is blank"
-    if any(unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") for c in text):  # line breaks are control characters too
+    if any(unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") for c in text):
         yield field, "contains control characters"
 
 

@@ -1,4 +1,4 @@
-"""The drones of an episode, as instances in camera images and as obstacles to the view of the target."""
+"""Represents the drones of an episode in camera images, and as obstacles to the view of the target."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -31,7 +31,7 @@ class Fleet:
     def __init__(
         self, starts: tuple[StartPose, ...], first_id: int, shape: Outline = X500, count: int | None = None
     ) -> None:
-        """Drone k has the id `first_id` + k in the id image. `count`: number of drones; None: one per start."""
+        """Drone k has the id `first_id` + k in the id image. `count`: number of drones, None for one per start."""
         self.starts = tuple(hovering(start) for start in starts)
         all_starts = (*starts, *[starts[-1]] * ((count or 0) - len(starts)))[:count]
         self.instances: tuple[Instance, ...] = ()

@@ -70,7 +70,7 @@ def sorted_into_cells(
     cell_m: float = CELL_M,
     moving: MovingBox | None = None,
 ) -> Obstacles:
-    """Return triangles (T, 3, 3) in metres NED as Obstacles. All cells within `reach_m` of a triangle list it."""
+    """Return triangles (T, 3, 3), m NED, as Obstacles. Each cell lists the triangles within `reach_m` of the cell."""
     low, high = triangles.min(axis=1) - reach_m, triangles.max(axis=1) + reach_m
     origin = np.floor(low.min(axis=0) / cell_m) * cell_m
     cells = np.ceil((high.max(axis=0) - origin) / cell_m).astype(np.int64)
@@ -120,7 +120,7 @@ def with_more(
 
 
 def _bounds(triangles: Array) -> NDArray[np.float32]:
-    """Return the middle and the radius (T, 4) of a ball around each triangle."""
+    """Return (T, 4), m: middle and radius of a ball around each triangle."""
     middle = (triangles.min(axis=1) + triangles.max(axis=1)) / 2
     radius = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1) * (1.0 + 1e-5) + 1e-5
     return np.column_stack([middle, radius]).astype(np.float32)

@@ -13,10 +13,10 @@ from episodes.maps.scene import Instance, Mesh
 from foundation.compiled import njit
 
 NOTHING = -1  # triangle index of a ray without a hit
-BEYOND_M = 1e-4  # from a hole to the start of the continued ray
+BEYOND_M = 1e-4  # m behind a hole at which the ray is continued
 MOST_HOLES = 200  # along one ray; a ray through more holes counts as blocked
 FAR = 1e30
-BEFORE = 0.999  # share of the way to a point in which hits count, so that the point itself is no hit
+BEFORE = 0.999  # hits count up to this share of the way to a point, so that the point itself is no hit
 
 
 class Hits(NamedTuple):
@@ -27,7 +27,7 @@ class Hits(NamedTuple):
 
 
 class RayScene:
-    """Triangles indexed for ray casting. Their numbers continue from mesh to mesh."""
+    """Triangles indexed for ray casting, numbered mesh after mesh."""
 
     def __init__(self, meshes: Sequence[Mesh], corners: Sequence[NDArray[np.floating]]) -> None:
         """`corners`: for each mesh, the corners (T, 3, 3) of its triangles, m; all meshes in the axes of the rays."""
@@ -55,9 +55,10 @@ class RayScene:
         return cls([mesh], [mesh.vertices[mesh.triangles]])
 
     def first_hits(self, start: ArrayLike, way: ArrayLike, reach: float = FAR) -> Hits:
-        """Return the first hits of rays from `start`, one for all (3,) or one each (N, 3), along `way` (N, 3).
+        """Return the first hits of N rays along `way` (N, 3).
 
-        `reach` is the length of the rays, as a multiple of `way`.
+        `start` is one point (3,) for all rays, or a point for each ray (N, 3). `reach` is the length of the rays, as a
+        multiple of `way`.
         """
         starts, ways, reaches = _prepared(start, way, reach)
         hit = self._opaque.run(starts, ways, reaches, output=1)
@@ -129,7 +130,7 @@ def _are_there(
     b: NDArray[np.float32],
     c: NDArray[np.float32],
 ) -> NDArray[np.bool_]:
-    """Return whether the texel at each hit is opaque; (1 - b - c, b, c) are its barycentric coordinates."""
+    """Return whether the texel at each hit is opaque; (1 - b - c, b, c) are the hit's barycentric coordinates."""
     there = np.zeros(len(triangle), np.bool_)
     for k in range(len(triangle)):
         at, a = uv[triangle[k]], 1.0 - float(b[k]) - float(c[k])

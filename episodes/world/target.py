@@ -1,4 +1,4 @@
-"""The pose of a target over time: its motion along a path, and its wheels on uneven ground.
+"""Computes the pose of a target over time, on a path and with its wheels on uneven ground.
 
 The motion is a pure function of the time since the episode began. A target on wheels pitches and rolls so that its
 wheels touch the ground.
@@ -24,7 +24,7 @@ HEADING_BASE_M = {
     "service_cart": 1.7, "motorcycle": 1.4, "cyclist": 1.05, "delivery_robot": 0.45,
     "person": 0.6, "pedestrian": 0.6,
 }  # fmt: skip
-AXLES_OF_OTHERS_M = 1.0
+AXLES_OF_OTHERS_M = 1.0  # for other assets
 WALKERS = ("person", "pedestrian")  # they stay upright on a slope; all others in HEADING_BASE_M have wheels
 
 TOUCHES_M = 0.01  # height of the part of a wheel that counts as touching the ground
@@ -118,8 +118,8 @@ class Wheels:
     def on(self, ground: HeightField, level_ned: Vec3, yaw: float) -> tuple[Vec3, float | Quat]:
         """Return the pose (m NED, attitude FRD → NED) in which the wheels touch the ground.
 
-        `level_ned` is the origin of the asset in its level pose. In both poses, the middle of the asset's box has the
-        same north and east coordinates. On level ground, the result is (`level_ned`, `yaw`).
+        `level_ned` is the origin of the asset in its level pose. The result keeps the north and east
+        coordinates of the middle of the asset's box. On level ground, the result is (`level_ned`, `yaw`).
         """
         c, s = math.cos(yaw), math.sin(yaw)
         x, y, _ = self.middle_frd

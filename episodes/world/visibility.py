@@ -1,4 +1,4 @@
-"""Visibility of a target by ray casting, distances to solids, and the target's box in a picture."""
+"""Computes the visibility of a target by ray casting, distances to solids, and the target's box in a picture."""
 
 import itertools
 import math
@@ -126,7 +126,7 @@ class SolidsUnion(Solids):
 
 
 class SolidsExcept(Solids):
-    """A map's solids without one instance, so that they can hide it if it is the target. Shares their ray scene."""
+    """A map's solids without one instance, the target, so that the target does not hide itself."""
 
     def __init__(self, everything: Solids, left_out: Instance) -> None:
         """Share the ray scene of `everything`. Raises ValueError if `left_out` is not part of it."""
@@ -141,8 +141,8 @@ class SolidsExcept(Solids):
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether something solid lies between it and the origin.
 
-        The points must be on the surface of `left_out`, which must not hide them itself. So if a ray's first hit is on
-        `left_out`, nothing else lies before its point.
+        The caller passes points on the surface of `left_out` that `left_out` itself does not hide. So if the first hit
+        of a ray is on `left_out`, no other solid lies before the point of this ray.
         """
         hits = self._scene.first_hits(origin, points - np.array(origin), BEFORE)
         hidden = (hits.triangle != NOTHING) & (hits.distance < BEFORE)
@@ -205,7 +205,7 @@ class TargetView:
         camera: CameraModel,
         past: Occluder | None = None,
     ) -> Visibility:
-        """Return the visibility of the target at a pose. The obstacles are the solids, or `past` instead.
+        """Return the visibility of the target at a pose. `past` replaces the solids as obstacles.
 
         Each sample that the target itself does not hide is weighted with the solid angle of the surface around it.
         """

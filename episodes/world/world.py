@@ -25,8 +25,8 @@ from foundation.terrain import HeightField
 from foundation.threads import once
 from foundation.wording import did_you_mean, nearest
 
-NATIVE_OFF_M = 0.001  # tolerance of the position of a native target in a record
-NATIVE_TURNED_RAD = math.radians(0.1)  # tolerance of the yaw of a native target
+NATIVE_OFF_M = 0.001  # tolerance of a record's position of a native target (an object of the map)
+NATIVE_TURNED_RAD = math.radians(0.1)  # tolerance of a native target's yaw
 
 
 class World:
@@ -83,7 +83,7 @@ class World:
         return on_ground(self._wheels, self.scene.terrain, self._motion.pose(t_s))
 
     def target_upright(self, t_s: float) -> tuple[Vec3, float]:
-        """Return the target's pose without pitch and roll (origin in m NED, yaw in rad); its box keeps its centre."""
+        """Return the target's pose without pitch and roll (origin in m NED, yaw in rad), with the same box centre."""
         place, yaw = self._motion.pose(t_s)
         leaning, turned = self.target_pose(t_s)
         if not isinstance(turned, tuple):
@@ -168,7 +168,7 @@ class World:
 
 
 def solids(name: str, seed: int) -> Solids:
-    """Return the static solids of a map. Shipped maps are cached: the last four stay indexed in this process."""
+    """Return the static solids of a map. The last four shipped maps stay indexed in this process."""
     return _solids(name, seed) if name in maps.shipped() else Solids(maps.build(name, seed).instances)
 
 
@@ -189,7 +189,10 @@ def _placed(number: int, name: str, target: TargetRecord, ground: HeightField, *
 
 
 def _native(built: Scene, record: EpisodeRecord) -> Instance | None:
-    """Return the map's own instance that a record names as its target; None if it names none. Raises UsageError."""
+    """Return the map's own instance that a record names as its target; None if it names none.
+
+    Raises UsageError if the map's instance does not fit the record.
+    """
     name = record.target.native
     if name is None:
         return None
