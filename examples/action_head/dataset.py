@@ -1,6 +1,6 @@
 """Reads the training data as arrays from a LeRobot dataset of `dronecats export --to lerobot`.
 
-pyarrow reads the files. LeRobot's own class reads the same values (tests/report/export/test_lerobot.py).
+pyarrow reads the files. tests/report/export/test_lerobot.py checks that LeRobot's own class reads the same values.
 """
 
 import zlib
@@ -33,7 +33,7 @@ class Decisions:
     pictures: NDArray[np.uint8]  # (n, 3, HEIGHT, WIDTH), RGB
     words: NDArray[np.float32]  # (2, n, WORDS)
     past: NDArray[np.float32]  # (2, n, PAST)
-    kinds: NDArray[np.int64]  # (n,), indices in KINDS
+    kinds: NDArray[np.int64]  # (n,), indices in features.KINDS
     points: NDArray[np.float32]  # (n, 2), x and y 0 … 1 from the top left; used only if the action is a go
     depths_m: NDArray[np.float32]  # (n,), m; used only if the action is a go
     angles_deg: NDArray[np.float32]  # (n,), °, positive to the right; used only if the action is a rotate

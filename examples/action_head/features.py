@@ -1,6 +1,6 @@
 """Encodes the inputs of the head as arrays: the picture, the instruction's words and the drone's last actions.
 
-All inputs are in the prompt and the picture, so a served head has the same information as any model. The words are
+All inputs come from the prompt and the picture, so the head has the same information as any other model. The words are
 hashed, so that an instruction outside the training data has a vector too.
 """
 

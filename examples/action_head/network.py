@@ -20,11 +20,11 @@ from examples.action_head.pilot import COLUMNS, ROWS, TURNS_DEG, Outlook
 from examples.action_head.settings import Shape
 from foundation.errors import UsageError
 
-FORMAT = 1  # version of the file format of a head
+FORMAT = 1  # version of a head's file format
 
 
 class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library without types here
-    """Maps (pictures, words, past) to logits of kinds and of cells, the logarithm of the depth, and logits of turns."""
+    """Maps (pictures, words, past) to four outputs; see `forward`."""
 
     def __init__(self, shape: Shape) -> None:
         super().__init__()
@@ -89,7 +89,10 @@ def _places(count: int, rows: int = HEIGHT, columns: int = WIDTH) -> Tensor:
 
 
 def save(path: Path, head: ActionHead, declares_at: float, about: dict[str, Any]) -> None:
-    """Write a trained head. Raises UsageError when the file cannot be written."""
+    """Write a trained head. Raises UsageError if the file cannot be written.
+
+    `declares_at`: the least probability of `finished` at which the head declares.
+    """
     header = {"format": FORMAT, "shape": asdict(head.shape), "declares_at": declares_at, "about": about}
     try:
         torch.save({**header, "weights": head.state_dict()}, path)
@@ -98,7 +101,7 @@ def save(path: Path, head: ActionHead, declares_at: float, about: dict[str, Any]
 
 
 def load(path: Path) -> tuple[ActionHead, float]:
-    """Return a trained head and its threshold of a declaration. Raises UsageError if the file is not a head."""
+    """Return a trained head and its `declares_at`, see `save`. Raises UsageError if the file is not a head."""
     try:
         content = torch.load(path, weights_only=True, map_location="cpu")
         if content["format"] != FORMAT:
