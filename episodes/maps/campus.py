@@ -20,7 +20,7 @@ from foundation.terrain import HeightField
 ORIGIN = (52.204300, 0.119400, 21.0)  # geodetic latitude, longitude (degrees) and height (m) of the plaza's middle
 MAY, HOUR = 135, 10.4  # day of the year and true solar hour
 STEP_M = 1.0  # m between the waypoints of a lane: the ground bends less than a millimetre in between
-SPOT_GRID_M = 4.0  # m between the points that are checked for free space
+SPOT_GRID_M = 4.0  # m between points checked for free space
 SPOT_CLEAR_M = 1.6  # m, least distance of a free place from any object
 PlacedMesh = tuple[str, Mesh, float, float, float]  # kind, mesh, north, east, yaw in rad
 
@@ -110,8 +110,8 @@ def landmarks() -> tuple[Landmark, ...]:
 def places(seed: int = 1) -> Places:
     """Return the free places, lanes and landmarks.
 
-    `seed` turns the footprints of plants, so it can change a few free places beside them. It does not change lanes and
-    landmarks.
+    `seed` turns the footprints of plants, so it can change a few free places beside them. Lanes and landmarks do not
+    change.
     """
     terrain = campus_ground.terrain()
     lanes = tuple(

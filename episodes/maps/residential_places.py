@@ -17,7 +17,7 @@ from foundation.frames import Vec3, course
 # place → length and width (m) of the free ground that it needs
 ROOM = {"kerb": (5.9, 2.2), "bus stop": (12.0, 2.6), "drive": (5.9, 2.2), "lawn": (2.0, 2.0), "pavement": (1.2, 1.2)}
 GAP = 0.4  # m, free space around an object on a spot; at a kerb, only ahead and behind
-TALLEST = 2.4  # m; parts above this height (crowns of trees, arms of lamps) are no obstacles on the ground
+TALLEST = 2.4  # m; parts above this height (crowns of trees, arms of lamps) are no obstacles
 LANE_OFFSET_M = 0.6  # m, offset of lanes to the right of the centre line
 TURN = 6.0  # m, radius of a lane at a corner
 DRIVE_TURN = 3.4  # m, radius of a lane out of a drive

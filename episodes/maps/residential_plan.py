@@ -93,7 +93,7 @@ def _sites() -> list[tuple[Street, float, int]]:
 
 
 def plots(seed: int) -> tuple[Plot, ...]:
-    """Return the plots. `seed` changes their houses and drives, but not where the plots are."""
+    """Return the plots. `seed` changes houses and drives, but not the plots' places."""
     homes: list[Plot] = []
     for number, (street, along, side) in enumerate(_sites()):
         garage = 1 if (number // 2 + (side > 0) + seed) % 2 else -1

@@ -25,8 +25,7 @@ OPEN_GROUND = "open-ground"  # start place of `dronecats sitl`, no solid within 
 
 VERSION = 3  # of the benchmark; raised when its images or records change
 SUITES = ("one-drone", "commanding", "quick", "all", "v1")
-# Twelve episodes for a quick run: one for each one-drone cell (kind of task) and map, and two for each map with
-# commanding episodes.
+# A quick run: one episode for each one-drone cell (kind of task) and map, two for each map with commanding episodes.
 QUICK = (
     "residential-approaching-01",
     "residential-searching-01",

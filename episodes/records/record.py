@@ -149,7 +149,7 @@ class EpisodeRecord:
         float, Meta(ge=0.0, le=360.0, description="Compass bearing of that centre from the first drone.")
     ]
     visible_at_start: bool
-    seed: RecordSeed  # seed of all random values in the flight
+    seed: RecordSeed  # of all random values in the flight
     candidates: Annotated[
         tuple[TargetRecord, ...],
         Meta(max_length=MAX_CANDIDATES, description="Look-alikes of the target; commanding episodes only."),

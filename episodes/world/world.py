@@ -63,9 +63,9 @@ class World:
         added = lookalikes if native else self.target_and_lookalikes
         self.scene: Scene = replace(built, instances=(*built.instances, *added), base=built)
         self.fleet = Fleet(record.starts, next_id + 1 + len(record.candidates), drone, drones)
-        # the scene for cameras, with the drones of a fleet
+        # the scene for cameras, with all drones
         self.filmed: Scene = replace(self.scene, instances=(*self.scene.instances, *self.fleet.instances))
-        # everything static that may hide the target
+        # static things that may hide the target
         of_map = solids(record.map, record.map_seed)
         if native:
             of_map = SolidsExcept(of_map, native)

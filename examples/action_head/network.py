@@ -113,5 +113,5 @@ def load(path: Path) -> tuple[ActionHead, float]:
         raise UsageError(f"'{path}' does not exist. Make one: python -m examples.action_head.train") from None
     except UsageError:
         raise
-    except Exception as error:  # PyTorch raises many types for a file that is not a head
+    except Exception as error:  # PyTorch raises many types for a wrong file
         raise UsageError(f"'{path}' is not a trained head: {str(error).splitlines()[0][:120]}") from None

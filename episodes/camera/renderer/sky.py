@@ -51,7 +51,7 @@ class Daylight(NamedTuple):
 
 
 def daylight(sun: Sun) -> Daylight:
-    """Return the light sources that belong to `sun`."""
+    """Return the light sources of `sun`."""
     n, e, d = (float(c) for c in sun.toward_ned)
     length = math.sqrt(n * n + e * e + d * d)
     toward = (n / length, e / length, d / length)
@@ -215,7 +215,7 @@ def display_table() -> NDArray[np.uint8]:
     """Return the (STEPS + 1,) sRGB codes of equally spaced lights 0 … WHITE.
 
     The tone curve of the exposed light x is x (1 + WHITENING x) / (1 + SHOULDER x), which has the form of Reinhard's
-    extended curve. It is linear in the dark and approaches white slowly. The encoding is that of IEC 61966-2-1.
+    extended curve. It is linear in the dark and approaches white slowly. Encoding: IEC 61966-2-1.
     """
     x = EXPOSURE * WHITE * np.arange(STEPS + 1) / STEPS
     y = np.clip(x * (1.0 + WHITENING * x) / (1.0 + SHOULDER * x), 0.0, 1.0)

@@ -86,7 +86,7 @@ class HousePlan:
     depth: float = 9.0
     storeys: int = 1
     pitch: float = 0.55  # rise over run of the roof
-    gable_front: bool = False  # ridge runs front to back instead of along the street
+    gable_front: bool = False  # the ridge runs front to back
     wall: str = "cream"  # of WALLS
     brick: bool = False  # all walls are brick
     roof: str = "charcoal"  # of ROOFS

@@ -1,4 +1,4 @@
-"""Paints, plain materials that assets share, and procedural textures, which are sRGB and have fixed seeds.
+"""Makes paints, plain materials that assets share, and procedural sRGB textures with fixed seeds.
 
 A texture "for a repeat of 4 m" covers 4 m × 4 m, then repeats.
 """

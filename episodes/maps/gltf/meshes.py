@@ -24,7 +24,7 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 MAX_DEPTH = 200
 MAX_PLACE_M = 20_000.0
-_EXACT = 1e-6  # tolerance of a matrix that is a yaw only
+_EXACT = 1e-6  # tolerance for a yaw
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +95,7 @@ class Shapes:
         raw: dict[Any, _Block] = {}  # vertices in the order of the file
         made: dict[Any, _Block] = {}  # vertices in the order of the new mesh
         triangles, which = [], []
-        worn: dict[int, tuple[int, Material]] = {}  # identity of a material → (row in the new mesh, material)
+        worn: dict[int, tuple[int, Material]] = {}  # identity of a material → (its row, material)
         first = 0
         start = self._read_vertices
         for k, primitive in enumerate(_primitives(self._document, index)):
