@@ -63,7 +63,7 @@ class World:
         added = lookalikes if native else self.target_and_lookalikes
         self.scene: Scene = replace(built, instances=(*built.instances, *added), base=built)
         self.fleet = Fleet(record.starts, next_id + 1 + len(record.candidates), drone, drones)
-        # the scene for cameras, with all drones
+        # the scene for cameras, with the drones of a fleet
         self.filmed: Scene = replace(self.scene, instances=(*self.scene.instances, *self.fleet.instances))
         # static things that may hide the target
         of_map = solids(record.map, record.map_seed)
