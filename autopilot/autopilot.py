@@ -23,7 +23,7 @@ from autopilot.parameters import ParameterTable
 from foundation.airframe import Airframe
 from foundation.mavlink import dialect
 
-COMMANDER_US = 20_000  # 50 Hz; telemetry and the inner loop run at their own rates
+COMMANDER_US = 20_000  # µs between two ticks of the commander (50 Hz)
 
 
 class Core(Protocol):
@@ -114,7 +114,7 @@ class Autopilot:
         self._log_failure = reason
 
     def stream(self) -> None:
-        """Queue the telemetry that is due between two updates. Call it every `stream_us` µs if that is below 10 ms."""
+        """Queue the telemetry that is due between two updates. Call it every `stream_us` if that is below 10 ms."""
         self.state.refresh()
         for port in self.node.ports:
             port.stream(self.state.time_us)
@@ -265,7 +265,7 @@ HANDLERS: dict[str, MessageHandler] = {
     "LOG_REQUEST_END": file_transfer.request_end,
     "LOG_ERASE": file_transfer.erase,
 }
-_COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # also handled if for another target; the result is then FAILED
+_COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # if sent to another target, the answer is FAILED
 
 
 def handle(node: Node, port: Port, message: Message) -> None:

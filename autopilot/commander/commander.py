@@ -1,7 +1,7 @@
 """The commander: it executes requests, selects the flight mode, and writes the setpoint of the inner loop.
 
 `intended` is the requested mode. `mode` is the mode in HEARTBEAT; the two differ during a failsafe.
-Requests return the MAV_RESULT that a real PX4 returned in measurements.
+Requests return the same MAV_RESULT as PX4 (measured).
 """
 
 import math
@@ -41,7 +41,7 @@ ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
 DENIED = int(dialect.MAV_RESULT_DENIED)
 
-HOME_LOOK_US = 1_000_000  # µs; home is set again at this interval if the disarmed vehicle has moved
+HOME_LOOK_US = 1_000_000  # µs between two checks whether the disarmed vehicle has moved
 
 
 class SetpointWriter:
@@ -376,7 +376,7 @@ class Commander:
     def _reaction(self) -> tuple[str, str]:
         """Return (mode in HEARTBEAT, name of the behaviour to fly)."""
         if self.supervision.failsafe is NO_FAILSAFE and self.intended not in STICK_MODES:
-            return self.intended, self.intended  # shortcut for nearly every tick; `reaction` returns the same values
+            return self.intended, self.intended  # `reaction` would return the same values, more slowly
         return reaction(
             self.failsafe,
             self.intended,
@@ -438,7 +438,7 @@ class Commander:
     def _follow_home_on_ground(self, now: int) -> None:
         """Keep home at the vehicle's position while disarmed, so that clients get a home before arming.
 
-        A home with a given position stays there.
+        A home stays if a client or a mission chose its position.
         """
         if now - self._home_looked_us < HOME_LOOK_US:
             return

@@ -16,9 +16,9 @@ from autopilot.parameters import ParameterTable
 from autopilot.records import IDLE, KIND_IDLE, KIND_TRAJECTORY, NAN, CascadeSetpoint
 from foundation.mavlink import dialect
 
-WANTS_CLIMB_SPEED = 0.3  # m/s upwards
+WANTS_CLIMB_SPEED = 0.3  # m/s; a faster upward setpoint commands a climb
 WANTS_CLIMB_M = 0.3
-RAMP_START = 0.15  # thrust limit at which the ramp starts: far below hover for every airframe
+RAMP_START = 0.15  # first thrust limit of the ramp; no airframe can hover with it
 
 
 def wants_climb(setpoint: CascadeSetpoint, state: EstimatedState) -> bool:
@@ -125,7 +125,7 @@ class LandDetector:
     def _watch_contact(self, state: EstimatedState, demand: CascadeSetpoint) -> None:
         """Compare the achieved descent with the demanded descent over LNDMC_TRIG_TIME / 3.
 
-        A vehicle that sinks at CONTACT_SPEED has no contact: it only needs time to accelerate.
+        A vehicle that sinks at CONTACT_SPEED or faster has no contact.
         """
         speed, z = _dive(state, demand), state.position_ned[2]
         if speed is None or state.range_m() > RANGE_IN_AIR_M:
@@ -165,7 +165,7 @@ class LandDetector:
 
 
 def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
-    """Return the lowest speed (m/s) of a demanded descent; None if the demand is not a clear descent.
+    """Return the sink speed (m/s) that `demand` asks for; None if it is not a clear descent.
 
     A demand with a horizontal speed above SIDEWAYS_SPEED does not count: the vehicle might slide along an obstacle.
     """
@@ -188,7 +188,7 @@ def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:
 LANDING = ("LAND", "DESCEND")  # modes that end on the ground
 BLOCKED_US = 10_000_000  # µs without a descent of SUNK_M, after which a landing counts as blocked
 SUNK_M = 0.3
-UPRIGHT_DEG = 20.0  # largest lean of an upright vehicle; the slopes of the maps are smaller
+UPRIGHT_DEG = 20.0  # a landed vehicle that leans more is not upright; no map is so steep
 
 
 class LandingWatch:
@@ -196,7 +196,7 @@ class LandingWatch:
 
     def __init__(self, send_text: Callable[[int, str], None]) -> None:
         self._send_text = send_text
-        self._lowest: tuple[int, float] | None = None  # time (µs) and z (m, NED) of the last descent by SUNK_M
+        self._lowest: tuple[int, float] | None = None  # time (µs) and z (m, NED) after the last SUNK_M of descent
         self._has_warned = False
 
     def follow(self, state: EstimatedState, landing: bool) -> None:

@@ -88,7 +88,7 @@ class AccuracyWatch:
 
 
 SENSOR_TIMEOUT_US = 500_000
-NO_ARMING_MODES = frozenset({"LAND", "RETURN", "ORBIT", "PRECLAND", "FOLLOW", "TERMINATION"})  # PX4 mode requirements
+NO_ARMING_MODES = frozenset({"LAND", "RETURN", "ORBIT", "PRECLAND", "FOLLOW", "TERMINATION"})  # as on PX4
 STICK_MODES = frozenset({"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED"})
 EXTERNAL_MODES = frozenset(name for name in MODES if name.startswith("EXTERNAL"))  # a companion computer flies these
 UNREGISTERED = "mode is not registered"  # this autopilot has no registration of external modes
@@ -169,7 +169,7 @@ def mode_failures(
 ) -> list[str]:
     """Return the reasons why `mode` cannot run now. Source: PX4 mode_requirements.
 
-    `home`, `sticks` and `offboard`: whether each is available. `mission`: the faults of the loaded mission.
+    `home`: home is set. `sticks`, `offboard`: the messages arrive. `mission`: the faults of the loaded mission.
     """
     reasons = [UNREGISTERED] if mode in EXTERNAL_MODES else []
     accurate = state.position_valid and state.position_std_h < required(parameters, "COM_POS_FS_EPH")
@@ -213,8 +213,8 @@ class AttitudeWatch:
 
 DURATION_US = 2_000_000
 STEPS = 10  # calibration reports its progress in tenths
-MOVING_RATE = math.radians(5.0)  # rad/s, above any gyro's bias
-GRAVITY_TOLERANCE = 0.1  # fraction of gravity
+MOVING_RATE = math.radians(5.0)  # rad/s; no gyro's bias is so large
+GRAVITY_TOLERANCE = 0.1  # largest relative error
 FIELD_GAUSS = (0.1, 1.0)  # limits; the Earth's field is 0.22 to 0.67 gauss
 LEVEL_MOST = math.radians(10.0)
 

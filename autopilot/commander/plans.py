@@ -70,7 +70,7 @@ GLOBAL_FRAMES = ABOVE_SEA | ABOVE_HOME
 
 @dataclass(frozen=True, slots=True)
 class PlanItem:
-    """One item. x and y keep the integers of the upload, so that a download returns exactly the same values."""
+    """One item. x and y are the integers of the upload, so that a download returns exactly the same values."""
 
     command: int  # MAV_CMD
     frame: int  # MAV_FRAME
@@ -139,7 +139,7 @@ class FenceArea:
     radius: float = 0.0  # m, circles only
 
     def contains(self, north: float, east: float) -> bool:
-        """Return whether the point lies inside."""
+        """Return whether a point is inside."""
         if len(self.vertices) == 1:
             centre = self.vertices[0]
             return math.hypot(north - centre[0], east - centre[1]) < self.radius
@@ -164,7 +164,7 @@ def well_formed(items: tuple[PlanItem, ...]) -> bool:
 
 
 def areas(items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea, ...]:
-    """Return the areas of a well-formed fence in the local frame."""
+    """Return the areas of a `well_formed` fence, in the local frame."""
     result: list[FenceArea] = []
     i = 0
     while i < len(items):
@@ -180,7 +180,7 @@ def areas(items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea
 
 
 class Fence:
-    """The areas of the present fence, computed once per plan and origin."""
+    """Keeps the areas of the fence until the plan or the origin changes."""
 
     def __init__(self) -> None:
         self._of: tuple[int, float, float] | None = None
@@ -291,7 +291,7 @@ def mission_failures(
     return []
 
 
-CAPACITY = {MISSION: 1000, FENCE: 250, RALLY: 50}  # items
+CAPACITY = {MISSION: 1000, FENCE: 250, RALLY: 50}  # most items of a plan
 NAMES = {MISSION: "mission", FENCE: "fence", RALLY: "rally"}
 
 
@@ -301,7 +301,7 @@ StoredNumber = float | str  # a text if JSON has no such number, for example "na
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredItem:
-    """An item in the file."""
+    """A PlanItem in the file."""
 
     command: Int32
     frame: Int32
@@ -400,7 +400,7 @@ class Plans:
 
 
 def _entry(item: PlanItem) -> dict[str, Any]:
-    """Return an item for the file. Numbers that JSON does not have (nan: not given) become texts."""
+    """Return an item for the file. Numbers that JSON has not (nan) become texts."""
     numbers = [value if abs(value) < float("inf") else str(value) for value in (*item.p, item.z)]
     return {
         "command": item.command, "frame": item.frame, "p": numbers[:4], "x": item.x, "y": item.y, "z": numbers[4],

@@ -46,7 +46,7 @@ class Conditions(NamedTuple):
     sticks: bool  # whether there is stick input
     sticks_lost_s: float  # s since the last MANUAL_CONTROL; nan if the vehicle armed without sticks
     station_lost_s: float  # s since the last ground station heartbeat; nan if there never was one
-    battery: float  # 0 … 1, nan if unknown
+    battery: float  # charge (0 … 1), nan if unknown
     battery_at_arming: float
     position_valid: bool
     velocity_valid: bool
@@ -79,7 +79,7 @@ _LANDING = frozenset({"LAND", "PRECLAND"})
 # a lost link does not interrupt a landing or a take-off; after a take-off the mode changes, and the failsafe acts
 _NEAR_GROUND = _LANDING | {"TAKEOFF"}
 _AUTO = ("HOLD", "TAKEOFF", "LAND", "PRECLAND", "RETURN", "ORBIT", "FOLLOW")
-_EXEMPT_BIT = {"MISSION": 1, "OFFBOARD": 4} | dict.fromkeys(_AUTO, 2)  # COM_RCL_EXCEPT, COM_DLL_EXCEPT
+_EXEMPT_BIT = {"MISSION": 1, "OFFBOARD": 4} | dict.fromkeys(_AUTO, 2)  # in COM_RCL_EXCEPT and COM_DLL_EXCEPT
 
 
 def _stick_mode(c: Conditions, mode: str) -> str:
@@ -179,7 +179,7 @@ TABLE: tuple[Callable[[Conditions, ParameterTable], Failsafe], ...] = (
 
 
 def evaluate(conditions: Conditions, parameters: ParameterTable, overridden: frozenset[str] = frozenset()) -> Failsafe:
-    """Return the most severe failsafe of all rules. Causes in `overridden` (the pilot chose another mode) only warn."""
+    """Return the most severe failsafe of all rules. Causes in `overridden` only warn (see `Supervision.overrule`)."""
     worst = NO_FAILSAFE
     for rule in TABLE:
         due = rule(conditions, parameters)
@@ -195,8 +195,8 @@ def evaluate(conditions: Conditions, parameters: ParameterTable, overridden: fro
 def reaction(failsafe: Failsafe, intended: str, *, sticks: bool, position: bool, home: bool) -> tuple[str, str]:
     """Return (mode in HEARTBEAT, name of the behaviour to fly) for a failsafe.
 
-    `sticks`, `position` and `home`: whether each is available. In a manual mode without sticks, HEARTBEAT shows that
-    mode while the vehicle descends at MPC_LAND_SPEED, as measured on PX4.
+    `sticks`, `position` and `home`: whether each is available. In a manual mode without sticks, HEARTBEAT shows the
+    manual mode while the vehicle descends at MPC_LAND_SPEED, as measured on PX4.
     """
     action = failsafe.action
     if action in (Reaction.NONE, Reaction.WARN, Reaction.STICKS, Reaction.DISARM):
@@ -216,12 +216,12 @@ def seconds_since(now_us: int, stamp_us: int | None) -> float:
     return math.nan if stamp_us is None or stamp_us < 0 else (now_us - stamp_us) * 1e-6
 
 
-AUTO_BIT, OFFBOARD_BIT = 1, 2  # COM_RC_OVERRIDE
+AUTO_BIT, OFFBOARD_BIT = 1, 2  # in COM_RC_OVERRIDE
 
 
 def overridable(mode: str, parameters: ParameterTable) -> bool:
     """Return whether stick movements may end this mode."""
-    if mode in STICK_MODES or mode in ("TERMINATION", "ORBIT"):  # the sticks change the orbit
+    if mode in STICK_MODES or mode in ("TERMINATION", "ORBIT"):  # in ORBIT, sticks change the circle
         return False
     bit = OFFBOARD_BIT if mode == "OFFBOARD" else AUTO_BIT
     return bool(int(parameters["COM_RC_OVERRIDE"]) & bit)
@@ -249,18 +249,18 @@ class StickOverride:
 
 
 StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
-# causes that the pilot cannot overrule: the first ends when the mode changes, the second leaves no other choice
+# causes that the pilot cannot overrule: OFFBOARD_LOST ends when the mode changes, POSITION_LOST leaves no choice
 NOT_OVERRIDABLE = frozenset({OFFBOARD_LOST, POSITION_LOST})
 DELAYED = frozenset({Reaction.RETURN, Reaction.LAND, Reaction.DESCEND})
 NAMES = {Reaction.HOLD: "Hold", Reaction.RETURN: "Return", Reaction.LAND: "Land", Reaction.DESCEND: "Descend"}
-LOOK_US = 100_000  # slow conditions (battery, links, fence) are checked 10 times a second
+LOOK_US = 100_000  # µs between two checks of battery, links and fence
 
 
 class Supervision:
     """Decides on the failsafe of an armed vehicle.
 
-    `failsafe` is the present reaction. A delayed failsafe has the action HOLD for COM_FAIL_ACT_T, and the pilot can
-    choose another mode. Then it has its own action. `breach` is the broken limit of the geofence, empty if none.
+    `failsafe` is the present reaction. If it is delayed, its action is HOLD for COM_FAIL_ACT_T, so that the pilot can
+    choose another mode. `breach` is the broken limit of the geofence, empty if none.
     """
 
     def __init__(self, parameters: ParameterTable, send_text: StatusText) -> None:
@@ -302,7 +302,7 @@ class Supervision:
     def overrule(self) -> None:
         """Overrule the present failsafe, because the pilot has chosen a mode.
 
-        Its cause then only warns, until all causes of failsafes have ended.
+        The cause then only warns, until all causes of failsafes have ended.
         """
         if self.failsafe.action > Reaction.WARN and self.failsafe.cause not in NOT_OVERRIDABLE:
             self._overridden |= {self.failsafe.cause}

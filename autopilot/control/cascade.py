@@ -47,7 +47,7 @@ def wanted_rates(params: Record, attitude: Quat, target: Quat, yaw_rate: float) 
     tilt = (half, -axis[1] / (2.0 * half), axis[0] / (2.0 * half), 0.0) if half > 1e-3 else over
     twist = quat_multiply(quat_conjugate(tilt), error)
     turn = twist[3] if twist[0] >= 0.0 else -twist[3]
-    turn = min(max(turn, -params.yaw_weight), params.yaw_weight)  # leaves thrust for roll and pitch
+    turn = min(max(turn, -params.yaw_weight), params.yaw_weight)  # so that thrust remains for roll and pitch
     ahead = rotate_inverse(attitude, (0.0, 0.0, yaw_rate))
     p = params.attitude_p
     x = 2.0 * p[0] * tilt[1] + ahead[0]
@@ -81,7 +81,7 @@ def filter_rates(params: Record, state: Record, rates: Grid, dt: float) -> None:
 def torque(params: Record, state: Record, dt: float, idle: bool) -> Vec3:
     """Return the normalised torque (roll, pitch, yaw), each in [-1, 1].
 
-    `state.torque_scale` is the share that the mixer achieved last time. Below 1, the actuators are saturated, and an
+    `state.torque_scale` is the fraction of the torque that the mixer last achieved. Below 1 (saturated actuators), an
     integral that would increase the torque stops. `idle` (on the ground or nearly without thrust) resets the integrals.
     """
     out = (0.0, 0.0, 0.0)
@@ -112,7 +112,7 @@ SHORTEST_S, LONGEST_S = 1e-4, 0.02  # s, bounds of a time step, so that a gap in
 ACCELERATION_CUTOFF = 2.0 * math.pi * 10.0  # rad/s, for the velocity loop's derivative
 LIGHT = 0.3  # fraction of the hover thrust; below it the vehicle stands or falls, and the rate integrals are reset
 ACCELERATION_PLAUSIBLE = 1000.0  # m/s²; more is beyond any accelerometer's range
-ROTOR_LAG_S = 0.02  # s, lag of the thrust behind its command, for the estimate of the hover thrust
+ROTOR_LAG_S = 0.02  # s, lag of the rotors' thrust and torque behind the commands
 
 
 @njit(cache=True)
@@ -169,7 +169,7 @@ def run_outer_loops(
 
 @njit(cache=True)
 def apply_direct_setpoint(params: Record, state: Record, setpoint: Record, estimate: Record, ceiling: float) -> None:
-    """Copy an attitude or rate setpoint and its thrust. Non-finite values become level, rate 0 and hover thrust."""
+    """Copy an attitude or rate setpoint and its thrust. Non-finite values become level, rate 0 or hover thrust."""
     thrust = setpoint.thrust
     if not math.isfinite(thrust):
         thrust = state.hover_thrust

@@ -23,22 +23,22 @@ CONTROL_PARAMS = np.dtype(
         ("speed_max_horizontal", "f8"),  # m/s
         ("speed_max_up", "f8"),  # m/s
         ("speed_max_down", "f8"),  # m/s
-        ("acceleration_horizontal", "f8"),  # m/s², towards a position
-        ("acceleration_horizontal_max", "f8"),  # m/s², towards a velocity
+        ("acceleration_horizontal", "f8"),  # m/s², for position setpoints
+        ("acceleration_horizontal_max", "f8"),  # m/s², for velocity setpoints
         ("acceleration_up", "f8"),  # m/s²
         ("acceleration_down", "f8"),  # m/s²
-        ("jerk_position", "f8"),  # m/s³, towards a position
-        ("jerk_velocity", "f8"),  # m/s³, towards a velocity
+        ("jerk_position", "f8"),  # m/s³, for position setpoints
+        ("jerk_velocity", "f8"),  # m/s³, for velocity setpoints
         ("tilt_max", "f8"),  # rad
         ("thrust_min", "f8"),  # 0 … 1, collective, in the air
         ("thrust_max", "f8"),  # 0 … 1
         ("thrust_horizontal_margin", "f8"),  # 0 … 1, reserved for the horizontal force when thrust saturates
         ("hover_thrust", "f8"),  # 0 … 1, from the airframe's constants
         ("yaw_rate_auto_max", "f8"),  # rad/s, while turning to a yaw setpoint
-        ("velocity_lag", "f8", (3,)),  # s, lag of the acceleration behind its setpoint
-        ("yaw_lag", "f8"),  # s, lag of the yaw rate behind its setpoint
+        ("velocity_lag", "f8", (3,)),  # s, lag of acceleration behind setpoint
+        ("yaw_lag", "f8"),  # s, lag of yaw rate behind setpoint
         ("attitude_p", "f8", (3,)),  # 1/s, roll pitch yaw
-        ("yaw_weight", "f8"),  # 0 … 1
+        ("yaw_weight", "f8"),  # limit of sin(yaw error / 2)
         ("rate_max", "f8", (3,)),  # rad/s
         ("torque_acceleration", "f8", (3,)),  # rad/s², angular acceleration at a normalised torque of 1
         ("rate_p", "f8", (3,)),  # normalised torque per rad/s
@@ -46,7 +46,7 @@ CONTROL_PARAMS = np.dtype(
         ("rate_d", "f8", (3,)),  # normalised torque per rad/s²
         ("rate_integral_limit", "f8", (3,)),  # normalised torque
         ("gyro_cutoff_hz", "f8"),  # first-order low-pass of the rates
-        ("gyro_derivative_cutoff_hz", "f8"),  # first-order low-pass of their derivative
+        ("gyro_derivative_cutoff_hz", "f8"),  # the same for the derivative of the rates
         ("airmode", "i8"),  # 1: thrust may rise to keep roll and pitch
         ("rotors", "i8"),
         ("mix", "f8", (MAX_ROTORS, 4)),  # rotor thrust fraction per normalised roll, pitch, yaw torque and thrust
@@ -70,7 +70,7 @@ CONTROL_STATE = np.dtype(
         ("free_integral", "f8", (3,)),  # m/s², velocity_integral, filtered while the velocity error was small
         ("tried_integral", "f8", (3,)),  # m/s², velocity_integral before the latest increase, which is being tested
         ("tried_error", "f8"),  # m/s, velocity error before that increase
-        ("blocked_s", "f8"),  # s since the vehicle was found to push against an obstacle; 0: not blocked
+        ("blocked_s", "f8"),  # s for which the vehicle has pushed against an obstacle; 0: none
         ("blocked_way", "f8", (3,)),  # unit vector, NED, direction of the push against the obstacle
         ("unexplained", "f8", (6,)),  # m/s², rad/s², FRD, accelerations that the rotors do not explain, filtered
         ("unexplained_slow", "f8", (6,)),  # the slow part of `unexplained`, such as wind
@@ -159,16 +159,16 @@ GAINS: dict[str, GainField] = {
 
 
 def default_parameters(gains: Gains, allocation: Allocation, rotors: int) -> np.void:
-    """Return one CONTROL_PARAMS record: gains from the design, and limits that are PX4's defaults if PX4 has them.
+    """Return one CONTROL_PARAMS record: gains from the design, and mostly PX4's default limits.
 
-    Four limits differ from PX4 1.15. MPC_JERK_MAX is 40 instead of 8 m/s³: a real PX4 does not smooth offboard velocity
-    setpoints, so it flies 1.4 m/s half a second after a setpoint of 2 m/s. MPC_JERK_AUTO is 8 instead of 4 m/s³.
+    Four limits differ from PX4 1.15. MPC_JERK_MAX is 40 instead of 8 m/s³: PX4 does not smooth offboard velocity
+    setpoints, and reaches 1.4 m/s half a second after a setpoint of 2 m/s. MPC_JERK_AUTO is 8 instead of 4 m/s³.
     MPC_YAWRAUTO_MAX is 60 °/s, the rate of the agent's turns. MPC_THR_MIN is at most 0.4 of the hover thrust.
     """
     params: np.void = np.zeros(1, CONTROL_PARAMS)[0]
     for name in ("attitude_p", "velocity_p", "velocity_i", "velocity_d", "position_p"):
         params[name] = getattr(gains, name)
-    for name in ("rate_p", "rate_i", "rate_d"):  # to normalised torque
+    for name in ("rate_p", "rate_i", "rate_d"):  # from rad/s² to normalised torque
         params[name] = np.array(getattr(gains, name)) / np.array(gains.acceleration_max)
     params["torque_acceleration"] = gains.acceleration_max
     params["velocity_lag"] = gains.velocity_lag

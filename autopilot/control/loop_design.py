@@ -32,12 +32,12 @@ RATE_DELAY_S = 0.002  # delay of sampling, computing and holding at 1 kHz
 OUTER_DELAY_S = 0.015  # delay of holding at 100 Hz and of the estimator's smoothing
 RATE_PHASE_MARGIN = 60.0  # deg, design target; a weak battery or a payload may reduce the margin
 RATE_GAIN_MARGIN = 9.0  # dB, design target
-ATTITUDE_RATIO = 3.5  # rate crossover over attitude gain
+ATTITUDE_RATIO = 3.5  # rate P gain / attitude P gain
 ATTITUDE_P_MAX = 8.0  # 1/s; a higher gain only passes noise of the outer loops to the rotors
 YAW_CROSSOVER_MAX = 8.0  # rad/s; yaw torque is weak, and has the lowest priority in the mixer
-VELOCITY_RATIO = 3.2  # attitude gain over velocity gain; the velocity gain of an X500 is then 2.0
+VELOCITY_RATIO = 3.2  # attitude P gain / velocity P gain; an X500 gets the velocity gain 2.0
 VELOCITY_P_MAX = (2.0, 2.0, 4.0)  # 1/s; PX4's MPC_XY_VEL_P_ACC 1.8, MPC_Z_VEL_P_ACC 4
-ROTOR_FLOOR = 0.01  # least thrust fraction of a rotor without an idle speed
+ROTOR_FLOOR = 0.01  # least thrust fraction of a rotor, even without an idle speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class Gains:
     acceleration_max: Vec3  # rad/s², angular acceleration of a normalised torque of 1
     hover_thrust: float  # 0 … 1, fraction of the full collective
     rotor_thrust_min: float  # 0 … 1, fraction of a rotor's full thrust at idle speed
-    margins: dict[str, Margin]  # of every loop, by the names of `loops`
+    margins: dict[str, Margin]  # by loop; the keys are those of `loops`
 
 
 def lag(time_constant: float) -> Response:
@@ -256,7 +256,7 @@ def design(airframe: Airframe) -> Gains:
 def margins_by_control(airframe: Airframe, gains: Gains) -> dict[str, Margin]:
     """Return the margins of every loop as python-control computes them from the same frequency responses.
 
-    This is an independent check of `margin`. Importing python-control takes a second, so it is not part of `design`.
+    It checks `margin` independently. `design` does not call it, because the import of python-control takes a second.
     """
     import control
 
@@ -270,7 +270,7 @@ def margins_by_control(airframe: Airframe, gains: Gains) -> dict[str, Margin]:
 
 Array = NDArray[np.float64]
 
-SAMPLES = 1 << 16  # of the inverse transform: a resolution of 4 ms or finer for the slowest loop
+SAMPLES = 1 << 16  # of a step response; the slowest loop then has one every 4 ms or less
 GROUPS = (
     ("rate", ("roll rate", "yaw rate")),
     ("attitude", ("roll attitude", "yaw attitude")),

@@ -25,8 +25,8 @@ LEAST_LIFT = 0.2 * GRAVITY  # m/s²; the thrust vector always points up, also in
 def limit_force(params: Record, hover_thrust: float, ceiling: float, acceleration: Vec3) -> Vec3:
     """Return the specific force (NED, m/s²) of the rotors for an acceleration (NED), within tilt and thrust limits.
 
-    `ceiling` is the setpoint's thrust limit (0 … 1). The vertical force has priority. Only the fraction
-    `thrust_horizontal_margin` of the thrust is kept for the horizontal force.
+    `ceiling` is the setpoint's thrust limit (0 … 1). The vertical force has priority, but leaves the fraction
+    `thrust_horizontal_margin` of the thrust to the horizontal force.
     """
     per_thrust = GRAVITY / hover_thrust  # m/s² at full collective
     top = min(params.thrust_max, ceiling) * per_thrust
@@ -86,8 +86,8 @@ class Allocation:
 
     effectiveness: NDArray[np.float64]  # (4, n) roll, pitch, yaw torque (N·m), collective (N) per N of a rotor
     mix: NDArray[np.float64]  # (MAX_ROTORS, 4) thrust fraction per roll, pitch, yaw and collective (normalised)
-    torque_max: tuple[float, float, float]  # N·m of a normalised torque of 1
-    thrust_max: float  # N of a collective of 1
+    torque_max: tuple[float, float, float]  # N·m at a normalised torque of 1
+    thrust_max: float  # N at a collective of 1
 
 
 def allocation(airframe: Airframe) -> Allocation:
@@ -145,7 +145,7 @@ def mix(
     `airmode` 0 they raise it at most to the collective that gives every rotor `floor` when there is no torque.
     """
     thrust = min(max(thrust, 0.0), 1.0)
-    # roll and pitch: the largest share for which a collective exists that keeps every rotor in range
+    # share: the largest fraction of roll and pitch that some collective allows, with every rotor in range
     least = 0.0
     for i in range(rotors):
         fractions[i] = matrix[i, 0] * roll + matrix[i, 1] * pitch
@@ -156,7 +156,7 @@ def mix(
         room = (1.0 - floor) / matrix[i, 3]
         if share * spread > room:
             share = room / spread
-    # collective: the value nearest to the demand
+    # collective: nearest to `thrust`
     low, high, idle = 0.0, 1e9, 0.0
     for i in range(rotors):
         idle = max(idle, floor / matrix[i, 3])
@@ -172,7 +172,7 @@ def mix(
                 share = max((floor - collective * matrix[i, 3]) / fractions[i], 0.0)
     for i in range(rotors):
         fractions[i] = share * fractions[i] + collective * matrix[i, 3]
-    # yaw: the largest share that keeps every rotor in range
+    # turn: the largest fraction of yaw, likewise
     turn = 1.0
     for i in range(rotors):
         step = matrix[i, 2] * yaw

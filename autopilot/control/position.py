@@ -65,10 +65,10 @@ def slew_vertical(state: Record, down: float, limit_up: float, limit_down: float
 
 @njit(cache=True)
 def expect(params: Record, state: Record, dt: float) -> None:
-    """Advance the expected velocity: that of a vehicle that follows the reference with the lag `velocity_lag`.
+    """Advance the expected velocity. A vehicle without disturbances has it: `velocity_lag` behind the reference.
 
-    The velocity error is the difference from the expected velocity. So the feedback corrects only disturbances. If it
-    also corrected the lag, the velocity would overshoot.
+    The feedback corrects the difference from the expected velocity, so only disturbances. If it also corrected the
+    lag, the velocity would overshoot.
     """
     for i in range(3):
         share = dt / (params.velocity_lag[i] + dt)
@@ -83,8 +83,8 @@ YAW_GAIN = 3.0  # 1/s, yaw rate per yaw error near a yaw setpoint
 YAW_ACCELERATION = 2.5  # rad/s²; yaw torque is weak, so a faster start would saturate the rotors
 FOLLOWING_ERROR_MAX = 0.4  # m/s; with a smaller velocity error, the vehicle follows its setpoint
 TRIM_S = 2.0  # s, time constant of `free_integral`
-TEST_STEP = 0.8  # m/s²; after the integral has grown this much, its effect on the velocity error is checked
-ERROR_DROP = 0.05  # m/s; if the velocity error drops less in the second half of that growth, an obstacle is the cause
+TEST_STEP = 0.8  # m/s²; after the integral has grown this much, the change of the velocity error is checked
+ERROR_DROP = 0.05  # m/s; if the error drops less in the second half of that growth, an obstacle is the cause
 BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s; a vehicle that moves faster, back or ahead, is not blocked
 DESCENDS = 0.2  # m/s, NED; a faster demand is a descent
 SIDEWAYS_SPEED = 0.3  # m/s; with a faster horizontal demand, the object under the vehicle is an obstacle, not ground
@@ -92,8 +92,8 @@ INITIAL_PUSH_LIMIT, FIRST_S = 2.5, 2.0  # m/s², s: first limit of the P term ag
 LASTING_PUSH_LIMIT = 1.0  # m/s², the limit after that
 BLOCKED_S = 3.0  # s, after which the integral may grow again, because the cause may have been a gust
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
-KNOCK = 8.0  # m/s²; a larger sudden unexplained acceleration is a knock; 10 m/s of wind: 3.3 (X500), 6.1 (30 g drone)
-KNOCK_TORQUE = 0.15  # the same as a fraction of the rotors' largest torque; wind of 10 m/s causes 0.06 and 0.08
+KNOCK = 8.0  # m/s²; a larger sudden acceleration is a knock; a wind of 10 m/s causes 3.3 (X500) and 6.1 (30 g drone)
+KNOCK_TORQUE = 0.15  # the same for torque, as a fraction of the largest pitch torque; this wind causes 0.06 and 0.08
 # s, time constants of the band-pass for knocks: above a gust's frequency, up to 10 Hz
 KNOCK_S, GUST_S = 0.016, 0.3
 TOUCHED_S = 1.0  # s after a knock, during which the vehicle is assumed to touch the obstacle
@@ -341,7 +341,7 @@ def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: flo
             tried[i] = total[i]
         state.tried_error = size
     elif grown < 0.5 * TEST_STEP:
-        state.tried_error = size  # the reference is the error at half of the growth, when the rebound has ended
+        state.tried_error = size  # last set at half of the growth, when the rebound has ended
     elif grown >= TEST_STEP:
         for i in range(axes):
             tried[i] = total[i]

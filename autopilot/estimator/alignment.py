@@ -10,7 +10,7 @@ from foundation.frames import GRAVITY, Quat
 
 REST_GYRO_STD = 0.05  # rad/s; a larger deviation from the mean is more than noise: the vehicle is being moved
 REST_ACCEL_ERROR = 0.5  # m/s², largest difference from gravity at rest
-ATTEMPTS = 5  # number of windows; after them, a moving vehicle is aligned too, with larger variances
+ATTEMPTS = 5  # averaging windows with a moving vehicle; the next window aligns it, with larger variances
 
 
 @njit(cache=True)
@@ -56,7 +56,7 @@ def level(ax: float, ay: float, az: float, mx: float, my: float, mz: float, decl
 
 @njit(cache=True)
 def align(params: Record, state: Record, P: Grid, time_us: int) -> None:
-    """At a window's end, start the filter if the vehicle was at rest or the window is the last; else begin the next."""
+    """At a window's end, start the filter if the vehicle was at rest (see ATTEMPTS), else begin a new window."""
     if time_us - state.align_since_us < params.align_us:
         return
     enough = state.align_count >= 50 and state.align_mag_count >= 5 and state.align_baro_count >= 5

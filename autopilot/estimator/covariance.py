@@ -7,8 +7,8 @@ for the error-state Kalman filter", section 7)
     δθ' = -R δbg        δv' = -[f]× δθ - R δba        δp' = δv
 
 So the transition matrix F = I + A dt differs from I in only nine rows, each with at most five entries besides the
-diagonal. The hard iron of the magnetometer does not act on the motion. The filter separates it from the heading error
-when the vehicle turns.
+diagonal. The hard iron (magnetometer offset) has no effect on the motion. The filter can tell it from the heading
+error when the vehicle turns.
 """
 
 import math
@@ -99,7 +99,7 @@ def innovation_variance(
 
 @njit(cache=True)
 def apply(P: Grid, state: Record, innovation: float, innovation_var: float) -> None:
-    """Fuse one scalar whose P Hᵀ is in `state.work`: correct the nominal state and reduce P."""
+    """Fuse one scalar (`state.work` holds its P Hᵀ): correct the nominal state and reduce P."""
     work = state.work
     scale = 1.0 / innovation_var
     for i in range(STATES):
@@ -164,7 +164,7 @@ def hard_iron_slopes(q: Grid, horizontal: float, declination: float) -> tuple[fl
 
 @njit(cache=True)
 def trust_compass(P: Grid, state: Record, horizontal: float, declination: float, hard_iron: float) -> None:
-    """Reset the hard iron to the standard deviation `hard_iron` (gauss), and add its effect to the yaw variance."""
+    """Set the hard iron's standard deviation to `hard_iron` (gauss), and add the resulting yaw variance."""
     forward, right = hard_iron_slopes(state.attitude, max(horizontal, 0.02), declination)
     variance = hard_iron * hard_iron
     for i, slope in ((MOTION, forward), (MOTION + 1, right)):

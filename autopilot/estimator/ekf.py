@@ -17,12 +17,12 @@ from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
 COVARIANCE_PERIOD_S = 0.0035  # least time between propagations: every fourth sample at 1 kHz, each sample at 250 Hz
-PUBLISH_PERIOD_US = 20_000  # of flags, deviations and ratios; the pose and velocity are written at every sample
+PUBLISH_PERIOD_US = 20_000  # µs between updates of flags, deviations and ratios; pose and velocity: every sample
 VIBRATION_SHARE = 0.02  # weight of a new sample in the vibration metric: smoothing over one second, as in PX4
 FULL_SCALE = 0.98 * 16.0 * GRAVITY  # m/s², of an accelerometer with ±16 g; a larger sample counts as clipped
 STILL_PERIOD_US = 100_000
 STILL_NOISE_GROUND = 0.1  # m/s; without fixes, zero velocity is fused with this noise on the ground
-SHOCK_SPEED = 3.0  # m/s, standard deviation of the velocity after a sample at the accelerometer's limit
+SHOCK_SPEED = 3.0  # m/s, standard deviation of the velocity after an impact (a clipped sample)
 STILL_NOISE_AIR = 10.0  # m/s; as STILL_NOISE_GROUND, but in the air, so that the tilt error stays bounded
 
 
@@ -61,7 +61,7 @@ def strapdown(state: Record, ax: float, ay: float, az: float, gx: float, gy: flo
 
 @njit(cache=True)
 def predict_covariance(params: Record, state: Record, P: Grid, history: Grid) -> None:
-    """Propagate the covariance over the time since the last call, and add an entry to the delay buffer."""
+    """Propagate the covariance over the time since the last call, and add an entry to `history`."""
     propagate(
         P, state.attitude, state.impulse, state.impulse_dt,
         params.gyro_noise, params.accel_noise, params.gyro_bias_walk, params.accel_bias_walk,

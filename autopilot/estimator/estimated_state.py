@@ -97,10 +97,10 @@ class EstimatedState:
         self.estimate = estimate
         self.sensors = sensors
         self.position_limit = math.inf  # m; above this position_std_h the position is invalid; set by `AccuracyWatch`
-        self.velocity_limit = math.inf  # m/s, the same limit for velocity_std_h
+        self.velocity_limit = math.inf  # m/s, the same for velocity_std_h
         self._time = reader(estimate, "time_us")
         self._range = reader(sensors, "range_time_us", "range_m")
-        self.battery = reader(sensors, "battery_time_us", "battery_remaining")  # µs (0: never) and 0 … 1
+        self.battery = reader(sensors, "battery_time_us", "battery_remaining")  # µs (0: never), 0 … 1
         self._groups = tuple((reader(estimate, *names), display) for names, display in _GROUPS)
         self.refresh()
 
@@ -135,7 +135,7 @@ class EstimatedState:
         return self.euler[2]
 
     def innovation_over_gate(self, first: int, count: int = 1) -> float:
-        """Return the largest ratio of innovation to gate of `count` tests from `first` on; above 1: rejected."""
+        """Return the largest innovation / gate of `count` tests from `first` on; above 1: sample rejected."""
         return math.sqrt(max(self.test_ratio[first : first + count]))
 
     @property

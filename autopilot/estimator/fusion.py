@@ -1,7 +1,7 @@
 """Fusion of each sensor into the filter: magnetic heading, pressure altitude, delayed GNSS fixes, zero velocity.
 
-Each function fuses scalars one after the other. The functions for sensors write their innovations with variances and
-test ratios, and the time of the last accepted sample, to the state.
+Each function fuses scalars one after the other. The functions for sensors write to the state: innovations, their
+variances and test ratios, and the time of the last accepted sample.
 """
 
 import math
@@ -28,8 +28,8 @@ hard_iron_slopes = covariance.hard_iron_slopes
 innovation_variance = covariance.innovation_variance
 symmetrize = covariance.symmetrize
 
-# A fix from before the last impact is ignored, but not for longer than this time. Otherwise a vehicle that scrapes
-# along a wall would get no fix.
+# µs. A fix from before the last impact is used only if no fix was used for this time, such as while a vehicle scrapes
+# along a wall.
 IMPACT_FIX_GAP_US = 1_000_000
 
 
@@ -48,7 +48,7 @@ def passes(state: Record, test: int, innovation: float, variance: float, gate: f
 def fuse_heading(
     params: Record, state: Record, P: Grid, mx: float, my: float, mz: float, time_us: int, landed: bool
 ) -> None:
-    """Fuse the direction of the horizontal field (gauss, FRD).
+    """Fuse the heading of the measured field (gauss, FRD).
 
     A rotation error δθ turns the field m = R m_body by δθ x m, and its heading ψ by
     δθz - (mz/mh)(cos ψ δθx + sin ψ δθy); mh is the length of its horizontal part. Unknown hard iron also changes ψ, but
@@ -179,7 +179,7 @@ def good_fix(params: Record, sensors: Record) -> bool:
 
 @njit(cache=True)
 def set_origin(params: Record, state: Record, P: Grid, history: Grid, sensors: Record) -> None:
-    """Set the local frame's origin to this fix, with z = 0 at `baro_reference_m`; set the velocity to the fix's."""
+    """Set the local frame's origin to this fix, with z = 0 at `baro_reference_m`; adopt the velocity of the fix."""
     state.origin_lat_deg = sensors.gps_lat_deg
     state.origin_lon_deg = sensors.gps_lon_deg
     _, dv, dp = since_fix(state, history, sensors.gps_time_us)

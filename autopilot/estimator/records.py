@@ -25,8 +25,8 @@ ESTIMATOR_PARAMS = np.dtype(
         ("mag_bias_std", "f8"),  # gauss, hard iron that remains after a calibration; 0: it is not estimated
         ("mag_bias_walk", "f8"),  # gauss/√s (EKF2_MAG_B_NOISE)
         ("baro_noise", "f8"),  # m (EKF2_BARO_NOISE)
-        ("gps_velocity_noise", "f8"),  # m/s, lower limit (EKF2_GPS_V_NOISE)
-        ("gps_position_noise", "f8"),  # m, lower limit (EKF2_GPS_P_NOISE)
+        ("gps_velocity_noise", "f8"),  # m/s, least σ of a fix (EKF2_GPS_V_NOISE)
+        ("gps_position_noise", "f8"),  # m, least σ of a fix (EKF2_GPS_P_NOISE)
         ("gps_fixes_alike", "f8"),  # number of consecutive fixes that share one position error: they weigh as one
         ("gate_mag", "f8"),  # σ (EKF2_HDG_GATE)
         ("gate_baro", "f8"),  # σ (EKF2_BARO_GATE)
@@ -81,7 +81,7 @@ ESTIMATOR_STATE = np.dtype(
         ("origin_lat_deg", "f8"),
         ("origin_lon_deg", "f8"),
         ("origin_alt_m", "f8"),
-        ("position_fused_us", "i8"),  # µs; the `…_fused_us`: when a sample of the quantity was last accepted; 0 = never
+        ("position_fused_us", "i8"),  # when last accepted, 0 = never; also the next four
         ("velocity_fused_us", "i8"),
         ("baro_fused_us", "i8"),
         ("mag_fused_us", "i8"),
@@ -89,8 +89,8 @@ ESTIMATOR_STATE = np.dtype(
         ("innovation", "f8", (TESTS,)),  # of the newest samples, m/s, m and rad
         ("innovation_variance", "f8", (TESTS,)),
         ("test_ratio", "f8", (TESTS,)),  # innovation² over (gate² · variance), as in PX4's logs
-        ("resets", "i8"),  # number of times that heading, height, velocity or position was set to its sensor's value
-        ("rejected", "i8"),  # headings, heights and positions beyond their gate
+        ("resets", "i8"),  # number of times that heading, height, velocity or position was set to the measured value
+        ("rejected", "i8"),  # number of headings, heights, positions beyond their gate
         ("bad_samples", "i8"),  # samples that were not finite, and pressures out of range
         ("restarts", "i8"),  # number of alignments because the state was not finite
         ("published_us", "i8"),  # when deviations and ratios were last written to the ESTIMATE record

@@ -24,7 +24,7 @@ _NAME = re.compile(r"log(\d{3,6})\.ulg")
 class LogFile:
     """One log file, finished or still being written."""
 
-    id: int  # from 0, in the order they were written
+    id: int  # from 0 (the oldest log)
     path: Path
     size: int  # bytes
     time_utc: int  # s since 1970, when the file was last written to
@@ -145,7 +145,7 @@ class FlightLogWriter:
             for rate in sorted({topic.rate_hz for topic in TABLE}, reverse=True)
         ]
         self._state_group = next(g for g in self._groups if any(x.topic.name == "vehicle_status" for x in g.members))
-        self._shown: tuple[Any, ...] | None = None  # the state that was logged last
+        self._shown: tuple[Any, ...] | None = None  # newest logged vehicle_status
         self._was_armed = False
         self._has_flown = False  # whether the vehicle was armed and disarmed since boot
         self._file: int | None = None

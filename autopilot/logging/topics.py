@@ -1,7 +1,7 @@
 """`TABLE`: the topics of a flight log, each with its rate, its fields and the function that returns their values.
 
 Names, fields and units are PX4's (msg/*.msg of 1.15), so that PlotJuggler, pyulog and Flight Review can use the log.
-PX4's fields without a value here are omitted. `Readings` reads all fields of a sensor or actuator record in one step.
+Fields that have no value here are omitted. `Readings` reads all fields of a sensor or actuator record in one step.
 """
 
 import math
@@ -56,7 +56,7 @@ NAV_STATES = {
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """The sources of the topics."""
+    """The inputs of `Topic.values`."""
 
     vehicle: TelemetrySource
     sensors: Readings

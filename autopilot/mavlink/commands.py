@@ -137,7 +137,7 @@ def _source(message: Message) -> tuple[int, int]:
 def _run(node: Node, port: Port, message: Message, command: Command) -> None:
     broadcast = message.target_system == 0
     if broadcast and command.id not in BROADCAST:
-        return  # as measured, PX4 does not acknowledge a broadcast command; a fleet must not arm by accident
+        return  # PX4 gives no answer either (measured): a fleet must not arm by accident
     if (not broadcast and message.target_system != node.system_id) or message.target_component not in (0, COMPONENT_ID):
         result: int | None = FAILED
     else:
@@ -215,7 +215,7 @@ def _takeoff(node: Node, port: Port, c: Command) -> int:
 def _place(node: Node, c: Command, relative: bool) -> Vec3:
     """Return params 5 to 7 as a local position (m, NED); nan if not given.
 
-    `relative`: the altitude may be above home, if the frame says so. Otherwise it is above sea level.
+    With `relative`, an altitude in RELATIVE_FRAMES is above home. Others are above sea level.
     """
     state, home = node.vehicle.state, node.vehicle.commander.flight.home
     _, _, _, _, lat, lon, alt = c.p
@@ -315,7 +315,7 @@ def _set_current_item(node: Node, port: Port, c: Command) -> int:
     number, commander = c.number(1), node.vehicle.commander
     if number == -1:
         number = commander.mission.current
-    if number is None or not commander.fly_item(number):  # this always resets the jump counters
+    if number is None or not commander.fly_item(number):  # `fly_item` resets the jump counters
         return int(DENIED)
     mission.say_current(node)
     return int(ACCEPTED)

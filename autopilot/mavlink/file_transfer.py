@@ -1,8 +1,8 @@
 """Files over MAVLink: the server side of MAVLink FTP, and the download of the flight logs.
 
 The server replies to every FTP request at once: an ACK with the data, or a NAK with the reason. Source: mavlink.io,
-services/ftp. A repeated request gets the same reply and is not executed again. Flight logs are sent and erased by
-LOG_REQUEST_LIST, _DATA, _END and LOG_ERASE. They are numbered from 0, as in PX4.
+services/ftp. A repeated request gets the same reply and is not executed again. LOG_REQUEST_LIST, _DATA, _END and
+LOG_ERASE send and erase flight logs, which are numbered from 0, as in PX4.
 """
 
 import struct
@@ -57,7 +57,7 @@ class FileRequest:
 
     @property
     def name(self) -> bytes:
-        """The first name in the data, with or without the zero that ends it."""
+        """The first name in the data, without the zero that may end it."""
         return self.data.partition(b"\0")[0]
 
 

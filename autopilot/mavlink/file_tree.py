@@ -3,7 +3,7 @@
     /@PARAM/param.pck      the parameters; created each time it is opened
     /fs/microsd/…          the memory card; clients may create, rename and remove files and folders in it
     /fs/microsd/log/…      the log folder; clients may do the same there
-    /@MAV_LOG/…            another name for the log folder, the same for every autopilot
+    /@MAV_LOG/…            the log folder under MAVLink's standard name
 
 Clients cannot leave the card and the log folder, neither with `..` nor through a link. The space and the number of
 files are limited.
@@ -92,7 +92,7 @@ class FileTree:
     def __init__(
         self, logs: LogDirectory | None, parameter_file: Callable[[], bytes], card: Path | None = None
     ) -> None:
-        """`logs` and `card` are existing folders; None: clients see no files of it."""
+        """`logs` and `card` are existing folders; clients see no files of a folder that is None."""
         self._logs = logs
         self._parameter_file = parameter_file
         self._card = card
@@ -229,7 +229,7 @@ def _segments(name: bytes) -> tuple[str, ...]:
     return LOGS + segments[1:] if segments[:1] == (LOGS_ANYWHERE,) else segments
 
 
-MOST = 16  # open sessions
+MOST = 16  # most open sessions
 IDLE_US = 30_000_000  # µs; an unused session of this age is closed if another needs room
 REMEMBERED = 32  # clients whose last answer is kept
 
@@ -256,7 +256,7 @@ class FileSessions:
         return len(self._open)
 
     def make_room(self, now_us: int) -> None:
-        """Make sure that another session can be opened; close an idle one if necessary. Raises Refusal."""
+        """Close an idle session if too many are open. Raises Refusal if none is idle."""
         if len(self._open) < MOST:
             return
         key, oldest = min(self._open.items(), key=lambda item: item[1].used_us)

@@ -1,8 +1,7 @@
 """MAVLink's gimbal protocol v2 for a gimbal that the autopilot drives itself: manager and device in one component.
 
 Source: mavlink.io/en/services/gimbal_v2.html. The device has the id 1: ids from 1 to 6 are for gimbals without MAVLink
-of their own. Clients command only its pitch, an angle from the horizon. Roll stays level, and a commanded yaw is
-ignored.
+of their own. Clients command only the pitch, an angle from the horizon. Roll stays level. A commanded yaw is ignored.
 """
 
 import math
@@ -42,7 +41,7 @@ class GimbalDevice(Protocol):
         ...
 
     def attitude(self, body: Quat) -> Quat:
-        """Return the attitude of the camera (its axes → NED) for the attitude of the body (FRD → NED)."""
+        """Return the camera's attitude (camera axes → NED) from the body's attitude (FRD → NED)."""
         ...
 
 

@@ -1,7 +1,7 @@
 """MAVLink's mission protocol for missions, geofences and rally points: upload, download, clearing, the current item.
 
-A download reads each item from the plan in force and keeps no state. An upload is collected separately and takes effect
-as a whole. Each client has its own uploads, so clients do not disturb each other.
+A download reads each item from the present plan and keeps no state. An upload replaces the plan only when it is
+complete. Each client has its own uploads, so clients do not disturb each other.
 Source: mavlink.io/en/services/mission.html.
 """
 

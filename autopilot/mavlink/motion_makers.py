@@ -1,6 +1,6 @@
 """Makers of the telemetry messages about position, motion, setpoints and raw sensor samples.
 
-Each maker returns the fields of its message, or None if it has no valid data or no sample of its sensor.
+Each maker returns the fields of one message, or None without valid data or a sample of the sensor.
 """
 
 import math

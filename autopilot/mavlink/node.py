@@ -1,8 +1,8 @@
 """The autopilot as a MAVLink component: its ports with their streams, the uploads of all clients, and its texts.
 
 A port is one MAVLink connection. It has its own stream rates, sequence numbers, and queue of bytes to send. TABLE lists
-the streams: message, rate (Hz) on each kind of port, and maker. The rates are as measured on PX4 1.15; 0 = only on
-request. A stream sends at most one message per call of `Port.tick` or `Port.stream`.
+the streams: message, rate (Hz) on each kind of port, and maker (the function that returns the fields). The rates are
+as measured on PX4 1.15; 0 = only on request. A stream sends at most one message per call of `Port.tick` or `Port.stream`.
 
 An upload is a plan that a client sends (`mission.py`). Retry 0.25 s and time-out 5 s are PX4's.
 """
@@ -31,8 +31,8 @@ class Stream:
     """One telemetry message with its default rates and its maker."""
 
     name: str
-    onboard: float  # Hz, PX4's offboard link, 14540
-    gcs: float  # Hz, PX4's ground station link, 14550
+    onboard: float  # Hz on PX4's port 14540
+    gcs: float  # Hz on PX4's port 14550
     make: Maker
 
     @property
@@ -104,10 +104,10 @@ GROUPS[dialect.MAV_DATA_STREAM_ALL] = tuple(sorted({name for names in GROUPS.val
 
 
 COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
-PARAMETERS_PER_TICK = 18  # of the parameter list: 1800 a second at 100 ticks a second; PX4 sends 900 in 0.9 s
+PARAMETERS_PER_TICK = 18  # to a client that requests all; at 100 ticks a second, half of PX4's time
 TRANSFERS_PER_TICK = 20  # messages of each download: 180 kB/s of a log at 100 ticks a second
 TRANSFER_BACKLOG = 200  # queued messages; downloads pause while there are as many or more
-FASTEST_US = 1_000
+FASTEST_US = 1_000  # least interval of a stream
 ENCODING_ERRORS = (struct.error, OverflowError, ValueError)  # raised for a value that its field cannot hold
 QUEUE_LIMIT = 20_000  # messages; a port drops the oldest if its client reads none
 
@@ -189,7 +189,7 @@ class Port:
         self._out.append(data)
 
     def send_heartbeat(self) -> None:
-        """Queue a HEARTBEAT now; the next regular one follows a full interval later."""
+        """Queue a HEARTBEAT now; the next one follows a full interval later."""
         self.send_telemetry(HEARTBEAT_ID)
         self._streams[HEARTBEAT_ID][0] = self._node.time_us + self._streams[HEARTBEAT_ID][1]
 
@@ -230,7 +230,7 @@ class Port:
         self._find_shortest()
 
     def interval_us(self, message_id: int) -> int:
-        """Return the interval (µs) at which a message is streamed; -1 if it is not."""
+        """Return the interval (µs) of a message's stream; -1 if there is none."""
         stream = self._streams.get(message_id)
         return stream[1] if stream is not None else -1
 
@@ -317,7 +317,7 @@ class Upload:
 
 
 class Uploads:
-    """The uploads of all clients."""
+    """All uploads."""
 
     def __init__(self) -> None:
         self._open: dict[Key, Upload] = {}

@@ -215,7 +215,7 @@ def flight_information(v: TelemetrySource) -> Fields:
 
 
 def rc_channels(v: TelemetrySource) -> Fields | None:
-    """Return the sticks as a receiver's channels: roll, pitch, throttle, yaw. None before the first MANUAL_CONTROL."""
+    """Return the sticks as RC channels: roll, pitch, throttle, yaw. None before the first MANUAL_CONTROL."""
     sticks = v.commander.flight.sticks
     if sticks.time_us < 0:
         return None
@@ -230,7 +230,7 @@ def available_modes_monitor(v: TelemetrySource) -> Fields:
 
 
 def system_time(v: TelemetrySource) -> Fields:
-    """Return SYSTEM_TIME: the GPS receiver's calendar from the first 3-D fix on, 0 before."""
+    """Return SYSTEM_TIME: the time of the GPS receiver, 0 before the first 3-D fix."""
     is_set = v.state.origin_set or int(v.state.sensors["gps_fix_type"]) >= 3
     return (CALENDAR_START_US + v.state.time_us if is_set else 0, boot_ms(v))
 

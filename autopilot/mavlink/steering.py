@@ -1,7 +1,7 @@
 """Messages that steer the vehicle: external setpoints, the sticks of a ground station, and the target to follow.
 
-Setpoints are decoded, or rejected, by PX4's rules for type masks and frames. An accepted setpoint is stored
-with the time of its arrival.
+Setpoints are decoded, or rejected, by PX4's rules for type masks and frames. Accepted setpoints are stored with the
+time of arrival.
 Sources: MAVLink POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK; the rules as read and measured on PX4 1.15.
 """
 
@@ -26,7 +26,7 @@ class RejectedError(ValueError):
 
 
 def _group(mask: int, first_bit: int, x: float, y: float, z: float) -> Vec3:
-    """Return the three components; nan for an ignored component, or one that is not below LIMIT."""
+    """Return (x, y, z), with nan for a component that the mask ignores or that is not below LIMIT."""
     return (
         x if not mask & 1 << first_bit and abs(x) < LIMIT else NAN,
         y if not mask & 2 << first_bit and abs(y) < LIMIT else NAN,
@@ -103,8 +103,8 @@ def local_ned(node: Node, port: Port, message: Message) -> None:
 def global_int(node: Node, port: Port, message: Message) -> None:
     """Handle SET_POSITION_TARGET_GLOBAL_INT.
 
-    A message with a position is ignored if the reference of its altitude is unknown. As in PX4, the position is ignored
-    if the mask ignores one of its components.
+    A message with a position is ignored if the height of home, ground or origin is unknown, to which it refers. As in
+    PX4, the position is ignored if the mask ignores one component.
     """
     state, m = node.vehicle.state, message
     position = FREE
@@ -131,7 +131,7 @@ def global_int(node: Node, port: Port, message: Message) -> None:
 
 
 def _altitude_to_down(node: Node, frame: int, altitude: float) -> float | None:
-    """Return local z (m) of an altitude in MAV_FRAME 5 (sea level), 6 (home) or 11 (ground); None: no reference."""
+    """Return local z (m) of an altitude in MAV_FRAME 5 (sea level), 6 (home) or 11 (ground); None if unknown."""
     state, home = node.vehicle.state, node.vehicle.commander.flight.home
     if not state.origin_set:
         return None

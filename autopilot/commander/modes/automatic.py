@@ -11,14 +11,14 @@ from autopilot.commander.plans import Home, local_place
 from autopilot.records import IDLE, NAN, CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
-BRAKING_SHARE = 0.5  # fraction of the acceleration limit; the position controller needs the other half
-LEAST_SPEED = 1.0  # m/s; near the target the limit falls no further, because the position loop slows the vehicle
+BRAKING_SHARE = 0.5  # fraction of MPC_ACC_HOR for braking; the position controller needs the rest
+LEAST_SPEED = 1.0  # m/s, least limit: near the target the position loop slows the vehicle
 
 
 def approach_speed(distance: float, cruise: float, acceleration: float) -> float:
-    """Return the horizontal speed limit (m/s) at `distance` (m) from the target: v² = 2·a·d, at most `cruise`.
+    """Return the horizontal speed limit v (m/s) at the distance d (m) from the target: v² = 2·a·d, at most `cruise`.
 
-    It is rounded up to a multiple of 5 cm/s, so that the setpoint of a hovering vehicle is the same at each tick.
+    a is BRAKING_SHARE · `acceleration`. v is a multiple of 5 cm/s, so that the setpoint of a hovering vehicle is fixed.
     """
     limit = min(cruise, max(LEAST_SPEED, math.sqrt(2.0 * BRAKING_SHARE * acceleration * distance)))
     return math.ceil(limit * 20.0) / 20.0
@@ -80,14 +80,14 @@ class Takeoff(Mode):
         self._wanted_z = math.nan
 
     def aim(self, z_ned: float) -> None:
-        """Set the local z (m, NED) of the next climb; nan: MIS_TAKEOFF_ALT above the ground; in the air, above home."""
+        """Set the local z (m, NED) of the next climb; nan: MIS_TAKEOFF_ALT above the ground, in the air above home."""
         self._wanted_z = z_ned
 
     def enter(self, flight: FlightContext) -> None:
         self.next_mode = None
         n, e, z = flight.state.position_ned
         target = z - float(flight.parameters["MIS_TAKEOFF_ALT"])
-        # this default stays for nan and for a height that needs no climb (clients without a height send 0)
+        # nan and heights that need no climb are ignored (clients without a height send 0)
         if self._wanted_z < z - LEAST_CLIMB_M:
             target = self._wanted_z
         elif not flight.landed and flight.home is not None:
@@ -121,7 +121,7 @@ def landing_speed(flight: FlightContext) -> float:
 
 
 class Land(Mode):
-    """LAND: stops, stores the position and descends over it. The commander disarms the vehicle after landing."""
+    """LAND: stops, stores the position and descends there. The commander disarms the vehicle after landing."""
 
     def __init__(self) -> None:
         self._place: Vec3 | None = None
@@ -171,8 +171,8 @@ RETURN_ARRIVED_M = 1.0
 def return_height(flight: FlightContext, distance: float, height: float) -> float:
     """Return the height above home (m) for the flight home, from the horizontal distance and the present height (m).
 
-    Within RTL_MIN_DIST of home it is the present height. Farther away it is the lower of RTL_RETURN_ALT and the cone
-    over home (half-angle RTL_CONE_ANG), but at least the present height.
+    Within RTL_MIN_DIST of home it is `height`. Farther away it is RTL_RETURN_ALT or, if lower, the height of a cone
+    over home (half-angle RTL_CONE_ANG), but at least `height`.
     """
     p = flight.parameters
     if distance < p["RTL_MIN_DIST"]:
@@ -265,7 +265,7 @@ CONSTANT, TERRAIN, TARGET = range(3)  # FLW_TGT_ALT_M
 
 
 class Follow(Mode):
-    """FOLLOW: keeps its place beside a moving target. It holds its position while no FOLLOW_TARGET arrives."""
+    """FOLLOW: flies beside a moving target. The vehicle holds its position while no FOLLOW_TARGET arrives."""
 
     def __init__(self) -> None:
         self._place: Vec3 = (0.0, 0.0, 0.0)
@@ -337,7 +337,7 @@ class Follow(Mode):
         )
 
 
-CAPTURE_GAIN = 0.8  # 1/s, radial speed per radial error
+CAPTURE_GAIN = 0.8  # radial speed (m/s) per distance (m) from the circle
 LEAD_S = 0.4  # s, lag of the velocity behind its setpoint; measured with the x500 on circles of 8 to 40 m
 ACCELERATION = 2.0  # m/s², largest centripetal acceleration: PX4's FlightTaskOrbit
 RADIUS_LEAST = 1.0  # m

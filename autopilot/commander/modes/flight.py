@@ -37,7 +37,7 @@ class OffboardSignal:
         return self.time_us >= 0 and now_us - self.time_us <= timeout_s * 1e6
 
     def supported(self, state: EstimatedState) -> bool:
-        """Return whether the estimate is good enough for this kind of setpoint (PX4 offboardCheck)."""
+        """Return whether the quantity in the setpoint is also estimated (PX4 offboardCheck)."""
         s = self.setpoint
         if math.isfinite(s.position_ned[0]):
             return bool(state.position_valid)
@@ -85,7 +85,7 @@ class FlightContext:
         return home is not None
 
     def renew_home(self) -> None:
-        """Set home at the vehicle's position, unless its position was given (PX4's manual home)."""
+        """Set home at the vehicle's position, unless a client has chosen home (PX4's manual home)."""
         if self.home is None or not self.home.manual:
             self.set_home()
 
@@ -114,7 +114,7 @@ class FlightContext:
 
 
 class Mode:
-    """A flight mode's behaviour. `enter` is called once when it becomes active, `setpoint` at every tick after that."""
+    """The behaviour of a flight mode: `enter` is called when the mode begins, `setpoint` at every tick after that."""
 
     next_mode: str | None = None  # set by a mode that has finished
     rest: Vec3 | None = None  # m, local frame: the position for HOLD after the mode has finished
@@ -130,8 +130,8 @@ class Mode:
 def flyable(setpoint: CascadeSetpoint) -> bool:
     """Return whether a trajectory setpoint has enough finite values for the cascade.
 
-    It needs at least one vertical and one horizontal quantity (position, velocity or acceleration). The north and the
-    east component of a quantity must both be finite, or both not.
+    The cascade needs a vertical and a horizontal quantity (position, velocity or acceleration). The north and the east
+    component of a quantity must both be finite, or both not.
     """
     finite = math.isfinite
     pn, pe, pd = setpoint.position_ned

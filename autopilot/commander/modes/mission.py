@@ -9,16 +9,16 @@ from autopilot.commander.plans import PlanItem, local_place
 from autopilot.records import CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
-CLIMBED_M = 0.5
+CLIMBED_M = 0.5  # a climb ends this far below its target
 TURN_TO_COURSE_M = 3.0  # nearer to the waypoint, the vehicle keeps its heading
-LAND_OVER_M = 1.0
+LAND_OVER_M = 1.0  # acceptance radius of landings and loiters
 
 
 class Mission(Mode):
     """Flies the mission.
 
-    `current` is the number of the item in progress. It is kept while other modes fly. `reached` has the numbers of
-    completed items that are not yet announced to clients.
+    `current` is the number of the item in progress, also while other modes fly. `reached` has the numbers of completed
+    items that clients do not know yet.
     """
 
     def __init__(self) -> None:
@@ -30,14 +30,14 @@ class Mission(Mode):
         self._leg = "fly"  # climb, fly, stay, hold, land
         self._start: Vec3 = (0.0, 0.0, 0.0)
         self._target: Vec3 = (0.0, 0.0, 0.0)
-        self._climb_z = 0.0  # m, NED: where the leg "climb" ends
+        self._climb_z = 0.0  # m, NED, target of "climb"
         self._yaw = 0.0
         self._forced_yaw = False
         self._since_us: int | None = None  # when the stay began
         self._land = Land()
 
     def rewind(self, item: int = 0) -> None:
-        """Continue at this item when the mode is next entered."""
+        """Continue here when the mode is next entered."""
         self.current, self.complete, self.begun = item, False, item > 0
         self._jumps.clear()
 
@@ -75,9 +75,9 @@ class Mission(Mode):
     # sequence of items
 
     def _seek(self, flight: FlightContext) -> None:
-        """Execute immediate items up to the next item of NAVIGATION, and begin that one."""
+        """Execute the items that take no time. Begin the next item of NAVIGATION."""
         items = flight.plans.mission
-        for _ in range(2 * len(items) + 2):  # this limit ends a loop of jumps without a waypoint
+        for _ in range(2 * len(items) + 2):  # ends a loop of jumps without a waypoint
             if self.current >= len(items):
                 break
             item = items[self.current]
@@ -102,7 +102,7 @@ class Mission(Mode):
         self.rest, self.next_mode = rest, following
 
     def _carry_out(self, flight: FlightContext, item: PlanItem) -> int:
-        """Execute an immediate item; return the number of the next item."""
+        """Execute an item that takes no time; return the next item's number."""
         if item.command == plans.CHANGE_SPEED:
             flight.change_speed(item.p[1])
         elif item.command == plans.SET_HOME and flight.parameters["COM_HOME_EN"]:
@@ -142,7 +142,7 @@ class Mission(Mode):
             self._target = (self._target[0], self._target[1], min(self._target[2], least))
         self._climb_z = self._target[2]
         if flight.landed and item.command != plans.LAND:
-            # PX4 first takes off to the item's height, at least MIS_TAKEOFF_ALT, even if the item is no take-off
+            # as on PX4, take off to the item's height, at least MIS_TAKEOFF_ALT, even if it is no take-off item
             self._climb_z = min(self._climb_z, least)
             self._leg = "climb"
         elif item.command == plans.TAKEOFF and here[2] - self._target[2] > CLIMBED_M:
@@ -183,7 +183,7 @@ class Mission(Mode):
         item_radius = item.p[1] if item.command == plans.WAYPOINT else math.nan
         radius = item_radius if 0.0 < item_radius < 1e4 else float(p["NAV_ACC_RAD"])
         if item.command in (plans.LAND, plans.LOITER, plans.LOITER_TIME):
-            radius = LAND_OVER_M  # these items need a more exact arrival
+            radius = LAND_OVER_M
         if distance > radius or height > float(p["NAV_MC_ALT_RAD"]):
             return False
         turned = abs(wrap_pi(self._yaw - flight.state.yaw)) < math.radians(p["MIS_YAW_ERR"])
