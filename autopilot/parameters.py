@@ -1,7 +1,7 @@
 """The parameters: PX4's names, types and defaults, and a table of values that passes changes to the compiled core.
 
 An int default means INT32, a float default REAL32. Source of names and values: the PX4 parameter reference. The
-defaults of the MC_* and MPC_* gains come from the compiled core, which designs them for the airframe.
+compiled core replaces the defaults of its gains (MC_*, MPC_*) by values for the airframe.
 """
 
 import json

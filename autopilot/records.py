@@ -40,7 +40,7 @@ SETPOINT = np.dtype(
     align=True,
 )
 
-# indices of the tests of a sample in the arrays of innovations
+# indices in `innovation` and `test_ratio`: tests of new samples
 VELOCITY_TEST = 0  # 0 to 2: velocity of a fix, NED
 POSITION_TEST = 3  # 3 and 4: position of a fix, north and east
 HEIGHT_TEST = 5  # barometer, down
@@ -65,23 +65,23 @@ ESTIMATE = np.dtype(
         ("velocity_valid", "i8"),  # bool
         ("position_valid", "i8"),  # bool: horizontal
         ("altitude_valid", "i8"),  # bool
-        ("position_std_h", "f8"),  # m
-        ("position_std_v", "f8"),  # m
+        ("position_std_h", "f8"),  # m, σ (h: horizontal)
+        ("position_std_v", "f8"),  # m (v: vertical)
         ("velocity_std_h", "f8"),  # m/s
         ("velocity_std_v", "f8"),  # m/s
         ("tilt_std", "f8"),  # rad
         ("yaw_std", "f8"),  # rad
         ("innovation", "f8", (TESTS,)),  # m/s, m and rad: newest sample of each kind minus its expected value
         ("innovation_variance", "f8", (TESTS,)),
-        ("test_ratio", "f8", (TESTS,)),  # innovation² over (gate² · variance); above 1 the sample is not used
+        ("test_ratio", "f8", (TESTS,)),  # innovation² / (gate² · variance); above 1 it is not used
         ("attitude_setpoint", "f8", (4,)),  # setpoint of the attitude loop, sent as ATTITUDE_TARGET
         ("rates_setpoint", "f8", (3,)),  # rad/s
         ("thrust_setpoint", "f8"),  # 0 … 1
         ("hover_thrust", "f8"),  # 0 … 1
         ("resets", "i8"),  # number of resets of a quantity and restarts of the filter since boot
-        ("vibration_accel", "f8"),  # m/s², smoothed change of accel_frd between two checks (50 Hz): PX4's metric
-        ("vibration_gyro", "f8"),  # rad/s, the same of rates_frd
-        ("clipped", "i8", (3,)),  # number of checks at which an axis of the accelerometer was at full scale
+        ("vibration_accel", "f8"),  # m/s², smoothed change of accel_frd in 20 ms, as in PX4
+        ("vibration_gyro", "f8"),  # rad/s, the same for rates_frd
+        ("clipped", "i8", (3,)),  # number of 20 ms checks with this axis of accel_frd at full scale
     ],
     align=True,
 )

@@ -1,7 +1,7 @@
 """Runs the estimator and the cascade again on the samples and setpoints of a recorded flight.
 
-`save` stores each sample once, with the row of its arrival. Inertial and magnetic samples have single precision. The
-setpoints are stored when they change. The commander's landed flag is stored for every row.
+A recording has a row per inertial sample. `save` stores each sample once, with the row of its arrival; inertial and
+magnetic ones in single precision. It stores the setpoints when they change, and the landed flag for every row.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ GROUPS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """The inputs of the inner loop (estimator and cascade) in one flight, one row per inertial sample."""
+    """The inputs of the inner loop (estimator and cascade) in one flight."""
 
     airframe: str
     sensors: NDArray[Any]  # (n,) SENSORS
@@ -51,7 +51,7 @@ class ReplayedFlight:
     gyro_bias: NDArray[np.float64]  # (m, 3) rad/s
     accel_bias: NDArray[np.float64]  # (m, 3) m/s²
     rates_setpoint: NDArray[np.float64]  # (m, 3) rad/s
-    thrust_setpoint: NDArray[np.float64]  # (m,) share of full thrust
+    thrust_setpoint: NDArray[np.float64]  # (m,) of full thrust
     command: NDArray[np.float64]  # (m, 8) command of each actuator, 0 … 1
 
 

@@ -69,13 +69,13 @@ def stand_in(seconds: float, reply: str) -> Iterator[str]:
 
 
 class StandInAircraft:
-    """A vehicle whose ticks take no wall time. It stores the time of its last command."""
+    """A vehicle that takes no wall time. It stores the time of the last command."""
 
     steady = True
 
     def __init__(self) -> None:
         self.time_us = 0
-        self.commanded_s = 0.0  # monotonic
+        self.commanded_s = 0.0  # monotonic clock
 
     def sight(self, time_us: int) -> PicturePose:
         return PicturePose((0.0, 0.0, 0.0), 0.0)
@@ -92,12 +92,12 @@ class StandInAircraft:
 
 
 class StandInCamera:
-    """Delivers the same frames again and again. It stores the time of the last delivery."""
+    """Delivers the same frames again and again. Stores the time of delivery."""
 
     def __init__(self, frames: Sequence[Frame], aircraft: Sequence[StandInAircraft]) -> None:
         self._frames, self._aircraft = frames, aircraft
         self._taken = 0
-        self.in_hand_s = 0.0  # monotonic
+        self.in_hand_s = 0.0  # monotonic clock
 
     def close(self) -> None:
         """Nothing to close."""

@@ -45,7 +45,7 @@ from hil.link.parameters import Parameters
 from hil.link.transport import UdpTransport, connect
 
 EPISODE = "campus-approaching-01"
-SILENCE_S = 30.0  # s of wall time without a message until the link gives up, longer than a cut (`fly --connect`: 6)
+SILENCE_S = 30.0  # s of wall time without a message until the link gives up; longer than a cut
 PROPOSED = {"COM_OBL_RC_ACT": 5.0, "COM_OF_LOSS_T": 0.5}  # set for rows with a cut: Hold after 0.5 s without setpoints
 CUT_AT_S, CUT_S = 20.0, 10.0  # s: start of the cut in the minute, duration of the cut
 MOVES: tuple[tuple[Setpoint, float], ...] = (
@@ -168,10 +168,10 @@ Path3 = list[tuple[float, float, float]]
 
 
 def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
-    """Return the figures of a flight, and its path: m ahead, right and down of its start, every 0.1 s.
+    """Return the figures of a flight, and its path: m ahead, right and down of the start, every 0.1 s.
 
-    Ahead is along the heading that the autopilot estimates at the start. So a compass error, which the wire does not
-    cause, does not count as an error of the path.
+    Ahead is along the heading that the autopilot estimates at the start. So a compass error does not count as an error
+    of the path.
     """
     figures: dict[str, Any] = {"wire": row.name, "survived": False, "why": ""}
     path: Path3 = []
@@ -250,7 +250,7 @@ def rescue(to: str) -> None:
 
 
 def deviation(path: Path3, reference: Path3) -> dict[str, float]:
-    """Return the largest and the last distance (m) of a path from the reference at the same time."""
+    """Return the largest and last distance (m) between a path and the reference at the same time."""
     distances = [math.dist(a, b) for a, b in zip(path, reference, strict=False)]
     return {"astray_m": round(max(distances), 2), "end_m": round(distances[-1], 2)} if distances else {}
 

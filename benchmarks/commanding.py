@@ -36,7 +36,7 @@ class CommandedFlight:
     seconds: float  # s of vehicle time
     questions: int  # questions to the pilot
     question_tokens: int | None  # input and output tokens of these questions; None: not reported
-    commanded: int  # questions to the commander
+    commanded: int  # to the commander
     commanded_tokens: int
 
 
@@ -48,7 +48,7 @@ def fly_commanded(mode: Mode, episode: str, pilot: str, drones: int | None, seco
         result = fly(spec, Path(out) / "run", lambda line: None)
         folder = Path(out) / "run" / episode
         decided = [d for d in rows(folder / DECISIONS, Decision) if isinstance(d.reply, str)]
-        questions = {d.step: (d.tokens_in, d.tokens_out) for d in decided}  # the rows of a fleet share one question
+        questions = {d.step: (d.tokens_in, d.tokens_out) for d in decided}  # rows of one step share a question
         counts = [count for pair in questions.values() for count in pair if count is not None]
         orders = exchanges(folder)
         return CommandedFlight(

@@ -26,7 +26,7 @@ SHORT_SIZE, SHORT_FPS = (320, 180), 10
 
 
 def filmed(folder: Path, size: tuple[int, int], fps: int, seconds: float, jobs: int) -> dict[str, Any]:
-    """Return the cost of a film of `seconds` of a flight, and its length as read back from the file."""
+    """Film the first `seconds` of a flight. Return the cost, and the length as read back from the file."""
     film_plan = plan(filmable(folder), size=size, fps=fps, speed=1.0, from_s=0.0, to_s=seconds, drone=None)
     film_plan = replace(film_plan, closing=0)
     film = folder.parent / "film.mp4"
@@ -41,7 +41,7 @@ def filmed(folder: Path, size: tuple[int, int], fps: int, seconds: float, jobs: 
 
 
 def figures(scratch: Path, size: tuple[int, int], fps: int, seconds: float, jobs: int) -> dict[str, Any]:
-    """Return the cost of a film of `seconds`, in total and per picture."""
+    """Return the cost of a film, in total and per picture."""
     machine = Machine()
     flight = FlightSpec(
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True

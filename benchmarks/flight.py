@@ -75,7 +75,7 @@ def simulation(count: int, seed: int) -> Simulation[SimulatedVehicle]:
 
 
 class CoreFlight:
-    """Plant and autopilot without open ports. The setpoints are written as the MAVLink service writes them."""
+    """Plant and autopilot without open ports. Setpoints go to the commander directly, not by MAVLink."""
 
     def __init__(self, seed: int) -> None:
         self.vehicle = simulation(1, seed).vehicles[0]
@@ -116,9 +116,9 @@ class CoreFlight:
 
 
 class LinkedFlight:
-    """A fleet, each vehicle flown by a `hil.link.link.Link` at 20 Hz. Every message is encoded, decoded and handled.
+    """A fleet. A `hil.link.link.Link` flies each vehicle at 20 Hz: every message is encoded, decoded and handled.
 
-    `profile` is the stream profile of the MAVLink ports, by default the profile of an agent's port.
+    `profile` is the stream profile of the MAVLink ports; an agent's port has "minimal".
     """
 
     def __init__(self, count: int, seed: int, profile: str = "minimal") -> None:
@@ -242,7 +242,7 @@ def processes() -> dict[str, float]:
 def first_decision(repeat: int) -> dict[str, float]:
     """Return the median time from the start of `dronecats fly` to its first decision, which has a picture.
 
-    Everything that a flight keeps on disk is there, from a flight that is not counted.
+    A first flight, which is not counted, creates all files that later flights reuse.
     """
     command = [sys.executable, "-m", "dronecats.cli.main", "fly", "--sitl", "--pilot", "vision"]
     command += ["--episode", "residential-approaching-01", "--speed", "max", "--latency", "fixed:0.5", "--out"]

@@ -25,7 +25,7 @@ Place = tuple[float, float, float]  # m, up positive
 
 
 def target(t: float) -> Place:
-    """Return the target place at `t` (s): every 2 s it steps by 1 m, away and back."""
+    """Return the target at `t` (s): every 2 s it steps by 1 m, away and back."""
     return (1.0 if int(t / STEP_S) % 2 else 0.0, 0.0, HEIGHT_M)
 
 
@@ -152,9 +152,9 @@ PEERS: dict[str, Callable[[], dict[str, float]]] = {
 
 
 def compare(folder: Path, core_rtf: float, core_rtf_cpu: float) -> dict[str, Any]:
-    """Return for each peer its real-time factor and ours divided by the peer's, or a `note` on why it was skipped.
+    """Return by peer: its real-time factor, and our factor divided by it; or a `note` on why it was skipped.
 
-    Both figures are by wall time and by processor time (`…_cpu`). If other programs run too, use only `…_cpu`.
+    Both are by wall time and by processor time (`…_cpu`). If other programs run too, use only `…_cpu`.
     """
     results: dict[str, Any] = {}
     this = Path(__file__).absolute()

@@ -29,11 +29,11 @@ from foundation.run_folder.writing import write_lines
 EVERY_S = 2.6  # s between two decisions
 FLEET_EVERY, FLEET = 5, 4  # every fifth episode has a fleet, of four drones
 GOAL_S = 5.0
-TARGET: Vec3 = (20.0, 0.0, -0.7)
+TARGET: Vec3 = (20.0, 0.0, -0.7)  # m, NED
 
 
 def write_episode(folder: Path, number: int) -> None:
-    """Write the logs, the record and the verdict of a random flight. Its number is its seed."""
+    """Write logs, record and verdict of a random flight. `number` is the seed."""
     rng, drones = random.Random(number), FLEET if number % FLEET_EVERY == 0 else 1
     folder.mkdir(parents=True)
     truth: list[Any] = [Begin(t0_us=32_000_000, cap_s=CAP_S)]

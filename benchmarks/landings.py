@@ -41,7 +41,7 @@ class Landing:
     """The result of a landing."""
 
     map: str
-    place: str  # name of the object below the vehicle at the start, or 'ground'
+    place: str  # name of the object below the start, or 'ground'
     north_m: float
     east_m: float
     disarmed: bool
@@ -75,7 +75,7 @@ def top(world: World, solid: Obstacles, north: float, east: float) -> tuple[floa
 
 
 def draw(world: World, solid: Obstacles, rng: np.random.Generator, over_thing: bool) -> tuple[float, float]:
-    """Return a random place (north, east; m): within the extent of all objects, or above one of them."""
+    """Return a random place (north, east; m): above a random object, or anywhere on the map."""
     points: NDArray[np.float32] = solid.bounds
     if over_thing:
         points = points[solid.owner == rng.integers(len(solid.names))]

@@ -1,4 +1,4 @@
-"""Measures the speed of a benchmark's machine and processor times, and prints figures.
+"""Measures the machine's speed and processor times, and prints a benchmark's figures.
 
 `python_loop_ms` is the processor time of one loop: a million turns of an empty `for` in Python. It is measured before
 and after the benchmark, because the speed of a machine varies. Two kinds of figures are relative to this time. They

@@ -109,7 +109,7 @@ def _measured(t: float) -> dict[str, Any]:
 
 
 def opened(page: Path) -> dict[str, Any]:
-    """Open a page and one of its flights; return the milliseconds that each took, by the browser's own clock."""
+    """Open a page, then a flight in it; return the milliseconds of both by the browser's clock."""
     from selenium import webdriver
 
     options = webdriver.ChromeOptions()

@@ -39,7 +39,7 @@ from vehicles.solids import in_triangle
 
 SPEED = 1.2  # m/s, as fast as the agent's controller flies
 BEFORE_M = 3.0  # m of free way before the obstacle
-ROOM_M = 3.0  # m; free room around the way to the obstacle counts up to this distance
+ROOM_M = 3.0  # m; more free room around the way to the obstacle does not count
 AHEAD_S = 12.0  # s within which the vehicle must meet the obstacle
 BACK_S = 6.0
 AWAY_M = 2.0  # m that the vehicle must back off within BACK_S, unless it meets another obstacle
@@ -139,7 +139,7 @@ class Outcome:
     clipped: int  # samples of 1 ms beyond the accelerometer's range, counted for each axis
     crashed: bool
     left_m: float  # distance backed off, measured until AWAY_M is reached or another obstacle is hit
-    met_another: bool  # whether it backed off into another obstacle
+    met_another: bool  # the vehicle backed off into another obstacle
     fastest: Fastest | None
     px4: bool = False  # flown by a real PX4
 
@@ -158,7 +158,7 @@ class Outcome:
 
 
 def before(world: World, press: Press) -> tuple[BootPose, float]:
-    """Return the boot pose and the height (m) of the flight: on the side of the obstacle with the most room."""
+    """Return the boot pose, on the side of the obstacle with the most room, and the flight's height (m)."""
     if press.thing == "ground":
         north, east, _ = world.record.starts[0].position_ned
         return BootPose(
@@ -202,7 +202,7 @@ class Pose(NamedTuple):
     position_ned: NDArray[np.float64]  # m
     velocity_ned: NDArray[np.float64]  # m/s
     attitude: NDArray[np.float64]  # FRD to NED
-    target: NDArray[np.float64] | None = None  # commanded attitude, with yaw relative to the estimate
+    target: NDArray[np.float64] | None = None  # commanded attitude; the yaw is that of the estimate
 
 
 def lean_deg(attitude: NDArray[np.float64]) -> float:
@@ -220,7 +220,7 @@ def between_axes_deg(first: NDArray[np.float64], second: NDArray[np.float64]) ->
 
 
 class BackOffStart(NamedTuple):
-    """The vehicle when it was ordered to back off: place, count of hits and number of the last obstacle."""
+    """The state when the vehicle begins to back off: place, count of hits, number of the last obstacle."""
 
     position_ned: NDArray[np.float64]  # m
     hits: int
@@ -339,7 +339,7 @@ class Watch:
 def aim(link: Link, vehicle: Vehicle, start: StartPose) -> float:
     """Fly to the true start of the press, and return the obstacle's bearing from the nose there (rad, + right).
 
-    The start is corrected by the truth, because the estimate's errors are larger than the width of a post.
+    The start is corrected by the truth, because the estimate's errors are larger than some obstacles.
     """
     assert link.state.position_ned is not None
     off = np.array(start.position_ned) - vehicle.plant.truth["position_ned"]

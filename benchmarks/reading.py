@@ -43,11 +43,11 @@ class LegibilityRow:
     angle_deg: float
     pictures: int
     package: int  # read fully by the OCR package
-    wrong: int  # accepted by the pilot, but a wrong text of the same length
+    wrong: int  # a wrong text of the right length that the pilot accepts
 
 
 def text_for(kind: str, rng: np.random.Generator, taken: set[str]) -> str:
-    """Return five letters for a sign or four digits for a car, which no episode uses."""
+    """Return a text that no episode uses: five letters for a sign, four digits for a car."""
     letters, count = (probe.LETTERS, 5) if kind == "sign" else (probe.DIGITS, 4)
     while True:
         text = "".join(letters[k] for k in rng.integers(0, len(letters), count))
@@ -75,7 +75,7 @@ def line_of(
 
 
 def by_package(part: NDArray[np.uint8], angle_deg: float) -> ReadText:
-    """Return the pilot's reading of the picture of a line. The picture is first widened to undo the viewing angle."""
+    """Return the pilot's reading of `part`, which is first widened to undo the viewing angle."""
     lines = ocr.read_line(part, min(1.0 / math.cos(math.radians(angle_deg)), 3.0))
     return lines[0] if lines else ReadText("", 0.0)
 

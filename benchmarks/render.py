@@ -45,9 +45,9 @@ LEAST_AREA_M2 = 1e-7  # MuJoCo rejects smaller pieces as degenerate
 def export(scene: Scene, poses: list[CameraPose], camera: CameraModel, folder: Path) -> None:
     """Write `scene.json` and its OBJ files. World axes are north, west, up; an asset's are ahead, left, up.
 
-    Each material is replaced by its mean colour, without texture. In scene.json, `pieces` are the files with their
-    poses in the world, `views` are the cameras, and `covered` is the share of pixels without sky in each view, which
-    shows whether another renderer draws the same scene.
+    A mean colour replaces each material's texture. In scene.json, `pieces` are the files with their poses in the world,
+    and `views` are the cameras. `covered`, the share of pixels without sky in each view, shows whether another renderer
+    draws the same scene.
     """
     files: dict[int, list[dict[str, Any]]] = {}
     pieces: list[dict[str, Any]] = []
@@ -83,7 +83,7 @@ def _view(pose: CameraPose, camera: CameraModel) -> dict[str, Any]:
 
 
 def _written(mesh: Mesh, number: int, folder: Path) -> list[dict[str, Any]]:
-    """Write one OBJ per material of a mesh, and return file, colour and triangle count of each."""
+    """Write one OBJ per material of a mesh; return file, colour and triangle count by OBJ."""
     pieces = []
     for k, material in enumerate(mesh.materials):
         chosen = mesh.triangles[mesh.material == k]
@@ -140,7 +140,7 @@ def frame_ms(draw: Callable[[CameraPose], object], poses: list[CameraPose], repe
 
 
 def fleet_ms(draw: Callable[[CameraPose], object], poses: list[CameraPose], repeat: int) -> float:
-    """Return the median time (ms) of drawing one frame of each pose, one after the other."""
+    """Return the median time (ms) to draw all poses, one after the other."""
     rounds = []
     for _ in range(repeat):
         begun = time.perf_counter()
@@ -153,8 +153,8 @@ def fleet_ms(draw: Callable[[CameraPose], object], poses: list[CameraPose], repe
 def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
     """Return the mean structural similarity of two RGB pictures in greyscale.
 
-    Source: Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, with its
-    window (Gaussian, 11 px, 1.5 px) and constants.
+    Window (Gaussian, 11 px, 1.5 px) and constants are from Wang et al., "Image quality assessment: from error
+    visibility to structural similarity", 2004.
     """
     x, y = (cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float64) for picture in (a, b))
     mean_x, mean_y, xx, yy, xy = (cv2.GaussianBlur(v, (11, 11), 1.5) for v in (x, y, x * x, y * y, x * y))

@@ -20,7 +20,7 @@ SIZES = ((1280, 720), (640, 360))  # px
 NEAR_M, FAR_M = 0.1, 600.0
 ROUNDS = 2  # over the views
 LIMIT_S = 240  # wall time of one peer
-TOLERANCE = 0.04  # largest error of the share of pixels without sky
+TOLERANCE = 0.04  # a larger error of `covered` means another scene
 SHADOW_CELLS = 4096  # cells per side of a shadow map, if the peer has this setting
 
 Draw = Callable[[int, tuple[int, int]], Any]  # view and size → (H, W, 3) uint8
@@ -144,10 +144,10 @@ PEERS: dict[str, Callable[[dict[str, Any], Path], dict[str, float]]] = {"mujoco"
 
 
 def compare(folder: Path, exported: Path, ours: Callable[[], dict[str, float]]) -> dict[str, Any]:
-    """Return per peer its milliseconds, the project's, and their ratio, or a `note` on why it is absent.
+    """Return by peer: its milliseconds, the project's, and their ratio; or a `note` on why they are absent.
 
     `exported` is the folder that `render.export` wrote. `ours` times the project's renderer and is called before
-    each peer. The first picture of each peer is kept as `DIR/NAME.npy`, (720, 1280, 3).
+    each peer. The first picture of a peer is kept as `folder`/NAME.npy, (720, 1280, 3).
     """
     results: dict[str, Any] = {}
     this = Path(__file__).absolute()

@@ -146,9 +146,9 @@ class Pilot(threading.Thread):
         return True
 
     def _await_way(self) -> None:
-        """Wait until the next vehicle has moved: the way to the landing place leads over the places where others boot.
+        """Wait until the next vehicle has moved, because the way to the landing place leads over where it booted.
 
-        On a busy machine, one pilot may be much slower than another.
+        On a busy machine, its pilot may be much slower.
         """
         while self.next is not None and not (self.next.moved.is_set() or self.next.over.is_set()):
             self.client.tick()
@@ -276,7 +276,7 @@ def _name(process: psutil.Process) -> str:
 
 @contextlib.contextmanager
 def rig(vehicles: int, speed: float) -> Iterator[tuple[list[str], str, Path]]:
-    """Start the processes; yield the URLs of the vehicles, the URL of their camera and the folder of their states."""
+    """Start the processes; yield the vehicles' URLs, the camera's URL and the folder of the vehicles' states."""
     with (
         tempfile.TemporaryDirectory(prefix="dronecats-soak-") as folder,
         contextlib.closing(Supervisor(Path(folder))) as supervisor,

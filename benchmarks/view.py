@@ -112,7 +112,7 @@ def free_port() -> int:
 
 
 def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
-    """Return the ratio of the processor times of lockstep flights: with a flush after every delivery, to without."""
+    """Return processor time of lockstep flights that flush after every delivery, over that of flights without."""
     spec = FlightSpec(
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True
     )

@@ -1,8 +1,8 @@
 """The autopilot as a MAVLink component: its ports with their streams, the uploads of all clients, and its texts.
 
 A port is one MAVLink connection. It has its own stream rates, sequence numbers, and queue of bytes to send. TABLE lists
-the streams: message, rate (Hz) on each kind of port, and maker (the function that returns the fields). The rates are
-as measured on PX4 1.15; 0 = only on request. A stream sends at most one message per call of `Port.tick` or `Port.stream`.
+the streams: message, rate (Hz) on each kind of port, and maker (function that returns the fields). The rates are as
+measured on PX4 1.15; 0 = only on request. A stream sends at most one message per call of `Port.tick` or `Port.stream`.
 
 An upload is a plan that a client sends (`mission.py`). Retry 0.25 s and time-out 5 s are PX4's.
 """
@@ -28,7 +28,7 @@ PROFILES = ("onboard", "gcs", "minimal")
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """One telemetry message with its default rates and its maker."""
+    """One telemetry message, its rates and its maker."""
 
     name: str
     onboard: float  # Hz on PX4's port 14540
@@ -104,7 +104,7 @@ GROUPS[dialect.MAV_DATA_STREAM_ALL] = tuple(sorted({name for names in GROUPS.val
 
 
 COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
-PARAMETERS_PER_TICK = 18  # to a client that requests all; at 100 ticks a second, half of PX4's time
+PARAMETERS_PER_TICK = 18  # of the parameter list: 1800 a second at 100 ticks a second; PX4 sends 1000
 TRANSFERS_PER_TICK = 20  # messages of each download: 180 kB/s of a log at 100 ticks a second
 TRANSFER_BACKLOG = 200  # queued messages; downloads pause while there are as many or more
 FASTEST_US = 1_000  # least interval of a stream

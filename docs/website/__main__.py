@@ -11,7 +11,7 @@ from docs.website.pages import CONFIGURATION, DOCTREES, PAGES, SITE
 
 def main() -> int:
     """Build the site and return the exit status: 0, or 1 after a warning such as a broken link."""
-    # Each build is complete, because Sphinx reports the warnings of a page only when it reads the page.
+    # Each build starts anew, because Sphinx reports the warnings of a page only when it reads the page.
     for folder in (PAGES, DOCTREES, SITE):
         shutil.rmtree(folder, ignore_errors=True)
     parts = {"commands": commands.part(), "api": api.part()}

@@ -40,7 +40,7 @@ def subparsers(parser: argparse.ArgumentParser) -> dict[str, VerbParser]:
 
 
 def _section(parser: VerbParser, level: int) -> Iterator[str]:
-    """Yield the lines about one parser: usage, options, examples. `level`: the level of its heading."""
+    """Yield the lines about one parser: usage, options, examples. `level`: level of the heading."""
     marks = "#" * level
     yield from (f"{marks} {parser.prog}", "", markdown(parser.description or ""), "")
     usage = re.sub(r"\n +", "\n    ", parser.format_usage().removeprefix("usage: "))

@@ -34,7 +34,7 @@ LANGUAGES = {".py": "python", ".toml": "toml", ".json": "json"}
 
 
 def write(folder: Path, generated: Sequence[str]) -> None:
-    """Write the pages of the repository into a folder. `generated`: the first pages of the generated parts."""
+    """Write the pages of the repository into a folder. `generated`: index pages of the generated parts."""
     committed = _committed()
     names = [name for name in committed if name.suffix == ".md" and (name.parts[0] == "docs" or len(name.parts) == 1)]
     children = dict(_children(_rows()))
