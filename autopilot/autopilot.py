@@ -130,7 +130,7 @@ class Autopilot:
             self.log.close()
 
     def open_port(self, profile: str) -> Port:
-        """Return a new port with the stream rates of 'onboard' (PX4's 14540), 'gcs' (14550) or 'minimal'.
+        """Return a new port with the streams of 'onboard' (PX4's 14540), 'gcs' (14550) or 'minimal' (only HEARTBEAT).
 
         Raises UsageError for another profile.
         """
@@ -150,7 +150,7 @@ class Autopilot:
         return self.node.reboot_requested
 
     def adopt(self, former: "Autopilot") -> None:
-        """Copy what survives a restart: the parameters, the plans and the number of the next mission item."""
+        """Copy from `former` what survives a restart: parameters, plans, and the number of the next mission item."""
         for name in former.parameters.names:
             self.parameters.set(name, former.parameters[name])
         self._keep_plans(former.commander.flight.plans)

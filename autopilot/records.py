@@ -40,7 +40,7 @@ SETPOINT = np.dtype(
     align=True,
 )
 
-# indices in `innovation` and `test_ratio`: tests of new samples
+# index of a quantity in `innovation` and `test_ratio`
 VELOCITY_TEST = 0  # 0 to 2: velocity of a fix, NED
 POSITION_TEST = 3  # 3 and 4: position of a fix, north and east
 HEIGHT_TEST = 5  # barometer, down
@@ -66,14 +66,14 @@ ESTIMATE = np.dtype(
         ("position_valid", "i8"),  # bool: horizontal
         ("altitude_valid", "i8"),  # bool
         ("position_std_h", "f8"),  # m, σ (h: horizontal)
-        ("position_std_v", "f8"),  # m (v: vertical)
+        ("position_std_v", "f8"),  # m, σ (v: vertical)
         ("velocity_std_h", "f8"),  # m/s
         ("velocity_std_v", "f8"),  # m/s
         ("tilt_std", "f8"),  # rad
         ("yaw_std", "f8"),  # rad
         ("innovation", "f8", (TESTS,)),  # m/s, m and rad: newest sample of each kind minus its expected value
         ("innovation_variance", "f8", (TESTS,)),
-        ("test_ratio", "f8", (TESTS,)),  # innovation² / (gate² · variance); above 1 it is not used
+        ("test_ratio", "f8", (TESTS,)),  # innovation² / (gate² · variance); > 1: sample not used
         ("attitude_setpoint", "f8", (4,)),  # setpoint of the attitude loop, sent as ATTITUDE_TARGET
         ("rates_setpoint", "f8", (3,)),  # rad/s
         ("thrust_setpoint", "f8"),  # 0 … 1

@@ -51,7 +51,7 @@ class ReplayedFlight:
     gyro_bias: NDArray[np.float64]  # (m, 3) rad/s
     accel_bias: NDArray[np.float64]  # (m, 3) m/s²
     rates_setpoint: NDArray[np.float64]  # (m, 3) rad/s
-    thrust_setpoint: NDArray[np.float64]  # (m,) of full thrust
+    thrust_setpoint: NDArray[np.float64]  # (m,) fraction of full thrust
     command: NDArray[np.float64]  # (m, 8) command of each actuator, 0 … 1
 
 

@@ -69,7 +69,7 @@ def stand_in(seconds: float, reply: str) -> Iterator[str]:
 
 
 class StandInAircraft:
-    """A vehicle that takes no wall time. It stores the time of the last command."""
+    """A vehicle that needs no wall time. It stores the time of the last command."""
 
     steady = True
 

@@ -45,7 +45,7 @@ from hil.link.parameters import Parameters
 from hil.link.transport import UdpTransport, connect
 
 EPISODE = "campus-approaching-01"
-SILENCE_S = 30.0  # s of wall time without a message until the link gives up; longer than a cut
+SILENCE_S = 30.0  # s of wall time without a message until the link gives up (`fly --connect`: 6); longer than a cut
 PROPOSED = {"COM_OBL_RC_ACT": 5.0, "COM_OF_LOSS_T": 0.5}  # set for rows with a cut: Hold after 0.5 s without setpoints
 CUT_AT_S, CUT_S = 20.0, 10.0  # s: start of the cut in the minute, duration of the cut
 MOVES: tuple[tuple[Setpoint, float], ...] = (
@@ -64,7 +64,7 @@ class Row:
     """The impairments of one wire in both directions."""
 
     name: str
-    up: Impairment
+    up: Impairment  # to the autopilot
     down: Impairment
     cut: bool = False
 

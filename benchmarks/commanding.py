@@ -36,7 +36,7 @@ class CommandedFlight:
     seconds: float  # s of vehicle time
     questions: int  # questions to the pilot
     question_tokens: int | None  # input and output tokens of these questions; None: not reported
-    commanded: int  # to the commander
+    commanded: int  # questions to the commander
     commanded_tokens: int
 
 

@@ -32,7 +32,7 @@ from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.stages.stage import SIMULATOR
 from foundation.mavlink import Packer, Parser, dialect
 
-EPISODE = "blocks-commanding-01"  # on a map that is built quickly
+EPISODE = "blocks-commanding-01"  # its map is built quickly
 LOOPBACK = "127.0.0.1"
 SECONDS = 8.0
 PREPARED = 64  # datagrams of each kind, sent repeatedly
@@ -67,7 +67,7 @@ def truncated(draw: random.Random) -> bytes:
 
 
 def concatenated(draw: random.Random) -> bytes:
-    """Return a datagram of random size with packets in a row, of which about half are truncated."""
+    """Return a datagram of random size: packets in a row, about half of them truncated."""
     packets = [_cut(draw, packet) if draw.random() < 0.5 else packet for packet in _packets(draw, 1500)]
     return b"".join(packets)[: draw.randrange(1, LONGEST)]
 
@@ -95,7 +95,7 @@ ROWS: dict[str, Sequence[Making]] = {
 
 
 def send(makers: Sequence[Making], ports: Sequence[int], seconds: float, seed: int, sent: Any) -> None:
-    """Send datagrams to the ports in turn for `seconds`, and store their number and total bytes in `sent`."""
+    """Send datagrams to the ports in turn for `seconds`; store the count of datagrams and bytes in `sent`."""
     draw = random.Random(seed)
     prepared = [make(draw) for make in makers for _ in range(PREPARED)]
     draw.shuffle(prepared)

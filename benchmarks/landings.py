@@ -75,7 +75,7 @@ def top(world: World, solid: Obstacles, north: float, east: float) -> tuple[floa
 
 
 def draw(world: World, solid: Obstacles, rng: np.random.Generator, over_thing: bool) -> tuple[float, float]:
-    """Return a random place (north, east; m): above a random object, or anywhere on the map."""
+    """Return a random place (north, east; m): above a random object, or within the extent of all."""
     points: NDArray[np.float32] = solid.bounds
     if over_thing:
         points = points[solid.owner == rng.integers(len(solid.names))]

@@ -30,7 +30,7 @@ from foundation.run_folder import layout
 
 PILOTS, STEPS, PERIOD_S = 9, 60, 2.6
 MAPS = ("residential", "campus")
-CELLS = ("approaching", "searching", "tracking", "search-and-track")
+CELLS = ("approaching", "searching", "tracking", "search-and-track")  # episode kinds
 TARGET = (90.0, 12.0, -1.0)  # m NED
 WORDS = "the car stands beyond the crossing and the way to it is free " * 8
 WAIT_S = 120.0
@@ -54,7 +54,7 @@ location.hash = hash;
 
 
 def write_artificial_runs(folder: Path, flights: int, steps: int) -> None:
-    """Write runs with `flights` flights in total, each of `steps` steps."""
+    """Write runs with `flights` flights in total, of `steps` steps each."""
     pilots = min(PILOTS, flights)
     names = [f"{MAPS[k % 2]}-{CELLS[k // 2 % 4]}-{k // 8 + 1:02}" for k in range(math.ceil(flights / pilots))]
     first = folder / "pilot-0"
@@ -109,7 +109,7 @@ def _measured(t: float) -> dict[str, Any]:
 
 
 def opened(page: Path) -> dict[str, Any]:
-    """Open a page, then a flight in it; return the milliseconds of both by the browser's clock."""
+    """Open a page, then a flight in it; return the milliseconds of both (browser's clock)."""
     from selenium import webdriver
 
     options = webdriver.ChromeOptions()

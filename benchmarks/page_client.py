@@ -9,7 +9,7 @@ import zstandard
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-HEAD = 16  # bytes of a delivery's header: uncompressed size, compressed size
+HEAD = 16  # bytes of a delivery's header: size, compressed size
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 5.0), "fov": 1.0,
     "near": 0.1, "far": 1000.0, "image_height": 600, "image_width": 800, "look_at": (0.0, 0.0, 0.0),
@@ -33,7 +33,7 @@ class PageClient:
         self._socket.send(msgspec.msgpack.encode(message))
 
     def receive(self, timeout_s: float) -> list[dict[str, Any]]:
-        """Return the messages of the next WebSocket frame (a delivery); empty if none. Raises ConnectionClosed."""
+        """Return the messages of the next delivery (WebSocket frame), if any. Raises OSError, ConnectionClosed."""
         try:
             data = self._socket.recv(timeout_s)
         except TimeoutError:

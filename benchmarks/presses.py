@@ -58,7 +58,7 @@ class Press:
     """An obstacle, and the course into it."""
 
     episode: str  # id of the episode whose map is used
-    thing: str  # name of an instance, or 'ground'
+    thing: str  # name of an object on the map, or 'ground'
     turn_deg: float = 0.0  # angle between the course and the nearest axis of the obstacle; 0: head-on
     beside: float = 0.0  # distance of the course from the obstacle's middle, as a fraction of half its width
     seconds: float = 30.0  # duration of pushing

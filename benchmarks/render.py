@@ -103,7 +103,7 @@ def _written(mesh: Mesh, number: int, folder: Path) -> list[dict[str, Any]]:
 
 
 def _mean_color(material: Material) -> tuple[float, float, float]:
-    """Return the sRGB mean of a material, 0 … 1."""
+    """Return a material's mean colour (sRGB, 0 … 1)."""
     light = np.asarray(material.color, float)
     if material.texture is not None:
         light = light * ((material.texture / 255.0) ** 2.2).mean(axis=(0, 1))
@@ -111,7 +111,7 @@ def _mean_color(material: Material) -> tuple[float, float, float]:
     return (r, g, b)
 
 
-MAPS = ("residential", "campus", "blocks")
+MAPS = ("residential", "campus", "blocks")  # the first map's figures are printed first
 SIMPLEST = "blocks"
 FIRST = ("ms_1280x720", "ms_640x360", "ms_agent", "ms_fleet4_agent", "cpu_ms_agent_per_loop", "ssim_mean", "rss_mb")
 FLEET = 4

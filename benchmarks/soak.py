@@ -146,7 +146,7 @@ class Pilot(threading.Thread):
         return True
 
     def _await_way(self) -> None:
-        """Wait until the next vehicle has moved, because the way to the landing place leads over where it booted.
+        """Wait until the next vehicle has moved, because the way to the landing place leads over its boot place.
 
         On a busy machine, its pilot may be much slower.
         """

@@ -44,7 +44,7 @@ class Step:
     name: str
     size: float  # in `unit`
     seconds: float
-    unit: str  # of the response: m/s, rad or m
+    unit: str  # of size and response: m/s, rad or m
     velocity_north: float | None = None  # m/s; None: the vehicle holds its position
     yaw: float = 0.0  # rad
     climb: float = 0.0  # m
@@ -152,7 +152,7 @@ def figures(step: Step, answer: Array) -> dict[str, float]:
 
 
 def measure(name: str, seeds: tuple[int, ...] = SEEDS) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Return an airframe's figures, and its responses by step for plotting."""
+    """Return the figures of an airframe, and the response to each step."""
     flights = [Flight(name, seed) for seed in seeds]
     answers = {step.name: np.asarray(np.mean([flight.step(step) for flight in flights], axis=0)) for step in STEPS}
     rows: dict[str, Any] = {step.name: figures(step, answers[step.name]) for step in STEPS}
@@ -205,7 +205,7 @@ def table(airframes: dict[str, dict[str, Any]]) -> str:
 
 
 def draw(answers: dict[str, dict[str, Array]], folder: Path) -> Path:
-    """Plot every response of every airframe into steps.png and return its path."""
+    """Plot all responses of all airframes into steps.png; return the path."""
     from matplotlib.figure import Figure
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -37,7 +37,7 @@ from episodes.records import catalogue
 ROOT = Path(__file__).parent.parent
 SAMPLE_PERIOD_S = 0.002  # s of processor time between samples
 PROFILED = 12  # number of episodes, evenly spread over the suite
-WORK = {  # folder or file → the kind of work that it does; the first match counts
+WORK = {  # folder or file → kind of work of its code; the first match counts
     "dronecats/flight/sitl/fused.py": "physics, estimator and inner loops (compiled)",
     "foundation/wire.py": "MAVLink packed and parsed",
     "foundation/mavlink.py": "MAVLink packed and parsed",
@@ -88,7 +88,7 @@ class Sampler:
 
     @contextmanager
     def sampling(self) -> Iterator[None]:
-        """Sample every SAMPLE_PERIOD_S of this process's processor time during the block."""
+        """Sample every SAMPLE_PERIOD_S of this process's processor time in a `with` block."""
         before = signal.signal(signal.SIGPROF, self.look)
         signal.setitimer(signal.ITIMER_PROF, SAMPLE_PERIOD_S, SAMPLE_PERIOD_S)
         try:

@@ -105,14 +105,14 @@ def viewer_of(pid: int) -> int:
 
 
 def free_port() -> int:
-    """Return a port that is free now."""
+    """Return a free port."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
-    """Return processor time of lockstep flights that flush after every delivery, over that of flights without."""
+    """Return the processor time of lockstep flights that flush every delivery, divided by that of flights without."""
     spec = FlightSpec(
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True
     )

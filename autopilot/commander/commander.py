@@ -419,10 +419,10 @@ class Commander:
         )
 
     def _mode_after_arming(self) -> str:
-        """Return the mode after arming.
+        """Return the mode in which the vehicle would arm.
 
-        After an automatic landing the mode is still LAND or RETURN, in which the vehicle cannot arm. It then arms in
-        HOLD, unless a client has chosen a mode since the vehicle disarmed.
+        After an automatic landing the mode is still LAND or RETURN, which forbid arming. The vehicle then arms in HOLD,
+        unless a client has chosen a mode since the disarming.
         """
         if self.intended in NO_ARMING_MODES and not self._mode_chosen_disarmed:
             return "HOLD"

@@ -16,9 +16,9 @@ from autopilot.parameters import ParameterTable
 from autopilot.records import IDLE, KIND_IDLE, KIND_TRAJECTORY, NAN, CascadeSetpoint
 from foundation.mavlink import dialect
 
-WANTS_CLIMB_SPEED = 0.3  # m/s; a faster upward setpoint commands a climb
+WANTS_CLIMB_SPEED = 0.3  # m/s; a faster upward setpoint demands a climb
 WANTS_CLIMB_M = 0.3
-RAMP_START = 0.15  # first thrust limit of the ramp; no airframe can hover with it
+RAMP_START = 0.15  # first thrust limit of the ramp; far below hover for every airframe
 
 
 def wants_climb(setpoint: CascadeSetpoint, state: EstimatedState) -> bool:
@@ -165,7 +165,7 @@ class LandDetector:
 
 
 def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
-    """Return the sink speed (m/s) that `demand` asks for; None if it is not a clear descent.
+    """Return the least sink speed (m/s) that `demand` asks for; None if it is not a clear descent.
 
     A demand with a horizontal speed above SIDEWAYS_SPEED does not count: the vehicle might slide along an obstacle.
     """
@@ -188,7 +188,7 @@ def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:
 LANDING = ("LAND", "DESCEND")  # modes that end on the ground
 BLOCKED_US = 10_000_000  # µs without a descent of SUNK_M, after which a landing counts as blocked
 SUNK_M = 0.3
-UPRIGHT_DEG = 20.0  # a landed vehicle that leans more is not upright; no map is so steep
+UPRIGHT_DEG = 20.0  # a landed vehicle that leans more is not upright; maps are less steep
 
 
 class LandingWatch:
@@ -236,7 +236,7 @@ class AutoDisarm:
         self._was_airborne = False
 
     def arm(self, now_us: int) -> None:
-        """Start to measure the time from the arming."""
+        """Start to measure the time since arming."""
         self._armed_us, self._landed_us, self._was_airborne = now_us, None, False
 
     def reason(self, now_us: int, landed: bool, climbing: bool) -> str:

@@ -9,7 +9,7 @@ One rule differs from PX4. After an impact our estimator reports a velocity devi
 fix corrects it about 0.1 s later. PX4's filter does not detect impacts and does not report this. So a velocity
 deviation must last for LASTING_US before it counts. Otherwise every bump into a lamp post would trigger a failsafe.
 
-A calibration only checks its sensor, with the vehicle at rest, because the estimator finds the biases in flight.
+A calibration only checks the sensor, with the vehicle at rest, because the estimator finds the biases in flight.
 Clients need not turn the vehicle: accelerometer and compass are checked in the present attitude. The status texts are
 the same as PX4's, because MAVSDK and QGroundControl parse them.
 """
@@ -169,7 +169,7 @@ def mode_failures(
 ) -> list[str]:
     """Return the reasons why `mode` cannot run now. Source: PX4 mode_requirements.
 
-    `home`: home is set. `sticks`, `offboard`: the messages arrive. `mission`: the faults of the loaded mission.
+    `home`: home is set. `sticks`, `offboard`: usable messages arrive. `mission`: the faults of the loaded mission.
     """
     reasons = [UNREGISTERED] if mode in EXTERNAL_MODES else []
     accurate = state.position_valid and state.position_std_h < required(parameters, "COM_POS_FS_EPH")
@@ -214,7 +214,7 @@ class AttitudeWatch:
 DURATION_US = 2_000_000
 STEPS = 10  # calibration reports its progress in tenths
 MOVING_RATE = math.radians(5.0)  # rad/s; no gyro's bias is so large
-GRAVITY_TOLERANCE = 0.1  # largest relative error
+GRAVITY_TOLERANCE = 0.1  # largest relative error of gravity
 FIELD_GAUSS = (0.1, 1.0)  # limits; the Earth's field is 0.22 to 0.67 gauss
 LEVEL_MOST = math.radians(10.0)
 
@@ -281,7 +281,7 @@ class SensorCalibration:
         self._send_text(severity, f"[cal] {text}")
 
     def _fault(self, sensor: str) -> str:
-        """Return the fault of the sensor; empty if there is none."""
+        """Return the sensor's fault; empty if none."""
         s = self._state
         if s.age_us("mag" if sensor == "mag" else "imu") > DURATION_US // 4:
             return "no data"

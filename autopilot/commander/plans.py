@@ -1,6 +1,6 @@
 """Plans (missions, geofences and rally points): their items, the checks of uploads, and the plan file.
 
-The geofence has polygons and circles, and the cylinder of GF_MAX_HOR_DIST and GF_MAX_VER_DIST. As on PX4, a position
+The geofence has polygons, circles, and a cylinder around home (GF_MAX_HOR_DIST, GF_MAX_VER_DIST). As on PX4, a position
 must be inside at least one inclusion area, if there is any, and outside all exclusion areas.
 
 A plan is always replaced as a whole: an incomplete upload changes nothing. The file keeps the plans and the number of
@@ -132,7 +132,7 @@ MOST_VERTICES = 250
 
 @dataclass(frozen=True, slots=True)
 class FenceArea:
-    """A polygon (vertices) or a circle (one centre and a radius)."""
+    """A polygon (vertices) or a circle (a centre and a radius)."""
 
     inclusion: bool
     vertices: tuple[Point, ...]
@@ -400,7 +400,7 @@ class Plans:
 
 
 def _entry(item: PlanItem) -> dict[str, Any]:
-    """Return an item for the file. Numbers that JSON has not (nan) become texts."""
+    """Return an item for the file. Numbers that JSON lacks (nan) become texts."""
     numbers = [value if abs(value) < float("inf") else str(value) for value in (*item.p, item.z)]
     return {
         "command": item.command, "frame": item.frame, "p": numbers[:4], "x": item.x, "y": item.y, "z": numbers[4],

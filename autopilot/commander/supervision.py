@@ -253,7 +253,7 @@ StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
 NOT_OVERRIDABLE = frozenset({OFFBOARD_LOST, POSITION_LOST})
 DELAYED = frozenset({Reaction.RETURN, Reaction.LAND, Reaction.DESCEND})
 NAMES = {Reaction.HOLD: "Hold", Reaction.RETURN: "Return", Reaction.LAND: "Land", Reaction.DESCEND: "Descend"}
-LOOK_US = 100_000  # µs between two checks of battery, links and fence
+LOOK_US = 100_000  # µs between two checks; a lost offboard signal is noticed at once
 
 
 class Supervision:

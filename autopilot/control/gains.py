@@ -35,8 +35,8 @@ CONTROL_PARAMS = np.dtype(
         ("thrust_horizontal_margin", "f8"),  # 0 … 1, reserved for the horizontal force when thrust saturates
         ("hover_thrust", "f8"),  # 0 … 1, from the airframe's constants
         ("yaw_rate_auto_max", "f8"),  # rad/s, while turning to a yaw setpoint
-        ("velocity_lag", "f8", (3,)),  # s, lag of acceleration behind setpoint
-        ("yaw_lag", "f8"),  # s, lag of yaw rate behind setpoint
+        ("velocity_lag", "f8", (3,)),  # s, lag of acceleration behind its setpoint
+        ("yaw_lag", "f8"),  # s, lag of yaw rate behind its setpoint
         ("attitude_p", "f8", (3,)),  # 1/s, roll pitch yaw
         ("yaw_weight", "f8"),  # limit of sin(yaw error / 2)
         ("rate_max", "f8", (3,)),  # rad/s
@@ -70,7 +70,7 @@ CONTROL_STATE = np.dtype(
         ("free_integral", "f8", (3,)),  # m/s², velocity_integral, filtered while the velocity error was small
         ("tried_integral", "f8", (3,)),  # m/s², velocity_integral before the latest increase, which is being tested
         ("tried_error", "f8"),  # m/s, velocity error before that increase
-        ("blocked_s", "f8"),  # s for which the vehicle has pushed against an obstacle; 0: none
+        ("blocked_s", "f8"),  # s since an obstacle was detected; 0: there is none
         ("blocked_way", "f8", (3,)),  # unit vector, NED, direction of the push against the obstacle
         ("unexplained", "f8", (6,)),  # m/s², rad/s², FRD, accelerations that the rotors do not explain, filtered
         ("unexplained_slow", "f8", (6,)),  # the slow part of `unexplained`, such as wind
@@ -207,7 +207,7 @@ def read(params: np.void, name: str) -> float:
 
 
 def write(params: np.void, name: str, value: float) -> float:
-    """Set a PX4 parameter, given in PX4's unit, and return the value that is set: `value` limited to its range.
+    """Set a PX4 parameter (PX4's unit); return the value that is set: `value` limited to the parameter's range.
 
     Raises UsageError for an unknown parameter, or for a value that is not finite.
     """

@@ -256,7 +256,7 @@ def design(airframe: Airframe) -> Gains:
 def margins_by_control(airframe: Airframe, gains: Gains) -> dict[str, Margin]:
     """Return the margins of every loop as python-control computes them from the same frequency responses.
 
-    It checks `margin` independently. `design` does not call it, because the import of python-control takes a second.
+    This checks `margin` independently. `design` does not call it, because the import of python-control takes a second.
     """
     import control
 

@@ -172,7 +172,7 @@ def mix(
                 share = max((floor - collective * matrix[i, 3]) / fractions[i], 0.0)
     for i in range(rotors):
         fractions[i] = share * fractions[i] + collective * matrix[i, 3]
-    # turn: the largest fraction of yaw, likewise
+    # turn: the largest fraction of yaw with every rotor in range
     turn = 1.0
     for i in range(rotors):
         step = matrix[i, 2] * yaw

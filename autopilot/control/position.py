@@ -65,10 +65,10 @@ def slew_vertical(state: Record, down: float, limit_up: float, limit_down: float
 
 @njit(cache=True)
 def expect(params: Record, state: Record, dt: float) -> None:
-    """Advance the expected velocity. A vehicle without disturbances has it: `velocity_lag` behind the reference.
+    """Advance the expected velocity: a vehicle without disturbances follows the reference with the lag `velocity_lag`.
 
-    The feedback corrects the difference from the expected velocity, so only disturbances. If it also corrected the
-    lag, the velocity would overshoot.
+    The feedback corrects only the difference from the expected velocity. If the feedback also corrected the lag, the
+    velocity would overshoot.
     """
     for i in range(3):
         share = dt / (params.velocity_lag[i] + dt)
@@ -92,7 +92,7 @@ INITIAL_PUSH_LIMIT, FIRST_S = 2.5, 2.0  # m/s², s: first limit of the P term ag
 LASTING_PUSH_LIMIT = 1.0  # m/s², the limit after that
 BLOCKED_S = 3.0  # s, after which the integral may grow again, because the cause may have been a gust
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
-KNOCK = 8.0  # m/s²; a larger sudden acceleration is a knock; a wind of 10 m/s causes 3.3 (X500) and 6.1 (30 g drone)
+KNOCK = 8.0  # m/s²; a larger sudden unexplained acceleration is a knock; wind of 10 m/s: 3.3 (X500), 6.1 (30 g drone)
 KNOCK_TORQUE = 0.15  # the same for torque, as a fraction of the largest pitch torque; this wind causes 0.06 and 0.08
 # s, time constants of the band-pass for knocks: above a gust's frequency, up to 10 Hz
 KNOCK_S, GUST_S = 0.016, 0.3

@@ -1,9 +1,9 @@
 """The estimator: error-state Kalman filter of attitude, velocity, position, inertial biases and hard iron.
 
 `update` runs every millisecond of vehicle time. It integrates the nominal state with every inertial sample, so that
-control always has the newest attitude. It propagates the covariance every 4 ms. It fuses the samples of the aiding
-sensors when they arrive; a GNSS fix is compared with the state at the time of the fix. The only inputs are sensor
-samples.
+control always has the newest attitude. It propagates the covariance every 4 ms. It fuses samples of
+magnetometer, barometer and GNSS when they arrive; a fix is compared with the state at the time of the fix. The only
+inputs are sensor samples.
 """
 
 import math
@@ -22,7 +22,7 @@ VIBRATION_SHARE = 0.02  # weight of a new sample in the vibration metric: smooth
 FULL_SCALE = 0.98 * 16.0 * GRAVITY  # m/s², of an accelerometer with ±16 g; a larger sample counts as clipped
 STILL_PERIOD_US = 100_000
 STILL_NOISE_GROUND = 0.1  # m/s; without fixes, zero velocity is fused with this noise on the ground
-SHOCK_SPEED = 3.0  # m/s, standard deviation of the velocity after an impact (a clipped sample)
+SHOCK_SPEED = 3.0  # m/s, standard deviation of the velocity after an impact (see `accel_clip`)
 STILL_NOISE_AIR = 10.0  # m/s; as STILL_NOISE_GROUND, but in the air, so that the tilt error stays bounded
 
 
@@ -84,7 +84,7 @@ def predict_covariance(params: Record, state: Record, P: Grid, history: Grid) ->
 
 @njit(cache=True)
 def fuse_aiding_sensors(params: Record, state: Record, P: Grid, history: Grid, sensors: Record, landed: bool) -> None:
-    """Fuse the new samples of the aiding sensors."""
+    """Fuse new samples of magnetometer, barometer, GNSS."""
     time_us = state.time_us
     if sensors.mag_time_us != state.mag_time_us:
         elapsed = sensors.mag_time_us - state.mag_time_us

@@ -24,7 +24,7 @@ _REST = tuple(name for name in ESTIMATE.names or () if name not in ("time_us", *
 def _display(names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], dict[str, Any]]:
     """Return a function that converts the numbers of these fields to a dict from field name to scalar or tuple.
 
-    It is compiled from source text, because a dict display takes half the time of a loop, and this runs at every tick.
+    It is compiled from source text, because a dict literal takes half the time of a loop, and this runs at every tick.
     """
     start, entries = 0, []
     for name in names:

@@ -130,7 +130,7 @@ def fuse_stillness(state: Record, P: Grid, noise: float) -> None:
 def since_fix(state: Record, history: Grid, fix_us: int) -> tuple[float, Vec3, Vec3]:
     """Return the predicted motion from fix_us to now: (age s, Δvelocity (3), Δposition (3)), NED.
 
-    For a fix older than the delay buffer, the oldest entry is used. For a fix that is not in the past, all three are 0.
+    For a fix older than `history`, the oldest entry is used. For a fix that is not in the past, all three are 0.
     """
     newest = state.time_us
     if fix_us >= newest or state.history_count == 0:

@@ -8,7 +8,7 @@ from autopilot.records import TESTS
 
 MOTION = 15  # attitude error (NED) 0-2, velocity 3-5, position 6-8, gyro bias 9-11, accelerometer bias 12-14
 STATES = MOTION + 2  # plus the magnetometer's hard iron along the vehicle's forward and right axes
-HISTORY = 128  # entries of the delay buffer: 512 ms at one entry every 4 ms
+HISTORY = 128  # entries of `history`: 512 ms at one entry every 4 ms
 
 STATUS_ALIGNING = 0
 STATUS_RUNNING = 1
@@ -22,13 +22,13 @@ ESTIMATOR_PARAMS = np.dtype(
         ("accel_bias_walk", "f8"),  # m/s²/√s
         ("accel_clip", "f8"),  # m/s²; a larger sample is at the accelerometer's limit
         ("mag_noise", "f8"),  # gauss (EKF2_MAG_NOISE)
-        ("mag_bias_std", "f8"),  # gauss, hard iron that remains after a calibration; 0: it is not estimated
+        ("mag_bias_std", "f8"),  # gauss, σ of the hard iron after a calibration; 0: not estimated
         ("mag_bias_walk", "f8"),  # gauss/√s (EKF2_MAG_B_NOISE)
         ("baro_noise", "f8"),  # m (EKF2_BARO_NOISE)
         ("gps_velocity_noise", "f8"),  # m/s, least σ of a fix (EKF2_GPS_V_NOISE)
         ("gps_position_noise", "f8"),  # m, least σ of a fix (EKF2_GPS_P_NOISE)
         ("gps_fixes_alike", "f8"),  # number of consecutive fixes that share one position error: they weigh as one
-        ("gate_mag", "f8"),  # σ (EKF2_HDG_GATE)
+        ("gate_mag", "f8"),  # σ, largest accepted (EKF2_HDG_GATE)
         ("gate_baro", "f8"),  # σ (EKF2_BARO_GATE)
         ("gate_velocity", "f8"),  # σ (EKF2_GPS_V_GATE)
         ("gate_position", "f8"),  # σ (EKF2_GPS_P_GATE)
@@ -81,7 +81,7 @@ ESTIMATOR_STATE = np.dtype(
         ("origin_lat_deg", "f8"),
         ("origin_lon_deg", "f8"),
         ("origin_alt_m", "f8"),
-        ("position_fused_us", "i8"),  # when last accepted, 0 = never; also the next four
+        ("position_fused_us", "i8"),  # µs of the last accepted sample, 0 = never; also the next four
         ("velocity_fused_us", "i8"),
         ("baro_fused_us", "i8"),
         ("mag_fused_us", "i8"),

@@ -20,7 +20,7 @@ from foundation.mavlink import MODES, dialect
 ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
 REJECTED = dialect.MAV_RESULT_TEMPORARILY_REJECTED
 UNSUPPORTED = dialect.MAV_RESULT_UNSUPPORTED
-FORCE_MAGIC = 21196
+FORCE_MAGIC = 21196  # param2 of a forced arming
 INT32_UNKNOWN = (1 << 31) - 1
 NAN = math.nan
 RELATIVE_FRAMES = frozenset({dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
@@ -137,7 +137,7 @@ def _source(message: Message) -> tuple[int, int]:
 def _run(node: Node, port: Port, message: Message, command: Command) -> None:
     broadcast = message.target_system == 0
     if broadcast and command.id not in BROADCAST:
-        return  # PX4 gives no answer either (measured): a fleet must not arm by accident
+        return  # ignored without an answer, as on PX4: a fleet must not arm by accident
     if (not broadcast and message.target_system != node.system_id) or message.target_component not in (0, COMPONENT_ID):
         result: int | None = FAILED
     else:

@@ -256,7 +256,7 @@ class FileSessions:
         return len(self._open)
 
     def make_room(self, now_us: int) -> None:
-        """Close an idle session if too many are open. Raises Refusal if none is idle."""
+        """Close an idle session if MOST sessions are open. Raises Refusal if none is idle."""
         if len(self._open) < MOST:
             return
         key, oldest = min(self._open.items(), key=lambda item: item[1].used_us)

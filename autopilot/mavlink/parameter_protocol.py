@@ -13,7 +13,7 @@ _INTEGER_PAYLOAD = struct.Struct("<iHH16sB")
 
 
 class _IntegerValue(dialect.MAVLink_param_value_message):  # type: ignore[misc]
-    """PARAM_VALUE of an INT32. Packed as a float, bytes that are a signalling NaN might change."""
+    """PARAM_VALUE of an INT32, packed as an integer, because packing as a float may change a signalling NaN."""
 
     def __init__(self, name: bytes, value: int, count: int, index: int) -> None:
         super().__init__(name, 0.0, INT32, count, index)

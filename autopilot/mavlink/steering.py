@@ -103,8 +103,8 @@ def local_ned(node: Node, port: Port, message: Message) -> None:
 def global_int(node: Node, port: Port, message: Message) -> None:
     """Handle SET_POSITION_TARGET_GLOBAL_INT.
 
-    A message with a position is ignored if the zero of its altitude (home, ground) is unknown. As in PX4, the position
-    is ignored if the mask ignores one component.
+    A message with a position is ignored if the zero of its altitude (home, ground) is unknown. As in PX4, a position
+    with a coordinate that the mask ignores is ignored.
     """
     state, m = node.vehicle.state, message
     position = FREE

@@ -120,7 +120,7 @@ def _module_page(module: str) -> Iterator[str]:
 # Matches `name: type = value  # the meaning`, unless the value contains a #
 COMMENTED = re.compile(r"^(\s*\w+(?::| =)[^#\n]*)  # (?!type:|noqa)", re.MULTILINE)
 INDENT = "    "
-# group 1: code; group 2: a character that only reStructuredText would read as markup
+# group 1: code; group 2: a character that only reStructuredText reads as markup
 MARKUP = re.compile(r"(`+[^`]*`+)|([*|]|(?<=\w)_(?!\w))")
 
 

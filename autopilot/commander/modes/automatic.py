@@ -16,16 +16,17 @@ LEAST_SPEED = 1.0  # m/s, least limit: near the target the position loop slows t
 
 
 def approach_speed(distance: float, cruise: float, acceleration: float) -> float:
-    """Return the horizontal speed limit v (m/s) at the distance d (m) from the target: v² = 2·a·d, at most `cruise`.
+    """Return the horizontal speed limit v (m/s) at distance d (m) from the target: v² = 2·a·d, at most `cruise`.
 
-    a is BRAKING_SHARE · `acceleration`. v is a multiple of 5 cm/s, so that the setpoint of a hovering vehicle is fixed.
+    a is BRAKING_SHARE · `acceleration` (m/s²). v is rounded up to a multiple of 5 cm/s, so that the setpoint of a
+    hovering vehicle is the same at each tick.
     """
     limit = min(cruise, max(LEAST_SPEED, math.sqrt(2.0 * BRAKING_SHARE * acceleration * distance)))
     return math.ceil(limit * 20.0) / 20.0
 
 
 STOPPED_SPEED = 0.3  # m/s; below it the vehicle counts as stopped, and HOLD stores its position
-BRAKE_LIMIT_US = 6_000_000  # longest time of braking
+BRAKE_LIMIT_US = 6_000_000  # longest braking
 
 
 class HoldMode(Mode):

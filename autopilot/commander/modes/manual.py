@@ -12,7 +12,7 @@ from foundation.frames import GRAVITY, Vec3, quat_from_euler
 
 
 def shaped(stick: float, parameters: ParameterTable, expo: str) -> float:
-    """Return a deflection (-1 … 1) after the deadzone MPC_HOLD_DZ and a cubic expo. `expo` is its parameter's name."""
+    """Return a deflection (-1 … 1) after the deadzone MPC_HOLD_DZ and a cubic expo (parameter `expo`)."""
     dead = float(parameters["MPC_HOLD_DZ"])
     if abs(stick) <= dead:
         return 0.0
@@ -22,7 +22,7 @@ def shaped(stick: float, parameters: ParameterTable, expo: str) -> float:
 
 
 def within_circle(forward: float, right: float) -> tuple[float, float]:
-    """Return the deflections, shortened to unit length if longer, so that a diagonal is not faster."""
+    """Return the deflections, limited to a length of 1, so that a diagonal is not faster."""
     length = math.hypot(forward, right)
     return (forward, right) if length <= 1.0 else (forward / length, right / length)
 
@@ -30,7 +30,7 @@ def within_circle(forward: float, right: float) -> tuple[float, float]:
 def super_expo(stick: float, expo: float, extra: float) -> float:
     """Return the deflection of a rate stick (-1 … 1) after the two expos of ACRO. Full deflection is unchanged.
 
-    `expo` is the value of MC_ACRO_EXPO, `extra` that of MC_ACRO_SUPEXPO.
+    `expo` and `extra` are MC_ACRO_EXPO and MC_ACRO_SUPEXPO (yaw: MC_ACRO_EXPO_Y and MC_ACRO_SUPEXPOY).
     """
     x = (1.0 - expo) * stick + expo * stick**3
     return x * (1.0 - extra) / (1.0 - abs(stick) * extra)
@@ -74,7 +74,7 @@ def _rotated(yaw: float, forward: float, right: float) -> tuple[float, float]:
 
 
 class HeldHeight:
-    """Stores the height to hold while the throttle is centred, as soon as the vehicle is slow (MPC_HOLD_MAX_Z)."""
+    """Stores the height to hold, when the throttle is centred and the vehicle is slow (MPC_HOLD_MAX_Z)."""
 
     def __init__(self) -> None:
         self._z = NAN

@@ -11,7 +11,7 @@ from foundation.frames import Vec3, wrap_pi
 
 CLIMBED_M = 0.5  # a climb ends this far below its target
 TURN_TO_COURSE_M = 3.0  # nearer to the waypoint, the vehicle keeps its heading
-LAND_OVER_M = 1.0  # acceptance radius of landings and loiters
+LAND_OVER_M = 1.0  # acceptance radius of LAND and LOITER
 
 
 class Mission(Mode):
@@ -37,7 +37,7 @@ class Mission(Mode):
         self._land = Land()
 
     def rewind(self, item: int = 0) -> None:
-        """Continue here when the mode is next entered."""
+        """Continue at `item` when the mode is next entered."""
         self.current, self.complete, self.begun = item, False, item > 0
         self._jumps.clear()
 
