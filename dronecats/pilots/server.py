@@ -135,7 +135,7 @@ def completion(model: str, body: bytes, prompt: str, images: list[bytes], text: 
     return {
         "id": "chatcmpl-" + hashlib.sha256(body).hexdigest()[:24],
         "object": "chat.completion",
-        "created": 0,  # no wall clock in a deterministic reply
+        "created": 0,  # deterministic
         "model": model,
         "choices": [{"index": 0, "message": {"role": "assistant", "content": text}, "finish_reason": "stop"}],
         "usage": {
@@ -154,7 +154,7 @@ class _Http(ThreadingHTTPServer):
     owned_by: str
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Print no error: usually a client has disconnected during a request."""
+        """Print no error: the usual cause is a client that disconnected during its request."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -164,7 +164,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def setup(self) -> None:
         super().setup()
-        # send header and body in one segment, without waiting for an acknowledgement
+        # send a reply at once, without waiting for the client to acknowledge the previous one
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def do_GET(self) -> None:
@@ -192,14 +192,14 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.OK, completion(self.server.name, body, prompt, images, text))
 
     def _body(self) -> bytes | None:
-        """Return the request body; None for an invalid one. Then the connection closes, after an error if possible."""
+        """Return the request body; None, and the connection closes, if the length is missing, too large or wrong."""
         declared = self.headers.get("Content-Length", "")
         if not (declared.isascii() and declared.isdigit()) or len(declared) > 18:
             self.close_connection = True
             self._refuse(HTTPStatus.LENGTH_REQUIRED, "The request needs a Content-Length.")
             return None
         if int(declared) > MAX_BODY_BYTES:
-            self._discard(min(int(declared), 4 * MAX_BODY_BYTES))  # a client that still writes would not read the error
+            self._discard(min(int(declared), 4 * MAX_BODY_BYTES))  # a client reads the error only after its request
             self.close_connection = True
             self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"A body has at most {MAX_BODY_BYTES} bytes.")
             return None

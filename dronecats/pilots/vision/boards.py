@@ -1,9 +1,9 @@
 """Finds notice boards of any paint, and chooses the actions of a drone whose goal is a notice board.
 
-A board is a plain rectangle near the horizon with two thin posts below it. The code assumes these dimensions: with its
-frame, a board is about 0.86 m high and up to 1.3 m wide; its lower edge is 0.72 m above the ground; its posts stand a
-little inside its sides. The apparent height does not depend on the viewing angle, so it gives the distance. The width
-gives the viewing angle.
+A board is a plain rectangle near the horizon with two thin posts below it. Assumed dimensions: with its frame, a board
+is about 0.86 m high and up to 1.3 m wide; its lower edge is 0.72 m above the ground; its posts stand a little inside
+its sides. The apparent height does not depend on the viewing angle, so it gives the distance. The apparent width gives
+the viewing angle.
 """
 
 import math
@@ -22,24 +22,24 @@ from dronecats.pilots.vision.ocr import ReadText
 from dronecats.pilots.vision.ranging import CAMERA_AHEAD_M
 from foundation.protocol import NEAR_M, STRIDE_MAX_M, STRIDE_MIN_M
 
-HEIGHT_M, WIDTH_M = 0.86, 1.26  # height and width of a board with its frame
-_LEVEL_STEP = 8  # grey levels between two thresholds
-_TOLERANCES = (6.0, 9.0, 13.0, 18.0, 24.0, 32.0)  # limits of color_difference within a board (sun, shade, letters)
+HEIGHT_M, WIDTH_M = 0.86, 1.26  # of a board with its frame
+_LEVEL_STEP = 8  # step between two thresholds of a Lab channel (0 … 255)
+_TOLERANCES = (6.0, 9.0, 13.0, 18.0, 24.0, 32.0)  # limits of color_difference that `find_of_color` tries
 _LEAST_PX = (4, 5)  # width and height that a board has at least
 _FARTHEST_M = 48.0
 _WIDEST = 1.75  # a board is at most this many times as wide as it is high; a long word makes it wider
 _FILLED = 0.5  # at least this share of a board's rectangle is paint and not letters
-_TOP_RANGE = (-0.7, 1.25)  # upper edge below the horizon, in board heights; the camera is 1 … 2.4 m high and pitches
+_TOP_RANGE = (-0.7, 1.25)  # distance of the upper edge below the horizon, in board heights, for cameras at 1 … 2.4 m
 _BAND_FROM = 0.3  # fraction of the picture's height; the search uses the rows below
 _SAME_OVERLAP = 0.5  # overlap above which two rectangles are the same board
-_POST = 0.73  # distance of the posts from the board's middle, in half widths
-_POST_OFF = 14.0  # grey levels by which the posts differ at least from the ground between them
+_POST = 0.73  # distance of the posts from the board's middle, in half board widths
+_POST_OFF = 14.0  # the posts differ from the ground between them by more than this many grey levels
 _POST_FROM, _POST_TO = 0.15, 0.72  # rows of the posts, in board heights below the lower edge
 _READ_M = 9.0  # within this distance, letters are large enough to read
-_ARRIVED_M = 4.55  # distance from the body to the board's middle on arrival; the verifier's radius is 5 m
+_ARRIVED_M = 4.55  # the drone declares within this distance of a board's middle; success needs 5 m
 _STOP_M = 3.3  # distance from the camera to the board at the end of the last stride
-_BELOW_M = 1.0  # the camera is at most this high above a board's middle
-_LINE_ROWS = (0.27, 0.73)  # rows of a single line, in board heights
+_BELOW_M = 1.0  # assumed height of the camera above a board's middle, an upper limit
+_LINE_ROWS = (0.27, 0.73)  # rows of the text on a board with one line, in board heights
 _STRETCH_MAX = 3.0
 
 Color = tuple[float, float, float]  # CIE Lab on OpenCV's 8-bit scale
@@ -167,7 +167,7 @@ def _on_posts(grey: NDArray[np.float32], box: _Box) -> bool:
 
 
 def decide(picture: Picture, board: Candidate, wanted: Inscription) -> str:
-    """Return the next action of a drone that sees its board: `think` at another board, a stride, or a declaration."""
+    """Return the next action of a drone that sees its board: `think` at a wrong text, a stride, or a declaration."""
     is_wanted = ocr.matches(wanted, read_board(picture, board)) if board.spot.ahead_m <= _READ_M else None
     if is_wanted is False:
         return actions.think()
@@ -176,7 +176,7 @@ def decide(picture: Picture, board: Candidate, wanted: Inscription) -> str:
 
 
 def stride_towards(spot: GroundPoint) -> str:
-    """Return a stride towards a point. The last stride ends _STOP_M before it; a full stride has the true depth."""
+    """Return a stride to a point. A full stride has the point's depth; the last one stops _STOP_M before the point."""
     u = 500.0 + 500.0 * spot.right_m / spot.ahead_m
     travel = spot.ahead_m - _STOP_M
     if travel >= STRIDE_MAX_M + STRIDE_MIN_M:

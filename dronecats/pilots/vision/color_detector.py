@@ -22,27 +22,27 @@ from dronecats.pilots.vision.ranging import BoundingBox, Range
 
 KINDS = ("suv", "sedan", "hatchback", "pickup", "van", "bus", "motorcycle", "cyclist", "quadrotor")
 COLORS = ("cyan", "red", "yellow", "orange", "blue", "green", "purple", "pink", "brown")
-SIDE = 16  # cells of a resampled patch, high and wide
+SIDE = 16  # a patch is resampled to SIDE × SIDE cells
 CHANNELS = 7  # CIE L, u, v; mask of the colour; gradient of L across, and down; 1 inside the picture and 0 outside
-MARGIN = 0.35  # margin on each side of the rectangle, as a fraction of its width or height
+MARGIN = 0.35  # margin on each side of a patch's rectangle, as a fraction of the rectangle's width or height
 MARGIN_PX = 3.0  # the margin has at least this width
-BOX_FEATURES = 17  # numbers that describe the rectangle
+BOX_FEATURES = 17  # numbers that describe the rectangle and its estimated distance
 LENGTH = SIDE * SIDE * CHANNELS + BOX_FEATURES + len(KINDS) + len(COLORS)
 _GRADIENT = 3.0  # factor that brings gradients to the magnitude of colours
 _PICTURE_EDGE = 0.005  # fraction of the picture's width; a rectangle closer to an edge touches that edge
-_FACTOR_LIMIT_LOG = 0.7  # log of the largest factor that corrects the distance
+_FACTOR_LIMIT_LOG = 0.7  # the log of the factor on the distance is clipped to ± this
 
 _SMALLEST_PX = 20  # a patch has at least this many pixels (640 × 360 picture), like a vehicle at about 60 m
-_FARTHEST_M = 42.0  # m; at larger depths, specks of any colour have the right size
+_FARTHEST_M = 42.0  # farther patches are ignored, because specks of any colour have the right size there
 _MOST_PATCHES = 12
-_SAME_TINT = math.cos(math.radians(14.0))  # a paint's tints in sun and shade differ by less; grass differs more
+_SAME_TINT = math.cos(math.radians(14.0))  # sun and shade turn a paint's tint by less than 14°; grass differs more
 _LEAST_SCORE = 0.08  # a detection without the network needs at least this score
 _LIKELY_SCORE = 0.35  # a detection by the network needs at least this score
-_EXPECTED_SCORE = 0.12  # the same at the expected place
+_EXPECTED_SCORE = 0.12  # at the expected place, this score is enough
 _EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # tolerances: fraction of the picture's width, log of the depth
 _EXPECTED_PREFERENCE = 3.0  # factor on the rank of a detection at the expected place
 _AREA_POWER = 0.3  # exponent of a patch's number of pixels in the rank; larger patches are preferred
-_HORIZON_SLACK = 0.05  # with pitch, a thing's foot may be above the picture's middle by this share of its width
+_HORIZON_SLACK = 0.05  # a pitched camera may see a thing's foot this far above the middle, as a share of the width
 
 
 class PatchNetwork(Network):
@@ -109,7 +109,7 @@ class Detection:
     box: BoundingBox
     range: Range
     score: float  # 0 … 1
-    lean: float = 0.0  # height of the upper edge: left third minus right third, as a fraction of the picture's width
+    lean: float = 0.0  # (upper edge of the right third − upper edge of the left third, y down) / picture width
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,9 +141,9 @@ def find(
     expected: ExpectedPlace | None = None,
     network: PatchNetwork | None = None,
 ) -> Detection | None:
-    """Return the best detection of a referent in a BGR picture about 640 px wide; None without a detection.
+    """Return the best detection of a referent (the thing that the command names); None without a detection.
 
-    expected: detections at this place are preferred. network: None for the shipped network.
+    picture: BGR, about 640 px wide. expected: detections there are preferred. network: None for the shipped network.
     """
     if referent.size.outline in KINDS and referent.color in COLORS:
         detections = _detect_by_look(picture, referent, expected, network or PatchNetwork.shipped())
@@ -202,7 +202,7 @@ def _detect_by_look(
 
 
 def _lean(core: tuple[int, int, int, int], where: colors.Mask) -> float:
-    """Return how much lower (px) the upper edge is in the right third than in the left third."""
+    """Return `Detection.lean` in px."""
     left, top, right, bottom = core
     region = where[top:bottom, left:right]
     third = max(1, (right - left) // 3)
@@ -239,10 +239,9 @@ def _blobs(picture: colors.Picture, mask: colors.Mask, color: str) -> Iterator[t
 
 
 def _grouped(stats: NDArray[np.int32], count: int, tint: NDArray[np.float64] | None) -> list[_Blob]:
-    """Return the largest patches of colour, each joined with its parts.
+    """Return the largest patches of colour, each joined with the patches of the same tint that are near it.
 
-    Glass, pillars and trim divide the paint of one vehicle into roof, doors and bonnet. Patches of the same tint that
-    are near a large patch are joined to it.
+    Glass, pillars and trim divide the paint of one vehicle into roof, doors and bonnet.
     """
     blobs: list[_Blob] = []
     order = sorted(range(1, count), key=lambda i: (-int(stats[i, cv2.CC_STAT_AREA]), i))
@@ -315,7 +314,7 @@ def _bounding_box(core: tuple[int, int, int, int], width: int, height: int) -> B
 
 
 def _core(blob: _Blob, where: colors.Mask) -> tuple[int, int, int, int]:
-    """Return the rectangle of a blob without thin outliers: 0.6 % of its pixels are cut off on each side."""
+    """Return the rectangle of a blob without thin outliers: 0.6 % of the pixels are cut off on each side."""
     region = where[blob.top : blob.bottom, blob.left : blob.right]
     columns, rows = np.cumsum(region.sum(axis=0)), np.cumsum(region.sum(axis=1))
     total = columns[-1]

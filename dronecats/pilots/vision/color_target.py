@@ -1,13 +1,13 @@
 """Chooses the action for a target that the command names by its colour and kind: "the cyan SUV".
 
-The drone aims ahead of moving targets, and flies round the end of long targets. Each of these tasks needs a value from
-the previous step. The pilot has no memory, but the prompt's history repeats the depth of each stride. Therefore depths
+The drone aims ahead of moving targets, and flies round the end of long targets. Both tasks need a value from the
+previous step. The pilot has no memory, but the prompt's history repeats the depth of each stride. Therefore depths
 encode the values:
 
 - The last digit of a long stride's depth encodes the lead: the offset by which the stride aimed beside the target. From
   the lead and the next picture, the pilot computes how far the target has moved sideways.
-- The depths _RIGHT_M and _LEFT_M encode the side on which the drone passes a long target. The end of a long target (a
-  bus) is farther from its middle than the radius of success, so the drone must fly to the flank.
+- The depths _RIGHT_M and _LEFT_M encode the side on which the drone passes a long target (a bus). Success needs a place
+  near the target's middle. The ends are too far from the middle, so the drone must fly to a flank.
 """
 
 import math
@@ -27,8 +27,8 @@ _LEAD_STEP = 0.03  # lead per unit of the digit, as a fraction of the picture's 
 _NO_LEAD = 5  # the digit for no lead
 _STILL_M = 0.4  # a target moves if its sideways motion during a stride is at least this; less is the drone's own drift
 _MOST_ACROSS_M = 1.2  # limit of the sideways motion during a stride: 0.3 m/s for 4 s, the time of a turn and a stride
-_MOST_STRIDES = 2.0  # the pilot looks ahead by at most this many strides
-_SHORT_OF_M = 4.0  # distance from the target at which the last stride ends
+_MOST_STRIDES = 2.0  # the lead covers the target's motion during at most this many strides
+_SHORT_OF_M = 4.0  # distance from the target at which the last stride is assumed to end
 LONG_M = 7.0  # a thing is long from this length on
 _END_REACH_M = 3.2  # the drone passes the near end of a long thing if the end is at least this far from the middle
 _LONG_WITHIN_M = 20.0  # at larger distances the drone flies straight to a long thing
@@ -36,7 +36,7 @@ _CLEAR_M = 1.9  # distance between the drone's path and the edge of the thing
 _RIGHT_M, _LEFT_M = 5.1, 5.2  # depths of a 3 m stride that passes the thing on its right, or on its left
 _FLANK_TURN_DEG = 60.0
 FLANK_DISTANCE_M = 4.0  # distance from a passing drone to the flank
-_PASSING_OFFSET = 0.08  # fraction of the picture's width; the drone already passes a thing this far off the middle
+_PASSING_OFFSET = 0.08  # fraction of the picture's width; the drone already passes a thing this far beside the middle
 _CUT_OFF = 0.49  # fraction of the picture's width; the picture cuts off a thing that reaches farther from the middle
 
 
@@ -56,7 +56,7 @@ def decode_lead(past: tuple[PastAction, ...]) -> float | None:
 
 
 def expected_place(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
-    """Return where a still target is expected after a long stride to it; None if the last action was another."""
+    """Return where a still target is expected after a long stride to it; None after any other action."""
     lead = decode_lead(past)
     if lead is None:
         return None
@@ -65,7 +65,7 @@ def expected_place(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
 
 
 def compute_lead(detection: Detection, past: tuple[PastAction, ...]) -> float:
-    """Return the lead: how far to aim beside the detection, as a fraction of the picture's width, + right."""
+    """Return the lead for the next stride (fraction of the picture's width, + right)."""
     before = decode_lead(past)
     if before is None:
         return 0.0
@@ -101,7 +101,7 @@ def passing_side(past: tuple[PastAction, ...]) -> int:
 def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
     """Return a stride past the near end, on the flank's side.
 
-    The flank's upper edge drops away from the near end, so the sign of `Detection.lean` gives the flank's side.
+    In the picture, the flank's upper edge drops with distance, so the sign of `Detection.lean` gives the flank's side.
     """
     box = detection.box
     middle = 0.5 * (box.left + box.right)
@@ -110,7 +110,7 @@ def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
     outer = box.right if side > 0 else -box.left
     if outer > _CUT_OFF:  # the thing fills the picture on that side
         side, outer = -side, -box.left if side > 0 else box.right
-    # `near`: depth of the near end; of the far end if the near end is already beside the drone
+    # `near`: depth of the near end, or of the far end if the near end is already beside the drone
     beside_it = (box.left < -_CUT_OFF) if side > 0 else (box.right > _CUT_OFF)
     near = max(2.0, detection.range.depth_m + (_END_REACH_M if beside_it else -_END_REACH_M))
     return _coded_stride(side * min(_CUT_OFF, outer + _CLEAR_M * FOCAL_PER_WIDTH / near), side)
@@ -130,7 +130,7 @@ def stride_along_flank(detection: Detection, past: tuple[PastAction, ...]) -> st
 
 
 def turn_to_flank(past: tuple[PastAction, ...]) -> str | None:
-    """Return a turn to the thing that the last action, a stride, passed; None for another last action."""
+    """Return a turn to the thing if the last action was a stride past it; else None."""
     side = passing_side(past)
     return actions.rotate(-_FLANK_TURN_DEG * side) if side and past[-1].kind == GO else None
 
@@ -146,17 +146,17 @@ def _coded_stride(x: float, side: int) -> str:
     return actions.go(500.0 + 1000.0 * x, 500.0, _RIGHT_M if side > 0 else _LEFT_M)
 
 
-# Arrival. The verifier's radius is 5 m around the target's centre; the margin is for the error of the estimate.
+# Arrival. A flight succeeds within 5 m of the target's centre; the margin is for the error of the estimate.
 ARRIVED_M = 4.6
-_STOP_M = 3.8  # distance at which a stride ends; the drone then drifts on for about half a metre
+_STOP_M = 3.8  # distance from the target at which a stride ends; the drone then drifts on for about half a metre
 _CAREFUL_M = 9.0  # within this distance strides are short: the estimate may be wrong, and the target may approach
 _FILLS = 0.6  # fraction of the picture's width; a wider thing fills the picture
 _EDGE = 0.015  # fraction of the picture's width; the picture's edge cuts off a thing this near to the edge
 _AHEAD_M = 6.0  # the drone flies one more stride to an undetected target that is expected beyond this
 _LOST_M = 12.0  # a detection farther away than this after a declaration is not the target
-_FIRST_CIRCLE_SCORE_MIN = 0.6  # during the first circle, a detection needs at least this score
+_FIRST_CIRCLE_SCORE_MIN = 0.6  # while the drone has only turned so far, a detection needs at least this score
 
-# Height. The controller ignores slopes under 0.15. Near the target, slopes under _LEVEL_BELOW are reduced to _LEVEL.
+# Height. The controller flies level below a slope of 0.15, so near the target slopes under _LEVEL_BELOW become _LEVEL.
 _LEVEL, _LEVEL_BELOW = 0.14, 0.30
 _LEVEL_WITHIN_M = 7.0
 
@@ -246,7 +246,7 @@ def _was_last_stride(past: tuple[PastAction, ...]) -> bool:
 
 
 def _approach(detection: Detection, aspect: float, past: tuple[PastAction, ...]) -> str:
-    """Return a stride towards the detection, or ahead of a target that moves sideways; it ends before the target."""
+    """Return a stride that ends before the detected target. It aims ahead of a target that moves sideways."""
     if detection.range.distance_m < _CAREFUL_M:
         return _toward(detection, aspect, _depth_for(detection.range))
     aside = compute_lead(detection, past)

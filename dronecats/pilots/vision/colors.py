@@ -70,7 +70,7 @@ def saturation(picture: Picture) -> NDArray[np.uint8]:
 
 
 def tint(picture: Picture, labels: NDArray[np.int32], count: int) -> NDArray[np.float64]:
-    """Return the mean direction of each label in the colour plane of CIE Lab, as unit vectors (count, 2)."""
+    """Return each labelled region's mean colour as a unit vector in the a-b plane of CIE Lab: (count, 2)."""
     lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
     flat = labels.ravel()
     plane = [np.bincount(flat, lab[:, :, k].ravel().astype(np.float64) - 128.0, count) for k in (1, 2)]

@@ -194,7 +194,7 @@ _OUTERMOST = re.compile(r"\b(left|right)\s?-?most\b")
 class Inscription:
     """The text on the target."""
 
-    text: str  # in the form of `plain_text`
+    text: str  # only letters and digits, as `plain_text` returns
     on_plate: bool  # True: on a vehicle's plate; False: on a board
 
 

@@ -1,15 +1,15 @@
 """Assigns to each drone of a fleet one of the things that the drones' pictures show.
 
-The drones are about a stride apart and have the same heading. The coordinate frames of two drones therefore differ
-by a shift of a few metres at most.
+The drones are about a stride apart and have the same heading. Their coordinate frames therefore differ by a shift of a
+few metres at most.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-_APART_M = 4.2  # the largest distance between two drones, including the error of the estimates
-# m, and m per metre of the thing's distance: the sum is the limit of the gap between two drones' points of one thing
+_APART_M = 4.2  # largest shift between two drones' frames, including the error of the estimates
+# two drones' points of one thing differ by less than _TOLERANCE_M + _TOLERANCE_PER_M × the thing's distance
 _TOLERANCE_M, _TOLERANCE_PER_M = 0.8, 0.09
 
 
@@ -17,8 +17,8 @@ _TOLERANCE_M, _TOLERANCE_PER_M = 0.8, 0.09
 class GroundPoint:
     """A point on the ground, in the frame of one drone's camera."""
 
-    right_m: float  # m, right of the optical axis
-    ahead_m: float  # m, along the optical axis
+    right_m: float  # right of the optical axis
+    ahead_m: float  # along the optical axis
 
     @property
     def bearing_rad(self) -> float:
@@ -33,7 +33,7 @@ class GroundPoint:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A thing in one drone's picture that may carry the inscription."""
+    """A thing in one drone's picture that may carry the wanted inscription."""
 
     left: int  # px
     top: int  # px
@@ -57,10 +57,10 @@ class _SharedThing:
 
 
 def assign_things(views: Sequence[Sequence[GroundPoint]]) -> list[GroundPoint | None]:
-    """Return each drone's own thing, in that drone's frame; all None if no picture shows a thing.
+    """Return the thing that each drone flies to, in that drone's frame; all None if no picture shows a thing.
 
-    Drone k gets the k-th thing from the left. With fewer things than drones, the order starts again at the left.
-    views: the things of each drone's picture, in picture order.
+    Drone k gets the k-th thing from the left. If there are more things than drones, things that few pictures show are
+    left out; if there are fewer, the order starts again at the left.
     """
     order = sorted(range(len(views)), key=lambda k: (-len(views[k]), k))
     shared: list[_SharedThing] = []

@@ -1,9 +1,9 @@
 """Chooses the actions for a target that the command names by an inscription. Several things look like the target.
 
-One request has the pictures of all drones. Each drone flies to its own thing and reads it. The drone declares if the
-thing has the wanted inscription; otherwise it hovers (`think`). The pilot has no memory. It recognises a drone's own
-thing by the drone's last action: after a `go`, the thing is straight ahead, and the distance left is the depth of the
-`go` minus the stride.
+One request has the pictures of all drones. Each drone flies to a thing of its own and reads it. The drone declares
+(`finished`) if the thing has the wanted inscription; otherwise it hovers (`think`). The pilot has no memory. It
+recognises a drone's own thing by the drone's last action: after a `go`, the thing is straight ahead, and the distance
+left is the depth of the `go` minus the stride.
 """
 
 import math
@@ -21,24 +21,24 @@ from dronecats.pilots.vision.division import Candidate, GroundPoint, assign_thin
 from foundation.protocol import GO, HISTORY_LENGTH, NEAR_M, ROTATE, STRIDE_MAX_M, THINK
 
 Past = tuple[PastAction, ...]
-OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone, its candidates) → its own thing
+OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone, candidates) → its own thing
 
-# Tolerated changes of a drone's own thing between two pictures: bearing if far, bearing if near, log of distance
+# Tolerances that identify a drone's own thing: bearing if far, bearing if near, log(distance / expected distance)
 _ASIDE_RAD, _NEAR_ASIDE_RAD, _DISTANCE_LOG = math.radians(4.0), math.radians(8.0), 0.3
 _DETOUR_FACTOR = 3.0  # factor on the tolerance of the bearing if the path leads round a vehicle
-_MISMATCH_MAX = 3.0  # a drone's own thing may change by up to this multiple of these tolerances
-_NEAR_THING_M = 16.0  # within this distance, the path may lead past the thing
+_MISMATCH_MAX = 3.0  # a drone's own thing is at most this multiple of the tolerances away from its expected place
+_NEAR_THING_M = 16.0  # from this distance on, a thing is far; the path may lead past a nearer one
 _BACK_DEG = 50.0  # turn to look for a lost thing
 _THINKS_MAX = 2  # `think` actions after reading a plate; then the drone turns, to find vehicles not yet in a picture
 _OTHER_M = 7.0  # a drone that looks for another thing skips things nearer than this, because it has read them
 _LOST_M = 16.0  # a drone that turns to its lost thing accepts only things nearer than this
-_SHORT_OF_M = 6.0  # after a short stride to a thing, the thing is within this distance, apart from errors of estimates
+_SHORT_OF_M = 6.0  # after a short stride, a drone's own thing should be within this distance
 _WANDER_M = 8.0  # depth of a stride to another place
 _NEXT_THING_TURN_DEG = 60.0  # turn to look for the next thing after reading one
 _SAME_LOOKS = 26.0  # largest boards.color_difference between sun and shade of the same paint
 DULL = ("brown",)  # tried only if no other paint fits: bricks and tree trunks have this colour too
 VIVID = tuple(color for color, band in colors.BANDS.items() if band.vivid and color not in DULL)
-_LOOK_ALIKES = 4  # the usual number of candidates; at most this many count in a picture
+_LOOK_ALIKES = 4  # usual number of things that look alike; of a picture with more, only this many count
 _ENOUGH_SCORE = 0.75  # if a paint reaches this total score per picture, DULL paints are not tried
 
 
@@ -70,7 +70,7 @@ def first_destination(view: Sequence[Candidate], which: int | None) -> GroundPoi
 
 
 def is_settled(past: Past, rests: int = HISTORY_LENGTH) -> bool:
-    """Return whether a drone's last actions are all `think` (it has read its thing) or all turns (it finds none)."""
+    """Return whether the last `rests` actions are all `think` (the drone has read its thing) or all turns."""
     kinds = {action.kind for action in past[-rests:]}
     return len(past) >= rests and kinds in ({THINK}, {ROTATE})
 
@@ -145,7 +145,7 @@ def find_candidates(
 
 
 def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidate | None) -> list[list[Candidate]]:
-    """Return the vehicles of the best paint: it has the best score over the drones' own vehicles, then over all."""
+    """Return the vehicles of the paint with the best score of the drones' own vehicles; if equal, of all vehicles."""
     best: list[list[Candidate]] = [[] for _ in pictures]
     most = (0.0, 0.0)
     for color in (*VIVID, *DULL):
@@ -155,7 +155,7 @@ def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidat
         views = [[_vehicle_candidate(d, p) for d in color_detector.find_all(p, referent)] for p in pictures]
         own_things = [own(k, view) for k, view in enumerate(views)] if own else []
         rank = (
-            sum(c.score * c.size_px for c in own_things if c),  # by size: a near vehicle is larger than a brick
+            sum(c.score * c.size_px for c in own_things if c),  # × size: a near vehicle is larger than a brick
             sum(sum(sorted((c.score for c in view), reverse=True)[:_LOOK_ALIKES]) for view in views),
         )
         if rank > most:
@@ -177,7 +177,7 @@ def _find_boards(pictures: Sequence[Picture]) -> list[list[Candidate]]:
     all_boards = [board for view in views for board in view]
     if not all_boards:
         return [[] for _ in pictures]
-    # the candidates look alike: choose the colour with the most boards, counted up to _LOOK_ALIKES per picture
+    # choose the colour with the most boards, counted up to _LOOK_ALIKES per picture
     board_colors = np.array([b.color for b in all_boards], np.float32)
     view_of_board = np.repeat(np.arange(len(views)), [len(view) for view in views])
     same = [boards.color_difference(board_colors, b.color) < _SAME_LOOKS for b in all_boards]

@@ -1,4 +1,4 @@
-"""Small networks of the vision pilot, with one hidden layer of rectified linear units, and their files."""
+"""Loads, evaluates and saves the vision pilot's networks: one hidden layer of rectified linear units."""
 
 from dataclasses import dataclass, fields
 from functools import cache

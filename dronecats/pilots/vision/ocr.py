@@ -17,8 +17,8 @@ from dronecats.pilots.vision.command import Inscription, plain_text
 from foundation import extras
 
 SURE_CONFIDENCE = 0.90  # least confidence of a sure reading; wrong readings at short distance have less
-_ENLARGED = 4.0  # enlargement: letters of 8 px get the size that the models expect
-_LARGEST_PX = 960  # longer side of an enlarged part
+_ENLARGED = 4.0  # largest enlargement: letters of 8 px get the size that the models expect
+_LARGEST_PX = 960  # the longer side of an enlarged part has at most this length
 _LEAST_PX = 6  # a line is read only if its height and its width are at least this
 
 
@@ -53,7 +53,7 @@ def check_installed() -> None:
 
 @cache
 def _engine() -> Any:
-    """Return the OCR engine, one per process. Raises UsageError if one of its packages is not installed."""
+    """Return the OCR engine, one per process."""
     check_installed()
     from rapidocr import RapidOCR
 

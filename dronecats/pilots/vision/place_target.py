@@ -1,8 +1,8 @@
 """Chooses the action for a target that the command names by its place: "the bench left of the fountain".
 
 The pilot searches each picture anew. The history has the drone's last action. After a `go` the target is straight
-ahead, nearer by the length of the stride. The detector cannot find landmarks without a known shape, such as halls. With
-such a landmark, every thing of the target's kind may be the target: the drone visits these things and declares at each.
+ahead, nearer by the length of the stride. The detector cannot find landmarks without a known shape, such as halls. If
+the command names such a landmark, the drone visits things of the target's kind and declares at each thing.
 """
 
 import itertools
@@ -22,19 +22,19 @@ FloorPoint = tuple[float, float]  # m, (right, ahead) in the ground plane, from 
 
 BESIDE_M = 12.0  # `left of`, `right of`, `in front of` and `behind` hold fully up to this distance from the landmark
 NEAREST_M = 25.0  # `nearest to` holds fully up to this distance from the landmark
-_ARRIVED_M = 4.6  # horizontal distance from the body; the verifier's radius is 5 m in three dimensions
+_ARRIVED_M = 4.6  # the drone declares within this horizontal distance; success needs 5 m in three dimensions
 _STOP_M = 4.1  # intended distance from the target at the end of the last stride
 _CLOSER_M = 2.2  # distance to the thing's edge above which the drone comes closer before it declares again
 _CAREFUL_M = 9.0  # within this distance strides are short
 _SURE, _LIKELY = 0.3, -0.9  # log odds from which a thing is chosen, and from which a chosen thing is kept
-_FOLLOWS_DEG, _FOLLOWS_M = 8.0, 1.8  # after a stride, largest offset of the chosen thing from the nose
-_FOLLOWS_LOG = 0.45  # after a stride, largest log ratio of detected and expected distance of the chosen thing
+_FOLLOWS_DEG, _FOLLOWS_M = 8.0, 1.8  # a chosen thing is at most this far off the nose (the larger counts)
+_FOLLOWS_LOG = 0.45  # after a stride, largest |log(detected / expected distance)| of the chosen thing
 _MARK_BONUS = 0.7  # added to the log odds of a landmark, which may be less certain than the target
 _WEIGHT = 7.0  # log odds that a fulfilled relation adds
 _VISITED_M = 6.5  # after the first step, a thing nearer than this counts as visited
 _LEAVE_DEG = 75.0  # turn away from a wrong target
 _ASIDE_DEG = 44.0  # angle off the direct way, to pass an obstacle
-_BLOCKED_AFTER = 3  # strides without progress that mean an obstacle
+_BLOCKED_AFTER = 3  # after this many strides without progress, the drone flies round an obstacle
 _KINDS_FOR = {"fountain": ("fountain", "tiered-fountain")}  # words that may mean several kinds
 
 
@@ -90,8 +90,8 @@ def _follow(
 ) -> str:
     """Return the next action towards the thing of the last stride.
 
-    Without a detection, the drone declares if it should have arrived, and flies on if the thing is near or was in the
-    first picture. Otherwise it chooses anew.
+    Without a detection, the drone declares if it should have arrived. It flies on if the thing should be near, or if
+    the first picture showed the target. Otherwise it chooses a thing anew.
     """
     last = past[-1]
     stride = STRIDE_MAX_M if last.depth_m >= NEAR_M else NEAR_SCALE * last.depth_m
@@ -141,12 +141,12 @@ def _choose(
     detections: list[PlacedThing],
 ) -> str:
     """Return a `go` to the most likely target; without a likely target, a search action."""
-    # no episode starts this near to its target, so the drone has already visited these things
+    # no episode starts within _VISITED_M of its target, so the drone has already visited nearer things
     open_to = [t for t in wanted if not (past and _away_m(t) < _VISITED_M)]
     turns = search.count_trailing(past, ROTATE)
     ranked = sorted(((_log_odds(t, expression, detections), t) for t in open_to), key=lambda pair: -pair[0])
-    # If the command says to search, the first picture does not show the target. During the first circle the drone
-    # accepts only a thing whose relation to its landmark holds.
+    # If the command says to search, the first picture does not show the target. During the first full turn the
+    # drone accepts only a thing for which the relation to the landmark holds.
     has_known_landmarks = all(mark.kind for mark in expression.landmarks)
     first_circle = expression.needs_search and turns == len(past) and turns < search.CIRCLE_TURNS
     least = _SURE + 0.3 * _WEIGHT if first_circle and has_known_landmarks else _SURE
@@ -166,7 +166,6 @@ def _choose(
 
 
 def _log_odds(detection: PlacedThing, expression: PlaceExpression, detections: Iterable[PlacedThing]) -> float:
-    """Return the log odds that a thing is the target."""
     landmarks = [
         [t for t in detections if mark.kind and t.kind in _kinds_for(mark.kind) and t is not detection]
         for mark in expression.landmarks

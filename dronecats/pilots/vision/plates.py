@@ -1,15 +1,14 @@
 """Finds and reads number plates, and chooses the actions of a drone whose goal is a parked vehicle.
 
-The drone flies to a vantage point before the vehicle's nearer end, reads the plate, and declares or hovers. The
-vehicle's width in the picture gives its heading: the picture shows its length from the side, and its breadth from an
-end. A plate left or right of the vehicle's middle shows on which side the nearer end is.
+The drone flies to a vantage point in front of the vehicle's nearer end, reads the plate, and declares or hovers. The
+vehicle's width in the picture gives the heading: a side view shows the whole length, an end view only the breadth. A
+plate left or right of the vehicle's middle shows on which side the nearer end is.
 
-The next step needs two values, which the `go` encodes:
+The pilot has no memory, so each `go` encodes two values for the next step:
 
-- Its point is a little below the horizon if the vehicle will be to the right of the path, and a little above if the
+- The point is a little below the horizon if the vehicle will be to the right of the path, and a little above if the
   vehicle will be to the left. These slopes are too small for a climb or descent.
-- Its depth is less than _READ_DEPTH_M if the pilot has read the wanted plate. The plate leaves the picture during that
-  stride.
+- The depth is less than _READ_DEPTH_M if the pilot has read the wanted plate, which leaves the picture in that stride.
 """
 
 import math
@@ -38,17 +37,17 @@ _FILLED = 0.5  # at least this share of a plate's rectangle is pale and not digi
 _READABLE_PX = 9  # a plate is read only if it is at least this high; its digits are then 5.6 px high
 _MOST_READ = 5  # rectangles to read per vehicle
 _SAME_PX = 3  # at two thresholds, the edges of the same rectangle differ by at most this
-VANTAGE_OFF_M = 2.6  # distance from a vehicle's end to the vantage point; near enough to read the plate
+VANTAGE_OFF_M = 2.6  # distance from a vehicle's end to the vantage point
 _END_SHARE = 0.12  # a plate off the middle by this share of the vehicle's width shows which side the nearer end is on
 _LOOK_M = 16.0  # within this distance, the drone flies to an end of the vehicle; beyond it, to the middle
-_ARRIVED_M = 4.5  # horizontal distance from the body to the vehicle's middle; the verifier's radius is 5 m
+_ARRIVED_M = 4.5  # the drone declares within this horizontal distance of the vehicle's middle; success needs 5 m
 _TOO_FAR_M = 0.15  # the drone flies one more stride if it is farther than this from _ARRIVED_M
 _READ_M = 2.4  # the drone comes no nearer than this to an unread plate
 _READ_DEPTH_M = 3.05  # a `go` with less depth means that the wanted plate was read
 _AT_VANTAGE_M = 1.4  # within this distance of a vantage point, the drone has arrived there
 _FACING_RAD = math.radians(12.0)  # the drone faces a vehicle whose bearing is at most this
 _WIDEST_RAD = math.radians(40.0)  # a stride has at most this bearing
-_ROW = 18.0  # 0–1000, offset of a point above or below the horizon: a slope of 0.05 at most
+_ROW = 18.0  # offset of a `go` point above or below the horizon, on a scale of 1000: a slope of 0.05 at most
 _TURN_DEG = 50.0  # turn to a lost vehicle
 _BROAD_RAD = math.radians(25.0)  # at smaller headings, the drone sees the end of a vehicle
 _UNREAD_M = 1.9  # shortest stride to an unread plate, so that the depth of the `go` is over _READ_DEPTH_M
@@ -145,7 +144,7 @@ def heading_rad(width_px: float, depth_m: float, size: Size, focal_px: float) ->
 
 
 def vantage_point(middle: GroundPoint, heading: float, nearer_end: int, size: Size) -> GroundPoint:
-    """Return the point before a vehicle's nearer end.
+    """Return the point in front of a vehicle's nearer end.
 
     heading: the result of `heading_rad`. nearer_end: -1 left, 1 right of the vehicle's middle.
     """
@@ -218,7 +217,7 @@ def _declare_again(vehicle: Candidate, past: tuple[PastAction, ...]) -> str:
 
 
 def _arrive(plate: Plate, size: Size, focal: float) -> str:
-    """Return a stride towards the wanted plate, or a declaration before it."""
+    """Return a stride towards the wanted plate, or a declaration if the drone is near enough."""
     depth = focal * HEIGHT_M / (plate.bottom - plate.top)
     travel = depth + CAMERA_AHEAD_M + 0.5 * size.length_m - _ARRIVED_M
     if travel <= _TOO_FAR_M:
@@ -240,7 +239,7 @@ def _approach_end(
         travel = focal * HEIGHT_M / (plate.bottom - plate.top) - _READ_M
         if travel > 0.4:
             return _stride_to(bearing, min(max(travel, _UNREAD_M), STRIDE_MAX_M), vehicle.spot.distance_m, 0)
-    if end == 0:  # side view: the end that the last strides went to, else the end nearer to the axis
+    if end == 0:  # side view: the end that the last strides went to, else the end nearer to the optical axis
         end = _chosen_end(past) or (-1 if vehicle.spot.bearing_rad > 0.0 else 1)
     vantage = vantage_point(vehicle.spot, heading, end, size)
     if vantage.distance_m <= _AT_VANTAGE_M or vantage.ahead_m <= 0.3:

@@ -22,12 +22,13 @@ CAMERA_AHEAD_M = 0.5
 _DEPTHS_M = np.geomspace(1.3, 70.0, 72)
 _HEADINGS_RAD = np.radians(np.arange(0.0, 180.0, 12.0))
 _CAMERA_HEIGHTS_M = np.array((0.7, 1.0, 1.3, 1.6, 1.9, 2.2, 2.7, 3.4, 4.5, 6.0))
-_HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))  # weights; starts are at 1.2–2.2 m
+# weights of the camera heights; flights start at 1.2–2.2 m
+_HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))
 _EDGE = 0.005  # fraction of the picture width; a rectangle this near to an edge touches that edge
-_BELOW = 1.1  # points lower than this multiple of half the picture height do not widen the rectangle
+_BELOW = 1.1  # points lower than this multiple of half the picture height do not widen the predicted rectangle
 _SPREAD_LOG = 0.10  # relative standard deviation of the sizes of one kind
-_SPREAD_EDGE = 0.006  # standard deviation of lengths, of the picture width: blur, JPEG, body edges without paint
-_SPREAD_HORIZON = 0.02  # standard deviation of the horizon, of the picture width: pitch in flight, about 2.5°
+_SPREAD_EDGE = 0.006  # standard deviation of lengths, as a fraction of picture width: blur, JPEG, edges without paint
+_SPREAD_HORIZON = 0.02  # standard deviation of the horizon, as a fraction of picture width: pitch in flight, about 2.5°
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +121,7 @@ def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArr
     along = np.repeat(np.linspace(-0.5, 0.5, 6), 2) * size.length_m
     across = np.tile((0.5, -0.5), 6) * size.width_m
     waist = size.paint_from_m + 0.5 * size.paint_height_m
-    # As on a vehicle, the sill and the waist have the full footprint, and the roof has a smaller footprint.
+    # As on a vehicle, sill and waist have the full footprint, and the roof has a smaller one.
     # Points along the whole sides keep the far part in the prediction if the picture cuts off the near part.
     return (
         np.concatenate((along, along, 0.7 * along)),

@@ -28,16 +28,16 @@ WINDOW = (15, 14)  # cells, high and wide
 BELOW = 1  # cells of the window below the thing's foot
 DEPTHS_M = tuple(round(float(d), 3) for d in np.geomspace(3.2, 46.0, 22))
 HEIGHTS_M = (1.25, 1.5, 1.75, 2.0)  # camera heights above the thing's foot, in steps of one cell
-CHANNELS = 8  # CIE Luv, the gradient's magnitude, and its magnitude in four directions
+CHANNELS = 8  # CIE L, u, v; the magnitude of the gradient of L, and of its components in four directions
 
-_ABOVE, _UNDER = 9, 9  # cells of a strip above and below the horizon
+_ABOVE, _UNDER = 9, 9  # rows of a `Strip` above and below the horizon
 _FAR_M = 9.0  # from this distance on, only every second column has a window
 _PER_CELL = 2  # px per cell in the scaled picture
 _GRADIENT = 4.0  # factor that brings gradients to the magnitude of colours
 
 LEAST_ODDS = -1.3  # a detection needs at least these log odds
-_APART_LOG = 0.40  # detections in one direction are the same thing up to this log ratio of distances
-_SAME_RAD = 0.02  # detections within this angle may be the same thing, even a narrow one
+_APART_LOG = 0.40  # detections in one direction are the same thing if |log(ratio of distances)| is at most this
+_SAME_RAD = 0.02  # detections within this angle may be the same thing, even if the thing is narrower
 _HALF_WIDTH_M = {
     "fountain": 2.2,
     "tiered-fountain": 2.6,
@@ -145,7 +145,6 @@ class PlacedThing:
 
 
 def half_width_m(kind: str) -> float:
-    """Return half the width (m) of a kind of thing."""
     return _HALF_WIDTH_M.get(kind, _USUAL_HALF_WIDTH_M)
 
 
@@ -197,7 +196,8 @@ def _window_peaks(picture: Picture, kinds: tuple[str, ...], network: ShapeNetwor
 def _ground_below_m(peaks: list[PlacedThing]) -> float:
     """Return how far (m) the ground is below the camera; 1.6 without peaks.
 
-    The result is the mean of HEIGHTS_M, weighted by the squared sums of their peaks' log odds above LEAST_ODDS.
+    The result is the mean of HEIGHTS_M. The weight of a height is the square of a sum over its peaks: log odds minus
+    LEAST_ODDS.
     """
     if not peaks:
         return 1.6
