@@ -1,13 +1,13 @@
-"""Derives estimate.jsonl after landing: the smoothed pose trace of a flight without truth (docs/run-folder.md).
+"""Derives estimate.jsonl after landing: the smoothed poses of a flight without logged true poses (docs/run-folder.md).
 
-The inputs are the logs, which stay unchanged: decisions.jsonl (time of every frame), truth.jsonl (begin and end of the
-episode), and flight.tlog or the autopilot's ULog (estimates). The target's position may come from a GNSS survey.
+The inputs are the logs, which stay unchanged: decisions.jsonl (time of every frame), truth.jsonl (only begin and end of
+the episode), and flight.tlog or the autopilot's ULog (estimates). The target's position may come from a GNSS survey.
 
 A Rauch-Tung-Striebel (RTS) smoother runs on each axis. The autopilot has already filtered the reported positions. Their
 error is nearly the same in successive reports and drifts with the satellites. A reported position is therefore modelled
 as the true position plus a slowly drifting error. This error is a Gauss-Markov process with the reported accuracy and
 the time constant CORRELATION_S; smoothing cannot remove it. Smoothing removes short errors: noise, and jumps of the
-estimate that contradict its velocity. State per axis: position, velocity (constant except for white noise in the
+position that contradict the velocity. State per axis: position, velocity (constant except for white noise in the
 acceleration), error of the reported position.
 """
 
@@ -62,11 +62,10 @@ class SurveyedTarget:
             raise UsageError(f"--target-std must be 0 to 100 m, got {std_m:g}")
 
     def as_json(self) -> dict[str, Any]:
-        """Return the target as JSON."""
         return asdict(self)
 
     def ned(self, origin: Vec3) -> Vec3:
-        """Return the NED position (m) from `origin` (lat °, lon °, alt m). Default altitude: that of `origin`."""
+        """Return the NED position (m) from `origin` (lat °, lon °, alt m). Unknown altitude: as `origin`."""
         altitude = origin[2] if self.altitude_m is None else self.altitude_m
         return geodetic_to_ned(*origin, self.latitude_deg, self.longitude_deg, altitude)
 
@@ -104,12 +103,12 @@ def target_of(value: Any) -> SurveyedTarget:
 
 
 Array = NDArray[np.float64]
-CORRELATION_S = 300.0  # s, about the length of a flight; the error of a receiver is correlated for less time
+CORRELATION_S = 300.0  # s, about a flight; a receiver's error is correlated for less time, so `std_m` is cautious
 POSITION_NOISE_M = 0.05  # m, white noise of one report, from the small corrections of the estimator
-ACCELERATION_PSD = 1.0  # (m/s²)²/Hz, of a multirotor at the speeds of these flights
+ACCELERATION_PSD = 1.0  # (m/s²)²/Hz, noise of the acceleration of a multirotor at the speeds of these flights
 UNREPORTED_M = 1.0  # m, assumed accuracy if an axis has no reported one; SmoothedPath.std_m is then NaN
 THINNED_US = 90_000  # µs, least interval of the used reports; more reports add no information
-_H = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+_H = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])  # a report has position + error, and velocity
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +118,8 @@ class Estimates:
     time_us: Array  # (n,) µs, vehicle clock, strictly rising
     position_ned: Array  # (n, 3) m
     velocity_ned: Array  # (n, 3) m/s
-    position_std_m: Array  # (n, 3) m, as reported; NaN: not reported
-    velocity_std_mps: Array  # (n, 3) m/s, standard deviations
+    position_std_m: Array  # (n, 3); NaN: not reported
+    velocity_std_mps: Array  # (n, 3)
 
     def between(self, from_us: float, to_us: float) -> "Estimates":
         """Return the estimates from `from_us` (included) to `to_us` (excluded)."""
@@ -140,7 +139,7 @@ class SmoothedPath:
 
     time_us: Array  # (k,) µs
     position_ned: Array  # (k, 3) m
-    std_m: Array  # (k, 3) m, standard deviations; NaN: no reported accuracy for this axis
+    std_m: Array  # (k, 3) standard deviations; NaN: no reported accuracy for this axis
 
 
 def smooth(estimates: Estimates, at_us: Array) -> SmoothedPath:
@@ -178,7 +177,7 @@ def _thinned(time_us: Array) -> NDArray[np.int64]:
 
 
 def _filled(std: Array) -> Array:
-    """Fill gaps in accuracies with the previous value, or the first one at the start; with UNREPORTED_M without any."""
+    """Fill gaps with the previous accuracy, at the start with the first one; without any, with UNREPORTED_M."""
     reported = np.flatnonzero(np.isfinite(std))
     if not len(reported):
         return np.full_like(std, UNREPORTED_M)
@@ -222,12 +221,12 @@ def _process_noise(dt: float, wandered: float) -> Array:
 
 
 VELOCITY_STD = 0.1  # m/s, assumed for telemetry, because MAVLink does not report it; typical of PX4's outdoor ULogs
-MARGIN_US = 5e6  # µs of estimates before and after the episode, for smoothing at its ends
+MARGIN_US = 5e6  # µs; the smoother also uses the estimates this long before and after the episode
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorLog:
-    """The estimates of the first drone during a flight, in its local frame."""
+    """The estimates of the first drone during a flight, in its autopilot's local frame."""
 
     estimates: Estimates
     heading_us: Array  # (m,) µs, vehicle clock, rising
@@ -408,7 +407,7 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
 def _covers(times: Array, t: float) -> bool:
     """Return whether a time (s) is at a true pose, or between two true poses without a gap in the log.
 
-    A true pose is logged every 0.5 s, up to 20 ms after the corresponding estimated pose.
+    The times differ: a true pose is logged every 0.5 s, up to 20 ms after the estimated pose.
     """
     after = int(np.searchsorted(times, t))
     if after == len(times) or (after == 0 and times[0] > t):

@@ -69,7 +69,7 @@ def styled() -> Iterator[None]:
 
 
 def lines(table: ReportTable) -> tuple[list[FigureLine], list[tuple[str, float]]]:
-    """Return the rows and the titles of the blocks with their vertical positions; a title is above its block."""
+    """Return a table's rows, and the titles above its blocks of rows, with their vertical positions."""
     rows, heads, y = [], [], 0.0
     for block in table.blocks:
         if block.title:
@@ -137,7 +137,7 @@ LABELLED = 7.0  # %, least width of a segment that shows its number
 
 
 def draw_reach_declare_succeed(table: ReportTable) -> Any:
-    """Return the figure of the table `approaching`: each entrant's rates of reaching, declaring and succeeding."""
+    """Return the figure of the table `approaching`: how often each row's pilot arrives, declares and succeeds."""
     rows, heads = lines(table)
     drawing, axis = figure(rows[-1].y + 1.0, line_in=0.36)
     for k, (column, title, colour) in enumerate(NESTED):
@@ -175,7 +175,6 @@ def draw_drone_outcomes(table: ReportTable) -> Any:
 
 
 def cell(table: ReportTable, row: TableRow, name: str) -> TableCell:
-    """Return a row's cell by the name of its column."""
     return row.cells[[column_.name for column_ in table.columns].index(name)]
 
 
@@ -211,7 +210,7 @@ def _percent(axis: Any, label: str) -> None:
 
 
 def rates(table: ReportTable) -> Any:
-    """Return the figure of the table `served`: whiskers from 5 to 95 %, boxes from 25 to 75 %, lines at the medians."""
+    """Return the figure of decision rates (table `served`): whiskers 5 to 95 %, boxes 25 to 75 %, lines at medians."""
     rows, heads = lines(table)
     drawing, axis = figure(rows[-1].y + 1.0, below_in=0.6)
     for line in rows:
@@ -230,7 +229,7 @@ SIDE = 0.84  # side of a square, in columns
 
 
 def episode_grid(data: ReportData) -> Any:
-    """Return the grid: a line per entrant, a column per episode, squares filled by the share of solved flights."""
+    """Return the grid: a line per entrant (model or pilot), a column per episode, squares filled by success rates."""
     order = {cell: k for k, cell in enumerate(CELLS)}
     episodes = {
         flight.episode: (order.get(flight.cell, len(CELLS)), flight.map, flight.episode) for flight in data.episodes
@@ -280,7 +279,7 @@ def _grid_square(axis: Any, x: int, y: float, scored: Any, tried: bool) -> None:
 
 
 def _grid_groups(axis: Any, groups: list[tuple[int, str]]) -> None:
-    """Label the columns by cell and map, with lines between the groups."""
+    """Label the columns by cell (kind of episode) and map, with lines between the groups."""
     ticks, labels = [], []
     begin = 0
     for end in range(1, len(groups) + 1):
@@ -318,8 +317,8 @@ OF_TABLES = {  # table → name and function of its figure
 def draw(data: ReportData, tables: Sequence[ReportTable], out: Path) -> dict[str, Path]:
     """Draw the figures as SVG, PDF and PNG; return the paths of the PNGs by table name or GRID.
 
-    The figures of an earlier report that this one lacks are removed. Raises InfrastructureError if a figure cannot be
-    written or removed.
+    Figures of an earlier report in `out` that this report does not draw are removed. Raises InfrastructureError if a
+    figure cannot be written or removed.
     """
     drawn = {}
     with styled():

@@ -58,7 +58,6 @@ def nanoseconds(t_s: float) -> int:
 
 
 def microseconds(t_s: float) -> int:
-    """Return seconds as integer microseconds."""
     return round(t_s * 1e6)
 
 
@@ -86,7 +85,7 @@ def named_tracks(drone: DroneTracks) -> Iterator[tuple[str, FlightTrack]]:
 
 
 def camera_body(drone: DroneTracks) -> str:
-    """Return the name of the body with a drone's camera: the estimated body; without an estimate, the true body."""
+    """Return the name of the body that has a drone's camera: at its estimated pose, or else at its true pose."""
     return drone_name(drone.number) if drone.estimate is not None else f"{JUDGE}/{drone_name(drone.number)}"
 
 

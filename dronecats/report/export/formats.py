@@ -1,7 +1,7 @@
 """Exports runs in other formats: one file per episode, or one set of files for all episodes.
 
-docs/query.md describes the tables. The name of a column begins with `judge/` if only the judge has its data. The module
-of a format is imported when the format is used, because it needs its own packages.
+docs/query.md describes the tables. The name of a column begins with `judge/` if its data is hidden from the pilot.
+The module of a format needs its own packages, so it is imported only when the format is used.
 """
 
 import importlib

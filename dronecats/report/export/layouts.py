@@ -16,14 +16,14 @@ from xml.etree import ElementTree as Xml
 from dronecats.report.export.conventions import JUDGE, drone_name
 
 FOXGLOVE, SINGLE_DRONE, FLEET = "foxglove-layout.json", "plotjuggler-layout.xml", "plotjuggler-layout-fleet.xml"
-FILES: Mapping[str, tuple[str, ...]] = {"mcap": (FOXGLOVE,), "ulog": (SINGLE_DRONE, FLEET)}  # format → its layouts
+FILES: Mapping[str, tuple[str, ...]] = {"mcap": (FOXGLOVE,), "ulog": (SINGLE_DRONE, FLEET)}  # format → file names
 COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")  # one per drone; PlotJuggler's first colours
-TRUTH_COLOUR = "#9467bd"  # for the truth of a single drone; the truth of a fleet has the colours of the drones
+TRUTH_COLOUR = "#9467bd"  # for the true curves of a single drone; true curves of a fleet have COLOURS
 ESTIMATED, TRUE = "vehicle_local_position", "vehicle_local_position_groundtruth"
 
 
 def layout_files(kind: str, drones: set[int]) -> dict[str, int]:
-    """Return the layout files for flights with these numbers of drones: file name → drones in the layout."""
+    """Return the layout files for flights with these numbers of drones: {file name: drones in the layout}."""
     if kind == "mcap":
         return {FOXGLOVE: max(drones)}
     fleets = drones - {1}

@@ -35,7 +35,7 @@ from foundation.setpoints import Turn, Velocity
 STATE = ("north_m", "east_m", "down_m", "forward_m_s", "right_m_s", "down_m_s", "roll_rad", "pitch_rad", "yaw_rad")
 ACTION = ("go", "rotate", "think", "finished", "point_x", "point_y", "depth_m", "angle_deg")
 BODY_VELOCITY = ("forward_m_s", "right_m_s", "down_m_s", "yaw_rate_rad_s", "duration_s")
-EVERY_PX = 4  # px, spacing in rows and columns of the pixels in the statistics
+EVERY_PX = 4  # the statistics of pictures use every 4th row and column
 FPS = 1
 FILE_BYTES = 100_000_000  # bytes of images in a data file, at most; a larger episode has its own file
 IMAGE = "observation.images.front"
@@ -191,7 +191,6 @@ class _Dataset:
         (meta / "info.json").write_text(json.dumps(self._info(), indent=2) + "\n")
 
     def close(self) -> None:
-        """Close the data file."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None
@@ -246,7 +245,7 @@ def _task_table(tasks: dict[str, int]) -> pa.Table:
 
 
 def state(track: FlightTrack, t_s: float, first_s: float) -> Vector:
-    """Return the estimate at a time as STATE (9,): displacement since `first_s`, velocity in heading axes, attitude."""
+    """Return the estimate at a time as STATE (9,): displacement since `first_s`, velocity, attitude."""
     now, first = track.newest(t_s), track.newest(first_s)
     w, x, y, z = (float(value) for value in track.attitude[now])
     roll, pitch, yaw = quat_to_euler((w, x, y, z))
@@ -272,7 +271,7 @@ def four_action(decision: Decision) -> Vector:
 
 
 def body_velocity(decision: Decision, camera: CameraModel) -> Vector:
-    """Return the velocity of a decision (5,): forward, right, down in m/s, yaw rate in rad/s, duration in s."""
+    """Return the motion of a decision as BODY_VELOCITY (5,): mean velocity, mean yaw rate, duration."""
     segments = plan(action_of(decision), camera)
     duration_s = sum(segment.duration_s for segment in segments)
     ahead = right = down = turned = 0.0

@@ -21,7 +21,7 @@ from foundation.frames import Vec3
 
 SPACING_S = 0.2  # s, least time between two points of a path; the period of the autopilot's telemetry
 KML, GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
-COLORS = {True: "ff2b9fff", False: "ffd08a3c"}  # KML's aabbggrr; True: only the judge has the data
+COLORS = {True: "ff2b9fff", False: "ffd08a3c"}  # KML's aabbggrr, by `judges`
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ def paths(flight: RecordedFlight) -> Iterator[MapPath]:
 
 
 def points(flight: RecordedFlight) -> Iterator[MapPoint]:
-    """Yield the target's first position, each decision (where the drone took its picture), and each declaration.
+    """Yield the target's first position, and the positions of each decision's picture and of each declaration.
 
     Raises UsageError if the origin is unknown.
     """

@@ -74,7 +74,7 @@ def write(flight: RecordedFlight, path: Path) -> int:
     with path.open("wb") as file:
         writer = Writer(file)
         for sequence, (t_s, topic, message) in enumerate(ordered):
-            time_ns = max(0, nanoseconds(t_s))  # unsigned; the first picture may be older than the episode
+            time_ns = max(0, nanoseconds(t_s))  # MCAP's times are unsigned; the first picture may be earlier
             writer.write_message(topic, message, log_time=time_ns, publish_time=time_ns, sequence=sequence)
         writer._writer.add_metadata("dronecats", about(flight))  # the wrapper has no method for metadata
         writer._writer.add_metadata(f"dronecats/{JUDGE}", judged(flight))
@@ -154,7 +154,7 @@ def _pictures(flight: RecordedFlight, drone: DroneTracks) -> Iterator[TimedMessa
 
 
 def _logs(flight: RecordedFlight) -> Iterator[TimedMessage]:
-    """Yield the instruction, every reply, and the judge's lines, as log messages."""
+    """Yield the instruction, every reply, the declarations and the verdict, as log messages."""
 
     def log(t_s: float, topic: str, name: str, text: str, level: Any = Log.INFO) -> TimedMessage:
         return TimedMessage(t_s, topic, Log(timestamp=_stamp(t_s), level=level, name=name, message=text))

@@ -1,7 +1,7 @@
-"""Writes one flight as a Rerun recording with its blueprint. Needs the extra `rerun`.
+"""Writes one flight as a Rerun recording with its blueprint (viewer layout). Needs the extra `rerun`.
 
-The timeline `episode` begins with the episode. The entity `world` is ENU, z up. `world/drone_0` is the body (FLU) at
-its estimated pose, and `world/judge/drone_0` is the body at its true pose. `…/camera` is right-down-forward. `map` has
+The timeline `episode` begins with the episode. The entity `world` is ENU. `world/drone_0` is the body (FLU) at its
+estimated pose, and `world/judge/drone_0` is the body at its true pose. `…/camera` is right-down-forward. `map` has
 geodetic positions.
 """
 

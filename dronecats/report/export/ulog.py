@@ -1,8 +1,8 @@
 """Writes one flight as ULog, for PlotJuggler and pyulog. The estimates come from flight.tlog, not from onboard.ulg.
 
 Topics and fields are PX4's (NED and FRD, times in µs since the vehicle's boot), except `agent_decision`, `judge_target`
-and `judge_declaration`. The topics `judge_…` and PX4's topics `…_groundtruth` have the judge's data. All positions are
-in the map's frame.
+and `judge_declaration`. The topics `judge_…` and PX4's topics `…_groundtruth` have data that the pilot never has. All
+positions are in the map's frame.
 """
 
 import math

@@ -25,10 +25,10 @@ _EXPORT = re.compile(r"^export ((?:async )?function|const|class) (\w+)", re.MULT
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageContent:
-    """The contents of a page. `main`, `trail`, `tools` and `more` are HTML. The kit adds the common style and bar."""
+    """The contents of a page. `main`, `trail`, `tools` and `more` are HTML. `page` adds the common style and bar."""
 
     title: str
-    folder: str  # package with the page's style (web/page.css) and modules
+    folder: str  # package with the page's style (web/page.css) and ES modules
     entry: str = "bar"  # first module of the program
     main: str
     trail: str = ""  # items of the breadcrumb list in the bar
@@ -63,7 +63,7 @@ def page(content: PageContent, blocks: Mapping[str, str] | None = None) -> Itera
 
 
 def program(entry: str, folder: str) -> str:
-    """Return the modules of a package and of the kit as one script: a function per module, in the order of imports."""
+    """Return `entry` and the modules that it imports as one script: a function per module, in the order of imports."""
     order: list[str] = []
 
     def visit(name: str) -> None:
