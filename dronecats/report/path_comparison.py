@@ -54,7 +54,7 @@ class PathComparison:
     drone: int
     a: Trace
     b: Trace
-    t: Array  # (n,) s, compared time
+    t: Array  # (n,) s, compared time, which begins at 0
     here: Array  # (n, 3) m, positions on path a
     there: Array  # (n, 3) m, positions on path b
     distance_m: Array  # (n,) m, between `here` and `there`
@@ -150,7 +150,7 @@ def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) ->
         for marks, last in ((marks_a, _after(steps_a, common, a)), (marks_b, _after(steps_b, common, b)))
     ]
     lengths = np.min([np.subtract(to, marks) for to, marks in zip(ends, (marks_a, marks_b), strict=True)], axis=0)
-    begins = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 0.0))])  # compared time of each begin, and of the end
+    begins = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 0.0))])  # compared times: begins of steps, the end
     t = np.arange(0.0, begins[-1] + 1e-9, GRID_S)
     step = np.searchsorted(begins[:-1], t + 1e-9, side="right") - 1
     into = np.maximum(t - begins[step], 0.0)

@@ -39,7 +39,7 @@ Name = Annotated[str, Meta(min_length=1, max_length=NAME_CHARS)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileDigest:
-    """The digest of a file, or of the output of `sha256sum *` in a folder. A folder's name ends with /."""
+    """The digest of a file; for a folder (name with / at the end), of the output of `sha256sum *` in it."""
 
     bytes: Annotated[int, Meta(ge=0)]
     sha256: Sha256
@@ -65,7 +65,7 @@ class Manifest:
     pilot: str  # built-in pilot, or PROVIDER/NAME of the model
     is_model: bool
     identity: Sha256  # digest of the settings that the runs share (`dronecats.report.results.identity`)
-    suite: str | None  # suite of which every run has all episodes; None: no such suite
+    suite: str | None  # name of the set of episodes that every run has completely; None: no set
     partial: str | None  # a sentence about what is missing or broken; None: the suite is complete and scored
     runs: tuple[SubmittedRun, ...]
     files: dict[str, FileDigest]  # the other files in the archive, by name

@@ -17,7 +17,7 @@ from episodes.records.record import CELLS
 from foundation.conversion import decode
 from foundation.errors import UsageError
 
-ENTRY_MAX = 1 << 20  # bytes
+ENTRY_MAX = 1 << 20  # bytes; a larger file is not an entry
 SUITE_TITLES = {
     "all": "All hundred episodes",
     "one-drone": "One drone, eighty episodes",
@@ -155,7 +155,7 @@ def _agent(entry: Verification) -> str:
 
 
 def _by_one_agent(entries: Sequence[Verification], by: str) -> list[str]:
-    """Return a table for each suite, then for earlier benchmark versions, then a table of partial entries."""
+    """Return a table for each suite, one for each suite of earlier benchmark versions, and one of partial entries."""
     complete = [entry for entry in entries if entry.suite in SUITE_TITLES and not entry.partial]
     tables = []
     for is_present, when in ((True, ""), (False, f", version {VERSION - 1} or earlier")):
@@ -197,7 +197,7 @@ def _cells(entry: Verification, cells: Sequence[str]) -> list[CellValue | TableC
 
 
 def _rate(scores: Collection[CellScore]) -> float | None:
-    """Return the success rate over these cells, 0 … 1; None without scored flights."""
+    """Return the success rate over these cells (kinds of episode), 0 … 1; None without scored flights."""
     scored = sum(score.scored for score in scores)
     return sum(score.successes for score in scores) / scored if scored else None
 
@@ -208,7 +208,6 @@ def _percent(scores: Collection[CellScore]) -> str:
 
 
 def _list(sentences: Sequence[str], title: str) -> str:
-    """Return a titled list; empty without sentences."""
     return "\n".join([f"{title}:\n", *(f"- {escaped(sentence)}" for sentence in sentences), ""]) if sentences else ""
 
 

@@ -1,7 +1,7 @@
 """Packs run folders into an archive: the flights of one pilot under one configuration.
 
-An archive with missing episodes or unscored flights is marked as partial. The packed files have no API keys, and no
-folders of absolute paths.
+An archive with missing episodes or unscored flights is marked as partial. The packed files have no API keys, and
+only the file names of absolute paths.
 """
 
 import hashlib
@@ -61,7 +61,6 @@ class Scrubber:
         self._folders = tuple(longest_first)
 
     def text(self, text: str) -> str:
-        """Return the scrubbed text."""
         text = KEYS.sub(HIDDEN, redacted(text, *self._secrets))
         for folder in self._folders:  # before PATHS, because names of these folders may have blanks
             text = text.replace(f"{folder}/", "").replace(folder, PurePosixPath(folder).name)
@@ -174,12 +173,11 @@ def submit(
 
 
 def digest(data: bytes) -> FileDigest:
-    """Return the digest of a file's bytes."""
     return FileDigest(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
 
 
 def incompleteness_reason(flights: Sequence[Sequence[str]]) -> str | None:
-    """Return, as a sentence, why some runs are not of one complete suite; None: they are.
+    """Return a sentence that says why the runs are not all of one complete suite; None: they are.
 
     `flights`: the episode ids of each run.
     """
@@ -238,7 +236,7 @@ def _check_one_entry(runs: Sequence[RecordedRun]) -> None:
 
 
 def _as_packed(run: RecordedRun, scrubber: Scrubber) -> Identity:
-    """Return the identity of a run, computed from its scrubbed files."""
+    """Return the identity (settings) of a run, as a reader of the scrubbed files will compute it."""
     clean = json.loads(scrubber.document(json.dumps(run.configuration).encode()))
     values = identity(replace(run, configuration=clean))
     return {name: frozenset(map(scrubber.text, entries)) for name, entries in values.items()}

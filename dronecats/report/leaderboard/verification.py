@@ -27,14 +27,14 @@ from foundation.run_folder.results import SCORED, Verdict
 from foundation.typed_file import LARGE
 from foundation.wording import printable
 
-SHOWN_MAX = 50  # at most this many sentences about differences
-SHOWN_CHARS = 200  # at most this many characters of a setting
-OTHER_CELL = "other"  # cell of records without a cell of the benchmark
+SHOWN_MAX = 50  # the result has at most this many sentences about differences
+SHOWN_CHARS = 200  # the result has at most this many characters of a setting
+OTHER_CELL = "other"  # replaces a record's cell that is not a cell of the benchmark
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellScore:
-    """The results of the flights of one cell, computed from the logs."""
+    """The results of the flights of one cell (kind of episode, such as searching), computed from the logs."""
 
     scored: int
     successes: int
@@ -58,7 +58,7 @@ class Verification:
     steps: int
     settings: dict[str, Any]  # settings that distinguish entries of one pilot
     cells: dict[str, CellScore]
-    interval: tuple[float, float]  # 95 % interval of the total success rate, 0 … 1; episodes are the unit
+    interval: tuple[float, float]  # 95 % interval of the total success rate, 0 … 1; the statistical unit is the episode
     identity: str
     archive_sha256: str
     archive_bytes: int
@@ -215,7 +215,6 @@ def _verdict_differences(run: RecordedRun, episode: str, judged: Judged) -> Iter
 
 
 def _manifest_differences(manifest: Manifest, runs: Sequence[RecordedRun]) -> Iterator[str]:
-    """Yield the differences between the manifest and the runs."""
     first = runs[0]
     if (manifest.pilot, manifest.is_model) != (first.pilot, first.is_model):
         yield f"the entry names the pilot {manifest.pilot}, but its runs are of {first.pilot}"
@@ -304,7 +303,7 @@ def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> 
 
 
 def _unusual(configuration: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for each setting that differs from that of the benchmark."""
+    """Yield a sentence for each setting that differs from the benchmark's setting."""
     fields = configuration.get("flight")
     flight: Mapping[str, Any] = fields if isinstance(fields, dict) else {}
     if configuration.get("prompt_sha256") != Prompt.load().digest:

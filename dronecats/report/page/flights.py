@@ -40,11 +40,11 @@ def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> PageObject:
         instruction=flight.instruction,
         named=_named(flight.record.get("target")),  # name of the target in a few words
         drones=1 + max((row.drone for row in (*logs.decisions, *poses)), default=0),
-        estimated=not logs.true,  # True: flight without truth, positions are the autopilot's estimates
+        estimated=not logs.true,  # True: no true positions were logged, positions are the autopilot's estimates
         delta=flight.delta_m,  # m, success radius
         end=_rounded(2, max(times, default=CAP_S)),  # s, end of the flight
         hfov=camera.hfov_deg,  # °
-        aspect=camera.width / camera.height,  # of a picture
+        aspect=camera.width / camera.height,  # of the pictures
         traces=[_trace(drone, poses) for drone in sorted({pose.drone for pose in poses})],
         path=_path(poses),
         candidates=_look_alikes(flight.record.get("candidates")),
@@ -96,7 +96,7 @@ def _exchange(exchange: Exchange, prompt: str | None) -> PageObject:
         causes=[cause.why if cause.drone is None else f"{cause.why} of {drone_label(cause.drone)}"
                 for cause in exchange.causes],
         orders=[f"{drone_label(order.drone).capitalize()}: {order.goal}" for order in exchange.orders],
-        confirms=exchange.confirms,  # numbers of the drones whose reports it confirms
+        confirms=exchange.confirms,  # numbers of the drones whose reports the answer confirms
         error=exchange.error,
         latency=_rounded_or_none(3, exchange.latency_s),  # s
         tokens_in=exchange.tokens_in,
@@ -123,7 +123,7 @@ class _Texts:
 
 
 def _truth(decision: Decision, flight: RecordedFlight) -> PageObject | None:
-    """Return the truth of a frame, which only the judge knows; in a flight without truth, the estimate."""
+    """Return the true state at a frame, which only the judge knows; if none was logged, the estimated state."""
     at, logs = (decision.drone, decision.frame_id), flight.logs
     frame: FrameTruth | EstimatedFrame | None = logs.frames.get(at)
     if frame is None and logs.estimate is not None:

@@ -67,7 +67,8 @@ def keys(names: Sequence[str]) -> list[str]:
 def _page_runs(collection: Collection) -> tuple[list[PageObject], list[PageObject]]:
     """Return the run folders in the order of the collection, and their entrants in the order of the tables.
 
-    An entrant has all runs that differ only in their seed. Raises UsageError if two records have the same id.
+    An entrant is a row of the tables: all runs that differ only in the seed. Raises UsageError if two records have the
+    same id.
     """
     places = {run.folder: number for number, run in enumerate(collection.runs)}
     found_entrants = entrants(collection, pool_anyway=True)
@@ -148,7 +149,6 @@ def _seen(value: MetricValue | None) -> MetricValue:
 
 
 def _settings(run: RecordedRun) -> tuple[tuple[str, str], ...]:
-    """Return the (name, value) of a run's settings."""
     flight, simulated = run.flight, run.flight.get("simulated")
     model, commander = flight.get("model"), flight.get("commander")
     settings = {key: flight.get(key) for key in SETTING_KEYS}
@@ -183,10 +183,10 @@ def write_page(
 ) -> Path:
     """Write the page of a collection into the folder `out`, and return its path, out/index.html.
 
-    Flights and pictures are in the folders data/ and pictures/ in `out`. `every`: keep only the pictures of every n-th
-    step, the last step and the declarations. `embed`: put flights and pictures into the page itself, with smaller
-    pictures, and a larger `every` if a browser could not open them all. Raises UsageError if the page cannot be
-    written.
+    Flights and pictures are in the folders data/ and pictures/ in `out`. `every` = n keeps only the pictures of every
+    n-th step, the last step and the declarations. `embed` puts flights and pictures into the page itself: smaller
+    pictures, and fewer (a larger `every`) if a browser could not open them all. Raises UsageError if the page cannot
+    be written.
     """
     with file_errors_as(UsageError, f"the report cannot be written to {out}"):
         return _write(collection, tables, out, embed, every)
@@ -271,7 +271,7 @@ def _sections(tables: Sequence[ReportTable], entrants: Sequence[PageObject]) -> 
 
 
 def _linked(row: TableRow, columns: Sequence[TableColumn], keys: Mapping[str, str]) -> TableRow:
-    """Return a row with links: from its name to the entrant, and from a value of one kind of episode to these flights.
+    """Return a row with links: from its name to the entrant, from values about one kind of episode to those flights.
 
     A row without an entrant is unchanged.
     """

@@ -45,7 +45,8 @@ def selected_frames(decisions: Sequence[Decision], every: int) -> set[tuple[int,
 def linked_pictures(out: Path, place: Path, folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
     """Return a function that puts a decision's picture into `out`/`place`, and returns its address relative to `out`.
 
-    The pictures are hard links, or copies if the file system does not allow hard links. Both functions raise OSError.
+    The pictures are hard links, or copies if the file system does not allow hard links. This function and the returned
+    one raise OSError.
     """
     there = out / place
     there.mkdir(parents=True, exist_ok=True)

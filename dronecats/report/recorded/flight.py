@@ -1,6 +1,6 @@
 """Reads a flight from its folder: its logs, telemetry, tracks and world.
 
-Film, replay, export, report and study use this module. It reads the slow parts of a flight at their first use.
+A slow part of a flight, such as its telemetry, is read when it is first used.
 """
 
 from collections.abc import Mapping
@@ -75,7 +75,7 @@ class RecordedFlight(JudgedFlight):
     def camera_at(self, drone: int, t_s: float) -> CameraModel:
         """Return the camera at a time.
 
-        A camera on a gimbal has the pitch of the drone's newest frame; before the first frame, that of the first.
+        A camera on a gimbal has the pitch of the drone's newest frame; before the first frame, the first frame's pitch.
         """
         pitches = {
             frame.t: frame.camera_pitch_deg
@@ -108,13 +108,13 @@ class RecordedFlight(JudgedFlight):
 
     @property
     def estimated_poses(self) -> tuple[EstimatedPose, ...]:
-        """The smoothed estimate of a flight without truth."""
+        """The smoothed estimated poses of a flight without logged true poses."""
         return self.logs.estimate.poses if self.logs.estimate else ()
 
     def latest_decision(self, drone: int, t_s: float, when: DecisionTime) -> Decision | None:
         """Return a drone's newest decision at a time; None: none yet.
 
-        `when` selects which time of a decision counts: that of its picture, or that of the decision.
+        `when`: a decision is valid from its picture's time (`t_frame`), or from its own time (`t_decided`).
         """
         timeline = self._decisions.get((drone, when))
         return timeline.at(t_s) if timeline else None
@@ -198,14 +198,15 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def truth_rows(self) -> tuple[Pose | FrameTruth, ...]:
-        """The poses and frames of truth.jsonl; () for a flight without truth."""
+        """The poses and frames of truth.jsonl; (): no true poses were logged."""
         return (*self.logs.poses, *self.logs.frames.values()) if self.logs.true else ()
 
     @cached_property
     def true_tracks(self) -> Mapping[int, "FlightTrack"]:
         """The true track of each drone: from the truth bus, else from the onboard log, else from truth.jsonl.
 
-        Empty for a flight without truth. Raises UsageError when flight.tlog cannot be read.
+        The truth bus is the simulator's messages with true poses, in flight.tlog. Empty if no true poses were logged.
+        Raises UsageError when flight.tlog cannot be read.
         """
         from dronecats.report.recorded.tracks import track_of_rows
 
@@ -251,7 +252,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def tracks(self) -> Mapping[int, "FlightTrack"]:
-        """The tracks for drawing, by drone: the true tracks; for a flight without truth, the estimated tracks.
+        """The tracks for drawing, by drone: the true tracks; if no true poses were logged, the estimated tracks.
 
         Raises UsageError when flight.tlog cannot be read.
         """

@@ -44,7 +44,7 @@ class RecordedRun:
 
     @property
     def agent(self) -> str:
-        """The agent: `paper`, another name, or MODULE:NAME."""
+        """The agent's name: `paper`, another shipped agent, or MODULE:NAME."""
         return agent_name(self.flight.get("agent") or self.configuration.get("agent"))
 
     @property
@@ -112,7 +112,7 @@ def recorded_run(folder: Path) -> RecordedRun:
 
 
 def recorded_runs(paths: Iterable[Path]) -> list[RecordedRun]:
-    """Return the unique runs at or below these folders, in their order.
+    """Return the runs at or below these folders, in this order, without duplicates.
 
     A folder may be a run, an episode of a run, a folder of runs (such as a benchmark), or a folder of such folders.
     Raises UsageError.

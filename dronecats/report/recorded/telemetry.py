@@ -96,7 +96,7 @@ class DroneTelemetry:
 
     @cached_property
     def setpoints(self) -> Array:
-        """(n, 12): time µs; position m, velocity m/s, yaw rad, yaw rate rad/s (NaN: unset); velocity (0: unset)."""
+        """(n, 12): µs; position m, velocity m/s, yaw rad, yaw rate rad/s (NaN: unset); the same velocity (0: unset)."""
         return rising(self._autopilot.setpoints)
 
     @cached_property
@@ -127,8 +127,8 @@ class DroneTelemetry:
 def telemetry(path: Path, t0_us: int) -> dict[int, DroneTelemetry]:
     """Return the telemetry in a tlog by drone; {}: there is no file. Raises UsageError when it cannot be read.
 
-    A drone on the truth bus has the number system id − 1. The other systems that send positions get the free numbers
-    from 0, in the order of their ids. A truncated file is read to its last complete message.
+    A drone with true poses in the file has the number system id − 1. The other systems that send positions get the free
+    numbers from 0, in the order of their ids. A truncated file is read to its last complete message.
     """
     if not path.is_file():
         return {}
@@ -231,7 +231,7 @@ class _Autopilot:
     def _text(self, m: dialect.MAVLink_message) -> None:
         texts = self._texts.setdefault(m.get_srcComponent(), StatusTexts())
         texts.take(m, self._newest_us)
-        texts.since(self._newest_us)  # ends a text of several messages whose last message is full
+        texts.since(self._newest_us)  # completes a text of several messages, also if its last message is full
         while texts.newest:
             text = texts.newest.popleft()
             if text.severity <= WARNING:

@@ -1,7 +1,8 @@
 """True and estimated tracks of drones, as arrays.
 
-The truth bus and the onboard log of a simulated PX4 (a ULog; needs pyulog) have fifty poses per second with attitudes.
-truth.jsonl has two positions per second with headings. A drone without attitudes is drawn level.
+The truth bus (the simulator's messages in flight.tlog) and the onboard log of a simulated PX4 (a ULog; needs pyulog)
+have fifty true poses per second with attitudes. truth.jsonl has two positions per second with headings. A drone without
+known attitudes is drawn level.
 """
 
 from collections.abc import Iterable
@@ -108,7 +109,7 @@ class DroneTracks:
     number: int  # 0 is the first
     estimate: FlightTrack | None  # from the autopilot's telemetry, in the map's frame
     held: FlightTrack | None  # `estimate`, preceded by the newest sample from before the episode
-    truth: FlightTrack | None  # the true track, which only the judge uses; None: not measured
+    truth: FlightTrack | None  # only the judge uses it; None: not measured
     setpoints: Array | None  # (n, 9): t s, position m in the map's frame, velocity m/s, yaw, yaw rate; NaN: unset
 
 
@@ -215,7 +216,7 @@ def ulog_topics(path: Path, *names: str) -> dict[str, dict[str, Any]]:
     from pyulog import ULog
 
     try:
-        return {d.name: d.data for d in reversed(ULog(str(path), list(names)).data_list)}  # the last wins: instance 0
+        return {d.name: d.data for d in reversed(ULog(str(path), list(names)).data_list)}  # reversed: instance 0 wins
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from None
     except Exception as error:  # a damaged file raises errors of many classes in pyulog
