@@ -32,14 +32,14 @@ class Setting:
     pilot: str
     replayed: bool  # the replies are recorded ones; no model was called
     is_model: bool
-    command: str  # flat, hierarchical or solo
+    command: str  # how the drones are commanded: flat, hierarchical or solo
     commander: str  # PROVIDER/NAME, or a script; empty: none
     latency: str  # latency policy, which may also fix the decision rate
     agent: str  # paper, or another agent
     disturbed: str = ""  # disturbances of the flights, in words; empty: none
     temperature: str = ""  # in words, such as "temperature 0.5"; empty: no model, or not sent
-    top_p: str = ""  # in the same form
-    max_tokens: str = ""  # in the same form
+    top_p: str = ""  # in words, like temperature
+    max_tokens: str = ""  # in words, like temperature
     reasoning: str = ""  # request fields that set reasoning on steps that do not follow a `think`
 
 
@@ -78,8 +78,8 @@ class Entrant:
 def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entrant, ...]:
     """Return the entrants, models first, otherwise in the order of the runs.
 
-    Raises UsageError when runs of one setting differ in their identity, when a flight occurs twice, or when two records
-    have one id. `pool_anyway` permits the first two cases.
+    Raises UsageError when runs of one setting differ in other settings (`results.identity`), when a flight occurs
+    twice, or when two records have one id. `pool_anyway` permits the first two cases.
     """
     _check_record_ids(collection.episodes)
     runs: dict[Setting, list[RecordedRun]] = {}
@@ -103,7 +103,6 @@ def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entr
 
 
 def setting(run: RecordedRun) -> Setting:
-    """Return the setting of a run."""
     flight = run.flight
     commander = flight.get("commander")
     return Setting(
@@ -172,7 +171,7 @@ def _check_record_ids(episodes: Iterable[ScoredEpisode]) -> None:
 MODELS = "Models"
 BUILT_IN = "Built-in pilots, no models"
 BLIND_ROW_TITLE = "The best blind pilot"
-COMMANDING = "commanding"  # the cell of episodes for a fleet
+COMMANDING = "commanding"  # the cell (kind of episode) for a fleet
 ONE_DRONE = tuple(cell for cell in CELLS if cell != COMMANDING)
 PERCENT = 100.0
 NONE = TableCell(value=None)
@@ -193,7 +192,7 @@ class OutcomeColumn:
 
     @property
     def column(self) -> str:
-        """The column that holds its share (%)."""
+        """The name of the column with the share (%) of this outcome."""
         return f"{self.name.replace(' ', '_')}_percent"
 
 
@@ -220,7 +219,7 @@ class ReportData:
     """The data of all tables."""
 
     entrants: tuple[Entrant, ...]
-    blind: BlindTable  # results of the blind pilots on the episodes that ship with the package
+    blind: BlindTable  # results of the pilots that never look at an image, on the shipped episodes
     command: str  # the command line that makes the report
 
     @property
@@ -238,7 +237,7 @@ class ReportData:
         return sorted({flight.map for flight in self.episodes} - {""})
 
     def blocks(self, rows_of: Callable[[Sequence[Entrant]], Sequence[TableRow]]) -> tuple[TableBlock, ...]:
-        """Return a block of models and one of built-in pilots with the rows of these entrants; none without rows."""
+        """Return a block of models and one of built-in pilots, without empty blocks. `rows_of` makes a block's rows."""
         blocks = []
         for title, is_model in ((MODELS, True), (BUILT_IN, False)):
             if rows := rows_of([entrant for entrant in self.entrants if entrant.is_model is is_model]):
@@ -297,7 +296,7 @@ class ReportData:
 
 
 def is_common(name: str) -> bool:
-    """Return whether this setting of the identity should be equal in all rows, even for different pilots."""
+    """Return whether this setting (a key of `identity`) should be equal in all rows, even for different pilots."""
     return name in ("the code", "the camera", "the clock") or name.startswith(
         ("the protocol", "the suite", "the version")
     )
@@ -413,5 +412,4 @@ def quantile(values: Sequence[float], share: float) -> TableCell:
 
 
 def not_scored(flights: Iterable[ScoredEpisode]) -> int:
-    """Return the number of flights that are not scored."""
     return sum(not flight.scored for flight in flights)

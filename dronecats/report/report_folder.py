@@ -58,8 +58,8 @@ def write(tables: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequ
     """Write the tables, and report.md with tables and figures, into the folder; return the path of report.md.
 
     `figures` maps table names to files; figures without a table are placed last. `head`: sentences above all tables.
-    The tables of an earlier report that this one lacks are removed. Raises InfrastructureError when the report cannot
-    be written.
+    Tables of an earlier report in `out` that this report does not have are removed. Raises InfrastructureError when the
+    report cannot be written.
     """
     page = out / "report.md"
     with file_errors_as(InfrastructureError, f"the report cannot be written into {out}"):
@@ -80,7 +80,6 @@ def write_tables(tables: Iterable[ReportTable], folder: Path) -> None:
 
 
 def _remove_tables(names: Iterable[str], folder: Path) -> None:
-    """Remove the files of these tables from the folder. Raises OSError."""
     for name in names:
         for suffix in (".csv", ".tex"):
             (folder / f"{name}{suffix}").unlink(missing_ok=True)

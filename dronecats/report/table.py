@@ -101,7 +101,7 @@ class ReportTable:
     columns: tuple[TableColumn, ...]
     blocks: tuple[TableBlock, ...]
     notes: tuple[str, ...] = ()  # sentences below the table
-    command: str = ""  # the command line that makes it
+    command: str = ""  # the command line that makes the table
 
     def __post_init__(self) -> None:
         """Raise ValueError when a row does not have one cell per column."""
@@ -121,7 +121,7 @@ def groups(columns: Iterable[TableColumn]) -> list[tuple[str, int]]:
 
 
 def words(title: str, name: str = "") -> TableColumn:
-    """Return a column of words; its default name is its title."""
+    """Return a column of words. The default of `name` is `title`."""
     return TableColumn(name=name or title, title=title, align="left")
 
 
@@ -137,7 +137,7 @@ def row(*values: CellValue | TableCell, entrant: str = "") -> TableRow:
 
 
 def in_blocks(titled: Iterable[tuple[str, TableRow]]) -> tuple[TableBlock, ...]:
-    """Return a block for each title, in the order of their first rows."""
+    """Return a block of rows for each title, in the order of the titles."""
     blocks: dict[str, list[TableRow]] = {}
     for title, of_it in titled:
         blocks.setdefault(title, []).append(of_it)

@@ -1,7 +1,7 @@
 """Writes a table for a terminal and as Markdown, CSV, JSON, HTML and LaTeX.
 
-The LaTeX needs `\\usepackage{booktabs,graphicx}`. A wide table is scaled to fit. A long table continues in further
-floats with the same number. (`longtable` does not work in two columns, and cannot be scaled to fit.)
+The LaTeX code needs `\\usepackage{booktabs,graphicx}`. It scales a wide table to fit, and continues a long table in
+further floats with the same number. (`longtable` does not work in two columns, and cannot be scaled to fit.)
 """
 
 import csv
@@ -116,7 +116,7 @@ class _TerminalTable:
         return widths
 
     def _grouped(self, widths: Sequence[int], part: Sequence[int]) -> list[int]:
-        """Return the widths of a part, wide enough for the heads of its groups."""
+        """Return the widths of a part's columns, widened if the head of a group needs it."""
         needed = [widths[k] for k in part]
         end = 0
         for group, count in groups([self.columns[k] for k in part]):
@@ -202,7 +202,6 @@ def as_markdown(table: ReportTable, level: int = 2) -> str:
 
 
 def as_shell(commands: Iterable[str]) -> str:
-    """Return a fenced block of shell commands."""
     return "\n".join(["```sh", *commands, "```"]) + "\n"
 
 
@@ -341,7 +340,7 @@ def as_latex(table: ReportTable) -> str:
 
 
 def _latex_floats(blocks: Sequence[TableBlock]) -> Iterator[list[TableBlock]]:
-    """Yield the blocks of each float, at least one; a broken block repeats its title."""
+    """Yield the blocks of each float. A block that continues in the next float repeats its title there."""
     content: list[TableBlock] = []
     room = FLOAT_LINES_MAX
     for block in blocks:

@@ -1,8 +1,8 @@
 """Reads all episodes of some runs, one row per episode. Reports, comparisons and studies use these rows.
 
 Flights can be left out by the value of a metric, for example flights with more than two estimator resets. By default no
-flight is left out. Reports state every such rule: it biases a comparison if it leaves out more flights at one level of
-a study than at another.
+flight is left out. Reports state every such rule, because a rule that leaves out more flights of one side biases a
+comparison.
 """
 
 import math
@@ -32,7 +32,7 @@ from foundation.wording import did_you_mean, nearest
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """Answered questions of an episode, with their tokens. A fleet's joint question counts once."""
+    """Numbers of answered questions and tokens of an episode. A fleet's joint question counts once."""
 
     questions: int = 0
     tokens_in: int | None = None  # None: not logged for any question
@@ -184,7 +184,7 @@ def _sum(counts: list[int | None]) -> int | None:
 
 
 def without_stalled(collection: Collection) -> Collection:
-    """Return the collection, with the flights that the host delayed marked as left out."""
+    """Return the collection; flights in which the host computer delayed steps are marked as left out."""
     kept = (
         replace(flight, left_out="the host delayed steps", error=f"the host delayed {flight.host_stalls} steps")
         if flight.scored and flight.host_stalls
@@ -196,7 +196,7 @@ def without_stalled(collection: Collection) -> Collection:
 
 @dataclass(frozen=True, slots=True)
 class Exclusion:
-    """A rule that leaves out flights with a metric above a limit."""
+    """A rule that leaves out the flights whose metric is above a limit."""
 
     metric: str  # name in the registry of metrics
     most: float  # in the metric's unit
@@ -236,7 +236,7 @@ def parse_exclusion(text: str) -> Exclusion:
 
 
 def exclude(collection: Collection, exclusions: Sequence[Exclusion]) -> Collection:
-    """Return the collection, with the flights that any exclusion excludes marked as left out."""
+    """Return the collection; flights that an exclusion excludes are marked as left out."""
     return replace(collection, episodes=tuple(_excluded(flight, exclusions) for flight in collection.episodes))
 
 
@@ -265,7 +265,7 @@ def exclusion_sentences(flights: Sequence[ScoredEpisode], exclusions: Sequence[E
 class Unflown:
     """The missing flights of one benchmark. Scores of an incomplete benchmark do not represent its suite."""
 
-    folder: Path  # of bench.json
+    folder: Path  # the folder with bench.json
     flights: int  # number of flights of the benchmark
     missing: int  # number of these flights that have no folder
 

@@ -180,7 +180,7 @@ def _write(
 
 
 def array(values: Sequence[Any], sql_type: str) -> NDArray[Any]:
-    """Return values of one SQL type as an array. None is masked; in texts it stays None.
+    """Return values of one SQL type as an array. In arrays of numbers, None is masked; in arrays of texts, it stays.
 
     Integers that do not fit into 64 bits are replaced by None.
     """

@@ -27,7 +27,7 @@ WORDS = {
     "told": "recorded",
     "null": "none",
     "{}": "nothing",
-}  # value of an identity → in a sentence
+}  # value of an identity → its text in a sentence
 KEYS_SHOWN = 4  # a sentence lists at most this many keys of a JSON object
 NAMES = {  # key of run.json → its name in a sentence
     "code_sha256": "the code",
@@ -95,7 +95,7 @@ def identity(run: RecordedRun) -> dict[str, frozenset[str]]:
 
 def identity_digest(values: Identity) -> str:
     """Return the SHA-256 of an identity."""
-    # uses the agents' names of version 0.1.0, so that digests in its archives stay valid
+    # uses the agents' names of version 0.1.0, so that digests in archives of that version stay valid
     former = {name: made for made, name in FORMER.items()}
     agents = frozenset(former.get(name, name.replace(":", ".")) for name in values.get("the agent", ()))
     packed = {**values, "the agent": agents} if agents else values
@@ -116,9 +116,9 @@ def differences(a: Identity, b: Identity) -> list[Difference]:
 
 
 def deviating_runs(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, list[Difference]]]:
-    """Return the runs that differ from the most frequent kind, each with its differences from the first of that kind.
+    """Return the runs that are not of the most frequent kind, each with its differences from a run of that kind.
 
-    If two kinds are equally frequent, the kind of the earlier run counts as the most frequent.
+    If two kinds are equally frequent, the kind of the earlier run counts.
     """
     kinds = [identity(run) for run in runs]
     usual = _most_frequent_kind(kinds)

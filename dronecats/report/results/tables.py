@@ -181,7 +181,7 @@ class RunTable:
 
     @property
     def columns(self) -> tuple[SqlColumn, ...]:
-        """The columns in their order: the row's fields, then the metrics with other names."""
+        """The columns in their order: the row's fields, then the metrics whose names are not fields."""
         own = [_column(name, hint) for name, hint in get_type_hints(self.row, include_extras=True).items()]
         return (*own, *(_metric_column(metric) for metric in self.metrics))
 
@@ -251,7 +251,7 @@ def names(runs: Sequence[RecordedRun]) -> list[str]:
 def tabulated(run: RecordedRun, name: str, wanted: Collection[str]) -> tuple[dict[str, Values], list[str]]:
     """Return the rows of a run in the tables `wanted`, and a sentence for each damaged episode.
 
-    A damaged episode does not affect the others. It has one row, in `episodes`, with its error.
+    A damaged episode does not affect the others. Its only row is in `episodes`, and has the error.
     """
     tables: dict[str, Values] = {table: {c.name: [] for c in TABLES[table].columns} for table in wanted}
     damaged: list[str] = []

@@ -9,7 +9,7 @@ from dronecats.report.report_data import COMMANDING, NAME, ONE_DRONE, PERCENT, E
 from dronecats.report.table import ReportTable, TableCell, TableColumn, TableRow, row
 from episodes.records.record import CELLS
 
-SUITES = (("one drone", ONE_DRONE), ("commanding", (COMMANDING,)))
+SUITES = (("one drone", ONE_DRONE), ("commanding", (COMMANDING,)))  # title, cells (kinds of episode)
 COLUMNS = (
     TableColumn(name="first", title="First", align="left"),
     TableColumn(name="second", title="Second", align="left"),
@@ -76,11 +76,9 @@ def _paired(a: Entrant, b: Entrant, cells: Sequence[str]) -> Paired:
 
 
 def variance(data: ReportData) -> ReportTable | None:
-    """Return the number of successes of each pass over the episodes, with its observed and expected scatter.
+    """Return the number of successes in each pass over the episodes, and the scatter between passes.
 
-    Pass k has the k-th flight of every episode.
-
-    None if no entrant flew its episodes more than once.
+    Pass k has the k-th flight of every episode. None if no entrant flew its episodes more than once.
     """
     cells = data.cells(CELLS)
     columns = [NAME, TableColumn(name="flight", title="Flight", align="left")]

@@ -257,7 +257,7 @@ THINKING = (
 
 
 def thinking(data: ReportData) -> ReportTable | None:
-    """Return the paper's three comparisons of `think` with other actions, per entrant; None if no step is a `think`."""
+    """Return the paper's three comparisons of `think` with other actions, by pilot; None if no step is a `think`."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         effect = deliberation(step for flight in entrant.scored for step in flight.step_outlooks)

@@ -1,4 +1,4 @@
-"""Tables of outcomes: results by cell and by map, the cell `approaching`, failure modes, fleets and their drones."""
+"""Tables of outcomes: by cell (kind of episode) and map, the cell `approaching`, failure modes, fleets and drones."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -41,7 +41,7 @@ def of_cell(flights: Iterable[ScoredEpisode], cell: str, map_: str | None = None
 
 
 def rate(metric: str, title: str, cell: str | None) -> TableColumn:
-    """Return the column of a rate in one cell; `cell` None: in all cells."""
+    """Return the column of a rate in one kind of episode; `cell` None: in all."""
     where = cell.replace("-", "_") if cell else "all"
     return TableColumn(name=f"{where}_{metric}_percent", title=title, group=cell_heading(cell) if cell else "All",
                        unit="%", better=None if metric == "declared" else "more", cell=cell)  # fmt: skip

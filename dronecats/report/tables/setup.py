@@ -1,4 +1,4 @@
-"""Tables of the settings that each entrant flew with, and of the costs of its flights."""
+"""Tables of the settings of each entrant (a pilot, with its flights), and of the costs of the flights."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,7 +11,7 @@ from dronecats.report.results.collection import ScoredEpisode, Usage
 from dronecats.report.results.identity import DIGEST, NOT_RECORDED, identity
 from dronecats.report.table import ReportTable, TableCell, TableColumn, words
 
-IDENTITY_COLUMNS = {  # column → its title, and the entry of the identity that it shows
+IDENTITY_COLUMNS = {  # column → its title, and the key of `identity` whose value it shows
     "served": ("As served", "the model as served"),
     "prompt": ("Prompt", "the prompt"),
     "parser": ("Parser", "parser"),
@@ -32,7 +32,6 @@ SETUP = (
 
 
 def setup(data: ReportData) -> ReportTable | None:
-    """Return the settings of each entrant."""
     any_disturbed = any(entrant.setting.disturbed for entrant in data.entrants)
 
     def row_of(entrant: Entrant) -> Cells:
