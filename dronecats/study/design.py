@@ -21,7 +21,7 @@ from foundation.run_folder.results import Level
 KINDS = ("full", "fractional", "latin", "one-at-a-time")
 ONE_AT_A_TIME = "one factor at a time"  # first words of the description of this design
 POINTS_MAX = 10_000
-FACTORS_MAX = 15  # of a fraction; `resolution` examines up to 2^15 defining words
+FACTORS_MAX = 15  # factors of a fraction; `resolution` examines up to 2^15 defining words
 DIGITS = 6  # significant digits of a level drawn from a range
 ROMAN = ("0", "I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV")
 
@@ -92,7 +92,7 @@ def one_at_a_time(axes: Sequence[Axis], crossed: Collection[str] = ()) -> Design
 def latin(axes: Sequence[Axis], points: int, seed: int) -> Design:
     """Return `points` points. Each factor's range is divided into `points` equal parts, with one point in each part.
 
-    The numbers of points at the levels of a factor differ by at most one. Duplicate points are left out.
+    The levels of a factor have nearly equal numbers of points. Duplicate points are left out.
     """
     from scipy.stats import qmc
 
@@ -106,7 +106,7 @@ def latin(axes: Sequence[Axis], points: int, seed: int) -> Design:
 
 
 def fractional(axes: Sequence[Axis], generators: Sequence[str]) -> Design:
-    """Return a regular fraction 2^(k−p) of the combinations of two levels each, with p generators.
+    """Return a regular fraction of all combinations: 2^(k−p) points for k factors of two levels and p generators.
 
     A generator sets one factor to the product of others: `D = ABC`, or with names `wind = latency * frame_delay`. A
     minus before the product selects the other half. A is the first factor, B the second. Raises UsageError for an

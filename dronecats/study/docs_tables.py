@@ -16,7 +16,7 @@ from foundation.declaration import DeclaredNumber, declarations, shown
 from hil.impairment import Impairment
 
 BEGIN, END = "<!-- {name} begin -->", "<!-- {name} end -->"
-ARROWS = {"more": "↑", "less": "↓", None: ""}  # by the better direction of a metric
+ARROWS = {"more": "↑", "less": "↓", None: ""}  # better direction of a metric → sign
 
 
 def tables(page: str) -> dict[str, str]:
@@ -65,13 +65,12 @@ def write(docs: Path, *pages: str) -> None:
 
 
 def markdown(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
-    """Return a Markdown table."""
     lines = [head, tuple("---" for _ in head), *rows]
     return "".join(f"| {' | '.join(cell.replace('|', '∣') for cell in line)} |\n" for line in lines)
 
 
 def _options(part: str) -> str:
-    """Return the table of the options of one part of the disturbances."""
+    """Return the table of the disturbance options for one part: frame, vehicle or conditions."""
     rows = [
         (
             f"`--{option.name.replace('_', '-')} {option.metavar}`",

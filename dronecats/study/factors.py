@@ -38,7 +38,7 @@ class Factor:
     help: str  # its meaning, one line
     sets: str  # the property that it sets; a study has at most one factor per property
     put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: a disturbance, see `at_levels`
-    get: Callable[[FlightSpec], float | None] = lambda flight: None  # level of a flight; None: not a number
+    get: Callable[[FlightSpec], float | None] = lambda flight: None  # a flight's level; None: no number
     quantity: DeclaredNumber | None = None  # for numeric levels
     words: Sequence[str] | None = None  # allowed words; with neither quantity nor words, any word
     refines: str = ""  # name of another factor; while that factor is 0, this one has no effect

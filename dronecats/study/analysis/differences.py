@@ -1,4 +1,4 @@
-"""Paired differences between flights of the same seeds: a level minus its reference, and one entrant minus another."""
+"""Paired differences of flights with equal seeds: a level minus its reference, an entrant (pilot) minus another."""
 
 import itertools
 import statistics
@@ -35,8 +35,8 @@ class PairedDifference:
     metric: str  # one of METRICS
     first: str  # an entrant
     second: str  # another entrant, or the same
-    at: LevelStep  # the level of the first
-    against: LevelStep  # the level of the second
+    at: LevelStep  # the level of the first side
+    against: LevelStep  # the level of the second side
     pairs: int  # number of pairs of flights
     difference: MeanDifference  # of shares (-1 … 1), or in the metric's unit; the statistical unit is the episode
     p_holm: float  # p with Holm's correction over the table's rows of the same entrants, cell and metric
@@ -90,7 +90,7 @@ def _reference_step(factor: StudiedFactor) -> LevelStep:
 
 
 def pairs_of(first: Sequence[StudiedFlight], second: Sequence[StudiedFlight], factor: int | None) -> list[Pair]:
-    """Return the pairs of flights with the same episode, number and levels of all factors but `factor`."""
+    """Return the pairs of flights with the same episode, flight number and levels of all factors but `factor`."""
 
     def key(flight: StudiedFlight) -> object:
         return flight.pair, flight.levels if factor is None else levels_besides(flight, factor)
@@ -153,7 +153,7 @@ class PointDifference:
     title: str  # the levels that differ from the usual ones, for example: Wind 10 m/s
     shares: tuple[ShareEstimate, ShareEstimate]  # share of successes of the first and of the second entrant
     success: PairedDifference  # first minus second; Holm's correction is over all points of both entrants and the cell
-    ne: PairedDifference | None  # the same for NE (navigation error); None: no pair has it in both flights
+    ne: PairedDifference | None  # likewise for NE (navigation error); None: no pair has it in both flights
 
 
 def point_differences(results: StudyResults) -> list[PointDifference]:

@@ -1,4 +1,4 @@
-"""Reads the results of a study from its folder, and checks that its runs differ only in their levels."""
+"""Reads the results of a study from a folder, and checks that the runs differ only in the levels of its factors."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -30,8 +30,8 @@ NONE_COUNTS = "No flight counts yet."
 def load_results(folder: Path, exclusions: Sequence[Exclusion] = ()) -> StudyResults:
     """Return the results of the study in a folder. Flights that `exclusions` exclude are marked as left out.
 
-    Raises UsageError if the folder holds no study, if a run contradicts study.json, if runs of one entrant differ in
-    more than their levels, if paired flights have different seeds, and if a flight was flown twice.
+    Raises UsageError if the folder holds no study, if a run contradicts study.json, if runs of one entrant (pilot)
+    differ in more than their levels, if paired flights have different seeds, or if a flight was flown twice.
     """
     study = study_folder.read(folder)
     collection = exclude(collect([folder], metrics=(*METRICS.values(), *MOTION)), exclusions)
@@ -109,8 +109,8 @@ def _with_levels(
 ) -> FlightSpec:
     """Return a flight at these levels. `traces` maps the name of a trace in the levels to its recorded latencies (s).
 
-    If the levels name the flight's model, its recorded settings and prices are kept, since those in models.toml may
-    have changed.
+    If the levels name the flight's model, the settings and prices in the flight are kept, since those in models.toml
+    may have changed.
     """
     named = str(levels.get("model", ""))
     if flight.model is not None and ("/" not in named or named == flight.model.title):

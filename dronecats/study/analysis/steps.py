@@ -1,6 +1,6 @@
 """Metrics of single steps at each level: the served rate and latency, and the target's motion during one decision.
 
-A step lasts from its picture to the next picture of its drone. The width of the view is measured in the plane normal to
+A step lasts from its picture to the next picture of the drone. The width of the view is measured in the plane normal to
 the optical axis at the target's depth (paper, appendix "Execution": 90° field of view).
 """
 
@@ -32,7 +32,7 @@ def view_width(flight: JudgedFlight) -> list[MetricValue]:
 
 
 def decision_period(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per step the time (s) from its picture to its drone's next one; None: last step, or beyond the cap."""
+    """Return per step the time (s) until the drone's next picture; None: last step, or beyond the cap (time limit)."""
     following = _following(flight.steps)
     return [
         None if after is None or not step.counts else after.decision.t_frame - step.decision.t_frame
@@ -105,10 +105,10 @@ class StepQuantiles:
 
 @dataclass(frozen=True, slots=True)
 class ServedRate:
-    """The rate and latency at which an entrant was served at a level."""
+    """The rate and latency of the replies to one entrant (pilot)."""
 
     entrant: str
-    step: LevelStep
+    step: LevelStep  # the level, or group of levels
     rate_hz: StepQuantiles
     latency_s: StepQuantiles
 

@@ -60,7 +60,7 @@ class StudiedFlight:
 
     entrant: str  # label of the pilot or model
     levels: tuple[StudiedLevel, ...]  # one per factor, in the order of the factors
-    number: int  # of the flight: flights with the same number have the same seed at every level
+    number: int  # of the flight: an entrant's flights with the same number have the same seed
     scored: ScoredEpisode
 
     @property

@@ -41,8 +41,7 @@ class HalfSuccessFit:
 def half_success_fits(results: StudyResults, factor: int) -> list[HalfSuccessFit]:
     """Return the fits along a factor: one for each entrant, cell, and choice of the other factors' levels.
 
-    The list is empty if the levels are words or there are more than CHOICES_MAX choices. A design of one factor at a
-    time has one choice, the base, and `beside` is then empty.
+    The list is empty if the levels are words or there are more than CHOICES_MAX choices.
     """
     if not results.factors[factor].numeric:
         return []
@@ -77,7 +76,7 @@ class MainEffect:
 
     entrant: str
     cell: str
-    factor: int
+    factor: int  # index in StudyResults.factors
     begin: StudiedLevel  # the lowest level; the first word if the levels are words
     end: StudiedLevel  # the highest level; another word if the levels are words
     log_odds: float | None  # change of the log odds of success from begin to end; None: the likelihood has no peak
@@ -101,7 +100,7 @@ class HeatMap:
     row_steps: tuple[LevelStep, ...]
     column_steps: tuple[LevelStep, ...]
     shares: tuple[tuple[ShareEstimate, ...], ...]  # by row, then column
-    p: float | None  # likelihood ratio test of no interaction, in log odds; None: not testable
+    p: float | None  # of the likelihood ratio test of no interaction, in log odds; None: not testable
 
 
 def main_effects(results: StudyResults) -> list[MainEffect]:
@@ -123,7 +122,7 @@ def main_effects(results: StudyResults) -> list[MainEffect]:
 
 
 def heat_maps(results: StudyResults) -> list[HeatMap]:
-    """Return the shares over each two factors, for every entrant and cell.
+    """Return the shares of successes over each pair of factors, for every entrant and cell.
 
     A pair of factors is left out if no flight has both away from their base levels, as in a design of one factor at a
     time. Then the flights cannot show an interaction.
@@ -160,7 +159,7 @@ def _crossed(results: StudyResults, k: int, m: int) -> bool:
 
 
 class _Regression:
-    """The mixed logit of one entrant's flights over all factors."""
+    """A logistic regression of one entrant's successes on all factors, with a random intercept per episode."""
 
     def __init__(self, factors: tuple[StudiedFactor, ...], flights: tuple[StudiedFlight, ...]) -> None:
         self._factors = factors
