@@ -45,7 +45,7 @@ def write(folder: Path, study: Study) -> None:
 
 
 def _checked(study: Study) -> Study:
-    """Return a study with every level validated by its factor. Raises UsageError for an invalid level."""
+    """Return a study after its factors have validated its levels. Raises UsageError for an invalid level."""
     factors = tuple(replace(factor, levels=tuple(_levels(factor))) for factor in study.factors)
     levels_of = {factor.name: factor.levels for factor in factors}
     runs = tuple(replace(run, levels=_at(run.levels, f"{run.name}: ")) for run in study.runs)
@@ -70,14 +70,14 @@ def _at(levels: Mapping[str, Level], where: str) -> dict[str, Level]:
         raise UsageError(f"{where}{error}") from None
 
 
-MERGED_FIELDS = ("flights", "runs")  # fields in which a resumed study may differ from the earlier one
-PILOT_FIELDS = ("pilot", "model", "outside", "commander", "scripted")  # fields that differ between pilots
-RENDERED = "simulated.rendered"  # this field may differ between pilots too, because only some pilots need pictures
-SHOWN_MAX = 3  # largest number of differences in an error
+MERGED_FIELDS = ("flights", "runs")  # fields of Study that may change when a study resumes
+PILOT_FIELDS = ("pilot", "model", "outside", "commander", "scripted")  # fields of a flight that may differ between pilots
+RENDERED = "simulated.rendered"  # may differ between pilots too, because only some pilots need pictures
+SHOWN_MAX = 3  # an error message lists at most this many differences
 
 
 def merge_earlier_runs(folder: Path, plan: StudyPlan) -> Study:
-    """Return the planned study with the folder's earlier runs added, such as those of other pilots.
+    """Return the planned study, plus the runs of the folder's study.json that it lacks, such as runs of other pilots.
 
     Raises UsageError if the folder holds a benchmark, another study, or flights that differ from the planned ones.
     """
@@ -125,13 +125,13 @@ def _factor_text(factor: StudyFactor) -> str:
 def _check_flights(folder: Path, before: Study, plan: StudyPlan) -> None:
     """Raise UsageError if a recorded flight differs from the planned one.
 
-    A resumed study skips recorded flights, so these must equal the planned ones. Runs of the same name must be equal.
-    Runs of other pilots at the same levels must be equal in all fields except PILOT_FIELDS and RENDERED.
+    A resumed study skips recorded flights, so these must equal the planned ones. A run is compared with the recorded
+    run of the same name, or else with one of another pilot at the same levels, without PILOT_FIELDS and RENDERED.
     """
     by_name = {run.name: run for run in before.runs}
     bench = json_object(folder / layout.BENCH) or {}
     kept_flights = {run.get("name"): run.get("flight") for run in bench.get("runs", ())}
-    by_place: dict[str, str] = {}  # name of a recorded run, by point and flight number
+    by_place: dict[str, str] = {}  # _point_key → name of the first recorded run with this key
     for run in before.runs:
         by_place.setdefault(_point_key(run), run.name)
     for entry, run in zip(plan.entries, plan.study.runs, strict=True):

@@ -26,7 +26,7 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import stored_result
 from foundation.run_folder.results import SCORED
 
-# ends soon after its parent process ends, also if the parent was killed
+# the program ends soon after its parent process, even if the parent was killed
 BUSY_PROGRAM = """
 import os, sys
 parent = int(sys.argv[1])
@@ -38,10 +38,10 @@ while os.getppid() == parent:
 
 @contextmanager
 def busy(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Run `count` computing processes during the block.
+    """Run `count` processes that load the CPU during the block.
 
-    Each process has its own session. Linux may divide processor time between sessions (sched(7), autogroup), and
-    processes in one session would then get the share of one process.
+    Each process has its own session. Linux may divide processor time between sessions (sched(7), autogroup). Then all
+    processes of one session together would get the processor time of one process.
     """
     command = [sys.executable, "-c", BUSY_PROGRAM, str(os.getpid())]
     started = [subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True) for _ in range(count)]
@@ -61,17 +61,17 @@ LOGS = (layout.DECISIONS, layout.TRUTH, layout.VERDICT)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadedFlight:
-    """The result of one flight while `busy` processes compute."""
+    """The result of one flight while `busy` processes load the CPU."""
 
     episode: str
     clock: Clock
-    busy: int  # number of computing processes
-    flight: int  # number of the flight of its episode, from 1; each number has its own seed
+    busy: int  # number of processes that load the CPU
+    flight: int  # number of this flight of the episode, from 1; the seed is this number minus 1
     success: bool
     ne_m: float | None  # m, navigation error in the verdict
     steps: int
-    stalled_steps: int  # steps that the host delayed, as `bench` marks them
-    digest: str  # SHA-256 of decisions, truth and verdict
+    stalled_steps: int  # steps that the host delayed, counted as in `bench`
+    digest: str  # SHA-256 of the contents of LOGS
 
     @property
     def marked(self) -> bool:
@@ -81,16 +81,14 @@ class LoadedFlight:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadPlan:
-    """The plan of a study of the host's load."""
-
     pilot: str
     episodes: Sequence[str]
-    levels: Sequence[int]  # numbers of computing processes; the first level is the reference
-    flights: int = 1  # per episode, clock and level
-    seconds: float = 60.0  # s of vehicle time
+    levels: Sequence[int]  # numbers of processes that load the CPU; the first level is the reference
+    flights: int = 1  # flights of each episode with each clock at each level
+    seconds: float = 60.0  # s of vehicle time, length of a flight
     latency: str = "fixed:0.1"
     jobs: int = 1  # flights at the same time
-    speed: float = 1.0  # × real time, for the flights in real time
+    speed: float = 1.0  # × real time; only flights in real time use it
     rendered: bool = False
 
 
@@ -166,11 +164,11 @@ class LevelRow:
     """The counts of the flights of one clock at one level. `compare` defines the reference flights."""
 
     clock: Clock
-    busy: int  # number of computing processes
+    busy: int  # number of processes that load the CPU
     flights: int
     solved: int
-    moved: int  # flights with a verdict that differs from the reference
-    other_bytes: int  # flights with logs that differ from the reference; in real time all flights
+    moved: int  # flights that succeeded although the reference failed, or the reverse
+    other_bytes: int  # flights with another `digest` than the reference; flights in real time always differ
     ne_moved_m: float | None  # m, median difference in NE from the reference
     marked: int  # flights that `bench` marks as delayed by the host
     stalled_steps: int
@@ -179,7 +177,7 @@ class LevelRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marking:
-    """How well the marks of `bench` agree with the moved flights in real time. LoadFindings defines "moved"."""
+    """Counts that compare the marks of `bench` with the moved flights in real time. LoadFindings defines "moved"."""
 
     moved: int
     marked: int  # flights that `bench` marks as delayed by the host
@@ -198,15 +196,12 @@ class Marking:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadFindings:
-    """The findings of a study of the host's load."""
-
     rows: Sequence[LevelRow]
-    of_verdicts: Marking  # moved: the verdict differs from the reference
-    of_errors: Marking  # without the first level; moved: NE differs from the reference by more than idle_error_m
-    idle_error_m: float | None  # m, largest difference in NE from the reference in real time at the first level
+    of_verdicts: Marking  # a flight moved if only one of flight and reference succeeded
+    of_errors: Marking  # after the first level; a flight moved if its NE differs from the reference by > idle_error_m
+    idle_error_m: float | None  # m, largest NE difference from the reference, in real time at the first level
 
     def as_json(self) -> dict[str, Any]:
-        """Return the findings as JSON values."""
         return {
             "rows": [asdict(row) for row in self.rows],
             "marking_of_verdicts": _marking_json(self.of_verdicts),

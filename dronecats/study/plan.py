@@ -1,7 +1,7 @@
-"""Plans a study: the runs of a campaign in which every pilot flies every point of the design, several times.
+"""Plans a study: the runs in which every pilot flies every point of the design several times.
 
-A factor that changes no flight is an error. Example: a factor that refines another factor whose level is 0.
-Disturbances of pictures, wire and vehicle apply to every pilot, even to a pilot that knows the truth.
+A point is one level of each varied factor. A factor that changes no flight is an error. Example: a factor that refines
+another factor whose level is 0. Disturbances affect every pilot, so the check uses only the first pilot's flights.
 """
 
 import json
@@ -21,7 +21,7 @@ from foundation.errors import UsageError
 from foundation.run_folder.results import Level, Study, StudyFactor, StudyRun
 
 RUNS_MAX = 10_000
-NAME_MAX = 100  # characters; a folder name has the levels, or the point's number if it would be longer than this
+NAME_MAX = 100  # characters; a longer folder name has the point's number instead of the levels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,8 +126,8 @@ def check_flights(plan: StudyPlan) -> None:
 
     The error names the levels of the flight, unless all flights fail for the same reason.
     """
-    first: tuple[str, str] | None = None  # the reason and the levels
-    has_others = False  # whether another flight has another reason, or none
+    first: tuple[str, str] | None = None  # the first invalid flight: the reason, and its levels
+    has_others = False  # whether another flight is valid or has another reason
     for entry, run in zip(plan.entries, plan.study.runs, strict=True):
         if run.flight_number > 1:  # it differs from the first flight only in the seed
             continue
@@ -142,7 +142,7 @@ def check_flights(plan: StudyPlan) -> None:
 
 
 def _refusal(flight: FlightSpec) -> str | None:
-    """Return the reason why a flight cannot be flown; None if it can. The ledger is ignored: it does not exist yet."""
+    """Return why a flight cannot be flown; None if it can be. Ignores the cost ledger, which does not exist yet."""
     try:
         look_up(replace(flight, accounts=replace(flight.accounts, ledger=None)))
         agent_maker(flight.agent)
@@ -151,7 +151,7 @@ def _refusal(flight: FlightSpec) -> str | None:
     return None
 
 
-COMPARED = ("rate_cap",)  # factors that may have a level without effect, as the reference of the other levels
+COMPARED = ("rate_cap",)  # factors that may have levels without effect, as references for the other levels
 
 
 def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mapping[str, Level]) -> None:

@@ -14,7 +14,7 @@ from foundation.frames import Vec3
 from vehicles.multirotor import step
 from vehicles.solids import SolidTriangles
 
-RATE, ATTITUDE, VELOCITY = 0, 1, 2  # the loop with the delayed feedback
+RATE, ATTITUDE, VELOCITY = 0, 1, 2  # values of `loop`: the control loop whose feedback is delayed
 DELAY_LINE_ROWS = 4096  # samples in a delay line, one per millisecond
 CHANNELS = 4  # values in a sample of a delay line; a quaternion needs all four
 COLUMNS = 10  # columns of the recorded truth: rates FRD (rad/s), attitude (w, x, y, z), velocity NED (m/s)
@@ -22,7 +22,7 @@ COLUMNS = 10  # columns of the recorded truth: rates FRD (rad/s), attitude (w, x
 
 @njit(cache=True)
 def delayed(line: Grid, newest: int, channel: int, delay: float) -> float:
-    """Return the value `delay` samples before the newest one of a line, interpolated linearly."""
+    """Return a channel's value `delay` samples before the newest sample of a line, interpolated linearly."""
     samples = int(delay)
     share = delay - samples
     rows = line.shape[0]
@@ -57,10 +57,10 @@ def record_feedback(loop: int, axis: int, estimate: Record, line: Grid, row: int
 def delay_feedback(
     loop: int, axis: int, delay: float, derivative: bool, estimate: Record, seen: Record, line: Grid, newest: int
 ) -> None:
-    """Copy the estimate into `seen`, with one loop's feedback about one axis delayed by `delay` samples.
+    """Copy the estimate into `seen`, with one loop's feedback on one axis delayed by `delay` samples.
 
-    In an attitude, only the rotation about that body axis is delayed. If a velocity loop has a derivative term,
-    the acceleration on this axis is delayed, too.
+    For an attitude loop, only the rotation about that body axis is delayed. `derivative`: whether a velocity loop has
+    a derivative term; then the acceleration on the axis is delayed, too.
     """
     seen.time_us = estimate.time_us
     seen.velocity_valid = estimate.velocity_valid
@@ -128,7 +128,7 @@ def simulate_with_delay(
 ) -> None:
     """Advance by one millisecond per row of `out` (n, COLUMNS) and write the truth into that row.
 
-    loop, axis: the delayed feedback. delay: samples, may have a fraction, at most DELAY_LINE_ROWS - 2. `line`
+    loop, axis: select the delayed feedback. delay: samples, with a fraction, at most DELAY_LINE_ROWS - 2. `line`
     (DELAY_LINE_ROWS, CHANNELS) and `seen` (an ESTIMATE record) are scratch buffers. `Multirotor.kernel_args` and
     `FlightCore.kernel_args` provide the other arguments.
     """

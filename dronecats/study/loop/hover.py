@@ -47,7 +47,7 @@ GROUPS = ("rate", "attitude", "velocity")
 
 
 def select_loops(names: list[str] | None) -> tuple[CascadeLoop, ...]:
-    """Return the loops of these groups or names, or all loops without names. Raises UsageError for an unknown name."""
+    """Return the loops whose name or group is in `names`; None: all loops. Raises UsageError for an unknown name."""
     for name in names or ():
         if name not in GROUPS and name not in [loop.name for loop in LOOPS]:
             raise UsageError(
@@ -71,7 +71,7 @@ class StepResponse:
 
     time: Array  # (n,) s, every millisecond
     value: Array  # (n,) rad/s, rad or m/s: true quantity of the loop, minus its value before the step
-    step: float  # size of the step, same unit
+    step: float  # size of the step, in the unit of `value`
 
 
 class Stack(NamedTuple):
@@ -81,7 +81,6 @@ class Stack(NamedTuple):
     core: CoreArguments
 
     def copied(self) -> "Stack":
-        """Return a copy of the state."""
         plant, core = self.plant, self.core
         return Stack(
             plant._replace(plant=plant.plant.copy()),
@@ -93,11 +92,10 @@ class Hover:
     """A hovering vehicle, kept as records of its state. Each trial flies a copy of these records."""
 
     def __init__(self, airframe: Airframe, suite: Suite = PERFECT) -> None:
-        """Boot, climb and settle, with balanced rotors and by default PERFECT sensors.
+        """Boot, climb and settle. Raises UsageError for an airframe that cannot be controlled.
 
-        Vibration, noise and bias would hide a stability margin.
-
-        Raises UsageError for an airframe that cannot be controlled.
+        The rotors are balanced and the default sensors are perfect, because vibration, noise and bias would hide a
+        stability margin.
         """
         self.airframe = airframe = airframe.balanced()
         vehicle = Multirotor(airframe, seed=1, origin=PX4_HOME, suite=suite)
@@ -116,7 +114,7 @@ class Hover:
         return self._stack.plant.plant
 
     def step_response(self, loop: CascadeLoop, delay_s: float, seconds: float) -> StepResponse:
-        """Return the response to a small step of a loop's setpoint while its feedback is `delay_s` late."""
+        """Return the response to a small step of a loop's setpoint while the loop's feedback is `delay_s` late."""
         stack = self._stack.copied()
         self._enter(stack, loop, 0.0)
         before = self._fly(stack, STEADY_S[loop.group])
@@ -126,7 +124,7 @@ class Hover:
         return StepResponse(np.arange(1, len(value) + 1, dtype=np.float64) * SAMPLE_S, value, loop.step)
 
     def _enter(self, stack: "Stack", loop: CascadeLoop, size: float) -> None:
-        """Set the setpoint of a loop to `size` on its axis. The loops outside of it are not active."""
+        """Set the setpoint of a loop to `size` on the loop's axis. This makes the outer loops inactive."""
         setpoint = tuple(size if axis == loop.axis else 0.0 for axis in range(3))
         thrust = float(stack.core.state["hover_thrust"])
         if loop.level == RATE:

@@ -23,15 +23,15 @@ from vehicles.records import STEP_S
 from vehicles.rotor import EFFICIENCY, NOMINAL_CELL_V, advance_rotors
 
 FREQUENCIES_DENSE = np.geomspace(0.1, 1000.0, 1_000)  # rad/s; below half of the sampling rate of 1 kHz
-SMALL = 1e-3  # rad/s, m/s: disturbance of a hover, for the numerical derivative of the air's damping
+SMALL = 1e-3  # rad/s or m/s: disturbance of the hover from which the air's damping is computed numerically
 
 
 @dataclass(frozen=True, slots=True)
 class HoverPoint:
     """The properties of a hover that are not airframe constants."""
 
-    torque_gain: float  # × nominal torque; thrust is proportional to the square of the voltage
-    lift_gain: float  # × commanded lift; more thrust of all rotors lowers the battery's voltage
+    torque_gain: float  # torque / nominal torque; thrust and torque grow with the square of the voltage
+    lift_gain: float  # lift / commanded lift; below 1, since more thrust lowers the battery's voltage
     rate_damping: Vec3  # 1/s, roll, pitch, yaw
     velocity_damping: Vec3  # 1/s, forward, right, down
 
@@ -45,7 +45,7 @@ class DelayMargin:
 
 
 def hover_point(airframe: Airframe, plant: Any) -> HoverPoint:
-    """Return the linearisation of air and battery about a hover. `plant` is its PLANT record and stays unchanged."""
+    """Return the linearisation of air and battery about a hover. `plant` is the hover's PLANT record; only read."""
     params, voltage = plant["params"], float(plant["state"]["voltage"])
     nominal = NOMINAL_CELL_V * airframe.battery.cells
     rate_damping, velocity_damping = [], []
@@ -133,7 +133,7 @@ def linear_loops(airframe: Airframe, gains: Gains, point: HoverPoint) -> dict[st
         z = np.exp(STEP_S * s)
         _, turning = rate(axis, s)
         rate_loop = gains.attitude_p[axis] * zero_order_hold(z, round(ATTITUDE_PERIOD_US * 1e-6 / STEP_S)) * turning
-        loop = rate_loop * integrator(z, 0.0)  # the estimator integrates the newest rate
+        loop = rate_loop * integrator(z, 0.0)  # no `midpoint` here: the estimator integrates the newest rate
         return loop, loop * midpoint(z) / (1.0 + loop)
 
     def velocity(axis: int, s: Complex) -> Complex:

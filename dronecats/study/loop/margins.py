@@ -59,16 +59,16 @@ def oscillation(signal: Array, step_s: float, expected: float) -> Oscillation | 
     return Oscillation(float(poles.real[k]), float(poles.imag[k]), float(sizes[k]))
 
 
-DELAY_TOLERANCE = 1e-3  # × the delay: tolerance of the bisection
+DELAY_TOLERANCE = 1e-3  # × the delay: the bisection ends at this accuracy
 LARGEST_DELAY_RATIO = 8.0  # × the expected margin: the largest delay tried
 
 
 def injected_margin(oscillates: Callable[[float], Oscillation | None], expected_s: float) -> DelayMargin:
-    """Return the delay at which the damping ratio is 0.
+    """Return the delay at which the damping ratio of a loop's oscillation is 0, and the frequency there.
 
-    `oscillates` returns the oscillation after a small step, for a delay (s). Bisection finds two delays within
-    DELAY_TOLERANCE of each other, one with a decaying and one with a growing oscillation. The damping ratio is
-    interpolated linearly between them. Raises UsageError if no delay up to
+    `oscillates` returns the oscillation after a small step, for a delay (s). `expected_s` is the first delay tried.
+    Bisection finds two delays within DELAY_TOLERANCE of each other: the oscillation decays with one and grows with the
+    other. The damping ratio is interpolated linearly between them. Raises UsageError if no delay up to
     LARGEST_DELAY_RATIO × `expected_s` makes the oscillation grow.
     """
     stable_s, unstable_s = 0.0, expected_s
@@ -95,14 +95,12 @@ PERIODS = 12.0  # duration of a trial, in periods of the expected oscillation
 SETTLING = 0.2  # share of a trial that is discarded, so that fast transients are over
 STEP_S = {"rate": 2.0, "attitude": 4.0, "velocity": 10.0}  # s, duration of a step response without delay, by group
 BAND = 0.1  # × the step: a response within this distance of the step counts as settled
-SHOWN = (0.9, 1.0, 1.1)  # × the injected margin: delays in the figure
+SHOWN = (0.9, 1.0, 1.1)  # × the injected margin: delays whose responses the figure shows
 
 
 @dataclass(frozen=True, slots=True)
 class StepFigures:
-    """The figures of a step response."""
-
-    rise_s: float  # s, from 10 to 90 %
+    rise_s: float  # s, time from 10 to 90 % of the step
     overshoot_percent: float  # % of the step
     delay_s: float  # s until the response reaches half of the step
     settled_s: float  # s until the response stays within BAND of the step; nan: the response ends before
@@ -110,8 +108,6 @@ class StepFigures:
 
 @dataclass(frozen=True, slots=True)
 class LoopStudy:
-    """The study of one loop of one airframe."""
-
     airframe: str
     loop: CascadeLoop
     step: StepFigures
@@ -127,7 +123,7 @@ class LoopStudy:
 
 
 def step_figures(response: StepResponse) -> StepFigures:
-    """Return the figures of a step response; nan where the response does not reach the level."""
+    """Return the figures of a step response. A time is nan if the response does not reach the level that ends it."""
     share = response.value / response.step
 
     def first(level: float) -> float:

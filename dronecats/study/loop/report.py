@@ -28,7 +28,7 @@ class LoopResults:
 
     studies: Sequence[LoopStudy] = ()
     tolerances: Sequence[Tolerance] = ()
-    traces: Sequence[TraceResponse] = ()  # of one airframe: this project's autopilot, and PX4 if it was started
+    traces: Sequence[TraceResponse] = ()  # one airframe with our autopilot, and with PX4 if it was started
     traced: str = ""  # name of the airframe of the traces
 
 
@@ -206,12 +206,12 @@ def _tolerance_cells(tolerance: Tolerance) -> tuple[CellValue, ...]:
 
 GROUP_COLOURS = {"rate": style.BLUE, "attitude": style.ORANGE, "velocity": style.GREEN}
 AGREED = 0.2  # largest prediction error that counts as agreement, as a share of the injected margin
-POINTS = 300  # points that are drawn of an oscillating curve
+POINTS = 300  # an oscillating curve is thinned to about this many points
 SHOWN = ("roll rate", "roll attitude", "horizontal velocity", "vertical velocity")
 
 
 def draw(results: LoopResults, out: Path, command: str) -> dict[str, Path]:
-    """Write the figures of all studied parts as SVG, PDF and PNG, with the command below each. Return PNGs by name.
+    """Write the figures of all studied parts as SVG, PDF and PNG, with the command below each. Return name → PNG path.
 
     Raises InfrastructureError.
     """

@@ -18,20 +18,20 @@ from foundation.mavlink import Packer, dialect
 from hil.impairment import Channel, Impairment
 
 HEIGHT_M = 10.0
-LEVEL_MASK = 0b0000_0101_1110_0011  # ignored fields: x, y, vz, all accelerations, yaw
+LEVEL_MASK = 0b0000_0101_1110_0011  # type mask: ignore x, y, vz, all accelerations and yaw
 STREAM_TICKS = 5  # 20 Hz, as for the agent
-# m/s, as in the paper; s per circle. The path is a circle because a late setpoint on it has a wrong direction
+# m/s, the paper's fastest command; s per circle. On a circle, every late setpoint has a wrong direction
 SPEED, ROUND_S = 1.2, 10.0
-TRIAL_S, CATCH_UP_S, REST_S = 30.0, 5.0, 5.0
+TRIAL_S, CATCH_UP_S, REST_S = 30.0, 5.0, 5.0  # s: flight on the circle, its unscored beginning, hover after it
 SEEDS = (1, 2, 3)
 JITTERS_S = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.25, 1.5)
 LOSSES = (0.0, 0.3, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
-ERROR_RATIO_LIMIT = 2.0  # × the tracking error on a perfect wire: limit of the tolerance
+ERROR_RATIO_LIMIT = 2.0  # × the tracking error on a perfect wire: a larger error is not tolerated
 
 
 @dataclass(frozen=True, slots=True)
 class StreamTrial:
-    """The result of flying the circle with one wire."""
+    """The result of one flight on the circle, with setpoints over one simulated wire."""
 
     level: float  # jitter (s), or share of lost setpoints
     error: float  # m/s, rms velocity error in offboard mode after CATCH_UP_S; nan: offboard mode ended before
@@ -57,7 +57,6 @@ class Tolerance:
 
     @property
     def errors(self) -> tuple[float, ...]:
-        """The mean tracking error (m/s) of each level."""
         return tuple(float(np.mean([trial.error for trial in trials])) for trials in self.trials)
 
     @property

@@ -1,4 +1,4 @@
-"""Flies a trace of velocity setpoints in lockstep, with this project's autopilot or PX4 in the same vehicle."""
+"""Flies a sequence of velocity setpoints in lockstep, with this project's autopilot or PX4 in the same vehicle."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ from hil.link.offboard import VelocitySetpoint
 
 Array = NDArray[np.float64]
 
-EPISODE = "v1-residential-searching-01"  # no obstacle within a few metres
+EPISODE = "v1-residential-searching-01"  # the drone starts with no obstacle within a few metres
 HEIGHT_M = 10.0
-AIRFRAME = "x500"  # default; PX4 is supported for quadrotors
+AIRFRAME = "x500"  # default; a quadrotor, because PX4 is supported only for quadrotors
 AXES = ("forward", "up", "yaw rate")  # m/s, m/s, rad/s: the columns of a trace response
 
 
@@ -108,7 +108,7 @@ def fly(airframe: str, *, px4: str | None = None, log_dir: Path | None = None, s
             ahead = north * np.cos(yaw) + east * np.sin(yaw)
             rows.append((float(truth["time_us"]) / 1e6, ahead, -down, float(truth["rates_frd"][2])))
 
-        link.stop_stream()  # exclude the link's own loops for height and heading
+        link.stop_stream()  # the link's own stream would correct height and heading
         clock.followers.append(record)
         begun_us = link.time_us
         while (step := step_at((link.time_us - begun_us) / 1e6)) is not None:

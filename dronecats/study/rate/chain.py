@@ -33,7 +33,7 @@ class QuestionTimes:
     parse_s: float  # time from the reply to the controller's setpoint
     tick_s: float  # waits for the agent's next tick, after the picture, the reply and the setpoint
     step_s: float  # time from the request of the picture to the ready setpoint: the sum of all times above except age_s
-    latency_s: float  # encode_s + model_s + parse_s, the latency for a simulation, which has its own ticks
+    latency_s: float  # encode_s + model_s + parse_s: a simulation uses this latency and adds its own ticks
     rate_hz: float | None  # Hz, 1 / vehicle time since the previous decision; None: the first question
 
 
@@ -149,7 +149,7 @@ LINKS = {  # field of QuestionTimes → name of this link of the chain in tables
     "step_s": "whole step",
     "latency_s": "latency for sim",
 }
-AGE_NOTES = {
+AGE_NOTES = {  # camera_stamps → note on the image age
     True: "since the image was taken, by the camera's time stamp",
     False: "since the image arrived at this computer; the earlier exposure, coding and network are not included",
 }
@@ -163,14 +163,12 @@ LinkQuantiles = dict[str, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainSummary:
-    """The summary of a measured chain."""
-
     pilot: str
     questions: int  # number of questions that led to a setpoint
     camera_stamps: bool  # whether the camera stamps the time of capture
     links: dict[str, LinkQuantiles]  # s, by field of QuestionTimes
     chain_hz: LinkQuantiles  # 1 / step_s
-    served_hz: LinkQuantiles | None  # `rate_hz` of all questions; None: only one question
+    served_hz: LinkQuantiles | None  # quantiles of `rate_hz`; None: there is only one question
 
     @property
     def frame_delay_s(self) -> float:
@@ -193,7 +191,6 @@ class ChainSummary:
 
 
 def summarize(times: Sequence[QuestionTimes], pilot: str, *, camera_stamps: bool) -> ChainSummary:
-    """Return the summary of one or more questions."""
     rates_hz = [question.rate_hz for question in times if question.rate_hz is not None]
     return ChainSummary(
         pilot=pilot,
@@ -236,7 +233,7 @@ class ReplayedChain:
     """A measured chain as input of a simulation."""
 
     trace: Path
-    frame_delay_s: float  # 0: none
+    frame_delay_s: float  # s, delay of simulated pictures; 0: no delay
 
 
 class ChainLog:
@@ -285,7 +282,7 @@ def write_replay(folder: Path, times: Sequence[QuestionTimes], frame_delay_s: fl
 
 
 def study_file(chain: ReplayedChain) -> str:
-    """Return the text of study.toml: a study that compares the chain with one without latency."""
+    """Return the text of study.toml: a study that compares the measured chain with a chain without latency."""
     delays = [0, chain.frame_delay_s] if chain.frame_delay_s else []
     return "\n".join(
         [

@@ -20,7 +20,7 @@ from hil.link.offboard import OffboardSetpoint
 
 
 class RateInstruments(Instruments):
-    """Times every question of one flight, writes it to chain.csv, and ends the flight after `questions`."""
+    """Times every question of one flight, writes the times to chain.csv, and ends the flight after `questions`."""
 
     def __init__(self, questions: int | None) -> None:
         """`questions`: number of questions; None: until the flight ends."""
@@ -29,7 +29,7 @@ class RateInstruments(Instruments):
         self.run: Path | None = None  # the run folder; None: not created yet
         self._questions = questions
         self._log: ChainLog | None = None
-        # the study measures wall time
+        # time.monotonic: the study measures wall time
         self._clock = ChainClock(time.monotonic, self._on_times)
 
     def watch(self, link: Link, camera: PatientCamera, run: Path) -> None:
@@ -64,7 +64,6 @@ class RateInstruments(Instruments):
         return make_timed
 
     def close(self) -> None:
-        """Close the file."""
         if self._log is not None:
             self._log.close()
 
@@ -85,7 +84,6 @@ class TimedCamera:
         self._camera, self._now_us, self._clock = camera, now_us, clock
 
     def newest(self, drone: int = 0) -> Frame:
-        """Return the camera's newest frame. Raises CameraError."""
         self._clock.picture_requested()
         frame = self._camera.newest(drone)
         # not negative: a picture may be newer than the newest telemetry, whose time the clock shows
@@ -97,14 +95,11 @@ class TimedCamera:
 
 
 class TimedModel(WrappedModel):
-    """A model whose replies are timed."""
-
     def __init__(self, model: Model, clock: ChainClock) -> None:
         super().__init__(model)
         self._clock = clock
 
     def ask(self, request: Request) -> Reply:
-        """Return the model's reply. Raises ModelError."""
         reply = self._model.ask(request)
         self._clock.answered(reply)
         return reply
@@ -123,7 +118,7 @@ class TimedAircraft:
 
     @property
     def steady(self) -> bool:
-        """Whether the current turn is complete."""
+        """Whether the vehicle has completed its current turn."""
         return self._aircraft.steady
 
     def sight(self, time_us: int) -> PicturePose:
@@ -136,7 +131,7 @@ class TimedAircraft:
         self._clock.controller_done()
 
     def listen(self) -> None:
-        """Process received telemetry. An agent begins each picture with this call."""
+        """Process received telemetry. An agent calls this first when it takes a picture."""
         self._clock.picture_seen()
         self._aircraft.listen()
 
