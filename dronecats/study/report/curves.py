@@ -1,4 +1,4 @@
-"""Figures along a factor: success, the other measures, the served rate, and the motion of targets."""
+"""Figures along a factor: success, other measures, served rate (decisions per second), and motion of targets."""
 
 import math
 from typing import Any
@@ -11,7 +11,7 @@ from dronecats.study.report.findings import PERCENT, FactorFindings, Findings, c
 
 
 def success_figure(findings: Findings, along: FactorFindings) -> Any:
-    """Return a figure of the share of successes at each level with intervals, the fits, and the half-success levels."""
+    """Return a figure of success at each level, the fits, and the levels at which half of the flights succeed."""
     groups = findings.results.groups
     figure, axes = panels.panels(len(groups), 2.15)
     for k, (axis, cell) in enumerate(zip(axes, groups, strict=True)):
@@ -60,7 +60,7 @@ def _finish_success_axis(axis: Any, along: FactorFindings, k: int, title: str) -
 
 
 def measures_figure(findings: Findings, along: FactorFindings) -> Any:
-    """Return a figure of the measures along a factor: a row per cell; columns for NE, dwell and longest loss."""
+    """Return a figure of the measures along a factor: a row per cell (kind of episode), a column per measure."""
     groups = findings.results.groups
     figure, axes = panels.panels(len(groups) * len(MEASURES), 1.55, len(MEASURES), share_y=False)
     for place, axis in enumerate(axes):
@@ -96,7 +96,10 @@ def _draw_levels(axis: Any, levels: list[LevelResult], number: int, count: int, 
 
 
 def _draw_fit(axis: Any, along: FactorFindings, fit: HalfSuccessFit, number: int, *, alone: bool = True) -> None:
-    """Draw a fitted curve and its half-success level; if `alone`, also its band and the interval."""
+    """Draw a fitted curve and its half-success level; if `alone`, also the curve's band and the level's interval.
+
+    A level without a best estimate is drawn as its interval.
+    """
     if fit.curve is not None:
         axis.plot(fit.curve.at, PERCENT * fit.curve.share, color=panels.colour(number), linewidth=1.3)
         if alone:

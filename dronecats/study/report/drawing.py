@@ -64,11 +64,9 @@ HEAT_MAP = "Success rate over two factors, pooled over the others."
 
 @dataclass(frozen=True, slots=True)
 class StudyFigure:
-    """A figure on disk."""
-
-    name: str  # of its files
+    name: str  # name of its files, without suffix
     caption: str  # one or two sentences
-    path: Path  # of the PNG; the SVG and PDF files have the same folder and name
+    path: Path  # PNG file; the SVG and PDF files have the same folder and name
 
 
 def draw(findings: Findings, out: Path) -> list[StudyFigure]:

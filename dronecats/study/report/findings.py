@@ -1,4 +1,8 @@
-"""The findings of a study and their texts, computed once for the tables, the figures and the page."""
+"""The findings of a study and their texts, computed once for the tables, the figures and the page.
+
+A cell is a kind of episode. An entrant is a pilot of the study. A half-success level is the level of a factor at which
+half of the flights succeed.
+"""
 
 import math
 from collections.abc import Iterator
@@ -30,33 +34,28 @@ from dronecats.study.analysis.success_fits import (
 
 @dataclass(frozen=True, slots=True)
 class FactorFindings:
-    """The findings along one factor."""
-
     number: int  # index of the factor
     factor: StudiedFactor
     levels: tuple[LevelResult, ...]
-    halves: tuple[HalfSuccessFit, ...]
+    halves: tuple[HalfSuccessFit, ...]  # half-success levels
     between_levels: tuple[PairedDifference, ...]
     between_entrants: tuple[PairedDifference, ...]
     served: tuple[ServedRate, ...]
     motions: tuple[TargetMotionResult, ...]
 
     def artifact_name(self, name: str) -> str:
-        """Return the name of a table or figure of this factor."""
         return f"{name}_{self.factor.name}"
 
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """The findings of a study."""
-
     results: StudyResults
     command: str  # command line that makes the report
     factors: tuple[FactorFindings, ...]
     effects: tuple[MainEffect, ...]
     maps: tuple[HeatMap, ...]
-    points: tuple[PointDifference, ...]  # of each pair of entrants at each point of the design
-    pooled: tuple[PairedDifference, ...]  # of each pair of entrants, pooled over all points
+    points: tuple[PointDifference, ...]  # between two entrants at each point (a level of every factor)
+    pooled: tuple[PairedDifference, ...]  # between two entrants, pooled over all points
 
     def maps_by_pair(self) -> Iterator[tuple[tuple[StudiedFactor, StudiedFactor], list[HeatMap]]]:
         """Yield the heat maps of each pair of factors, with the factors of their rows and columns."""
@@ -93,7 +92,7 @@ def _along(results: StudyResults, number: int) -> FactorFindings:
 
 
 PERCENT = 100.0
-NOWHERE = {
+NOWHERE = {  # text for a value of HalfSuccess.where if no level is the half-success level
     "above all": "more than half at every level",
     "below all": "less than half at every level",
     "no slope": "unknown, because the interval has no bounds",
@@ -111,7 +110,7 @@ def in_cell(entrant: str, cell: str) -> str:
 
 
 def half_place(factor: StudiedFactor, half: HalfSuccess) -> str:
-    """Return, as text and without its interval, the level at which half of the flights succeed."""
+    """Return the level at which half of the flights succeed as text, without the interval."""
     if half.where == "within" and half.value is not None:
         return factor.label(_three_digits(half.value))
     if half.where == "between":
@@ -142,7 +141,7 @@ def scatter_value(half: HalfSuccess) -> str | float | None:
 def other_levels(results: StudyResults, fit: HalfSuccessFit) -> str:
     """Return the levels of the other factors as text, for example: wind 5 m/s.
 
-    Empty if there are no other factors, or they are at their base.
+    Empty if the factor was studied at only one combination of these levels.
     """
     if not fit.beside:
         return ""
@@ -152,7 +151,6 @@ def other_levels(results: StudyResults, fit: HalfSuccessFit) -> str:
 
 
 def half_sentence(results: StudyResults, fit: HalfSuccessFit) -> str:
-    """Return a sentence about the half-success level of a fit."""
     factor, half = results.factors[fit.factor], fit.half
     subject = in_cell(fit.entrant, fit.cell)
     if choice := other_levels(results, fit):
@@ -177,7 +175,6 @@ def equals_p(p: float) -> str:
 
 
 def probability(p: float) -> str:
-    """Return a p value as text."""
     return "< 0.001" if p < 0.001 else rounded(p, 3)
 
 
@@ -188,5 +185,4 @@ def points(share: float) -> str:
 
 
 def _three_digits(value: float) -> float:
-    """Return a number with three significant digits."""
     return float(f"{value:.3g}")

@@ -1,4 +1,7 @@
-"""Figures of differences with their intervals (forest plots), and heat maps of success over two factors."""
+"""Figures of differences with their intervals (forest plots), and heat maps of success over two factors.
+
+A cell is a kind of episode; an entrant is a pilot.
+"""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +19,7 @@ DifferenceRows = Sequence[tuple[PairedDifference, str]]  # (difference, label); 
 
 
 def between_levels(findings: Findings, along: FactorFindings) -> Any | None:
-    """Return a figure of the success at each level minus that at the reference, a panel per cell; None without rows."""
+    """Return a figure of success at each level minus success at the reference, a panel per cell; None: no data."""
     reference = along.factor.label(along.factor.reference)
     rows = [(row, row.first) for row in along.between_levels if row.metric == SUCCESS]
     label = f"success minus that at {reference} (points)"
@@ -112,7 +115,6 @@ def _name_rows(axis: Any, names: Sequence[str], title: str, label: str) -> None:
 
 
 def _draw_difference(axis: Any, row: PairedDifference, y: float, number: int, label: str) -> None:
-    """Draw a difference of success with its interval at the height `y`."""
     low, high = row.difference.low, row.difference.high
     if low is not None and high is not None:
         axis.plot([PERCENT * low, PERCENT * high], [y, y], color=panels.colour(number), linewidth=1.1)
@@ -124,7 +126,6 @@ def _offset(number: int, count: int) -> float:
 
 
 def _draw_mark(axis: Any, x: float, y: float, number: int, is_significant: bool, label: str) -> None:
-    """Draw a mark, filled if the difference is significant."""
     fill = panels.colour(number) if is_significant else "white"
     axis.plot([x], [y], panels.marker(number), color=panels.colour(number), markerfacecolor=fill, markersize=4.2,
               markeredgewidth=1.0, linestyle="", zorder=3)  # fmt: skip

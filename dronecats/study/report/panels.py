@@ -11,11 +11,11 @@ COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE,
 MARKERS = "osD^vP"
 COLUMNS_MAX = 3  # at most this many panels in a row
 COMMAND_LINE_CHARS = 118  # at most this many characters in a line of the command below a figure
-TICK_GAP = 0.045  # share of an axis; labels are at least twice this distance apart
+TICK_GAP = 0.045  # share of an axis; two labels are at least twice this far apart
 
 
 def panels(count: int, height_in: float, across: int = COLUMNS_MAX, *, share_y: bool = True) -> tuple[Any, list[Any]]:
-    """Return a figure with `count` panels, row by row, and their axes."""
+    """Return a figure with `count` panels, at most `across` in a row, and their axes, row by row."""
     columns = min(across, count)
     rows = -(-count // columns)
     figure = style.canvas(rows * height_in + 0.55)
@@ -32,17 +32,16 @@ def colour(number: int) -> str:
 
 
 def marker(number: int) -> str:
-    """Return the marker of the entrant with this index."""
     return MARKERS[number % len(MARKERS)]
 
 
 def places_of(steps: Sequence[LevelStep]) -> list[float]:
-    """Return the places of levels on an axis. The place of a number is its value, that of a word its index."""
+    """Return the places of levels on an axis: the value of a numeric level, the index of any other level."""
     return [float(number) if step.at is None else step.at for number, step in enumerate(steps)]
 
 
 def name_levels(axis: Any, factor: StudiedFactor, steps: Sequence[LevelStep]) -> None:
-    """Label the levels below a panel. A level too close to the previous label gets none."""
+    """Label the levels below a panel. A level too close to the previous label gets no label."""
     places = places_of(steps)
     reach = max(places) - min(places) or 1.0
     words = any(step.at is None for step in steps)
@@ -89,5 +88,5 @@ def finish(figure: Any, axes: Sequence[Any], command: str) -> Any:
     lines = textwrap.wrap(command, COMMAND_LINE_CHARS, break_long_words=False, break_on_hyphens=False)
     figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=5.5, color=style.GREY, family="monospace")
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # the SVG, PDF and PNG files share one layout
+    figure.set_layout_engine("none")  # now the SVG, PDF and PNG files share this layout
     return figure

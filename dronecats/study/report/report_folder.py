@@ -29,8 +29,6 @@ TABLES, FIGURES, DATA = "tables", "figures", "data"
 
 @dataclass(frozen=True, slots=True)
 class StudyReport:
-    """A report on disk."""
-
     page: Path
     markdown: Path
     content: ReportContent
@@ -38,7 +36,7 @@ class StudyReport:
 
 
 def write(results: StudyResults, command: str, out: Path) -> StudyReport:
-    """Write the report of these results. `command` is the command line that makes it. Raises InfrastructureError."""
+    """Write the report of these results. `command` is the report's command line. Raises InfrastructureError."""
     findings = compute_findings(results, command)
     with file_errors_as(InfrastructureError, f"the report cannot be written into {out}"):
         (out / DATA).mkdir(parents=True, exist_ok=True)

@@ -21,25 +21,21 @@ from dronecats.study.report.findings import (
     probability,
 )
 
-FACTORS_FEW = 4  # with more factors, the summary names only significant results
+FACTORS_FEW = 4  # with more factors than this, the summary names only significant results
 PLACED = ("within", "between")  # values of HalfSuccess.where for a half-success level within the flown levels
 
 
 @dataclass(frozen=True, slots=True)
 class SectionBlock:
-    """Figures and the tables of their numbers."""
-
     figures: tuple[StudyFigure, ...]
     tables: tuple[ReportTable, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class StudySection:
-    """A section of the report."""
-
     key: str  # id of the section in the HTML page, for links to it
     title: str
-    sentences: tuple[str, ...]  # above its blocks
+    sentences: tuple[str, ...]  # text above the blocks
     blocks: tuple[SectionBlock, ...]
 
 
@@ -55,7 +51,6 @@ class ReportContent:
 
     @property
     def tables(self) -> tuple[ReportTable, ...]:
-        """The tables of all sections."""
         return tuple(table for section in self.sections for block in section.blocks for table in block.tables)
 
 
@@ -104,8 +99,9 @@ def opening(findings: Findings) -> list[str]:
 
 
 def summary(findings: Findings) -> list[str]:
-    """Return the main results in a few sentences: differences between entrants, costs of levels, half-success levels.
+    """Return the main results in a few sentences: differences between entrants, losses at levels, half-success levels.
 
+    An entrant is a pilot. A half-success level is the level of a factor at which half of the flights succeed.
     With many factors, the sentences cover only significant results, and one sentence per entrant lists the others.
     """
     few = len(findings.factors) <= FACTORS_FEW
@@ -156,7 +152,7 @@ def _insignificant_factors(findings: Findings) -> Iterator[str]:
 def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
     """Yield (sentence, whether a difference is significant) for each entrant.
 
-    The sentence names the nearest level that differs significantly from the reference, and the loss there.
+    The sentence names the level nearest to the reference that differs significantly from it, and the difference.
     """
     reference = along.factor.label(along.factor.reference)
     name = "" if len(findings.factors) <= FACTORS_FEW else f" along {along.factor.words}"
@@ -165,7 +161,7 @@ def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple
         rows = _against_reference(along, entrant, cell)
         significant = [row for row in rows if row.p_holm <= ALPHA]
         if significant:
-            nearest = min(significant, key=_distance)  # the first row for words, whose distances are all 0
+            nearest = min(significant, key=_distance)  # the first row if levels are words: then all distances are 0
             text = (
                 f"{in_cell(entrant, cell)}{name}: {nearest.at.title} is the first level that differs significantly from"
                 f" {reference}: {_success_text(nearest)}; p {equals_p(nearest.p_holm)} after Holm's correction."
@@ -179,7 +175,7 @@ def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple
 
 
 def _against_reference(along: FactorFindings, entrant: str, cell: str) -> list[PairedDifference]:
-    """Return the difference in success between each level and the reference."""
+    """Return an entrant's differences in success between each level and the reference, in one cell."""
     return [row for row in along.between_levels if (row.first, row.cell, row.metric) == (entrant, cell, SUCCESS)]
 
 
@@ -203,7 +199,7 @@ def _success_text(row: PairedDifference) -> str:
 
 
 def _distance(row: PairedDifference) -> float:
-    """Return the distance between the two levels of a difference; 0 for words."""
+    """Return the distance between the two levels of a difference; 0 if the levels are words."""
     at, against = row.at.at, row.against.at
     return 0.0 if at is None or against is None else abs(at - against)
 
@@ -233,7 +229,6 @@ def _block(figures: dict[str, StudyFigure], block_tables: Sequence[ReportTable],
 
 
 def setup(findings: Findings) -> ReportTable:
-    """Return the table of the study's setup."""
     results = findings.results
     scored, flights = len(results.scored), len(results.flights)
     lines = [

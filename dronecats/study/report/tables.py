@@ -1,4 +1,7 @@
-"""Makes the tables of a study's report: measures along a factor, paired differences, effects, interactions."""
+"""Makes the tables of a study's report: measures along a factor, paired differences, effects, interactions.
+
+A cell in a row or title is a kind of episode; an entrant is a pilot.
+"""
 
 from collections.abc import Iterable, Sequence
 
@@ -48,7 +51,7 @@ def success(findings: Findings, along: FactorFindings) -> ReportTable:
     rows = []
     for (entrant, cell), levels in lines.items():
         fits = [fit.half for fit in along.halves if (fit.entrant, fit.cell) == (entrant, cell)]
-        half = fits[0] if len(fits) == 1 else None  # there are several if other factors vary
+        half = fits[0] if len(fits) == 1 else None  # this table omits the fits if other factors give several
         place = (half_place(along.factor, half), half_interval(along.factor, half)) if half else (None, None)
         shares = (share_cell(level.success) for level in levels)
         rows.append((entrant, row(cell_title(cell), *shares, *place, entrant=entrant)))
@@ -124,7 +127,6 @@ def half_success(findings: Findings, along: FactorFindings) -> ReportTable | Non
 
 
 def mean(estimate: KnownMean, scale: float = 1.0) -> TableCell:
-    """Return a mean with its interval."""
     if not estimate.episodes:
         return TableCell(value=None)
     low, high = (None if end is None else scale * end for end in (estimate.low, estimate.high))
@@ -140,7 +142,7 @@ def _table(
     rows: Iterable[tuple[str, TableRow]],
     notes: tuple[str, ...] = (),
 ) -> ReportTable:
-    """Return a table; `rows` are (block, row)."""
+    """`rows`: (title of the row's block, row)."""
     return ReportTable(name=name, title=title, caption=caption, columns=tuple(columns), blocks=in_blocks(rows),
                        notes=notes, command=findings.command)  # fmt: skip
 
@@ -171,7 +173,7 @@ def served_rates(findings: Findings, along: FactorFindings) -> ReportTable | Non
 def target_motion(findings: Findings, along: FactorFindings) -> ReportTable | None:
     """Return a table of target motion during one decision and the width of the view; None without moving targets.
 
-    It has a row per entrant, cell and level.
+    The table has a row per entrant, cell and level.
     """
     if not along.motions:
         return None
@@ -204,7 +206,7 @@ def _quantiles(quantiles: StepQuantiles) -> Sequence[float | None]:
 
 
 def _spread(quantiles: StepQuantiles, scale: float = 1.0) -> TableCell:
-    """Return a median with its 5 and 95 % quantiles."""
+    """Return a table cell with a median and its 5 and 95 % quantiles."""
     if not quantiles.at:
         return TableCell(value=None)
     low, middle, high = quantiles.span(scale)
@@ -222,7 +224,7 @@ TESTS = (
 
 
 def between_levels(findings: Findings, along: FactorFindings) -> ReportTable | None:
-    """Return a table of each level minus the reference, a row per level, a group of columns per measure.
+    """Return a table of each level's measures minus those at the reference: a row per level, columns per measure.
 
     None without pairs.
     """
@@ -272,7 +274,7 @@ def _difference_table(
 ) -> ReportTable | None:
     """Return a table with a row per level and a group of columns per measure; None without differences.
 
-    `differences` are (block, difference).
+    `differences`: (title of the row's block, difference).
     """
     by_row: dict[tuple[str, str], dict[str, PairedDifference]] = {}
     for block, difference in differences:
