@@ -1,4 +1,4 @@
-"""Assesses a draft: runs the episode checks, and draws the picture of a drone's camera at its start."""
+"""Assesses a draft of an episode: runs the episode checks, and draws the pictures of the drones' cameras."""
 
 import math
 from dataclasses import replace
@@ -40,13 +40,13 @@ class Previews:
     def __init__(self) -> None:
         self._look: object = None  # fields of the record that `_renderer` was built for
         self._renderer: Renderer | None = None
-        self._ids: tuple[int, ...] = ()
+        self._ids: tuple[int, ...] = ()  # renderer ids of target and look-alikes
         self._fleet: Fleet | None = None
         self._ground = FLAT
-        self._wheels: tuple[Wheels | None, ...] = ()  # per id in _ids
+        self._wheels: tuple[Wheels | None, ...] = ()  # wheels of the objects in _ids; None: no wheels
 
     def picture(self, record: EpisodeRecord, drone: int, t_s: float = 0.0) -> NDArray[np.uint8]:
-        """Return the (360, 640, 3) sRGB picture of a drone at its start, with targets at `t_s`. Raises UsageError."""
+        """Return a drone's (360, 640, 3) sRGB picture, with targets at the episode's time `t_s`. Raises UsageError."""
         renderer = self._ready(record)
         start = record.starts[drone]
         attitude = quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg))
@@ -74,7 +74,6 @@ class Previews:
         return self._renderer
 
     def close(self) -> None:
-        """Release the renderer's threads."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

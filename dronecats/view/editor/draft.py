@@ -32,8 +32,8 @@ from foundation.frames import Vec3, bearing_deg
 from foundation.protocol import CAP_S
 
 HEIGHT_M = 1.6  # m, height of a new drone above the ground
-SPEED_MPS = 0.3  # m/s, speed of a new moving target on a map without a rule for it
-TURNED_AWAY_DEG = 90.0  # from the direction of a hidden target to the yaw of a drone
+SPEED_MPS = 0.3  # m/s, speed of a new moving target on a map without a rule for the speed
+TURNED_AWAY_DEG = 90.0  # a drone with a hidden target starts turned this far away from the target
 APART_M = 7.0  # m between neighbours in the suggested row of target and look-alikes
 SHORTEST_LEG_M = 0.05
 
@@ -44,7 +44,7 @@ class Draft:
 
     record: EpisodeRecord
     knots: Knots = ()  # the clicked points of the path; the record's waypoints follow from them
-    own_words: bool = False  # the user wrote the instruction; no suggestion replaces it
+    own_words: bool = False  # whether the user wrote the instruction, so that no suggestion replaces it
 
 
 class Drafting:
@@ -75,7 +75,6 @@ class Drafting:
         return self.with_derived_fields(Draft(record))
 
     def opened(self, record: EpisodeRecord) -> Draft:
-        """Return the draft of an existing record."""
         path = record.target.path
         knots = suggest.corners([(n, e) for n, e, _ in path.waypoints_ned]) if path else ()
         return Draft(record, knots, record.instruction != suggest.instruction(record))
@@ -100,7 +99,7 @@ class Drafting:
         return self.with_derived_fields(replace(draft, record=replace(record, candidates=candidates)))
 
     def adopt(self, draft: Draft, name: str) -> Draft:
-        """Return the draft with an object of the map as target. Raises UsageError for a cell without such targets."""
+        """Return the draft with an object of the map as target. Raises UsageError if the cell does not allow it."""
         instance = self._instances.get(name)
         if instance is None:
             raise UsageError(f"the map has no object '{name}' that could be a target.")
@@ -112,7 +111,7 @@ class Drafting:
         return self.face(draft, 0, TURNED_AWAY_DEG if draft.record.cell in HIDDEN else 0.0)
 
     def move_target(self, draft: Draft, north: float, east: float, yaw_deg: float | None = None) -> Draft:
-        """Return the draft with the target and its path moved. Raises UsageError for an object of the map."""
+        """Return the draft with the target and its path moved. Raises UsageError if the target is part of the map."""
         target = draft.record.target
         if target.native is not None:
             raise UsageError(f"'{target.native}' belongs to the map and cannot be moved. Choose an asset to place.")
@@ -134,7 +133,7 @@ class Drafting:
             record = replace(record, candidates=_with(record.candidates, which - 1, changed))
         return self.with_derived_fields(replace(draft, record=record))
 
-    # ---- its path
+    # ---- the target's path
 
     def add_waypoint(self, draft: Draft, north: float, east: float) -> Draft:
         """Return the draft with the path extended to a point."""
@@ -151,11 +150,10 @@ class Drafting:
         return self._walked(draft, tuple(knots))
 
     def shorten(self, draft: Draft) -> Draft:
-        """Return the draft without the path's last leg; the first one stays."""
+        """Return the draft without the path's last leg; the first leg is never removed."""
         return self._walked(draft, draft.knots[:-1]) if len(draft.knots) > 2 else draft
 
     def set_speed(self, draft: Draft, speed_mps: float) -> Draft:
-        """Return the draft with another speed of the target."""
         path = draft.record.target.path
         if path is None:
             return draft
@@ -219,7 +217,7 @@ class Drafting:
         )
 
     def grid(self, draft: Draft) -> Draft:
-        """Return the draft with four drones in a square of 2 m. The first stays; all have its height and yaw."""
+        """Return the draft with four drones in a square of 2 m. The first drone stays and gives height and yaw."""
         (north, east, _), yaw = draft.record.starts[0].position_ned, draft.record.starts[0].yaw_deg
         height, turned = self.height(draft.record.starts[0]), turn(math.radians(yaw))
         corners = ((0.0, 0.0), (0.0, GRID_SIDE_M), (-GRID_SIDE_M, 0.0), (-GRID_SIDE_M, GRID_SIDE_M))
@@ -231,7 +229,7 @@ class Drafting:
     # ---- look-alikes
 
     def add_candidate(self, draft: Draft, north: float, east: float) -> Draft:
-        """Return the draft with one more look-alike, which has an inscription of its own."""
+        """Return the draft with one more look-alike: a copy of the target with another inscription."""
         record = draft.record
         if record.cell != "commanding":
             raise UsageError("only a commanding episode has look-alikes. Choose the cell commanding first.")
@@ -245,7 +243,6 @@ class Drafting:
     def move_candidate(
         self, draft: Draft, which: int, north: float, east: float, yaw_deg: float | None = None
     ) -> Draft:
-        """Return the draft with a look-alike moved."""
         candidate = draft.record.candidates[which]
         yaw = candidate.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         moved = replace(candidate, position_ned=self.on_ground(north, east), yaw_deg=yaw)
@@ -260,7 +257,7 @@ class Drafting:
     # ---- the episode
 
     def cell(self, draft: Draft, cell: str) -> Draft:
-        """Return the draft with another cell, changed as that cell requires."""
+        """Return the draft with another cell (kind of episode), changed as that cell requires."""
         old = draft.record
         fresh = old.id == _first_id(old.map, old.cell)
         record = replace(old, cell=cell, id=_first_id(old.map, cell) if fresh else old.id)
@@ -297,11 +294,9 @@ class Drafting:
         return replace(draft, record=replace(draft.record, instruction=words), own_words=True)
 
     def rename(self, draft: Draft, name: str) -> Draft:
-        """Return the draft with another id."""
         return replace(draft, record=replace(draft.record, id=name.strip()))
 
     def reseed(self, draft: Draft, seed: int) -> Draft:
-        """Return the draft with another seed of the flight."""
         return replace(draft, record=replace(draft.record, seed=seed))
 
     # ---- derived values

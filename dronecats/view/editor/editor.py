@@ -21,14 +21,14 @@ from foundation.files import write_text
 from foundation.threads import NewestItemWorker
 from foundation.wording import did_you_mean, nearest
 
-MOST_UNDONE = 200
+MOST_UNDONE = 200  # steps in the undo history
 
 
 class Session:
     """The draft, its undo history, and the file of the record. All methods may be called from any thread.
 
-    `changed` runs after each change, outside the lock. Consecutive changes of one gesture are one step of the history,
-    so undo reverts a complete drag.
+    `changed(draft, gesture)` runs after each change, outside the lock. A gesture is the name of the dragged object, or
+    "". Consecutive changes of one drag are one step of the history, so undo reverts the complete drag.
     """
 
     def __init__(self, drafting: Drafting, first: Draft, folder: Path) -> None:
@@ -44,12 +44,10 @@ class Session:
 
     @property
     def draft(self) -> Draft:
-        """The current draft."""
         return self._draft
 
     @property
     def record(self) -> EpisodeRecord:
-        """The record of the current draft."""
         return self._draft.record
 
     def do(self, operation: Callable[[Draft], Draft], gesture: str = "") -> None:
@@ -64,7 +62,7 @@ class Session:
         self.changed(following, gesture)
 
     def settle(self) -> None:
-        """End a gesture, so that the next change is a new step."""
+        """End a drag, so that the next change is a new step."""
         with self._turn:
             self._gesture = ""
         self.changed(self._draft, "")
@@ -123,7 +121,7 @@ class Editor:
         session, scene_name = open_session(name, folder)
         self.session = session
         self.drafting = session.drafting
-        self.findings: tuple[RuleFinding, ...] = ()  # of the last checked record
+        self.findings: tuple[RuleFinding, ...] = ()  # results of the checks of `checked`
         self.checked: EpisodeRecord | None = None
         self._server = LoopbackServer(f"DroneCATS · {scene_name}", port, hosts)
         self.url = self._server.url
@@ -140,7 +138,7 @@ class Editor:
         self._changed(session.draft, "")
 
     def idle(self, timeout_s: float) -> bool:
-        """Wait until the picture and the checks are those of the current draft; return False after the timeout."""
+        """Wait until the picture and the checks show the current draft; return False after the timeout."""
         return self._pictures.idle(timeout_s) and self._checks.idle(timeout_s)
 
     def close(self) -> None:
@@ -160,7 +158,6 @@ class Editor:
             self._refuse(client, error)
 
     def save(self, replace: bool, client: Any) -> None:
-        """Write the record."""
         record = self.session.record
         try:
             path = self.session.save(replace)
@@ -173,22 +170,18 @@ class Editor:
         self._panels.show_note(f"Written: {path}" + (f" ({checks})" if checks else ""))
 
     def undo(self) -> None:
-        """Undo the last step."""
         self.session.undo()
 
     def redo(self) -> None:
-        """Redo the last undone step."""
         self.session.redo()
 
     def select(self, drone: int) -> None:
-        """Show the camera of another drone."""
         self._panels.show(self.session.draft)
         self._pictures.put((self.session.record, drone))
 
     # ---- drags and clicks in the scene
 
     def moved(self, name: str, north: float, east: float, yaw_deg: float) -> None:
-        """Move the dragged object."""
         kind, _, number = name.partition("-")
         which = int(number or 0)
         operations: dict[str, Callable[[Draft], Draft]] = {

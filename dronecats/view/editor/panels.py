@@ -18,7 +18,7 @@ GREEN, RED, GREY = (LIGHT[name] for name in ("good", "bad", "mute"))
 
 
 def checks_html(findings: Sequence[RuleFinding], fresh: bool) -> str:
-    """Return the checks as HTML, failed ones first. `fresh`: they belong to the current draft; otherwise, dim them."""
+    """Return the checks as HTML, failed ones first; dimmed if not `fresh`, that is, if they are of an older draft."""
     failed = [f for f in findings if not f.passed]
     title = f"{len(findings) - len(failed)} of {len(findings)} checks passed" if findings else "Checking …"
     color = GREY if not findings else RED if failed else GREEN
@@ -54,7 +54,7 @@ def facts_html(rows: Sequence[tuple[str, str]]) -> str:
     return f'<div style="font-size:12px;line-height:1.6;padding:2px 10px 6px">{lines}</div>'
 
 
-CLICKS = {
+CLICKS = {  # choice in the dropdown → meaning of a click on the map
     "Look around": "",
     "Place the target": "target",
     "Add a point to the path": "waypoint",
@@ -85,7 +85,6 @@ class Panels:
     """Shows the fields of a draft, and calls PanelOrders when a user edits them."""
 
     def __init__(self, server: viser.ViserServer, orders: PanelOrders, title: str) -> None:
-        """Create the panels."""
         self._gui = server.gui
         self._orders = orders
         self._drone = 0
@@ -126,7 +125,6 @@ class Panels:
         return self._drone
 
     def show(self, draft: Draft) -> None:
-        """Show a draft."""
         record, target = draft.record, draft.record.target
         options = (*assets.names(), NATIVE) if target.native else tuple(assets.names())
         if self._asset.options != options:
@@ -166,11 +164,9 @@ class Panels:
         self._facts.content = facts_html(rows)
 
     def show_picture(self, picture: Any) -> None:
-        """Show the camera's picture."""
         self._picture.image = picture
 
     def show_checks(self, findings: Sequence[RuleFinding], fresh: bool) -> None:
-        """Show the findings."""
         self._checks.content = checks_html(findings, fresh)
 
     def show_note(self, text: str, replaceable: bool = False) -> None:
@@ -207,7 +203,7 @@ class Panels:
         def _(event: Any) -> None:
             if event.client is not None:
                 self._inscribed = self._bearer.options.index(self._bearer.value)
-                self._orders.select(self._drone)  # shows the text of the chosen object
+                self._orders.select(self._drone)  # this also shows the text of the chosen object
 
         self._text.on_update(
             lambda event: self._do(event, lambda d: drafting.inscribe(d, self._inscribed, self._text.value))

@@ -35,7 +35,7 @@ class _Object:
 
     place: Vec3  # m, NED
     yaw: float  # rad
-    look: object  # identifies the appearance; the shape is rebuilt when it changes
+    look: object  # key of the appearance; a new key rebuilds the shape
     add: Callable[[str], Any]  # adds the shape under the node with this path
 
 
@@ -58,7 +58,7 @@ class SceneView:
         self._on_move, self._on_release = on_move, on_release
         self._gizmos: dict[str, _Gizmo] = {}
         self._frustums: dict[int, Any] = {}
-        self._held = ""
+        self._held = ""  # name of the dragged object; "": none
         self._lines: dict[str, tuple[object, Any]] = {}
         display.light(server, drafting.scene.sun)
         display.add_glb(server, "/map", display.map_glb(drafting.scene))

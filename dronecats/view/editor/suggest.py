@@ -11,7 +11,7 @@ from episodes.records.record import HIDDEN, MOVING, EpisodeRecord
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
-OFF_M = 0.005  # m, largest height of a path above or below the ground between two waypoints
+OFF_M = 0.005  # m, largest distance of a path from the ground, above or below, between two waypoints
 STEP_M = 0.25  # m between samples of the ground
 
 Knot = tuple[float, float]  # m north, m east

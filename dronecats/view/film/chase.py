@@ -27,9 +27,9 @@ from foundation.frames import quat_from_euler, vec3
 Array = NDArray[np.float64]
 
 BOOM_M = 3.4  # m from the drone to the camera
-SHORTEST_M = 0.9  # m, shortest boom: an x500 fills the picture but is not clipped
+SHORTEST_M = 0.9  # m, shortest boom: a drone like the x500 (0.5 m) fills the picture but is not clipped
 STEP_S = 0.25  # s between planned places
-PLACE_S, HEADING_S, ANGLE_SIGMA_S, BOOM_S = 0.35, 1.0, 0.6, 0.3  # s, σ of the smoothing
+PLACE_S, HEADING_S, ANGLE_SIGMA_S, BOOM_S = 0.35, 1.0, 0.6, 0.3  # s, σ of the smoothing of each signal
 AHEAD_M = 4.0  # m; the camera looks at the point this far ahead of the drone
 CAMERA_MARGIN_M = 0.35  # m, free space on each side of the camera
 # candidate places of the camera: azimuth (0 is behind the drone), elevation, share of the boom length
@@ -38,13 +38,11 @@ ELEVATIONS_DEG = (20.0, 34.0, 52.0, 70.0)
 LENGTHS = (1.0, 0.65, 0.4)
 BLOCKED = 30.0  # cost of a place with a blocked view; higher than the cost of moving around the drone
 
-HFOV_DEG, VFOV_DEG = 70.0, 50.0  # largest field of view of a chase view
+HFOV_DEG, VFOV_DEG = 70.0, 50.0  # largest horizontal and vertical field of view of a chase view
 
 
 @dataclass(frozen=True)
 class ChasePath:
-    """The path of a camera behind a drone."""
-
     _places: PchipInterpolator  # s → north, east, down of the eye in m, yaw and pitch in rad
     last_s: float
 
@@ -140,7 +138,7 @@ class FilmStage:
         world = flight.world
         mesh = multirotor(flight.outline)
         first = max(instance.id for instance in world.scene.instances) + 1
-        self.ids = {drone: first + k for k, drone in enumerate(flight.drones)}  # drone → instance id in a view
+        self.ids = {drone: first + k for k, drone in enumerate(flight.drones)}  # drone → instance id in `View`
         drones = tuple(
             Instance(number, f"drone-{drone}", "drone", mesh, flight.tracks[drone].at(0.0).position_ned, 0.0, True)
             for drone, number in self.ids.items()
@@ -163,7 +161,6 @@ class FilmStage:
         return self._renderer.render(pose, self.moved(t))
 
     def close(self) -> None:
-        """Release the renderer's threads."""
         self._renderer.close()
 
 

@@ -54,12 +54,10 @@ class Pane:
 
 @dataclass(frozen=True, slots=True)
 class Panes:
-    """The layout of a picture."""
-
     chase: tuple[Pane, ...]  # one per drone
     onboard: tuple[Pane, ...]  # one per drone
     map: Pane
-    bar: Pane
+    bar: Pane  # for the caption
     unit: float  # scale of text and gaps: height / REFERENCE_PX
 
 
@@ -138,7 +136,6 @@ class Composition:
         write(view, text, (left, top), small, color)
 
     def close(self) -> None:
-        """Release the renderer."""
         self._stage.close()
 
 
@@ -190,7 +187,7 @@ def action_words(flight: RecordedFlight, drone: int, t: float) -> tuple[str, Ink
 
 
 def is_decided(flight: RecordedFlight, t: float) -> bool:
-    """Return whether the deciding declaration was made at or before a time."""
+    """Return whether the declaration that decides the verdict was made at or before a time."""
     deciding = flight.verdict.deciding
     return deciding is not None and t >= deciding.t
 
@@ -203,10 +200,10 @@ def verdict_words(flight: RecordedFlight) -> tuple[str, Ink]:
 
 
 def pilot_view(flight: RecordedFlight, drone: int, t: float, width: int, height: int, unit: float) -> Picture:
-    """Return the newest frame of a drone at a time, (height, width, 3) RGB; `unit`: the scale of text.
+    """Return the newest recorded frame of a drone at a time, (height, width, 3) RGB; `unit`: the scale of text.
 
-    After the reply, a ring marks the chosen point. Without a frame (not taken yet, not recorded, or not rendered), a
-    note replaces it.
+    After the reply, a ring marks the point that the pilot chose. If the frame is not taken yet, not recorded, or not
+    rendered, a note replaces it.
     """
     small = max(9, round(14 * unit))
     decision = flight.latest_decision(drone, t, "t_frame")
@@ -236,7 +233,7 @@ def pilot_view(flight: RecordedFlight, drone: int, t: float, width: int, height:
 
 
 def chosen(decision: Decision) -> tuple[float, float] | None:
-    """Return the point of a `go`, (x, y) as shares of width and height; None for other actions."""
+    """Return the point of a `go` action, (x, y) as shares of the frame's width and height; None for other actions."""
     return None if decision.go is None else (decision.go.x / POINT_SPAN, decision.go.y / POINT_SPAN)
 
 

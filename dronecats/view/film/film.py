@@ -1,4 +1,4 @@
-"""Makes a film file: several processes draw and encode its parts, which are then joined.
+"""Makes a film file: several processes draw and encode parts of the film; then one process joins the parts.
 
 Parts are files in a folder beside the film. A part gets its final name only when it is complete. If the process is
 killed, the same command keeps the parts with final names and makes the others. The ffmpeg of imageio-ffmpeg encodes
@@ -33,8 +33,8 @@ from foundation.threads import once
 
 MANIFEST, LOCK, MAKING = "manifest.json", ".lock", ".making"
 CRF, PRESET = 23, "veryfast"
-JPEG_QUALITY = 95  # of a part that `join` encodes again; the loss is not visible
-GIF_COLORS = 128  # including MARKS, the colours of marks and text, which are rare in the sampled pictures
+JPEG_QUALITY = 95  # of Motion JPEG parts, which `join` encodes again; the loss is not visible
+GIF_COLORS = 128  # including MARKS: colours of marks and text, too rare in the samples to be found there
 GIF_SAMPLED = 24  # number of pictures from which the palette is computed
 GIF_STILL = 10  # of 255; pixels that change by less in every channel keep their value, for a smaller file
 BRIGHT = (YELLOW, MAGENTA, GREEN, RED)
@@ -56,7 +56,6 @@ class PartsFolder:
     codec: Codec
 
     def path(self, number: int) -> Path:
-        """Return the file of a part."""
         return self.folder / f"{number:05d}{SUFFIX[self.codec]}"
 
     @property
@@ -115,7 +114,6 @@ def composition(folder: str, width: int, height: int, drone: int | None) -> Comp
 
 
 def folder_beside(out: Path) -> Path:
-    """Return the folder of a film's parts."""
     return out.with_name(out.name + ".parts")
 
 

@@ -40,12 +40,10 @@ def write(picture: Picture, text: str, at: tuple[int, int], size_px: int, color:
 
 
 def color_of(drone: int) -> Ink:
-    """Return the colour of a drone."""
     return DRONES[drone % len(DRONES)]
 
 
 def width_px(text: str, size_px: int, bold: bool = False) -> int:
-    """Return the width of a line of text, px."""
     return int(_font(size_px, bold).getlength(text)) + 1
 
 
@@ -71,7 +69,7 @@ def fitted(text: str, size_px: int, room_px: int, lines: int = 1, bold: bool = F
 
 
 def plate(picture: Picture, left: int, top: int, width: int, height: int, share: float = 0.6) -> None:
-    """Darken a rectangle, so that text on it is readable."""
+    """Mix a rectangle with `share` of the dark background colour, so that text on it is readable."""
     part = picture[max(0, top) : top + height, max(0, left) : left + width]
     part[:] = (part * (1.0 - share) + np.array(BACKGROUND) * share).astype(np.uint8)
 

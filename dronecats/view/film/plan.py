@@ -14,11 +14,11 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import episode_folder
 
 CLOSING_S = 2.5  # s of film that show the last picture with the verdict
-PART = 60  # pictures per part; a killed process loses at most this many
-SPEEDS = (0.1, 100.0)
+PART = 60  # pictures per part; a killed process loses at most this many drawn pictures
+SPEEDS = (0.1, 100.0)  # lowest and highest, s of flight per s of film
 RATES = (1, 120)
 SIDES_PX = (120, 3840)
-OF_EPISODE = (layout.EPISODE, layout.DECISIONS, layout.TRUTH, layout.TLOG)
+OF_EPISODE = (layout.EPISODE, layout.DECISIONS, layout.TRUTH, layout.TLOG)  # the logs that a film depends on
 SOURCES = (Path(__file__).parent, Path(recorded.__file__).parent, Path(dronecats.__file__).parents[1] / "episodes")
 
 
@@ -33,7 +33,7 @@ class FilmPlan:
     speed: float  # seconds of flight per second of film
     from_s: float  # s since the episode began
     to_s: float  # s since the episode began
-    closing: int  # number of pictures at the end that repeat the last moment, with the verdict
+    closing: int  # number of pictures at the end that show the last moment with the verdict; 0: none
     drone: int | None  # the only drone to follow; None: all drones
     per_part: int = PART  # pictures per part
 
@@ -44,12 +44,10 @@ class FilmPlan:
 
     @property
     def pictures(self) -> int:
-        """The number of pictures."""
         return self.moving + self.closing
 
     @property
     def seconds(self) -> float:
-        """The length of the film, s."""
         return self.pictures / self.fps
 
     def time_of(self, picture: int) -> float:
@@ -60,12 +58,11 @@ class FilmPlan:
 
     @property
     def part_ranges(self) -> tuple[range, ...]:
-        """The picture numbers of each part."""
         firsts = range(0, self.pictures, self.per_part)
         return tuple(range(first, min(first + self.per_part, self.pictures)) for first in firsts)
 
     def digest(self, codec: str) -> str:
-        """Return a digest of all inputs of a film's parts: plan, codec, logs, frames and source files."""
+        """Return a digest of everything that affects a film's parts: plan, codec, logs, frames and source files."""
         folder = Path(self.folder)
         state = hashlib.sha256(json.dumps([asdict(self), codec, dronecats.__version__]).encode())
         frames = sorted((folder / layout.FRAMES).glob("*.jpg"))
