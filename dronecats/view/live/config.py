@@ -7,13 +7,13 @@ from foundation.conditions import AS_BUILT, SceneConditions
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchedWires:
-    """The addresses of a simulator that writes no run folder."""
+    """A simulator that writes no run folder: the addresses of its streams, and its world."""
 
     episode: str  # id or record file of the episode, which defines the world
     drones: int
     truth: str  # URL of the truth bus
     conditions: SceneConditions = AS_BUILT
-    telemetry: tuple[str, ...]  # URLs, one per autopilot; empty if no port is free
+    telemetry: tuple[str, ...]  # URLs of MAVLink telemetry, one per autopilot; empty if no port is free
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Reads a run folder while it is written: its flights, their worlds, log lines, MAVLink frames and pictures.
+"""Reads a run folder while it is written: flights and their worlds, log lines, MAVLink frames and pictures.
 
 No function blocks or locks a file, so the reader does not affect the writer. A missing file counts as empty.
 """
@@ -24,7 +24,7 @@ READ_BYTES = 4_000_000  # one read returns at most this many bytes; the next rea
 NAME = re.compile(r"(\d{6,})(?:_d(\d+))?\.jpg")
 END = b"\xff\xd9"  # last bytes of a complete JPEG
 KEPT = 4  # the cache has at most this many pictures per drone
-SETTLED_NS = 100_000_000  # a folder that changed this recently may change again without a new timestamp
+SETTLED_NS = 100_000_000  # a folder that changed more recently is read again: it may change without a new timestamp
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +38,6 @@ class WatchedEpisode:
 
 
 class EpisodeList:
-    """Lists the flights below a folder."""
-
     def __init__(self, root: Path) -> None:
         self._root = root
         self._over: dict[Path, WatchedEpisode] = {}
@@ -57,7 +55,7 @@ class EpisodeList:
         except OSError:
             return None  # the folder is being prepared
         former = self._over.get(folder)
-        if former is not None and former.begun_ns == begun_ns:  # else the episode is flown again in this folder
+        if former is not None and former.begun_ns == begun_ns:  # otherwise the episode was flown again in this folder
             return former
         name = folder.name if folder == self._root else str(folder.relative_to(self._root))
         return WatchedEpisode(name, folder, begun_ns, (folder / layout.VERDICT).exists())
@@ -77,7 +75,7 @@ def _episode_folders(folder: Path, depth: int) -> Iterator[Path]:
 
 def load_world(folder: Path) -> World | None:
     """Return the world of an episode folder; None for a flight in the real world, or if the map is not installed."""
-    drawn = folder / layout.WORLD  # the rendered record of a flight that is not judged
+    drawn = folder / layout.WORLD  # only flights that are not judged have this file: the record of their world
     try:
         record = records.load(drawn if drawn.is_file() else folder / layout.EPISODE)
         return World(record, conditions=_run(folder).conditions)
@@ -122,8 +120,6 @@ class GrowingFile:
 
 
 class LineTail:
-    """The lines of a growing log."""
-
     def __init__(self, path: Path) -> None:
         self._file, self._rest = GrowingFile(path), b""
 
@@ -161,12 +157,12 @@ class PictureTail:
     def __init__(self, folder: Path) -> None:
         """`folder` is the folder of the pictures. It need not exist yet."""
         self._folder = folder
-        self._seen_ns = -1  # modification time of the folder at the last look; -1: look again
-        self._newest: dict[int, int] = {}
-        self._read: dict[tuple[int, int], bytes] = {}
+        self._seen_ns = -1  # ns, modification time of the folder when it was last listed; -1: list it again
+        self._newest: dict[int, int] = {}  # drone → newest frame id
+        self._read: dict[tuple[int, int], bytes] = {}  # (drone, frame id) → JPEG
 
     def newest(self, drone: int) -> tuple[int, bytes] | None:
-        """Return (frame_id, JPEG) of a drone's newest picture; None if there is none or it is incomplete."""
+        """Return (frame_id, JPEG) of a drone's newest picture; None if it is missing or incomplete."""
         self._look()
         frame_id = self._newest.get(drone)
         jpeg = None if frame_id is None else self.of(drone, frame_id)

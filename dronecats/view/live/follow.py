@@ -1,4 +1,4 @@
-"""Follows the folder of a flight while it is written, and returns the current moment."""
+"""Follows the folder of a flight while it is written, and returns the flight's current state as a Moment."""
 
 import contextlib
 import json
@@ -59,7 +59,7 @@ class FlightFollower:
         self._reader = PromptReader()
         self._texts: dict[int, list[str]] = defaultdict(list)  # first drone of a question → prompts without decision
         self._prompts: dict[int, str] = {}  # drone → the prompt of its newest decision
-        self._sights: dict[int, tuple[int, ChosenSight]] = {}  # drone → (step, sight) of its newest go
+        self._sights: dict[int, tuple[int, ChosenSight]] = {}  # drone → step and ray of its newest `go` action
         self._rate_hz: float | None = None
         self._messages: dict[int, list[tuple[int, str]]] = defaultdict(list)  # drone → (vehicle time in µs, text)
         self._active = ActiveLimits()
@@ -126,7 +126,7 @@ class FlightFollower:
                 self._frames[row.drone, row.frame_id] = row
 
     def _add_limited(self, drone: int, time_us: int, text: str) -> None:
-        """Add a message on a limit. Equal messages are merged and counted, since a limit can act at every step."""
+        """Add a message on a safety limit. Equal messages are merged and counted: a limit can act at every step."""
         times = self._limited[drone, text]
         before = f"{text} ({times} times)" if times > 1 else text
         self._messages[drone] = [(t_us, old) for t_us, old in self._messages[drone] if old != before]
@@ -136,7 +136,7 @@ class FlightFollower:
     def _take_prompt(self, value: dict[str, Any]) -> None:
         row = parse_row(value, LoggedPrompt)[0]
         if row is not None:
-            with contextlib.suppress(UsageError):  # prompts.jsonl lacks the line that defines the row's template
+            with contextlib.suppress(UsageError):  # skip a row whose template is not defined in prompts.jsonl
                 prompt = self._reader.read(row)
                 if row.role == "pilot":
                     self._texts[row.drone].append(prompt.text)
@@ -202,7 +202,7 @@ class FlightFollower:
         )
 
     def _chosen(self, decision: Decision) -> ChosenSight | None:
-        """Return the sight of a `go`; None for any other action."""
+        """Return the ray to the point that a `go` action chose; None for any other action."""
         step, stored = self._sights.get(decision.drone, (None, None))
         if step == decision.step:
             return stored

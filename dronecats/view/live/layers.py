@@ -1,4 +1,4 @@
-"""Layers of a flight's scene: trails, the record's objects on the map, and the judge's marks."""
+"""Layers of a flight's scene: trails, the target and its look-alikes, and the judge's marks."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -25,7 +25,7 @@ class Trail:
     def __init__(self, server: viser.ViserServer, node: str, color: tuple[int, int, int]) -> None:
         self._server, self._node, self._color = server, node, color
         self._pieces: list[Any] = []
-        self._points: list[tuple[float, float, float]] = []  # of the last piece
+        self._points: list[tuple[float, float, float]] = []  # points of the last piece
 
     def extend(self, place_ned: Vec3) -> None:
         """Extend the line to a position (m, NED), unless it is closer than STEP_M to the last point."""
@@ -64,7 +64,7 @@ class AddedObjects:
     """The target and its look-alikes. The data sent to the browser do not reveal which object is the target."""
 
     def __init__(self, server: viser.ViserServer, node: str, scene: Scene | None) -> None:
-        """`scene`: the world's scene with the record's objects; None: there are no objects."""
+        """`scene`: the map with the target and its look-alikes; None: there are no objects."""
         self._server, self._node = server, node
         base = scene.base if scene is not None else None
         on_map = {instance.id for instance in base.instances} if base else set()
@@ -87,7 +87,6 @@ class AddedObjects:
                 node.position, node.wxyz = display.place_of(pose[0]), display.wxyz_of(pose[1])
 
     def remove(self) -> None:
-        """Remove the objects from the browser."""
         for node in self._nodes.values():
             node.remove()
         self._nodes = {}
@@ -121,7 +120,6 @@ class JudgeMarks:
             self._nodes["name"].position = above
 
     def remove(self) -> None:
-        """Remove the marks from the browser."""
         for node in self._nodes.values():
             node.remove()
         self._nodes, self._centre = {}, None

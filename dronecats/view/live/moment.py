@@ -48,7 +48,7 @@ class JudgeMoment:
     """Data that only the judge has; a page hides them by default."""
 
     target_ned: Vec3 | None = None  # m, map frame, centre of the target
-    distance_m: tuple[float | None, ...] = ()  # m, from each drone to the target's centre; None: not known
+    distance_m: tuple[float | None, ...] = ()  # m, distance of each drone from the target's centre; None: not known
     messages: tuple[str, ...] = ()  # newest last: declarations with their distances, the verdict
 
 
@@ -56,7 +56,7 @@ class JudgeMoment:
 class Moment:
     """The state of a flight at one time."""
 
-    t_s: float  # s of vehicle time since the episode began (before: ≤ 0); from a simulator, the vehicle's clock
+    t_s: float  # s of vehicle time since the episode began, ≤ 0 before; with a simulator, the vehicle's clock
     drones: tuple[DroneMoment, ...]
     judge: JudgeMoment = JudgeMoment()
     moved: Moved = field(default_factory=dict)  # poses of moving objects other than drones
@@ -67,10 +67,10 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class ChosenSight:
-    """The ray of an action `go`, from the drone's pose, tilt included, when its picture was taken."""
+    """The ray of a `go` action: from the camera to the chosen point, at the pose of the pilot's picture."""
 
     lens_ned: Vec3  # m, map frame, the optical centre
-    place_ned: Vec3  # m, map frame, on the ray, at the pilot's depth along the optical axis
+    place_ned: Vec3  # m, map frame, the chosen point: at the depth along the optical axis that the pilot gave
 
 
 def chosen_go(decision: Decision) -> Go | None:
@@ -80,7 +80,7 @@ def chosen_go(decision: Decision) -> Go | None:
 
 
 def sight(go: Go, position_ned: Vec3, attitude: Quat, camera: CameraModel) -> ChosenSight:
-    """Return the ray of a `go`, from the body's position (m, NED), attitude (FRD → NED) and camera at its picture."""
+    """Return the ray of a `go`, from body position (m, NED), attitude (FRD → NED) and camera of the pilot's picture."""
     lens = _added(position_ned, rotate(attitude, camera.offset_frd))
     right, forward, up = displacement(go, camera)
     axes = quat_from_euler(0.0, 0.0, quat_yaw(attitude)) if camera.gimballed else attitude

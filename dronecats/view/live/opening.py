@@ -18,8 +18,6 @@ VIEWER = ChildKind("viewer", "dronecats.view.live.viewer_process:FlightViewer", 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WantedPage:
-    """The options of a page."""
-
     port: int
     hosts: tuple[str, ...] = ()  # host names that may open the page, in addition to the loopback names
     stays: bool = False  # whether the page stays open after the flight, until Ctrl-C

@@ -1,4 +1,4 @@
-"""The panels of a live page or replay: pictures, replies, vehicle states, and on demand the judge's view."""
+"""The panels of a live page or replay: pictures, replies, vehicle states, and on demand data only for the judge."""
 
 import base64
 import json
@@ -17,7 +17,7 @@ from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import Decision, drone_label
 
 NO_DRONE = "nobody"
-WIDTH_PX, FLEET_PX = 400, 520
+WIDTH_PX, FLEET_PX = 400, 520  # width of the picture panel for one drone, for several drones
 
 
 class FlightPanels:
@@ -58,7 +58,7 @@ class FlightPanels:
         self._judge.on_update(_by_hand(lambda: self._show_judge(bool(self._judge.value))))
 
     def _add_frames(self, panel: Any) -> Any:
-        """Add the pictures to their panel, and return their handle."""
+        """Add an HTML element for the pictures to a panel, and return the element."""
         single = self._drones == 1
         self.pictures = panel.add_tab("What the pilot saw" if single else "What the pilots saw", viser.Icon.CAMERA)
         with self.pictures:
@@ -68,7 +68,6 @@ class FlightPanels:
         return frames
 
     def show(self, moment: Moment) -> None:
-        """Show a moment."""
         with self._server.atomic():
             self._write("state", self._state, (clock(moment.t_s), moment.state, moment.instruction),
                         lambda: state_html(moment))  # fmt: skip
@@ -90,7 +89,6 @@ class FlightPanels:
         self._sent.clear()
 
     def _wanted(self) -> int | None:
-        """Return the drone to follow; None if no drone is followed."""
         named = {drone_label(k): k for k in range(self._drones)}
         return named.get(self._follow.value)
 
@@ -103,7 +101,6 @@ class FlightPanels:
                 field.value = value
 
     def remove(self) -> None:
-        """Remove the panels."""
         if self._pictures is not None:
             self._pictures.remove()
         self._folder.remove()
@@ -114,7 +111,7 @@ class FlightPanels:
             self._on_judge(wanted)
 
     def _write(self, name: str, handle: Any, key: object, html: Callable[[], str] | None = None) -> None:
-        """Send the content of a handle if its key has changed. Without `html`, the key is the content."""
+        """Send the content of a handle if `key` differs from the last one. Without `html`, the key is the content."""
         if self._sent.get(name) != key:
             self._sent[name] = key
             handle.content = key if html is None else html()
@@ -184,7 +181,7 @@ def decisions_html(drones: Sequence[DroneMoment]) -> str:
     if len(drones) == 1:
         return decision_html(drones[0])
     html = ""
-    replies: dict[tuple[int, str], list[DroneMoment]] = {}  # (step, reply) → its drones
+    replies: dict[tuple[int, str], list[DroneMoment]] = {}  # (step, reply) → drones with this reply
     for drone in drones:
         if (decision := drone.decision) is not None:
             replies.setdefault((decision.step, str(decision.reply)), []).append(drone)

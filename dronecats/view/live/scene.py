@@ -18,12 +18,12 @@ from foundation.frames import Vec3, quat_yaw
 from foundation.run_folder.rows import drone_label
 
 COLORS: tuple[Vec3, ...] = tuple(map(palette.linear, palette.DRONES))
-CHOSEN = palette.rgb(palette.MARKS["chosen"])  # the point of a `go` action
-BLOCKED_POINT = palette.rgb(palette.MARKS["declared-bad"])  # the obstacle on the ray to the point of a `go` action
+CHOSEN = palette.rgb(palette.MARKS["chosen"])  # colour of the point of a `go` action
+BLOCKED_POINT = palette.rgb(palette.MARKS["declared-bad"])  # colour of the obstacle on the ray to this point
 SETPOINT = palette.rgb(palette.MARKS["setpoint"])
 WORLD = "/world"  # the root node; to follow a drone, the page moves this node and keeps the view
 NOON = Sun((0.3, 0.2, -0.93))
-SETPOINT_M_PER_MPS = 1.5  # length of a setpoint's arrow
+SETPOINT_M_PER_MPS = 1.5  # length of the arrow that shows a velocity setpoint
 STILL_MPS = 0.05  # a slower setpoint has no arrow
 GRID_M = 400.0
 
@@ -59,7 +59,7 @@ class FlightScene:
         self._picker: display.Picker | None = None
         self._view_is_set = False
         self._brought: set[int] = set()  # ids of browsers whose view was moved to the flight
-        self.shows_objects = True  # whether to show the record's objects; only one of several flights shows them
+        self.shows_objects = True  # whether to show target and look-alikes; only one of several flights shows them
         self.judge_shown = False  # whether to send and show the judge's marks
         base = None if scene is None else scene.base or scene
         if server.scene.get_handle_by_name(WORLD) is None:
@@ -78,7 +78,6 @@ class FlightScene:
         return (x, y, z)
 
     def show(self, moment: Moment) -> None:
-        """Show a moment."""
         with self._server.atomic():
             if self._followed is not None:
                 self._keep_up(moment.drones)

@@ -77,7 +77,6 @@ class LiveFlight:
         self._scene.follow(self.wanted.followed)
 
     def turn(self) -> None:
-        """Show the current moment."""
         moment = self._follower.turn()
         for drone, places in (self._trails or {}).items():
             self._scene.show_trail(drone, places)
@@ -87,12 +86,11 @@ class LiveFlight:
         self._panels.show(moment)
 
     def remove(self) -> None:
-        """Remove the flight from the page."""
         self._panels.remove()
         self._scene.remove()
 
     def _bring(self, moment: Moment) -> None:
-        """Move the view of new browsers to the first drone, or to its start if its position is unknown."""
+        """Move the view of new browsers to the first drone with a known position, or else to the first start."""
         for drone in moment.drones:
             if drone.position_ned is not None:
                 self._scene.move_new_views(drone.position_ned, quat_yaw(drone.attitude))
@@ -116,7 +114,7 @@ class LivePage:
         self._server = server
         self._shown: LiveFlight | None = None
         self._folder: Path | None = None  # the folder of the shown flight
-        self._begun_ns = 0  # when it was prepared: a folder may be flown again
+        self._begun_ns = 0  # ns, when this flight was prepared; a later flight may use the same folder
         self._ground: object = None  # identifies the shown map
         self._listed: object = None
         server.gui.main_panel.dock_right()
@@ -142,7 +140,6 @@ class LivePage:
         self._shown = self._open(wanted.folder, kept)
 
     def turn(self) -> None:
-        """Show the current moment."""
         if self._shown is not None:
             self._shown.turn()
 
@@ -186,7 +183,7 @@ def _ground(folder: Path) -> object:
 PERIOD_S = 0.04  # wall s between updates while a browser is connected
 IDLE_S = 0.25  # wall s between updates without a browser
 LISTED_S = 0.5  # wall s between updates of the list of flights
-NICE = 5  # niceness: the flight's processes have priority
+NICE = 5  # niceness of this process, so that the flight's processes have priority
 
 
 class FolderPage:
@@ -213,7 +210,7 @@ class FlightViewer:
         label = f"DroneCATS · {config.title}" if config.title else "DroneCATS"
         self._server = LoopbackServer(label, config.port, config.hosts)
         self._config = config
-        self._page: FolderPage | LiveFlight | None = None  # created in the first turn: a world may take seconds
+        self._page: FolderPage | LiveFlight | None = None  # created in the first turn: this may take seconds
         self._due_s = 0.0
 
     def ready(self) -> dict[str, Any]:

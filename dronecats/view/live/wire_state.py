@@ -22,14 +22,14 @@ AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, POSITION_TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
 TEXT, LOCAL_POSITION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 HANDLED = STATE_MESSAGES | {POSITION_TARGET, TEXT}  # messages of an autopilot that change a drone's state
-KEPT = 3000  # truth frames per drone: a minute at 50 Hz, which includes the pose at a decision's picture
-KEPT_ESTIMATES = 600
+KEPT = 3000  # truth frames per drone: a minute at 50 Hz, enough to include the pose at a decision's picture
+KEPT_ESTIMATES = 600  # poses estimated by the autopilot, per drone
 _TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
 
 
 @dataclass(frozen=True, slots=True)
 class WirePose:
-    """The pose of a drone, from the truth bus or from its autopilot."""
+    """The pose of a drone: the true pose from the simulator's truth bus, or the estimate of the drone's autopilot."""
 
     time_us: int  # µs, vehicle clock
     position_ned: Vec3  # m, NED: in the map frame if `true`, else in the autopilot's local frame
@@ -53,8 +53,6 @@ class DroneFrames:
 
 
 class WireState:
-    """The state of all drones of a flight."""
-
     def __init__(self, origin: Origin | None) -> None:
         """`origin`: geodetic origin of the map; None: the map is unknown, and only autopilots' estimates are used."""
         self._origin = origin
@@ -98,7 +96,7 @@ class WireState:
         return min(wires.estimates, key=lambda pose: abs(pose.time_us - time_us), default=None)
 
     def moment(self, drone: int, ground_down: Callable[[float, float], float]) -> DroneMoment:
-        """Return the moment of a drone. `ground_down` returns the ground's down coordinate (m) at (north, east)."""
+        """Return a drone's newest state. `ground_down` returns the ground's down coordinate (m) at (north, east)."""
         pose, wires = self.pose(drone), self.drones.get(drone)
         if wires is None:
             return DroneMoment(drone)

@@ -1,4 +1,4 @@
-"""The controls of a replay: a panel (runs, time, speed, lists of events, redrawn views) and keys."""
+"""The controls of a replay: keys, and a panel with runs, time, speed, lists of events, and additional views."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from dronecats.view.replay.player import SPEEDS, PlaybackClock
 from dronecats.view.replay.views import HEIGHT_PX, WIDTH_PX, RedrawnView
 from foundation.run_folder.rows import drone_label
 
-STEP_S = 0.1  # s of the episode
+STEP_S = 0.1  # s of the episode that a step moves
 CHOICES = 9  # the digits 1 to 9 can choose at most this many runs or drones
 
 

@@ -26,15 +26,13 @@ from foundation.run_folder.reading import Logs, episode_folder, rows
 from foundation.run_folder.rows import ActiveLimits, Decision, EnvelopeRow, Order, drone_label
 
 SAME_S = 1e-6  # s, the tolerance between times
-NORMAL_END_REASONS = ("cap", "decided")  # normal reasons for the end of a flight
+NORMAL_END_REASONS = ("cap", "decided")  # an end for any other reason is a fault
 OFFBOARD = "OFFBOARD"
 # s; this shortly before a flight's end, a change from OFFBOARD is no fault, because the run itself may cause it
 END_TOLERANCE_S = 1.0
 
 
 class OccurrenceKind(Enum):
-    """The kind of an occurrence."""
-
     DECISION = "decision"
     DECLARATION = "declaration"
     FAULT = "problem"
@@ -136,7 +134,6 @@ class FlightMoments:
 
     @property
     def drones(self) -> tuple[int, ...]:
-        """The numbers of the drones."""
         return self.recorded.drones
 
     @property

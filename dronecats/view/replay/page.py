@@ -29,7 +29,7 @@ class PageState:
     flight: int = 0
     drone: int = 0
     along: bool = False  # whether the view follows `drone`
-    judge: bool = False  # whether the judge's view is shown
+    judge: bool = False  # whether the judge's data (target, distances) are shown
     view: RedrawnView | None = None
 
 
@@ -92,12 +92,10 @@ class ReplayPage:
 
     @property
     def clock(self) -> PlaybackClock:
-        """The current clock."""
         return self._player.clock
 
     @property
     def state(self) -> PageState:
-        """The current choices."""
         with self._turn:
             return self._state
 
@@ -106,7 +104,6 @@ class ReplayPage:
         return self._player.idle(timeout_s) and self._views.idle(timeout_s)
 
     def close(self) -> None:
-        """End the threads and the server."""
         self._player.close()
         self._views.close()
         self._server.stop()

@@ -21,8 +21,8 @@ class PlaybackClock:
     """The shown time of the episode as a function of the wall time. Immutable: its methods return a new clock."""
 
     end_s: float  # s since the episode began, when playback stops
-    t_s: float = 0.0  # s since the episode began, shown at `wall_s`
-    wall_s: float = 0.0  # s of a monotonic clock
+    t_s: float = 0.0  # s since the episode began: the shown time at `wall_s`
+    wall_s: float = 0.0  # s of a monotonic clock, when `t_s` is shown
     speed: float = 1.0  # s of flight per wall s
     playing: bool = False
 
@@ -86,7 +86,6 @@ class Player:
 
     @property
     def clock(self) -> PlaybackClock:
-        """The current clock."""
         with self._news:
             return self._clock
 
@@ -97,7 +96,7 @@ class Player:
             return self._clock.at(time.monotonic())
 
     def order(self, order: ClockOrder) -> None:
-        """Apply an order to the clock, and show its time."""
+        """Apply an order to the clock, and show the clock's new time."""
         with self._news:
             self._clock, self._stale = order(self._clock, time.monotonic()), True
             self._news.notify_all()

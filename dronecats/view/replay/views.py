@@ -1,4 +1,4 @@
-"""Redraws a flight from behind a drone, from above, or through its camera."""
+"""Redraws a flight from behind a drone, from above the drone, or through the drone's camera."""
 
 import math
 from collections.abc import Callable
@@ -20,8 +20,6 @@ NO_WORLD = "no view can be drawn, because the world of this flight is unknown"
 
 
 class RedrawnView(Enum):
-    """The kind of a redrawn view."""
-
     CHASE = "from behind"
     TOP = "from above"
     ONBOARD = "through the camera"
@@ -29,8 +27,6 @@ class RedrawnView(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ViewRequest:
-    """A request to draw a picture."""
-
     flight: int  # index of the flight on the page
     drone: int
     view: RedrawnView
@@ -50,7 +46,7 @@ class FlightViews:
         return self.stage(view).picture(self.eye(drone, view, t_s), t_s)
 
     def stage(self, view: RedrawnView) -> FilmStage:
-        """Return the stage that draws a view."""
+        """Return the renderer for a view, created at its first use."""
         own = view is RedrawnView.ONBOARD
         if own not in self._stages:
             width, height = self._size
@@ -67,7 +63,6 @@ class FlightViews:
         return above(pose) if view is RedrawnView.TOP else aboard(pose, self._flight.camera_at(drone, t_s))
 
     def close(self) -> None:
-        """Release the renderers."""
         for stage in self._stages.values():
             stage.close()
         self._stages = {}
@@ -91,7 +86,6 @@ class ViewRenderer:
         self._latest = NewestItemWorker(self._draw, "replay-views")
 
     def request(self, request: ViewRequest) -> None:
-        """Request a picture."""
         self._latest.put(request)
 
     def idle(self, timeout_s: float) -> bool:

@@ -29,7 +29,7 @@ FAR_M = 200.0  # distance of the sun's light from the origin
 def light(server: viser.ViserServer, sun: Sun) -> None:
     """Set the up direction, the sky and the sunlight of a map, without shadows.
 
-    Only the cameras' pictures have shadows.
+    Only the pictures of the drones' cameras have shadows.
     """
     scene = server.scene
     scene.set_up_direction("+y")
@@ -160,8 +160,6 @@ def ring(terrain: HeightField, centre: tuple[float, float], radius_m: float, cou
 
 
 class Picker:
-    """Finds the point of the map under a click."""
-
     def __init__(self, scene: Scene) -> None:
         """`scene`: the map without targets."""
         self._instances = [i for i in scene.instances if len(i.mesh.triangles)]

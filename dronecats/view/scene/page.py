@@ -24,7 +24,7 @@ FORBIDDEN = (
     "This page opens only at the full address that dronecats printed, with its token, on the same machine.\n"
     "To open it under another host name, start dronecats with --host NAME (with --view: --view-host NAME).\n"
 )
-_STARTING = threading.Lock()
+_STARTING = threading.Lock()  # held while `websockets` is patched
 
 ProcessRequest = Callable[[ServerConnection, Request], Response | None]
 
@@ -39,7 +39,7 @@ class Gate:
     """
 
     def __init__(self, names: Sequence[str] = ()) -> None:
-        """`names`: admitted host names in addition to the loopback names. They may be those of an HTTPS proxy."""
+        """`names`: admitted host names in addition to the loopback names, such as the name of an HTTPS proxy."""
         self.token = secrets.token_urlsafe(16)
         self._names = frozenset(name.lower() for name in names)
 

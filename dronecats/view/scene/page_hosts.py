@@ -20,5 +20,5 @@ def check(names: Sequence[str], option: str) -> None:
 
 
 def reach(names: Sequence[str]) -> str:
-    """Return a phrase that says from where a page with these names opens."""
+    """Return a phrase that says where a page that admits these host names can be opened."""
     return f"this machine, and as {', '.join(names)}" if names else "this machine only"
