@@ -36,29 +36,29 @@ from foundation.wording import suggestion
 GROUND_M = 160.0  # half the ground's width
 
 # Contact sheets
-DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from the camera to the asset's bounding box, on the line to its origin
+DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from camera to the asset's bounding box, along the line to the asset's origin
 WIDTHS_PX = (448, 320, 192, 128)  # of the tiles, one per distance; each tile is cut from the middle of the picture
-HEIGHT_PX, LABEL_PX, GAP_PX = 248, 26, 6
+HEIGHT_PX, LABEL_PX, GAP_PX = 248, 26, 6  # of a tile, of a caption, between tiles
 EYE_M = 1.6  # height of the camera above the ground
 QUARTER_DEG = 35.0  # bearing of the camera from the asset, to the right of the asset's nose
 SEEN_PX = (640, 360)  # size of the reduced frame
-SHADE = Sun((0.22, 0.62, -0.753))  # behind the camera
+SHADE = Sun((0.22, 0.62, -0.753))  # sun of the contact sheets, behind the camera
 PAINTS = ("cyan", "red", "yellow", "green", "orange", "blue", "purple", "pink")  # one per row, in turn
 INSCRIPTIONS = {"sign": "GATE 7"}
-DRONE, HOVER_M = "drone", 1.3  # name of the drone on the sheet (not an asset of records); its height above the ground
+DRONE, HOVER_M = "drone", 1.3  # name of the drone, which is no asset of records; height above the ground
 QUALITY = 75
 INK, PAGE = (36, 38, 42), (246, 246, 244)
 
 # The reading probe
 PROBE_DISTANCES_M = (4, 6, 8, 10, 12, 14, 16)  # from the camera to the inscription's plane
 LEAST_EYE_M = 1.2  # least height of the camera above the ground: the least allowed start height of an episode
-SUN = Sun((-0.60, 0.35, -0.7194))  # behind the camera, which looks north at the rear of the asset
+SUN = Sun((-0.60, 0.35, -0.7194))  # sun of the probe, behind the camera, which looks north at the rear of the asset
 CROP_PX, CELL_PX, CELL_LABEL_PX = (160, 90), (320, 180), 22  # the probe's contact sheet: crop, enlarged crop, label
 LETTERS, DIGITS = "ABCDEFGHJKLMNPRSTUVWXYZ", "0123456789"  # letters without I, O and Q, as on most plates
 
 
 def alone(name: str, mesh: Mesh, sun: Sun, height_m: float = 0.0) -> Scene:
-    """Return a scene of the asset alone on asphalt, facing north, with its origin `height_m` above the ground."""
+    """Return a scene of one asset on asphalt. The asset faces north, with its origin `height_m` above the ground."""
     corner = [(GROUND_M * x, GROUND_M * y, 0.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     flat = g.soup([[corner[i] for i in (0, 1, 2)], [corner[i] for i in (0, 2, 3)]], surface("asphalt"), tile_m=4.0)
     ground = Instance(1, "ground", "ground", g.assemble([flat]), (0.0, 0.0, 0.0))
@@ -73,9 +73,9 @@ def names() -> list[str]:
 def write_contact_sheet(chosen: Sequence[str], out: Path) -> None:
     """Write a JPEG with one row per asset and one column per distance.
 
-    If `chosen` is empty, the sheet shows all assets. Each tile is an unscaled crop of the camera's 1280×720 frame after
-    its reduction to 640 px. The same names give the same bytes. Raises UsageError for a name that is not among
-    `names()`, or for a file that cannot be written.
+    If `chosen` is empty, the sheet shows all `names()`. The camera's 1280×720 frame is reduced to a width of 640 px,
+    and each tile is cut from it. The same names give the same bytes. Raises UsageError for an unknown name, or for a
+    file that cannot be written.
     """
     catalogued = names()
     for name in chosen:

@@ -31,14 +31,14 @@ Rect = tuple[int, int, int, int]  # px: left, top, right, bottom
 # Plans
 UNNAMED = ("ground", "wood", "shrub", "bush", "bollard", "fence", "hedge")  # kinds without a label
 SIDE_PX = 1800
-HFOV_DEG = 12.0  # narrow, from high above, so that tall things lean outwards by less than their own width
+HFOV_DEG = 12.0  # narrow field of view, from high above, so that tall things lean outwards by less than their width
 MARGIN_M = 6.0
 PALE = 0.42  # share of white mixed into the picture, so that the names stand out
 PLAN_QUALITY = 72
 
 # Views
 ABOVE_SPAWN_M = 12.0  # height of the camera above the spawn point, for a map that is not in maps.VANTAGE
-CENTRED = CameraModel(1280, 720, 90.0, (0.0, 0.0, 0.0))  # at the pose itself, without the offset of a vehicle's camera
+CENTRED = CameraModel(1280, 720, 90.0, (0.0, 0.0, 0.0))  # no offset: the optical centre is at the given pose
 LARGEST_BYTES = 250_000
 QUALITIES = range(90, 40, -5)  # of a JPEG; the first that keeps LARGEST_BYTES is used
 

@@ -79,7 +79,7 @@ def spread(world: World, centres: list[Vec3]) -> Iterator[RuleFinding]:
 def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
     """Yield whether each drone sees all candidates from its start and reads none of their inscriptions (`texts`).
 
-    If the asset does not show its inscription, yield only this finding.
+    If a candidate does not show its inscription, yield only a finding that says so.
     """
     candidates = world.target_and_lookalikes
     blank = [i.name for i, text in zip(candidates, texts, strict=True) if len(_inscription(i, text)) == 0]
@@ -104,7 +104,7 @@ def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
 
 
 def letters_px(instance: Instance, text: str, past: Occluder, origin: Vec3, yaw_deg: float) -> float:
-    """Return the height of an inscription's letters, px in the 640 px picture; 0 if none of it is visible."""
+    """Return the height (px) of letters in the 640 px picture from `origin`; 0 if turned away or hidden by `past`."""
     tri = _inscription(instance, text)
     attitude = level(yaw_deg)
     eye = np.array(origin) + np.array(rotate(attitude, CAMERA.offset_frd))

@@ -40,13 +40,13 @@ from foundation.protocol import CAP_S
 
 Array = NDArray[np.float64]
 
-GROUND_STEP_M = 0.1
-SWEEP_STEP_M = 0.25
+GROUND_STEP_M = 0.1  # between checked points of a path
+SWEEP_STEP_M = 0.25  # between checked poses of a moving target
 MOST_SWEEPS = 1500  # upper limit of checked poses per path; on paths over 375 m they are more than SWEEP_STEP_M apart
 MARGIN_M = 0.05  # a target on its path must be this far from every obstacle
 LIFT_M = 0.12  # a target may pass over obstacles lower than this, such as kerbs and roots
 
-CLIMB_STEP_M = 0.2
+CLIMB_STEP_M = 0.2  # between checked points of a climb
 RIM = 16  # points around a start at which the ground is measured
 
 
@@ -114,7 +114,7 @@ def overlaps(triangles: Array, box: Box) -> bool:
     """Return whether any of the triangles (T, 3, 3) in m NED overlaps a box.
 
     Source: Akenine-Möller, Fast 3D Triangle-Box Overlap Testing. The separating axes are the three axes of the box, the
-    normal of the triangle, and the nine cross products of their edges.
+    normal of the triangle, and the nine cross products of an axis and an edge of the triangle.
     """
     local = (triangles - box.centre_ned) @ turn(box.yaw)
     reach = (local.min(axis=1) <= box.half).all(axis=1) & (local.max(axis=1) >= -box.half).all(axis=1)
@@ -157,7 +157,7 @@ def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindi
 
 
 def path_off_ground(world: World) -> RuleFinding:
-    """Return whether the path stays on the ground, also between waypoints, as far as the target moves in an episode."""
+    """Return whether the path lies on the ground, also between waypoints, as far as the target moves in an episode."""
     path = world.record.target.path
     if path is None:
         raise ValueError("the target stands still")
@@ -238,7 +238,6 @@ def pace(world: World) -> Iterator[RuleFinding]:
 
 
 def start_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
-    """Yield the findings about the starts."""
     yield from distance_and_bearing(world)
     yield from altitude(world)
     yield from free(world, obstacles)
@@ -287,7 +286,7 @@ def unevenness_m(world: World, north: float, east: float) -> float:
 
 
 def free(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
-    """Yield whether no obstacle is within REACH_M of a drone at its start and on the climb to it."""
+    """Yield whether no obstacle is within REACH_M of a drone, at its start and on its climb to the start."""
     worst, name = REACH_M, ""
     for start in world.record.starts:
         for point in climb(world, start):

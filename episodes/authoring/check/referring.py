@@ -46,7 +46,7 @@ NOUNS: dict[str, tuple[str, ...]] = {
 }
 
 COMPACT_M = 4.0  # largest half size of a landmark for all relations except `nearest`
-# m, largest distance for left of, right of, in front of and behind: of the clear test, of the loose test
+# m, largest distance from the landmark for left of, right of, in front of and behind: in the clear and the loose test
 BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0
 NEAREST_M = 25.0  # m, largest distance for `nearest`
 APART_M = 40.0  # m, largest distance between the two landmarks of `between`
@@ -106,7 +106,6 @@ class Expression:
 
     @property
     def words(self) -> str:
-        """Return the expression in words."""
         return f"the {self.noun} {self.relation} {' and '.join(self.landmarks)}"
 
 
@@ -136,8 +135,8 @@ def denotes(
 ) -> tuple[list[str], list[str]]:
     """Return two lists of names: the things that pass the clear test, and the things that pass the loose test.
 
-    Both are empty if a landmark is too large for the relation. `places`: name → position (m, NED) of all things of the
-    kind. `landmarks`: phrase → footprint. `viewer`: m, NED.
+    Both are empty if a landmark is too large for the relation. `places`: name → position (m, NED) of all things that
+    the noun may mean. `landmarks`: phrase → footprint. `viewer`: position (m, NED) of the drone that looks at them.
     """
     marks = [landmarks[phrase] for phrase in expression.landmarks]
     spots = {name: _flat(place) for name, place in places.items()}
@@ -222,9 +221,10 @@ def footprint(instance: Instance) -> Footprint:
 def landmarks(map_name: str, map_seed: int, kind: str, viewer: Vec3, yaw_deg: float | None) -> dict[str, Footprint]:
     """Return phrase → footprint of all landmarks that an instruction may use to distinguish things of a kind.
 
-    These are the map's own landmarks of other kinds. `yaw_deg` is the yaw of a drone that sees its target at the start;
-    None without such a drone. With it, things that are the only one of their kind in the drone's first picture are
-    landmarks too, such as 'the kiosk'. The result is empty for a map without its own landmarks.
+    These are the map's own landmarks of other kinds. `viewer` is the position (m, NED) of the first drone at the start.
+    `yaw_deg` is this drone's yaw if it sees the target at the start, or else None. With a yaw, things that are the only
+    ones of their kind in the drone's first picture are landmarks too, such as 'the kiosk'. The result is empty for a
+    map without its own landmarks.
     """
     named = {mark.phrase: mark.name for mark in places(map_name, map_seed).landmarks}
     if not named:
@@ -279,7 +279,6 @@ def contains(text: str, words: str) -> bool:
 
 
 def rules(world: World) -> Iterator[RuleFinding]:
-    """Yield the findings about the instruction."""
     record = world.record
     kinds = nouns(record.target.asset)
     if record.cell == "commanding":

@@ -29,10 +29,10 @@ from foundation.frames import Vec3, bearing_deg
 from foundation.protocol import RADIUS_M, SPEED_MAX
 
 ENOUGH = 5  # a rule about the spread of a cell's records on a map needs at least this many records
-OFF_CENTRE_DEG = 15.0  # at least half of a cell's visible targets must be farther off the nose than this
+OFF_CENTRE_DEG = 15.0  # at least half of a cell's visible targets must be farther off the drone's nose than this
 UNEVEN = 0.25  # a cell's values may differ from an even spread by at most this (Kolmogorov's D)
-CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # limits of the start distance on campus: nearest start, farthest start
-HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # limits of the lowest and of the highest start
+CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # m, limits of a suite's smallest and of its largest start distance on campus
+HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # m, limits of a suite's lowest and of its highest start above the ground
 LEAST_ROW_SPREAD = 0.05  # the lowest and the uppermost target differ by at least this share of the picture's height
 # To pass a target means to come within 5 m of it and see it. A straight flight passes all targets at 16 m that are up
 # to 14° off its heading, if no obstacle is in the way. Three such headings cover the usable 74° of the picture. So
@@ -41,8 +41,8 @@ LEAST_ROW_SPREAD = 0.05  # the lowest and the uppermost target differ by at leas
 AHEAD = {True: 2, False: 1}  # if it flies straight ahead
 ANY_HEADING = {True: 4, False: 2}  # on the best heading
 
-HEADING_STEP_DEG = 2
-ALONG_STEP_M = 0.5
+HEADING_STEP_DEG = 2  # between the checked headings of straight flights
+ALONG_STEP_M = 0.5  # between the checked points of a straight flight
 CLEAR_M = 0.3  # free space on each side of a straight flight
 DRONE_ID = 1_000_000  # id of the first drone, above all ids of a scene
 DRONE_M = (0.35, 0.35, 0.13)  # half size of a drone with its rotors: length, width, height
@@ -61,8 +61,8 @@ class Layout:
     row: float | None  # 0 … 1, top to bottom, of the same point; None if not visible
     distance_m: float
     height_m: float  # height of the first start above the ground under it
-    straight_deg: frozenset[int]  # see `straight`; empty for a fleet
-    fewest_px: int | None  # see `fewest_candidate_pixels`; None for one drone
+    straight_deg: frozenset[int]  # headings that `straight` returns; empty for a fleet
+    fewest_px: int | None  # result of `fewest_candidate_pixels`; None for one drone
 
 
 def check(world: World) -> list[RuleFinding]:
@@ -95,7 +95,7 @@ class Report:
 
     @property
     def reason(self) -> str | None:
-        """Return why the record is rejected, in one line with file, field and reason; None when it is accepted."""
+        """Return why the record is rejected, in one line with source, field and reason; None if it is accepted."""
         if self.error:
             return self.error
         failed = "; ".join(f.sentence for f in self.findings if not f.passed)
@@ -103,7 +103,7 @@ class Report:
 
 
 def check_one(source: str, laid_out: bool = False) -> Report:
-    """Return the report on a record by its id, file or folder, with its layout if `laid_out`."""
+    """Return the report on the record with an id, file or folder; with the record's layout if `laid_out`."""
     name = source
     try:
         record = catalogue.load(source)

@@ -24,13 +24,13 @@ from foundation.threads import once
 
 Array = NDArray[np.float64]
 
-STEP_DEG = 0.1
+STEP_DEG = 0.1  # between the yaws of a Framing
 EDGE_DEG = 1.0  # a thing is completely inside the picture if it is at least this far from the picture's edge
 CAMERA = CameraModel()
 HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
 
-STEP_M = 0.5
-MOST_STEPS = 201  # at most this many points are checked on a way: enough for 100 m, the rules' largest start distance
+STEP_M = 0.5  # between checked points of the way to a target
+MOST_STEPS = 201  # most points checked on the way to a target: enough for 100 m, the rules' largest start distance
 FACED_FRACTION = 0.5  # share of the target's silhouette that must be visible when the drone faces it
 
 
@@ -106,7 +106,7 @@ def _reach(
     seen = (box_corners(target.mesh, place, turned) - eye) @ axes.T
     if (seen[:, 0] <= NEAR_M).all():
         return np.arange(0), np.arange(0)
-    if (seen[:, 0] <= NEAR_M).any():  # partly behind the camera: it may be anywhere in the picture
+    if (seen[:, 0] <= NEAR_M).any():  # the box is partly behind the camera, so it may be anywhere in the picture
         return np.arange(camera.width), np.arange(camera.height)
     x = camera.width / 2 + camera.focal_px * seen[:, 1] / seen[:, 0]
     y = camera.height / 2 + camera.focal_px * seen[:, 2] / seen[:, 0]
@@ -124,7 +124,7 @@ class Framing:
     off_deg: Array  # (N,) yaw of the nose from the thing's bearing, -180 … 180, + to the right
     left_deg: Array  # (N,) azimuth of the thing's left end from the optical axis, + to the right
     middle_deg: Array  # (N,) azimuth of the middle of the thing's box
-    right_deg: Array  # (N,) azimuth of its right end; left <= middle <= right, so ends may be beyond ±180
+    right_deg: Array  # (N,) azimuth of the thing's right end; left <= middle <= right, so ends may be beyond ±180
 
     def inside(self) -> NDArray[np.bool_]:
         """Return (N,) whether the whole width of the thing is in the picture."""
@@ -209,7 +209,6 @@ def _wrap(degrees: Array) -> Array:
 
 
 def level(yaw_deg: float) -> Quat:
-    """Return the attitude of a level drone."""
     return quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
 
 

@@ -37,7 +37,7 @@ VERBS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 PEOPLE = ("person", "pedestrian", "cyclist")
 
-BOARDS = (
+BOARDS = (  # inscriptions of signs: the four of one episode in a row
     ("DOCK A", "DOCK B", "DOCK C", "DOCK D"),
     ("GATE 3", "GATE 5", "GATE 8", "GATE 9"),
     ("BAY 12", "BAY 17", "BAY 21", "BAY 71"),
@@ -53,7 +53,7 @@ BOARDS = (
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """The values of a record except its id and the numbers computed later."""
+    """The values of a record, without the id and the values that are computed from these."""
 
     target: TargetRecord
     placed: PlacedTarget  # the same target, as it stands when the episode begins
@@ -75,7 +75,6 @@ def yaw_deg(cell: str, ahead_deg: float, framed: Framing, share: float) -> float
 
 
 def flight_seed(rng: random.Random) -> int:
-    """Return a random seed for a flight."""
     return rng.randrange(1, MAX_SEED)
 
 
@@ -116,7 +115,6 @@ def instruction(cell: str, name: str, asset: str, rng: random.Random) -> str:
 
 
 def inscribed(asset: str, text: str, rng: random.Random) -> str:
-    """Return the name of a candidate by its inscription."""
     if asset == "sign":
         return f"the sign {rng.choice(('that reads', 'saying', 'marked'))} {text}"
     words = rng.choice(("with the licence plate", "whose plate reads", "with number plate"))

@@ -28,11 +28,11 @@ from foundation.protocol import CAP_S
 # assets that are never targets here: signs are only for fleets; robots and carts are only for the campus; people are
 # too small at 16 m
 NOT_PAINTED = ("sign", "person", "pedestrian", "delivery_robot", "service_cart")
-SPEED_MPS = 0.3  # on a map that requires no speed
+SPEED_MPS = 0.3  # speed of a target on a map that requires no speed
 PAINTED_SPARE_M = 1.5  # length of the path beyond the distance that the target covers in an episode
 BAY_M = 0.25  # the free space around a parked target is at least this wide
-# m, largest reach of a target from its middle towards the start. A drone that flies towards the end of a longer target,
-# such as a bus, would hit it before it is within 5 m of its middle.
+# m, largest reach of a target from its middle towards the start. A drone that approaches the end of a longer target,
+# such as a bus, would hit the bus before it is within 5 m of the bus's middle.
 REACH_M = 3.2
 PAINTED_STARTS = 2  # at most this many drafts for one target
 # kinds of spots for an asset; an asset without an entry gets ANY_GROUND
@@ -44,8 +44,8 @@ FOOTWAY = "pavement"  # lanes without vehicles have this word in their names
 NO_TARGETS = (*referring.UNNAMED, "clock-tower")  # kinds of a map that are never the target
 MOVERS = ("delivery_robot", "service_cart", "pedestrian")
 PAINT = "white"  # paint of moving robots and carts, like those that belong to the map
-REFERRED_SPARE_M = 1.0
-VIEW_INDEPENDENT_RELATIONS = ("nearest", "between")  # the same from every place, so they suit hidden targets
+REFERRED_SPARE_M = 1.0  # like PAINTED_SPARE_M
+VIEW_INDEPENDENT_RELATIONS = ("nearest", "between")  # true from every place of the viewer, so they suit hidden targets
 EMPTY_ROUNDS_MAX = 4  # after this many rounds through all kinds without a draft, the search ends
 SKIPPED_NEAREST = 0.8  # probability of skipping a target that only `nearest` identifies, to try other targets
 REFERRED_STARTS = 12  # at most this many starts are tried for one target
@@ -186,14 +186,14 @@ def _referred_draft(
     share: Draw,
     rng: random.Random,
 ) -> Proposal | None:
-    """Return a draft with a start from which an expression denotes only the target, or None.
+    """Return a draft with a start from which an expression denotes only the target; None if there is no such start.
 
     `share` sets the start distance within the map's range. For a moving target, the range ends where the target is too
     small in the picture. A randomly drawn relation is preferred. 'nearest' is the last choice, and is often skipped.
     """
     rules = RULES.get(site.name, DEFAULT_RULES)
     nearest, farthest = rules.start_distance_m[0] + 0.2, rules.start_distance_m[1] - 0.3
-    if cell in MOVING:  # all moving targets are small
+    if cell in MOVING:  # moving targets are small; beyond this, every draw would fail
         farthest = min(farthest, farthest_m(placed, rules.occupancy_percent[0]))
     distance = nearest + share.distance * (farthest - nearest)
     if not nearest <= distance <= farthest_m(placed, rules.occupancy_percent[0]):

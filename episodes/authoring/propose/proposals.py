@@ -29,7 +29,7 @@ class RecordRequest:
     """A request for records."""
 
     map: str
-    cell: str
+    cell: str  # kind of episode, one of CELLS
     first: int  # number in the first record's id
     count: int
     seed: int
@@ -107,7 +107,7 @@ def _keeps_suite_rules(request: RecordRequest, layouts: list[Layout]) -> bool:
 
 
 def _next(drafts: Generator[Proposal | None, Draw, None], share: Draw) -> Proposal | None:
-    """Return the next draft for a share; None if there are no more drafts."""
+    """Return the next draft for a draw; None if there are no more drafts."""
     try:
         return drafts.send(share)
     except StopIteration:

@@ -31,7 +31,7 @@ SHORTEST_M = 0.2  # shortest leg of a path
 OFF_M = 0.012  # a path is at most this far from the ground, before heights are rounded
 LOOK_M = 0.1  # distance between the points at which OFF_M is checked
 
-ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)  # range of start heights: the rule's, with a margin
+ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)  # range of start heights: the rule's range, less a margin
 EDGE_M = 3.0  # least distance from the edge of the terrain
 DIRECTIONS = 36  # number of directions tried around a target
 CLEAR_FRACTION = 0.8  # at least this share of the target is visible when the drone faces it; the rules demand less
@@ -195,7 +195,7 @@ class Site:
         return rounded((goal[0] - flat * math.cos(bearing), goal[1] - flat * math.sin(bearing), down))
 
     def clear(self, place: Vec3, goal: Vec3) -> bool:
-        """Return whether the straight way from a place to 5 m before a goal is clear. Faster than `way_to_target`."""
+        """Return whether the straight way from a place to 5 m before a goal is clear. Faster than the rule on this."""
         span = math.dist(place, goal)
         for k in range(1, int((span - 5.0) / 1.5) + 1):
             u = k * 1.5 / span

@@ -21,7 +21,7 @@ from foundation.frames import Quat, Vec3, quat_integrate
 
 WIDEST = 2.0  # the picture drawn for a lens is at most this many times as wide and as high as the camera's picture
 ROUNDS = 15  # iterations of the inversion in `pinhole_rays`; a lens that needs more is rejected
-FARTHEST = 10.0  # largest offset from the middle in each direction, in focal lengths: 84° off the axis
+FARTHEST = 10.0  # the inversion clips x / z and y / z to ± this value: 84° off the axis
 MISS_PX = 0.05  # error that the inversion may have, for a focal length of 640 px
 
 
@@ -105,7 +105,7 @@ class OpticalRenderer:
         return camera_pose(motion.position_ned, motion.attitude, self._camera.at_pitch(motion.gimbal_pitch))
 
     def _seen(self, motion: VehicleMotion, moved: Callable[[float], Moved]) -> tuple[Light, NDArray[np.float32]]:
-        """Return the light of the scene at one instant, seen through haze and rain, and its planar depth (m)."""
+        """Return the light of the scene at one instant, through haze and rain, and the scene's planar depth (m)."""
         haze, drops, pose = self._optics.haze, self._optics.rain, self._pose(motion)
         view = self._renderer.render(pose, moved(motion.time_s))
         light = self._codes.light(view.rgb)

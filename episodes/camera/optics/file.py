@@ -19,7 +19,7 @@ def load(path: Path) -> Optics:
 def optics_of(table: Mapping[str, Any], where: str) -> Optics:
     """Return the options in a table. Raises UsageError, which names the table as `where`."""
     optics = typed(dict(table), Optics, where)
-    if optics.lens is not None:  # coefficients that are each in range may together give no usable picture
+    if optics.lens is not None:  # coefficients may each be in range and still give no usable picture together
         from episodes.camera.optics.camera import wide_camera  # imports the renderer, which most commands do not need
 
         try:

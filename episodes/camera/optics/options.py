@@ -9,7 +9,7 @@ SEED_MAX = 2**31 - 1
 
 
 def _within(low: float, high: float) -> Meta:
-    """Return the bounds of a number. The reader of the file checks them."""
+    """Return the bounds of a number. The reader of the TOML file checks them."""
     return Meta(ge=low, le=high)
 
 
@@ -37,7 +37,7 @@ class LensModel:
 class Sensor:
     """Noise of a sensor without colour filter: each channel counts its own electrons."""
 
-    full_well_e: Annotated[float, _within(50.0, 1e6)] = 8000.0  # electrons at the light that shows white
+    full_well_e: Annotated[float, _within(50.0, 1e6)] = 8000.0  # electrons that a channel counts for white
     read_noise_e: Annotated[float, _within(0.0, 1e4)] = 6.0  # electrons, standard deviation
 
 

@@ -17,8 +17,8 @@ RAIN_EXTINCTION = (0.000248, 0.67)
 
 NEAR_M, FAR_M = 0.4, 7.0  # depth of drops that are drawn, along the optical axis; `veil` stands for farther drops
 SMALLEST_MM = 0.8  # smaller drops are invisible
-SHUTTER_S = 0.008  # exposure time of streaks if there is no exposure option
-BRIGHTNESS = 1.25  # of a drop relative to the haze's colour: a drop refracts light of the whole sky
+SHUTTER_S = 0.008  # s, exposure time of streaks if there is no exposure option
+BRIGHTNESS = 1.25  # brightness of a drop / brightness of the haze: a drop refracts light of the whole sky
 
 
 def veil(rate_mm_h: float) -> float:

@@ -28,7 +28,7 @@ NOTHING = -1  # in place of a triangle: the sample sees the sky
 class Drawn(NamedTuple):
     """The values that `set_up` computes for each triangle of a scene in one picture."""
 
-    # (T, 9) (a, b, c) of three edge functions a·i + b·j + c at sample (j, i). All three are ≥ 0 inside the triangle.
+    # (T, 9) a, b, c of three edge functions a·i + b·j + c at sample (j, i). All three are ≥ 0 inside the triangle.
     # Each is proportional to the weight of one corner in the interpolation at that sample
     edges: NDArray[np.float64]
     volume: NDArray[np.float64]  # (T,) m³: planar depth = volume / (sum of the three edge functions)
@@ -39,7 +39,6 @@ class Drawn(NamedTuple):
 
 
 def new_drawn(triangles: int, chunks: int) -> Drawn:
-    """Return empty arrays for a scene of that many triangles and chunks."""
     return Drawn(
         edges=np.zeros((triangles, 9)),
         volume=np.zeros(triangles),
@@ -205,10 +204,11 @@ def draw_bands(
 ) -> None:
     """Write the nearest triangle (or NOTHING) of every sample in this thread's bands.
 
-    `samples` has the shape (grain · H + 1, grain · W + 1). Of two triangles at the same depth, the first one in the
-    items wins. The opaque triangles `items` are drawn first, because they hide most of the cut-out triangles
-    `cut_items`. `cutout` and `uv` are the fields of `Triangles`. `inverse_depths` (threads, 2 BAND, grain · W + 1) and
-    `lowest` (threads, grain · W + 1) are work arrays for each thread. `count_up` (grain · W + 1,) is 0, 1, 2 …
+    `samples` has the shape (grain · H + 1, grain · W + 1). `sort_into_bands` returns (`start`, `items`) for opaque
+    triangles and (`cut_start`, `cut_items`) for those with holes in their textures. Opaque triangles are drawn first,
+    because they hide most of the others. Of two triangles at the same depth, the first one in the items wins. `cutout`
+    and `uv` are the fields of `Triangles`. `inverse_depths` (threads, 2 BAND, grain · W + 1) and `lowest` (threads,
+    grain · W + 1) are work arrays for each thread. `count_up` (grain · W + 1,) is 0, 1, 2 …
     """
     bands = start.size - 1
     height = samples.shape[0]
@@ -259,8 +259,8 @@ class _Slopes(NamedTuple):
     wb: float
     wc: float
     ia: float  # −1 / a of the first edge; 0 if a is 0
-    ib: float  # the same for the second edge
-    ic: float  # the same for the third edge
+    ib: float  # −1 / a of the second edge; 0 if a is 0
+    ic: float  # −1 / a of the third edge; 0 if a is 0
     iw: float  # 1 / wa, 0 if wa is 0; only used for a triangle that the near plane cuts
     is_cut: bool
     limit: np.float32  # greatest inverse depth: rounding must not bring a thin triangle nearer than its corners
@@ -340,7 +340,7 @@ def _draw_cut_out(
     which: int,
     cutouts: Cutouts,
 ) -> None:
-    """Draw a triangle like `_draw`, but omit the samples that see a hole of its texture."""
+    """Draw a triangle like `_draw`, but omit the samples that see a hole in the triangle's texture."""
     name, e, per = np.int32(t), drawn.edges[t], 1.0 / drawn.volume[t]
     slopes = _slopes(e, drawn.volume[t], drawn.nearest[t])
     limit = slopes.limit
