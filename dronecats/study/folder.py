@@ -71,7 +71,7 @@ def _at(levels: Mapping[str, Level], where: str) -> dict[str, Level]:
 
 
 MERGED_FIELDS = ("flights", "runs")  # fields of Study that may change when a study resumes
-PILOT_FIELDS = ("pilot", "model", "outside", "commander", "scripted")  # fields of a flight that may differ between pilots
+PILOT_FIELDS = ("pilot", "model", "outside", "commander", "scripted")  # fields of a flight; may differ between pilots
 RENDERED = "simulated.rendered"  # may differ between pilots too, because only some pilots need pictures
 SHOWN_MAX = 3  # an error message lists at most this many differences
 
@@ -126,7 +126,7 @@ def _check_flights(folder: Path, before: Study, plan: StudyPlan) -> None:
     """Raise UsageError if a recorded flight differs from the planned one.
 
     A resumed study skips recorded flights, so these must equal the planned ones. A run is compared with the recorded
-    run of the same name, or else with one of another pilot at the same levels, without PILOT_FIELDS and RENDERED.
+    run of the same name, or else with a run of another pilot at the same levels, without PILOT_FIELDS and RENDERED.
     """
     by_name = {run.name: run for run in before.runs}
     bench = json_object(folder / layout.BENCH) or {}

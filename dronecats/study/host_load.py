@@ -164,7 +164,7 @@ class LevelRow:
     """The counts of the flights of one clock at one level. `compare` defines the reference flights."""
 
     clock: Clock
-    busy: int  # number of processes that load the CPU
+    busy: int
     flights: int
     solved: int
     moved: int  # flights that succeeded although the reference failed, or the reverse

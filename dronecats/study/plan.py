@@ -44,8 +44,8 @@ def plan(
     """Return the plan of a study.
 
     `pilots`: (name, flight); the flights have no episode and no levels yet. The k-th flight of an episode by a pilot
-    has the same seed at every point of the design. Round k has all k-th flights. In a round, pilot after pilot flies
-    every episode at all points before the next episode. So if a study stops early, only its last flights lack a
+    has the same seed at every point of the design. Round k has all k-th flights. In a round, each pilot in turn flies
+    one episode at all points, then the next episode. So if a study stops early, only its last flights lack a
     counterpart at other points. Raises UsageError for contradicting levels, a factor without an effect, and if there is
     nothing to fly.
     """

@@ -1,4 +1,4 @@
-"""Linearises the cascade about a hover in discrete time, and computes its delay margins with python-control.
+"""Linearises the control cascade about a hover in discrete time, and computes delay margins with python-control.
 
 `autopilot.control.loop_design` designs the loops with an airframe's constants, at nominal voltage and without air
 damping. This module linearises the same cascade about a simulated hover. It adds the voltage at the rotors, the damping
@@ -72,7 +72,7 @@ def sag(airframe: Airframe, plant: Any) -> float:
     """Return the relative drop of the voltage per relative increase of the thrust of all rotors.
 
     Power is proportional to the cube of the rotor speed, and so to thrust to the power of 1.5. At a lower voltage, the
-    same power needs a higher current, which increases the drop (the last factor).
+    same power needs a higher current, which increases the drop: the last factor below.
     """
     state, ohm = plant["state"], airframe.battery.resistance_ohm
     voltage, current = float(state["voltage"]), float(state["current"])

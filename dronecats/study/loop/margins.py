@@ -118,7 +118,7 @@ class LoopStudy:
 
     @property
     def prediction_error(self) -> float:
-        """The relative error of the predicted margin; positive if it is larger than the injected margin."""
+        """The relative error of the predicted margin; positive if this margin is larger than the injected one."""
         return self.predicted.delay_s / self.injected.delay_s - 1.0
 
 

@@ -276,7 +276,7 @@ def draw_margins(studies: Sequence[LoopStudy]) -> Any:
 
 
 def draw_steps(studies: Sequence[LoopStudy]) -> Any:
-    """Return a figure of the step responses without delay, of each airframe in the loops of SHOWN."""
+    """Return a figure of the step responses without delay: a panel per loop of SHOWN, a curve per airframe."""
     shown = [name for name in SHOWN if any(study.loop.name == name for study in studies)] or [studies[0].loop.name]
     figure, axes = _panels(1, len(shown), 2.0, sharey=True)
     names = _airframes(studies)

@@ -61,7 +61,7 @@ class Tolerance:
 
     @property
     def doubled_at(self) -> float | None:
-        """The interpolated level at which the error is ERROR_RATIO_LIMIT × `perfect_error`; None: it stays below."""
+        """The interpolated level at which the error is ERROR_RATIO_LIMIT × `perfect_error`; None: no such level."""
         bound, levels, errors = ERROR_RATIO_LIMIT * self.perfect_error, self.levels, self.errors
         for k in range(1, len(levels)):
             if errors[k] >= bound:

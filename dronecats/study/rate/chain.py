@@ -29,7 +29,7 @@ class QuestionTimes:
     wait_s: float  # time from the request of the picture to its arrival
     encode_s: float  # JPEG, prompt, request body and parsing of the response: all work of the client
     failed_s: float  # waits for the rate limit, failed attempts, and the pauses after them
-    model_s: float  # time from sending the request that was answered to its answer
+    model_s: float  # time from request to answer, only of the attempt that was answered
     parse_s: float  # time from the reply to the controller's setpoint
     tick_s: float  # waits for the agent's next tick, after the picture, the reply and the setpoint
     step_s: float  # time from the request of the picture to the ready setpoint: the sum of all times above except age_s
@@ -53,7 +53,7 @@ class _Question:
 
 
 class ChainClock:
-    """Records the events of each question, and reports its times when its setpoint is ready.
+    """Records the events of each question, and reports the question's times when its setpoint is ready.
 
     A question without a setpoint is not reported. Pictures and replies arrive on separate threads, but no lock is
     needed: an agent of one drone asks one question at a time.

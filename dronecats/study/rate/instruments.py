@@ -160,7 +160,7 @@ class CountedAgent:
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
         """Fly until `cap_s` or until `stop`. Raises DronecatsError, and KeyboardInterrupt after the last question.
 
-        The KeyboardInterrupt makes the flight count as interrupted, because it is stopped early.
+        The KeyboardInterrupt makes the flight count as interrupted, because the study stops the flight early.
         """
         self._agent.fly(cap_s, lambda decision: stop(decision) or self._is_done())
         if self._is_done():

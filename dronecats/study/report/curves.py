@@ -27,9 +27,9 @@ def success_figure(findings: Findings, along: FactorFindings) -> Any:
 
 
 def success_by_choice_figure(findings: Findings, along: FactorFindings) -> Any | None:
-    """Return a figure of success along a factor, with a curve per choice of the other factors' levels.
+    """Return a figure of success along a factor, with a curve per combination of the other factors' levels.
 
-    None if there is one choice, or more choices than colours.
+    None if there is one combination, or more combinations than colours.
     """
     cell = findings.results.groups[0]
     fits = [fit for fit in along.halves if fit.cell == cell and fit.beside]

@@ -58,7 +58,7 @@ class Findings:
     pooled: tuple[PairedDifference, ...]  # between two entrants, pooled over all points
 
     def maps_by_pair(self) -> Iterator[tuple[tuple[StudiedFactor, StudiedFactor], list[HeatMap]]]:
-        """Yield the heat maps of each pair of factors, with the factors of their rows and columns."""
+        """Yield ((factor of the rows, factor of the columns), heat maps) for each pair of factors."""
         for pair in dict.fromkeys((heat_map.rows, heat_map.columns) for heat_map in self.maps):
             factors = self.results.factors[pair[0]], self.results.factors[pair[1]]
             yield factors, [heat_map for heat_map in self.maps if (heat_map.rows, heat_map.columns) == pair]

@@ -106,7 +106,7 @@ def _forest(
 
 
 def _name_rows(axis: Any, names: Sequence[str], title: str, label: str) -> None:
-    """Label the rows of a panel from top to bottom, its title and its axis, and draw the line of no difference."""
+    """Set a panel's row labels (from top to bottom), title and axis label, and draw the line of no difference."""
     axis.axvline(0.0, color=style.GREY, linewidth=0.7, zorder=0)
     axis.set_yticks(range(len(names)), names)
     axis.set_ylim(len(names) - 0.5, -0.5)

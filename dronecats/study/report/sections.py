@@ -45,7 +45,7 @@ class ReportContent:
 
     title: str
     opening: tuple[str, ...]  # sentences above the results: flights, design and limits
-    summary: tuple[str, ...]  # the main results in a few sentences
+    summary: tuple[str, ...]  # the main results
     sections: tuple[StudySection, ...]
     command: str  # command line that makes the report
 

@@ -56,7 +56,7 @@ class Drafting:
         self._instances = {instance.name: instance for instance in scene.instances if instance.kind != "ground"}
 
     def new(self, map_name: str, map_seed: int = 1) -> Draft:
-        """Return a first draft: one drone at the map's spawn, and a cyan SUV 16 m north of it, which it faces."""
+        """Return a first draft: one drone at the map's spawn, which faces a cyan SUV 16 m to the north."""
         north, east, _ = self.scene.spawn_ned
         record = EpisodeRecord(
             version=VERSION,
@@ -87,7 +87,7 @@ class Drafting:
     # ---- the target
 
     def choose(self, draft: Draft, asset: str, paint: str) -> Draft:
-        """Return the draft with another asset as target and look-alikes, in the same place."""
+        """Return the draft with another asset as target and look-alikes, in the same places."""
         target = draft.record.target
         if draft.record.cell in MOVING and asset in STATIONARY:
             raise UsageError(f"the target of a {draft.record.cell} episode moves, but a {asset} cannot move.")
@@ -310,7 +310,7 @@ class Drafting:
         return (place[0] + float(middle[0]), place[1] + float(middle[1]), place[2] + float(middle[2]))
 
     def mesh(self, target: TargetRecord) -> Mesh:
-        """Return the mesh of a target, in its own axes."""
+        """Return the mesh of a target, in the target's axes."""
         if target.native is not None:
             return self._instances[target.native].mesh
         return assets.build(target.asset, str(target.paint), target.inscription)

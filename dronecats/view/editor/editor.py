@@ -1,4 +1,4 @@
-"""The episode editor: the session with its undo history, and the server of its page."""
+"""The episode editor: a session with an undo history, and the server of the editor's page."""
 
 import contextlib
 import threading

@@ -1,4 +1,4 @@
-"""The chase camera behind a drone: plans its path around obstacles, and renders its pictures.
+"""The chase camera behind a drone: plans the camera's path around obstacles, and renders pictures.
 
 The path is planned over the complete flight, so that the camera moves away from a wall in time. For every quarter of a
 second, many places around the drone are candidates. The cost of a place grows with the distance from the place behind
@@ -101,7 +101,7 @@ def _blocked(place: Array, heading: float, candidates: Array, obstacles: Solids)
 
 
 def _cheapest(blocked: NDArray[np.bool_], candidates: Array) -> NDArray[np.intp]:
-    """Return the candidates' indices along the cheapest path, (steps,)."""
+    """Return the index of the candidate at each step of the cheapest path, (steps,)."""
     azimuth, elevation, length = candidates.T
     own = (
         ((abs(azimuth) - AZIMUTHS_DEG[0]) / 50.0) ** 2

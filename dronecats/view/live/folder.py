@@ -94,7 +94,7 @@ def load_camera(folder: Path) -> CameraModel:
 
 
 def _run(folder: Path) -> RecordedRun:
-    """Return the run of an episode folder with its settings and without episodes. The run may still be in progress."""
+    """Return the run of an episode folder: settings only, no episodes. The run may still be in progress."""
     configuration = json_object(folder.parent / layout.RUN) or {}
     return RecordedRun(folder=folder.parent, configuration=configuration, episodes=())
 

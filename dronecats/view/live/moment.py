@@ -17,7 +17,7 @@ class ShownPicture:
 
     frame_id: int
     jpeg: bytes
-    t_s: float | None  # s since the episode began, when it was taken; None: not known yet
+    t_s: float | None  # s since the episode began, when the picture was taken; None: not known yet
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from websockets.asyncio.server import ServerConnection
 from dronecats.report.kit import palette
 from dronecats.view.scene.page_hosts import LOOPBACK_NAMES
 
-HOST = "127.0.0.1"  # this machine only, since a page gives its users control
+HOST = "127.0.0.1"  # this machine only, since users of a page can control dronecats
 FORBIDDEN = (
     "This page opens only at the full address that dronecats printed, with its token, on the same machine.\n"
     "To open it under another host name, start dronecats with --host NAME (with --view: --view-host NAME).\n"

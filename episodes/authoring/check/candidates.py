@@ -104,7 +104,10 @@ def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
 
 
 def letters_px(instance: Instance, text: str, past: Occluder, origin: Vec3, yaw_deg: float) -> float:
-    """Return the height (px) of letters in the 640 px picture from `origin`; 0 if turned away or hidden by `past`."""
+    """Return the height of an inscription's letters, px in the 640 px picture from `origin`.
+
+    0 if the inscription is turned away, or `past` hides it.
+    """
     tri = _inscription(instance, text)
     attitude = level(yaw_deg)
     eye = np.array(origin) + np.array(rotate(attitude, CAMERA.offset_frd))

@@ -2,7 +2,7 @@
 
 The target must stand on the ground and touch no obstacle. A moving target must move for the whole episode. The drones
 must start at the recorded distance, at an allowed height, and with room to take off. Obstacles are the static solids
-of the map without its ground and its leaves.
+of the map, except the ground and leaves.
 """
 
 import itertools

@@ -1,8 +1,8 @@
 """Applies all rules to one record, to many records in a pool of processes, and to a suite.
 
-The rules about a suite require that its targets are evenly spread, so that a pilot without a camera cannot guess their
-places. They apply to each cell of a map with at least ENOUGH records, and to all one-drone records together if there
-are at least 4 · ENOUGH. A `Layout` has the values of one record that these rules need.
+The rules about a suite require that its targets are evenly spread, so that a pilot without a camera cannot guess where
+they are. These rules apply to each cell (kind of episode) of a map with at least ENOUGH records, and to all one-drone
+records together if there are at least 4 · ENOUGH.
 """
 
 import math
@@ -31,8 +31,8 @@ from foundation.protocol import RADIUS_M, SPEED_MAX
 ENOUGH = 5  # a rule about the spread of a cell's records on a map needs at least this many records
 OFF_CENTRE_DEG = 15.0  # at least half of a cell's visible targets must be farther off the drone's nose than this
 UNEVEN = 0.25  # a cell's values may differ from an even spread by at most this (Kolmogorov's D)
-CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # m, limits of a suite's smallest and of its largest start distance on campus
-HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # m, limits of a suite's lowest and of its highest start above the ground
+CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # m, limits of a suite's smallest and largest start distance on campus
+HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # m, limits of a suite's lowest and highest start above the ground
 LEAST_ROW_SPREAD = 0.05  # the lowest and the uppermost target differ by at least this share of the picture's height
 # To pass a target means to come within 5 m of it and see it. A straight flight passes all targets at 16 m that are up
 # to 14° off its heading, if no obstacle is in the way. Three such headings cover the usable 74° of the picture. So
@@ -41,8 +41,8 @@ LEAST_ROW_SPREAD = 0.05  # the lowest and the uppermost target differ by at leas
 AHEAD = {True: 2, False: 1}  # if it flies straight ahead
 ANY_HEADING = {True: 4, False: 2}  # on the best heading
 
-HEADING_STEP_DEG = 2  # between the checked headings of straight flights
-ALONG_STEP_M = 0.5  # between the checked points of a straight flight
+HEADING_STEP_DEG = 2  # between checked headings
+ALONG_STEP_M = 0.5  # between checked points of a flight
 CLEAR_M = 0.3  # free space on each side of a straight flight
 DRONE_ID = 1_000_000  # id of the first drone, above all ids of a scene
 DRONE_M = (0.35, 0.35, 0.13)  # half size of a drone with its rotors: length, width, height
@@ -58,7 +58,7 @@ class Layout:
     seed: int
     off_deg: float  # bearing of the target's middle from the first drone's nose, -180 … 180, + to the right
     column: float | None  # 0 … 1, left to right, of the target's middle in the first picture; None if not visible
-    row: float | None  # 0 … 1, top to bottom, of the same point; None if not visible
+    row: float | None  # 0 … 1, top to bottom, of the target's middle; None if not visible
     distance_m: float
     height_m: float  # height of the first start above the ground under it
     straight_deg: frozenset[int]  # headings that `straight` returns; empty for a fleet
@@ -274,7 +274,7 @@ def passable(in_sight: bool, count: int) -> tuple[float, float]:
 
 
 def unevenness(shares: Iterable[float]) -> float:
-    """Return the largest difference of the shares' distribution from the uniform one on 0 … 1 (Kolmogorov's D)."""
+    """Return Kolmogorov's D: the largest difference of the shares' distribution from the uniform one on 0 … 1."""
     ordered = sorted(shares)
     n = len(ordered)
     return max(max((k + 1) / n - u, u - k / n) for k, u in enumerate(ordered))

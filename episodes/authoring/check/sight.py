@@ -41,7 +41,7 @@ class Patch:
     pixels: int  # number of these pixels
     share: float  # 0 … 1 of all pixels of the picture
     box_share: float  # 0 … 1 of the picture that the box around these pixels covers
-    cut: bool = False  # whether they reach an edge of the picture
+    cut: bool = False  # whether these pixels reach an edge of the picture
 
 
 NOTHING = Patch(0, 0.0, 0.0)
@@ -162,7 +162,7 @@ def box_corners(mesh: Mesh, position_ned: Vec3, turned: float | Quat) -> Array:
 
 
 def yaw_showing(framing: Framing, share: float) -> float | None:
-    """Return the yaw, relative to a thing's bearing (deg), that puts its middle in the column that `share` selects.
+    """Return the yaw, relative to a thing's bearing (deg), that puts the thing's middle in the column of `share`.
 
     `share` runs from 0 for the rightmost to 1 for the leftmost column at which the picture shows the whole thing. None
     if the thing is too wide for the picture.

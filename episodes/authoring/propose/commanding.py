@@ -42,7 +42,7 @@ FACED = 0.6  # the first drone sees at least this share of the target when it fa
 
 
 def drafts(site: Site, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    """Yield None, then a draft for each `Draw` sent in. Assets and paints take turns, and places are random.
+    """Yield None, then a draft for each `Draw` (random shares of allowed ranges) sent in. Assets and paints take turns.
 
     End if the map has fewer than CANDIDATES spots, or if GROUPS groups of spots give no draft.
     """

@@ -67,7 +67,7 @@ class Proposal:
 def yaw_deg(cell: str, ahead_deg: float, framed: Framing, share: float) -> float | None:
     """Return the yaw (deg) of a start, None if no yaw is allowed.
 
-    In a cell with a hidden target, the allowed yaws keep the target out of view; in other cells they show all of it.
+    In a cell with a hidden target, the allowed yaws keep the target out of view. In other cells, they show all of it.
     `share` (0 … 1) selects one of the allowed yaws.
     """
     off = yaw_hiding(framed, share) if cell in HIDDEN else yaw_showing(framed, share)

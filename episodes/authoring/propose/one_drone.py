@@ -2,7 +2,7 @@
 
 On a map without landmarks, such as the residential map, the target is placed on the map, in a paint that no other asset
 has. On a map with landmarks, such as the campus, the target is one of several similar things: a fixture of the map, or
-a moving asset. The instruction then names its place relative to landmarks.
+a moving asset. The instruction then names the target's place relative to landmarks.
 """
 
 import itertools

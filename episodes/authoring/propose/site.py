@@ -195,7 +195,10 @@ class Site:
         return rounded((goal[0] - flat * math.cos(bearing), goal[1] - flat * math.sin(bearing), down))
 
     def clear(self, place: Vec3, goal: Vec3) -> bool:
-        """Return whether the straight way from a place to 5 m before a goal is clear. Faster than the rule on this."""
+        """Return whether the straight way from a place to 5 m before a goal is clear.
+
+        The rule `sight.way_to_target` checks more points.
+        """
         span = math.dist(place, goal)
         for k in range(1, int((span - 5.0) / 1.5) + 1):
             u = k * 1.5 / span

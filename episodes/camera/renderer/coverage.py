@@ -62,7 +62,7 @@ def set_up(thread: int, threads: int, triangles: Triangles, eye: Eye, drawn: Dra
         seen = x + r >= NEAR_M and abs(y) - slope_x * x <= r * per_x and abs(z) - slope_y * x <= r * per_y
         drawn.chunk_seen[chunk] = seen
         if seen:
-            # a back face is visible only from inside, or where the near plane cuts the front away
+            # back faces of a solid are visible only from inside, or where the near plane cuts the front away
             dx = triangles.solid_center[chunk, 0] - eye.position[0]
             dy = triangles.solid_center[chunk, 1] - eye.position[1]
             dz = triangles.solid_center[chunk, 2] - eye.position[2]
