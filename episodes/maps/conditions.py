@@ -12,8 +12,6 @@ from functools import cache
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from episodes.maps.assets.leaves import SHADE
 from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun
@@ -150,6 +148,9 @@ def _shining(looks: Material, emission: float) -> Material:
 
 def _lit_windows(mesh: Mesh, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return a mask of the triangles of lit windows. The position of a window alone decides whether it is lit."""
+    from scipy.sparse import coo_array  # slow to import; only dusk needs it
+    from scipy.sparse.csgraph import connected_components
+
     _, corners = np.unique(mesh.vertices[mesh.triangles[rows]].reshape(-1, 3), axis=0, return_inverse=True)
     corners = corners.reshape(-1, 3)
     links = coo_array((np.ones(2 * len(rows)), (np.tile(corners[:, 0], 2), corners[:, 1:].T.ravel())))

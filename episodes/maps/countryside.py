@@ -9,7 +9,6 @@ from functools import cache
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
 from episodes.maps import geometry as g
 from episodes.maps.assets.materials import Picture, noise
@@ -37,6 +36,8 @@ WOODS, HEDGE = (58, 80, 46), (66, 88, 48)
 @cache
 def fields() -> Picture:
     """Return the picture (512, 512, 3) of fields seen from above; it repeats every TILE_M."""
+    from scipy.spatial import cKDTree  # slow to import; a map that is kept on disk does not need it
+
     side, rng = 512, np.random.default_rng(271)
     count = 150
     middles = rng.uniform(0.0, side, (count, 2))

@@ -7,6 +7,7 @@ flight is deterministic.
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
@@ -213,7 +214,9 @@ class LockstepStage(TruthfulStage):
             seed=spec.seed, kept=truth_kept(spec.disturbances.frame), depth=simulated.camera == "depth",
         )  # fmt: skip
         announce = clock.follow(self.camera.feed)
-        self.camera.warm_up()
+        # in another thread while the vehicles take off; the first frame waits for it
+        self._warming = ThreadPoolExecutor(1, thread_name_prefix="camera")
+        self._warming.submit(self.camera.warm_up)
         drones = range(len(self._simulation.vehicles))
         self._disturbed = disturbed = DisturbedLinks(flight)
         wires = [clock.wire(index, disturbed.seed(index)) for index in drones] if disturbed.wired else []
@@ -256,6 +259,7 @@ class LockstepStage(TruthfulStage):
 
     def close(self) -> None:
         self._recorder.close()
+        self._warming.shutdown()
         self.camera.close()
         if self._px4:
             for link in self.links:
