@@ -1,7 +1,7 @@
 """A MAVSDK 3 script: takes off, flies body velocities offboard, lands. `python examples/mavsdk3.py [URL]`.
 
 The script needs its own environment with `pip install "mavsdk<4"`, because DroneCATS installs mavsdk 4. URL is the
-connection to the vehicle, by default that of `dronecats sitl`. For mavsdk 4 see mavsdk4.py.
+address of the vehicle; the default is the simulated vehicle of `dronecats sitl`. For mavsdk 4 see mavsdk4.py.
 """
 
 import asyncio

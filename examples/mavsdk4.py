@@ -1,6 +1,7 @@
 """A MAVSDK 4 script: takes off, flies body velocities offboard, lands. `python examples/mavsdk4.py [URL]`.
 
-URL is the connection to the vehicle, by default that of `dronecats sitl`. For mavsdk 3 see mavsdk3.py.
+URL is the address of the vehicle; the default is the simulated vehicle of `dronecats sitl`.
+For mavsdk 3 see mavsdk3.py.
 """
 
 import asyncio

@@ -1,6 +1,6 @@
 """A pymavlink script: takes off, flies body velocities offboard, lands. `python examples/pymavlink_velocity.py [URL]`.
 
-URL is the connection in pymavlink's notation, by default that of `dronecats sitl`.
+URL is the vehicle's address in pymavlink's notation; the default is the simulated vehicle of `dronecats sitl`.
 """
 
 import math
@@ -15,8 +15,8 @@ from pymavlink.dialects.v20 import common as mavlink
 SITL = "udpin:0.0.0.0:14540"
 WAIT_S = 60.0
 PERIOD_S = 0.05  # interval of the setpoints; PX4 needs more than 2 Hz
-KEEP = math.nan  # NaN: the vehicle chooses the parameter itself
-VELOCITY_ONLY = 0b0101_1100_0111  # ignore position, acceleration and yaw
+KEEP = math.nan  # as a command's parameter: the vehicle uses its own value
+VELOCITY_ONLY = 0b0101_1100_0111  # type mask: the vehicle ignores position, acceleration and yaw
 
 
 class Vehicle:
@@ -24,7 +24,7 @@ class Vehicle:
 
     def __init__(self, url: str) -> None:
         self.link: Any = mavutil.mavlink_connection(url)
-        self.forward_mps: float | None = None  # None: no setpoints are sent
+        self.forward_mps: float | None = None  # m/s, velocity in the setpoints; None: no setpoints are sent
         beat = self.wait_for("HEARTBEAT", lambda beat: beat.autopilot == mavlink.MAV_AUTOPILOT_PX4)
         self.system: int = beat.get_srcSystem()
 

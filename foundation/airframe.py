@@ -11,7 +11,7 @@ from foundation.frames import GRAVITY, Vec3
 from foundation.sensors import MAX_ROTORS
 from foundation.typed_file import NotNegative, Positive
 
-MAX_CONTACTS = 16  # at most this many contact points fit into a record of the compiled physics (`vehicles/records.py`)
+MAX_CONTACTS = 16  # number of contact points that fit into a record of the compiled physics (`vehicles/records.py`)
 
 CellCount = Annotated[int, Meta(gt=0, lt=1000)]
 MavType = Annotated[int, Meta(gt=0, lt=1000)]
@@ -39,9 +39,9 @@ class RotorCurve:
     time_constant_up_s: Positive  # s, first-order spin-up
     time_constant_down_s: Positive  # s, first-order spin-down
     inertia: Positive  # kg·m², rotor and bell about the spin axis
-    radius_m: Positive  # m
-    drag_coefficient: NotNegative  # N / ((rad/s)·(m/s)), in-plane (blade) drag
-    rotating_kg: NotNegative = 0.0  # kg, propeller and bell, whose imbalance shakes the frame; 0: no vibration
+    radius_m: Positive  # m, of the propeller disc
+    drag_coefficient: NotNegative  # N / ((rad/s)·(m/s)), drag of the blades in the rotor's plane
+    rotating_kg: NotNegative = 0.0  # kg, propeller and bell; their imbalance shakes the frame; 0: no vibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Battery:
 
     cells: CellCount
     capacity_ah: Positive
-    resistance_ohm: NotNegative  # whole pack
+    resistance_ohm: NotNegative  # of the whole pack
     avionics_w: NotNegative  # W, constant power of everything except the rotors
 
 
@@ -65,7 +65,7 @@ class Airframe:
     curve: RotorCurve
     drag_linear_frd: tuple[NotNegative, NotNegative, NotNegative]  # N / (m/s), body axes
     drag_quadratic_frd: tuple[NotNegative, NotNegative, NotNegative]  # N / (m/s)², body axes
-    # m, feet and other points that can touch the ground
+    # m, feet and other points that can touch the ground, relative to the centre of mass
     contact_points_frd: Annotated[tuple[Vec3, ...], Meta(min_length=3, max_length=MAX_CONTACTS)]
     battery: Battery
     mav_type: MavType = 2  # MAV_TYPE: 2 quadrotor, 13 hexarotor

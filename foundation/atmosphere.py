@@ -6,7 +6,7 @@ As in `foundation.frames`, the functions take and return plain floats, so that n
 PRESSURE_0 = 1013.25  # hPa, at sea level
 TEMPERATURE_0 = 288.15  # K, at sea level
 LAPSE = 0.0065  # K/m
-EXPONENT = 5.255876  # g·M / (R·LAPSE)
+EXPONENT = 5.255876  # gravity · molar mass of air / (gas constant · LAPSE)
 
 
 def pressure(altitude: float) -> float:

@@ -1,4 +1,4 @@
-"""Geometry of the forward camera, its frames, and their JPEGs for the model. Paper, appendix "Execution"."""
+"""The forward camera: its geometry and its frames, and their encoding for the model. Paper, appendix "Execution"."""
 
 import math
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from foundation.frames import Quat, Vec3, quat_from_euler, quat_multiply, quat_y
 
 @dataclass(frozen=True, slots=True)
 class CameraModel:
-    """A pinhole with square pixels and its principal point at the exact image centre."""
+    """A pinhole camera with square pixels. Its principal point is at the exact centre of the image."""
 
     width: int = 1280  # px
     height: int = 720  # px
@@ -49,8 +49,8 @@ def camera_pose(position_ned: Vec3, attitude: Quat, camera: CameraModel) -> Came
     """Return the pose of a vehicle's camera.
 
     `position_ned` (m) is the body origin and `attitude` rotates body FRD into NED. The camera is at `camera.offset_frd`
-    and looks along body forward, raised by its pitch. On a gimbal it is level in roll, and its pitch is measured from
-    the horizon.
+    and looks along body forward, raised by its pitch. On a gimbal, the camera is level in roll, and `pitch_deg`
+    counts from the horizon.
     """
     offset = rotate(attitude, camera.offset_frd)
     position = (position_ned[0] + offset[0], position_ned[1] + offset[1], position_ned[2] + offset[2])
@@ -104,10 +104,10 @@ def reduced(image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if width <= WIDTH_MAX:
         return image_rgb
     size = reduced_size(width, height)
-    return np.asarray(cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA), np.uint8)  # keeps small text legible
+    return np.asarray(cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA), np.uint8)  # legible small text
 
 
-DEPTH_MAX_M = 65.535  # largest depth in a depth picture: 16 bits of millimetres
+DEPTH_MAX_M = 65.535  # largest depth that a depth picture can store: 16 bits of millimetres
 
 
 def in_millimetres(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:
@@ -124,7 +124,7 @@ def encode_depth(depth_mm: NDArray[np.uint16]) -> bytes:
 
 
 def decode_depth(data: bytes) -> NDArray[np.uint16] | None:
-    """Return the (H, W) depth picture in a 16-bit PNG; None if `data` is not one."""
+    """Return the (H, W) depth picture in a 16-bit PNG; None if `data` is no such PNG."""
     import cv2
 
     try:

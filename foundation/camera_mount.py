@@ -10,7 +10,7 @@ PitchDeg = Annotated[float, Meta(ge=-90.0, le=90.0)]
 
 @dataclass(frozen=True, slots=True)
 class GimbalLimits:
-    """Limits of a gimbal that changes the camera's pitch and holds it level in roll."""
+    """Limits of a gimbal, which changes the camera's pitch and keeps the camera level in roll."""
 
     pitch_min_deg: PitchDeg = -90.0  # up from the horizon
     pitch_max_deg: PitchDeg = 30.0  # up from the horizon

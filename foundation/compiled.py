@@ -1,4 +1,4 @@
-"""The `njit` decorator of all kernels, with a cache on disk that is never out of date.
+"""The `njit` decorator of all kernels (functions that numba compiles), with a cache on disk that is never out of date.
 
 numba's own cache notices a change only in the file of the outermost function. After an edit of `vehicles/rotor.py`, a
 cached `vehicles.multirotor.step` would use the old rotor. So the name of the cache folder is a digest of the sources of
@@ -26,11 +26,11 @@ from foundation.machine import user_cache
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
 # types in the signatures of kernels
-Record = Any  # a numpy record with its fields as attributes; the argument's name tells its dtype
+Record = Any  # a numpy record with its fields as attributes; the name of the argument shows which dtype it has
 Grid = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]
-# files with kernels, and with the constants and records compiled into them; tests/architecture checks the list
+# files with kernels, or with constants and records that kernels use; tests/architecture checks the list
 SOURCES = (
     "vehicles/*.py",
     "autopilot/*.py",
@@ -110,12 +110,12 @@ def njit(*, cache: bool = True, allocates: bool = False, **options: Any) -> Call
     """Return the decorator `numba.njit(…)` with caching; it keeps signatures for the type checker.
 
     `allocates`: the kernel, or a kernel that it calls, creates an array. numba counts references only in this case.
-    With reference counts, every view of an array (`a[k]`, a field of a named tuple) costs two locked instructions.
-    Threads that share the array wait for one another. Short kernels would spend most of their time there.
+    With reference counts, every view of an array (`a[k]`, a field of a named tuple) costs two locked instructions, for
+    which threads that share the array wait. Short kernels would spend most of their time on this.
 
-    Without a writable cache folder each start compiles again. numba's default, a cache beside the sources, is not used:
-    it gets out of date and fails if the sources are read-only. The wrapper for calls from C is omitted, which saves a
-    tenth of the compile time. Division by zero is not checked and gives infinity or NaN, as in numpy.
+    Without a writable cache folder, each start of the program compiles again. A cache beside the sources, as numba has
+    by default, gets out of date and fails if the sources are read-only. The wrapper for calls from C is omitted, which
+    saves a tenth of the compile time. Division by zero is not checked and gives infinity or NaN, as in numpy.
     """
     defaults = {"cache": cache and CAN_CACHE, "no_cfunc_wrapper": True, "error_model": "numpy", "_nrt": allocates}
     compiled: Callable[[Callable[P, R]], Kernel[P, R]] = numba.njit(**{**defaults, **options})

@@ -7,12 +7,12 @@ import msgspec
 
 from foundation.conversion import convert
 
-LOWEST_DEG = 3.0  # lowest elevation of the sun; below it, shadows reach across the whole map
+LOWEST_DEG = 3.0  # lowest allowed elevation of the sun; with a lower sun, shadows reach across the whole map
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneConditions:
-    """Light and season. None: the value of the map."""
+    """Light and season. A field that is None keeps the value of the map."""
 
     sun_azimuth_deg: float | None = None  # clockwise from north
     sun_elevation_deg: float | None = None  # above the horizon, LOWEST_DEG … 90

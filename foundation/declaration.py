@@ -2,8 +2,8 @@
 
     loss: float = number(0.0, "loss", "share of frames that never arrive", high=1.0, words="{percent:g} % lost")
 
-The declaration is the only source of bounds, error messages, options, factors of studies, tables of the docs and
-sentences about a value.
+Everything else is derived from the declaration: the bounds, error messages and option of the value, its row in the
+tables of the docs, its use as a factor of a study, and the sentence about it.
 """
 
 import sys
@@ -31,7 +31,7 @@ class DeclaredNumber:
     help: str  # meaning of the number, one line
     low: float = 0.0  # lowest allowed value
     high: float  # highest allowed value
-    unit: str = ""  # "s", "m/s" …; "" for shares
+    unit: str = ""  # "s", "m/s" …; "": no unit, such as a share
     whole: bool = False  # whole numbers only
 
     @property
@@ -43,7 +43,7 @@ class DeclaredNumber:
         )
 
     def read(self, value: object) -> float:
-        """Return the number in `value`, a number or text. Raises UsageError if it is neither, or out of bounds."""
+        """Return `value`, a number or its text, as a number. Raises UsageError if it is no number or out of bounds."""
         try:
             number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else None
         except (ValueError, OverflowError):
@@ -60,9 +60,10 @@ class Declaration:
 
     quantity: DeclaredNumber | None = None  # None: the value is checked elsewhere
     size: Callable[[Any], float] = float  # value → the number to check, such as the speed of a wind vector
-    # sentence about a value that is not the default: a format with {value}, {percent} or {owner}, or a function
+    # sentence about a value that is not the default: a function, or a format with {value}, {percent} (100 · value) or
+    # {owner} (the dataclass)
     words: str | Callable[[Any], str] = ""
-    first: bool = False  # the words of this field come before the words of all other fields
+    first: bool = False  # whether `words_of` puts this sentence before those without `first`
 
 
 def declared(default: T, declaration: Declaration) -> T:
@@ -90,7 +91,7 @@ def check_bounds(owner: Any) -> None:
 
 
 def words_of(owner: Any) -> Iterator[str]:
-    """Yield the words of all declared values of a dataclass that differ from their defaults."""
+    """Yield the sentence (`words`) about each declared value of a dataclass that differs from its default."""
     for entry in sorted(_declared_fields(type(owner)), key=lambda entry: not entry.metadata[KEY].first):
         value, words = getattr(owner, entry.name), entry.metadata[KEY].words
         if value == entry.default or not words:

@@ -14,7 +14,7 @@ class UsageError(DronecatsError):
 
 
 class InfrastructureError(DronecatsError):
-    """A part of the infrastructure failed (simulator, link, camera, model endpoint, logger). Never scored."""
+    """The simulator, link, camera, model endpoint or logger failed. The flight is not scored."""
 
     exit_status = 3
 
@@ -26,11 +26,11 @@ class LinkError(InfrastructureError):
 class ModelError(InfrastructureError):
     """The model endpoint cannot be reached or answers with something that is not a chat completion."""
 
-    lost: tuple[int, int] = (0, 0)  # tokens (in, out) that the vendor counted for answers without a usable reply
+    lost: tuple[int, int] = (0, 0)  # tokens (in, out) of answers without a usable reply, which the vendor counts too
 
 
 class ModelRejectedError(ModelError):
-    """The model endpoint rejects every question: a wrong key, no such model or path, no credit."""
+    """The model endpoint rejects every question, for example because of a wrong key or model name, or no credit."""
 
     def __init__(self, message: str, status: int) -> None:
         super().__init__(message)
@@ -50,4 +50,4 @@ class CameraError(InfrastructureError):
 
 
 class BudgetError(InfrastructureError):
-    """The budget of the flight is spent. Never scored."""
+    """The limit on the cost or the tokens of a run's models is reached. The flight is not scored."""

@@ -32,7 +32,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def file_errors_as(kind: type[DronecatsError], failure: str, advice: str = "") -> Iterator[None]:
-    """Raise `kind` instead of an OSError of the block. Its text is `failure: reason`, then `advice`."""
+    """Raise `kind` instead of an OSError of the block, with the text `failure: reason` and then `advice`."""
     try:
         yield
     except OSError as error:
@@ -57,16 +57,16 @@ def write_json(path: Path, value: Any) -> None:
     write_text(path, text, errors="backslashreplace")  # half a surrogate pair is valid in JSON but not in UTF-8
 
 
-BUSY_S = 30.0  # s of wall time to wait for another process that uses the file
+BUSY_S = 30.0  # s of wall time that a statement waits while another process writes to the file
 
 
 @dataclass(frozen=True, slots=True)
 class FileKind:
     """One kind of SQLite file."""
 
-    name: str  # in messages
-    application_id: int  # in the file's header
-    version: int  # of the tables
+    name: str  # name of the kind in messages
+    application_id: int  # number in the file's header that marks the kind
+    version: int  # version of the tables, also in the header
     tables: str  # SQL that creates the tables
 
 
@@ -76,7 +76,7 @@ class SqliteFile:
     def __init__(self, path: Path, kind: FileKind) -> None:
         """Open the file, or create it.
 
-        Raises UsageError for a damaged file, another kind, or another version, and leaves the file unchanged.
+        Raises UsageError for a damaged file, and for a file of another kind or version. Leaves such a file unchanged.
         """
         self._path, self._kind, self._lock = path, kind, threading.Lock()
         try:
@@ -146,7 +146,7 @@ def _connected(path: Path) -> sqlite3.Connection:
 
 
 def make(path: Path, kind: FileKind) -> None:
-    """Create the file as a draft and link it to `path`. If another process was first, its file stays."""
+    """Create the file as a draft and link it to `path`. If another process was first, that process's file stays."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.part")
     try:

@@ -6,8 +6,8 @@ Conventions
     q     attitude quaternion (w, x, y, z), Hamilton, unit, rotates FRD vectors into NED.
     yaw   rad, 0 = north, positive towards east (clockwise seen from above).
 
-Every function takes and returns plain floats and tuples. So Python code can call it, and `numba.njit` can compile it
-into the kernels of `vehicles` and `autopilot`.
+Most functions take and return only plain floats and tuples of floats, so that `numba.njit` can compile them into the
+kernels (compiled functions) of `vehicles` and `autopilot`.
 """
 
 import math
@@ -31,7 +31,7 @@ def wrap_pi(angle: float) -> float:
     """Return `angle` (rad) wrapped into [-π, π)."""
     turned = angle + math.pi
     if 0.0 <= turned < 2.0 * math.pi:
-        return turned - math.pi  # same result as below, without the slow division
+        return turned - math.pi  # same result as the next line, without the slow division
     return turned % (2.0 * math.pi) - math.pi
 
 
@@ -133,7 +133,7 @@ def geodetic_to_ned(lat0: float, lon0: float, alt0: float, lat: float, lon: floa
     """
     phi0, phi = math.radians(lat0), math.radians(lat)
     dlam = math.radians(lon - lon0)
-    # half-angle form: close to the origin, acos of almost 1 would lose millimetres
+    # half-angle form, because near the origin the acos of almost 1 would lose millimetres
     h = math.sin(0.5 * (phi - phi0)) ** 2 + math.cos(phi0) * math.cos(phi) * math.sin(0.5 * dlam) ** 2
     c = 2.0 * math.asin(min(1.0, math.sqrt(h)))
     k = 1.0

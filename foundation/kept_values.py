@@ -1,4 +1,4 @@
-"""Caches values that take seconds to compute and depend only on sources and libraries, in the user's cache folder."""
+"""Caches slowly computed values, which depend only on source files and libraries, in the user's cache folder."""
 
 import contextlib
 import hashlib
@@ -17,8 +17,8 @@ from foundation.machine import user_cache
 
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "numba")  # their arithmetic may differ between versions
-# When a value is stored, other files of its name are removed: those that were unused for longer than KEPT_S, and all
-# but the FILES_MAX last used ones.
+# Storing a value removes older files with its `name`: all but the FILES_MAX last used files, and every file that was
+# unused for longer than KEPT_S (s).
 FILES_MAX, KEPT_S = 8, 7 * 86_400.0
 T = TypeVar("T")
 
@@ -26,9 +26,9 @@ T = TypeVar("T")
 def kept(name: str, sources: Iterable[str], make: Callable[[], T], of: object = None) -> T:
     """Return the cached value if a process with the same sources and `of` stored it, otherwise the value of `make()`.
 
-    `name`: start of the file's name. `sources`: patterns of files below the project's root. `of`: the input of `make`.
-    Value and input must be made of plain types, arrays and the project's own classes. A cache that cannot be read or
-    written only costs time.
+    `name`: start of the file's name. `sources`: patterns of files below the project's root. `of`: the input from which
+    `make` computes the value. Both must consist of plain types, arrays and the project's own classes. If the cache
+    cannot be used, `make` is called every time.
     """
     try:
         folder = user_cache() / "values"

@@ -1,8 +1,8 @@
-"""Queries of this machine: the user's cache folder, names of hosts, cores, limit on address space, holders of ports.
+"""Facts about this machine: the user's cache folder, host names, cores, limit on address space, programs on ports.
 
-The limit is checked before compiled code is loaded, because compiled code crashes when it runs out of memory. A limit
-on the address space (`ulimit -v`, RLIMIT_AS) counts reserved memory, which is several times the used memory: each
-thread reserves a stack and an arena of the allocator.
+`check` is called before compiled code is loaded, because compiled code crashes when it runs out of memory. The limit on
+the address space (`ulimit -v`, RLIMIT_AS) counts reserved memory, which is several times the used memory: each thread
+reserves a stack and an arena of the allocator.
 """
 
 import os
@@ -13,7 +13,7 @@ from foundation.errors import UsageError
 
 
 def user_cache() -> Path:
-    """Return the cache folder, below NUMBA_CACHE_DIR if that is set. Raises UsageError without a home."""
+    """Return the cache folder, below NUMBA_CACHE_DIR if that is set. Raises UsageError if the user has no home."""
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     try:
         return Path(base or Path.home() / ".cache") / "dronecats"
@@ -22,7 +22,7 @@ def user_cache() -> Path:
 
 
 def is_host(name: str) -> bool:
-    """Return whether a name or number of a host can be looked up: no part of it is empty or above 63 characters."""
+    """Return whether a host name or address has a valid form: no part of it is empty or longer than 63 characters."""
     try:
         return bool(name.encode("idna"))
     except UnicodeError:
@@ -35,7 +35,7 @@ def cores() -> int:
 
 
 PER_CORE_GB = 0.08  # GB of address space per core: numerical libraries start a thread per core
-CORES_MEASURED = 2  # cores of the machine on which callers measured `needed_gb`
+CORES_MEASURED = 2  # cores of the machine on which the values of `needed_gb` were measured
 
 
 def limit_gb() -> float | None:
@@ -45,9 +45,9 @@ def limit_gb() -> float | None:
 
 
 def check(name: str, needed_gb: float) -> None:
-    """Raise UsageError if the limit on the address space is below what `name` needs.
+    """Raise UsageError if the limit on the address space is below the need of `name`, such as a command.
 
-    `needed_gb`: as measured on `CORES_MEASURED` cores; more cores need more.
+    `needed_gb`: the need as measured on `CORES_MEASURED` cores; more cores need more.
     """
     limit = limit_gb()
     if needed_gb and limit is not None and limit < (needed := on_this_machine(needed_gb)):

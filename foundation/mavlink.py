@@ -1,7 +1,7 @@
 """The MAVLink dialect, its parser and packer, and the flight modes of PX4 and of the project's autopilot.
 
 `development` is the upstream dialect that adds CURRENT_MODE and AVAILABLE_MODES to `common`. The numbers of the modes
-are those of px4_custom_mode.h.
+come from PX4's px4_custom_mode.h.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class Parser:
     def __init__(self) -> None:
         self._mav = dialect.MAVLink(None)
         self._rest = b""  # the beginning of an incomplete frame
-        self.bad = 0
+        self.bad = 0  # number of skipped pieces of garbage, as in `wire.scan`
 
     def feed(self, data: bytes) -> list[dialect.MAVLink_message]:
         """Return the messages completed by `data`, in order."""
@@ -43,7 +43,7 @@ class Parser:
         """Return the message of a MAVLink 1 or signed frame; empty if pymavlink rejects it."""
         try:
             return [self._mav.decode(bytearray(frame))]
-        except Exception:  # malformed lengths raise other errors than MAVError too; no error may stop the flight
+        except Exception:  # wrong lengths raise more than MAVError, and no error may stop the flight
             self.bad += 1
             return []
 
@@ -57,8 +57,9 @@ def frame_of(message: dialect.MAVLink_message) -> bytes:
 def first_field(message: dialect.MAVLink_message) -> bytes:
     """Return the first 4 bytes of a received message's payload: `param_value` of a PARAM_SET or PARAM_VALUE.
 
-    Decoding to a float may change the bits of a signalling NaN. pymavlink's get_payload starts at the wrong byte,
-    because the header of MAVLink 2 is longer. MAVLink 2 also cuts trailing zeros, which are filled in.
+    PX4 puts an integer's bytes into this float field, and decoding them as a float may change them (signalling NaN).
+    pymavlink's get_payload starts at the wrong byte, because the header of MAVLink 2 is longer. Zeros that MAVLink 2
+    has cut from the end are filled in.
     """
     frame = bytes(message.get_msgbuf())
     start = 10 if frame[0] == dialect.PROTOCOL_MARKER_V2 else 6
@@ -94,7 +95,7 @@ PX4_AUTOPILOT = dialect.MAV_AUTOPILOT_PX4
 
 @dataclass(frozen=True, slots=True)
 class Px4Mode:
-    """A flight mode in HEARTBEAT.custom_mode."""
+    """A flight mode of PX4, by its main and sub mode numbers."""
 
     name: str
     main: int

@@ -1,6 +1,6 @@
 """The true measurement of one drone and its target at one time. The logger writes it, and the judge reads it.
 
-Its fields are declared here once, for `World.measure`, for the rows of truth.jsonl and for their published schema.
+`World.measure`, the rows of truth.jsonl and their published schema all use the fields that are declared here.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from foundation.typed_file import LARGE, Number
 
-# `wrong` is the message of the reader about an invalid value
+# `wrong`: the log reader's message about an invalid value
 Distance = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a distance"})]
 Place = Annotated[tuple[Number, Number, Number], Meta(extra={"wrong": "is not three numbers"})]  # north, east, down
 InPicture = Annotated[tuple[Number, Number, Number, Number], Meta(extra={"wrong": "is not four numbers"})]
@@ -25,7 +25,7 @@ def doc(description: str) -> Meta:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetMeasurement:
-    """Measurement of a target by one drone and its camera. None: not measured. `World.measure` measures all fields."""
+    """The target as one drone and its camera see it. None: not measured, for example missing in an older log."""
 
     target_ned: Annotated[Place | None, doc("m, NED, position of the target's centre")] = None
     distance_m: Annotated[Distance | None, doc("m, from the body to the target's centre, in three dimensions")]

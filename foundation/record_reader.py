@@ -8,9 +8,9 @@ from typing import Any
 
 
 def reader(record: Any, *names: str) -> Callable[[], tuple[Any, ...]]:
-    """Return a function that reads these fields of `record` (`numpy.void`) as one flat tuple; arrays are flattened.
+    """Return a function that returns the present values of these fields of `record` (`numpy.void`) as one flat tuple.
 
-    The fields must be 64 bits wide and named in the record's order. Raises KeyError or ValueError otherwise.
+    The fields must be 64 bits wide, and `names` in the record's order; otherwise KeyError or ValueError is raised.
     """
     layout, end = "=", 0
     for name in names:

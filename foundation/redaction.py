@@ -1,7 +1,7 @@
 """Removes keys and passwords from messages and files.
 
-Any part of an address may be a key. So only safe parts are shown: scheme, host, port, short words of the path, names in
-the query. In replies of the server at that address, the other parts are hidden too, in any spelling.
+Any part of an address (URL) may be a key. So only safe parts are shown: scheme, host, port, short words of the path,
+names in the query. The server may repeat the other parts in its replies, where they are hidden too, in any spelling.
 """
 
 import base64
@@ -13,7 +13,7 @@ from urllib.parse import unquote, unquote_plus
 from foundation.protocol import ACTION_FIELDS, ACTIONS
 
 HIDDEN = "***"
-MAX_URL_CHARS = 2000  # a longer one is not parsed
+MAX_URL_CHARS = 2000  # a longer address is not parsed
 MIN_CHARS = 5  # shorter texts are not keys, and hiding them would garble words and numbers
 REPLY_WORDS = frozenset((*ACTIONS, *ACTION_FIELDS))  # a model's replies contain them, so they are never hidden
 _WEB = ("http", "https", "ws", "wss", "rtsp", "rtsps", "")
@@ -49,7 +49,7 @@ def keyless_environment(environment: Mapping[str, str]) -> dict[str, str]:
 def redacted_url(url: str) -> str:
     """Return an address for display, without possible keys. If it cannot be parsed, at most its scheme is shown.
 
-    In an address that is not of the web (a serial port, a UDP port), only the user is hidden.
+    With another scheme than http, ws or rtsp, such as serial:// or udpin://, only the user is hidden.
     """
     match = _URL_FIELDS.fullmatch(url) if len(url) <= MAX_URL_CHARS else None
     if match is None:
@@ -66,9 +66,9 @@ def redacted_url(url: str) -> str:
 
 
 def keyless(url: str) -> str:
-    """Return an address for a digest: without its user, its fragment, and query fields named like a key.
+    """Return an address as it goes into a digest: without user, fragment, and query fields that are named like a key.
 
-    Its path may still contain a secret. An address that cannot be parsed is returned unchanged.
+    The path may still contain a secret. An address that cannot be parsed is returned unchanged.
     """
     match = _URL_FIELDS.fullmatch(url) if len(url) <= MAX_URL_CHARS else None
     if match is None:
@@ -79,7 +79,7 @@ def keyless(url: str) -> str:
 
 
 def secrets_of(url: str) -> tuple[str, ...]:
-    """Return the possible keys in an address, raw and decoded: its parts without short texts and common words."""
+    """Return the parts of an address that may be keys, raw and decoded. Short texts and common words are omitted."""
     match = _URL_FIELDS.fullmatch(url)
     if match is None:
         return worth_hiding(url)
@@ -113,13 +113,13 @@ def _redacted_query_pair(pair: str) -> str:
 
 
 def _spellings(secret: str) -> re.Pattern[str]:
-    """Return a pattern of a text in all spellings: raw, percent-encoded (also repeatedly), escaped for JSON or HTML."""
+    """Return a pattern of a text that is raw, percent-encoded once or repeatedly, or escaped for JSON or HTML."""
     return re.compile("".join(map(_letter, secret)))
 
 
 def _letter(letter: str) -> str:
     code, pair = ord(letter), letter.encode("utf-16-be", "surrogatepass")
-    ways = [  # longer ones first, so that none is matched in part
+    ways = [  # longer spellings first, so that no spelling is matched in part only
         "".join(f"%(?:25){{0,4}}(?i:{byte:02x})" for byte in letter.encode("utf-8", "surrogatepass")),
         "".join(rf"\\{{1,4}}u(?i:{pair[i : i + 2].hex()})" for i in range(0, len(pair), 2)),
         rf"&#(?:0{{0,4}}{code}|[xX]0{{0,4}}(?i:{code:x}));",

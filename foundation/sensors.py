@@ -26,14 +26,14 @@ SENSORS = np.dtype(
         ("baro_time_us", "i8"),
         ("pressure_hpa", "f8"),  # hPa, absolute
         ("temperature_c", "f8"),  # °C
-        ("gps_time_us", "i8"),  # µs at which the fix was valid, not when it arrived
+        ("gps_time_us", "i8"),  # µs, vehicle clock at which the fix was valid, which is before its arrival
         ("gps_lat_deg", "f8"),
         ("gps_lon_deg", "f8"),
         ("gps_alt_m", "f8"),  # m, above mean sea level
         ("gps_velocity_ned", "f8", (3,)),  # m/s
-        ("gps_eph_m", "f8"),  # m, 1σ horizontal as the receiver reports it
-        ("gps_epv_m", "f8"),  # m, 1σ vertical
-        ("gps_speed_accuracy", "f8"),  # m/s, 1σ
+        ("gps_eph_m", "f8"),  # m, 1σ of the horizontal position, as the receiver reports it
+        ("gps_epv_m", "f8"),  # m, 1σ of the altitude, as reported
+        ("gps_speed_accuracy", "f8"),  # m/s, 1σ, as reported
         ("gps_fix_type", "i8"),  # GPS_FIX_TYPE: 0 none … 3 = 3-D
         ("gps_satellites", "i8"),
         ("range_time_us", "i8"),

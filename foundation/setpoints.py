@@ -27,15 +27,15 @@ class Turn:
     """Yaw at a rate, and hold place and height."""
 
     yaw_rate: float  # rad/s, + right
-    angle: float | None = None  # rad from the `PicturePose`'s heading, with the rate's sign; None: turn without end
-    is_before_move: bool = False  # whether a move follows: the held place is then on the line of that move
+    angle: float | None = None  # rad from the `PicturePose`'s heading, with the sign of `yaw_rate`; None: no end
+    is_before_move: bool = False  # whether a move follows; if so, the vehicle holds a place on the line of that move
 
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
     """Fly at a velocity along a straight line, with the nose along the line.
 
-    With a bearing, the line passes through the position of the `PicturePose` of the decision.
+    If `bearing` is set, the line passes through the position of the `PicturePose` of the decision.
     """
 
     forward: float  # m/s, horizontal, along the line

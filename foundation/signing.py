@@ -1,8 +1,8 @@
-"""MAVLink 2 message signing at one end of a link. Once a key is set, only signed messages are accepted.
+"""MAVLink 2 message signing at one end of a link. Once a key is set, unsigned messages are rejected.
 
 Source: mavlink.io, guide/message_signing. A signature consists of the link id, a timestamp and the first 48
-bits of SHA-256(key, message, link id, timestamp). This module replaces pymavlink's own check, in which one forged
-message locks out the true sender: pymavlink stores the timestamp of a message before it verifies the signature.
+bits of SHA-256(key, message, link id, timestamp). This module replaces pymavlink's own check, which stores a message's
+timestamp before it verifies the signature. So one forged message with a late timestamp would lock out the true sender.
 """
 
 import hashlib
@@ -17,8 +17,8 @@ from foundation.mavlink import dialect
 KEY_BYTES = 32
 SIGNED = dialect.MAVLINK_IFLAG_SIGNED
 UNITS_PER_MINUTE = 6_000_000  # a timestamp has units of 10 µs
-LATEST = (1 << 48) - 1
-UNSIGNED_MESSAGES = frozenset({"RADIO_STATUS"})  # radio modems have no key
+LATEST = (1 << 48) - 1  # largest timestamp
+UNSIGNED_MESSAGES = frozenset({"RADIO_STATUS"})  # accepted without a signature, because radio modems have no key
 EPOCH_S = 1_420_070_400  # s of Unix time, 2015-01-01
 
 
@@ -46,9 +46,9 @@ def timestamp(unix_s: float) -> int:
 
 
 def is_signed(frame: bytes) -> bool:
-    """Return whether a message has a signature, valid or not. The signature of a key of zeros does not count.
+    """Return whether a message has a signature, valid or not.
 
-    PX4 1.17 signs with 32 zero bytes while it has no key.
+    A signature made with a key of 32 zero bytes does not count: PX4 1.17 signs like this while it has no key.
     """
     return (
         frame[0] == dialect.PROTOCOL_MARKER_V2
@@ -66,12 +66,12 @@ class Signing:
 
     def __init__(self, link: int) -> None:
         self.rejected = 0  # messages without a valid signature
-        self.unsigned = 0  # of these, messages without any signature
+        self.unsigned = 0  # messages without any signature; `rejected` counts them too
         self.believed = 0  # messages with a valid signature
         self._link = link & 0xFF
         self._key = b""
         self._time = 0  # newest timestamp, sent or accepted
-        self._set_us = 0  # µs, `now_us` of the caller when `_time` was set
+        self._set_us = 0  # µs, the caller's `now_us` when `_time` was set
         self._newest_times: dict[tuple[int, int, int], int] = {}  # system, component, link → newest timestamp
 
     @property
@@ -88,7 +88,7 @@ class Signing:
     def accepts(self, message: dialect.MAVLink_message, now_us: int) -> bool:
         """Return whether the receiver may act on a message, and count the result.
 
-        Without a key, every message is accepted and none is counted. The same applies to UNSIGNED_MESSAGES.
+        Without a key, every message is accepted and none is counted. UNSIGNED_MESSAGES are always treated like this.
         """
         if not self._key or message.get_type() in UNSIGNED_MESSAGES:
             return True

@@ -42,7 +42,7 @@ class MovingBox:
     """An upright box that follows a pose: the solid shape of a moving car."""
 
     name: str
-    half_m: Vec3  # (3,) m, half its length, width and height, along its own forward, right and down axes
+    half_m: Vec3  # (3,) m, half its length, width and height: along its forward, right and down axes
     centre_frd: Vec3  # (3,) m, from the origin of the asset to the middle of the box, in the asset's axes
 
 
@@ -52,19 +52,19 @@ class Obstacles:
 
     Cell (i, j, k) has the number n = (i · columns + j) · layers + k and begins at `origin_ned` + `cell_m` · (i, j, k).
     `index[start[n] : start[n + 1]]` are the numbers of all triangles within `reach_m` of any point of the cell. A
-    vehicle no larger than `reach_m` therefore needs only the cell that contains its origin.
+    vehicle that extends at most `reach_m` from its origin needs only the cell that contains this origin.
     """
 
     corners: NDArray[np.float32]  # (T, 9) m, NED, three points, counter-clockwise seen from outside
     bounds: NDArray[np.float32]  # (T, 4) m, NED, centre and radius of a ball around each triangle
-    owner: NDArray[np.int32]  # (T,) index in `names`
+    owner: NDArray[np.int32]  # (T,) index in `names` of the solid to which a triangle belongs
     names: tuple[str, ...]
     origin_ned: Vec3  # m
     cell_m: float
     cells: tuple[int, int, int]  # rows north, columns east, layers down
-    start: NDArray[np.int32]  # (cells + 1,)
-    index: NDArray[np.int32]
-    reach_m: float
+    start: NDArray[np.int32]  # (number of cells + 1,), places in `index`
+    index: NDArray[np.int32]  # numbers of triangles, cell by cell
+    reach_m: float  # m, largest size of a vehicle for which the cells are complete
     moving: MovingBox | None = None
 
 

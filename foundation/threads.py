@@ -14,16 +14,16 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Generic, ParamSpec, TypeVar
 
-STEPS = 8  # steps in one turn; a thread that lends its turn in every step never reaches this limit
+STEPS = 8  # steps in one turn, after which a thread that has not lent its turn meanwhile must queue again
 
 
 class ComputingTurn:
-    """A fair lock for computing: one thread at a time, in the order of their requests."""
+    """A fair lock for computing. One thread at a time has the turn, in the order of the requests."""
 
     def __init__(self) -> None:
         self._guard = threading.Lock()
         self._taken = False
-        self._queue: deque[threading.Lock] = deque()  # a locked lock per waiting thread; a release gives the turn
+        self._queue: deque[threading.Lock] = deque()  # one lock per waiting thread; its release gives the turn
         self._own = threading.local()
 
     @contextmanager
@@ -81,7 +81,7 @@ class ComputingTurn:
                 self._taken = False
 
 
-COMPUTING = ComputingTurn()  # the turn of this process
+COMPUTING = ComputingTurn()  # the lock that all computing threads of this process share
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -135,7 +135,7 @@ class NewestItemWorker(Generic[T]):
             return self._news.wait_for(lambda: not self._waiting and not self._busy, timeout_s)
 
     def close(self) -> None:
-        """End the thread once its present work is done. An item that still waits is dropped."""
+        """Wait up to 30 s for the present work, and end the thread. An item that still waits is dropped."""
         with self._news:
             self._open = False
             self._news.notify_all()
@@ -157,7 +157,7 @@ class NewestItemWorker(Generic[T]):
 
 
 class InlineExecutor(Executor):
-    """Runs each call at once in the caller's thread. Used in lockstep."""
+    """Runs each call at once in the caller's thread. Used in lockstep, where simulated time waits for the call."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         future: Future[T] = Future()

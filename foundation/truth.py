@@ -1,8 +1,8 @@
-"""Messages of the truth bus, and a reader that keeps the newest samples.
+"""Messages of the truth bus, and a reader that keeps each vehicle's newest samples.
 
 The truth bus carries the true states of the simulated vehicles as MAVLink messages. The simulator sends
 HIL_STATE_QUATERNION, GIMBAL_DEVICE_ATTITUDE_STATUS and STATUSTEXT (about contacts). The camera sends
-CAMERA_IMAGE_CAPTURED. The agent and the autopilot must not import this module.
+CAMERA_IMAGE_CAPTURED. The agent and the autopilot must not know the truth, so they must not import this module.
 """
 
 import re
@@ -18,8 +18,8 @@ from foundation.mavlink import Parser, dialect
 
 TRUTH_COMPONENT = 51  # MAV_COMP_ID_USER27: MAVLink has no id for a simulator, and 1 is the autopilot's
 Origin = tuple[float, float, float]  # lat °, lon °, alt m of the map's NED frame
-KEPT = 25  # samples kept of each drone: half a second at 50 Hz
-UNREAD = 1000  # number of stored packets above which `feed` decodes them: 20 s at 50 Hz
+KEPT = 25  # samples that are kept for each drone: half a second at 50 Hz
+UNREAD = 1000  # number of stored packets above which `feed` decodes them without a query: 20 s at 50 Hz
 SILENT_US = 100_000  # µs; `together` does not wait for a drone that is silent for longer
 
 
@@ -102,9 +102,9 @@ T = TypeVar("T", bound=Timed)
 
 
 def nearest(samples: Sequence[T] | deque[T], time_us: int) -> T:
-    """Return the sample nearest to `time_us`; of two equally near, the earlier. Raises ValueError without samples.
+    """Return the sample nearest to `time_us`; the earlier one if two are equally near.
 
-    The samples must be in order of time. The search begins at the newest.
+    The samples must be sorted by time. Raises ValueError if there are none.
     """
     best: T | None = None
     for sample in reversed(samples):
@@ -165,10 +165,10 @@ class NewestTruth:
             return samples[-1] if samples else None
 
     def together(self, drone: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
-        """Return a drone's newest sample up to the time that all drones have reached, and the others' by drone number.
+        """Return samples of all drones at nearly the same time: the sample of `drone`, and the others' by drone number.
 
-        The others' samples are those nearest to that sample. A drone that has been silent for longer than SILENT_US
-        does not limit the time; its last sample is used. Returns None without a sample of `drone`.
+        The time is the latest that all drones have reached. Drones that have been silent for longer than SILENT_US do
+        not limit it; their last samples are used. Returns None without a sample of `drone`.
         """
         with self._lock:
             self._read()
@@ -180,9 +180,9 @@ class NewestTruth:
             return self._with_others(sample if own[-1].time_us - sample.time_us <= SILENT_US else own[-1])
 
     def at(self, drone: int, time_us: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
-        """Return a drone's first sample at or after a time (µs), and the others' nearest to it by drone number.
+        """Return a drone's first sample at or after a time (µs), and the nearest samples of the others by drone number.
 
-        For a time in the future, the drone's newest sample is used; for a time too long ago, its oldest kept sample.
+        If the drone has no sample so late, its newest sample is used; for a time too long ago, its oldest kept sample.
         Returns None without a sample of `drone`.
         """
         with self._lock:

@@ -3,7 +3,7 @@
 A dataclass declares each key once: its type, its bounds and its description (`msgspec.Meta`). msgspec checks the
 values. This module also rejects values that msgspec accepts (unknown keys, nulls, numbers that are not finite), and
 turns an error into one sentence with the file, the key, the value and the rule. `Meta(extra={"wrong": "is not …"})`
-sets the error message of a field.
+replaces the default message about a wrong value of a field.
 """
 
 import json
@@ -27,15 +27,15 @@ from foundation.wording import suggestion
 BYTES_MAX = 1_000_000  # size limit of a file that people write
 DEPTH_MAX = 12  # levels of brackets in a JSON file
 SHOWN = 60  # a message shows at most this many characters of a value
-STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")  # a step of the path at the end of a msgspec message
-REFUSALS = ("Expected", "Invalid", "Object", "Number")  # beginnings of msgspec's messages
+STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")  # a key or index in the path at the end of a msgspec message
+REFUSALS = ("Expected", "Invalid", "Object", "Number")  # beginnings of msgspec's own messages
 MISSING = re.compile(r"missing required field `(\w+)`")
 WRONG = {
     str: "is not text", int: "is not a whole number", float: "is not a number", bool: "is neither true nor false",
     dict: "is not a table",
 }  # fmt: skip
 
-LARGE = 1e12  # bound of the numbers in files and rows; a larger one counts as damage
+LARGE = 1e12  # numbers in files and rows must be smaller; a larger number counts as damage
 Number = Annotated[float, msgspec.Meta(gt=-LARGE, lt=LARGE)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0, lt=LARGE)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, lt=LARGE)]
@@ -45,7 +45,7 @@ PlacedFault = tuple[str, str]  # place of a value in the file, and what is wrong
 
 
 def file_bytes(path: Path, where: str, bytes_max: int = BYTES_MAX) -> bytes:
-    """Return the content of a file of at most `bytes_max`. `where` names the file in errors. Raises UsageError."""
+    """Return the content of a file. `where` names the file in errors. Raises UsageError above `bytes_max` bytes."""
     with file_errors_as(UsageError, f"{where} cannot be read"), path.open("rb") as file:
         data = file.read(bytes_max + 1)
     _check_size(data, where, bytes_max)
@@ -159,9 +159,9 @@ def no_choice(value: Any, choices: Iterable[str]) -> str:
 class FieldRule:
     """The rule that an annotation sets for a value."""
 
-    kind: Any  # the type without Annotated and None; may be a union
+    kind: Any  # the annotated type without None; may be a union
     meta: tuple[msgspec.Meta, ...]  # outermost first
-    optional: bool
+    optional: bool  # whether None is allowed
 
     @property
     def words(self) -> str:
@@ -200,7 +200,7 @@ class FieldRule:
         return next((bound for meta in self.meta if (bound := getattr(meta, name)) is not None), None)
 
     def item(self, index: int) -> Any:
-        """Return the annotation of an item of a list, or of a value of a dict."""
+        """Return the annotation of the list item at `index`, or of a dict's values."""
         kinds = get_args(self.kind)
         if get_origin(self.kind) is not tuple:
             return kinds[-1]
@@ -250,7 +250,7 @@ def rule_of(annotation: Any) -> FieldRule:
 
 
 def _first_extra_fault(value: Any, annotation: Any, at: str) -> PlacedFault | None:
-    """Return the first fault that msgspec does not report; None without one."""
+    """Return the first fault that msgspec accepts (unknown key, null, infinite or NaN number); None: no such fault."""
     if isinstance(value, float):
         return None if math.isfinite(value) else (at, f"is {value}, which is not a finite number")
     if not isinstance(value, dict | list):

@@ -1,8 +1,8 @@
 """Fast codec of MAVLink 2 frames, with tables from pymavlink's message classes.
 
-It is several times as fast as pymavlink and gives the same bytes and fields; tests check this for every message of the
-dialect. It finds frames of any kind, but decodes only unsigned MAVLink 2 frames. `foundation.mavlink.Parser` passes
-other intact frames (MAVLink 1, signed) to pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
+The codec is several times as fast as pymavlink and gives the same bytes and fields; tests check this for each message.
+It finds frames of any kind, but decodes only plain frames: MAVLink 2 without a signature. `foundation.mavlink.Parser`
+passes other intact frames to pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
 """
 
 import math
@@ -18,13 +18,13 @@ HEADER_BYTES, HEADER_BYTES_V1, CHECKSUM_BYTES = 10, 6, 2
 SIGNATURE_BYTES = 13
 SIGNED = 0x01  # bit in the incompatibility flags
 
-_LOG_TIME = struct.Struct(">Q")  # before each frame of a tlog
-_SANE_US = 1 << 56  # two thousand years; a larger value is not a time
+_LOG_TIME = struct.Struct(">Q")  # time (µs) before each frame of a tlog, the log format of ground stations
+_SANE_US = 1 << 56  # µs, two thousand years; a larger value in a tlog is garbage, not a time
 _SHORTEST_LOGGED = _LOG_TIME.size + HEADER_BYTES_V1 + CHECKSUM_BYTES
 _LENGTH_KNOWN = 3  # number of first bytes that determine a frame's length
 _MARKERS = re.compile(rb"[\xfd\xfe]")
 Fields = tuple[Any, ...]  # field values of a message, in the dialect's order; omitted values at the end are zero
-_HEADER = struct.Struct("<BBBBBBHB")  # length, both flags, sequence, system, component, message id low and high
+_HEADER = struct.Struct("<BBBBBBHB")  # length, both flags, sequence, system, component, message id (16 + 8 bits)
 checksum = dialect.mcrf4xx or (lambda data: dialect.x25crc(data).crc)  # CRC-16/MCRF4XX
 
 
@@ -71,7 +71,7 @@ def _decoded_class(base: Any) -> Any:
 
 
 class MessageLayout:
-    """Wire layout of one message of the dialect. `extra`: CRC_EXTRA as a byte."""
+    """Wire layout of one kind of message. `extra` (CRC_EXTRA, one byte) is part of the checksum."""
 
     def __init__(self, base: Any) -> None:
         self.extra = bytes([base.crc_extra])
@@ -97,7 +97,7 @@ class MessageLayout:
         return self._packed(self._read(message))
 
     def payload_of(self, fields: Fields) -> bytes:
-        """Return the payload of a message with these fields, without trailing zeros; texts are bytes.
+        """Return the payload of a message with these fields, without trailing zeros. Text fields are given as bytes.
 
         This is three times as fast as making a message object and calling `payload`. Raises struct.error.
         """
@@ -144,7 +144,7 @@ class MessageLayout:
 
 
 class OwnPacking(MessageLayout):
-    """Layout of a message class that overrides `pack`, such as PARAM_VALUE with an integer's bytes."""
+    """Layout of a message class that overrides `pack`, such as PARAM_VALUE with an integer in its float field."""
 
     def frame(self, message: Any, sequence: int, system: int, component: int) -> bytes:
         mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -193,11 +193,11 @@ def int32(value: float) -> int:
 
 
 def scan(data: bytes) -> tuple[list[bytes], int, int]:
-    """Return (intact frames, offset of an incomplete last frame, count of garbage) of a part of a byte stream.
+    """Cut a part of a byte stream; return (intact frames, offset of an incomplete last frame, count of garbage).
 
     Without an incomplete frame, the offset is the length of the data.
-    Garbage is skipped and counted as in pymavlink: a stretch without a marker counts 1, and so does a damaged frame or
-    a frame of an unknown message. Frames are MAVLink 1 or 2, signed or not; signatures are not verified.
+    Garbage is skipped and counted as in pymavlink. A stretch without a marker, a damaged frame, and a frame of an
+    unknown message count 1 each. Frames are MAVLink 1 or 2, signed or not; signatures are not verified.
     """
     frames, bad, at, end = [], 0, 0, len(data)
     while at < end:
@@ -213,7 +213,7 @@ def scan(data: bytes) -> tuple[list[bytes], int, int]:
             break
         flags = data[at + 2] if marker == MARKER else 0
         checked = stop - SIGNATURE_BYTES if flags & SIGNED else stop
-        # a frame with other flags may have any layout
+        # frames with unknown flags are rejected, because their layout is unknown
         if not flags & ~SIGNED and _is_intact(data, at, checked):
             frames.append(data[at:stop])
         else:
@@ -233,13 +233,13 @@ def frame_bytes(data: bytes, start: int) -> int:
 
 
 class Frames:
-    """Cuts a stream of bytes at the limits of its MAVLink frames, without reading the messages."""
+    """Cuts a stream of bytes into units: each MAVLink frame, and each stretch of bytes between frames."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Return the complete frames, in order; bytes outside of frames are separate units."""
+        """Return the units that are complete, in order. Messages are not read, and checksums are not checked."""
         data = self._rest + data
         units, at = [], 0
         while at < len(data):
@@ -290,7 +290,7 @@ def logged_frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
     """Return the (µs, frame) pairs in a part of a tlog, and the offset of the rest, which has no complete frame.
 
     A tlog has frames of MAVLink 1 or 2, each after eight bytes of time. Frames are found by their lengths.
-    Garbage is skipped. Only the frame after garbage is checked here; the caller checks the others.
+    Garbage is skipped. Only a frame right after garbage is checked for damage; the caller checks the other frames.
     """
     frames, at, end, lost = [], 0, len(data), False
     while end - at >= _SHORTEST_LOGGED:
@@ -312,7 +312,7 @@ def logged_frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
 
 
 def newest(data: bytes, message_id: int, count: int) -> bytes:
-    """Return the last `count` frames of a message from each system, in their order.
+    """Return the last `count` frames with this message id from each system, in the order of `data`.
 
     `data` must consist of complete unsigned MAVLink 2 frames. Other data is returned unchanged, for a parser.
     """

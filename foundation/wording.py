@@ -17,8 +17,8 @@ def counted(count: int, noun: str, plural: str | None = None) -> str:
 def nearest(word: str, names: Iterable[str], count: int = 3, cutoff: float = 0.6) -> list[str]:
     """Return at most `count` names that are similar to a word, the most similar first.
 
-    Case and punctuation do not matter. A name that begins with the word comes before other similar ones. `cutoff`: the
-    lowest similarity, 0 … 1, as in `difflib.get_close_matches`.
+    Case and punctuation do not matter. Names that begin with the word come first. `cutoff`: the lowest similarity of
+    the others, 0 … 1, as in `difflib.get_close_matches`.
     """
     sought = _letters(word[:100])
     by_letters: dict[str, str] = {}
@@ -52,7 +52,7 @@ _SPACE = "Zs"  # category of Unicode: spaces of all widths, which Python calls u
 def printable(text: str) -> str:
     r"""Return `text` with every character that is neither printable nor a newline escaped as in JSON, such as \u001b.
 
-    A second call has no effect. An escaped JSON text keeps its value.
+    A second call has no effect. If `text` is JSON, its value stays the same.
     """
     if text.isascii() and text.replace(LINE, "").isprintable():
         return text

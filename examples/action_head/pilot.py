@@ -1,7 +1,7 @@
-"""The pilot of a trained head. It turns a request into the text of a reply, and does not import PyTorch.
+"""The pilot that uses a trained head. It turns a request into the text of a reply, and does not import PyTorch.
 
-Two rules are not learnt, because no flight in the data shows their cases. The action after a declaration is never a
-declaration. After five turns in a row, the pilot flies to another place instead of turning again.
+Two rules are not learnt, because no flight in the data shows their cases. The pilot never declares arrival (`finished`)
+twice in a row. After five turns or thinks in a row, it flies to another place instead of turning again.
 """
 
 import threading
@@ -21,8 +21,8 @@ from foundation.protocol import FINISHED, GO, HISTORY_LENGTH, POINT_SPAN, ROTATE
 
 COLUMNS, ROWS = 32, 18  # size of the heat map of the point; a cell covers 8 × 8 px of the input picture
 TURNS_DEG = tuple(float(angle) for angle in range(-90, 91, 15))
-ELSEWHERE_M = 6.0  # depth of the go to another place: a full stride
-NEAREST_M, FARTHEST_M = 0.5, 60.0  # limits of the depth
+ELSEWHERE_M = 6.0  # depth of the go to another place; far enough for a full stride
+NEAREST_M, FARTHEST_M = 0.5, 60.0  # limits of a go's depth
 _AROUND = 1  # cells on each side of the highest cell; the point is the weighted mean of these cells
 
 
@@ -30,10 +30,10 @@ _AROUND = 1  # cells on each side of the highest cell; the point is the weighted
 class Outlook:
     """The network's outputs for one picture."""
 
-    kinds: NDArray[np.float32]  # (4,), the probability of each of KINDS
+    kinds: NDArray[np.float32]  # (4,), probabilities of the actions, in the order of KINDS
     heat: NDArray[np.float32]  # (ROWS, COLUMNS), the probability that the point is in each cell
-    depth_m: float  # m, of a go
-    turns: NDArray[np.float32]  # (len(TURNS_DEG),), the probability of each turn
+    depth_m: float  # m, used only if the action is a go
+    turns: NDArray[np.float32]  # (len(TURNS_DEG),), probabilities of the angles in TURNS_DEG
 
 
 def point(heat: NDArray[np.float32]) -> tuple[float, float]:
@@ -49,7 +49,7 @@ def point(heat: NDArray[np.float32]) -> tuple[float, float]:
 
 
 def decide(seen: Outlook, past: Sequence[PastAction], declares_at: float) -> str:
-    """Return the reply for one drone; `declares_at` is the least probability of `finished` for a declaration."""
+    """Return one drone's reply, which declares arrival if the probability of `finished` is at least `declares_at`."""
     chance = dict(zip(KINDS, seen.kinds.tolist(), strict=True))
     in_vain = bool(past) and past[-1].kind == FINISHED
     if chance[FINISHED] >= declares_at and not in_vain:

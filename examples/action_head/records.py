@@ -17,16 +17,16 @@ from episodes.records.record import EpisodeRecord
 from examples.action_head import script
 from foundation.errors import UsageError
 
-CELLS = ("approaching", "searching", "tracking", "search-and-track")
+CELLS = ("approaching", "searching", "tracking", "search-and-track")  # kinds of task in the benchmark
 FIRST_ID = 11  # ids continue after the ten shipped records of each cell
 FIRST_MAP_SEED = 2  # the benchmark's maps have the seed 1
-BATCH = 4  # records of a request, all on one map
-REQUESTS = {"residential": 20, "campus": 8}  # map → requests for each cell; each request of a cell has its own map seed
-_APART_M = 0.5  # a start nearer than this to a shipped record's start is the same place
+BATCH = 4  # number of records that one request makes, all on one map
+REQUESTS = {"residential": 20, "campus": 8}  # map → number of requests for each cell, each with another map seed
+_APART_M = 0.5  # two starts that are nearer to each other than this count as the same place
 
 
 def requests(share: float = 1.0) -> list[RecordRequest]:
-    """Return a share (0 … 1] of the requests. Maps and cells alternate, so that every share is mixed."""
+    """Return the first `share` (above 0, up to 1) of the requests. Maps and cells alternate, so any share is mixed."""
     turns = math.ceil(max(REQUESTS.values()) * share)
     return [
         RecordRequest(name, cell, FIRST_ID + BATCH * turn, BATCH, 1000 + turn, FIRST_MAP_SEED + turn)
@@ -38,7 +38,7 @@ def requests(share: float = 1.0) -> list[RecordRequest]:
 
 
 def must_be_new(records: Iterable[EpisodeRecord]) -> None:
-    """Raise UsageError if a record has the map, the seed, or the start and instruction of a shipped record."""
+    """Raise UsageError if a record has the map and map seed, the seed, or the start and task of a shipped record."""
     shipped = [catalogue.load(name) for name in catalogue.all_ids()]
     maps, seeds = {(episode.map, episode.map_seed) for episode in shipped}, {episode.seed for episode in shipped}
     for record in records:

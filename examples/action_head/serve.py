@@ -15,7 +15,7 @@ NAME = "action-head"
 
 
 def server(file: Path, port: int, threads: int) -> PilotServer:
-    """Return a server of a trained head, bound but not started. Raises UsageError for a wrong file or port."""
+    """Return a server of a trained head, which is not started yet. Raises UsageError for a wrong file or port."""
     import torch
 
     from examples.action_head.network import load

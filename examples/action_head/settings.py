@@ -1,4 +1,4 @@
-"""The sizes of the head and the settings of its training. Together with the flights they determine the result."""
+"""The sizes of the network and the settings of its training. With the training flights, they determine the result."""
 
 from dataclasses import dataclass
 
@@ -21,4 +21,4 @@ class Training:
     rate: float = 2e-3  # highest learning rate
     decay: float = 0.02  # weight decay
     seed: int = 0
-    threads: int = 1  # threads of PyTorch; the same number gives the same weights
+    threads: int = 1  # threads of PyTorch; another number may give other weights

@@ -14,7 +14,7 @@ from foundation.protocol import FINISHED
 
 
 def train(folder: Path, out: Path, training: Training) -> None:
-    """Fit a head to a dataset's flights and write it. Raises UsageError if either is impossible."""
+    """Fit a head to the flights of the dataset `folder`, and write it to `out`. Raises UsageError if that fails."""
     extras.require("torch", "pyarrow")
     from examples.action_head import dataset
     from examples.action_head.features import KINDS
@@ -38,7 +38,7 @@ def train(folder: Path, out: Path, training: Training) -> None:
 
     head = fit(data, Shape(), training, report)
     result = judged(head, data)
-    assert result is not None  # some held-out flight arrives
+    assert result is not None  # `judged` returns None only if no held-out flight arrives
     script.print_line(
         f"held out: {result.right_kind:.0%} right actions of {result.decisions}, points off by"
         f" {result.point_error:.1%} of the width and depths by a factor of {result.depth_factor:.2f} (medians); with"

@@ -19,11 +19,11 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import SCHEMA, check_version, json_object, run_configuration
 from foundation.version import __version__
 
-PER_EPISODE = ("episode", "record")  # may differ between the flights of one run
-PER_RESUME = ("accounts",)  # may differ when a run is resumed
+PER_EPISODE = ("episode", "record")  # settings that may differ between the flights of one run
+PER_RESUME = ("accounts",)  # settings that may change when a run is resumed
 MEASURED = ("schema", "served_rate_hz", "pace", "firmware")  # keys of run.json that are not settings and not compared
 SUITE = "suite"  # key that only benchmarks write to run.json; later flights in the same run keep its value
-LOCK = ".lock"  # in a run folder; held by the processes that fly the run
+LOCK = ".lock"  # lock file in a run folder; every process that flies the run holds it
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
 
 
@@ -35,13 +35,13 @@ def create(
     configuration: dict[str, Any],
     first: Callable[[], None] = lambda: None,
 ) -> Iterator[Path]:
-    """Yield a new episode folder in a run folder, with empty logs and the run's run.json, locked during the block.
+    """Yield a new episode folder with empty logs, in a run folder with run.json. Both are locked during the block.
 
-    The run folder is `out`, or a new one named after the time and the pilot. An earlier flight without a score (its
-    verdict is an error, or it was killed) is moved to UNFINISHED. `first` is called when the run folder exists and
-    accepts this flight, before logs are written and before an earlier flight is moved. If `first` raises, a new folder
-    is removed again. Raises UsageError if `out` has another flight of that episode or another configuration, or cannot
-    be written.
+    The run folder is `out`, or a new one named after the time and the pilot. An earlier flight of the episode that has
+    no score, because its verdict is an error or it was killed, is moved to UNFINISHED. `first` is called when the run
+    folder exists and accepts this flight, before logs are written and before an earlier flight is moved. If `first`
+    raises, a new run folder is removed again. Raises UsageError if `out` has a scored flight of the episode or another
+    configuration, or cannot be written.
     """
     with contextlib.ExitStack() as held:
         try:
@@ -61,7 +61,7 @@ def create(
                 _set_aside(run, folder)
             prepare(folder)
             log = held.enter_context(hold(folder / layout.DECISIONS, folder))
-            if log.tell() or (folder / layout.VERDICT).exists():  # another process has flown it during `first`
+            if log.tell() or (folder / layout.VERDICT).exists():  # another process has flown the episode during `first`
                 raise UsageError(f"{folder} already has a flight. Choose another folder with --out")
             with _exclusive(run):
                 _check_settings(run, configuration)  # again: another process may have begun the run during `first`
@@ -100,9 +100,9 @@ def _remove_unused(run: Path) -> None:
 
 
 def hold(lock: Path, folder: Path, *, shared: bool = False) -> TextIO:
-    """Return a locked file. The lock lasts until the file is closed or the process ends.
+    """Lock a file and return it open. The lock lasts until the file is closed or the process ends.
 
-    Raises UsageError when another process holds the lock, since that process is flying `folder`. Raises OSError.
+    Raises UsageError if another process holds the lock, which means that it is flying `folder`. Raises OSError.
     """
     file = lock.open("a")
     try:
@@ -176,7 +176,7 @@ def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> 
 
 
 def without_episode(configuration: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the configuration of a run of several episodes: the settings that may differ are None."""
+    """Return the configuration of a run of several episodes, in which the settings of PER_EPISODE are None."""
     return {**configuration, "flight": {**configuration["flight"], **dict.fromkeys(PER_EPISODE)}}
 
 

@@ -39,7 +39,7 @@ class PromptReader:
             self._bases[row.role, row.drone] = row.text.split(NEW_LINE)
             return SentPrompt(row, row.text, "", "")
         base = self._bases.get((row.role, row.drone))
-        head, lines, tail = row.head or 0, row.lines or (), row.tail or 0  # UNSET is false
+        head, lines, tail = row.head or 0, row.lines or (), row.tail or 0  # UNSET (a missing field) counts as false
         if base is None or head + tail > len(base):
             raise UsageError(f"the text of question {row.number} to the {row.role} refers to lines that are missing")
         before, after = base[:head], base[len(base) - tail :]
@@ -52,7 +52,7 @@ class PromptReader:
 
 
 def read_prompts(folder: Path) -> tuple[SentPrompt, ...]:
-    """Return the questions of an episode folder; empty without a log. Raises UsageError for a damaged one."""
+    """Return the questions of an episode folder; empty without prompts.jsonl. Raises UsageError for a damaged file."""
     path = folder / layout.PROMPTS
     if not path.exists():
         return ()
@@ -69,7 +69,7 @@ def prompts_of(decisions: Iterable[Decision], prompts: Iterable[SentPrompt]) -> 
     Question `number` n to a pilot belongs to the n-th step that this pilot answered, counted from 0. Steps that a
     commander confirms do not count, because they answer no question to a pilot.
     """
-    answers: dict[int, list[int]] = defaultdict(list)  # first drone of a question → steps that answer
+    answers: dict[int, list[int]] = defaultdict(list)  # first drone of a question → steps that answer its questions
     drones: dict[int, list[int]] = defaultdict(list)  # step → its drones
     for decision in decisions:
         if not isinstance(decision.confirmed_by, int):

@@ -1,7 +1,8 @@
 """Reads the logs of a run folder, and checks their known fields strictly.
 
 An impossible value raises UsageError. Unknown fields and kinds of rows, which later versions may add, are skipped. An
-incomplete last line, which a kill may leave, is skipped too. Valid lines take a fast path that gives the same rows.
+incomplete last line, which a kill may leave, is skipped too. A fast reader reads most valid lines. The strict reader
+reads all others, and gives the same rows for valid lines.
 """
 
 import json
@@ -38,7 +39,7 @@ from foundation.run_folder.rows import (
 )
 from foundation.typed_file import LARGE, MISSING, fields_of, rule_of
 
-SCHEMA = 1  # version of the run folder's files: rises when a field changes its meaning, not when one is added
+SCHEMA = 1  # version of the run folder's files: rises when a field changes its meaning, not when a field is added
 
 Row = TypeVar("Row")
 TruthRow = Begin | Pose | FrameTruth | Hit | Clear | Reset | End
@@ -166,7 +167,7 @@ def stored_result(episode: str, folder: Path) -> Result:
 
 
 def result_of(value: Mapping[str, Any], where: str = "a worker's answer") -> Result:
-    """Return the result of a JSON object. Raises UsageError naming `where`."""
+    """Return the result in a JSON object. Raises UsageError, with `where` as the source of the object."""
     made, fault = parse_row(dict(value), Result)
     if made is None:
         raise UsageError(f"{where} is damaged: {fault}")
@@ -278,14 +279,14 @@ def _reject_constant(constant: str) -> Any:
     raise ValueError(constant)
 
 
-LONG = 4000  # bytes; a longer line may hold a number with more digits than Python's own reader accepts
-KIND = 15  # number of first bytes that tell the kind of a line: {"kind": "pose"
+LONG = 4000  # bytes; longer lines go to the strict reader: they may hold a number with too many digits for Python
+KIND = 15  # number of first bytes that show the kind of a line: {"kind": "pose"
 
 FastReader = Callable[[bytes], Row | None]  # line → its row; None: the strict reader must read it
 
 
 def fast_reader(row: type[Row]) -> FastReader[Row]:
-    """Return the fast reader of lines of one kind of row."""
+    """Return a fast reader of lines that all have the same kind of row."""
     decode: Callable[[bytes], Row] = decoder(row)
     checked = row is Decision
 
@@ -297,7 +298,7 @@ def fast_reader(row: type[Row]) -> FastReader[Row]:
 
 
 def fast_reader_of_kinds(kinds: Mapping[str, type[Row]]) -> FastReader[Row]:
-    """Return the fast reader of lines of several kinds of rows. The first bytes of a line tell its kind."""
+    """Return a fast reader of lines that have these kinds of rows. The first bytes of a line show its kind."""
     decoders = {f'{{"kind": "{kind}", '.encode()[:KIND]: decoder(row) for kind, row in kinds.items()}
 
     def read(line: bytes) -> Row | None:
@@ -316,7 +317,7 @@ def _decoded(line: bytes, decode: Callable[[bytes], Row]) -> Row | None:
         return None
 
 
-EARLY_S = 0.05  # s, about one telemetry message: a decision may be this much earlier than its frame
+EARLY_S = 0.05  # s, about one telemetry message: `t_decided` may be this much before `t_frame`
 AT = re.compile(r"\$\.(\w+)")  # the field in an error of msgspec
 
 
@@ -355,5 +356,5 @@ def _too_large(value: Any) -> bool:
 
 
 def _wrong(row: type, name: str) -> str:
-    """Return the message of a field's annotation about a wrong value."""
+    """Return the message about a wrong value of a field, from the annotation of the field."""
     return f"its {name} {rule_of(fields_of(row)[name]).words}"

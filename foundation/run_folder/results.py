@@ -1,6 +1,6 @@
 """Contents of verdict.json, bench.json and study.json, and the result of a flight as the commands print it.
 
-Units and frames as in `rows.py`. docs/run-folder.md explains the numbers of a verdict.
+Units and frames are as in `rows.py`. docs/run-folder.md explains the numbers of a verdict.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ Outcome = Annotated[
     Literal["success", "failure", "error", "censored", "unknown", "distance only"],
     Meta(extra={"wrong": "is not an outcome"}),
 ]
-SCORED = ("success", "failure")  # flights with another outcome are not scored
+SCORED = ("success", "failure")  # a flight with another outcome has no score
 
 
 Flag = Annotated[bool | None, doc("null: not known")]

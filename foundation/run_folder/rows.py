@@ -17,9 +17,9 @@ from foundation.measurement import Distance, Place, TargetMeasurement, Visible, 
 from foundation.protocol import FINISHED, GO
 from foundation.typed_file import LARGE, Number
 
-DRONES = 255  # number of MAVLink system ids
+DRONES = 255  # bound of a drone's number: each drone has one of MAVLink's 255 system ids
 
-# `wrong`: the strict reader's message about an invalid value
+# `wrong`: the message of the strict reader (`reading.py`) about an invalid value
 Whole = Annotated[int, Meta(ge=0, lt=int(LARGE), extra={"wrong": "is not a whole number"})]
 DroneNumber = Annotated[int, Meta(ge=0, lt=DRONES, description="0 is drone 1",
                                   extra={"wrong": f"is not a whole number below {DRONES}"})]  # fmt: skip
@@ -218,13 +218,13 @@ class EnvelopeRow:
 
 
 class ActiveLimits:
-    """The limits that act on each drone, after the rows of safety.jsonl so far."""
+    """Follows the rows of safety.jsonl, and keeps the limits that act on each drone."""
 
     def __init__(self) -> None:
         self._of_drone: dict[int, tuple[str, ...]] = {}
 
     def begun(self, row: EnvelopeRow) -> tuple[str, ...]:
-        """Take the next row; return its limits that are not in this drone's previous row."""
+        """Take the next row; return the limits in it that did not act in the previous row of the same drone."""
         before = self._of_drone.get(row.drone, ())
         self._of_drone[row.drone] = row.limits
         return tuple(name for name in row.limits if name not in before)

@@ -59,12 +59,12 @@ def write() -> None:
 
 def _schema(title: str, rows: tuple[type, ...]) -> dict[str, Any]:
     tops, definitions = msgspec.json.schema_components(rows, ref_template="#/$defs/{name}")
-    for row in rows:  # fields in the order of writing; msgspec puts inherited ones first
+    for row in rows:  # in the order of the files; msgspec puts inherited fields first
         definition, names = definitions[row.__name__], field_names(row)
         definition["required"] = [name for name in names if name in definition["required"]]
         definition["properties"] = {name: definition["properties"][name] for name in (*definition["required"], *names)}
     for definition in definitions.values():
-        if kind := definition["properties"].pop("kind", None):  # has a default in the class, but is required in a line
+        if kind := definition["properties"].pop("kind", None):  # it has a default in the class, but lines must have it
             definition["properties"] = {"kind": {"const": kind["default"]}, **definition["properties"]}
             definition["required"] = ["kind", *definition["required"]]
     if verdict := definitions.get("Verdict"):

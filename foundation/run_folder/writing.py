@@ -73,14 +73,14 @@ class TelemetryLog:
 
 
 class PromptLog:
-    """Writes prompts.jsonl. Each line is on disk before the question is sent.
+    """Writes prompts.jsonl. Each line is flushed before the question is sent.
 
-    Most of a prompt is the same at every step, so most rows hold only the lines that differ from the last whole text.
+    Most of a prompt is the same at every step, so most rows hold only the lines that differ from the last full text.
     """
 
     def __init__(self, path: Path) -> None:
         self._log = LineLog(path)
-        # role and drone → lines of the last complete text
+        # role and drone → lines of the last text that was written in full
         self._bases: dict[tuple[str, int], list[str]] = {}
 
     def write(
