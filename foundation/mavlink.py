@@ -19,7 +19,7 @@ class Parser:
     def __init__(self) -> None:
         self._mav = dialect.MAVLink(None)
         self._rest = b""  # the beginning of an incomplete frame
-        self.bad = 0  # number of skipped pieces of garbage, as in `wire.scan`
+        self.bad = 0  # count of garbage as in `wire.scan`
 
     def feed(self, data: bytes) -> list[dialect.MAVLink_message]:
         """Return the messages completed by `data`, in order."""

@@ -42,8 +42,8 @@ class MovingBox:
     """An upright box that follows a pose: the solid shape of a moving car."""
 
     name: str
-    half_m: Vec3  # (3,) m, half its length, width and height: along its forward, right and down axes
-    centre_frd: Vec3  # (3,) m, from the origin of the asset to the middle of the box, in the asset's axes
+    half_m: Vec3  # m, half its length, width and height
+    centre_frd: Vec3  # m, from the asset's origin to the middle of the box, in the asset's axes (forward, right, down)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +64,7 @@ class Obstacles:
     cells: tuple[int, int, int]  # rows north, columns east, layers down
     start: NDArray[np.int32]  # (number of cells + 1,), places in `index`
     index: NDArray[np.int32]  # numbers of triangles, cell by cell
-    reach_m: float  # m, largest size of a vehicle for which the cells are complete
+    reach_m: float  # m
     moving: MovingBox | None = None
 
 

@@ -1,9 +1,9 @@
 """Seeded faults of a link: loss, delay, reordering and damage of MAVLink frames.
 
 `Channel` is a pure model of one direction: the same seed and the same times give the same result. Four random numbers
-are drawn for every frame that enters, independently of the faults. So frame n always has the same random numbers: with
-a larger loss, the same frames are lost and some more. Damaged bytes are drawn from a second stream of random numbers,
-only for frames that are not dropped.
+are drawn for every frame that enters, independently of the faults. So frame n always has the same random numbers. If
+the loss is raised, the same frames are lost, and some more. Damaged bytes are drawn from a second stream of random
+numbers, only for frames that are not dropped.
 """
 
 import heapq
@@ -19,7 +19,7 @@ from foundation.errors import LinkError, UsageError
 from foundation.wire import Frames
 from hil.link.transport import BITS_PER_BYTE, MemoryTransport, Transport
 
-LATE_S = 0.1  # s by which a reordered frame is late: two ticks of the agent, so that others overtake it
+LATE_S = 0.1  # s by which a reordered frame is late: two ticks of the agent, so that later frames overtake it
 LOST, DOUBLED, REORDERED = (f"{{percent:g}} % of frames {event}" for event in ("lost", "doubled", "out of order"))
 
 
@@ -61,7 +61,7 @@ class Impairment:
     corrupt: float = number(
         0.0, "corrupt", "share of bytes that arrive changed", high=1.0, words="{percent:g} % of bytes wrong"
     )
-    baud: int | None = number(  # None: no limit
+    baud: int | None = number(  # None: no limit on the speed
         None,
         "baud",
         "speed of a serial line, 10 bits a byte",
@@ -71,7 +71,7 @@ class Impairment:
         whole=True,
         words="{value} baud and a queue of {owner.queue_bytes} bytes",
     )
-    queue_bytes: int = number(  # at least one MAVLink frame
+    queue_bytes: int = number(  # the lower bound is the longest MAVLink frame
         2048,
         "queue",
         "size of the queue before the serial line; a frame that does not fit is dropped",
@@ -98,7 +98,7 @@ class Counts:
     taken: int = 0
     arrived: int = 0  # duplicates count twice
     lost: int = 0
-    cut: int = 0  # units that entered or were under way while the cable was pulled
+    cut: int = 0  # units that entered or were under way while the cable was unplugged
     overflowed: int = 0  # units that found the queue full
     duplicated: int = 0
     reordered: int = 0
@@ -118,11 +118,11 @@ class Channel:
         self.impairment = impairment
         self.counts = Counts()
         self._fate = random.Random(f"{seed} {direction} fate")
-        self._noise = random.Random(f"{seed} {direction} noise")  # draws per byte, from a separate stream
+        self._noise = random.Random(f"{seed} {direction} noise")  # draws one number per byte
         self._under_way: list[tuple[float, int, bytes]] = []  # heap of (arrival in s, order of entry, unit)
         self._entered = 0
-        self._line_free_s = 0.0  # when the serial line has sent all its units
-        self._newest_s = 0.0  # arrival of the newest unit in order
+        self._line_free_s = 0.0  # time at which the serial line will have sent everything in its queue
+        self._newest_s = 0.0  # latest arrival of a unit that is not reordered; the next one may not arrive earlier
 
     def put(self, t_s: float, unit: bytes) -> None:
         """Put a unit in at `t_s`."""
@@ -166,7 +166,7 @@ class Channel:
         return self._under_way[0][0] if self._under_way else None
 
     def _send(self, t_s: float, length: int) -> float | None:
-        """Return when the serial line has sent a unit that enters now; None: the queue has no room for it."""
+        """Return the time (s) at which the line has sent a unit that enters at `t_s`; None: the queue has no room."""
         if self.impairment.baud is None:
             return t_s
         bytes_per_s = self.impairment.baud / BITS_PER_BYTE
@@ -197,7 +197,7 @@ class OneWay:
         self._seed, self._direction = seed, direction
         self._frames = Frames()
         self._zero_s, self._over_s = 0.0, math.inf
-        self._coming: tuple[Impairment, float] | None = None  # set by another thread, used at the next `carry`
+        self._coming: tuple[Impairment, float] | None = None  # faults, seconds; from another thread
 
     def impair(self, impairment: Impairment, seconds: float) -> None:
         """Apply these faults for `seconds` from the next `carry` on, and no faults afterwards.
@@ -222,7 +222,7 @@ class OneWay:
         self._zero_s, self._over_s = now_s, over_s
 
 
-LOOK_S = 0.001  # s to wait for data of one end before the other is read; a unit is forwarded within twice this time
+LOOK_S = 0.001  # s to wait for data of one end before the other end is read; a unit waits for at most twice as long
 
 
 class ImpairedWire:
@@ -235,7 +235,7 @@ class ImpairedWire:
         up: Impairment,
         down: Impairment,
         seed: int = 0,
-        clock: Callable[[], float] = time.monotonic,  # s; wall time, as of a real link, or a faster clock
+        clock: Callable[[], float] = time.monotonic,  # s; the clock of the faults' times: wall time, or a faster clock
     ) -> None:
         self._agent, self._autopilot = agent, autopilot
         self._clock, self._zero_s = clock, clock()
@@ -271,7 +271,7 @@ class ImpairedWire:
         return self._clock() - self._zero_s
 
     def pull(self, from_s: float, seconds: float) -> None:
-        """Pull the cable of both directions at `from_s` of the wire's time for `seconds`, then plug it in again."""
+        """Unplug the cable (both directions) at `from_s`, on the clock of `time_s`, for `seconds`."""
         for channel in (self.up, self.down):
             wire = channel.impairment
             channel.impairment = replace(wire, cuts=(*wire.cuts, (from_s, from_s + seconds)))
@@ -310,7 +310,7 @@ class ImpairedWire:
 class SteppedWire(MemoryTransport):
     """The agent's end of a wire in lockstep, without faults until `impair`. A read of an empty wire calls `pump`.
 
-    Units are forwarded at ticks, so a delay becomes a whole number of ticks.
+    Units are forwarded only at ticks of the vehicle's clock, so a delay is rounded up to whole ticks.
     """
 
     def __init__(
@@ -337,7 +337,7 @@ class SteppedWire(MemoryTransport):
 
     @property
     def counts(self) -> tuple[Counts, Counts]:
-        """Counts of frames, to the vehicle and from it, since the last change of the faults."""
+        """Counts of units to the vehicle and from the vehicle, since the last change of the faults."""
         return self._up.channel.counts, self._down.channel.counts
 
     def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
@@ -346,7 +346,7 @@ class SteppedWire(MemoryTransport):
         self._down.impair(down, seconds)
 
     def step(self, data: bytes = b"") -> None:
-        """Forward the new units, once per tick; `data`: bytes that the caller has already taken from the vehicle."""
+        """Forward the units that are due; call this at every tick. `data`: bytes already taken from the vehicle."""
         self.send(b"")
         self._receive_frames(data)
 

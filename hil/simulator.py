@@ -6,8 +6,8 @@ in mm, speeds in cm/s and course in 0.01°. Source: PX4 SimulatorMavlink.cpp.
 
 A PX4 in software connects over TCP (`SimulatorServer`). A board in hardware-in-the-loop mode uses one link for HIL and
 other MAVLink messages (`BoardLine`). There is no lockstep with a board, because it stamps messages with its own clock.
-A board decodes HIL messages only in HIL mode (SYS_HITL), which its heartbeat shows. It would use HIL_STATE_QUATERNION
-as its estimate. Therefore that message is never sent. Source: PX4 mavlink_receiver.cpp.
+A board decodes HIL messages only in HIL mode (SYS_HITL), which its heartbeat shows. HIL_STATE_QUATERNION is never sent,
+because a board would use it as its estimate. Source: PX4 mavlink_receiver.cpp.
 """
 
 import contextlib
@@ -105,10 +105,9 @@ def sample_times(sensors: Any) -> SampleTimes:
 def rotor_commands(controls: Sequence[float], rotors: int, idle: float) -> list[float]:
     """Return fractions of full rotor speed (MAX_ROTORS of them) for PX4's motor outputs 0 … 1.
 
-    0 is the idle speed, 1 the full speed, linear in between, as in PX4's own Gazebo bridge for this aircraft
-    (SIM_GZ_EC_MIN, SIM_GZ_EC_MAX). Thrust grows with the square of the rotor speed, as with a real motor controller.
-    PX4 does not correct for that, since THR_MDL_FAC stays 0. `idle`: the idle speed as a fraction of the full speed.
-    For NaN the rotor idles.
+    Output 0 gives the idle speed and 1 the full speed, linear in between, as in PX4's own Gazebo bridge (SIM_GZ_EC_MIN,
+    SIM_GZ_EC_MAX). So thrust grows with the square of the rotor speed, as with a real motor controller. PX4 does not
+    correct for that, since THR_MDL_FAC stays 0. `idle`: the idle speed as a fraction of the full speed, also for NaN.
     """
     used = [idle + (1.0 - idle) * min(max(u, 0.0), 1.0) if u == u else idle for u in controls[:rotors]]
     return used + [0.0] * (MAX_ROTORS - len(used))
@@ -150,14 +149,14 @@ class SimulatorServer(TcpListener):
         return self._parser.feed(self._read())
 
 
-RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # of HIL_SENSOR; below the least, a rate controller cannot hold the vehicle
-# in the device name of a board that is connected by USB; such a link ignores the baud rate
+RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # rates of HIL_SENSOR; with less, PX4's rate controller is too slow
+# parts of the device names of boards on USB, where the baud rate has no effect
 USB = ("ttyACM", "usbmodem", "/by-id/usb-")
-ADAPTER = "-port"  # in the /by-id/ name of an adapter from USB to a serial line, which has a baud rate
+ADAPTER = "-port"  # part of the /by-id/ name of an adapter from USB to a serial line, where the baud rate counts
 SHARE = 0.5  # share of the link for HIL_SENSOR; other MAVLink traffic needs the rest
-HEARTBEAT_S = 1.0  # wall seconds
+HEARTBEAT_S = 1.0  # wall seconds between two heartbeats to the board
 REOPEN_S = 1.0  # wall seconds between two attempts after the cable was pulled
-FORGET_S = 3.0  # wall seconds without a heartbeat after which the board counts as gone, as in MAVSDK
+FORGET_S = 3.0  # wall seconds; after so long without a heartbeat, the board counts as gone, as in MAVSDK
 ACTUATORS, HEARTBEAT = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS, dialect.MAVLINK_MSG_ID_HEARTBEAT
 HELLO = dialect.MAVLink_heartbeat_message(
     dialect.MAV_TYPE_GENERIC, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
@@ -190,7 +189,7 @@ class BoardLine:
     """
 
     def __init__(self, connect: Callable[[], Transport], packer: Packer) -> None:
-        """`connect` opens the link, now and after it breaks. Only the first call raises its errors."""
+        """`connect` opens the link, now and after it breaks. Only errors of the first call are raised."""
         self._connect, self._packer = connect, packer
         self._transport: Transport | None = connect()
         self._parser = Parser()
@@ -200,7 +199,7 @@ class BoardLine:
         self._alive_s = -FORGET_S  # wall time of the autopilot's last heartbeat
         self._hil = False
         self.actuators: dialect.MAVLink_message | None = None  # the newest HIL_ACTUATOR_CONTROLS
-        self.actuators_s = 0.0  # wall time of its arrival
+        self.actuators_s = 0.0  # wall time at which `actuators` arrived
 
     @property
     def present(self) -> bool:

@@ -13,7 +13,7 @@ from foundation.typed_file import fields_of, toml_table, typed, unknown_key_mess
 from foundation.wording import suggestion
 
 _FOLDER = Path(__file__).parent / "airframes"
-ROUNDED = 0.01  # tolerance for constants that are rounded in files: relative for moments, rad for bearings
+ROUNDED = 0.01  # tolerance for rounded constants in files: a share for moments of inertia, rad for bearings of feet
 PX4_ROTORS = 4  # rotors of PX4's airframe none_iris
 
 
@@ -86,7 +86,7 @@ def parse(table: dict[str, Any], name: str) -> Airframe:
 
 
 def _stands(airframe: Airframe) -> bool:
-    """Return whether the centre of mass is above and within the feet: the contact points below it."""
+    """Return whether the feet (contact points below the centre of mass) surround the centre of mass."""
     feet = [(forward, right) for forward, right, down in airframe.contact_points_frd if down > 0.0]
     bearings = sorted(math.atan2(right, forward) for forward, right in feet if (forward, right) != (0.0, 0.0))
     if not bearings:
@@ -101,9 +101,9 @@ HOVER_MAX = 0.8  # share of the full thrust; above it, too little thrust is left
 def with_payload(airframe: Airframe, payload_kg: float) -> Airframe:
     """Return the airframe with `payload_kg` fixed halfway down its legs, where cameras and batteries hang.
 
-    The payload is a point mass on the vertical axis. It adds to the weight and to the inertia of roll and pitch, but
-    not to that of yaw. Rotors and feet keep their places relative to the origin. The vertical shift of the centre
-    of mass is neglected, because it does not change the moments of the rotors' thrust. Raises UsageError if the
+    The payload is a point mass on the vertical axis. It adds to the weight and to the inertia of roll and pitch, not of
+    yaw. Rotors and feet keep their places relative to the origin. The vertical shift of the centre of mass is
+    neglected, because it does not change the moments of the rotors' thrust. Raises UsageError if the
     airframe would hover above HOVER_MAX of its thrust.
     """
     if payload_kg == 0.0:

@@ -1,14 +1,14 @@
 """Collisions of a vehicle, which is modelled as balls, with solid triangles and one moving box.
 
-Every rotor disc is a ball, and so are the hull, the feet and the camera. Bumpers, which are rows of balls, connect the
-front rotors to the camera, so that no post or board gets behind the camera.
+Every rotor disc is a ball, and so are the hull, the feet and the camera. Bumpers (rows of balls) connect the front
+rotors to the camera, so that no pole or board can get between them.
 
 A spring and a damper push a ball out of a surface that it overlaps (Hunt and Crossley, "Coefficient of restitution
 interpreted as damping in vibroimpact", Journal of Applied Mechanics, 1975). Both forces grow with the overlap. So the
 force begins without a jump, and the ball leaves no faster than REBOUND_SPEED. All contacts and their friction are
-solved together, implicitly for the end of the step (sequential impulses, as in Catto, "Iterative dynamics with temporal
-coherence", 2005). So a step of 1 ms is stable for any mass and any speed of approach. Contacts change only velocities;
-the inertial sensors measure each change.
+solved together, for the overlaps at the end of the step (sequential impulses, as in Catto, "Iterative dynamics with
+temporal coherence", 2005). So a step of 1 ms is stable for any mass and any speed of approach. Contacts change only
+velocities; the inertial sensors measure each change.
 
 The search for contacts takes most of the time. Each search notes how far the vehicle may move before the next search.
 """
@@ -24,16 +24,16 @@ from vehicles.ground import CRASH_BODY, CRASH_FOOT
 from vehicles.records import STEP_S, STEP_US, rotate, rotate_inverse
 from vehicles.solids import BALLS, BUMPERS, CANDIDATES, NEAR, SOLIDS, Grid32, SolidTriangles, in_box, in_triangle
 
-# rad/s, resonance of the whole vehicle on one contact: 7.4 kN/m for the X500. An arm of 16 mm carbon tube has 18 kN/m
-# at its end (3 E I / L³), a plastic guard a few kN/m, and the obstacle yields too. A bump at 1.2 m/s lasts 56 ms, is
-# 11 mm deep and reaches 96 m/s²
+# rad/s, resonance of the whole vehicle on the spring of one contact, which has 7.4 kN/m for the X500. An arm of 16 mm
+# carbon tube has 18 kN/m at its end (3 E I / L³), a plastic guard a few kN/m, and the obstacle yields too. A bump at
+# 1.2 m/s lasts 56 ms, is 11 mm deep and reaches 96 m/s².
 RESONANCE = 60.0
-REBOUND_SPEED = 0.4  # m/s; the vehicle rebounds from 1.2 m/s with 0.31 of its speed, and from 0.2 m/s with 0.75
+REBOUND_SPEED = 0.4  # m/s, highest speed of a rebound: 0.31 of the speed after 1.2 m/s, 0.75 after 0.2 m/s
 HIT_LEAST = 0.15  # m/s; a contact that begins more slowly is reported as a hit only if it lasts
-FRICTION = 0.45  # of plastic and carbon on dry walls and car bodies
-ROUNDS = 8  # iterations of the impulses: enough for four feet on a roof
-AHEAD = 0.15  # m of motion for which candidate triangles are gathered in advance
-TURN = 2.25  # the angle (rad) between two attitudes is at most 2.22 times the distance of their quaternions
+FRICTION = 0.45  # coefficient of plastic and carbon on dry walls and car bodies
+ROUNDS = 8  # iterations over the contacts in a step: enough for four feet on a roof
+AHEAD = 0.15  # m; the list of candidate triangles holds for this much motion of the vehicle
+TURN = 2.25  # the angle (rad) between two attitudes is at most π / √2 times the distance between their quaternions
 BREAKING = 2.0  # m/s, closing speed above which a propeller breaks
 CAMERA_RADIUS = 0.085  # m; up to 3 m/s no surface gets nearer to the lens than the renderer's near plane
 BUMPER_SHARES = (1 / 3, 2 / 3)  # places of a bumper's balls, as shares of the way from a rotor to the camera
@@ -42,7 +42,7 @@ BOX = -1  # owner number of the moving box
 
 @njit(cache=True)
 def collide(params: Record, state: Record, solids: Record, near: Record, triangles: SolidTriangles) -> None:
-    """Change the motion of the vehicle by its contacts and note hits in `state`. Fast if nothing is near."""
+    """Change the motion of the vehicle by its contacts, and note hits in `state`."""
     if solids.here == 0:
         return
     if solids.box != 0:
@@ -54,7 +54,7 @@ def collide(params: Record, state: Record, solids: Record, near: Record, triangl
         state.position[2] - near.looked_at[2],
     )
     moved = dx * dx + dy * dy + dz * dz
-    if near.free <= AHEAD:  # close enough for the attitude to matter
+    if near.free <= AHEAD:  # so close that a turn could bring a ball into contact
         turned = 0.0
         for i in range(4):
             turned += (state.attitude[i] - near.looked_from[i]) ** 2
@@ -151,7 +151,7 @@ def _note(
 
 @njit(cache=True)
 def _gather_candidates(state: Record, solids: Record, near: Record, triangles: SolidTriangles) -> None:
-    """List the triangles within reach, and note the distance of travel for which the list holds."""
+    """List the triangles that balls may touch soon, and note the distance of travel for which the list holds."""
     x, y, z = state.position[0], state.position[1], state.position[2]
     for i in range(3):
         near.gathered_at[i] = state.position[i]
@@ -333,7 +333,7 @@ def _apply_friction(params: Record, state: Record, near: Record, n: int, q: Quat
 
 @njit(cache=True)
 def record_hit(state: Record, solids: Record, ball: int, owner: int, closing: float) -> None:
-    """Note a hit at `closing` (m/s). Above `ball_sound` it is a crash; above BREAKING the ball's propeller breaks."""
+    """Note a hit at `closing` (m/s): a crash above the ball's `ball_sound`. Above BREAKING, its propeller breaks."""
     state.hits += 1
     state.hit_speed = closing
     state.hit_owner = owner
@@ -347,7 +347,7 @@ def record_hit(state: Record, solids: Record, ball: int, owner: int, closing: fl
 def solids_record(params: np.void, obstacles: Obstacles, camera_frd: Vec3 | None) -> np.void:
     """Return the SOLIDS record: a vehicle's balls and the grid of the obstacles.
 
-    Bumpers connect a camera at `camera_frd` (m) to the two nearest rotors, so that nothing gets behind it.
+    Bumpers connect a camera at `camera_frd` (m) to the two nearest rotors.
     """
     record: np.void = np.zeros(1, SOLIDS)[0]
     rotors, radius = int(params["rotors"]), float(params["rotor_radius"])

@@ -1,8 +1,8 @@
 """Collisions between two vehicles, with equal and opposite forces.
 
-Each vehicle is modelled as one ball around its rotors. The fleet checks every pair between two ticks. If the balls will
-touch within the next tick, both vehicles get the contact's impulse as a force over that tick, so that their
-accelerometers measure it.
+Each vehicle is modelled as one ball around its rotors. The fleet checks every pair of vehicles before each tick. If the
+two balls will touch within the tick, both vehicles get the impulse of the contact as a force over the tick, so that
+their accelerometers measure it.
 """
 
 import math
@@ -17,17 +17,17 @@ from vehicles.ground import CRASH_BODY
 from vehicles.multirotor import Multirotor
 from vehicles.records import rotate, rotate_inverse
 
-DRONE = -2  # owner number of a hit on another vehicle; `collision.BOX` is the owner number of the moving box
+DRONE = -2  # stands for "another vehicle" in fields with an obstacle's number, as `collision.BOX` for the moving box
 TOUCH_MARGIN_M = 1e-3  # m, safety margin of `Ball.may_touch`
 RESTITUTION = 0.3  # coefficient for plastic and carbon: a bump loses most of its energy
-SEPARATION_RATE = 3.0  # 1/s, speed (m/s) of separation per m of overlap
+SEPARATION_RATE = 3.0  # 1/s, speed at which overlapping balls are driven apart, per m of overlap
 
 
 @njit(cache=True)
 def _first_touch(gap: Vec3, speed: Vec3, reach: float, tick_s: float) -> float:
     """Return when (s) two balls touch within the tick; 0 if they overlap already, -1 if they do not touch.
 
-    `gap` (m) and `speed` (m/s): place and velocity of one centre relative to the other. `reach` (m): sum of the radii.
+    `gap` (m), `speed` (m/s): position and velocity of one centre relative to the other. `reach` (m): sum of the radii.
     """
     apart = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2] - reach * reach
     if apart <= 0.0:
@@ -72,9 +72,9 @@ def _push(state: Record, arm: Vec3, force: Vec3, sign: float) -> None:
 
 @njit(cache=True)
 def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
-    """Note a hit at `closing` (m/s). Above CRASH_BODY it is a crash; above BREAKING a propeller breaks.
+    """Note a hit at `closing` (m/s): a crash above CRASH_BODY. Above BREAKING, the nearest propeller breaks.
 
-    That propeller is the nearest to `arm` (m, NED, from the vehicle's origin to the point of contact).
+    `arm` (m, NED) goes from the vehicle's origin to the point of contact.
     """
     state.hits += 1
     state.hit_speed = closing
@@ -94,7 +94,7 @@ def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
 
 @njit(cache=True)
 def _note_contact(state: Record, near: Record, closing: float, tick_s: float) -> None:
-    """Note a contact in `near`, even if it is too slow for a hit. For a vehicle on the ground, note only the time."""
+    """Note a contact in `near`, even one too slow for a hit. If the vehicle is on the ground, note only the time."""
     near.newest_us = state.time_us
     if state.on_ground != 0:
         return
@@ -183,7 +183,7 @@ class Ball:
     radius_m: float
 
     def may_touch(self, other: "Ball", tick_s: float) -> bool:
-        """Return whether two balls can touch within a tick. It is never False for balls that do touch."""
+        """Return False only if the balls certainly do not touch within a tick."""
         room = math.dist(self.position, other.position) - self.radius_m - other.radius_m - TOUCH_MARGIN_M
         return room <= math.dist(self.velocity, other.velocity) * tick_s
 

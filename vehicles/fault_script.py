@@ -13,7 +13,7 @@ from vehicles.records import MAX_FAULTS
 from vehicles.sensors import Suite
 
 LONGEST_S = 1e9  # s, thirty years; keeps times within the range of the record's integers
-WITH_VALUE = ("bias", "delay", "weaken")
+WITH_VALUE = ("bias", "delay", "weaken")  # kinds of faults that need a value
 
 BootSeconds = Annotated[float, Meta(ge=0.0, le=LONGEST_S, description="s since boot")]
 # not `tuple[Number, Number, Number]`, because msgspec 0.22 loses the tuple's length in a union with a bounded number
@@ -37,7 +37,7 @@ class FaultEntry:
     kind: str  # a key of `vehicles.faults.KINDS`
     from_s: BootSeconds = 0.0
     until_s: BootSeconds | None = None  # None: no end
-    # required by the kinds in WITH_VALUE, not allowed for others; a single number n stands for (n, 0, 0)
+    # only for the kinds in WITH_VALUE, which need it; a single number n stands for (n, 0, 0)
     value: FaultValue = None
 
     @property
@@ -57,7 +57,7 @@ def load(path: Path, rotors: int) -> list[Fault]:
 
 
 def parse(table: dict[str, Any], name: str, rotors: int) -> list[Fault]:
-    """Return the faults that a parsed TOML table lists. `name`: the file's, for errors. Raises UsageError."""
+    """Return the faults that a parsed TOML table lists. `name`: the file's name in errors. Raises UsageError."""
     suite = Suite()
     where = f"fault script {name}"
     entries = typed(table, FaultScript, where).fault

@@ -1,4 +1,4 @@
-"""Scheduled faults of sensors and rotors. The compiled kernel looks them up by the vehicle's time.
+"""Scheduled faults of sensors and rotors. The compiled physics looks up which faults are active at its time.
 
 Effects of the kinds of faults:
     fail     the sensor sends no samples; the rotor stops
@@ -40,7 +40,7 @@ class Fault:
     kind: str  # a key of KINDS
     from_us: int = 0  # µs since boot
     until_us: int = FOR_EVER_US  # µs since boot
-    value: Vec3 = (0.0, 0.0, 0.0)  # baro, range, `delay` and `weaken` use the first component only
+    value: Vec3 = (0.0, 0.0, 0.0)  # the parts baro and range and the kinds delay and weaken use only the first number
 
 
 def fault_record(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency_us: int) -> np.void:
@@ -86,7 +86,7 @@ def active(faults: Record, part: int, now: int) -> tuple[int, int]:
 
 @njit(cache=True)
 def apply_rotor_faults(faults: Record, state: Record, rotors: int) -> None:
-    """Set the factor of each rotor that has a fault in the script; 1 while none of its faults is active."""
+    """Set the speed factor of each rotor that the script mentions; 1 while none of the rotor's faults is active."""
     for i in range(faults.count):
         rotor = faults.part[i] - ROTOR_1
         if 0 <= rotor < rotors:

@@ -1,4 +1,4 @@
-"""A camera gimbal. It holds the camera level in roll and at a pitch from the horizon, and yaws with the vehicle."""
+"""A camera gimbal. It keeps the camera level in roll and at a pitch from the horizon; yaw follows the vehicle."""
 
 import math
 
@@ -7,7 +7,7 @@ from foundation.frames import Quat, quat_from_euler, quat_yaw
 
 
 class Gimbal:
-    """Moves at a limited rate to the last commanded pitch (rad, up from the horizon)."""
+    """Moves the camera to the last commanded pitch (rad, up from the horizon), at a limited rate."""
 
     def __init__(self, limits: GimbalLimits, pitch_deg: float) -> None:
         """`pitch_deg`: pitch at boot, up from the horizon."""
@@ -20,8 +20,8 @@ class Gimbal:
         """Reset to the state at boot."""
         self.pitch = self.neutral
         self.pitch_rate = 0.0  # rad/s
-        self._wanted: float | None = self.pitch  # rad; None: moves at `_rate` to the end of its range
-        self._rate = 0.0  # rad/s, + up
+        self._wanted: float | None = self.pitch  # rad, commanded pitch; None: a rate is commanded
+        self._rate = 0.0  # rad/s, + up; the commanded rate
 
     def aim(self, pitch: float) -> None:
         """Command a pitch (rad). It is limited to the range."""

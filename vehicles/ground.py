@@ -14,18 +14,18 @@ from foundation.frames import GRAVITY, Quat, Vec3
 from foundation.terrain import HeightField
 from vehicles.records import STEP_S, Load, rotate, rotate_inverse
 
-# rad/s, vertical resonance of a vehicle on its four feet; at rest they sink in by 0.7 mm. On one foot, with about a
-# tenth of the mass, it is 190 rad/s: 0.19 rad per step at 1 kHz, where RK4 is stable up to 2.8 rad
+# rad/s, vertical resonance of a vehicle on its four feet, which sink in by 0.7 mm at rest. One foot alone, with about a
+# tenth of the mass, has 190 rad/s. That is 0.19 rad per step of 1 ms; RK4 is stable up to 2.8 rad per step.
 RESONANCE = 120.0
 DAMPING_RATIO = 0.6
 FRICTION = 0.7  # rubber or plastic on dry hard ground
-TANGENTIAL = 0.7  # stiffness along the surface relative to the normal one
-# m, penetration above which the spring force stays constant, so that a step of the terrain does not catapult a vehicle
+TANGENTIAL = 0.7  # stiffness along the surface, relative to the stiffness along the normal
+# m, depth above which the spring force stays constant, so that a step in the terrain does not throw a vehicle up
 DEEPEST = 0.2
-MARGIN = 0.005  # m, added to the travel in one step to allow for accelerations
+MARGIN = 0.005  # m, added to the travel of a step because the vehicle may accelerate
 STILL = 1e-5  # m/s, rad/s and m/s²; a vehicle below these limits stands still
-# share of the weight (for moments: of the weight times `reach`); the vehicle stays at rest if the force and moment
-# of the rotors change by less
+# share of the weight (for moments: of the weight times `reach`); if the force and moment of the rotors change by less,
+# a vehicle at rest stays at rest
 STEADY = 1e-4
 CRASH_FOOT = 5.0  # m/s, normal speed that breaks a landing gear: a fall of 1.3 m
 CRASH_BODY = 1.0  # m/s, normal speed that breaks a propeller or the hull
@@ -110,7 +110,7 @@ def support(
     """Return (force N NED, moment N·m NED about the body origin) of the ground on the contact points in `mask`."""
     fx = fy = fz = mx = my = mz = 0.0
     stiffness, damping = params.contact_stiffness, params.contact_damping
-    fading = stiffness / (0.1 * params.mass)  # full damping once the spring carries a hundredth of the weight
+    fading = stiffness / (0.1 * params.mass)  # full damping once the spring carries about 1 % of the weight
     for k in range(params.contacts):
         if mask >> k & 1 == 0:
             continue
@@ -147,8 +147,8 @@ def support(
 def at_rest(params: Record, state: Record, load: Load, breeze: Vec3) -> bool:
     """Return whether the vehicle stands still and no new force could move it.
 
-    `load` is the force and moment of the rotors, `breeze` (m/s, NED) the wind. The motion of a vehicle at rest is far
-    below the noise of every sensor. It need not be integrated while the load of the rotors stays the same.
+    `load` is the force and moment of the rotors, `breeze` (m/s, NED) the wind. The caller then skips the integration,
+    because the motion of a vehicle at rest is far below the noise of every sensor.
     """
     if state.on_ground == 0:
         return False

@@ -1,8 +1,8 @@
 """A simulated multirotor: actuators → rotors → forces → motion → sensors → truth, in steps of 1 ms.
 
-Motion is one Runge-Kutta step. The rotors' force, moment and angular momentum are constant in body axes over a step;
-air drag, gravity and the ground are evaluated at each of its four stages. Rotation is Euler's equation with the rotors
-as gyroscopes: I · dω/dt = M - ω × (I · ω + h)
+The motion of a step is one Runge-Kutta step. The rotors' force, moment and angular momentum h are constant in body axes
+over the step. Air drag, gravity and the ground are evaluated at each of the four stages. The rotation follows Euler's
+equation, with moment M and the rotors as gyroscopes: I · dω/dt = M - ω × (I · ω + h)
 """
 
 import math
@@ -158,7 +158,7 @@ def move(params: Record, state: Record, down: Grid, load: Load, wind: Vec3, mask
         )
     )
     state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3] = turned
-    # the mean over the step, as a real accelerometer integrates: its sum matches the change of velocity
+    # the mean over the step, as a real accelerometer measures, so that its sum matches the change of velocity
     felt = rotate_inverse(turned, (acceleration[0], acceleration[1], acceleration[2] - GRAVITY))
     state.specific_force[0], state.specific_force[1], state.specific_force[2] = felt
 
@@ -185,7 +185,7 @@ PLANT = np.dtype(
 def step(plant: Record, down: Grid, peak: Grid, triangles: SolidTriangles) -> None:
     """Advance one vehicle by exactly STEP_US: reads `actuators`, writes `state`, `air`, `memory`, `sensors`, `truth`.
 
-    The arguments are a Multirotor's `kernel_args`. Any compiled loop may call it.
+    The arguments are a Multirotor's `kernel_args`.
     """
     params, state, air, faults = plant.params, plant.state, plant.air, plant.faults
     if air.w20 > 0.0 and state.time_us >= air.next_us:
@@ -247,8 +247,8 @@ class PlantArguments(NamedTuple):
     """The arguments of `step` for one vehicle."""
 
     plant: np.void  # PLANT
-    down: NDArray[np.float64]  # m, NED z of the terrain
-    peak: NDArray[np.float64]  # m, NED z of the highest terrain within reach
+    down: NDArray[np.float64]  # m, NED z of the terrain on a grid
+    peak: NDArray[np.float64]  # m, NED z of the highest terrain within the vehicle's reach, on the same grid
     triangles: SolidTriangles
 
 
@@ -268,7 +268,7 @@ class Multirotor:
         origin: tuple[float, float, float],  # latitude, longitude (degrees) and altitude (m) of the map's NED origin
         terrain: HeightField = FLAT,
         obstacles: Obstacles = OPEN,
-        camera_frd: Vec3 | None = None,  # m, place of a camera outside the frame; it collides too
+        camera_frd: Vec3 | None = None,  # m, place of a camera that sticks out of the frame and collides too
         position_ned: Vec3 = (0.0, 0.0, 0.0),
         yaw: float = 0.0,
         wind: Wind | None = None,
@@ -324,7 +324,7 @@ class Multirotor:
         self._place(*self._boot)
 
     def keep_charge(self, share: float) -> None:
-        """Never drain the battery below this share of its capacity from now on."""
+        """From now on, do not drain the battery below this share of its capacity."""
         self.params["charge_least_ah"] = share * self.airframe.battery.capacity_ah
 
     def advance(self, steps: int) -> None:
@@ -339,8 +339,7 @@ class Multirotor:
     def set_sensor_suite(self, suite: Suite) -> None:
         """Use this sensor suite from now on. Errors drawn at boot and the times of samples stay.
 
-        Slowly varying errors are scaled at once. Otherwise they would change only over their correlation times, a
-        minute or more.
+        Slowly varying errors are scaled at once. Otherwise they would take a minute or more (their correlation times).
         """
         before, self.record["suite"] = self.record["suite"].copy(), suite_record(suite, self._origin)
         scale_slow_errors(self.memory, before, self.record["suite"])
@@ -406,7 +405,7 @@ def parameters(airframe: Airframe, terrain: HeightField = FLAT) -> np.void:
     record["contacts"] = len(points)
     record["contact_position"][: len(points)] = points
     lowest = max(point[2] for point in points)
-    # feet are the lowest points; the tolerance of 2 % is for uneven landing gear
+    # the lowest points are feet; landing gear may be uneven by 2 %
     record["contact_is_foot"][: len(points)] = [point[2] > lowest - 0.02 * max(lowest, 0.0) - 1e-9 for point in points]
     record["contact_stiffness"] = airframe.mass_kg * ground.RESONANCE**2 / 4.0
     record["contact_damping"] = 2.0 * ground.DAMPING_RATIO * airframe.mass_kg * ground.RESONANCE / 4.0

@@ -16,11 +16,11 @@ from foundation.sensors import MAX_ROTORS
 RandomStream = NDArray[np.uint64]  # (1,), the state of one stream of random numbers
 Load = tuple[Vec3, Vec3, float]  # of the rotors: force (N, FRD), moment (N·m, FRD), angular momentum about z (N·m·s)
 
-STEP_US = 1000  # µs, the plant's step
+STEP_US = 1000  # µs, duration of a step of the physics
 STEP_S = 1e-3
 
 MAX_FAULTS = 16
-GPS_QUEUE = 16  # at most this many GPS fixes wait for delivery; a fix waits for less than this number of periods
+GPS_QUEUE = 16  # at most this many GPS fixes wait for delivery, each for less than this number of periods
 
 PARAMS = np.dtype(
     [
@@ -36,12 +36,12 @@ PARAMS = np.dtype(
         ("torque_coefficient", "f8"),  # N·m / (rad/s)²
         ("speed_max", "f8"),  # rad/s at nominal voltage
         ("speed_idle", "f8"),  # rad/s
-        ("gain_up", "f8"),  # share of a speed error that one step removes, spinning up
-        ("gain_down", "f8"),  # the same, spinning down
+        ("gain_up", "f8"),  # share of a rotor's speed error that one step removes, when spinning up
+        ("gain_down", "f8"),  # share when spinning down
         ("rotor_inertia", "f8"),  # kg·m²
         ("rotor_radius", "f8"),  # m
         ("blade_drag", "f8"),  # N / ((rad/s)·(m/s))
-        ("imbalance", "f8"),  # kg·m, of one rotor
+        ("imbalance", "f8"),  # kg·m, of one rotor: mass times offset of its centre
         ("contacts", "i8"),
         ("contact_position", "f8", (MAX_CONTACTS, 3)),  # m, FRD
         ("contact_is_foot", "i8", (MAX_CONTACTS,)),  # bool
@@ -54,7 +54,7 @@ PARAMS = np.dtype(
         ("resistance_ohm", "f8"),
         ("avionics_w", "f8"),
         ("ground_north", "f8"),  # m, north of the height field's first grid point
-        ("ground_east", "f8"),  # m, east of it
+        ("ground_east", "f8"),  # m, east of this grid point
         ("ground_cell", "f8"),  # m, side of a cell of the height field
     ],
     align=True,
@@ -72,13 +72,13 @@ STATE = np.dtype(
         ("rotor_speed", "f8", (MAX_ROTORS,)),  # rad/s, magnitude
         ("rotor_turn", "f8", (MAX_ROTORS,)),  # rad, angle of the imbalance from forward, in the direction of rotation
         ("rotor_health", "f8", (MAX_ROTORS,)),  # factor on the commanded speed: 1 intact, 0 broken by a hit
-        ("rotor_fault", "f8", (MAX_ROTORS,)),  # another factor: 1 without a fault of the script … 0 failed
+        ("rotor_fault", "f8", (MAX_ROTORS,)),  # another such factor, by the fault script: 1 no fault … 0 failed
         ("rotor_power", "f8"),  # W, mechanical, all rotors
         ("charge_ah", "f8"),
         ("voltage", "f8"),  # V, at the terminals
         ("current", "f8"),  # A
         ("height", "f8"),  # m, body origin above the ground below it
-        ("anchor", "f8", (MAX_CONTACTS, 3)),  # m, NED, where friction holds each contact point
+        ("anchor", "f8", (MAX_CONTACTS, 3)),  # m, NED, place to which friction ties each contact point
         ("contact", "i8", (MAX_CONTACTS,)),  # bool: the point touches the ground
         ("carried", "f8", (4,)),  # N and N·m, vertical force and moment of the rotors when the vehicle came to rest
         ("on_ground", "i8"),  # bool: any point touches
@@ -97,7 +97,7 @@ AIR = np.dtype(
     [
         ("mean", "f8", (3,)),  # m/s, NED, steady wind (the direction the air moves to)
         ("w20", "f8"),  # m/s, wind at 20 ft that sets the gust intensity; 0: no gusts
-        ("gust", "f8", (3,)),  # m/s, NED
+        ("gust", "f8", (3,)),  # m/s, NED, present gust, in addition to `mean`
         ("filter", "f8", (3, 2)),  # states of the shaping filters: along, across, vertical
         ("next_us", "i8"),  # µs of the next gust update
         ("rng", "u8", (1,)),

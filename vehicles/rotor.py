@@ -1,4 +1,4 @@
-"""Rotors and battery: from actuator commands to rotor speeds, and to the force and moment on the body.
+"""Rotors and battery: actuator commands set the rotor speeds, which set the force and moment on the body.
 
 Rotors are not perfectly balanced. The heavy side of a rotor shakes the frame once per turn. Its force grows with
 the square of the speed. So accelerometer and gyroscope measure vibration as on a real frame.
@@ -22,7 +22,7 @@ EFFICIENCY = 0.7  # electrical to shaft power, motor and speed controller togeth
 # V per cell at 0, 5, 10, 20 … 100 % charge at rest: the usual shape of a LiPo's discharge curve at low current.
 _CHARGE = np.array([0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
 _VOLTAGE = np.array([3.0, 3.45, 3.62, 3.72, 3.76, 3.79, 3.83, 3.88, 3.94, 4.01, 4.09, 4.2])
-COLLAPSE = -0.01  # charge at which the voltage of an over-discharged pack is 0
+COLLAPSE = -0.01  # charge (share of the capacity) at which the voltage of an over-discharged pack is 0
 
 
 @njit(cache=True)
@@ -45,7 +45,7 @@ def drain_battery(params: Record, state: Record) -> None:
     """Drain the pack by the present power over `PERIOD_US`; writes charge, voltage and current."""
     rest = params.cells * open_circuit(state.charge_ah / params.capacity_ah)
     power = state.rotor_power / EFFICIENCY + params.avionics_w
-    # uses the last terminal voltage: at 100 Hz the difference is below a pack's noise
+    # with the terminal voltage of the last update: at 100 Hz the difference is negligible
     current = power / max(state.voltage, 0.5 * rest, 0.1) if rest > 0.0 else 0.0
     state.current = current
     state.voltage = max(rest - current * params.resistance_ohm, 0.0)
@@ -57,15 +57,15 @@ def drain_battery(params: Record, state: Record) -> None:
 ADVANCE_ZERO_THRUST = 0.65
 # Share of the static torque at ADVANCE_ZERO_THRUST. Same source: C_P is still about half of its static value there.
 TORQUE_LEFT = 0.5
-# Highest thrust gain in descent; beyond it the rotor meets its own wake and the linear law does not hold.
+# Highest thrust factor in descent. In a faster descent, the rotor meets its own wake and the linear law does not hold.
 THRUST_GAIN_MAX = 1.5
-# rotor radii; the formula of Cheeseman and Bennett (1955) holds for z / R > 0.5. Below, the gain is constant.
+# height in rotor radii; the formula of Cheeseman and Bennett (1955) holds above it. Below, the gain is constant.
 GROUND_EFFECT_NEAREST = 0.5
-GROUND_EFFECT_FARTHEST = 4.0  # rotor radii; the gain there is 0.4 %
+GROUND_EFFECT_FARTHEST = 4.0  # height in rotor radii; higher up, the gain of less than 0.4 % is neglected
 # m/s, speed of a rotor's centre of mass around its axis at hover: balance grade G 16 of ISO 21940-11, its coarse grade
-# for propeller shafts. It gives the hovering X500 0.4 m/s² (1σ) of vibration on each axis. Quadrotors in public PX4
-# logs (the test files of flight-review-rs; means over 5 ms, above 10 Hz) show 1.3 to 2.2 m/s² forward and right, 1.4 to
-# 5.2 down.
+# for propeller shafts. The hovering X500 then vibrates with 0.4 m/s² (1σ) on each axis. Quadrotors in public PX4
+# logs (the test files of flight-review-rs; means over 5 ms, above 10 Hz) have 1.3 to 2.2 m/s² forward and right, 1.4 to
+# 5.2 m/s² down.
 IMBALANCE_SPEED = 0.016
 FIRST_TURN = 2.4  # rad between the first angles of successive rotors, so that they do not shake in phase
 REVOLUTION = 2.0 * math.pi  # rad
@@ -85,7 +85,7 @@ def commanded_speed(armed: int, command: float, idle: float, ceiling: float) -> 
 
 @njit(cache=True)
 def inflow_gain(climb: float, speed: float, radius: float) -> tuple[float, float]:
-    """Return (thrust, torque) relative to still air for an axial climb speed (m/s) at a rotor speed (rad/s)."""
+    """Return the factors (thrust, torque), 1 in still air, for an axial climb speed (m/s) at a rotor speed (rad/s)."""
     if speed < 1.0:
         return 0.0, 0.0
     advance = math.pi * climb / (speed * radius) / ADVANCE_ZERO_THRUST  # J = V / (n·D) = π·V / (ω·R)
@@ -95,7 +95,7 @@ def inflow_gain(climb: float, speed: float, radius: float) -> tuple[float, float
 
 @njit(cache=True)
 def ground_gain(height: float, radius: float) -> float:
-    """Return the thrust near the ground relative to free air. `height` (m): of the rotor disc."""
+    """Return the thrust near the ground relative to free air. `height`: of the rotor disc above the ground, m."""
     if height > GROUND_EFFECT_FARTHEST * radius:
         return 1.0
     z = max(height, GROUND_EFFECT_NEAREST * radius)

@@ -1,6 +1,6 @@
 """Models of the sensors. Each samples the true state at its own rate, adds errors, and writes into a SENSORS record.
 
-The record type SENSORS is in `foundation.sensors`. The default suite is that of a current small autopilot board. Every
+The record type SENSORS is in `foundation.sensors`. The default suite models a current small autopilot board. Every
 number can be set; zero switches an error off.
 """
 
@@ -39,18 +39,18 @@ BOOT_ERRORS = ("accel_bias", "accel_scale", "gyro_bias", "gyro_scale", "mag_bias
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """The sensors of a vehicle. Values are 1σ unless stated otherwise; `density` is per √Hz of white noise."""
+    """The sensors of a vehicle. Errors are 1σ; a `noise_density` is that of white noise, per √Hz."""
 
     imu_period_us: int = 1000
     accel_noise_density: float = 1.72e-3  # m/s²/√Hz: BMI088 data sheet, 175 µg/√Hz
     accel_random_walk: float = 1.0e-3  # m/s²/√s: estimate, about 1 mg of drift in a minute
     accel_bias: float = 0.03  # m/s² at boot: remains after a field calibration
-    accel_scale: float = 0.002  # relative: remains after a field calibration
+    accel_scale: float = 0.002  # relative error of the scale: remains after a field calibration
     accel_range: float = 156.9  # m/s²: ±16 g, as PX4 sets the ICM-42688-P and the BMI055; also the limit of HIL_SENSOR
     gyro_noise_density: float = 2.44e-4  # rad/s/√Hz: BMI088 data sheet, 0.014 °/s/√Hz
     gyro_random_walk: float = 3.9e-5  # rad/s/√s: a MEMS gyroscope with 8 °/h/√s, as RotorS' ADIS16448
     gyro_bias: float = 0.003  # rad/s at boot: remains after a calibration at another temperature
-    gyro_scale: float = 0.001  # relative
+    gyro_scale: float = 0.001  # relative error of the scale
     gyro_range: float = 34.9  # rad/s: BMI088, ±2000 °/s
     mag_period_us: int = 10_000
     mag_noise: float = 0.003  # gauss: IST8310 data sheet, 0.3 µT
@@ -61,13 +61,13 @@ class Suite:
     baro_period_us: int = 20_000
     baro_noise_hpa: float = 0.012  # hPa, about 0.1 m: BMP388 data sheet at low oversampling
     baro_drift_hpa: float = 0.04  # hPa: weather and warming, Gauss-Markov
-    baro_drift_time_s: float = 1200.0  # s: drifts by 0.1 m in a minute, as with weather of 1 hPa per hour
+    baro_drift_time_s: float = 1200.0  # s, correlation time: 0.1 m in a minute, as with weather of 1 hPa per hour
     gps_period_us: int = 100_000
-    gps_latency_us: int = 100_000  # receiver and serial line: u-blox M8 at 10 Hz
-    gps_late_us: int = 0  # additional and unreported: a fix is this much older than its time stamp
+    gps_latency_us: int = 100_000  # latency of receiver and serial line: u-blox M8 at 10 Hz
+    gps_late_us: int = 0  # additional latency that the receiver does not know: a fix is this much older than its stamp
     gps_error_h: float = 0.4  # m per horizontal axis: open sky with SBAS, Gauss-Markov
     gps_error_v: float = 0.8  # m
-    # s: correlation time of the atmosphere's delay, 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of
+    # s, correlation time of the atmosphere's delay: 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of
     # their troposphere model)
     gps_error_time_s: float = 1800.0
     # m per horizontal axis: estimated effect of reflections in the open. They change within about a minute: at this lag
@@ -79,7 +79,7 @@ class Suite:
     gps_noise: float = 0.02  # m, additional white noise
     gps_velocity_noise_h: float = 0.042  # m/s per axis: u-blox M8 data sheet, half of all fixes within 0.05 m/s
     gps_velocity_noise_v: float = 0.1  # m/s
-    gps_eph_m: float = 0.7  # m, reported
+    gps_eph_m: float = 0.7  # m, as the receiver reports it
     gps_epv_m: float = 1.1  # m, reported
     gps_speed_accuracy: float = 0.15  # m/s, reported
     gps_satellites: int = 14
@@ -120,7 +120,7 @@ class Suite:
 
 
 _TRUE: dict[str, Any] = dict.fromkeys((*BOOT_ERRORS, *NOISE, *GPS_ERRORS, "range_noise_m"), 0.0)
-PERFECT = replace(Suite(), **_TRUE)  # latency, but no errors
+PERFECT = replace(Suite(), **_TRUE)  # all errors are 0, but the latency stays
 
 SUITE = np.dtype(
     [(name, "i8" if kind in (int, "int") else "f8") for name, kind in Suite.__annotations__.items()]
@@ -145,8 +145,8 @@ MEMORY = np.dtype(
         ("gps_error", "f8", (3,)),  # m, NED, of the atmosphere
         ("gps_reflected", "f8", (3,)),  # m, NED, of reflections, before the receiver's filter
         ("gps_multipath", "f8", (3,)),  # m, NED, of reflections, after the receiver's filter
-        ("accel_sum", "f8", (3,)),  # m/s² times steps, for the next inertial sample
-        ("gyro_sum", "f8", (3,)),  # rad/s times steps
+        ("accel_sum", "f8", (3,)),  # m/s², sum over the steps since the last inertial sample
+        ("gyro_sum", "f8", (3,)),  # rad/s, sum over the same steps
         ("imu_steps", "i8"),  # steps in these sums
         ("accel_clipped", "i8"),  # steps beyond the accelerometer's range so far, counted for each axis
         ("imu_next_us", "i8"),
@@ -184,7 +184,7 @@ def suite_record(suite: Suite, origin: tuple[float, float, float]) -> np.void:
 
 
 def fresh_memory(suite: Suite, stream: int) -> np.void:
-    """Return the MEMORY record of sensors at boot: random turn-on errors, and first samples due one step apart."""
+    """Return the MEMORY record at boot: random turn-on errors, and the times of the sensors' first samples."""
     memory: np.void = np.zeros(1, MEMORY)[0]
     memory["rng"][0] = stream
     draw = np.random.Generator(np.random.PCG64(int(stream)))
@@ -224,7 +224,7 @@ def _corrupt(faults: Record, row: int, value: Grid) -> None:
 
 @njit(cache=True)
 def _integrate(suite: Record, memory: Record, state: Record) -> None:
-    """Add one step to the next inertial sample, clipped to the sensors' ranges."""
+    """Add one step to the sums for the next inertial sample, clipped to the sensors' ranges."""
     accel_range, gyro_range = suite.accel_range, suite.gyro_range
     memory.imu_steps += 1
     for i in range(3):
@@ -390,7 +390,7 @@ def _rangefinder(
     triangles: SolidTriangles,
     sensors: Record,
 ) -> None:
-    """Measure along the body's down axis, to a solid or to a level plane at the height of the ground below."""
+    """Measure along the body's down axis, to a solid or to a level plane at the ground's height below the vehicle."""
     fault, row = active(faults, RANGE, state.time_us)
     if fault == FAIL:
         return

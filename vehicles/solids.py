@@ -14,9 +14,9 @@ from foundation.sensors import MAX_ROTORS
 Grid32 = NDArray[np.float32]
 Index = NDArray[np.int32]
 
-BUMPERS = 2  # bumper bars between rotors and camera, two balls each
-BALLS = MAX_ROTORS + MAX_CONTACTS + 2 + 2 * BUMPERS  # rotors, feet and masts, hull, camera, bumpers
-CANDIDATES = 4096  # room for this many nearby triangles; the thickest hedge of the maps has a quarter of that
+BUMPERS = 2  # bars of two balls each, from a rotor to the camera
+BALLS = MAX_ROTORS + MAX_CONTACTS + 2 + 2 * BUMPERS  # most balls: rotors, feet and masts, hull, camera, bumpers
+CANDIDATES = 4096  # room for this many nearby triangles, four times as many as at the thickest hedge of the maps
 CONTACTS = 2 * BALLS  # every ball may touch the box and one triangle
 
 SOLIDS = np.dtype(
@@ -24,7 +24,7 @@ SOLIDS = np.dtype(
         ("here", "i8"),  # bool: there are obstacles
         ("balls", "i8"),
         ("ball", "f8", (BALLS, 4)),  # m, FRD centre and radius
-        ("ball_rotor", "i8", (BALLS,)),  # number of the rotor whose disc it is, -1 for none
+        ("ball_rotor", "i8", (BALLS,)),  # number of the rotor whose disc the ball is; -1: no rotor
         ("ball_sound", "f8", (BALLS,)),  # m/s, closing speed above which a hit of the ball is a crash
         ("reach", "f8"),  # m, from the body origin to the farthest point of any ball
         ("origin", "f8", (3,)),  # m, NED; this and the next two fields are as in `foundation.terrain.Obstacles`
@@ -45,10 +45,10 @@ SOLIDS = np.dtype(
 NEAR = np.dtype(
     [
         ("looked_at", "f8", (3,)),  # m, NED, the vehicle's position when every ball was last checked
-        ("looked_from", "f8", (4,)),  # the vehicle's attitude then
+        ("looked_from", "f8", (4,)),  # the vehicle's attitude at that check
         ("free", "f8"),  # m, distance from `looked_at` that the vehicle may move before a ball can touch anything
         ("gathered_at", "f8", (3,)),  # m, NED, position for which the candidates were gathered
-        ("holds", "f8"),  # m, distance from `gathered_at` within which the candidates are complete
+        ("holds", "f8"),  # m, the candidates are complete up to this distance from `gathered_at`
         ("candidates", "i8"),
         ("candidate", "i4", (CANDIDATES,)),  # triangle numbers
         ("box_count", "i8"),  # contacts with the box; they come first in the arrays below
@@ -58,9 +58,9 @@ NEAR = np.dtype(
         ("normal", "f8", (CONTACTS, 3)),  # unit, NED, out of the obstacle
         ("point", "f8", (CONTACTS, 3)),  # m, NED
         ("drift", "f8", (CONTACTS, 3)),  # m/s, NED, velocity of the obstacle at `point`
-        ("touched_us", "i8", (2 * BALLS,)),  # µs, last touch of each ball: with triangles, then with the box
+        ("touched_us", "i8", (2 * BALLS,)),  # µs, each ball's last touch with triangles, then each one's with the box
         ("newest_us", "i8"),  # µs, last touch of any ball
-        ("leant_us", "i8"),  # µs, last touch of a ball other than a foot, with the vehicle off the ground
+        ("leant_us", "i8"),  # µs, last touch while off the ground; touches of feet do not count
         ("leant_on", "i8"),  # owner number of the obstacle of that touch
         ("leant_speed", "f8"),  # m/s, closing speed at the beginning of that touch
         ("stiffness", "f8", (CONTACTS,)),  # N/m
@@ -83,7 +83,7 @@ class SolidTriangles(NamedTuple):
 
 @njit(cache=True)
 def in_triangle(corners: Grid32, t: int, x: float, y: float, z: float) -> tuple[float, float, float, bool]:
-    """Return (x, y, z of the point of triangle t nearest to (x, y, z), whether it lies inside and not on an edge).
+    """Return (x, y, z of the point of triangle t nearest to (x, y, z), whether this point is not on an edge).
 
     By the regions of Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
     """
@@ -123,7 +123,7 @@ def in_triangle(corners: Grid32, t: int, x: float, y: float, z: float) -> tuple[
 
 @njit(cache=True)
 def in_box(half: Vec3, point: Vec3) -> tuple[float, Vec3, Vec3]:
-    """Return (distance, nearest point of the surface, unit vector out of it) for a point in the box's own axes.
+    """Return (distance, nearest point of the surface, outward unit vector) for a point, all in the box's own axes.
 
     For a point inside, the distance is negative, and the vector points out of the nearest face.
     """
@@ -187,7 +187,7 @@ def first_solid(solids: Record, triangles: SolidTriangles, time_us: int, eye: Ve
 
 @njit(cache=True)
 def _cell(solids: Record, eye: Vec3, way: Vec3, at: float, axis: int) -> int:
-    """Return the index, along an axis, of the cell of the ray's point at the distance `at` (m), clamped to the grid."""
+    """Return the index, along an axis, of the cell that a ray is in after `at` (m), clamped to the grid."""
     number: float = (eye[axis] + at * way[axis] - solids.origin[axis]) / solids.cell
     last: int = solids.cells[axis] - 1
     return min(max(math.floor(number), 0), last)

@@ -19,8 +19,8 @@ from foundation.compiled import Grid, Record, njit
 from foundation.frames import Vec3
 from vehicles.records import RandomStream
 
-_TAIL = 3.442619855899  # x at which the tail begins, for 128 layers
-_AREA = 9.91256303526217e-3  # of each layer
+_TAIL = 3.442619855899  # x at which the tail of the normal density begins, for 128 layers
+_AREA = 9.91256303526217e-3  # area of each layer
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -30,7 +30,7 @@ _LAYER_MASK = np.uint64(127)
 
 
 def _layers() -> Grid:
-    """Return the right edges of the 128 layers and a closing zero."""
+    """Return the right edges (x) of the ziggurat's 128 layers, and a closing zero."""
     x = np.zeros(129)
     x[0], x[1] = _AREA / math.exp(-0.5 * _TAIL**2), _TAIL
     for i in range(2, 128):
@@ -85,9 +85,9 @@ def normal(rng: RandomStream) -> float:
             return x
 
 
-PERIOD_US = 10_000
+PERIOD_US = 10_000  # µs between two updates of the gusts
 PERIOD_S = 0.01
-FOOT = 0.3048
+FOOT = 0.3048  # m
 SQRT_3 = math.sqrt(3.0)
 # Least airspeed of the turbulence model. The model has no gusts at airspeed 0, but real wind has some.
 AIRSPEED_MIN = 1.0  # m/s
@@ -97,7 +97,7 @@ AIRSPEED_MIN = 1.0  # m/s
 class Wind:
     """A steady wind and the strength of its gusts."""
 
-    mean_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s, the direction the air moves to
+    mean_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s, velocity of the air
     w20: float = 0.0  # m/s, wind at 20 ft that sets the gusts; MIL-F-8785C: 7.7 light, 15.4 moderate, 23 severe
 
 
@@ -121,7 +121,7 @@ def _across(states: Grid, sigma: float, tau: float, rng: RandomStream) -> float:
     """Advance one second-order filter by PERIOD_S and return the gust (m/s).
 
     The gust is √3·a + (1 - √3)·b, with the states a = w / (1 + tau·s) and b = a / (1 + tau·s) of white noise w. The
-    covariance of a and b is the integral of the products of their impulse responses over the period. The states do not
+    noise of a and b over a period has the covariance that follows from their impulse responses. The states do not
     contain sigma, so that tau and sigma may change in flight.
     """
     h = PERIOD_S / tau

@@ -3,21 +3,21 @@
 # files of a run
 RUN = "run.json"
 LEDGER = "ledger.sqlite"  # costs of the models, and the rate limits of their endpoints
-UNFINISHED = "unfinished"  # folder of flights without a score, which were flown again
+UNFINISHED = "unfinished"  # folder of flights without a score
 RETRIED = "retried"  # folder of flights that did not move and were flown again
 RETRIES = "retries.json"  # outcome and track length of each flight in RETRIED
 
 # files of a benchmark or a study, in the folder of its runs
 BENCH = "bench.json"  # of a benchmark: its suite and its runs
-STUDY = "study.json"  # of a study: the values of the varied settings in each run
+STUDY = "study.json"  # of a study: the varied settings of each run
 
 # files of an episode
-EPISODE = "episode.json"  # the record of the episode: its map, start, target and instruction
+EPISODE = "episode.json"  # the episode's record: map, start, target, instruction
 WORLD = "world.json"  # the record that was rendered, in a flight that is not judged
 DECISIONS = "decisions.jsonl"  # written by the agent
 COMMANDER = "commander.jsonl"  # written by the agent if there is a commander: every exchange with the commander
 PROMPTS = "prompts.jsonl"  # written by the agent: the text of every question
-TRUTH = "truth.jsonl"  # written by the logger: true poses and measurements of the target
+TRUTH = "truth.jsonl"  # written by the logger: the true poses
 ESTIMATE = "estimate.jsonl"  # the autopilot's position estimate, derived after a flight without truth
 VERDICT = "verdict.json"
 IDENTITY = "identity.json"  # digests of the code, the record and the frames
@@ -25,7 +25,7 @@ TLOG = "flight.tlog"  # raw MAVLink
 FRAMES = "frames"  # folder of the pilot's pictures
 INTENT = "intent"  # folder of the pictures of a dry run
 PICTURE = "flight.png"
-SAFETY = "safety.jsonl"  # when limits of the safety envelope changed setpoints, if they did
+SAFETY = "safety.jsonl"  # changes of setpoints by the safety envelope, if any
 
 
 def frame_name(frame_id: int, drone: int = 0) -> str:

@@ -279,7 +279,7 @@ def _reject_constant(constant: str) -> Any:
     raise ValueError(constant)
 
 
-LONG = 4000  # bytes; longer lines go to the strict reader: they may hold a number with too many digits for Python
+LONG = 4000  # bytes; a longer line may hold a number with more digits than Python accepts
 KIND = 15  # number of first bytes that show the kind of a line: {"kind": "pose"
 
 FastReader = Callable[[bytes], Row | None]  # line → its row; None: the strict reader must read it
@@ -356,5 +356,4 @@ def _too_large(value: Any) -> bool:
 
 
 def _wrong(row: type, name: str) -> str:
-    """Return the message about a wrong value of a field, from the annotation of the field."""
     return f"its {name} {rule_of(fields_of(row)[name]).words}"

@@ -17,7 +17,7 @@ from foundation.measurement import Distance, Place, TargetMeasurement, Visible, 
 from foundation.protocol import FINISHED, GO
 from foundation.typed_file import LARGE, Number
 
-DRONES = 255  # bound of a drone's number: each drone has one of MAVLink's 255 system ids
+DRONES = 255  # one for each system id of MAVLink
 
 # `wrong`: the message of the strict reader (`reading.py`) about an invalid value
 Whole = Annotated[int, Meta(ge=0, lt=int(LARGE), extra={"wrong": "is not a whole number"})]

@@ -19,8 +19,8 @@ class Address:
     """The parts of an address."""
 
     kind: str  # http, rtsp, v4l2, video, folder
-    place: str  # what to open: the whole URL, a device, a path
-    options: Mapping[str, str]  # query after the ?; empty for http and rtsp, because `place` has their whole URL
+    place: str  # the URL, device or path to open
+    options: Mapping[str, str]  # query after the ?; empty for http and rtsp, whose query stays in `place`
 
 
 def parse(url: str) -> Address:

@@ -24,7 +24,7 @@ ERROR_NUMBER = re.compile(r"^\[Errno -?\d+\] ")
 
 
 class Caller:
-    """An HTTP client for the address of one camera. Its connection stays open."""
+    """An HTTP client for the address of one camera. The connection stays open between requests."""
 
     def __init__(self, url: str) -> None:
         """Raises UsageError for an invalid address."""
@@ -39,7 +39,7 @@ class Caller:
                 " example %40 for @"
             )
         self._auth: httpx.Auth | None = None  # None: basic authentication with the address's user and password
-        # uses no internet proxy, because a camera is in the local network
+        # no internet proxy, because a camera is in the local network
         self._http = httpx.Client(trust_env=False)
 
     def get(self, read_s: float, params: dict[str, int] | None = None) -> httpx.Response:
@@ -104,8 +104,8 @@ PICTURE_BYTES_MAX = 64 * 1024 * 1024
 class HttpCamera(LensCamera):
     """A camera over HTTP: each call fetches one picture.
 
-    A simulated camera stamps its pictures with the vehicle's clock. The picture of a real camera is stamped at its
-    first bytes, so the time of the transfer does not count.
+    A simulated camera stamps its pictures with the vehicle's clock. A real camera's picture is stamped when its first
+    bytes arrive, so the duration of the transfer does not count.
     """
 
     def __init__(
@@ -130,8 +130,8 @@ class HttpCamera(LensCamera):
         self._max_age_s, self._timeout_s = max_age_s, timeout_s
         self._frames = 0
         self._none = f"the camera at {self._caller.name} gives no frame"
-        self.stamps = False  # whether the camera stamped its newest picture itself
-        self.reopened = 0  # always 0, because there is no stream to reopen; a broken connection is an error
+        self.stamps = False  # whether the newest picture came with a time stamp of the camera
+        self.reopened = 0  # always 0: there is no stream to reopen
 
     def newest(self, drone: int = 0) -> Frame:
         """Return the newest frame. Raises CameraError if none arrives."""
@@ -216,7 +216,7 @@ class Multipart:
         self._buffer = bytearray()
         self._searched = 0  # number of bytes at the buffer's beginning that were searched and contain no boundary
         self._in_body = False
-        self._length: int | None = None  # bytes of the body, if its header has them
+        self._length: int | None = None  # bytes of the body, if its header has a Content-Length
         self._began_s: float | None = None  # time of the body's first bytes; None: no bytes yet
 
     def feed(self, data: bytes, now_s: float) -> list[tuple[float, bytes]]:
@@ -225,7 +225,7 @@ class Multipart:
         Raises CameraError for a part that is too large to be a picture.
         """
         self._buffer += data
-        if data and self._began_s is None:  # a header may arrive long before its picture
+        if data and self._began_s is None:  # the picture's first bytes may arrive long after its header
             self._began_s = now_s
         chunks: list[tuple[float, bytes]] = []
         while self._in_body or self._header(now_s):

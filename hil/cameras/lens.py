@@ -172,8 +172,8 @@ def _focal_px(matrix: Any, distortion: Any, size: tuple[int, int], fisheye: bool
     """Return the focal length (px) at which the corrected picture is completely inside the camera's picture."""
     if fisheye:
         best = cv2.fisheye.estimateNewCameraMatrixForUndistortRectify(matrix, distortion, size, np.eye(3), balance=0.0)
-        # OpenCV's principal point may be off the centre, but ours is the centre. So the focal length is raised until
-        # the side with the least room also fits.
+        # OpenCV's principal point may be off the centre, but the corrected picture has it at the centre. So the focal
+        # length is raised until the side with the least room also fits.
         reach = [min(best[k, 2], size[k] - 1 - best[k, 2]) / ((size[k] - 1) / 2) for k in (0, 1)]
         return float(max(best[k, k] / reach[k] if reach[k] > 0 else math.nan for k in (0, 1)))
     best, _ = cv2.getOptimalNewCameraMatrix(matrix, distortion, size, 0.0, size, centerPrincipalPoint=True)
@@ -185,20 +185,20 @@ def _within(places: NDArray[np.float32], length: int) -> bool:
 
 
 def _unfolded(x: NDArray[np.float32], y: NDArray[np.float32]) -> bool:
-    """Return whether no part of the picture appears twice. Outside the calibrated area, the polynomial may fold it."""
+    """Return whether no part of the picture appears twice. The polynomial may fold areas that were not calibrated."""
     x_down, x_right = np.gradient(x)
     y_down, y_right = np.gradient(y)
     return bool(np.all(x_right * y_down - x_down * y_right > 0.0))
 
 
 VIEWS_MIN = 10
-ERROR_MAX_PX = 1.0  # root mean square
-FOCAL_SIGMA_MAX = 0.01  # standard deviation of the focal length, as a share of it
-# Least standard deviation of two components of the boards' unit normals: across and down the picture. If all boards
-# face the camera, any focal length fits, and the solver may report a small sigma for a wrong one.
+ERROR_MAX_PX = 1.0  # largest root mean square of the reprojection error
+FOCAL_SIGMA_MAX = 0.01  # largest standard deviation of the focal length, as a share of the focal length
+# Least standard deviation of the boards' unit normals, across and down the picture. If all boards face the camera, any
+# focal length fits, and the solver may report a small standard deviation for a wrong one.
 TILT_MIN = 0.1
-COVERAGE_MIN = 0.5  # share of the picture's area with corners; the fit is unreliable outside it
-MOVED_MIN = 0.04  # mean shift of the corners in a new view, as a share of the picture's width
+COVERAGE_MIN = 0.5  # share of the picture's area with corners; outside this area, the fit is unreliable
+MOVED_MIN = 0.04  # mean shift of the corners above which a view is new, as a share of the picture's width
 
 Corners = NDArray[np.float32]  # (N, 1, 2) px, row by row
 
@@ -225,10 +225,10 @@ class Fit:
 
     calibration: Calibration
     views: int
-    worst_px: float  # reprojection error of the worst view
-    tilt: float  # standard deviation of the boards' normals; the smaller of across and down
-    focal_sigma: float  # standard deviation of the focal length, relative
-    coverage: float  # 0 … 1 of the picture's area
+    worst_px: float  # largest reprojection error of a view
+    tilt: float  # see the function `tilt`
+    focal_sigma: float  # standard deviation of the focal length, as a share of it
+    coverage: float  # see the function `coverage`
 
 
 def corners(picture: NDArray[np.uint8], board: Board) -> Corners | None:
@@ -236,7 +236,7 @@ def corners(picture: NDArray[np.uint8], board: Board) -> Corners | None:
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
     size = (board.columns, board.rows)
     if not cv2.findChessboardCorners(grey, size, flags=cv2.CALIB_CB_FAST_CHECK | cv2.CALIB_CB_ADAPTIVE_THRESH)[0]:
-        return None  # a quick check, because the search below takes a second if there is no board
+        return None  # this quick check comes first, because the search below takes a second if there is no board
     has_board, places = cv2.findChessboardCornersSB(
         grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
     )
@@ -299,7 +299,7 @@ def fit(views: Sequence[Corners], board: Board, width: int, height: int) -> Fit:
 
 
 def tilt(turns: Sequence[Any]) -> float:
-    """Return the standard deviation of the boards' normals: the smaller of two axes. `turns`: Rodrigues vectors."""
+    """Return the smaller standard deviation of the boards' unit normals: across or down. `turns`: Rodrigues vectors."""
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
     facing = normals * np.sign(normals[:, 2:])
     return float(facing[:, :2].std(axis=0).min())

@@ -1,4 +1,4 @@
-"""Measures a camera: its rate, its jitter, and the age of a frame when it can be used."""
+"""Measures a camera: the rate and the jitter of its frames, and their age when they can be used."""
 
 import statistics
 import time
@@ -12,24 +12,24 @@ from hil.cameras.http import HttpCamera
 from hil.cameras.open import RealCamera
 from hil.cameras.stream import StreamEndedError
 
-GAP = 1.6  # × the usual interval; a longer gap means a missing picture
+GAP = 1.6  # factor on the usual interval between two frames; a longer interval means that a picture is missing
 
 
 @dataclass(frozen=True, slots=True)
 class CameraMeasurement:
-    """Results of a measurement. Intervals are between stamps; an age is from the stamp to the corrected picture."""
+    """Results of a measurement. Intervals are between time stamps. A frame's age is its time since the stamp."""
 
     model: CameraModel  # of the frames
-    calibrated: bool  # whether the field of view is measured, not assumed
+    calibrated: bool  # whether the field of view comes from a calibration
     asked: bool  # whether each frame needs a request; the requests then limit the rate
     frames: int
     seconds: float  # s, host's clock, from the first frame to the last
     rate_hz: float | None  # Hz, of all arriving pictures; None: fewer than two frames
     interval_ms: float | None  # median interval; None: no two consecutive frames
-    jitter_ms: float | None  # standard deviation of the interval; None: no two consecutive frames
-    longest_ms: float | None  # longest interval; None: no two consecutive frames
+    jitter_ms: float | None  # standard deviation of the intervals; None as for `interval_ms`
+    longest_ms: float | None  # longest interval; None as for `interval_ms`
     age_ms: float | None  # median age; None: the camera stamps by its own clock
-    oldest_ms: float | None  # highest age; None: the camera stamps by its own clock
+    oldest_ms: float | None  # highest age; None as for `age_ms`
     missing: int  # number of missing pictures, computed from the gaps
     repeated: int  # pictures that are equal to the previous one, bit for bit
     unseen: int  # pictures that arrived while this computer was busy with an earlier one

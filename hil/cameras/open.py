@@ -52,7 +52,7 @@ def open_camera(
 
 
 def _source(address: Address, lens: Lens) -> Source | None:
-    """Return the source of an address that sends pictures by itself; None: each picture needs a request."""
+    """Return the source if the address sends pictures without requests; None: each picture needs a request."""
     allowed = {"v4l2": {"size"}, "folder": {"fps"}}.get(address.kind, set())
     if stray := set(address.options) - allowed:
         raise UsageError(f"camera option {sorted(stray)[0]!r} is not known for a {address.kind} camera")
@@ -89,7 +89,7 @@ class PatientCamera:
     """A camera that retries for up to `patience_s` wall seconds before it raises CameraError."""
 
     def __init__(self, camera: RealCamera, patience_s: float, on_stale: Callable[[str], None]) -> None:
-        """`on_stale` is called once for every gap, with the reason for the missing frame, on the caller's thread."""
+        """`on_stale` is called once per wait for a frame, with the reason for the wait, on the caller's thread."""
         self._camera, self._patience_s, self._on_stale = camera, patience_s, on_stale
 
     @property
@@ -99,7 +99,7 @@ class PatientCamera:
 
     @property
     def stamps(self) -> bool:
-        """Whether the camera stamped its newest picture with the vehicle's clock. If not, the stamp is its arrival."""
+        """Whether the camera stamped its newest picture (vehicle's clock). Others are stamped at their arrival."""
         return self._camera.stamps
 
     def newest(self, drone: int = 0) -> Frame:

@@ -16,7 +16,7 @@ from foundation.errors import CameraError, UsageError
 from hil.cameras.lens import Lens
 
 Picture = NDArray[np.uint8]  # (H, W, 3), BGR as in OpenCV
-MAX_AGE_S = 1.0  # s; an older picture does not show the present place
+MAX_AGE_S = 1.0  # s; an older picture is an error, because the vehicle may be elsewhere by now
 PATIENCE_S = 5.0  # s to wait for a picture that is not too old; the vehicle holds meanwhile
 REOPEN_S = 0.5  # s between two attempts to reopen a broken stream
 
@@ -78,7 +78,7 @@ class LensCamera:
 class StreamCamera(LensCamera):
     """A camera that reads one source, for one drone. It raises CameraError for a picture older than `max_age_s`."""
 
-    stamps = False  # these sources do not send the time of a picture
+    stamps = False  # streams carry no time stamps, so pictures are stamped at their arrival
 
     def __init__(
         self,
@@ -206,10 +206,10 @@ def decoded(data: bytes | Picture) -> Picture | None:
         return None
 
 
-OPEN_MS, READ_MS = 5000, 5000  # ms of silence until opening a stream fails; until an open stream counts as broken
-LIVE_GRABS = 3  # consecutive grabs that had to wait, after which the buffer counts as empty
+OPEN_MS, READ_MS = 5000, 5000  # ms of silence until opening a stream fails, or until an open stream counts as broken
+LIVE_GRABS = 3  # grabs (fetches of a picture) in a row that had to wait, after which the buffer counts as empty
 WAITED = 0.7  # a grab had to wait if it took longer than this share of the time between two pictures
-DRAIN_S = 5.0  # longest time to drop buffered pictures
+DRAIN_S = 5.0  # longest time to spend on dropping buffered pictures
 
 
 class CaptureSource:
@@ -277,10 +277,10 @@ def shoot(capture: Any) -> tuple[float, Picture]:
 
 
 def drain(capture: Any) -> None:
-    """Drop the buffered pictures, because otherwise all pictures would stay a second late.
+    """Drop the buffered pictures. Otherwise every later picture would be seconds old.
 
-    FFmpeg reads a second of a stream to find its format, and servers buffer about a second too. A picture comes from
-    the buffer if its grab takes clearly less than the time from the previous picture's stamp to its own.
+    FFmpeg buffers a second of a stream to find its format, and servers buffer about a second too. A picture comes from
+    a buffer if its grab takes clearly less time than lies between its stamp and the previous picture's.
     """
     live, at_ms, end_s = 0, capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic() + DRAIN_S
     while live < LIVE_GRABS and time.monotonic() < end_s:
@@ -346,7 +346,7 @@ class FolderSource:
         self._paths = pictures(Path(self._folder))
         if not self._paths:
             raise CameraError(f"the folder has no picture ({', '.join(ENDINGS)})")
-        self._began_s: float | None = None  # when the first picture was due
+        self._began_s: float | None = None  # host's clock when the first picture was due
         self._next = 0
 
     def shoot(self, stop: threading.Event) -> tuple[float, bytes]:

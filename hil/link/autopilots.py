@@ -1,9 +1,9 @@
 """Reads the name and version of the autopilot on a link, and makes the setpoint messages that it accepts.
 
 The autopilot is a PX4 or this project's own. The following was measured with PX4 1.15. PX4 accepts setpoints only in
-the frames LOCAL_NED and BODY_NED. It reports a mask without vz (0x5E7) or without any value (0xDFF) as invalid, and
-Offboard times out. It treats a stream of setpoints below 2 Hz as lost, and accepts it again without a mode command. It
-reduces the rates of its messages until the radio can carry them. It sends STATUSTEXT only on a link with a ground
+the frames LOCAL_NED and BODY_NED. It rejects a type mask without vz (0x5E7) or without any value (0xDFF), and Offboard
+then times out. Setpoints below 2 Hz count as lost; once they are faster again, no mode command is needed. It reduces
+the rates of its messages until the radio can carry them. It sends STATUSTEXT only on a link with a ground
 station.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from foundation.mavlink import PX4_AUTOPILOT, dialect
 from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoint
 
-KINDS = {0: "", 64: "alpha", 128: "beta", 192: "rc", 255: ""}  # FIRMWARE_VERSION_TYPE; 0 is a developer's build
+KINDS = {0: "", 64: "alpha", 128: "beta", 192: "rc", 255: ""}  # FIRMWARE_VERSION_TYPE; 0: own build, 255: release
 NAMES = {0: "a generic autopilot", 3: "ArduPilot", PX4_AUTOPILOT: "PX4", 8: "no autopilot"}
 
 
@@ -52,8 +52,8 @@ def kind_name(autopilot: int) -> str:
     return NAMES.get(autopilot, f"an autopilot of MAV_AUTOPILOT {autopilot}")
 
 
-VELOCITY_YAW_RATE = 0x5C7  # type mask: vx, vy, vz, yaw rate
-POSITION_YAW = 0x9F8  # type mask: x, y, z, yaw
+VELOCITY_YAW_RATE = 0x5C7  # type mask: use only vx, vy, vz and the yaw rate
+POSITION_YAW = 0x9F8  # type mask: use only x, y, z and the yaw
 
 
 def setpoint_message(

@@ -22,8 +22,8 @@ NOTICE_S = 10.0  # s between two notices of ignored messages
 class VehicleAddress:
     """Parses the bytes of the vehicle and of other senders separately, and finds the vehicle's messages.
 
-    A UDP port receives from every sender. This class holds the address of the vehicle's first heartbeat as the
-    vehicle's. It ignores other addresses that send with the vehicle's ids. Once the held address has been silent for
+    A UDP port receives from every sender. The source of the vehicle's first heartbeat is held as its address. Messages
+    with the vehicle's ids from other addresses are ignored. Once the held address has been silent for
     REPLACED_S, another address may replace it, because a restarted bridge has another port.
     """
 
@@ -31,7 +31,7 @@ class VehicleAddress:
         """`notice` receives a line for the user when another address sends with the vehicle's ids."""
         self._transport, self._notice = transport, notice
         self._held: str | None = None
-        self._parser = Parser()  # of the held address
+        self._parser = Parser()  # for the bytes of the held address
         self._stranger: str | None = None  # the last other address that sent
         self._stranger_parser = Parser()
         self._confirmed_s = 0.0  # when the held address last sent
@@ -70,18 +70,18 @@ class VehicleAddress:
 
 SYSTEM, COMPONENT = 245, 191  # MAV_COMP_ID_ONBOARD_COMPUTER; a ground station keeps 255/190
 SILENCE_S = 5.0  # s of the transport's clock without telemetry after which the vehicle is gone
-LOST_S = 1.0  # the same for a vehicle that has already been silent for SILENCE_S and has sent nothing since
-WARNING_S = 1.0  # s of the transport's clock without telemetry until a warning
+LOST_S = 1.0  # replaces SILENCE_S once the vehicle is gone, so that later orders fail sooner
+WARNING_S = 1.0  # s of the transport's clock; a longer silence is reported to the user
 CHECK = ". Check that the vehicle or simulator runs, and that the URL is right"
 PATIENCE_S = 0.5  # longest wait of one read, in s of the transport's clock
 GAP_US = 500_000  # µs of vehicle time without telemetry after which the last mode is not trusted
 AWAY_S = 0.5  # s of the transport's clock between two sends; after a longer pause, received bytes are read first
-ASK_AGAIN_S = 1.5  # s of the transport's clock between requests in `connect`; estimators take a second for a position
+ASK_AGAIN_S = 1.5  # s of the transport's clock between requests in `connect`; a first position takes about a second
 COMMAND_RETRY_US = 500_000
 COMMAND_TRIES = 6
 KEY_TRIES = 5
 AGAIN_S = 0.5  # s of vehicle time before a temporarily rejected command is sent again
-WORDS_S = 0.3  # s of vehicle time in which an autopilot sends its reason for a refusal
+WORDS_S = 0.3  # s of vehicle time to wait for the text with the reason for a refusal
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 HEARTBEAT, COMMAND_ACK = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK
 STATUSTEXT, VERSION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
@@ -113,7 +113,7 @@ class Conversation:
         timestamp of the signatures.
         """
         self.transport = transport
-        self.behind_us = 0  # µs, known delay of telemetry, for example from a time synchronisation
+        self.behind_us = 0  # µs, known delay of all telemetry, such as the declared delay of a simulated link
         self.tick_us = TICK_US  # µs of vehicle time between two ticks
         self.state = VehicleState()
         self.clock = VehicleClock()
@@ -124,7 +124,7 @@ class Conversation:
         self.streams = Streams()
         self.texts = StatusTexts()
         self.listeners: list[Callable[[dialect.MAVLink_message], None]] = []  # get every message of the link
-        self.on_wait: Callable[[], None] = lambda: None  # called while waiting; may raise to end the wait
+        self.on_wait: Callable[[], None] = lambda: None  # called at every read of a wait; may raise to end the wait
         self.on_silence: Callable[[float], None] = lambda seconds: None  # receives the length of a silence, s
         self.on_notice: Callable[[str], None] = lambda line: None  # receives lines for the user
         self._silence_s, self._time_s = silence_s, transport.time_s
@@ -133,7 +133,7 @@ class Conversation:
         self._packer = Packer(SYSTEM, COMPONENT)
         self._unix_s = unix_s
         self._signing = Signing(0)
-        self._vehicle_signs = False  # whether the autopilot's last message had a signature
+        self._vehicle_signs = False  # whether the autopilot signed its last message
         self._heartbeat_due_us = 0
         self._tick_due_us = 0
         self._gap_us = 0  # µs, vehicle clock when telemetry came back after its last gap
@@ -173,7 +173,7 @@ class Conversation:
         began_s, requested_s, complete_s, system = self._time_s(), -math.inf, math.inf, self.system
         while not self._has_telemetry() or (self.firmware is None and self._time_s() < complete_s + 1.0):
             now_s = self._time_s()
-            # not at every pass, because each request restarts the interval of its message
+            # not at every pass, because a request restarts the interval of the requested message
             if now_s >= requested_s + ASK_AGAIN_S or system != self.system:
                 requested_s, system = now_s, self.system
                 self._send_heartbeat()
@@ -217,7 +217,7 @@ class Conversation:
         return bool(data)
 
     def _is_credible(self, message: dialect.MAVLink_message) -> bool:
-        """Return whether the system and component ids of a message that was just received may be genuine."""
+        """Return whether a message that was just received may really come from the sender whose ids it has."""
         if self._signing.active and not self._signing.accepts(message, self._wire_us):
             return False
         is_vehicle = message.get_srcSystem() == self.system and message.get_srcComponent() == AUTOPILOT
@@ -375,7 +375,7 @@ class Conversation:
 
     @property
     def time_us(self) -> int:
-        """µs, the vehicle's clock at its newest telemetry."""
+        """µs, the vehicle's clock: the time of the newest telemetry plus its known delay."""
         return self.clock.time_us + self.behind_us
 
     def listen(self) -> None:
@@ -385,21 +385,21 @@ class Conversation:
 
     def tick(self) -> None:
         """Wait until a tick of vehicle time has passed, then send what is due. Raises LinkError."""
-        if self._tick_due_us < self.time_us - 4 * self.tick_us:  # after a pause of ours, for example to draw a frame
+        if self._tick_due_us < self.time_us - 4 * self.tick_us:  # after a pause of our program
             self._tick_due_us = self.time_us
         self._tick_due_us += self.tick_us
         self._wait_until(self._due)
         self._speak()
 
     def keep_up(self) -> None:
-        """Process what has arrived and send what is due, without waiting. Used while another drone's link waits."""
+        """Do the work of `tick` without waiting. Used while the link of another drone waits."""
         self.listen()
         if self._due():
             self._tick_due_us = self.time_us + self.tick_us
             self._speak()
 
     def _due(self) -> bool:
-        # half a tick of tolerance, because the stamps of a stream of exactly 20 Hz are rounded to milliseconds
+        # half a tick of tolerance, because the stamps of the telemetry are rounded to milliseconds
         return self.time_us >= self._tick_due_us - self.tick_us // 2
 
     def _speak(self) -> None:
@@ -439,7 +439,7 @@ class Conversation:
                     self.on_silence(silent_s)
                 moved_s, moved_us, reads, away_s, self._lost = now_s, self.time_us, 0, 0.0, False
             elif reads >= 5 and silent_s >= (LOST_S if self._lost else self._silence_s):
-                self._lost = True  # so that later orders, at the end of the flight, wait only LOST_S
+                self._lost = True  # later orders, for the end of the flight, then wait only for LOST_S
                 fault = "has sent no telemetry" if received else "has been silent"
                 raise LinkError(f"the vehicle on {self.transport.url} {fault} for {silent_s:.3g} s")
 

@@ -8,12 +8,13 @@ from foundation.frames import Vec3, wrap_pi
 from foundation.setpoints import PicturePose
 from hil.link.telemetry import VehicleState
 
+# limits of an arrival: distance to the place, heading error (rad) and speed
 NEAR_M = 0.06
 HEADING = math.radians(0.7)
 STILL_MPS = 0.12
-RESTING_US = 1_000_000  # µs that the vehicle must stay at the place
+RESTING_US = 1_000_000  # µs for which the vehicle must stay within these limits
 COARSE_US = 15_000_000  # µs after `due_us` until the limits are widened
-COARSER = 3.0  # factor on the limits after that: with a drifting GPS, no vehicle meets the normal limits
+COARSER = 3.0  # factor that widens the limits, because with a drifting GPS no vehicle meets them
 
 
 class Arrival:
@@ -42,13 +43,13 @@ class Arrival:
 
 
 KEPT_US = 375_000_000  # µs; longer than the age of any frame in use: delay up to 1 min, plus up to 5 min for the reply
-OVERTAKEN_US = 5_000_000  # µs; a report that is older than the newest by less than this is from the same boot
-AHEAD_US = 200_000  # µs of extrapolation beyond the newest telemetry
+OVERTAKEN_US = 5_000_000  # µs; a report that is older than the newest by more than this shows a reboot
+AHEAD_US = 200_000  # µs; a pose is extrapolated at most this far beyond the newest telemetry
 DROPPED_AT_ONCE = 512  # number of old reports whose memory is freed together
 
 
 class PoseHistory:
-    """The history of places and headings, by the vehicle's clock."""
+    """The history of places, attitudes, gimbal pitches and ranges, by the vehicle's clock."""
 
     def __init__(self) -> None:
         self._places = _Reports(6)  # m north, east, down; m/s north, east, down
@@ -124,7 +125,7 @@ class _Reports:
         self._width = width
         self._times = array("q")
         self._values = array("d")
-        self._first = 0  # first report that is not too old
+        self._first = 0  # index of the first report that is not too old
 
     def __bool__(self) -> bool:
         return len(self._times) > 0  # the newest report is never too old

@@ -1,8 +1,8 @@
 """The safety envelope: limits of places and speeds. Each limit acts before the vehicle reaches it.
 
 All functions except `load` are pure. `admit` takes a setpoint, the state and the limits. It returns the setpoint that
-may be flown, and the names of the limits that changed it. The speed towards a limit is limited by the distance to it (v
-≤ GAIN · distance). So a vehicle whose velocity lags half a second behind its setpoint stops before the limit.
+may be flown, and the names of the limits that changed it. The speed towards a limit is at most GAIN · distance. So a
+vehicle whose velocity lags half a second behind its setpoint stops before the limit.
 """
 
 import itertools
@@ -21,15 +21,15 @@ from foundation.typed_file import Number, Positive, replaced, toml_table
 from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoint
 from hil.link.telemetry import VehicleState
 
-PLACE_GAIN = 1.0  # 1/s, speed per metre of distance at which a PX4 flies to a place: MPC_XY_P 0.95, MPC_Z_P 1
-HEADING_GAIN = 1.0  # 1/s, yaw rate per radian to the heading of a place
+PLACE_GAIN = 1.0  # 1/s, PX4 flies to a place with this speed per metre of distance: MPC_XY_P 0.95, MPC_Z_P 1
+HEADING_GAIN = 1.0  # 1/s, PX4 turns to a setpoint's heading with this yaw rate per radian
 # 1/s, highest speed per metre of distance to a limit. A real PX4 can stop in time: it reaches nine tenths of a velocity
 # step within a second.
 GAIN = 0.5
 STANDSTILL = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 BACK_MAX = 0.5  # m/s, highest speed at which a vehicle beyond a limit is brought back
-TOUCHING_M = 1e-3  # m: a line this near to a corner touches it
-TOUCHING_MPS = 1e-5  # m/s: a velocity this near to the highest allowed one is limited
+TOUCHING_M = 1e-3  # m: a line that passes a corner at this distance touches the corner
+TOUCHING_MPS = 1e-5  # m/s: a wall counts as acting if the velocity is this near to the highest that it allows
 STALE_US = 500_000  # µs without a new position or attitude, after which the last one is not used
 
 Corner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [north, east]"})]  # m, from home
@@ -49,18 +49,18 @@ class Limits:
     climb: Positive = 1.2  # m/s, up or down
     yaw_rate: Positive = 1.2  # rad/s; the paper's 60°/s is 1.05
     margin_m: Positive = 1.0  # distance from each horizontal limit at which the vehicle stops
-    height_margin_m: Positive = 0.3  # the same for ceiling and floor
-    battery_min: Positive | None = 0.25  # 0 … 1; None: not checked
-    flight_time_max_s: Positive | None = 900.0  # since the agent took over; None: not checked
+    height_margin_m: Positive = 0.3  # distance from ceiling and floor at which the vehicle stops
+    battery_min: Positive | None = 0.25  # share of the charge below which the flight ends; None: not checked
+    flight_time_max_s: Positive | None = 900.0  # longest time from the start of Offboard; None: not checked
     frame_s: Positive = 1.0  # s, highest age of a frame for a decision; the vehicle holds until a newer one comes
     heartbeat_s: Positive = 3.0  # s of vehicle time without a heartbeat until the vehicle must hold
     exclusions: tuple[Polygon, ...] = ()  # areas that the vehicle may not enter at any height
     exclusions_geodetic: tuple[
         GeodeticPolygon, ...
-    ] = ()  # the same, with corners in degrees; `with_local_exclusions` converts them
+    ] = ()  # more such areas, in degrees; `with_local_exclusions` converts them to `exclusions`
 
 
-SIMULATED = Limits(  # wider than any episode, so no flight of the benchmark reaches a limit
+SIMULATED = Limits(  # for simulated flights: so wide that no flight of the benchmark reaches a limit
     ceiling_m=120.0, floor_m=-1e3, radius_m=1000.0, speed=40.0, climb=40.0, yaw_rate=3.5,
     battery_min=None, flight_time_max_s=None,
 )  # fmt: skip
@@ -103,7 +103,7 @@ def broken_off(state: VehicleState, limits: Limits, elapsed_s: float) -> str | N
 
 
 def unwatched(state: VehicleState, limits: Limits) -> str | None:
-    """Return a text about the limit that cannot be checked, with the reason; None: all limits can be checked."""
+    """Return a text if the battery limit cannot be checked, with the reason; None: all limits can be checked."""
     if limits.battery_min is not None and state.battery_remaining is None:
         return f"battery_min = {limits.battery_min:g} cannot be checked, because the autopilot sends no battery level"
     return None
@@ -175,8 +175,8 @@ def _velocity(setpoint: VelocitySetpoint, at: Vec3, yaw: float, limits: Limits) 
 def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limits: Limits) -> Admitted:
     """Return the admitted setpoint for a place.
 
-    A place beyond a limit is moved inside. If a place or the way to it is in an exclusion or in its margin, the
-    vehicle's north and east replace the place's. If the autopilot would fly to the place or turn to its heading faster
+    A place beyond a limit is moved inside. If the place, or the way to the place, enters an exclusion or its margin,
+    the vehicle keeps its own north and east. If the autopilot would fly to the place or turn to its heading faster
     than the limits allow, a velocity and a yaw rate towards them replace the place.
     """
     limited: list[str] = []
@@ -228,9 +228,9 @@ def _towards(room_m: float, margin_m: float) -> float:
 def _nearest_velocity(wish: Corner, walls: Sequence[tuple[Corner, float]], speed: float) -> Corner:
     """Return the horizontal velocity (m/s, NE) that is nearest to `wish` and that all walls allow.
 
-    A wall is a unit vector and the highest component of the velocity along it, m/s. The length of `wish` and of the
-    result is at most `speed`. If the walls contradict each other, because the vehicle is in the margins of several,
-    each of them allows a standstill.
+    A wall is a unit vector and the highest speed (m/s) along this vector; it is negative in the wall's margin. The
+    length of `wish` and of the result is at most `speed`. If the vehicle is in several margins, so that no velocity
+    satisfies all walls, every wall allows a standstill.
 
     The allowed velocities are a convex polygon within a circle. So the nearest one is `wish`, its projection on a wall,
     or a corner (of two walls, or of a wall and the circle).
@@ -262,7 +262,7 @@ def _along(velocity: Corner, direction: Corner) -> float:
 
 
 def _walls(at: Vec3, limits: Limits) -> list[tuple[str, Corner, float]]:
-    """Return the horizontal limits: name, direction towards it (unit), highest speed (m/s) in this direction."""
+    """Return the horizontal limits: name, direction towards the limit (unit), highest speed (m/s) in this direction."""
     walls: list[tuple[str, Corner, float]] = []
     distance = math.hypot(at[0], at[1])
     if distance > 1e-6:

@@ -22,7 +22,7 @@ class FlightLog:
     """One log in the autopilot's list."""
 
     number: int  # id of the log on board
-    date: str  # UTC time of writing by the autopilot's clock; in 1970 if the clock was not set
+    date: str  # UTC time when the log was written, by the autopilot's clock; 1970 if the clock was not set
     size_bytes: int
 
 
@@ -105,7 +105,7 @@ def log_store(url: str, timeout_s: float = 15.0) -> Iterator[LogStore]:
     from mavsdk.plugins.log_files import LogFiles
 
     shown, mavsdk_url = redacted(url), _mavsdk_url(url)
-    log_subscribe(lambda level, text, file, line: True)  # our own errors replace MAVSDK's log
+    log_subscribe(lambda level, text, file, line: True)  # hides MAVSDK's log, which our own errors replace
     mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
     try:
         result = mavsdk.add_any_connection(mavsdk_url)

@@ -17,9 +17,9 @@ from hil.link.streams import TICK_US
 from hil.link.telemetry import VehicleState
 from hil.link.transport import Transport
 
-BRAKE_S = 0.5  # s of vehicle time that we hold at the end of a flight, before the autopilot's own hold
-ROUND_RATE = math.radians(60.0)  # rad/s of a turn for the compass
-GIVEN_S = 1.5  # s that a hand-over must last, because only the heartbeat, once a second, shows a failsafe
+BRAKE_S = 0.5  # s of vehicle time for which setpoints hold the vehicle at the end of a flight, before mode Hold
+ROUND_RATE = math.radians(60.0)  # rad/s, yaw rate of the full turn in `fly_to`
+GIVEN_S = 1.5  # s for which Hold or Offboard must last: a failsafe also holds, and the next heartbeat shows it
 OVERTAKEN_US = 300_000  # µs in which a message with the previous mode may still arrive on a link that reorders
 ARMED_S = 10.0  # s of attempts to arm, because a pre-arm check may fail for a moment
 OFFERED_S = 2.0  # s of attempts to enter Offboard while it is temporarily refused
@@ -69,7 +69,7 @@ class Link(Conversation):
         self.on_setpoint: Callable[[OffboardSetpoint], None] = lambda setpoint: None  # gets every setpoint, sent or not
         self.on_limit: Callable[[tuple[str, ...]], None] = lambda names: (
             None
-        )  # gets the names of the acting limits at each change
+        )  # gets the names of the acting limits when they change
         self._stream = OffboardStream()
         self._rate = SetpointRate()
         self._offboard = False  # whether we are in Offboard
@@ -78,10 +78,10 @@ class Link(Conversation):
         self._obeyed_us = 0  # µs, vehicle clock when telemetry first showed an expected mode; 0: not yet
         self._taken_by: str | None = None
         self.simulated = simulated
-        self.failsafe = ""  # effect of missing setpoints in Offboard, in words; empty: unknown
+        self.failsafe = ""  # what PX4 does in Offboard when setpoints stop, in words; empty: unknown
         self._strayed_us = 0  # µs, when a simulated vehicle entered a mode that we did not order
         self._failed = False  # whether a failsafe of a simulated vehicle has caused the present mode
-        self._offboard_us = 0  # start of Offboard
+        self._offboard_us = 0  # µs, vehicle clock at the start of Offboard
         self._ended = False  # whether the envelope has ended the flight
         self._limited: tuple[str, ...] = ()
         self._home_ned: Vec3 | None = None  # m, local frame; home as fixed by `settle_envelope`
@@ -118,9 +118,9 @@ class Link(Conversation):
     def may_fly(self) -> bool:
         """Return whether the vehicle may be armed or in the air by our orders, so that we must land it.
 
-        A vehicle that a person armed and did not hand over does not count. Heartbeats lag by up to a second. So after
-        our order to arm, we test the state by an order to disarm: the vehicle obeys on the ground and refuses in the
-        air. A vehicle that we fly and that has sent no heartbeat since a reboot may still be in the air.
+        A vehicle that a person armed and did not hand over does not count. Heartbeats lag by up to a second. So if we
+        ordered it to arm and no heartbeat shows it armed, an order to disarm tests it: the vehicle obeys on the ground
+        and refuses in the air. A vehicle that we fly and that is silent after a reboot may still be in the air.
         """
         if not self._tried_to_arm or self.state.armed:
             may_be_armed = self.state.armed or not self.state.heartbeat_us
@@ -149,7 +149,7 @@ class Link(Conversation):
         self._expect(self.state.mode)
 
     def _is_given(self, state: VehicleState) -> bool:
-        """Return whether the vehicle is handed over. A hold by a failsafe is not a hand-over."""
+        """Return whether the vehicle is handed over. If a failsafe holds it, it is not."""
         calm = state.armed and state.system_status == dialect.MAV_STATE_ACTIVE
         return calm and state.landed is False and state.mode in ("HOLD", "OFFBOARD")
 
@@ -166,7 +166,7 @@ class Link(Conversation):
         return self._taken_by
 
     def _expect(self, *modes: str) -> None:
-        """From now on, treat other modes as takeovers, but the present mode only after one of `modes` was seen."""
+        """From now on, treat other modes as takeovers; the present mode counts only after one of `modes` was seen."""
         if self._taken_by is None:
             # telemetry may show the mode of an acknowledged order only after our next order
             unshown = () if self._obeyed_us else self._expected
@@ -181,7 +181,7 @@ class Link(Conversation):
         if mode in self._expected:
             self._obeyed_us = self._obeyed_us or self.time_us
         if self._obeyed_us and self.time_us > self._obeyed_us + OVERTAKEN_US:
-            # a late message that still shows the Offboard that we left is never a takeover
+            # Offboard stays: a late message may still show it after we left it
             self._leaving = tuple(left for left in self._leaving if left == "OFFBOARD")
         if believed or (self._expected and mode not in (*self._expected, *self._leaving)):
             if self.simulated and self._is_failsafe(disarmed):
@@ -206,7 +206,7 @@ class Link(Conversation):
         return self.state.landed is not False or self.state.heartbeat_us >= self._disarmed_us + DISARMED_US
 
     def _is_failsafe(self, disarmed: bool) -> bool:
-        """Return whether a failsafe has changed the mode. Before the next heartbeat, assume that it has."""
+        """Return whether a failsafe has changed the mode. Until the next heartbeat shows it, return True."""
         self._strayed_us = self._strayed_us or self.time_us
         self._failed |= disarmed or self.state.system_status >= dialect.MAV_STATE_CRITICAL
         return self._failed or self.state.heartbeat_us <= self._strayed_us  # the heartbeat may be late on a bad link
@@ -286,7 +286,7 @@ class Link(Conversation):
     def stream_at(self, hz: float | None) -> None:
         """Send `hz` setpoints per second of vehicle time from now on; None: one at every tick.
 
-        A rate above that of the ticks also requests telemetry and ticks at this rate.
+        Above 20 Hz, telemetry is requested and ticks follow at this rate too.
         """
         tick_us = min(TICK_US, round(1e6 / hz)) if hz else TICK_US
         self._rate = SetpointRate(hz if tick_us == TICK_US else None)
@@ -326,7 +326,7 @@ class Link(Conversation):
         self._stream.stop()
 
     def give_up(self, then: str = "land") -> None:
-        """End a flight: hold by setpoints, then the autopilot's own hold, then `then`: land, return or hold.
+        """End a flight: hold by setpoints, switch to mode Hold, then do `then`: land, return or hold.
 
         A vehicle that was taken over gets no order. Raises LinkError if the last order is refused.
         """
@@ -383,7 +383,7 @@ class Link(Conversation):
         return admitted.setpoint
 
     def settle_envelope(self) -> None:
-        """Fix the places of the limits, even if home changes. Raises LinkError, see `with_local_exclusions`."""
+        """Fix the places of the limits, so that a later change of home does not move them. Raises LinkError."""
         if self.limits is not None:
             self.limits, self._home_ned = with_local_exclusions(self.limits, self.state), self.state.home_ned
 

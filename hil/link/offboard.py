@@ -10,22 +10,22 @@ from foundation.frames import Vec3, wrap_pi
 from foundation.setpoints import Hold, PicturePose, Setpoint, Turn, Velocity
 from hil.link.streams import TICK_US
 
-HEIGHT_GAIN = 1.0  # 1/s
-PLACE_GAIN = 0.9  # 1/s
-LINE_GAIN = 1.5  # 1/s
-CORRECTION_MAX = 0.6  # m/s
-HEADING_GAIN = 1.5  # 1/s
-HEADING_RATE_MAX = 0.5  # rad/s
-STOPPING_S = 0.6  # s; a hold in motion is placed ahead by the velocity times this, where the vehicle can stop
+HEIGHT_GAIN = 1.0  # 1/s, vertical speed per metre from the held height
+PLACE_GAIN = 0.9  # 1/s, speed per metre from the held place
+LINE_GAIN = 1.5  # 1/s, speed towards the line of a move per metre beside it
+CORRECTION_MAX = 0.6  # m/s, largest correction per axis
+HEADING_GAIN = 1.5  # 1/s, yaw rate per radian from the held heading, in a move
+HEADING_RATE_MAX = 0.5  # rad/s, limit of this yaw rate
+STOPPING_S = 0.6  # s; a moving vehicle holds a place ahead, at its velocity times this, where it can stop
 BACK_MAX = 0.5  # sine of the largest angle by which a move turns towards its line
 HEADING_REACHED = math.radians(1.0)
 LINE_REACHED_M = 0.05
-ROUNDING = 1e-6  # rad of tolerance for the rounding of an angle that is summed over ticks
+ROUNDING = 1e-6  # rad, tolerance for rounding errors of an angle that is summed over ticks
 YAW_RATE_STILL = math.radians(5.0)  # rad/s; a turn is not over above this rate
-GRACE_US = 150_000  # µs, three ticks; a setpoint lasts this much longer, because the next may come just after its end
+GRACE_US = 150_000  # µs, three ticks; a setpoint lasts this much longer, because the next one may come a little late
 GAP_US = 200_000  # µs; if more time passes between two updates of a turn, only this much of it counts
 STAMP_US = 1_000  # µs, resolution of the vehicle's time stamps
-LATE_MAX_US = 250_000  # µs; a hold is not corrected for a move that ended late by more than this
+LATE_MAX_US = 250_000  # µs; if a move ended later than this, the hold after it is not moved back
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +174,7 @@ class OffboardStream:
         self.setpoint = place
 
     def stop(self) -> None:
-        """End the stream, and forget all that is held."""
+        """End the stream, and forget the held place, height and heading."""
         self.setpoint, self._ends_us, self._moved_until_us = None, None, None
         self._place, self._height, self._heading, self._turning, self._line = None, None, None, None, None
 
@@ -220,7 +220,7 @@ class OffboardStream:
                 return VelocitySetpoint((forward * math.cos(off), forward * math.sin(off), down), rate)
 
     def _held(self, position: Vec3, velocity: Vec3, yaw: float, time_us: int) -> tuple[Vec3, float]:
-        """Return the held place and heading. Those that are not held yet are set from the present state."""
+        """Return the held place and heading. If one is not held yet, it is set from the present state."""
         stopping_s = self._stopping_s(time_us)
         if self._height is None:
             self._height = position[2] + velocity[2] * stopping_s
@@ -237,8 +237,8 @@ class OffboardStream:
     def _stopping_s(self, time_us: int) -> float:
         """Return how far ahead of the vehicle a hold is placed, in seconds of its velocity.
 
-        A move may end late by up to one tick of the autopilot's telemetry, on some links at every step. The hold is
-        moved back by this delay. Otherwise all these steps would be too long.
+        A move may end late by up to one tick of telemetry; on some links, every move does. The held place is moved back
+        by the way flown in this delay. Otherwise all these moves would be too long.
         """
         late_us = 0 if self._moved_until_us is None else time_us - self._moved_until_us
         return STOPPING_S - (late_us / 1e6 if 0 < late_us <= LATE_MAX_US else 0.0)

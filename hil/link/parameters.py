@@ -1,7 +1,7 @@
 """Reads and sets parameters of the autopilot at the other end of a link.
 
-PX4 puts the bytes of an INT32 into the float field (capability PARAM_ENCODE_BYTEWISE). For an unknown name, our
-autopilot and newer versions of PX4 answer PARAM_ERROR, and older versions do not answer. `read` then returns None.
+PX4 puts the bytes of an INT32 into the float field (capability PARAM_ENCODE_BYTEWISE). For an unknown name, newer
+versions of PX4 and our autopilot answer PARAM_ERROR; older versions do not answer. In both cases `read` returns None.
 """
 
 import struct
@@ -15,8 +15,8 @@ Value = int | float
 
 INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
 NAME_MOST = 16  # characters
-TRIES = 6  # six failures in a row are rare, even if a link loses one message in ten: then one try in five fails
-RETRY_US = 500_000  # µs of vehicle time
+TRIES = 6  # if a link loses one message in ten, one try in five fails, but six in a row are rare
+RETRY_US = 500_000  # µs of vehicle time to wait for answers in one try
 AT_ONCE = 4  # requests per tick of the link, 80 a second: 3 kB/s, which a telemetry radio carries
 ERRORS = {
     1: "there is no such parameter", 2: "the value is out of its range", 3: "permission denied",
@@ -61,7 +61,7 @@ class Parameters:
             raise LinkError(f"the autopilot has no parameter {name}")
         message, wanted = self._setting(name, value)
         held: Value | None = None
-        for _ in range(TRIES):  # a late answer to an earlier question may look like the read-back: ask again
+        for _ in range(TRIES):  # repeated, because the value read back may be a late answer to an earlier request
             self._send_setting(name, message)
             if name in self._errors:
                 reason = ERRORS.get(self._errors[name], f"error {self._errors[name]}")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from foundation.mavlink import dialect
 from foundation.protocol import SETPOINT_HZ
 
-TICK_US = 1_000_000 // SETPOINT_HZ  # µs of vehicle time
+TICK_US = 1_000_000 // SETPOINT_HZ  # µs of vehicle time between two setpoints
 WATCHED = {  # message id -> µs between two messages
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: TICK_US,
     dialect.MAVLINK_MSG_ID_ATTITUDE: TICK_US,
@@ -19,7 +19,7 @@ WATCHED = {  # message id -> µs between two messages
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 1_000_000,
     dialect.MAVLINK_MSG_ID_CURRENT_MODE: 100_000,
 }
-OFFERED = {dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 100_000}  # optional: used if it arrives
+OFFERED = {dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 100_000}  # as WATCHED, but the flight does not need it
 FAST = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
 ONCE = (  # requested as single messages until they arrive
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
@@ -28,9 +28,9 @@ ONCE = (  # requested as single messages until they arrive
 )
 CHECK_US = 3_000_000  # µs of vehicle time over which arrivals are counted
 SHORT = 0.6  # share of the requested rate; below it, the link or the autopilot is too slow
-DOUBLINGS = 2  # doublings of the fast messages' interval, down to 5 Hz: PX4's Offboard needs setpoints above 2 Hz
-SMALL = 0.05  # share of all bytes; smaller streams that we do not read are not stopped
-# messages that are never stopped, although they are not requested either
+DOUBLINGS = 2  # at most this many doublings of the intervals of FAST, down to 5 Hz: Offboard needs more than 2 Hz
+SMALL = 0.05  # share of all bytes; a stream that we do not read is stopped only if it is larger
+# messages that are not requested, but are never stopped
 KEEP = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_STATUSTEXT})
 
 
@@ -48,7 +48,7 @@ class Streams:
     def __init__(self) -> None:
         self.wanted = dict(WATCHED)
         self.silenced: set[int] = set()
-        self.slowed = 0  # number of doublings of the fast messages' interval
+        self.slowed = 0  # number of doublings so far of the intervals of FAST
         self._missing = set(ONCE)
         self._arrived: set[int] = set()  # messages that have arrived at any time
         self._seen: Counter[int] = Counter()
@@ -85,8 +85,8 @@ class Streams:
         """Return the requests to repeat, at most every three seconds of vehicle time.
 
         Missing messages are requested again. If they are still missing or too slow, the link is full. Then streams that
-        we do not read are stopped, and after that the fast messages are slowed down. A message that has never come does
-        not slow them down, because the autopilot may not have it: PX4 1.14 has no CURRENT_MODE.
+        we do not read are stopped; if there are none, the messages of FAST are slowed down. A message that has never
+        come is no reason to slow them down, because the autopilot may not have it: PX4 1.14 has no CURRENT_MODE.
         """
         if self._since_us is None or time_us < self._since_us:
             self._since_us = time_us

@@ -9,7 +9,7 @@ from foundation.frames import Vec3
 from foundation.mavlink import dialect, mode_name
 
 WARNING = dialect.MAV_SEVERITY_WARNING  # 4; smaller is worse
-KEPT = 50
+KEPT = 50  # number of texts
 PIECE = 50  # characters that one STATUSTEXT holds
 
 
@@ -17,7 +17,7 @@ PIECE = 50  # characters that one STATUSTEXT holds
 class ReceivedText:
     """One text of an autopilot."""
 
-    time_us: int  # µs, the vehicle's clock at the newest telemetry before it
+    time_us: int  # µs, the vehicle's clock at the newest telemetry before the text
     severity: int  # MAV_SEVERITY
     text: str
 
@@ -31,7 +31,7 @@ class StatusTexts:
         self._open_id = 0  # STATUSTEXT.id of that text
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Take a STATUSTEXT. A text whose last piece is full stays open until another arrives or it is read."""
+        """Take a STATUSTEXT. If its piece is full, the text stays open for more, until another text or a read."""
         text = _plain(message.text)
         if message.id != self._open_id or message.chunk_seq == 0:
             self._complete()
@@ -63,10 +63,10 @@ def _plain(text: str | bytes) -> str:
 
 
 WRAP_MS = 1 << 32  # time_boot_ms is a uint32
-FAR_MS = 60_000  # ms; a stamp further ahead than this counts only if others confirm it, and so does one of a reboot
-LATE_MS = 5_000  # a stamp older than this is not from a late packet
-CONFIRMED = 5  # stamps in a row that must agree with each other, to confirm such a stamp
-CONFIRMED_S = 0.3  # s that must pass from the first to the last of them, for live messages
+FAR_MS = 60_000  # ms; a stamp further ahead than this, or one after a reboot, counts only if others confirm it
+LATE_MS = 5_000  # a stamp that is older than the newest by more than this is not from a late packet
+CONFIRMED = 5  # number of stamps in a row that must agree, to confirm a stamp
+CONFIRMED_S = 0.3  # s that must pass from the first to the last of them, unless they come from a recording
 
 
 class _Doubt(NamedTuple):
@@ -81,20 +81,20 @@ class VehicleClock:
     """µs since boot from time_boot_ms, with its wrap after 49 days. It runs backwards only at a reboot.
 
     After a reboot, the stamps are smaller than before. They are also smaller in delayed messages and after the wrap.
-    The time since the last arrival distinguishes the three. After a reboot, the stamp is smaller than this time. After
-    a wrap, the stamps have advanced by at most this time. FAR_MS is added to it, because the last stamp may have been
-    late.
+    The time since the last arrival tells the three cases apart. After a reboot, the stamp is smaller than this time.
+    After a wrap, the stamp has advanced by at most this time. Both comparisons add FAR_MS to this time, because the
+    last stamp may have been late.
     """
 
     def __init__(self) -> None:
         self.time_us = 0
         self.reboots = 0
         self._last_ms: int | None = None
-        self._last_received_s: float | None = None  # the arrival of that stamp
+        self._last_received_s: float | None = None  # arrival of the stamp `_last_ms`
         self._doubt: _Doubt | None = None
 
     def see(self, time_boot_ms: int, received_s: float | None = None) -> None:
-        """Record a time stamp; `received_s`: its arrival by a clock other than the vehicle's; None: a recording."""
+        """Record a time stamp; `received_s`: its arrival by the transport's clock; None: it is from a recording."""
         if self._last_ms is None:
             self._last_ms, self._last_received_s, self.time_us = time_boot_ms, received_s, time_boot_ms * 1000
             return
@@ -153,11 +153,11 @@ class VehicleState(NamedTuple):
     heartbeat_us: int = 0  # µs, vehicle clock at the last heartbeat
     system_status: int = 0
     position_ned: Vec3 | None = None  # m, local frame of the autopilot
-    position_us: int = 0  # µs, vehicle clock of the position, however late it came
+    position_us: int = 0  # µs, vehicle clock when the position was valid, not when it arrived
     velocity_ned: Vec3 | None = None  # m/s
     euler: Vec3 | None = None  # rad, roll pitch yaw
     yaw_rate: float | None = None  # rad/s, + right
-    attitude_us: int = 0  # µs, vehicle clock of the attitude, however late it came
+    attitude_us: int = 0  # µs, vehicle clock when the attitude was valid, not when it arrived
     landed: bool | None = None
     healthy: bool = False  # ready to arm: the pre-arm check and the sensors that flying needs
     origin: Vec3 | None = None  # lat °, lon °, alt m of the local frame
@@ -199,9 +199,9 @@ def update(
 ) -> VehicleState:
     """Return the state after a message of the autopilot component with the time `time_us` of the vehicle's clock.
 
-    `received_us`: its arrival by the vehicle's clock, on a link with known delay; None: no delay. Poses get `time_us`,
-    mode and heartbeat get `received_us`. A pose is ignored if it is older than the newest pose or contains a NaN, which
-    would pass every limit. The last valid pose then becomes stale.
+    `received_us`: the message's arrival by the vehicle's clock, on a link with known delay; None: no delay. Poses get
+    `time_us`, mode and heartbeat get `received_us`. A pose is ignored if it is older than the newest pose or contains a
+    NaN, which would pass every limit. The last valid pose then becomes stale.
     """
     received_us = time_us if received_us is None else received_us
     match message.get_msgId():

@@ -18,11 +18,11 @@ BITS_PER_BYTE = 10  # of a serial line, 8N1: a start bit, eight data bits, a sto
 BAUD = 57_600  # default rate of a serial line, as in MAVSDK and for PX4's TELEM1
 SEND_S = 5.0  # wall seconds after which a TCP client that no longer reads is dropped
 PEER_S = 3.0  # wall seconds of silence after which nothing is sent to an address
-BUFFER_BYTES = 4 * 1024 * 1024  # a renderer that is busy for 100 ms must not lose telemetry
+BUFFER_BYTES = 4 * 1024 * 1024  # receive buffer: a renderer that is busy for 100 ms must not lose telemetry
 
 
 class Transport(Protocol):
-    """Receives and sends bytes. The defaults are for a link with one other end."""
+    """Receives and sends bytes. The default methods are for a link with only one other end."""
 
     url: str
     peer: str = ""  # source address of the last `receive`; "": there is only one other end
@@ -50,9 +50,9 @@ class Transport(Protocol):
 class UdpTransport(Transport):
     """A UDP socket that listens (`udpin`) or sends first (`udpout`).
 
-    Until it follows one address, it sends to the last sender and to all addresses that have sent within PEER_S. If two
-    vehicles send to one port, both get every message, and MAVLink's target names the receiver. One thread may receive
-    while others send.
+    Until `follow` names one address, it sends to the last sender and to all addresses that have sent within PEER_S. If
+    two vehicles send to one port, both get every message, and the target ids in a message show for whom it is. One
+    thread may receive while others send.
     """
 
     def __init__(self, url: str, host: str, port: int, *, listen: bool) -> None:
@@ -63,7 +63,7 @@ class UdpTransport(Transport):
         self._peers: dict[Any, float] = {}  # address -> wall clock when it last sent, the newest last
         self._followed: Any = None  # the only receiver; None: no address is followed
         self._waiting: tuple[bytes, Any] | None = None  # a datagram from another address, for the next `receive`
-        self._lock = threading.Lock()  # of the peers: a camera's server threads send while its main thread receives
+        self._lock = threading.Lock()  # for `_peers`: a camera's server threads send while its main thread receives
         try:
             if listen:
                 self._socket.bind((host, port))
@@ -162,7 +162,7 @@ class TcpListener(Transport):
         """
         self.url = url
         self._listening = socket.socket(_family(host), socket.SOCK_STREAM)
-        self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a client may come back within a minute
+        self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # else the port is blocked after use
         try:
             self._listening.bind((host, port))
             self._listening.listen(1)  # the second of two servers on the same port fails here
@@ -270,7 +270,7 @@ class SerialTransport(Transport):
 class MemoryTransport(Transport):
     """One end of a pipe inside a process. A read of an empty pipe calls `pump`, which advances the other side.
 
-    This is lockstep: the vehicle's time advances only during a wait.
+    So the vehicle's time advances only while the reader waits (lockstep).
     """
 
     def __init__(
@@ -348,7 +348,7 @@ def connect(url: str) -> Transport:
 def bind_error(error: OSError, protocol: str, host: str, port: int, instead: str = "choose another port") -> UsageError:
     """Return the error for a port that cannot be bound. Its text names the program that holds the port, if known.
 
-    `instead` is the advice to a user who needs that program.
+    `instead`: the advice to a user who cannot stop that program.
     """
     holder = port_holder(protocol, port)
     by = f" by {holder}" if holder else ""

@@ -1,8 +1,7 @@
 """The preflight check of one vehicle: listens to it, reads parameters, tests Offboard, and returns rows of results.
 
-Offboard is tested while disarmed. PX4 lets a disarmed vehicle switch to any mode, with or without setpoints. Its
-pre-arm check shows whether setpoints arrive: in OFFBOARD it passes only if they do (measured on 1.15;
-offboardCheck.cpp).
+Offboard is tested while disarmed. PX4 lets a disarmed vehicle switch to any mode, with or without setpoints. But in
+OFFBOARD, the pre-arm check passes only if setpoints arrive (measured on 1.15; offboardCheck.cpp).
 """
 
 import contextlib
@@ -19,7 +18,7 @@ from hil.link.parameters import Parameters, Value
 from hil.preflight import failsafes, ground_side, vehicle
 from hil.preflight.observation import Change, Finding, Observation, Row, Watch
 
-# PX4's defaults (parameter reference) that are unsafe for a real vehicle; our simulator has them too
+# PX4's defaults that are unsafe for a real vehicle, from the parameter reference; a simulated PX4 has them too
 PX4_DEFAULTS = {"COM_OBL_RC_ACT": 0, "COM_LOW_BAT_ACT": 0, "GF_MAX_HOR_DIST": 0, "GF_MAX_VER_DIST": 0}
 NAMES = (*failsafes.FAILSAFE_PARAMETERS, *failsafes.FENCE_PARAMETERS, *vehicle.BATTERY_PARAMETERS)
 
@@ -29,9 +28,9 @@ class Check:
     """The observations and parameters of a vehicle, and the rows and changes that follow from them."""
 
     observed: Observation
-    values: dict[str, Value | None]  # parameters; None: the autopilot did not send it
+    values: dict[str, Value | None]  # by parameter name; None: the autopilot did not send the value
     fence_points: int | None
-    rehearsal: Row
+    rehearsal: Row  # result of the Offboard test
     around: tuple[Row, ...]  # rows about this machine: camera, disk
 
     @property
@@ -90,7 +89,7 @@ def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = 
 def vehicle_clock(observed: Observation, link: Link) -> Callable[[], int]:
     """Return the vehicle's clock in µs: this machine's clock plus the offset of the fastest TIMESYNC.
 
-    If no TIMESYNC was answered, it is the clock at the newest telemetry.
+    If no TIMESYNC was answered, the clock stands at the time of the newest telemetry.
     """
     if not observed.round_trips:
         return lambda: link.time_us
@@ -99,7 +98,7 @@ def vehicle_clock(observed: Observation, link: Link) -> Callable[[], int]:
 
 
 def apply_changes(link: Link, before: Check, changes: Sequence[Change]) -> Check:
-    """Set the parameters, read each back, and return the check with the new values. Changes nothing else.
+    """Set the parameters, read each one back, and return the check with the new values.
 
     Raises LinkError with the first parameter that could not be set; the changes before it stay in effect. Raises
     UsageError for an armed vehicle.
@@ -113,8 +112,8 @@ def apply_changes(link: Link, before: Check, changes: Sequence[Change]) -> Check
 
 
 REHEARSAL = "offboard rehearsal"
-STREAM_S = 2.0  # s of vehicle time
-SHOWN_S = 3.0  # s to wait for a change; HEARTBEAT arrives once a second, CURRENT_MODE perhaps never
+STREAM_S = 2.0  # s of vehicle time for which setpoints are sent before the switch to OFFBOARD
+SHOWN_S = 3.0  # s to wait until telemetry shows a change; HEARTBEAT, once a second, may be the only message with it
 ZERO_VELOCITY = Velocity(forward=0.0, up=0.0)
 
 
@@ -131,7 +130,7 @@ def rehearse(link: Link) -> Row:
         return _switch(link)
     finally:
         link.stop_stream()
-        with contextlib.suppress(DronecatsError):  # the earlier error is more useful
+        with contextlib.suppress(DronecatsError):  # an error of the test itself is more useful
             link.set_mode("HOLD")
 
 

@@ -1,8 +1,8 @@
 """One rule for each failsafe parameter of the autopilot. These parameters set what the vehicle does by itself.
 
-A wrong proposal is dangerous, so a rule proposes only a value that is right for every vehicle. A value that is the
-owner's choice is shown, and no change is proposed. Sources: PX4's parameter reference; failsafe.cpp, if a rule names
-it; our own measurements, if the reference is silent.
+A wrong proposal is dangerous, so a rule proposes only a value that is right for every vehicle. If the right value is
+the owner's choice, the rule only shows the present one. Sources: PX4's parameter reference; failsafe.cpp, if a rule
+names it; our own measurements where the reference gives no answer.
 
 The parameters of the autopilot's own geofence have rules too. The geofence is the last limit if our envelope fails.
 """
@@ -20,12 +20,11 @@ OFFBOARD_LOSS = {0: "Position", 1: "Altitude", 2: "Stabilized", 3: "Return", 4: 
                  7: "Disarm"}  # fmt: skip
 LINK_LOSS = {0: "nothing", 1: "Hold", 2: "Return", 3: "Land", 5: "Terminate", 6: "Disarm"}
 LOW_BATTERY = {0: "a warning", 1: "Return", 2: "Land", 3: "Return, then Land", 4: "Terminate"}
-KILLING = (5, 6)  # of NAV_RCL_ACT and NAV_DLL_ACT: the motors stop in the air
-EXCEPT_OFFBOARD = 4  # bit 2 of COM_RCL_EXCEPT
-# bits of COM_RC_OVERRIDE: the sticks take over in automatic modes, such as the Hold after our setpoints stop, and in
-# offboard
+KILLING = (5, 6)  # values of NAV_RCL_ACT and NAV_DLL_ACT that stop the motors in the air
+EXCEPT_OFFBOARD = 4  # bit 2 of COM_RCL_EXCEPT: in offboard, lost sticks are ignored
+# bits of COM_RC_OVERRIDE: moving the sticks takes over in automatic modes (bit 0) and in offboard (bit 1)
 OVERRIDE = 1 | 2
-MANUAL_SLOTS = (0, 1, 2, 6, 8, 9)  # COM_FLTMODEn: Manual, Altitude, Position, Acro, Stabilized, Position Slow
+MANUAL_SLOTS = (0, 1, 2, 6, 8, 9)  # manual modes in COM_FLTMODEn: Manual, Altitude, Position, Acro, …
 SLOTS = tuple(f"COM_FLTMODE{n}" for n in range(1, 7))
 # s, lowest, highest and proposed COM_OF_LOSS_T. Below 0.5 s a short gap of the radio would end Offboard.
 LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5
@@ -35,8 +34,8 @@ LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5
 class Situation:
     """The facts that the rules use."""
 
-    values: Mapping[str, Value | None]  # None: the autopilot did not send it
-    sticks: bool = False  # a transmitter's sticks reach the autopilot
+    values: Mapping[str, Value | None]  # by parameter name; None: the autopilot did not send the value
+    sticks: bool = False  # stick input of a transmitter (the pilot's radio) reaches the autopilot
     version: tuple[int, int] = (0, 0)  # of the firmware; (0, 0) when unknown
     station: bool = False  # heartbeats of a ground station arrive on this link
 
@@ -47,8 +46,8 @@ FailsafeRule = Callable[[Situation, Value], Finding]
 def _offboard_loss(s: Situation, value: Value) -> Finding:
     """Judge COM_OBL_RC_ACT, the action when setpoints stop.
 
-    Measured without sticks: with 0 the mode is POSCTL, and the vehicle sinks at 0.7 m/s. With 5 it stops and holds its
-    position.
+    Measured without sticks: with the value 0 the mode becomes POSCTL, and the vehicle sinks at 0.7 m/s. With 5 the
+    vehicle stops and holds its position.
     """
     shown = OFFBOARD_LOSS.get(int(value), "an unknown action")
     lost = f"when our setpoints stop: {shown}"
@@ -112,9 +111,9 @@ def _stick_loss(s: Situation, value: Value) -> Finding:
 
 
 def _station_loss(s: Situation, value: Value) -> Finding:
-    """Judge NAV_DLL_ACT. If it is above 0, PX4 arms only with a ground station: rcAndDataLinkCheck.cpp.
+    """Judge NAV_DLL_ACT, the action when the ground station is lost. The agent does not count as a ground station.
 
-    The agent does not count as a ground station.
+    If the value is above 0, PX4 arms only with a ground station: rcAndDataLinkCheck.cpp.
     """
     action = LINK_LOSS.get(int(value), "an unknown action")
     if value in KILLING:
@@ -208,7 +207,7 @@ RULES: dict[str, FailsafeRule] = {
     "SYS_HITL": _hitl,
 }
 FAILSAFE_PARAMETERS = (*RULES, "COM_RC_IN_MODE", "RC_MAP_FLTMODE", "RC_MAP_KILL_SW", *SLOTS)
-VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # for the loss of the agent's setpoints; a missing value is a failed row
+VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # they act when setpoints stop, so a missing value fails its row
 
 
 def read_failsafe(link: Link) -> str:
@@ -222,7 +221,7 @@ def read_failsafe(link: Link) -> str:
 
 
 def failsafe_findings(situation: Situation) -> list[Finding]:
-    """Return the findings: the sticks, one per rule and, if there are sticks, the pilot's switches."""
+    """Return the finding on the sticks, one for each rule and, if there are sticks, those on the pilot's switches."""
     findings = [Finding(_sticks(situation))]
     for name, rule in RULES.items():
         value = situation.values.get(name)
@@ -321,7 +320,7 @@ def count_fence_points(link: Link) -> int | None:
             end_us = link.time_us + REPLY_TIMEOUT_US
             while not counts and link.time_us < end_us:
                 link.tick()
-            if counts:  # cancel the transfer of the points, which the request has started
+            if counts:  # cancel the transfer of the points that the request has started
                 cancelled = dialect.MAV_MISSION_OPERATION_CANCELLED
                 link.send(dialect.MAVLink_mission_ack_message(*vehicle, cancelled, fence))
                 return counts[0]

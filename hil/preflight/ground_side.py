@@ -17,13 +17,13 @@ from foundation.sensors import CALENDAR_START_US
 from hil.preflight.observation import STREAM_HZ, Observation, Row
 
 FLIGHT_STREAMS = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
-RATE_LEAST = 8.0  # Hz; below it the link's loops for height and position lag too much
-SHARE_LEAST = 0.8  # share of the requested rate; a lower one is reported
-ROUND_TRIP_MOST = 0.5  # s; with more, a setpoint arrives after more than half of COM_OF_LOSS_T
+RATE_LEAST = 8.0  # Hz; at a lower rate, our control of height and position lags too much
+SHARE_LEAST = 0.8  # share of the requested rate; a lower rate is reported
+ROUND_TRIP_MOST = 0.5  # s; one way then takes half of COM_OF_LOSS_T (0.5 s without setpoints end Offboard)
 LOST_MOST = 0.35  # share of unanswered requests; reached if about one message in five is lost in each direction
 DRIFT_MOST = 2e-3  # s per s; a quartz clock drifts 1e-4, so a larger drift shows a simulated or overloaded vehicle
-CALENDAR_MOST = 2.0  # s between the vehicle's date and this machine's
-SIMULATED_MOST_US = 7 * 86_400_000_000  # a simulator seldom runs longer than a week
+CALENDAR_MOST = 2.0  # s, largest accepted difference between the vehicle's date and this machine's
+SIMULATED_MOST_US = 7 * 86_400_000_000  # µs after CALENDAR_START_US: a simulator seldom runs longer than a week
 
 
 def wire_rows(observed: Observation) -> list[Row]:
@@ -79,7 +79,7 @@ def _clock(observed: Observation) -> Row:
         why += f"; its date is {abs(apart):.1f} s {'behind' if apart > 0 else 'ahead'}"
         if abs(apart) > CALENDAR_MOST:
             return Row("clocks", None, why, "set this machine's clock (NTP), because logs are matched by it")
-    slack = max(DRIFT_MOST, 2.0 * (first[2] + last[2]) / max(span_ns, 1))  # uncertainty from the round trips
+    slack = max(DRIFT_MOST, 2.0 * (first[2] + last[2]) / max(span_ns, 1))  # the round trips limit the accuracy
     if abs(drift) > slack:
         return Row(
             "clocks", None, why, "either the simulation does not run in real time, or the autopilot is overloaded"
@@ -102,7 +102,7 @@ def _best(observed: Observation, *, early: bool) -> tuple[int, int, int]:
 
 
 CAMERA = "camera"
-FRAME_RATE_LEAST = 1.0  # Hz; a decision takes seconds, but its frame must be recent
+FRAME_RATE_LEAST = 1.0  # Hz; a decision takes seconds, but it needs a recent frame
 FRAME_AGE_MOST = 1.0  # s
 
 

@@ -48,7 +48,7 @@ def summary(rows: Sequence[Row]) -> str:
 
 Message: TypeAlias = dialect.MAVLink_message
 
-STREAM_HZ: dict[int, float] = {  # the streams for the checks, and the two that flying needs
+STREAM_HZ: dict[int, float] = {  # rates to request; the first two streams are those that flying needs
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 20.0,
     dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 2.0,
@@ -60,7 +60,7 @@ STREAM_HZ: dict[int, float] = {  # the streams for the checks, and the two that 
 }
 ONCE = (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, dialect.MAVLINK_MSG_ID_HOME_POSITION)
 SYNC_US = 200_000  # µs of vehicle time between two TIMESYNC requests
-ANSWER_US = 1_000_000  # µs before the end in which no requests are sent, so that all replies arrive in time
+ANSWER_US = 1_000_000  # µs at the end in which no requests are sent while replies are missing, so that they arrive
 TRIES = 3  # attempts for a message that does not arrive by itself
 
 
@@ -69,7 +69,7 @@ class RoundTrip:
     """One TIMESYNC request and its reply."""
 
     sent_ns: int  # this machine's monotonic clock
-    answered_ns: int
+    answered_ns: int  # this machine's monotonic clock
     vehicle_ns: int  # the vehicle's clock, since its boot
 
     @property
@@ -84,17 +84,17 @@ class RoundTrip:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """The last messages of a vehicle. Keys are message ids; only messages of its autopilot are kept."""
+    """The newest messages of a vehicle's autopilot, by message id, and measurements of its link."""
 
     newest: Mapping[int, Message] = field(default_factory=dict)
-    seconds: float = 0.0  # duration, in s of vehicle time
+    seconds: float = 0.0  # s of vehicle time that the observation took
     counts: Mapping[int, int] = field(default_factory=dict)  # message id → number in `seconds`
-    worst_ratio: Mapping[str, float] = field(default_factory=dict)  # field of ESTIMATOR_STATUS → largest value
+    worst_ratio: Mapping[str, float] = field(default_factory=dict)  # test ratio in ESTIMATOR_STATUS → largest value
     texts: tuple[str, ...] = ()  # STATUSTEXT of severity warning or worse
     station: bool = False  # a heartbeat of a ground station arrived
     round_trips: tuple[RoundTrip, ...] = ()
     sync_requests: int = 0  # number of TIMESYNC requests
-    unix_s: float = 0.0  # this machine's date at the arrival of SYSTEM_TIME
+    unix_s: float = 0.0  # s of Unix time on this machine at the arrival of SYSTEM_TIME, which has the vehicle's date
 
     def message(self, name: str) -> Message | None:
         """Return the newest message of this name; None: none arrived."""
@@ -155,7 +155,7 @@ class Watch:
             return replace(observation, newest=self._newest, worst_ratio=self._worst, unix_s=self._unix_s)
 
     def _request_missing(self) -> None:
-        """Request each missing message. On a crowded link, a single message may arrive although its stream does not."""
+        """Request each missing message. On a full link, a single message may arrive although its stream does not."""
         for message_id in (*ONCE, *STREAM_HZ):
             for _ in range(TRIES):
                 if message_id in self._newest:

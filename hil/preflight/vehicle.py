@@ -11,7 +11,7 @@ from hil.link.parameters import Value
 from hil.link.telemetry import PREARM
 from hil.preflight.observation import Message, Observation, Row
 
-OLDEST = (1, 14)  # from this version on, parts that are absent at arming, such as sticks, are optional: failsafe.cpp
+OLDEST = (1, 14)  # from this version on, sticks and other parts that are absent at arming are optional: failsafe.cpp
 SENSORS = {  # bits of SYS_STATUS
     dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO: "gyro",
     dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL: "accelerometer",
@@ -24,7 +24,7 @@ SENSORS = {  # bits of SYS_STATUS
     dialect.MAV_SYS_STATUS_LOGGING: "flight log",
 }
 NEEDED = ("gyro", "accelerometer", "compass", "barometer", "GPS")  # a vehicle that lacks one of these cannot be flown
-PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 never reports it as present, only as unhealthy
+PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 reports it only as unhealthy, never as present
 ESTIMATES = {  # bits of ESTIMATOR_STATUS that flying needs
     dialect.ESTIMATOR_ATTITUDE: "attitude",
     dialect.ESTIMATOR_VELOCITY_HORIZ: "horizontal velocity",
@@ -32,7 +32,7 @@ ESTIMATES = {  # bits of ESTIMATOR_STATUS that flying needs
     dialect.ESTIMATOR_POS_HORIZ_ABS: "place",
     dialect.ESTIMATOR_POS_VERT_ABS: "altitude",
 }
-TROUBLES = {  # not CONST_POS_MODE, because PX4 sets it whenever the vehicle is at rest
+TROUBLES = {  # bits of ESTIMATOR_STATUS; without CONST_POS_MODE, which PX4 sets whenever the vehicle is at rest
     dialect.ESTIMATOR_GPS_GLITCH: "the estimator rejects the GPS as a glitch",
     dialect.ESTIMATOR_ACCEL_ERROR: "the estimator suspects the accelerometer",
 }
@@ -40,7 +40,7 @@ RATIOS = {  # test ratios of ESTIMATOR_STATUS: above 1 the filter rejects the me
     "vel_ratio": "velocity", "pos_horiz_ratio": "place", "pos_vert_ratio": "height", "mag_ratio": "heading",
 }  # fmt: skip
 TESTED = "1.14.4, 1.15.4 and 1.16.1"
-SPREAD_MOST = 5.0  # m, COM_POS_FS_EPH's default: beyond it PX4 does not trust its position
+SPREAD_MOST = 5.0  # m, default of COM_POS_FS_EPH: with a larger error, PX4 does not trust its position
 
 
 def health_rows(observed: Observation) -> list[Row]:
@@ -147,8 +147,8 @@ FIX_3D = 3
 SATELLITES = 6  # EKF2_REQ_NSATS, default
 HDOP_MOST = 2.5  # default of EKF2_REQ_PDOP; HDOP is at most PDOP
 SPREAD_H, SPREAD_V = 3.0, 5.0  # m, EKF2_REQ_EPH and EKF2_REQ_EPV, defaults
-UNKNOWN = 65535
-HOME_NEAR = 10.0  # m; within this distance, with the scatter of a GPS, a vehicle is at home
+UNKNOWN = 65535  # value of a 16-bit field that is not measured
+HOME_NEAR = 10.0  # m; a vehicle that is nearer to home than this is at home, given the errors of GPS
 EARTH = 6_371_000.0  # m, mean radius
 
 
@@ -212,7 +212,7 @@ def ground_distance(lat_a: int, lon_a: int, lat_b: int, lon_b: int) -> float:
 
 BATTERY_PARAMETERS = ("BAT1_N_CELLS", "BAT_LOW_THR")
 CELL_LEAST, CELL_MOST = 3.5, 4.35  # V at rest: an empty lithium cell, and a full one of the high-voltage kind
-MARGIN = 0.25  # share of the capacity above BAT_LOW_THR; a flight of five minutes needs about that
+MARGIN = 0.25  # share of the capacity that a flight of five minutes needs, above BAT_LOW_THR (low battery)
 
 
 def battery_row(observed: Observation, values: Mapping[str, Value | None]) -> Row:
