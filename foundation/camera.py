@@ -49,8 +49,8 @@ def camera_pose(position_ned: Vec3, attitude: Quat, camera: CameraModel) -> Came
     """Return the pose of a vehicle's camera.
 
     `position_ned` (m) is the body origin and `attitude` rotates body FRD into NED. The camera is at `camera.offset_frd`
-    and looks along body forward, raised by its pitch. On a gimbal, the camera is level in roll, and `pitch_deg`
-    counts from the horizon.
+    and looks along body forward, raised by `pitch_deg`. On a gimbal, it is level in roll, and `pitch_deg` counts from
+    the horizon.
     """
     offset = rotate(attitude, camera.offset_frd)
     position = (position_ned[0] + offset[0], position_ned[1] + offset[1], position_ned[2] + offset[2])
@@ -104,7 +104,7 @@ def reduced(image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if width <= WIDTH_MAX:
         return image_rgb
     size = reduced_size(width, height)
-    return np.asarray(cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA), np.uint8)  # legible small text
+    return np.asarray(cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA), np.uint8)  # keeps small text legible
 
 
 DEPTH_MAX_M = 65.535  # largest depth that a depth picture can store: 16 bits of millimetres

@@ -2,8 +2,8 @@
 
     loss: float = number(0.0, "loss", "share of frames that never arrive", high=1.0, words="{percent:g} % lost")
 
-Everything else is derived from the declaration: the bounds, error messages and option of the value, its row in the
-tables of the docs, its use as a factor of a study, and the sentence about it.
+The declaration is the only source of the bounds of a value, its error messages, its command-line option, its row in the
+docs, its use as a factor of a study, and the sentence about it.
 """
 
 import sys
@@ -29,8 +29,8 @@ class DeclaredNumber:
 
     name: str  # in options, files, studies and errors: "frame_delay"
     help: str  # meaning of the number, one line
-    low: float = 0.0  # lowest allowed value
-    high: float  # highest allowed value
+    low: float = 0.0
+    high: float
     unit: str = ""  # "s", "m/s" …; "": no unit, such as a share
     whole: bool = False  # whole numbers only
 
@@ -60,8 +60,7 @@ class Declaration:
 
     quantity: DeclaredNumber | None = None  # None: the value is checked elsewhere
     size: Callable[[Any], float] = float  # value → the number to check, such as the speed of a wind vector
-    # sentence about a value that is not the default: a function, or a format with {value}, {percent} (100 · value) or
-    # {owner} (the dataclass)
+    # sentence about a value that is not the default: a function, or a format with {value}, {percent} or {owner}
     words: str | Callable[[Any], str] = ""
     first: bool = False  # whether `words_of` puts this sentence before those without `first`
 

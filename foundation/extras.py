@@ -15,7 +15,7 @@ class Extra:
 
     name: str
     enables: str
-    modules: tuple[str, ...]  # the import name of each package that it adds
+    modules: tuple[str, ...]  # import names of the packages that the extra adds
 
     @property
     def command(self) -> str:

@@ -127,7 +127,7 @@ def quat_integrate(q: Quat, rotation_vector: Vec3) -> Quat:
 
 
 def geodetic_to_ned(lat0: float, lon0: float, alt0: float, lat: float, lon: float, alt: float) -> Vec3:
-    """Return NED metres of (lat, lon in degrees, alt in metres) about the origin (lat0, lon0, alt0).
+    """Return the NED position (m) of (lat, lon in degrees, alt in m) relative to the origin (lat0, lon0, alt0).
 
     Azimuthal equidistant projection on a sphere, as in PX4's MapProjection::project.
     """
@@ -145,7 +145,7 @@ def geodetic_to_ned(lat0: float, lon0: float, alt0: float, lat: float, lon: floa
 
 
 def ned_to_geodetic(lat0: float, lon0: float, alt0: float, north: float, east: float, down: float) -> Vec3:
-    """Return (lat, lon in degrees, alt in metres) of NED metres about the origin. Inverse of `geodetic_to_ned`."""
+    """Return (lat, lon in degrees, alt in m) of a NED position (m): the inverse of `geodetic_to_ned`."""
     x, y = north / EARTH_RADIUS_M, east / EARTH_RADIUS_M
     c = math.sqrt(x * x + y * y)
     if c < 1e-15:

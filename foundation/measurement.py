@@ -1,4 +1,4 @@
-"""The true measurement of one drone and its target at one time. The logger writes it, and the judge reads it.
+"""A true measurement of the target from one drone at one time. The logger writes it, and the judge reads it.
 
 `World.measure`, the rows of truth.jsonl and their published schema all use the fields that are declared here.
 """

@@ -4,19 +4,19 @@ Most numbers that the paper does not give are defined in the package that uses t
 `foundation.camera.CameraModel`.
 """
 
-# section "One Success Criterion for the Whole Grid"; appendix "Metrics"
+# "One Success Criterion for the Whole Grid"; appendix "Metrics"
 CAP_S = 300.0  # s of vehicle time, the length of an episode
 RADIUS_M = 5.0  # m, δ: a successful declaration is within this 3-D distance of the target's centre
 POSE_PERIOD_S = 0.5  # s between two logged poses: 2 Hz
 DETECTION_RANGE_M = 300.0  # m; objects farther away do not count as seen
 
-# section "Action Space"
+# "Action Space"
 GO, ROTATE, THINK, FINISHED = "go", "rotate", "think", "finished"  # names of the actions in replies and logs
 ACTIONS = (GO, ROTATE, THINK, FINISHED)  # add new ones at the end: logs of PX4 store their index
 ACTION_FIELDS = ("action", "point", "depth_m", "angle_deg")  # keys of a reply's JSON object; the action's name is first
 POINT_SPAN = 1000.0  # a point's x and y are 0 … 1000 across the picture, whatever its size
 
-# section "Execution"; appendix "Execution"
+# "Execution"; appendix "Execution"
 HISTORY_LENGTH = 5  # actions that the prompt shows
 STEP_S = 2.5  # s, duration of a move
 STRIDE_MAX_M = 3.0  # m, the longest move

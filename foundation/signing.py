@@ -66,7 +66,7 @@ class Signing:
 
     def __init__(self, link: int) -> None:
         self.rejected = 0  # messages without a valid signature
-        self.unsigned = 0  # messages without any signature; `rejected` counts them too
+        self.unsigned = 0  # rejected messages without any signature
         self.believed = 0  # messages with a valid signature
         self._link = link & 0xFF
         self._key = b""
@@ -80,7 +80,7 @@ class Signing:
         return bool(self._key)
 
     def set_up(self, key: bytes, timestamp: int, now_us: int) -> None:
-        """Set a key of 32 bytes and the time (10 µs since 2015-01-01). A key of zeros ends the signing."""
+        """Set a key of 32 bytes and the time (units of 10 µs since 2015-01-01). A key of zeros ends the signing."""
         self._key = key if any(key) else b""
         self._time, self._set_us = min(timestamp, LATEST), now_us
         self._newest_times.clear()

@@ -64,7 +64,7 @@ class Obstacles:
     cells: tuple[int, int, int]  # rows north, columns east, layers down
     start: NDArray[np.int32]  # (number of cells + 1,), places in `index`
     index: NDArray[np.int32]  # numbers of triangles, cell by cell
-    reach_m: float  # m
+    reach_m: float
     moving: MovingBox | None = None
 
 

@@ -35,7 +35,7 @@ WRONG = {
     dict: "is not a table",
 }  # fmt: skip
 
-LARGE = 1e12  # numbers in files and rows must be smaller; a larger number counts as damage
+LARGE = 1e12  # bound of the numbers in files and rows; a larger number counts as damage
 Number = Annotated[float, msgspec.Meta(gt=-LARGE, lt=LARGE)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0, lt=LARGE)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, lt=LARGE)]
@@ -58,7 +58,7 @@ def toml_table(path: Path, where: str) -> dict[str, Any]:
 
 
 def toml_of(data: bytes, where: str) -> dict[str, Any]:
-    """Return the content of the bytes of a TOML file. Raises UsageError."""
+    """Return the content of a TOML file, given as bytes. Raises UsageError."""
     try:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, or a number of thousands of digits
@@ -66,7 +66,7 @@ def toml_of(data: bytes, where: str) -> dict[str, Any]:
 
 
 def json_of(data: bytes, where: str, bytes_max: int = BYTES_MAX, depth_max: int = DEPTH_MAX) -> Any:
-    """Return the content of the bytes of a JSON file. Raises UsageError, also for NaN, Infinity and duplicate keys."""
+    """Return the content of a JSON file, given as bytes. Raises UsageError, also for NaN, Infinity, duplicate keys."""
 
     def constant(name: str) -> NoReturn:
         raise UsageError(f"{where}: {name} is not a number that JSON allows")
@@ -160,7 +160,7 @@ class FieldRule:
     """The rule that an annotation sets for a value."""
 
     kind: Any  # the annotated type without None; may be a union
-    meta: tuple[msgspec.Meta, ...]  # outermost first
+    meta: tuple[msgspec.Meta, ...]  # outermost annotation first
     optional: bool  # whether None is allowed
 
     @property

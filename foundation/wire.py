@@ -1,8 +1,8 @@
 """Fast codec of MAVLink 2 frames, with tables from pymavlink's message classes.
 
-The codec is several times as fast as pymavlink and gives the same bytes and fields; tests check this for each message.
-It finds frames of any kind, but decodes only plain frames: MAVLink 2 without a signature. `foundation.mavlink.Parser`
-passes other intact frames to pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
+The codec is several times as fast as pymavlink and gives the same bytes and fields, as tests check. It finds frames of
+any kind, but decodes only plain frames: MAVLink 2 without a signature. `foundation.mavlink.Parser` passes other intact
+frames to pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
 """
 
 import math
@@ -19,7 +19,7 @@ SIGNATURE_BYTES = 13
 SIGNED = 0x01  # bit in the incompatibility flags
 
 _LOG_TIME = struct.Struct(">Q")  # time (µs) before each frame of a tlog, the log format of ground stations
-_SANE_US = 1 << 56  # µs, two thousand years; a larger value in a tlog is garbage, not a time
+_SANE_US = 1 << 56  # µs, two thousand years; a larger value is not a time
 _SHORTEST_LOGGED = _LOG_TIME.size + HEADER_BYTES_V1 + CHECKSUM_BYTES
 _LENGTH_KNOWN = 3  # number of first bytes that determine a frame's length
 _MARKERS = re.compile(rb"[\xfd\xfe]")

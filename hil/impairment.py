@@ -121,8 +121,8 @@ class Channel:
         self._noise = random.Random(f"{seed} {direction} noise")  # draws one number per byte
         self._under_way: list[tuple[float, int, bytes]] = []  # heap of (arrival in s, order of entry, unit)
         self._entered = 0
-        self._line_free_s = 0.0  # time at which the serial line will have sent everything in its queue
-        self._newest_s = 0.0  # latest arrival of a unit that is not reordered; the next one may not arrive earlier
+        self._line_free_s = 0.0  # when the serial line has sent all its units
+        self._newest_s = 0.0  # latest arrival of a unit that keeps its order
 
     def put(self, t_s: float, unit: bytes) -> None:
         """Put a unit in at `t_s`."""

@@ -25,7 +25,7 @@ from foundation.sensors import MAX_ROTORS
 from foundation.wire import Frames, clamped, int16, is_frame, message_id
 from hil.link.transport import BAUD, BITS_PER_BYTE, TcpListener, Transport
 
-ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # groups of HIL_SENSOR.fields_updated
+ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # bits in HIL_SENSOR.fields_updated
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 HIL_ENABLED = dialect.MAV_MODE_FLAG_HIL_ENABLED
 SENSOR_BYTES = 74  # largest HIL_SENSOR frame; its last field, the sensor's id, is 0 and MAVLink 2 omits trailing zeros

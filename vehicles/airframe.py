@@ -103,8 +103,8 @@ def with_payload(airframe: Airframe, payload_kg: float) -> Airframe:
 
     The payload is a point mass on the vertical axis. It adds to the weight and to the inertia of roll and pitch, not of
     yaw. Rotors and feet keep their places relative to the origin. The vertical shift of the centre of mass is
-    neglected, because it does not change the moments of the rotors' thrust. Raises UsageError if the
-    airframe would hover above HOVER_MAX of its thrust.
+    neglected, because it does not change the moments of the rotors' thrust. Raises UsageError if the airframe would
+    hover above HOVER_MAX of its thrust.
     """
     if payload_kg == 0.0:
         return airframe

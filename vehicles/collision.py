@@ -1,7 +1,7 @@
 """Collisions of a vehicle, which is modelled as balls, with solid triangles and one moving box.
 
 Every rotor disc is a ball, and so are the hull, the feet and the camera. Bumpers (rows of balls) connect the front
-rotors to the camera, so that no pole or board can get between them.
+rotors to the camera, so that no pole or board can get behind the camera.
 
 A spring and a damper push a ball out of a surface that it overlaps (Hunt and Crossley, "Coefficient of restitution
 interpreted as damping in vibroimpact", Journal of Applied Mechanics, 1975). Both forces grow with the overlap. So the
@@ -28,7 +28,7 @@ from vehicles.solids import BALLS, BUMPERS, CANDIDATES, NEAR, SOLIDS, Grid32, So
 # carbon tube has 18 kN/m at its end (3 E I / L³), a plastic guard a few kN/m, and the obstacle yields too. A bump at
 # 1.2 m/s lasts 56 ms, is 11 mm deep and reaches 96 m/s².
 RESONANCE = 60.0
-REBOUND_SPEED = 0.4  # m/s, highest speed of a rebound: 0.31 of the speed after 1.2 m/s, 0.75 after 0.2 m/s
+REBOUND_SPEED = 0.4  # m/s, highest rebound; an impact at 1.2 m/s rebounds with 0.31 of its speed, at 0.2 m/s with 0.75
 HIT_LEAST = 0.15  # m/s; a contact that begins more slowly is reported as a hit only if it lasts
 FRICTION = 0.45  # coefficient of plastic and carbon on dry walls and car bodies
 ROUNDS = 8  # iterations over the contacts in a step: enough for four feet on a roof
@@ -37,7 +37,7 @@ TURN = 2.25  # the angle (rad) between two attitudes is at most π / √2 times 
 BREAKING = 2.0  # m/s, closing speed above which a propeller breaks
 CAMERA_RADIUS = 0.085  # m; up to 3 m/s no surface gets nearer to the lens than the renderer's near plane
 BUMPER_SHARES = (1 / 3, 2 / 3)  # places of a bumper's balls, as shares of the way from a rotor to the camera
-BOX = -1  # owner number of the moving box
+BOX = -1  # stands for the moving box in fields with an obstacle's number
 
 
 @njit(cache=True)
@@ -224,7 +224,7 @@ def _collide_with_box(state: Record, solids: Record, near: Record) -> None:
 
 @njit(cache=True)
 def _approach(state: Record, near: Record, n: int, q: Quat) -> tuple[Vec3, Vec3]:
-    """Return (arm from the body origin to contact n in m FRD, its velocity relative to the obstacle in m/s NED)."""
+    """Return (arm to contact n in m FRD, velocity of this point relative to the obstacle in m/s NED)."""
     arm = rotate_inverse(
         q,
         (

@@ -40,5 +40,5 @@ class Gimbal:
         self.pitch_rate = (self.pitch - before) / seconds
 
     def attitude(self, body: Quat) -> Quat:
-        """Return the attitude of the camera (its axes → NED) on a body of this attitude (FRD → NED)."""
+        """Return the attitude of the camera (camera axes → NED) on a body with this attitude (FRD → NED)."""
         return quat_from_euler(0.0, self.pitch, quat_yaw(body))

@@ -246,7 +246,7 @@ def run(steps: int, plant: Record, down: Grid, peak: Grid, triangles: SolidTrian
 class PlantArguments(NamedTuple):
     """The arguments of `step` for one vehicle."""
 
-    plant: np.void  # PLANT
+    plant: np.void  # record of the type PLANT
     down: NDArray[np.float64]  # m, NED z of the terrain on a grid
     peak: NDArray[np.float64]  # m, NED z of the highest terrain within the vehicle's reach, on the same grid
     triangles: SolidTriangles
@@ -256,8 +256,8 @@ class Multirotor:
     """One simulated vehicle: its records and its time.
 
     `params`, `state`, `air`, `suite`, `memory` and `faults` are records of `vehicles.records` and `vehicles.sensors`;
-    `sensors`, `actuators` and `truth` are records of `foundation.sensors`. All of them are fields of `record`, one
-    PLANT. `kernel_args` are the arguments of `step`: that record, the ground and the obstacles.
+    `sensors`, `actuators` and `truth` are records of `foundation.sensors`. All of them are fields of `record`
+    (type PLANT). `kernel_args` are the arguments of `step`: this record, the ground and the obstacles.
     """
 
     def __init__(
@@ -339,7 +339,7 @@ class Multirotor:
     def set_sensor_suite(self, suite: Suite) -> None:
         """Use this sensor suite from now on. Errors drawn at boot and the times of samples stay.
 
-        Slowly varying errors are scaled at once. Otherwise they would take a minute or more (their correlation times).
+        Slowly varying errors are scaled at once. Otherwise they would change only in a minute or more.
         """
         before, self.record["suite"] = self.record["suite"].copy(), suite_record(suite, self._origin)
         scale_slow_errors(self.memory, before, self.record["suite"])
@@ -347,7 +347,7 @@ class Multirotor:
     def place_box(self, position_ned: Vec3, yaw: float, velocity_ned: Vec3, yaw_rate: float) -> None:
         """Set the moving box's pose (m, rad) at this vehicle's time and its velocities (m/s, rad/s).
 
-        `position_ned` is the origin of the asset. Raises UsageError if the obstacles have no moving box.
+        `position_ned` is the place of the asset's origin. Raises UsageError if the obstacles have no moving box.
         """
         box, solids = self.obstacles.moving, self.solids
         if box is None:

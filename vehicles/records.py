@@ -41,7 +41,7 @@ PARAMS = np.dtype(
         ("rotor_inertia", "f8"),  # kg·m²
         ("rotor_radius", "f8"),  # m
         ("blade_drag", "f8"),  # N / ((rad/s)·(m/s))
-        ("imbalance", "f8"),  # kg·m, of one rotor: mass times offset of its centre
+        ("imbalance", "f8"),  # kg·m, of one rotor
         ("contacts", "i8"),
         ("contact_position", "f8", (MAX_CONTACTS, 3)),  # m, FRD
         ("contact_is_foot", "i8", (MAX_CONTACTS,)),  # bool
@@ -97,7 +97,7 @@ AIR = np.dtype(
     [
         ("mean", "f8", (3,)),  # m/s, NED, steady wind (the direction the air moves to)
         ("w20", "f8"),  # m/s, wind at 20 ft that sets the gust intensity; 0: no gusts
-        ("gust", "f8", (3,)),  # m/s, NED, present gust, in addition to `mean`
+        ("gust", "f8", (3,)),  # m/s, NED, added to `mean`
         ("filter", "f8", (3, 2)),  # states of the shaping filters: along, across, vertical
         ("next_us", "i8"),  # µs of the next gust update
         ("rng", "u8", (1,)),

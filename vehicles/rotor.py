@@ -68,7 +68,7 @@ GROUND_EFFECT_FARTHEST = 4.0  # height in rotor radii; higher up, the gain of le
 # 5.2 m/s² down.
 IMBALANCE_SPEED = 0.016
 FIRST_TURN = 2.4  # rad between the first angles of successive rotors, so that they do not shake in phase
-REVOLUTION = 2.0 * math.pi  # rad
+REVOLUTION = 2.0 * math.pi
 STANDSTILL = 0.1  # rad/s, speed below which a rotor that slows down stops
 
 

@@ -63,17 +63,17 @@ class Suite:
     baro_drift_hpa: float = 0.04  # hPa: weather and warming, Gauss-Markov
     baro_drift_time_s: float = 1200.0  # s, correlation time: 0.1 m in a minute, as with weather of 1 hPa per hour
     gps_period_us: int = 100_000
-    gps_latency_us: int = 100_000  # latency of receiver and serial line: u-blox M8 at 10 Hz
-    gps_late_us: int = 0  # additional latency that the receiver does not know: a fix is this much older than its stamp
+    gps_latency_us: int = 100_000  # receiver and serial line: u-blox M8 at 10 Hz
+    gps_late_us: int = 0  # unreported latency: a fix is this much older than its time stamp
     gps_error_h: float = 0.4  # m per horizontal axis: open sky with SBAS, Gauss-Markov
-    gps_error_v: float = 0.8  # m
+    gps_error_v: float = 0.8  # m, vertical
     # s, correlation time of the atmosphere's delay: 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of
     # their troposphere model)
     gps_error_time_s: float = 1800.0
     # m per horizontal axis: estimated effect of reflections in the open. They change within about a minute: at this lag
     # the autocorrelation of recorded positions has a bend (D. L. Wilson, GPS accuracy page), and PX4's Gazebo has 60 s
     gps_multipath_h: float = 0.25
-    gps_multipath_v: float = 0.5  # m
+    gps_multipath_v: float = 0.5  # m, vertical
     gps_multipath_time_s: float = 60.0
     gps_smoothing_s: float = 10.0  # s, time constant of the receiver's filter with carrier Doppler: estimate
     gps_noise: float = 0.02  # m, additional white noise
@@ -120,7 +120,7 @@ class Suite:
 
 
 _TRUE: dict[str, Any] = dict.fromkeys((*BOOT_ERRORS, *NOISE, *GPS_ERRORS, "range_noise_m"), 0.0)
-PERFECT = replace(Suite(), **_TRUE)  # all errors are 0, but the latency stays
+PERFECT = replace(Suite(), **_TRUE)  # no errors, but with latency
 
 SUITE = np.dtype(
     [(name, "i8" if kind in (int, "int") else "f8") for name, kind in Suite.__annotations__.items()]

@@ -14,7 +14,7 @@ from foundation.run_folder.writing import NEW_LINE
 
 @dataclass(frozen=True, slots=True)
 class SentPrompt:
-    """One question as it was sent. Its text is `head + changed + tail`; `changed` differs from step to step."""
+    """One question as it was sent. The text is `head + changed + tail`; `changed` differs from step to step."""
 
     row: LoggedPrompt
     head: str
@@ -28,7 +28,7 @@ class SentPrompt:
 
 
 class PromptReader:
-    """Reconstructs the texts of a prompts.jsonl from its rows, which it must read in order."""
+    """Reconstructs the texts of a prompts.jsonl from its rows, which must be read in the file's order."""
 
     def __init__(self) -> None:
         self._bases: dict[tuple[str, int], list[str]] = {}

@@ -1,4 +1,4 @@
-"""Calibrates a camera's lens from pictures of a chessboard, and corrects its pictures to those of a pinhole camera."""
+"""Calibrates a camera's lens from pictures of a chessboard, and corrects pictures as if a pinhole camera took them."""
 
 import math
 from collections.abc import Sequence
@@ -101,11 +101,11 @@ def save(calibration: Calibration, path: Path) -> None:
 
 
 HFOV_DEG = 90.0  # °, assumed for an uncalibrated camera, as in the pilot's prompt and the paper
-HFOV_MIN_DEG, HFOV_MAX_DEG = 5.0, 150.0  # °, possible fields of view of a pinhole's picture
+HFOV_MIN_DEG, HFOV_MAX_DEG = 5.0, 150.0  # °, accepted fields of view of a corrected picture
 
 
 class Lens:
-    """Corrects pictures to those of a pinhole camera with square pixels and the principal point at the centre.
+    """Corrects pictures as if a pinhole camera with square pixels and a central principal point took them.
 
     Without a calibration pictures stay unchanged, and their field of view is assumed.
     """
@@ -144,7 +144,7 @@ class Lens:
 def straightening(calibration: Calibration) -> tuple[tuple[Any, Any], float]:
     """Return cv2.remap's two maps, and the focal length (px) of the widest pinhole view without empty corners.
 
-    Raises UsageError if there is no such pinhole.
+    Raises UsageError if there is no such view.
     """
     size = (calibration.width, calibration.height)
     matrix, distortion = np.array(calibration.matrix), np.array(calibration.distortion)

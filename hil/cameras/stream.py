@@ -100,7 +100,7 @@ class StreamCamera(LensCamera):
         self._over = self._ended = False  # whether the thread has stopped; whether it stopped because a recording ended
         self._news = threading.Condition()
         self._stop = threading.Event()
-        self.reopened = 0  # number of times that the stream was reopened
+        self.reopened = 0  # number of reopenings
         source.open()
         self._thread = threading.Thread(target=self._read, name=f"camera {name}", daemon=True)
         self._thread.start()

@@ -38,7 +38,7 @@ class VehicleAddress:
         self._noticed_s = -math.inf
 
     def messages(self, data: bytes) -> list[dialect.MAVLink_message]:
-        """Return the messages that the bytes of the last `receive` complete."""
+        """Return the messages that `data`, the bytes of the last `receive`, complete."""
         peer = self._transport.peer
         if peer == self._held:
             return self._parser.feed(data)

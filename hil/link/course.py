@@ -8,7 +8,7 @@ from foundation.frames import Vec3, wrap_pi
 from foundation.setpoints import PicturePose
 from hil.link.telemetry import VehicleState
 
-# limits of an arrival: distance to the place, heading error (rad) and speed
+# limits of an arrival: distance, heading error (rad), speed
 NEAR_M = 0.06
 HEADING = math.radians(0.7)
 STILL_MPS = 0.12
@@ -43,13 +43,13 @@ class Arrival:
 
 
 KEPT_US = 375_000_000  # µs; longer than the age of any frame in use: delay up to 1 min, plus up to 5 min for the reply
-OVERTAKEN_US = 5_000_000  # µs; a report that is older than the newest by more than this shows a reboot
+OVERTAKEN_US = 5_000_000  # µs; a report that is older than the newest by more shows a reboot
 AHEAD_US = 200_000  # µs; a pose is extrapolated at most this far beyond the newest telemetry
 DROPPED_AT_ONCE = 512  # number of old reports whose memory is freed together
 
 
 class PoseHistory:
-    """The history of places, attitudes, gimbal pitches and ranges, by the vehicle's clock."""
+    """The history of places, attitudes and ranges, by the vehicle's clock."""
 
     def __init__(self) -> None:
         self._places = _Reports(6)  # m north, east, down; m/s north, east, down

@@ -55,9 +55,7 @@ class Limits:
     frame_s: Positive = 1.0  # s, highest age of a frame for a decision; the vehicle holds until a newer one comes
     heartbeat_s: Positive = 3.0  # s of vehicle time without a heartbeat until the vehicle must hold
     exclusions: tuple[Polygon, ...] = ()  # areas that the vehicle may not enter at any height
-    exclusions_geodetic: tuple[
-        GeodeticPolygon, ...
-    ] = ()  # more such areas, in degrees; `with_local_exclusions` converts them to `exclusions`
+    exclusions_geodetic: tuple[GeodeticPolygon, ...] = ()  # more such areas, in degrees
 
 
 SIMULATED = Limits(  # for simulated flights: so wide that no flight of the benchmark reaches a limit
@@ -114,8 +112,7 @@ def admit(
 ) -> Admitted:
     """Return the setpoint that may be flown instead of `setpoint`. `state` needs position, velocity and attitude.
 
-    `behind_us` is the known delay of all telemetry. It does not count towards the age at which a position or an
-    attitude is stale.
+    `behind_us` is the known delay of all telemetry. It does not count towards the age of a position or attitude.
     """
     assert state.position_ned is not None
     assert state.euler is not None

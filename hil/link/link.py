@@ -19,7 +19,7 @@ from hil.link.transport import Transport
 
 BRAKE_S = 0.5  # s of vehicle time for which setpoints hold the vehicle at the end of a flight, before mode Hold
 ROUND_RATE = math.radians(60.0)  # rad/s, yaw rate of the full turn in `fly_to`
-GIVEN_S = 1.5  # s for which Hold or Offboard must last: a failsafe also holds, and the next heartbeat shows it
+GIVEN_S = 1.5  # s that a hand-over must last, because a failsafe holds too, and only the next heartbeat shows it
 OVERTAKEN_US = 300_000  # µs in which a message with the previous mode may still arrive on a link that reorders
 ARMED_S = 10.0  # s of attempts to arm, because a pre-arm check may fail for a moment
 OFFERED_S = 2.0  # s of attempts to enter Offboard while it is temporarily refused
@@ -249,7 +249,7 @@ class Link(Conversation):
         self._stream.fly(setpoint, ends_us, self.time_us, seen)
 
     def watch_gimbal(self) -> None:
-        """Ask for the attitude of the camera's gimbal, from the next request of streams on."""
+        """Ask for the attitude of the camera's gimbal, together with the other streams."""
         self.streams.wanted[GIMBAL] = TICK_US
 
     def point_camera(self, pitch: float) -> None:
@@ -302,7 +302,7 @@ class Link(Conversation):
         self.tick()
         if self.dry:
             return
-        self._offboard, self._offboard_us = True, self.time_us  # before the order, so that any error ends Offboard
+        self._offboard, self._offboard_us = True, self.time_us  # before the order, which may act despite an error
         if self.state.mode == "OFFBOARD":
             self._expect("OFFBOARD")
             return

@@ -16,7 +16,7 @@ LINE_GAIN = 1.5  # 1/s, speed towards the line of a move per metre beside it
 CORRECTION_MAX = 0.6  # m/s, largest correction per axis
 HEADING_GAIN = 1.5  # 1/s, yaw rate per radian from the held heading, in a move
 HEADING_RATE_MAX = 0.5  # rad/s, limit of this yaw rate
-STOPPING_S = 0.6  # s; a moving vehicle holds a place ahead, at its velocity times this, where it can stop
+STOPPING_S = 0.6  # s; a moving vehicle holds the place ahead at its velocity times this, where it can stop
 BACK_MAX = 0.5  # sine of the largest angle by which a move turns towards its line
 HEADING_REACHED = math.radians(1.0)
 LINE_REACHED_M = 0.05
@@ -40,7 +40,7 @@ class TurnProgress:
     turned: float = 0.0  # rad, unsigned, commanded until the last update
 
     def until(self, time_us: int) -> "TurnProgress":
-        """Return the turn updated to a time (µs). At most GAP_US since the last update count as turning."""
+        """Return the turn updated to a time (µs)."""
         end_us = time_us if self.ends_us is None else min(time_us, self.ends_us)
         since_us = end_us if self.counted_us is None else self.counted_us
         turned = self.turned + abs(self.yaw_rate) * max(0, min(end_us - since_us, GAP_US)) / 1e6
@@ -98,7 +98,7 @@ OffboardSetpoint = VelocitySetpoint | PositionSetpoint
 
 @dataclass(frozen=True, slots=True)
 class Destination:
-    """A setpoint of the link itself, not of the agent: fly to this place and heading. Used to reach the start pose."""
+    """A setpoint of the link itself: fly to this place and heading. Used to reach the start pose."""
 
     position_ned: Vec3  # m, local frame
     yaw: float  # rad, 0 = north, clockwise

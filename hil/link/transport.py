@@ -171,7 +171,7 @@ class TcpListener(Transport):
             raise bind_error(error, "TCP", host, port, instead) from None
         self._listening.setblocking(False)
         self._client: socket.socket | None = None
-        self.connections = 0  # number of connections so far
+        self.connections = 0  # number so far
 
     @property
     def port(self) -> int:
@@ -371,7 +371,7 @@ class Reopening(Transport):
         self._open = open_transport
         self._transport: Transport | None = open_transport()
         self.url = self._transport.url
-        self.reopened = 0  # number of reopenings
+        self.reopened = 0
         self._retry_s = 0.0
 
     def follow(self, peer: str) -> None:

@@ -18,7 +18,7 @@ from hil.link.parameters import Parameters, Value
 from hil.preflight import failsafes, ground_side, vehicle
 from hil.preflight.observation import Change, Finding, Observation, Row, Watch
 
-# PX4's defaults that are unsafe for a real vehicle, from the parameter reference; a simulated PX4 has them too
+# PX4's defaults (parameter reference) that are unsafe for a real vehicle; a simulated PX4 has them too
 PX4_DEFAULTS = {"COM_OBL_RC_ACT": 0, "COM_LOW_BAT_ACT": 0, "GF_MAX_HOR_DIST": 0, "GF_MAX_VER_DIST": 0}
 NAMES = (*failsafes.FAILSAFE_PARAMETERS, *failsafes.FENCE_PARAMETERS, *vehicle.BATTERY_PARAMETERS)
 
@@ -113,7 +113,7 @@ def apply_changes(link: Link, before: Check, changes: Sequence[Change]) -> Check
 
 REHEARSAL = "offboard rehearsal"
 STREAM_S = 2.0  # s of vehicle time for which setpoints are sent before the switch to OFFBOARD
-SHOWN_S = 3.0  # s to wait until telemetry shows a change; HEARTBEAT, once a second, may be the only message with it
+SHOWN_S = 3.0  # s to wait until telemetry shows a change; some links show it only once a second, in HEARTBEAT
 ZERO_VELOCITY = Velocity(forward=0.0, up=0.0)
 
 

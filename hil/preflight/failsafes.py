@@ -4,7 +4,7 @@ A wrong proposal is dangerous, so a rule proposes only a value that is right for
 the owner's choice, the rule only shows the present one. Sources: PX4's parameter reference; failsafe.cpp, if a rule
 names it; our own measurements where the reference gives no answer.
 
-The parameters of the autopilot's own geofence have rules too. The geofence is the last limit if our envelope fails.
+The parameters of the autopilot's geofence have rules too: the geofence is the last limit if our envelope fails.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,7 +24,7 @@ KILLING = (5, 6)  # values of NAV_RCL_ACT and NAV_DLL_ACT that stop the motors i
 EXCEPT_OFFBOARD = 4  # bit 2 of COM_RCL_EXCEPT: in offboard, lost sticks are ignored
 # bits of COM_RC_OVERRIDE: moving the sticks takes over in automatic modes (bit 0) and in offboard (bit 1)
 OVERRIDE = 1 | 2
-MANUAL_SLOTS = (0, 1, 2, 6, 8, 9)  # manual modes in COM_FLTMODEn: Manual, Altitude, Position, Acro, …
+MANUAL_SLOTS = (0, 1, 2, 6, 8, 9)  # COM_FLTMODEn: Manual, Altitude, Position, Acro, Stabilized, Position Slow
 SLOTS = tuple(f"COM_FLTMODE{n}" for n in range(1, 7))
 # s, lowest, highest and proposed COM_OF_LOSS_T. Below 0.5 s a short gap of the radio would end Offboard.
 LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5
@@ -77,7 +77,7 @@ def _offboard_timeout(s: Situation, value: Value) -> Finding:
 
 
 def _stick_exception(s: Situation, value: Value) -> Finding:
-    """Judge COM_RCL_EXCEPT. Since PX4 1.14, sticks absent at arming are not needed: failsafe.cpp, updateArmingState."""
+    """Judge COM_RCL_EXCEPT. Since PX4 1.14, sticks that are absent at arming do not count as lost: failsafe.cpp."""
     exempt = int(value) & EXCEPT_OFFBOARD
     if s.sticks and exempt:
         return _failed_with_change(
@@ -299,7 +299,7 @@ FENCE_PARAMETERS = ("GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST", "RTL_RETU
 FENCE_ACTIONS = {0: "nothing", 1: "a warning", 2: "Hold", 3: "Return", 4: "Terminate", 5: "Land"}
 FENCE_RADIUS = 150.0  # m from home: more than the envelope's 100 m, so the fence acts only if the envelope fails
 FENCE_HEIGHT = 120.0  # m: the legal ceiling in the EU and the USA, and more than RTL_RETURN_ALT's default of 60 m
-REPLY_TIMEOUT_US = 700_000  # µs of vehicle time that a request waits for its reply
+REPLY_TIMEOUT_US = 700_000  # µs of vehicle time
 FENCE_TRIES = 3
 
 

@@ -94,7 +94,7 @@ def is_simulated(observed: Observation) -> bool:
 
 
 def _best(observed: Observation, *, early: bool) -> tuple[int, int, int]:
-    """Return (time, offset, half its uncertainty), all in ns, of the fastest round trip in the first or second half."""
+    """Return (time, clock offset, half the offset's uncertainty) in ns, of one half's fastest round trip."""
     half = len(observed.round_trips) // 2
     trips = observed.round_trips[:half] if early else observed.round_trips[half:]
     trip = min(trips, key=lambda t: t.length_s)

@@ -94,7 +94,7 @@ class Observation:
     station: bool = False  # a heartbeat of a ground station arrived
     round_trips: tuple[RoundTrip, ...] = ()
     sync_requests: int = 0  # number of TIMESYNC requests
-    unix_s: float = 0.0  # s of Unix time on this machine at the arrival of SYSTEM_TIME, which has the vehicle's date
+    unix_s: float = 0.0  # s, Unix time on this machine at the arrival of SYSTEM_TIME
 
     def message(self, name: str) -> Message | None:
         """Return the newest message of this name; None: none arrived."""
