@@ -1,4 +1,4 @@
-"""Verbs `submit`, `verify` and `leaderboard`: make and verify archives of runs, and write a page of entries."""
+"""Verbs `submit`, `verify` and `leaderboard`: make an archive of runs, verify archives, write a leaderboard page."""
 
 import argparse
 import os
@@ -14,7 +14,7 @@ from foundation.wording import counted
 if TYPE_CHECKING:
     from dronecats.report.leaderboard.verification import Verification
 
-DIFFERS = 4  # exit status: the content of the archive differs from its claims, or from the shipped episodes
+DIFFERS = 4  # exit status of `verify`: the logs in the archive contradict its claims, or its episodes are modified
 
 
 def add_submit_options(parser: argparse.ArgumentParser) -> None:
@@ -67,7 +67,7 @@ def add_verify_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _verify(args: argparse.Namespace) -> int:
-    """Print the verification. Return 0 if the archive is verified, 4 if something differs."""
+    """Print the result of the verification. Return 0 if there are no differences, otherwise DIFFERS."""
     from dronecats.judge.metrics.judging import reread
     from dronecats.report.leaderboard.verification import verify
 
@@ -88,7 +88,7 @@ def _as_json(entry: "Verification") -> str:
 
 
 def _print(entry: "Verification") -> None:
-    """Print the derived scores, the differences, and the lists of checked and unchecked properties."""
+    """Print the scores, the differences from the archive's claims, and what was checked and not checked."""
     from dronecats.report.table import numbers, table_of, words
 
     kind = "a model" if entry.is_model else "a built-in pilot, not a model"

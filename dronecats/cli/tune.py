@@ -1,4 +1,4 @@
-"""Verb `tune`: computes the gains of an airframe and the stability margins of its loops."""
+"""Verb `tune`: computes the controller gains for an airframe and the stability margins of the control loops."""
 
 import argparse
 import json

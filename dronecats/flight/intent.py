@@ -1,4 +1,4 @@
-"""Draws each decision into the camera frame that it was made from, with the resulting setpoints."""
+"""Draws each decision, and the setpoints that follow from it, into the camera frame that the pilot saw."""
 
 import math
 from pathlib import Path
@@ -17,11 +17,11 @@ from foundation.run_folder.reading import rows
 from foundation.run_folder.rows import Decision
 from foundation.setpoints import Turn, Velocity
 
-INK, SHADE = (80, 255, 255), (0, 0, 0)  # BGR
+INK, SHADE = (80, 255, 255), (0, 0, 0)  # BGR; INK: text and marks, SHADE: the box behind the text
 
 
 def draw(folder: Path, camera: CameraModel) -> int:
-    """Draw every decision of an episode folder into intent/, and return how many were drawn."""
+    """Draw each decision of an episode folder whose frame exists into intent/. Return the number of drawings."""
     drawn = 0
     for decision in rows(folder / layout.DECISIONS, Decision):
         frame = folder / layout.FRAMES / layout.frame_name(decision.frame_id, decision.drone)

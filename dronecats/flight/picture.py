@@ -34,12 +34,13 @@ FRAMES = 8
 _COLUMNS = 4
 _WIDTH_IN, _MAP_IN, _ROW_IN = 12.8, 8.0, 2.25
 _DPI = 100
-# distinct on grass, asphalt and paper, and for most colour-blind readers (Okabe and Ito's palette, brightened)
+# colours of the drones' paths, distinct on grass, asphalt and paper, also for most colour-blind readers (Okabe and
+# Ito's palette, brightened)
 _DRONES = ("#ffb000", "#3fa7ff", "#ff5c8a", "#b48cff", "#00d0a0", "#ff7a1a")
 _ACCEPTED, _REJECTED, _TARGET = "#18c93a", "#ff2a2a", "#ff2fd6"
 FLIGHT_COLORS = (_DRONES[0], _TARGET, _ACCEPTED)  # drone, target and accepted declaration
 _MARGIN_M = 8.0
-AERIAL_HFOV_DEG = 20.0  # a long lens from high above has little parallax, so roofs are drawn above their houses
+AERIAL_HFOV_DEG = 20.0  # a narrow view from high above shows little parallax: roofs do not lean off their houses
 AERIAL_WIDTH_PX, AERIAL_HEIGHT_PX = 1600, 1000
 AERIAL_MARGIN_M = 12.0
 
@@ -74,7 +75,7 @@ def _map(axes: Axes, logs: Logs, picture: NDArray[np.uint8] | None, extent: Exte
     if picture is not None and extent is not None:
         north_min, north_max, east_min, east_max = extent
         axes.imshow(picture, extent=(east_min, east_max, north_min, north_max), origin="upper", zorder=0)
-        axes.set_facecolor(tuple(picture.reshape(-1, 3).mean(axis=0) / 255.0))  # mean colour around the picture
+        axes.set_facecolor(tuple(picture.reshape(-1, 3).mean(axis=0) / 255.0))  # fills the map around the picture
     else:
         axes.set_facecolor("#eef0ea")
         axes.grid(color="white", linewidth=1.2)
@@ -140,7 +141,7 @@ def _declarations(axes: Axes, logs: Logs) -> None:
 
 
 def _frame_map(axes: Axes, poses: list[Pose], extent: Extent | None) -> None:
-    """Set the axes' limits around all positions, with a margin; without positions, around `extent`."""
+    """Fit the axes to all positions and a margin; if there are no positions, to `extent`."""
     points: list[Vec3] = [p.position_ned for p in poses] + [p.target_ned for p in poses if p.target_ned]
     box = axes.get_window_extent()
     shape = box.width / box.height
@@ -242,9 +243,9 @@ def describe(decision: Decision) -> str:
 
 
 def _select_decisions(logs: Logs) -> list[Decision]:
-    """Return up to FRAMES decisions over the whole flight: first, last, the decisive one, and others in between.
+    """Return up to FRAMES decisions: first, last, the first accepted declaration, and others in between.
 
-    For a fleet, all drones of a step are shown if they fit, so that their views can be compared.
+    For a fleet, the decisions of all drones at a step are shown if they fit, so that their views can be compared.
     """
     steps: dict[int, list[Decision]] = {}
     for decision in logs.decisions:
@@ -256,14 +257,14 @@ def _select_decisions(logs: Logs) -> list[Decision]:
     places = [round(i * (len(order) - 1) / (wanted - 1)) for i in range(wanted)]
     decisive = next((i for i, step in enumerate(order) if any(qualifies(d, logs) for d in steps[step])), None)
     if decisive is not None and decisive not in places:
-        # the decisive step replaces the nearest selected one between first and last; if there are only two, the last
+        # the decisive step replaces the nearest step between the first and the last; of only two steps, the last
         nearest = min(range(1, max(2, wanted - 1)), key=lambda k: abs(places[k] - decisive))
         places[nearest] = decisive
     return [d for place in sorted(set(places)) for d in steps[order[place]]]
 
 
 def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
-    """Return an aerial picture (H, W, 3) RGB, north up, that covers all positions in truth.jsonl, and its extent."""
+    """Return an aerial picture (H, W, 3) RGB, north up, of the logged positions, starts and target; and its extent."""
     points = _logged_positions(folder)
     points += [start.position_ned for start in world.record.starts] + [world.target_centre(0.0)]
     norths, easts = [p[0] for p in points], [p[1] for p in points]

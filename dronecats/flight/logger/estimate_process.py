@@ -1,4 +1,4 @@
-"""The logger process of a flight without truth: it writes the autopilot's estimate into truth.jsonl."""
+"""The logger process of a flight whose true poses are unknown: it writes the autopilot's estimate to truth.jsonl."""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from hil.link.transport import UdpTransport
 class EstimateLoggerConfig:
     """Configuration of the logger that records the autopilot's estimate."""
 
-    folder: str  # of the episode's logs
+    folder: str  # folder for the episode's logs
 
 
 class EstimateRecorder(EpisodeRecorder):
@@ -43,7 +43,7 @@ class EstimateRecorder(EpisodeRecorder):
         self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, source="estimate", resets=resets))
 
     def telemetry(self, data: bytes) -> None:
-        """Process bytes from the link."""
+        """Process bytes of the vehicle's MAVLink link."""
         for message in self._parser.feed(data):
             self._tlog.write(self._clock.time_us, bytes(message.get_msgbuf()))
             if message.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
@@ -53,7 +53,7 @@ class EstimateRecorder(EpisodeRecorder):
                     self._yaw_deg = math.degrees(message.yaw)
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 self._clock.see(message.time_boot_ms)
-                # a vehicle that reboots and so restarts its clock does not set the time of the episode back
+                # when the vehicle reboots, its clock restarts at 0, but the time of the episode must not go back
                 self._time_us = max(self._time_us, self._clock.time_us)
                 self._pose(message)
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_ODOMETRY:

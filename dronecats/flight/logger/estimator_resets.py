@@ -1,8 +1,9 @@
 """Detects resets of an autopilot's estimator in its ODOMETRY messages.
 
 PX4 and the project's autopilot count all resets of the estimator in ODOMETRY.reset_counter (PX4: EKF2.cpp,
-PublishOdometry). The counter does not say which quantity was reset. The jump of the estimate shows this. The jump is
-the new estimate minus a prediction from the previous estimate and the mean velocity and yaw rate of both messages.
+PublishOdometry). The counter does not say which quantity was reset, so this module computes how far each quantity
+jumped. The jump is the new estimate minus a prediction. The prediction uses the previous estimate and the mean
+velocity and yaw rate of both messages; for the velocity it is the previous velocity.
 """
 
 import math
@@ -15,8 +16,8 @@ from foundation.wire import message_id
 
 COUNTS = 256  # reset_counter is a uint8
 # A quantity counts as reset if its jump exceeds LEAST_… plus the change that ACCELERATION or TURNING_DEG can cause.
-# These two are the largest values within 0.2 s in measured flights. For a reset with smaller jumps, `quantities` is
-# empty.
+# ACCELERATION and TURNING_DEG are the largest values within 0.2 s in measured flights. For a reset with smaller jumps,
+# `quantities` is empty.
 LEAST_M, LEAST_MPS, LEAST_DEG = 0.2, 0.3, 3.0
 ACCELERATION = 5.0  # m/s²
 TURNING_DEG = 30.0  # °/s, change of the turn rate within 0.2 s
@@ -53,7 +54,7 @@ class ResetWatch:
 
     @property
     def sends_counter(self) -> bool:
-        """Whether the autopilot sends the counter."""
+        """Whether the autopilot sends the counter: an ODOMETRY message has arrived."""
         return self._last is not None
 
     def frame(self, frame: bytes) -> EstimatorReset | None:
@@ -117,7 +118,7 @@ def _reset(last: _Odometry, new: _Odometry, count: int) -> EstimatorReset:
     yaw_deg = math.degrees(wrap_pi(new.yaw - last.yaw - turned))
     velocity_mps = math.dist(new.velocity_ned, last.velocity_ned)
     position_m = math.hypot(north, east)
-    # a velocity reset changes the mean velocity, and must not count as a position reset
+    # a velocity reset shifts the predicted position, so `velocity_mps` keeps it from counting as a position reset
     moved_m = LEAST_M + 0.5 * (ACCELERATION * dt + velocity_mps) * dt
     jumps: dict[ResetQuantity, bool] = {
         "yaw": abs(yaw_deg) > LEAST_DEG + TURNING_DEG * dt,

@@ -29,7 +29,7 @@ def measured_in(world: World) -> Measure:
     return measure
 
 
-SYSTEM, COMPONENT = 246, 155  # MAV_COMP_ID_LOG
+SYSTEM, COMPONENT = 246, 155  # the logger's MAVLink ids; 155 is MAV_COMP_ID_LOG
 # id of each requested message → its interval, µs
 WATCHED = {
     dialect.MAVLINK_MSG_ID_ATTITUDE: 200_000,
@@ -46,7 +46,7 @@ WATCHED = {
 
 
 def subscribe(send: Callable[[bytes], None], system: int) -> None:
-    """Request each message of WATCHED from the autopilot of `system`, at its interval (µs)."""
+    """Request each message of WATCHED at its interval from the autopilot with the system id `system`."""
     packer = Packer(SYSTEM, COMPONENT)
     for message_id, interval_us in WATCHED.items():
         send(

@@ -32,24 +32,24 @@ from foundation.truth import (
     truth_sample,
 )
 
-# (t in s, truth of the drone, its camera, truth of the other drones at that time) → measurement
+# Measures the target: (t in s, truth of a drone, its camera, truth of the other drones at that time) → measurement
 Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], TargetMeasurement]
-KEPT = 1000  # truth samples per drone to keep, for late frames: 20 s at 50 Hz
+KEPT = 1000  # truth samples kept per drone (20 s at 50 Hz), because frames are reported late
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoggerConfig:
     """Configuration of a logger that measures the truth in an episode's world."""
 
-    episode: str  # id, or path of a record file
-    folder: str  # of the episode's logs
+    episode: str  # id of an episode, or path of its record file
+    folder: str  # folder for the episode's logs
     truth: str  # URL of the truth bus
     telemetry: tuple[str, ...]  # URL of each drone's autopilot
     airframe: str | None = None
 
 
 class LazySample:
-    """A truth sample that is decoded on demand, because only one in twenty-five is needed."""
+    """A truth sample that is decoded on demand, because the recorder writes only one pose per 25 samples."""
 
     def __init__(self, message: dialect.MAVLink_message, origin: Origin, pitch: float | None) -> None:
         """`pitch`: pitch (rad) of the camera's gimbal at this time; None without a gimbal."""
@@ -90,7 +90,7 @@ class EpisodeRecorder:
 
 
 class LoggerPart(Part):
-    """A recorder as a child process of a flight: the `Part` of a logger. Subclasses read the wires in `turn`."""
+    """The `Part` that runs a recorder in a child process. Subclasses read the telemetry sockets in `turn`."""
 
     _recorder: EpisodeRecorder
 
@@ -107,7 +107,7 @@ class LoggerPart(Part):
 
 
 class Recorder(EpisodeRecorder):
-    """Writes the logs of a flight whose truth is known."""
+    """Writes the logs of a flight whose true poses arrive on the truth bus."""
 
     def __init__(self, folder: Path, origin: Origin, measure: Measure, camera: CameraModel) -> None:
         super().__init__(folder)
@@ -117,7 +117,7 @@ class Recorder(EpisodeRecorder):
         self._samples: dict[int, deque[LazySample]] = {}
         self._pitches: dict[int, float] = {}  # rad, gimbal pitch by system id; the bus sends it before the drone's pose
         self._next_pose: dict[int, int] = {}
-        self._due: deque[LazySample] = deque()  # poses that wait for the positions of the other drones
+        self._due: deque[LazySample] = deque()  # poses to write; they wait for the positions of the other drones
 
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
         self._t0_us = t0_us
@@ -164,7 +164,7 @@ class Recorder(EpisodeRecorder):
             self._write_poses(waiting=True)
 
     def _keep(self, sample: LazySample, t0_us: int) -> None:
-        """Queue a pose every POSE_PERIOD_S."""
+        """Queue the sample as a pose to write if POSE_PERIOD_S has passed since the drone's last one."""
         due = self._next_pose.setdefault(sample.drone, 0)
         t = (sample.time_us - t0_us) / 1e6
         if t >= due * POSE_PERIOD_S:
@@ -172,7 +172,7 @@ class Recorder(EpisodeRecorder):
             self._due.append(sample)
 
     def _write_poses(self, waiting: bool) -> None:
-        """Write the due poses. With `waiting`, a pose waits for the samples of all drones, unless a drone is silent."""
+        """Write the queued poses. With `waiting`, a pose waits up to SILENT_US for the samples of the other drones."""
         while self._due:
             time_us = self._due[0].time_us
             reached = min(samples[-1].time_us for samples in self._samples.values())
@@ -191,7 +191,7 @@ class Recorder(EpisodeRecorder):
             return
         stored = next((s for s in reversed(self._samples.get(taken.drone, ())) if s.time_us == taken.time_us), None)
         if stored is None:
-            return  # the pose never arrived; the verdict reports the frame without truth
+            return  # the true pose never arrived; the verdict reports that the frame has none
         sample = stored.sample
         self._rows.write(
             FrameTruth(
@@ -212,21 +212,21 @@ class Recorder(EpisodeRecorder):
 
     def _contact(self, message: dialect.MAVLink_message) -> None:
         t, drone = self._t(self._time_us), message.get_srcSystem() - 1
-        text = bytes(message._text_raw).decode("utf-8", "replace")  # `message.text` is decoded as ASCII
+        text = bytes(message._text_raw).decode("utf-8", "replace")  # MAVLink's `message.text` is decoded as ASCII
         if hit := hit_of(text):
             self._rows.write(Hit(t=t, drone=drone, what=hit.what, closing_speed=hit.closing_speed, crash=hit.crash))
         elif (seconds := seconds_of(text)) is not None:
             self._rows.write(Clear(t=t, drone=drone, contact_s=seconds))
 
     def _measured(self, sample: TruthSample) -> dict[str, Any]:
-        """Return the fields of the measurement at a sample, rounded for the log."""
+        """Measure the target from the drone at `sample`, and return the measurement's fields, rounded for the log."""
         fleet = [nearest(kept, sample.time_us).sample for k, kept in self._samples.items() if k != sample.drone]
         measured = self._measure(self._t(sample.time_us), sample, self._camera, fleet)
         return {field.name: _rounded(getattr(measured, field.name), field.name) for field in fields(measured)}
 
 
 def _body(sample: TruthSample) -> dict[str, Any]:
-    """Return the fields of a drone's pose, rounded for the log."""
+    """Return the fields `position_ned` and `yaw_deg` of a drone's pose, rounded for the log."""
     return {
         "position_ned": _rounded(sample.position_ned, "position_ned"),
         "yaw_deg": _rounded(math.degrees(quat_yaw(sample.attitude)), "yaw_deg"),

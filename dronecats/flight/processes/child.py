@@ -3,8 +3,8 @@
     python -m dronecats.flight.processes.child MODULE:NAME
 
 The first line is the configuration; its answer is `{"ready": …}`. Then the child calls `Part.turn` in a loop. Between
-two calls it answers `{"alive": true}` with the same line, so the parent notices a child that hangs. When the parent
-ends, even by a kill -9, standard input closes, and then the child ends too.
+two calls it reads commands. It returns the line `{"alive": true}` unchanged, so the parent notices a child that hangs.
+When the parent ends, even by a kill -9, standard input closes, and then the child ends too.
 """
 
 import faulthandler
@@ -23,13 +23,13 @@ from foundation.errors import DronecatsError
 
 
 class Part(Protocol):
-    """The work of a child process. The parent names a class or function that makes it from an annotated `config`.
+    """The work of a child process. The parent names a class or function that makes the part from a `config`.
 
-    A part with long commands may also have `orphaned()`, which another thread calls when the parent is gone.
+    A part with long commands may also have `orphaned()`. Another thread calls it when the parent is gone.
     """
 
     def ready(self) -> dict[str, Any]:
-        """Return facts for the parent, such as the ports that were bound."""
+        """Return facts for the parent, such as the ports that the part has bound."""
         return {}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
@@ -47,7 +47,7 @@ def main() -> int:
     """Run the part that is named on the command line."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C: it lands the vehicle first
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like an answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print goes to the log: it must not look like an answer
     faulthandler.enable()  # a crash in compiled code writes the stacks of all threads to the log
 
     def reply(value: dict[str, Any]) -> None:
@@ -85,7 +85,7 @@ def main() -> int:
 
 
 def _created(make: Any, config: Any) -> Part:
-    """Create a part with its class or function, whose annotation gives the type of the configuration."""
+    """Create a part with the class or function `make`. Its annotation of `config` gives the configuration's type."""
     of_type = get_type_hints(vars(make).get("__init__", make))["config"]
     part: Part = make(convert(config, of_type))
     return part

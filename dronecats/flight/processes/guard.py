@@ -3,8 +3,8 @@
     python -m dronecats.flight.processes.guard COMMAND [ARGUMENT …]
 
 Standard input is a pipe from the parent. It closes when the parent ends, even by a kill -9. The program's own standard
-input stays open and empty, because PX4's shell would read a closed input in a busy loop. The exit status is that of the
-program.
+input stays open and empty, because PX4's shell would read a closed input in a busy loop. The guard exits with the
+program's exit status.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ def main() -> int:
         signal.signal(number, lambda *_: end(program))
     threading.Thread(target=let_go, daemon=True).start()
     status = program.wait()
-    end(program)  # ends the background processes of a wrapper script
+    end(program)  # also ends background processes that a wrapper script leaves behind
     return status if status >= 0 else 128 - status
 
 

@@ -21,7 +21,7 @@ from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from foundation.redaction import keyless_environment
 
 HEARTBEAT_PERIOD_S = 1.0  # wall s from the answer to one heartbeat request until the next request
-CHECK_MAX_S = 0.5  # wall s; one check adds at most this to the wait, so that a pause of the parent counts little
+CHECK_MAX_S = 0.5  # wall s; one check adds at most this to the measured silence, so a pause of the parent counts little
 
 
 class Heartbeat:
@@ -30,7 +30,7 @@ class Heartbeat:
     def __init__(self, patience_s: float) -> None:
         """After `patience_s` without an answer, the process counts as hanging."""
         self.patience_s = patience_s
-        self.is_pending = False  # whether an answer is pending
+        self.is_pending = False
         self._answered_s: float | None = None
         self._looked_s: float | None = None
         self._waited_s = 0.0
@@ -62,14 +62,14 @@ class Heartbeat:
         return self.pending_s(now_s) > self.patience_s
 
 
-READY_S = 600.0  # wall seconds; includes the compilation of a first run on a slow and busy machine
+READY_S = 600.0  # wall seconds; longest start of a child; in a first run it compiles, maybe on a slow, busy machine
 ANSWER_S = 30.0  # wall seconds; longest wait for the answer to a command
-# Longest wait for a heartbeat, wall seconds. A part answers between two turns. A turn takes milliseconds, on a busy
-# machine seconds. A flight with a longer silence cannot be judged, because the socket of the silent process overflows.
-# The agent waits longer for its camera, so this check comes first. Its error names the process.
+# Longest wait for a heartbeat, wall seconds. A part answers between two calls of `turn`, which takes milliseconds, on a
+# busy machine seconds. A flight with a longer silence cannot be judged, because the socket of the silent process
+# overflows. The agent waits longer for its camera, so this check, whose error names the process, raises first.
 HANG_S = 15.0
-CAUSE_S = 10.0  # longest wait for a heartbeat after another error, which a hanging process may have caused
-CLOSE_S = 5.0
+CAUSE_S = 10.0  # wall seconds; longest wait for a heartbeat that tells whether a hanging process caused an error
+CLOSE_S = 5.0  # wall seconds; longest wait for the end of a process before it is killed
 C = TypeVar("C")
 
 
@@ -77,10 +77,10 @@ C = TypeVar("C")
 class ChildKind(Generic[C]):
     """A kind of child process."""
 
-    name: str  # in messages, and in the name of its log
+    name: str  # used in messages and in the name of the log file
     part: str  # MODULE:NAME of a class or function that makes the `Part` from `config`; only the child imports it
     config: type[C]  # a frozen dataclass of JSON values
-    needs_keys: bool = False  # True for models, which need the keys in the environment
+    needs_keys: bool = False  # whether the process gets the API keys in its environment, which models need
 
 
 class ChildProcess:
@@ -101,7 +101,7 @@ class ChildProcess:
         self._buffer = b""
         self._answers: deque[dict[str, Any]] = deque()
         self._heartbeat: Heartbeat | None = None  # None until the process is ready, because it may compile for minutes
-        self._silent_s = 0.0  # wall s of silence, if the process was found to hang; then no call waits for it again
+        self._silent_s = 0.0  # wall s without an answer; above 0 the process counts as hanging: no call waits for it
         self._send(msgspec.to_builtins(config))
 
     @property
@@ -205,7 +205,7 @@ class ChildProcess:
         return bool(select.select([self._process.stdout], [], [], timeout_s)[0])
 
     def _take(self) -> None:
-        """Read the output: handle heartbeats, keep other answers. Raises InfrastructureError at its end."""
+        """Read output: handle heartbeats, keep other answers. Raises InfrastructureError if the process has ended."""
         assert self._process.stdout is not None
         data = os.read(self._process.stdout.fileno(), 65536)
         if not data:
@@ -223,7 +223,7 @@ class ChildProcess:
         return InfrastructureError(f"the {self.kind} process hangs: no answer for {self._silent_s:g} s; see {self.log}")
 
     def _end(self, status: int) -> InfrastructureError:
-        """Return the error of a process that has ended: the one that it reported, if any."""
+        """Return the error of a process that has ended: the error that it reported, or else its exit status."""
         if (words := self._last_words()) is not None:
             return InfrastructureError(f"{self.kind}: {words}")
         when = " in flight" if self._heartbeat is not None else ""

@@ -1,7 +1,7 @@
-"""The costs of a flight's models: test question before take-off, ledger, budget, rate limiter and reply cache.
+"""Opens a flight's models with ledger, budget, rate limiter and reply cache, and asks them a test question.
 
-On a Ray cluster (extra `cluster`), one actor keeps the ledger for all workers. `Accounts.ledger` is then ON_CLUSTER
-followed by the actor's name.
+The ledger records the cost of each question. On a Ray cluster (extra `cluster`), one actor keeps it for all workers.
+`Accounts.ledger` is then ON_CLUSTER followed by the actor's name.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -23,14 +23,14 @@ from foundation.run_folder.layout import LEDGER
 
 
 class LedgerKeeper(Ledger):
-    """The actor that keeps the ledger. It serves one call at a time, so two workers cannot use the same allowance."""
+    """The actor that keeps the ledger. It serves one call at a time, so two workers never claim the same allowance."""
 
     def ready(self) -> bool:
-        """Return True once the actor runs."""
+        """Return True. A caller waits for this answer until the actor runs."""
         return True
 
     def limit(self, method: str, address: str, model: str, *arguments: object) -> Any:
-        """Call a method of the limiter of an address, because the limiter itself cannot leave the actor."""
+        """Call a method of the rate limiter of an address, because the limiter itself cannot leave the actor."""
         return getattr(self.limiter(address, model), method)(*arguments)
 
 
@@ -83,7 +83,7 @@ class RemoteLimiter:
         return float(self._call("limit", "claim", self._address, self._model, tokens))
 
     def update(self, allowances: tuple[Allowance, ...]) -> None:
-        """Record the allowances of an answer. Raises InfrastructureError."""
+        """Record the allowances that an answer of the address reported. Raises InfrastructureError."""
         self._call("limit", "update", self._address, self._model, allowances)
 
     def hold(self, seconds: float) -> None:
@@ -93,7 +93,7 @@ class RemoteLimiter:
 
 @contextmanager
 def accounted(spec: ModelSpec, accounts: Accounts, run: Path) -> Iterator[tuple[Model, Callable[[], str]]]:
-    """Open a model for a flight in the run folder `run`; yield it and a function that returns the run's cost in words.
+    """Open a model for a flight in the run folder `run`; yield the model and a function that returns the run's cost.
 
     Raises UsageError, BudgetError, InfrastructureError.
     """
@@ -181,12 +181,12 @@ class FirstQuestions:
     def __init__(self, flights: Iterable[FlightSpec], run: Path | None, notify: Notify) -> None:
         """`run` is the folder with the ledger; None: a new folder, with nothing spent."""
         self._flights, self._run, self._notify = list(flights), run, notify
-        self._costs: list[tuple[str, Spent, Accounts]] = []  # PROVIDER/NAME, its cost, its accounts
+        self._costs: list[tuple[str, Spent, Accounts]] = []  # PROVIDER/NAME, cost of its question, its accounts
 
     def ask(self) -> None:
         """Ask each model once. Raises UsageError if a model rejects the question, ModelError if it does not answer.
 
-        Skips replays, runs whose limit is spent, and flights whose cache has replies.
+        Skips replays, flights whose budget is spent, and flights whose reply cache is not empty.
         """
         models: list[ModelSpec] = []
         for flight in self._flights:

@@ -17,7 +17,7 @@ from hil.preflight.failsafes import read_failsafe
 
 READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
 AVERAGE_S = 3.0  # s over which position and rangefinder distance are averaged on the ground
-ARRIVAL_S = 60.0  # s to settle at the start pose
+ARRIVAL_S = 60.0  # s, longest time to settle at the start pose
 RANGED_S = 1.0  # s over which position and rangefinder distance are averaged at the start pose
 LEVEL_M, LEVEL_MAX_M = 0.04, 0.5  # m; height errors between these two are corrected
 LEVELLINGS = 4  # at most this many height corrections
@@ -32,7 +32,7 @@ class StartOffset:
 
 
 def start_of(record_start: Any, ground_down: float, clearance_m: float = 0.0) -> StartOffset:
-    """Return the start offset of one drone of a record.
+    """Return the offset to one drone's start pose, `record_start` of an episode record.
 
     `ground_down`: ground at the start (m, NED down). `clearance_m`: height of the body's origin when the drone stands.
     """
@@ -41,7 +41,7 @@ def start_of(record_start: Any, ground_down: float, clearance_m: float = 0.0) ->
 
 
 def unchecked(links: Sequence[Link]) -> None:
-    """Check nothing. For vehicles whose true pose is unknown."""
+    """Check nothing: the default of `ascend`, for vehicles whose true pose is unknown."""
 
 
 def ascend(
@@ -54,8 +54,8 @@ def ascend(
 
     `check` is called when all drones are ready to arm. It raises if one of them may not take off.
 
-    A drone whose start has a heading makes a full turn on the way. From this turn the estimator finds the hard iron of
-    the compass, which otherwise causes a heading error of up to two degrees.
+    A drone whose start has a heading makes a full turn on the way. The turn lets the estimator find the compass's hard
+    iron (constant magnetic disturbance), which otherwise causes a heading error of up to two degrees.
     """
     for link in links:
         link.connect()
@@ -135,7 +135,7 @@ def _levelled(link: Link, sent: _Sent, ground: _Ground, start: StartOffset) -> _
     if range_m is None or ground.range_m is None or place is None or start.yaw is None:
         return sent
     low_m = -start.offset_ned[2] - (range_m - ground.range_m)
-    if not LEVEL_M < abs(low_m) < LEVEL_MAX_M:  # a larger error: the ground here is not at the take-off height
+    if not LEVEL_M < abs(low_m) < LEVEL_MAX_M:  # a larger error: the ground here has another height
         return sent
     north, east, _ = sent.position_ned
     position_ned = (north, east, place[2] - low_m)

@@ -1,4 +1,4 @@
-"""Flies a connected vehicle with the episode code of a simulated one. Flights without true poses are not scored."""
+"""Flies an episode with a connected vehicle. Without true poses of the vehicle, the flight is not scored."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -50,9 +50,9 @@ def fetch_onboard_log(url: str, link: Link, folder: Path, notify: Callable[[str]
 
 
 EPISODE = "connected"
-HEIGHT_M = 2.5  # height of the start above the place of take-off: PX4's MIS_TAKEOFF_ALT
-# wall seconds without telemetry (for example, an unplugged cable) after which the flight ends. Much earlier,
-# the vehicle's failsafe takes over
+HEIGHT_M = 2.5  # m, height of the start pose above the take-off place: the default of PX4's MIS_TAKEOFF_ALT
+# wall seconds without telemetry (for example, an unplugged cable) after which the flight ends. The vehicle's own
+# failsafe takes over much earlier
 SILENCE_S = 6.0
 
 
@@ -75,16 +75,16 @@ class VehicleFlight(FlightSetup):
             notify(f"{draw_intent(folder, self.camera_model)} decisions are drawn in {folder / layout.INTENT}")
 
     def draw(self, folder: Path, ending: EpisodeEnd) -> None:
-        """Draw flight.png. A flight without a truth, as in this class, has none."""
+        """Draw flight.png, which needs true poses. This class has none and draws nothing; a subclass may."""
 
     @property
     def camera_model(self) -> CameraModel:
-        """The model of the pilot's camera."""
+        """Image size, field of view and mount of the pilot's camera."""
         return CameraModel()
 
 
 class ConnectedFlight(VehicleFlight):
-    """A flight in the real world, or in a simulation that does not send its truth."""
+    """A flight in the real world, or in a simulation that does not send the vehicle's true poses."""
 
     def __init__(self, flight: Flight, vehicle: Connected, instruments: Instruments) -> None:
         """Open the vehicle's link and its camera. Raises UsageError, LinkError."""
@@ -138,7 +138,7 @@ def open_link(vehicle: Connected, limits: Limits | None) -> Link:
 
 
 def _camera(vehicle: Connected, link: Link) -> RealCamera:
-    """Return the camera after its first frame. Raises UsageError if no frame comes, before the vehicle takes off."""
+    """Open the camera before take-off and wait for its first frame. Raises UsageError if no frame comes."""
     max_age_s = link.limits.frame_s if link.limits else Limits().frame_s
     camera: RealCamera | None = None
     try:

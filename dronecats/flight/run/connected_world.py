@@ -1,4 +1,4 @@
-"""Flies a vehicle with a simulator of its own, such as PX4 SITL, in an episode (with a verdict) or on a map."""
+"""Flies a vehicle that an external simulator moves, in an episode (with a verdict) or on a map (without one)."""
 
 import math
 from collections.abc import Iterator
@@ -75,7 +75,7 @@ class ConnectedWorldFlight(VehicleFlight):
         )
         try:
             start = start_of(record.starts[0], world.ground_down(*record.starts[0].position_ned[:2]))
-            # the vehicle's heading in its own world, before the rotation onto the map
+            # the record's heading is on the map; `placement.turn` rotates the vehicle's own world onto the map
             start = replace(start, yaw=wrap_pi(math.radians(record.starts[0].yaw_deg) - stage.placement.turn))
             with (
                 TrueStart(stage, world, stage.placement) as true_start,
@@ -90,5 +90,5 @@ class ConnectedWorldFlight(VehicleFlight):
             draw(folder)
 
     def _world_record_path(self, folder: Path) -> Path:
-        """Return the path of the record whose world is drawn."""
+        """Return the path of the record whose world the camera renders: episode.json only if a verdict follows."""
         return folder / (layout.EPISODE if self._judged else layout.WORLD)

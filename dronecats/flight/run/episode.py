@@ -29,7 +29,7 @@ from hil.preflight.failsafes import read_failsafe
 if TYPE_CHECKING:
     from dronecats.flight.run.truth import TrueStart  # only for types, because it needs the simulator
 
-EVERYTHING = Authority()
+EVERYTHING = Authority()  # the default permissions: arm, move the vehicle, and land it
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +61,9 @@ def fly(
 ) -> EpisodeEnd:
     """Fly the drones of a stage to their start poses, let an agent fly the episode, and land.
 
-    `pictures`: faults of the camera's pictures. `true_start` decides whether the episode may begin.
-    `check` is called at every tick, besides the stage's own check. It raises if a part that the agent needs is gone.
-    Errors in flight are not raised: `EpisodeEnd` has them, and the logs are closed properly.
+    With `full`, the flight lasts until `cap_s` even after a success. `pictures` injects picture faults. `true_start`
+    raises if the episode may not begin. `check` is called at every tick, besides the stage's own check. It raises if a
+    part that the agent needs is gone. Errors in flight are not raised: `EpisodeEnd` has them.
     """
     log, prompts = LineLog(folder / layout.DECISIONS), PromptLog(folder / layout.PROMPTS)
     agent: Agent | None = None
@@ -104,7 +104,7 @@ def fly(
     except Exception as bug:
         reason, error = "error", unexpected(bug, folder)
     if error is not None:
-        notify_safely(notify, f"the flight ends: {error}")  # before landing and closing, which take seconds
+        notify_safely(notify, f"the flight ends: {error}")  # printed before landing and closing, which take seconds
     episode_s = agent.now_s if agent else 0.0
     wall_s = time.monotonic() - began_s if began_s is not None else 0.0
     stage.mend()
@@ -117,7 +117,7 @@ def fly(
 
 
 def _warn_of_silence(notify: Callable[[str], None], label: str, seconds: float) -> None:
-    """Print the time without telemetry. The log has this time as `host_lag_s` of the pending decision."""
+    """Print the time without telemetry. decisions.jsonl has this time as `host_lag_s` of the pending decision."""
     notify_safely(notify, f"      {label}no telemetry for {seconds:.1f} s; the agent waited")
 
 
@@ -154,7 +154,7 @@ def _begin(
     for link in stage.links:  # from now on the agent ticks all links in turn
         link.on_wait = stage.check
 
-    host = HostPace(time.monotonic, stage.speed) if stage.speed else None  # measures delays by the host, in wall time
+    host = HostPace(time.monotonic, stage.speed) if stage.speed else None  # measures delays by this computer
 
     def on_tick() -> None:
         stage.check()
@@ -183,10 +183,10 @@ def _begin(
 
 
 class VerdictWatch:
-    """Checks after each declaration whether the verdict is decided. The first declaration that qualifies decides it.
+    """Checks after each declaration (a drone says that it has arrived) whether the flight is a success.
 
     In real time the logger may measure a declaration late, so each decision repeats the check until there is a result.
-    The watch reads the logger's files with the judge's own function. The agent learns only that the time is over.
+    The watch reads the logger's files with the judge's own function. The agent learns only that the flight may end.
     """
 
     def __init__(self, folder: Path, full: bool) -> None:

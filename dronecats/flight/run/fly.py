@@ -1,4 +1,4 @@
-"""Flies a flight of any kind from its specification, and writes run.json."""
+"""Flies a simulated or connected vehicle as a specification says, judges the flight, and writes run.json."""
 
 from pathlib import Path
 from typing import Any
@@ -70,7 +70,7 @@ def fly(spec: FlightSpec, out: Path | None, notify: Notify, instruments: Instrum
 
 
 def setup_of(spec: FlightSpec, instruments: Instruments = UNWATCHED) -> FlightSetup:
-    """Return the setup of a flight, looked up and checked, for a simulated or a connected vehicle. Raises UsageError.
+    """Look up and check the specification; return the setup for the simulated or connected vehicle. Raises UsageError.
 
     Only the code for this kind of vehicle is imported, because a companion computer has no simulator.
     """

@@ -39,8 +39,8 @@ FOLDERS = (
 FITTING = "dronecats/pilots/fitting"  # makes data files of the built-in pilots; no flight runs it
 JUDGE = "dronecats/judge"  # without its subfolders: metrics and statistics do not affect a verdict
 OUR_MODULE = re.compile(r"(foundation|vehicles|autopilot|episodes|hil|dronecats)(\.[a-z_0-9]+)+(:\w+)?")
-MODULUS = 1 << 256
-CACHE_ENTRIES_MAX = 5000  # files in the cache; above this number, only the files of the present digest are kept
+MODULUS = 1 << 256  # of sums of digests; sums do not depend on the order
+CACHE_ENTRIES_MAX = 5000  # cached files; above this number, the cache keeps only the files of the newest digest
 PARENTS = "parents"  # `Path.parents[n]` is digested without n, which changes when a module moves
 
 
@@ -59,7 +59,7 @@ def code_digest() -> str:
 def source_digest(paths: Sequence[Path]) -> str:
     """Return the SHA-256, in hexadecimal, of the statements of these files.
 
-    Parsing hundreds of files takes seconds, so a cache maps the digest of each file's bytes to its `statements`.
+    Parsing hundreds of files takes seconds, so a cache maps the digest of each file's bytes to the sum of `statements`.
     """
     kept, read = _load_cache(), dict[str, int]()
     for path in paths:
@@ -94,7 +94,7 @@ def _tokens(value: Any) -> Iterator[str]:
     elif isinstance(value, ast.AST):
         yield type(value).__name__
         for name, part in ast.iter_fields(value):
-            if part is not None and part != []:  # fields that only newer Python versions have are empty
+            if part is not None and part != []:  # a newer Python may add empty fields, which must not change the digest
                 yield name
                 yield from _tokens(part)
     elif isinstance(value, list):
@@ -116,7 +116,7 @@ def _is_version(value: Any) -> bool:
 
 
 def _load_cache() -> dict[str, int]:
-    """Return the cached sums: digest of a file's bytes → sum of its statements."""
+    """Return the cache: digest of a file's bytes → sum that `statements` returned for the file."""
     with contextlib.suppress(UsageError, OSError, ValueError, TypeError, AttributeError):
         return {name: int(value, 16) for name, value in json.loads(_cache().read_bytes()).items()}
     return {}
@@ -152,7 +152,7 @@ def suite_digest(records: Iterable[tuple[str, str]]) -> str:
 def write_identity(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeIdentity:
     """Write identity.json of the flight in an episode folder, and return its content. Raises OSError.
 
-    `pace` has the figures of RateKeeper for a flight in real time; None in lockstep.
+    `pace`: how well a flight kept real time (`RateKeeper.figures`); None in lockstep.
     """
     pictures = sorted((folder / layout.FRAMES).glob("*.jpg"))
     frames = hashlib.sha256()

@@ -69,10 +69,10 @@ def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def signals_handled(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> Iterator[None]:
-    """Handle Ctrl-C and similar signals until the context ends. Only the main thread gets them.
+    """Handle Ctrl-C and similar signals until the context ends. Does nothing in other threads: they get no signals.
 
-    An ignored SIGHUP stays ignored, as after `nohup`. A shell also lets its background commands ignore SIGINT, but a
-    flight that gets one must land.
+    An ignored SIGHUP stays ignored, as after `nohup`. An ignored SIGINT is handled all the same: a shell starts
+    background commands with SIGINT ignored, but a flight that gets one must land.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -89,7 +89,7 @@ def signals_handled(handler: Callable[[int, FrameType | None], None] | signal.Ha
 
 
 def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None] = lambda line: None) -> list[Link]:
-    """End the flight of every armed drone: stop, hold, and then land or return. Return the drones that will land.
+    """End the flight of every armed drone: stop, then land, return or hold (`then`). Return the drones that will land.
 
     A drone that does not answer does not delay the others. A drone that another pilot has taken over gets no order.
     """
@@ -110,7 +110,7 @@ def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None
                 link.give_up(then)
                 if then != "hold":
                     landing.append(link)
-        except Exception as fault:  # continue: the verdict stays the same, and the next vehicle needs its order
+        except Exception as fault:  # continue: the next vehicle needs its order, and the verdict is not affected
             link.stop_stream()
             notify(f"{label}the command to {then} failed: {fault}. {AFTERWARDS}")
             say_failsafe(link, notify)

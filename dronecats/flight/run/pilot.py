@@ -31,7 +31,7 @@ PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process:PilotPart", PilotConf
 
 
 def questions_of(flight: Flight, model: Model) -> Questions:
-    """Return the questions of a flight's pilot: prompt, parser, latency and patience."""
+    """Return the model that a flight asks, and the settings of its questions: prompt, parser, latency and patience."""
     spec = flight.spec
     served = spec.model is not None and spec.replay is None
     waits = spec.simulated is not None and spec.simulated.speed is None
@@ -43,14 +43,14 @@ def questions_of(flight: Flight, model: Model) -> Questions:
         axis_order=asker.axis_order if (asker := spec.model or spec.outside) else "xy",
         parser=spec.parser,
         patience_s=spec.patience_s,
-        # only for `flat`: with several questions at a time, the order of the calls would vary
+        # whether lockstep time runs on during a call; only for `flat`, because the order of several calls would vary
         beside=served and waits and spec.command == "flat",
         last_reply=flight.scored,  # unscored flights do not wait for a late reply
     )
 
 
 def papers_agent(flight: Flight, model: Model) -> AgentFactory:
-    """Return the factory of the paper's agent. It asks one question for each group of drones (`groups_of`)."""
+    """Return the factory of the agent of the benchmark's paper. It asks one question per group of drones."""
     return partial(PaperAgent, questions_of(flight, model), groups=groups_of(flight))
 
 
@@ -73,7 +73,7 @@ SHIPPED: dict[str, AgentMaker] = {PAPER: papers_agent, STEADY: steady_agent}
 
 
 def agent_maker(name: str) -> AgentMaker:
-    """Return the maker of a shipped agent, or of a MODULE:NAME. Raises UsageError for an unknown one."""
+    """Return the maker of a shipped agent, or the maker MODULE:NAME. Raises UsageError for an unknown name."""
     if name in SHIPPED:
         return SHIPPED[name]
     module, colon, function = name.partition(":")
@@ -90,7 +90,7 @@ def agent_maker(name: str) -> AgentMaker:
 
 @dataclass(frozen=True, slots=True)
 class OpenPilot:
-    """An open model, and in a hierarchy its commander."""
+    """The opened model of a flight, and in a hierarchy the opened model of the commander."""
 
     model: Model
     begin: Callable[[int], None] = lambda t0_us: None  # called when the episode begins, with the vehicle's time in µs
@@ -116,7 +116,7 @@ class OpenPilot:
 
 @contextmanager
 def opened(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
-    """Open a pilot that needs no truth; `folder`: for its log. Raises UsageError, InfrastructureError."""
+    """Open a pilot that needs no true poses; its log is in `folder`. Raises UsageError, InfrastructureError."""
     with _piloted(flight, stage, folder) as pilot, commanded(flight, stage, folder, pilot) as pilot_ready:
         yield pilot_ready
 
@@ -139,7 +139,7 @@ def _piloted(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
 
 @contextmanager
 def commanded(flight: Flight, stage: Stage, folder: Path, pilot: OpenPilot) -> Iterator[OpenPilot]:
-    """Open the commander of a flight's pilot, if there is one. Raises UsageError, InfrastructureError."""
+    """Open the flight's commander, if there is one; yield `pilot` with it. Raises UsageError, InfrastructureError."""
     spec = flight.spec
     if spec.command != "hierarchical":
         yield pilot
@@ -173,7 +173,7 @@ def _commander(flight: Flight, folder: Path) -> Iterator[OpenPilot]:
 def _served(name: str, stage: Stage, folder: Path, kind: ChildKind[PilotConfig] = PILOT) -> Iterator[OpenPilot]:
     """Serve a built-in pilot: in a thread if the clock waits for it (lockstep), else in a separate process."""
     with ExitStack() as opened:
-        check: Callable[[], None] = lambda: None  # noqa: E731  # a thread cannot be gone
+        check: Callable[[], None] = lambda: None  # noqa: E731  # a server thread needs no check
         if stage.lockstep:
             server = PilotServer(roster.answer(name), name, owned_by=roster.owner(name)).start()
             opened.callback(server.close)

@@ -35,7 +35,7 @@ class StepLines:
         `stop_unreadable`: the flight ends after this number of replies in a row without an action; None: never.
         """
         self._notify, self._drones, self._spent, self._stop = notify, drones, spent, stop_unreadable
-        self._unreadable: Counter[int] = Counter()  # replies in a row, by drone
+        self._unreadable: Counter[int] = Counter()  # replies in a row without an action, by drone
         self._has_warned = False
 
     def __call__(self, decision: Decision) -> None:
@@ -59,12 +59,12 @@ class StepLines:
 
 
 def unreadable(decision: Decision) -> str:
-    """Return why a decision has no action: the server's reason for the end of the reply, else the parser's."""
+    """Return why a decision has no action: the server's reason for the end of the reply, else the parser's error."""
     return ending_reason(decision.finish, decision.tokens_out) or str(decision.error)
 
 
 class SafetyLog:
-    """Writes every change of the active limits of the envelopes to safety.jsonl, and prints limits and link notices.
+    """Writes each change of the limits that act on a drone's setpoints to safety.jsonl; prints limits and link notices.
 
     A limit is printed when it first acts on a drone. It may act at every step, so later times are only counted, and
     `sum_up` prints the counts. The file is created when the first limit acts.

@@ -104,7 +104,7 @@ def fly_and_judge(
 
 
 def _try_write(write: Callable[[], Written], folder: Path) -> tuple[Written | None, DronecatsError | None]:
-    """Write a file after the flight; return the error if it cannot be written."""
+    """Write a file after the flight; return the result of `write` and no error, or None and the error."""
     try:
         return write(), None
     except InfrastructureError as fault:
@@ -114,7 +114,7 @@ def _try_write(write: Callable[[], Written], folder: Path) -> tuple[Written | No
 
 
 def served_rate_hz(folder: Path) -> float | None:
-    """Return the median control rate, decisions per second of vehicle time; None without a decision that has a rate."""
+    """Return the median rate of the decisions, per second of vehicle time; None if no decision has a rate."""
     rates = [d.rate_hz for d in rows(folder / DECISIONS, Decision) if d.rate_hz]
     return statistics.median(rates) if rates else None
 
@@ -123,7 +123,7 @@ class Instruments:
     """Watches link, camera, model and agent of a connected vehicle. The base class does nothing; subclasses measure."""
 
     def watch(self, link: Link, camera: PatientCamera, run: Path) -> None:
-        """Start to watch link and camera, before the first message is sent. `run` is the run folder."""
+        """Start to watch link and camera. Called before the first message is sent. `run` is the run folder."""
 
     def model(self, model: Model) -> Model:
         """Return the model for the agent: `model`, or a wrapper that measures it."""
@@ -142,9 +142,9 @@ class Ready:
     """The started parts that an episode needs."""
 
     stage: Stage
-    starts: list[StartOffset]  # of each drone
+    starts: list[StartOffset]  # start pose of each drone
     pilot: OpenPilot
-    true_start: "TrueStart | None" = None  # decides whether the episode may begin; None: it may
+    true_start: "TrueStart | None" = None  # checks whether the episode may begin; None: no check
     pictures: PicturePath | None = None  # picture faults to inject; None: no faults
 
 
@@ -172,7 +172,7 @@ class FlightSetup(ABC):
         return pilot.agent(self.flight)
 
     def facts(self) -> dict[str, Any]:
-        """Return the entries of run.json that are known after the flight."""
+        """Return the entries of run.json that are known only after the flight."""
         return {} if self.pace is None else {"pace": self.pace}
 
     @abstractmethod

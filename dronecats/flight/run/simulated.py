@@ -76,7 +76,7 @@ class SimulatedFlight(FlightSetup):
         finally:
             try:
                 if pace is not None:
-                    with suppress(DronecatsError):  # the error of a dead simulator is known already
+                    with suppress(DronecatsError):  # the flight has already reported a dead simulator
                         self.pace = pace()
             finally:
                 stage.close()
@@ -92,7 +92,7 @@ class SimulatedFlight(FlightSetup):
 
 
 def write_record(path: Path, text: str) -> None:
-    """Write a record of a flight. Raises InfrastructureError."""
+    """Write the episode record of a flight. Raises InfrastructureError."""
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as full:
@@ -100,7 +100,7 @@ def write_record(path: Path, text: str) -> None:
 
 
 def draw(folder: Path, conditions: SceneConditions = AS_BUILT) -> None:
-    """Draw flight.png of an episode folder in these conditions. Errors go to flight.png.error and are not raised."""
+    """Draw flight.png of an episode folder in this light and season. Errors go to flight.png.error, none is raised."""
     from dronecats.flight.picture import aerial
     from dronecats.flight.picture import draw as draw_flight
     from dronecats.flight.sitl.simulation import load_world

@@ -1,7 +1,7 @@
-"""Uses the truth in a flight: opens pilots that know the truth, and checks the start.
+"""Uses the true poses of the drones in a flight: opens pilots that need them, and checks the start.
 
 Before an episode begins, the autopilot's estimate and the start pose are compared with the truth. If the start pose
-differs from the record, or the autopilot's heading is wrong, the flight is an error of the infrastructure, because its
+differs from the record, or the autopilot's heading is wrong, the flight ends with an infrastructure error, because its
 verdict would not measure the pilot.
 """
 
@@ -35,7 +35,7 @@ LATE_S = 90.0  # s; a picture older than this is treated as this old
 
 @contextmanager
 def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) -> Iterator[OpenPilot]:
-    """Open the pilot of a flight in a world with truth. Raises UsageError, InfrastructureError."""
+    """Open the pilot of a flight whose true poses are known. Raises UsageError, InfrastructureError."""
     name = flight.spec.pilot
     if name is None or not roster.needs_truth(name) or flight.spec.replay:
         with opened(flight, stage, folder) as pilot:
@@ -72,7 +72,7 @@ DOWN = (0.0, 0.0, 1.0)
 
 
 class TrueStart:
-    """Compares the drones of a stage with the truth. It may raise, but sends nothing."""
+    """Compares estimates and start poses of a stage's drones with the truth. It may raise, but sends nothing."""
 
     def __init__(self, stage: TruthfulStage, world: World, placement: Placement | None = None) -> None:
         """`placement` moves the autopilot's estimate onto the map; None: both have the same frame."""
@@ -111,7 +111,7 @@ class TrueStart:
 
 
 def estimate_faults(state: VehicleState, true: TruthSample, placement: Placement) -> list[str]:
-    """Return in words the large errors of an autopilot's estimate on the ground; empty if it may fly."""
+    """Return in words the large errors of an autopilot's estimate on the ground; empty if the drone may take off."""
     faults = []
     if state.euler is not None:
         roll, pitch, yaw = state.euler

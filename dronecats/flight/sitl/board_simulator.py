@@ -33,7 +33,7 @@ class BoardVehicle(HilVehicle):
         period_us: int,
         **physics: Unpack[Physics],
     ) -> None:
-        """`period_us`: period of the sensor messages. Any sensor suite in `physics` is replaced."""
+        """`period_us`: period of the sensor messages (µs). A sensor suite with it replaces any in `physics`."""
         physics["suite"] = Suite(imu_period_us=period_us)
         super().__init__(index, airframe, pose, period_us=period_us, **physics)
         self.line = line
@@ -61,7 +61,7 @@ class BoardVehicle(HilVehicle):
 
 
 class BoardSimulator:
-    """The simulator for one board. One turn is one tick. It forwards messages between the board and two UDP ports."""
+    """The simulator for one board. A call of `turn` simulates one tick and forwards messages to and from UDP ports."""
 
     def __init__(self, config: SimulatorConfig, notify: Callable[[str], None]) -> None:
         """Raises UsageError, LinkError."""

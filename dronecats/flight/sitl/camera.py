@@ -48,7 +48,7 @@ from hil.link.transport import bind_error
 from vehicles import airframe as airframes
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
-# samples per pixel and axis of a reduced picture; as dense as 2 in a full picture, whose pixels are half as wide
+# samples per pixel and axis of a reduced picture; a full picture has 2, but its pixels are half as wide
 GRAIN = 4
 DEPTHS_KEPT = 32  # number of newest frames whose depth pictures are kept
 STALE_S = 0.5  # s; body rates are not computed from samples that are farther apart in time
@@ -77,8 +77,8 @@ class WorldCamera:
     ) -> None:
         """`rendered` False: every frame is plain grey, but is announced as usual.
 
-        `optics` affects only the pictures; None: the benchmark's camera. `seed`: of the random effects in pictures; it
-        differs between flights of one episode. `kept`: number of truth samples of each drone, for `at`. `depth`: every
+        `optics` affects only the pictures; None: the benchmark's camera. `seed` seeds random effects in the pictures;
+        it differs between flights of one episode. `kept`: truth samples per drone that `at` can use. `depth`: every
         frame has a depth picture, even if no client requests it.
         """
         self.world, self.camera = world, camera
@@ -86,7 +86,7 @@ class WorldCamera:
         self._seed = (world.record.seed, seed)
         self._rendered, self._optics, self._depth = rendered, optics, depth
         self._depths: OrderedDict[int, NDArray[np.uint16]] = OrderedDict()  # depth pictures of the newest frames, by id
-        self._renderers: dict[bool, Renderer | OpticalRenderer] = {}  # by `full`, created when first needed
+        self._renderers: dict[bool, Renderer | OpticalRenderer] = {}  # key: full size; created when first needed
         self._grey = np.full((camera.height // 4, camera.width // 4, 3), 128, np.uint8)
         self._origin = origin(world)
         self._packer = Packer(1, CAMERA_COMPONENT)
@@ -141,7 +141,7 @@ class WorldCamera:
     def _taken(
         self, drone: int, samples: tuple[TruthSample, dict[int, TruthSample]] | None, full: bool, depth: bool
     ) -> Frame:
-        """Return a frame from a sample and the other drones' samples of its time, and announce it on the bus."""
+        """Return the frame at a drone's sample, given with the other drones' samples; announce the frame on the bus."""
         if samples is None:
             raise CameraError(f"the camera has received no pose of drone {drone + 1}")
         if depth and (self._optics or not self._rendered):
@@ -222,7 +222,7 @@ def _after(drones: Mapping[int, TruthSample], seconds: float) -> dict[int, Drone
 
 
 def rates_between(before: TruthSample, after: TruthSample) -> Vec3:
-    """Return the mean body rates (rad/s, FRD) between two samples; zero for equal times and for STALE_S or more."""
+    """Return the mean body rates (rad/s, FRD) between two samples; zero if they are 0 s, or STALE_S or more, apart."""
     seconds = (after.time_us - before.time_us) / 1e6
     if not 0.0 < seconds < STALE_S:
         return (0.0, 0.0, 0.0)
@@ -240,7 +240,7 @@ ENCODINGS = {
 DEPTH = "/depth.png"
 HOST = "127.0.0.1"
 NEXT_PORTS = 100  # number of ports to try, from the requested one upwards
-CONNECTIONS = 64  # open at the same time, at most
+CONNECTIONS = 64  # largest number of connections that are open at the same time
 REQUEST_S = 10.0  # wall s to wait for the first request of a connection
 IDLE_S = 600.0  # wall s to wait for the next request of a connection; a model may think for minutes
 
@@ -294,7 +294,7 @@ class FrameServer(ThreadingHTTPServer):
 
     def __init__(self, address: tuple[str, int], handler_class: type[BaseHTTPRequestHandler]) -> None:
         self._lock = threading.Lock()
-        self._silent: dict[socket.socket, None] = {}  # connections without a whole request, oldest first
+        self._silent: dict[socket.socket, None] = {}  # connections that have not sent a whole request, oldest first
         self._active: set[socket.socket] = set()
         super().__init__(address, handler_class)
 
@@ -303,7 +303,7 @@ class FrameServer(ThreadingHTTPServer):
             if len(self._silent) + len(self._active) >= CONNECTIONS:
                 oldest = next(iter(self._silent), request)
                 self._silent.pop(oldest, None)
-                with contextlib.suppress(OSError):  # it is already closed
+                with contextlib.suppress(OSError):  # the client has closed it already
                     oldest.shutdown(socket.SHUT_RDWR)
             self._silent[request] = None
         super().process_request(request, client_address)

@@ -21,7 +21,7 @@ class Traffic:
     """Updates the pose of the moving target in the vehicles' physics."""
 
     def __init__(self, pose: Callable[[float], tuple[Vec3, float]]) -> None:
-        """`pose` returns (position_ned m, yaw rad) of the levelled target at a time (s since the episode began)."""
+        """`pose` returns (position_ned m, yaw rad) of the target without roll and pitch, at a time (s of the episode)."""
         self._pose = pose
         self._t0_us: int | None = None
         self._next_us = 0
@@ -31,7 +31,7 @@ class Traffic:
         self._t0_us = t0_us
 
     def place(self, vehicles: Sequence[Multirotor], time_us: int) -> None:
-        """Update the target's pose and velocity in every vehicle. Between updates the target moves straight on."""
+        """Update the target's pose and velocity in every vehicle. Between updates the physics moves the target on."""
         if self._t0_us is None or time_us < self._next_us:
             return
         self._next_us = time_us + UPDATE_US
@@ -87,7 +87,7 @@ class CollisionReport:
         touched_us, leant_us = self._touches()
         same = hits == self._hits and crashed == self._crashed and touched_us <= self._last_us
         if same and self._since_us is None:
-            return None  # the usual case
+            return None  # nothing has changed, as at most calls
         struck, newly = hits > self._hits, crashed and not self._crashed
         self._hits, self._crashed = hits, crashed
         leans = leant_us > self._last_us

@@ -1,8 +1,8 @@
 """Compiles the kernels of a flight in parallel processes, on the first run of an installation.
 
-numba compiles one function at a time in a process. Plant (vehicle physics), inner loop and camera take about the same
-time. So the calling process compiles the inner loop, and two other processes compile plant and camera. All three
-write to the cache of `foundation.compiled`, from which `dronecats.flight.sitl.fused` and the camera load their kernels.
+numba compiles one function at a time in a process. Plant (vehicle physics), inner loop (estimator and controller) and
+camera take about the same time. So the calling process compiles the inner loop, and two others compile plant and
+camera. All three write to the cache of `foundation.compiled`, from which simulator and camera load their kernels.
 """
 
 import os
@@ -75,13 +75,13 @@ def signature(arguments: Iterable[Any]) -> tuple[numba.types.Type, ...]:
 
 
 def compile_plant() -> None:
-    """Compile the plant for all vehicles, because airframes and maps differ in values, not in types."""
+    """Compile the plant, once for all airframes and maps, because they differ in values, not in types."""
     plant = Multirotor(airframe.load("x500"), seed=0, origin=(0.0, 0.0, 0.0))
     step.compile(signature(plant.kernel_args))
 
 
 def compile_camera() -> None:
-    """Compile the renderer for all maps and picture sizes, because they differ in values, not in types."""
+    """Compile the renderer, once for all maps and picture sizes, because they differ in values, not in types."""
     from episodes.camera.renderer.renderer import Renderer
     from episodes.records import catalogue
     from episodes.world.world import World

@@ -16,20 +16,20 @@ AIRFRAME = "x500"  # the default
 class SimulatorConfig:
     """Configuration of the simulated vehicles and their autopilots."""
 
-    episode: str  # id, or path of a record file; drones boot on the ground below its start poses
+    episode: str  # id, or path of a record file; the drones boot on the ground below the record's start poses
     airframe: str = AIRFRAME
     seed: int = 0  # differs between flights of one episode
     speed: float | None = 1.0  # × real time; None: with PX4 as fast as possible, else real time
     instance: int | None = None  # added to every port; None: the system chooses the ports
     count: int | None = None  # vehicles; None: as many as the record has starts
     least_charge: float | None = None  # 0 … 1, lower bound of the battery charge; None: no bound
-    disturbances: VehicleFaults | None = None  # a payload acts from boot, the others from the start of the episode
+    disturbances: VehicleFaults | None = None  # a payload acts from boot, the others from the episode's start
     from_boot: bool = False  # True: all disturbances act from boot
     faults: str | None = None  # file of a fault script
     state_dir: str | None = None  # folder that keeps parameters, plans and logs; None: not kept
     autopilot: Literal["ours", "px4"] = "ours"
     px4: str | None = None  # the command that starts a PX4; None: wait for a PX4
-    log_dir: str | None = None  # folder for PX4's output
+    log_dir: str | None = None  # folder for what PX4 prints
     keep_ulogs: str | None = None  # folder for a copy of each PX4's own log; None: no copy
     restart: bool = False  # whether to restart a PX4 that ends
     sign: str | None = None  # key file for signed messages of the project's autopilot; None: unsigned messages
@@ -48,13 +48,13 @@ class CameraConfig:
     or_next_free: bool = False  # if the port is in use, take the next free one
     optics: dict[str, Any] | None = None
     conditions: SceneConditions = AS_BUILT
-    seed: int = 0  # of random effects of the optics; differs between flights of one episode
-    kept: int = KEPT  # number of truth samples of each drone, for pictures of past times
+    seed: int = 0  # seeds random effects of the optics; differs between flights of one episode
+    kept: int = KEPT  # truth samples to keep per drone, for pictures of past times
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthBridgeConfig:
-    """Configuration of the bridge that moves a vehicle with its own simulation to an episode's start."""
+    """Configuration of the bridge that places a vehicle with an external simulator at an episode's start."""
 
     episode: str
     truth: str  # URL of the vehicle's true poses

@@ -23,15 +23,15 @@ KINDS = {
     dialect.FAILURE_TYPE_WRONG: "bias",
     dialect.FAILURE_TYPE_DELAYED: "delay",
 }
-WRONG = {  # error of a wrong sensor: clearly visible, but plausible
+WRONG = {  # error added to a sensor by FAILURE_TYPE_WRONG: clearly visible, but plausible
     "gyro": (0.3, 0.3, 0.3),  # rad/s
     "accel": (2.0, 2.0, 2.0),  # m/s²
     "mag": (0.2, 0.2, 0.0),  # gauss
-    "baro": (3.0, 0.0, 0.0),  # hPa, 25 m
+    "baro": (3.0, 0.0, 0.0),  # hPa, as of 25 m of height
     "gps": (30.0, 30.0, 0.0),  # m
     "range": (3.0, 0.0, 0.0),  # m
 }
-DELAY_S = 0.3
+DELAY_S = 0.3  # delay of the GPS by FAILURE_TYPE_DELAYED
 
 
 class Failures:
@@ -43,7 +43,10 @@ class Failures:
         self._faults: dict[str, Fault] = {}
 
     def inject(self, unit: int, kind: int, instance: int) -> bool:
-        """Break or repair a part from now on; return whether that is possible. Instance 0: all parts of the unit."""
+        """Break or repair parts from now on; return whether that is possible. Instance 0: all parts of the unit.
+
+        `unit`: MAVLink's FAILURE_UNIT. `kind`: MAVLink's FAILURE_TYPE.
+        """
         targets = self._parts_of(unit, instance)
         if not targets or (kind != dialect.FAILURE_TYPE_OK and kind not in KINDS):
             return False

@@ -1,8 +1,9 @@
-"""Runs plant and inner loop of a vehicle in one compiled loop, which accesses records and arrays by address.
+"""Runs a vehicle's plant (physics) and inner loop (estimator and controller) in one compiled loop.
 
-For each call, numba needs 0.1 µs per array argument, but about 2 µs per numpy record, because numpy describes its
-layout anew. The records of one vehicle would take 40 µs, five times as long as the computation of 10 ms of flight. So
-`Fused` looks up all memory addresses once, and each call passes the address of their list.
+For each call, numba needs 0.1 µs per array argument, but about 2 µs per numpy record, because numpy describes the
+record's layout anew. The records of one vehicle would take 40 µs, five times as long as the computation of 10 ms of
+flight. So `Fused` looks up the memory addresses of all records and arrays once, and each call passes only one address:
+that of the list of these addresses.
 """
 
 from collections.abc import Callable
@@ -28,7 +29,7 @@ RECORDS = 7  # the plant and six of the inner loop
 PLACES = RECORDS + 3 * 9  # entries of the list: one for each record, three for each of nine arrays
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # numba tells no types
+@intrinsic  # type: ignore[untyped-decorator]  # numba has no type annotations
 def _pointer(typingctx: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
     """Return an integer address as a pointer."""
 
@@ -40,7 +41,7 @@ def _pointer(typingctx: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
 
 @njit(cache=True, allocates=True)
 def _grid(at: Addresses, number: int) -> Grid:
-    """Return array `number`, of float64 in two dimensions."""
+    """Return the two-dimensional float64 array `number` (0 …) of the list `at`."""
     k = RECORDS + 3 * number
     grid: Grid = carray(_pointer(at[k]), (at[k + 1], at[k + 2]), np.float64)
     return grid
@@ -48,7 +49,7 @@ def _grid(at: Addresses, number: int) -> Grid:
 
 @njit(cache=True, allocates=True)
 def _grid32(at: Addresses, number: int) -> Grid32:
-    """Return array `number`, of float32 in two dimensions."""
+    """Return the two-dimensional float32 array `number` of the list `at`."""
     k = RECORDS + 3 * number
     grid: Grid32 = carray(_pointer(at[k]), (at[k + 1], at[k + 2]), np.float32)
     return grid
@@ -56,7 +57,7 @@ def _grid32(at: Addresses, number: int) -> Grid32:
 
 @njit(cache=True, allocates=True)
 def _index(at: Addresses, number: int) -> Index:
-    """Return array `number`, of int32 in one dimension."""
+    """Return the one-dimensional int32 array `number` of the list `at`."""
     k = RECORDS + 3 * number
     index: Index = carray(_pointer(at[k]), at[k + 1], np.int32)
     return index
@@ -88,7 +89,7 @@ CORE_RECORDS = (
     CONTROL_PARAMS, CONTROL_STATE, ESTIMATOR_PARAMS, ESTIMATOR_STATE, SETPOINT, ESTIMATE, SENSORS, ACTUATORS,
 )  # fmt: skip
 _DOUBLES, _SINGLES, _NUMBERS = (np.dtype(kind) for kind in (np.float64, np.float32, np.int32))
-ARRAYS = [  # dtype, number of dimensions, C-contiguous
+ARRAYS = [  # of each array: dtype, number of dimensions, whether it is C-contiguous
     *((_DOUBLES, 2, True),) * 2, *((_SINGLES, 2, True),) * 2, *((_NUMBERS, 1, True),) * 3, *((_DOUBLES, 2, True),) * 2,
 ]  # fmt: skip
 
@@ -97,7 +98,7 @@ class Fused:
     """The fused loop of one vehicle. It holds addresses, so a new record or array needs a new Fused."""
 
     def __init__(self, plant: tuple[Any, ...], core: tuple[Any, ...]) -> None:
-        """`plant`: `Multirotor.kernel_args`; `core`: `FlightCore.kernel_args`. They share sensors and actuators.
+        """`plant`: `Multirotor.kernel_args`; `core`: `FlightCore.kernel_args`. Both use the same sensors and actuators.
 
         Raises TypeError if a record or an array does not have the type that `fly` expects at its place.
         """

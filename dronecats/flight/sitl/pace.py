@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 from dronecats.flight.spec.disturbances import VehicleFaults
 
-LATE_S = 0.002
+LATE_S = 0.002  # a tick that begins later than this counts as late
 LATE_SHARE = 0.001  # share of late ticks above which the lag is reported
-REPORT_S = 60.0
-RESYNC_S = 0.5  # a larger lag is skipped, so that the simulation does not catch up in a burst
+REPORT_S = 60.0  # wall s between two reports
+RESYNC_S = 0.5  # s; a larger lag is skipped, so that the simulation does not catch up in a burst
 # The scheduler ends a sleep late, mostly by less than 0.1 ms. So the sleep is this much shorter, and a loop that yields
 # the processor waits for the remaining time.
 EARLY_S = 0.0003
@@ -25,9 +25,9 @@ class RateKeeper:
     def restart(self) -> None:
         """Reset all counts, and start from now."""
         self.ticks = 0
-        self.late = 0  # ticks that began more than 2 ms after they were due
+        self.late = 0  # ticks that began more than LATE_S after they were due
         self.skipped_s = 0.0  # sum of the skipped lags, by which the simulation stays behind the wall clock
-        self.lag_s = 0.0  # of the newest tick
+        self.lag_s = 0.0  # lag of the newest tick
         self.lag_max_s = 0.0
         self._due_s = time.monotonic()
 
@@ -37,7 +37,7 @@ class RateKeeper:
         return self.late / self.ticks if self.ticks else 0.0
 
     def figures(self) -> dict[str, float]:
-        """Return ticks, late (ticks), late_share (0 … 1), lag_max_s and skipped_s."""
+        """Return the counts and lags since the last restart, rounded."""
         return {
             "ticks": self.ticks,
             "late": self.late,
@@ -93,7 +93,7 @@ class PaceReport:
 
 
 class Staller:
-    """Blocks its caller at the start of random seconds of vehicle time, drawn from the seed."""
+    """Simulates a busy computer: blocks its caller at the start of randomly drawn seconds of vehicle time."""
 
     def __init__(
         self, disturbances: VehicleFaults | None, seed: int, stop: Callable[[float], None] = time.sleep

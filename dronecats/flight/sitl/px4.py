@@ -55,13 +55,13 @@ from hil.simulator import (
 from vehicles import airframe as airframes
 from vehicles.sensors import Suite
 
-EXCHANGE_US = 4_000  # PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
+EXCHANGE_US = 4_000  # µs of vehicle time; PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
 # period of the truth that PX4 gets for its log; PX4 asks for 5 ms, but the period must be a multiple of EXCHANGE_US
 TRUTH_US = 8_000
 # Wall seconds to wait for an answer. After that, vehicle time advances without PX4. This happens after each flight
 # termination, because PX4 then never answers again. The agent's link detects a PX4 that hangs.
 ANSWER_S = 3.0
-PATIENCE_S = 0.2  # wall seconds between two checks during this wait
+PATIENCE_S = 0.2  # wall seconds between two checks while the vehicle waits for an answer
 # PX4's start script sets EKF2_GPS_DELAY to 10 ms for this interface. Each exchange has one (mean) IMU sample.
 SUITE = Suite(imu_period_us=EXCHANGE_US, gps_latency_us=10_000)
 ACTUATORS = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
@@ -72,7 +72,7 @@ SETTLED_US = 500_000
 
 
 class HilVehicle(Vehicle):
-    """A vehicle with an external autopilot: it gets HIL messages every `period_us` and answers with motor outputs."""
+    """A vehicle whose external autopilot gets HIL messages every `period_us` and answers with motor outputs."""
 
     def __init__(
         self, index: int, airframe: Airframe, pose: BootPose, *, period_us: int, **physics: Unpack[Physics]
@@ -127,7 +127,7 @@ class Px4Vehicle(HilVehicle):
         super().__init__(index, airframe, pose, period_us=EXCHANGE_US, **physics)
         self.server = server
         self.released = False  # set by another thread; ends all waits
-        self.in_step = False  # whether PX4 answers each sensor message, so that the vehicle waits
+        self.in_step = False  # whether PX4 answers each sensor message; only then the vehicle waits for the answers
         self.answers = 0
         self._to_px4 = Packer(self.index + 1, TRUTH_COMPONENT)
 
@@ -178,7 +178,7 @@ class Px4Vehicle(HilVehicle):
 
 
 MODEL = "none_iris"  # a PX4 airframe with the rotor order of the project's quadrotors
-CLOSE_S = 5.0
+CLOSE_S = 5.0  # wall seconds; longest wait for the end of PX4 before it is killed
 INSTANCE = "{instance}"  # placeholder for the instance's number in a command
 
 
@@ -250,17 +250,17 @@ def environment(instance: int, speed: float) -> dict[str, str]:
     return ours
 
 
-INSTANCES = 10  # number of PX4's instances with an offboard port of their own
+INSTANCES = 10  # PX4 gives only this many instances an offboard port of their own
 UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # UDP ports that an instance needs besides its TCP port
 ULOGS = "log/*/*.ulg"  # PX4's logs, in the folder in which it runs
 IDLE_S = 0.02  # wall seconds between two checks for a PX4 that has not connected yet
 
 
 def free_servers(count: int) -> list[SimulatorServer]:
-    """Return the servers of the first `count` consecutive instances of PX4 whose ports are free.
+    """Return the TCP servers for the first `count` consecutive instances of PX4 whose ports are free.
 
-    The servers keep their TCP ports, so that another flight chooses other instances. Raises UsageError if there are
-    too few instances.
+    The servers keep their ports, so that another flight chooses other instances. Raises UsageError if there are too
+    few instances.
     """
     for first in range(INSTANCES - count + 1):
         servers: list[SimulatorServer] = []
@@ -313,7 +313,7 @@ def _print_line(line: str) -> None:
 
 
 class Px4Simulator(PacedSimulator[Px4Vehicle]):
-    """The simulator with PX4. Once every PX4 has connected, one turn is one tick of the simulation."""
+    """The simulator with PX4. Once every PX4 has connected, a call of `turn` simulates one tick."""
 
     def __init__(
         self, config: SimulatorConfig, notify: Callable[[str], None] = _print_line, world: World | None = None

@@ -1,7 +1,8 @@
 """Simulates the fleet of an episode record on one clock, each vehicle with the project's autopilot.
 
-A plant and its inner loop run in one compiled loop (`fused.py`). The autopilot's commander runs outside of this loop,
-at 100 Hz. The truth of all vehicles is published on a bus within this process.
+The plant (physics) and the inner loop (estimator and controller) of a vehicle run in one compiled loop (`fused.py`).
+The autopilot's commander (modes and commands) runs outside of this loop, at 100 Hz. The simulation publishes the true
+state of all vehicles, the truth, on a bus within this process.
 """
 
 import math
@@ -43,8 +44,8 @@ from vehicles.wind import Wind
 
 STEP_US = 1_000  # period of plant and inner loop
 TICK_US = 10_000  # period of commander and MAVLink
-FINER_US = (5_000, 2_000)  # steps within a tick for message streams of up to 200 and 500 Hz; faster: STEP_US
-TRUTH_US = 20_000  # period of the truth, 50 Hz
+FINER_US = (5_000, 2_000)  # step lengths within a tick while a message stream has up to 200 or 500 Hz; faster: STEP_US
+TRUTH_US = 20_000  # period at which the truth is published, 50 Hz
 
 
 class Tap:
@@ -63,7 +64,7 @@ class Tap:
         return data
 
     def receive(self, data: bytes) -> None:
-        """Send bytes to all other subscribers."""
+        """Publish bytes of this subscriber, for all others."""
         self._bus.publish(data, but=self)
 
     def put(self, data: bytes) -> None:
@@ -71,7 +72,7 @@ class Tap:
 
 
 class TruthBus:
-    """The truth bus within one process: bytes in from one subscriber, out to all others."""
+    """The truth bus within one process. It passes the bytes of a subscriber to all others."""
 
     def __init__(self) -> None:
         self._taps: list[Tap] = []
@@ -105,7 +106,7 @@ class BootPose:
 class Physics(TypedDict, total=False):
     """Arguments of `Vehicle` for its plant. The defaults are those of `Multirotor`, and no payload."""
 
-    seed: Required[int]  # of everything random about the vehicle
+    seed: Required[int]  # seeds all random values of the vehicle
     origin: Required[Origin]
     terrain: HeightField
     obstacles: Obstacles
@@ -115,7 +116,7 @@ class Physics(TypedDict, total=False):
 
 
 class Vehicle:
-    """A plant that reports its truth. Subclasses add the autopilot in `advance`."""
+    """A plant, and the messages about its true state and its collisions. Subclasses add the autopilot in `advance`."""
 
     def __init__(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> None:
         """Boot vehicle `index` of a fleet, counted from 0. Raises UsageError as `Multirotor` does."""
@@ -238,7 +239,7 @@ class SimulatedVehicle(Vehicle):
         self._boot()
 
     def advance(self) -> None:
-        """Advance by one tick: physics, estimator and cascade each ms, then commander and MAVLink once."""
+        """Advance by one tick: physics, estimator and controller each ms, then commander and MAVLink once."""
         if self.autopilot.stream_us < TICK_US:
             self._stream_through(self.autopilot.stream_us)
         else:
@@ -307,7 +308,7 @@ class SimulatedVehicle(Vehicle):
 
 
 class Simulation(Generic[V]):
-    """A fleet on one clock, the moving target, and the bus for the truth."""
+    """Simulates a fleet and the moving target on one clock, and publishes the truth on `bus`."""
 
     def __init__(
         self,
@@ -317,7 +318,10 @@ class Simulation(Generic[V]):
         *,
         from_boot: bool = False,
     ) -> None:
-        """`disturbances` of every vehicle begin with the episode, or at boot with `from_boot`; None: there are none."""
+        """`traffic` moves the target; None: the target stands still.
+
+        `disturbances` of every vehicle begin with the episode, or at boot with `from_boot`; None: there are none.
+        """
         self.vehicles = tuple(vehicles)
         self._disturbances = disturbances
         self.bus = TruthBus()
@@ -382,8 +386,8 @@ def build(
 
     Random values follow from the record's seed and from `seed`, which differs between flights of one episode. All
     drones have the same faults and disturbances. A payload acts from boot; other disturbances begin with the
-    episode, or at boot with `from_boot`. Raises UsageError for an unknown airframe, a payload that it cannot carry or
-    an impossible fault.
+    episode, or at boot with `from_boot`. Raises UsageError for an unknown airframe, a payload that the airframe cannot
+    carry or an impossible fault.
     """
     solid = obstacles(world.scene)
     frame = airframes.load(airframe)
@@ -429,7 +433,7 @@ def build_configured(make: Callable[..., V], world: World, config: SimulatorConf
 
 
 class PacedSimulator(Generic[V]):
-    """Base class of simulators that follow the wall clock, with `do` of `processes.child.Part`."""
+    """Base class of simulators that follow the wall clock. It implements `do` of `processes.child.Part`."""
 
     simulation: Simulation[V]
     speed: float | None  # factor on real time; None: as fast as possible

@@ -22,7 +22,7 @@ WORK_SHARE = 0.1  # largest share of a tick for client messages, before the simu
 
 
 class Simulator(PacedSimulator[SimulatedVehicle]):
-    """The simulator with the project's autopilot. One turn is one tick of the simulation."""
+    """The simulator with the project's autopilot. A call of `turn` simulates one tick."""
 
     def __init__(self, config: SimulatorConfig) -> None:
         world = load_world(config.episode)

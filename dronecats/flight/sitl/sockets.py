@@ -17,12 +17,12 @@ from hil.link.transport import BUFFER_BYTES, bind_error
 
 SocketAddress = tuple[str, int]
 DATAGRAM_BYTES = 8_000  # longer datagrams are dropped; the limit of PX4's mavlink_receiver.cpp
-DATAGRAMS = 128  # read in one exchange, at most
-WORK_S = 0.001  # wall s to process frames in one exchange; default
-SLICE_BYTES = 512  # processed for one sender in one turn: about 40 messages; takes 2 ms if all need answers
-INBOX_BYTES = 65_536  # queue of one sender, at most: a mission or a burst of a file transfer
-PEERS = 32  # senders that get data, at most
-SENDERS = 64  # senders with a queue, at most, peers included
+DATAGRAMS = 128  # largest number of datagrams that one exchange reads
+WORK_S = 0.001  # wall s; default time to process frames in one exchange
+SLICE_BYTES = 512  # bytes of one sender that are processed before the next sender: 40 messages, 2 ms if all need answers
+INBOX_BYTES = 65_536  # largest queue of one sender: enough for a mission or a burst of a file transfer
+PEERS = 32  # largest number of senders that get data
+SENDERS = 64  # largest number of senders with a queue, peers included
 
 
 class Sender:
@@ -48,14 +48,14 @@ class Sender:
             self._inbox += data
 
     def take(self) -> bytes:
-        """Return the frames that the next SLICE_BYTES of the queue complete."""
+        """Parse the next SLICE_BYTES of the queue, and return the frames that end in them."""
         data = bytes(self._inbox[:SLICE_BYTES])
         del self._inbox[:SLICE_BYTES]
         return b"".join(self._parser.frames(data))
 
 
 class UdpPort:
-    """One local socket. It sends to its default remote and to the PEERS newest senders of MAVLink messages."""
+    """One local socket. It sends to the address `remote` and to the PEERS newest senders of MAVLink messages."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class UdpPort:
     def exchange(self, until_s: float | None = None) -> None:
         """Read the socket, process received frames, and send.
 
-        It processes frames until the wall time `until_s`, but at least one slice.
+        It processes frames until the wall time `until_s` (None: for WORK_S), but at least one slice.
         """
         self._receive()
         self._work(self._now_s() + WORK_S if until_s is None else until_s)
@@ -108,7 +108,7 @@ class UdpPort:
                 try:
                     data, address = self._socket.recvfrom(DATAGRAM_BYTES + 1)
                 except ConnectionRefusedError:
-                    continue  # no program listens at the default remote yet
+                    continue  # no program listens at `remote` yet
                 if len(data) <= DATAGRAM_BYTES:
                     self._sender(address).put(data)
 
@@ -164,7 +164,7 @@ class UdpPort:
 
 
 def packets(data: bytes, size: int = 1400) -> list[bytes]:
-    """Return MAVLink 2 bytes, split between messages into datagrams of at most about `size` bytes."""
+    """Split a stream of MAVLink 2 messages into datagrams of at most about `size` bytes, without splitting a message."""
     cut, at, start = [], 0, 0
     while at + 2 < len(data) and data[at] == MARKER:  # other bytes stay in one datagram
         length = frame_bytes(data, at)
@@ -178,9 +178,9 @@ def packets(data: bytes, size: int = 1400) -> list[bytes]:
 
 
 LOOPBACK = "127.0.0.1"
-AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # ports of clients; + instance, except GCS_PORT
-CAMERA_PORT = 8080  # + instance; TCP port of the camera, or the next free one
-AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # + instance; ports of the simulator
+AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # ports of clients; all but GCS_PORT plus the instance
+CAMERA_PORT = 8080  # plus the instance; TCP port of the camera, or the next free one
+AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # plus the instance; ports of the simulator
 
 
 def truth_port(simulation: Simulation[V], instance: int | None) -> UdpPort:

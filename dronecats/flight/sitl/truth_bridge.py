@@ -1,4 +1,4 @@
-"""The process that publishes the true poses of a vehicle with its own simulation, moved onto an episode's map.
+"""Publishes the true poses of a vehicle that an external simulator moves, transformed onto an episode's map.
 
 Camera, logger and oracle read this truth bus in the same way as the bus of the project's simulator.
 """
@@ -24,8 +24,8 @@ class Placement:
     """The transform from a vehicle's own world to the map: a shift and a rotation about the vertical."""
 
     home: Origin  # lat °, lon °, alt m of the vehicle's first pose
-    place_ned: Vec3  # m, map frame, position of that pose on the map
-    turn: float  # rad, from the heading in the vehicle's own world to that on the map, positive towards east
+    place_ned: Vec3  # m, map frame, position of the first pose on the map
+    turn: float  # rad, heading on the map minus heading in the vehicle's own world, clockwise positive
 
     def sample(self, message: dialect.MAVLink_message, time_us: int, drone: int = 0) -> TruthSample:
         """Return the sample on the map for a HIL_STATE_QUATERNION."""
@@ -64,8 +64,8 @@ class TruthClock:
 
     The message that announces a frame on the truth bus (CAMERA_IMAGE_CAPTURED) has this resolution.
 
-    PX4's own simulation leaves the time of HIL_STATE_QUATERNION at zero. In this case the time is that of the last
-    HIL_ACTUATOR_CONTROLS, which arrives on the same link at 100 Hz or more.
+    PX4's own simulation leaves the time of HIL_STATE_QUATERNION at zero. In this case the sample gets the time of the
+    last HIL_ACTUATOR_CONTROLS, which arrives on the same link at 100 Hz or more.
     """
 
     def __init__(self) -> None:
@@ -136,7 +136,7 @@ class TruthSource:
 
 
 class TruthBridge(Part):
-    """The truth bridge as a child process, for a vehicle with its own simulation in an episode's world."""
+    """The child process that reads the vehicle's poses and publishes them on a truth bus with a UDP port of its own."""
 
     def __init__(self, config: TruthBridgeConfig) -> None:
         """Raises UsageError."""

@@ -8,7 +8,7 @@ from hil.link.transport import connect
 HELLO = dialect.MAVLink_heartbeat_message(
     dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
 )
-SYSTEM, COMPONENT = 246, 191
+SYSTEM, COMPONENT = 246, 191  # MAVLink ids of the subscriber
 
 
 class Listener:

@@ -40,7 +40,7 @@ class DisturbanceOption:
     help: str
     choices: tuple[str, ...] = ()  # allowed words; (): it takes numbers
     more: str = ""  # added to the disturbance's row in the docs
-    read: Callable[[str], FieldValues] | None = None  # text → fields; None: the option sets the field to a number
+    read: Callable[[str], FieldValues] | None = None  # text → values of fields; None: the option sets one field to a number
 
     @property
     def kind(self) -> type[float] | type[str]:
@@ -97,7 +97,7 @@ def _disturbance(
     """Return the dataclass field of a disturbance that is one number. Its option and its factor have the name `name`.
 
     `metavar`: metavar of the option; if it is empty, `option` is used, which may have another name or be None. `more`:
-    text for the docs. `level_fields`: the bounds, the unit and other fields of a `DisturbanceLevel`.
+    text for the docs. `words`, `first`: as in `Declaration`. `level_fields`: the other fields of `DisturbanceLevel`.
     """
     level = DisturbanceLevel(name=name, help=help, **level_fields)
     if metavar:
@@ -161,13 +161,14 @@ class FrameFaults:
 
     @property
     def reach_s(self) -> float:
-        """Largest age (s) of a picture when the agent requests it. Without a rate it is 0: the request takes it."""
+        """Largest age (s) of a picture when the agent requests it; 0 if the camera takes each picture on request."""
         return 0.0 if self.rate_hz is None else self.delay_s + 1.0 / self.rate_hz
 
 
+# prefix of a name in --link → fields of LinkFaults
 DIRECTIONS = {"to": ("to_vehicle",), "from": ("from_vehicle",), "": ("to_vehicle", "from_vehicle")}
 WIRE = {entry.quantity.name: name for name, entry in declarations(Impairment).items() if entry.quantity}
-WIRE_LEVELS = ("delay", "jitter", "loss", "duplicate", "reorder", "baud")  # values that are factors of a study
+WIRE_LEVELS = ("delay", "jitter", "loss", "duplicate", "reorder", "baud")  # names of --link that a study can vary
 
 
 def _read_wire(text: str) -> FieldValues:
@@ -218,7 +219,7 @@ def _check_queue(text: str) -> None:
 
 
 def _wire_level(name: str) -> DisturbanceLevel:
-    """Return the declaration of a number of the link, for both directions."""
+    """Return the factor that sets the number `name` of --link in both directions."""
     quantity = declarations(Impairment)[WIRE[name]].quantity
 
     def put(values: FieldValues, level: float) -> None:
@@ -300,7 +301,7 @@ STALLS = "a share of seconds and how long each lasts, for example 0.1,0.5"
 class VehicleFaults:
     """Disturbances of the vehicle, with the project's autopilot or a PX4."""
 
-    wind_ned: Vec3 = declared(  # noqa: RUF009  # m/s, steady, the direction that the air moves to
+    wind_ned: Vec3 = declared(  # noqa: RUF009  # m/s, steady velocity of the air
         (0.0, 0.0, 0.0),
         Disturbance(
             quantity=DeclaredNumber(**WIND, help="speed of the air"),
@@ -386,7 +387,7 @@ SUN = "AZ,EL in degrees, for example 270,15"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightConditions:
-    """Light and season of the map in a flight's pictures: the options of `SceneConditions`."""
+    """Light and season of the map in a flight's pictures. Declares the options for the fields of `SceneConditions`."""
 
     sun_azimuth_deg: float | None = _disturbance(  # None: the map's azimuth
         None, "sun_azimuth", "direction of the sun, clockwise from north", high=360.0, unit="°",

@@ -25,7 +25,7 @@ from foundation.errors import UsageError
 from vehicles import airframe as airframes
 from vehicles.airframe import with_payload
 
-FREE_HEIGHT_M = 2.5  # start height of a flight without an episode, m above the map's spawn: PX4's MIS_TAKEOFF_ALT
+FREE_HEIGHT_M = 2.5  # m above the map's spawn, start height of a flight without an episode: PX4's MIS_TAKEOFF_ALT
 _CAMERA = CameraModel()
 DEPTH = "16-bit PNG, mm along the optical axis, 0 beyond 65.535 m"
 CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
@@ -33,13 +33,13 @@ CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """A flight whose spec has been looked up and checked."""
+    """A flight's specification, with everything that it names, checked."""
 
     spec: FlightSpec
     record: EpisodeRecord | None  # None: a connected vehicle without a world
     prompt: Prompt
     optics: Optics | None
-    outside: Model | None = None  # gives the replies of another harness, if `spec.outside` names one
+    outside: Model | None = None  # gives the replies if another evaluation harness runs the flight (`spec.outside`)
 
     @property
     def instruction(self) -> str:
@@ -80,9 +80,9 @@ class Flight:
 
 
 def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
-    """Return the flight of a spec. Sends no question to a model. Raises UsageError.
+    """Look up and check everything that a spec names. Sends no question to a model. Raises UsageError.
 
-    `outside` gives the replies if the spec names another harness (`spec.outside`).
+    `outside` gives the replies if another evaluation harness runs the flight (`spec.outside`).
     """
     if spec.outside is not None and outside is None and not spec.replay:
         raise UsageError(
