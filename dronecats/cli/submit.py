@@ -122,7 +122,6 @@ def add_leaderboard_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _leaderboard(args: argparse.Namespace) -> int:
-    """Write the leaderboard page."""
     from dronecats.report.leaderboard.leaderboard import page
 
     text = page(map(_entry, args.files))

@@ -1,4 +1,4 @@
-"""Verb `tune`: computes the controller gains for an airframe and the stability margins of the control loops."""
+"""Verb `tune`: computes the controller gains of an airframe and the loops' stability margins."""
 
 import argparse
 import json
@@ -22,7 +22,7 @@ def add_tune_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print gains and margins. Return 0. Raises UsageError if the airframe cannot be controlled."""
+    """Print gains and margins. Raises UsageError if the airframe cannot be controlled."""
     from autopilot.control.loop_design import design, draw, margins_by_control, step_figures
     from vehicles import airframe
 

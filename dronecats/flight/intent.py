@@ -17,11 +17,11 @@ from foundation.run_folder.reading import rows
 from foundation.run_folder.rows import Decision
 from foundation.setpoints import Turn, Velocity
 
-INK, SHADE = (80, 255, 255), (0, 0, 0)  # BGR; INK: text and marks, SHADE: the box behind the text
+INK, SHADE = (80, 255, 255), (0, 0, 0)  # BGR: marks, and the box behind text
 
 
 def draw(folder: Path, camera: CameraModel) -> int:
-    """Draw each decision of an episode folder whose frame exists into intent/. Return the number of drawings."""
+    """Draw each decision whose frame exists into intent/ of an episode folder. Return the number of drawings."""
     drawn = 0
     for decision in rows(folder / layout.DECISIONS, Decision):
         frame = folder / layout.FRAMES / layout.frame_name(decision.frame_id, decision.drone)

@@ -30,7 +30,7 @@ from foundation.run_folder.rows import Decision, FrameTruth, Pose, drone_label
 
 Extent = tuple[float, float, float, float]  # m NED: north_min, north_max, east_min, east_max
 
-FRAMES = 8
+FRAMES = 8  # images below the map
 _COLUMNS = 4
 _WIDTH_IN, _MAP_IN, _ROW_IN = 12.8, 8.0, 2.25
 _DPI = 100
@@ -230,7 +230,6 @@ def _frame(axes: Axes, flight: JudgedFlight, decision: Decision) -> None:
 
 
 def describe(decision: Decision) -> str:
-    """Return the action in a few words."""
     action = decision.action
     if action is None:
         return "no action: " + textwrap.shorten(decision.error or "unreadable reply", 30, placeholder="…")
@@ -257,7 +256,7 @@ def _select_decisions(logs: Logs) -> list[Decision]:
     places = [round(i * (len(order) - 1) / (wanted - 1)) for i in range(wanted)]
     decisive = next((i for i, step in enumerate(order) if any(qualifies(d, logs) for d in steps[step])), None)
     if decisive is not None and decisive not in places:
-        # the decisive step replaces the nearest step between the first and the last; of only two steps, the last
+        # the decisive step replaces the nearest step between first and last; of only two steps, the last
         nearest = min(range(1, max(2, wanted - 1)), key=lambda k: abs(places[k] - decisive))
         places[nearest] = decisive
     return [d for place in sorted(set(places)) for d in steps[order[place]]]

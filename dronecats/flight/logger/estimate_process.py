@@ -1,4 +1,4 @@
-"""The logger process of a flight whose true poses are unknown: it writes the autopilot's estimate to truth.jsonl."""
+"""The logger process of a flight that is not scored: it writes the autopilot's estimate into truth.jsonl."""
 
 import math
 from dataclasses import dataclass
@@ -18,8 +18,6 @@ from hil.link.transport import UdpTransport
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimateLoggerConfig:
-    """Configuration of the logger that records the autopilot's estimate."""
-
     folder: str  # folder for the episode's logs
 
 

@@ -2,8 +2,8 @@
 
 PX4 and the project's autopilot count all resets of the estimator in ODOMETRY.reset_counter (PX4: EKF2.cpp,
 PublishOdometry). The counter does not say which quantity was reset, so this module computes how far each quantity
-jumped. The jump is the new estimate minus a prediction. The prediction uses the previous estimate and the mean
-velocity and yaw rate of both messages; for the velocity it is the previous velocity.
+jumped. The jump is the new estimate minus a prediction from the previous estimate and the mean velocity and yaw rate of
+both messages.
 """
 
 import math
@@ -14,7 +14,7 @@ from foundation.mavlink import Parser, dialect
 from foundation.run_folder.rows import Reset, ResetQuantity
 from foundation.wire import message_id
 
-COUNTS = 256  # reset_counter is a uint8
+COUNTS = 256  # reset_counter is a uint8, so it wraps
 # A quantity counts as reset if its jump exceeds LEAST_… plus the change that ACCELERATION or TURNING_DEG can cause.
 # ACCELERATION and TURNING_DEG are the largest values within 0.2 s in measured flights. For a reset with smaller jumps,
 # `quantities` is empty.
@@ -29,10 +29,10 @@ class EstimatorReset:
 
     count: int
     quantities: tuple[ResetQuantity, ...]  # quantities whose jump is too large to be motion
-    yaw_deg: float  # °, + right
-    position_m: float  # m, horizontally
-    height_m: float  # m, + up
-    velocity_mps: float  # m/s, length of the jump
+    yaw_deg: float  # + right
+    position_m: float  # horizontal
+    height_m: float  # + up
+    velocity_mps: float  # length of the jump
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,6 @@ class _Odometry:
 
 
 class ResetWatch:
-    """Finds the resets in one autopilot's messages."""
-
     def __init__(self) -> None:
         self._parser = Parser()
         self._last: _Odometry | None = None
@@ -71,7 +69,7 @@ class ResetWatch:
             return None
         new, last = _odometry(message), self._last
         if last is not None and new.time_us <= last.time_us:
-            return None  # older than the last message
+            return None
         if not all(map(math.isfinite, (*new.position_ned, *new.velocity_ned, new.yaw, new.yaw_rate))):
             return None
         self._last = new

@@ -29,7 +29,7 @@ def measured_in(world: World) -> Measure:
     return measure
 
 
-SYSTEM, COMPONENT = 246, 155  # the logger's MAVLink ids; 155 is MAV_COMP_ID_LOG
+SYSTEM, COMPONENT = 246, 155  # MAVLink ids; 155: MAV_COMP_ID_LOG
 # id of each requested message → its interval, µs
 WATCHED = {
     dialect.MAVLINK_MSG_ID_ATTITUDE: 200_000,

@@ -34,13 +34,11 @@ from foundation.truth import (
 
 # Measures the target: (t in s, truth of a drone, its camera, truth of the other drones at that time) → measurement
 Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], TargetMeasurement]
-KEPT = 1000  # truth samples kept per drone (20 s at 50 Hz), because frames are reported late
+KEPT = 1000  # truth samples kept per drone, for late frames: 20 s at 50 Hz
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoggerConfig:
-    """Configuration of a logger that measures the truth in an episode's world."""
-
     episode: str  # id of an episode, or path of its record file
     folder: str  # folder for the episode's logs
     truth: str  # URL of the truth bus
@@ -58,7 +56,6 @@ class LazySample:
 
     @cached_property
     def sample(self) -> TruthSample:
-        """The decoded sample."""
         return truth_sample(self._message, self._origin, self._pitch)
 
 
@@ -71,7 +68,7 @@ class EpisodeRecorder:
         self._time_us = 0  # newest vehicle time
 
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
-        """Start the episode at vehicle time `t0_us` (µs), which is its time zero. It lasts `cap_s` seconds at most."""
+        """Start the episode at vehicle time `t0_us` (µs), the episode's time zero. It lasts `cap_s` seconds at most."""
         raise NotImplementedError
 
     def end(self, reason: str, error: str | None = None) -> None:
@@ -131,7 +128,6 @@ class Recorder(EpisodeRecorder):
         super().end(reason, error)
 
     def truth(self, data: bytes) -> None:
-        """Process bytes of the truth bus."""
         for message in self._truth_parser.feed(data):
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
                 self._pose(LazySample(message, self._origin, self._pitches.get(message.get_srcSystem())))
@@ -164,7 +160,7 @@ class Recorder(EpisodeRecorder):
             self._write_poses(waiting=True)
 
     def _keep(self, sample: LazySample, t0_us: int) -> None:
-        """Queue the sample as a pose to write if POSE_PERIOD_S has passed since the drone's last one."""
+        """Queue the sample as a pose to write if POSE_PERIOD_S has passed since the drone's last pose."""
         due = self._next_pose.setdefault(sample.drone, 0)
         t = (sample.time_us - t0_us) / 1e6
         if t >= due * POSE_PERIOD_S:
@@ -226,7 +222,7 @@ class Recorder(EpisodeRecorder):
 
 
 def _body(sample: TruthSample) -> dict[str, Any]:
-    """Return the fields `position_ned` and `yaw_deg` of a drone's pose, rounded for the log."""
+    """Return the fields of a drone's pose, rounded for the log."""
     return {
         "position_ned": _rounded(sample.position_ned, "position_ned"),
         "yaw_deg": _rounded(math.degrees(quat_yaw(sample.attitude)), "yaw_deg"),

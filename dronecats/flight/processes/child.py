@@ -44,7 +44,6 @@ class Part(Protocol):
 
 
 def main() -> int:
-    """Run the part that is named on the command line."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C: it lands the vehicle first
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print goes to the log: it must not look like an answer

@@ -19,7 +19,6 @@ PATIENCE_S = 3.0  # wall seconds between SIGTERM and SIGKILL
 
 
 def main() -> int:
-    """Run the command line's program until it ends or standard input ends."""
     program = subprocess.Popen(sys.argv[1:], stdin=subprocess.PIPE, start_new_session=True)
 
     def let_go() -> None:

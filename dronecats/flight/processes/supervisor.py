@@ -75,8 +75,6 @@ C = TypeVar("C")
 
 @dataclass(frozen=True, slots=True)
 class ChildKind(Generic[C]):
-    """A kind of child process."""
-
     name: str  # used in messages and in the name of the log file
     part: str  # MODULE:NAME of a class or function that makes the `Part` from `config`; only the child imports it
     config: type[C]  # a frozen dataclass of JSON values
@@ -218,7 +216,7 @@ class ChildProcess:
                 self._heartbeat.answered(time.monotonic())
 
     def _silence(self, seconds: float) -> InfrastructureError:
-        """Return the error of a process that hangs, and store the length of its silence."""
+        """Return the error of a process that hangs, and store the length of the silence."""
         self._silent_s = max(self._silent_s, seconds)
         return InfrastructureError(f"the {self.kind} process hangs: no answer for {self._silent_s:g} s; see {self.log}")
 
@@ -247,7 +245,6 @@ class Supervisor:
     """The child processes of one flight. `close` ends all, the newest first."""
 
     def __init__(self, log_dir: Path, answer_s: float = HANG_S) -> None:
-        """After `answer_s` without a heartbeat, a child counts as hanging."""
         self._log_dir, self._answer_s = log_dir, answer_s
         self.children: list[ChildProcess] = []
 

@@ -35,7 +35,7 @@ class LedgerKeeper(Ledger):
 
 
 class RemoteLedger:
-    """A worker's access to the ledger of its cluster."""
+    """A worker's access to the ledger of the cluster."""
 
     def __init__(self, name: str) -> None:
         """`name`: the actor's name without ON_CLUSTER. Raises InfrastructureError if there is no such actor."""
@@ -57,7 +57,6 @@ class RemoteLedger:
         return spent
 
     def limiter(self, address: str, model: str) -> "RemoteLimiter":
-        """Return the limiter of an address for the whole cluster."""
         return RemoteLimiter(self._call, address, model)
 
     def close(self) -> None:
@@ -83,7 +82,7 @@ class RemoteLimiter:
         return float(self._call("limit", "claim", self._address, self._model, tokens))
 
     def update(self, allowances: tuple[Allowance, ...]) -> None:
-        """Record the allowances that an answer of the address reported. Raises InfrastructureError."""
+        """Record the allowances that an answer reported. Raises InfrastructureError."""
         self._call("limit", "update", self._address, self._model, allowances)
 
     def hold(self, seconds: float) -> None:
@@ -149,7 +148,7 @@ def _budget(accounts: Accounts) -> Budget:
 
 
 class Spending:
-    """The cost of all runs of a benchmark, read from their common ledger."""
+    """Reads the cost of all runs of a benchmark from the ledger that they share."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / LEDGER
@@ -162,7 +161,6 @@ class Spending:
         return self._ledger.spent() if self._ledger else None
 
     def close(self) -> None:
-        """Close the file."""
         if self._ledger is not None:
             self._ledger.close()
 
@@ -175,16 +173,16 @@ TEXT = 'The picture does not matter. Answer with this JSON object and nothing el
 class FirstQuestions:
     """Asks each model one small test question before take-off, to find a wrong key or address.
 
-    The answers are not decisions, but their cost is booked.
+    The answers are not decisions, but the ledger records their cost.
     """
 
     def __init__(self, flights: Iterable[FlightSpec], run: Path | None, notify: Notify) -> None:
         """`run` is the folder with the ledger; None: a new folder, with nothing spent."""
         self._flights, self._run, self._notify = list(flights), run, notify
-        self._costs: list[tuple[str, Spent, Accounts]] = []  # PROVIDER/NAME, cost of its question, its accounts
+        self._costs: list[tuple[str, Spent, Accounts]] = []  # PROVIDER/NAME, cost of the question, accounts
 
     def ask(self) -> None:
-        """Ask each model once. Raises UsageError if a model rejects the question, ModelError if it does not answer.
+        """Ask each model once. Raises UsageError if a model rejects the question, ModelError if it gives no answer.
 
         Skips replays, flights whose budget is spent, and flights whose reply cache is not empty.
         """

@@ -25,7 +25,7 @@ LEVELLINGS = 4  # at most this many height corrections
 
 @dataclass(frozen=True, slots=True)
 class StartOffset:
-    """The start pose of a drone, relative to its place on the ground before take-off."""
+    """The start pose of a drone, relative to the drone's place on the ground before take-off."""
 
     offset_ned: Vec3  # m, from the body's origin on the ground to the start pose
     yaw: float | None  # rad; None: the heading on the ground
@@ -52,10 +52,10 @@ def ascend(
 ) -> None:
     """Connect, arm, take off, fly to the start poses and stay there in Offboard, all drones at once. Raises LinkError.
 
-    `check` is called when all drones are ready to arm. It raises if one of them may not take off.
+    `check` is called when all drones are ready to arm. It raises if a drone may not take off.
 
-    A drone whose start has a heading makes a full turn on the way. The turn lets the estimator find the compass's hard
-    iron (constant magnetic disturbance), which otherwise causes a heading error of up to two degrees.
+    A drone whose start has a heading makes a full turn on the way. The turn lets the estimator find the hard iron of
+    the compass, which otherwise causes a heading error of up to two degrees.
     """
     for link in links:
         link.connect()
@@ -116,7 +116,6 @@ def _ground(link: Link) -> _Ground:
 
 
 def _send(link: Link, ground: _Ground, start: StartOffset) -> _Sent:
-    """Send a drone to its start pose in Offboard."""
     north, east, down = (g + o for g, o in zip(ground.position_ned, start.offset_ned, strict=True))
     euler = link.state.euler
     yaw = start.yaw if start.yaw is not None else euler[2] if euler else 0.0

@@ -57,8 +57,6 @@ SILENCE_S = 6.0
 
 
 class VehicleFlight(FlightSetup):
-    """A flight of a connected vehicle."""
-
     def __init__(self, flight: Flight, vehicle: Connected, link: Link, episode: str, camera: dict[str, Any]) -> None:
         """`link` is open. The flight closes it."""
         super().__init__(flight, episode, camera)
@@ -79,7 +77,6 @@ class VehicleFlight(FlightSetup):
 
     @property
     def camera_model(self) -> CameraModel:
-        """Image size, field of view and mount of the pilot's camera."""
         return CameraModel()
 
 
@@ -87,7 +84,7 @@ class ConnectedFlight(VehicleFlight):
     """A flight in the real world, or in a simulation that does not send the vehicle's true poses."""
 
     def __init__(self, flight: Flight, vehicle: Connected, instruments: Instruments) -> None:
-        """Open the vehicle's link and its camera. Raises UsageError, LinkError."""
+        """Open the vehicle's link and camera. Raises UsageError, LinkError."""
         pilot = flight.spec.pilot
         if roster.needs_truth(pilot):
             raise UsageError(

@@ -29,7 +29,7 @@ class ConnectedWorldFlight(VehicleFlight):
     """A flight in an episode's world: camera, logger and oracle use the true poses from the vehicle's simulator."""
 
     def __init__(self, flight: Flight, vehicle: Connected, truth: str) -> None:
-        """Open the vehicle's link; `truth` is the URL of its true poses. Raises UsageError, LinkError."""
+        """Open the vehicle's link; `truth` is the URL of the true poses. Raises UsageError, LinkError."""
         spec, record = flight.spec, flight.record
         if record is None:
             raise UsageError("a vehicle that simulates itself needs a world. Name an episode or a map with --world")
@@ -90,5 +90,5 @@ class ConnectedWorldFlight(VehicleFlight):
             draw(folder)
 
     def _world_record_path(self, folder: Path) -> Path:
-        """Return the path of the record whose world the camera renders: episode.json only if a verdict follows."""
+        """Return the path of the record whose world the camera renders."""
         return folder / (layout.EPISODE if self._judged else layout.WORLD)

@@ -34,8 +34,6 @@ EVERYTHING = Authority()  # the default permissions: arm, move the vehicle, and 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeEnd:
-    """The end of an episode."""
-
     reason: str  # cap, decided, budget, rejected, interrupted, takeover, error
     error: DronecatsError | None
     sim_seconds: float
@@ -59,7 +57,7 @@ def fly(
     notify: Callable[[str], None] = lambda line: None,
     true_start: "TrueStart | None" = None,
 ) -> EpisodeEnd:
-    """Fly the drones of a stage to their start poses, let an agent fly the episode, and land.
+    """Fly the drones of a stage (vehicles, camera and logger) to their start poses, let an agent fly, and land.
 
     With `full`, the flight lasts until `cap_s` even after a success. `pictures` injects picture faults. `true_start`
     raises if the episode may not begin. `check` is called at every tick, besides the stage's own check. It raises if a
@@ -88,7 +86,7 @@ def fly(
             if link.limits and (warning := unwatched(link.state, link.limits)):
                 notify(f"      envelope: {warning}")
         agent = _begin(stage, make_agent, folder, log, prompts, on_step, check, cap_s, seed, pictures)
-        began_s = time.monotonic()  # the wall time of the flight is one of its results
+        began_s = time.monotonic()  # the results contain the flight's wall time
         agent.fly(cap_s, watch.decided)
         reason = "decided" if watch.success else "cap"
     except KeyboardInterrupt:
@@ -195,7 +193,6 @@ class VerdictWatch:
         self.success = False
 
     def decided(self, decision: Decision) -> bool:
-        """Return whether the flight may end."""
         self._unsettled |= decision.declares
         if self._full or not self._unsettled:
             return False

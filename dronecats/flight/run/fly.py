@@ -1,4 +1,4 @@
-"""Flies a simulated or connected vehicle as a specification says, judges the flight, and writes run.json."""
+"""Flies and judges a flight from its specification, with any kind of vehicle, and writes run.json."""
 
 from pathlib import Path
 from typing import Any

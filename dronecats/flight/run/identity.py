@@ -39,7 +39,7 @@ FOLDERS = (
 FITTING = "dronecats/pilots/fitting"  # makes data files of the built-in pilots; no flight runs it
 JUDGE = "dronecats/judge"  # without its subfolders: metrics and statistics do not affect a verdict
 OUR_MODULE = re.compile(r"(foundation|vehicles|autopilot|episodes|hil|dronecats)(\.[a-z_0-9]+)+(:\w+)?")
-MODULUS = 1 << 256  # of sums of digests; sums do not depend on the order
+MODULUS = 1 << 256  # sums of digests are modulo this; a sum does not depend on the order
 CACHE_ENTRIES_MAX = 5000  # cached files; above this number, the cache keeps only the files of the newest digest
 PARENTS = "parents"  # `Path.parents[n]` is digested without n, which changes when a module moves
 
@@ -134,7 +134,6 @@ def _cache() -> Path:
 
 
 def protocol_numbers() -> dict[str, float | str]:
-    """Return the constants of `foundation.protocol` by name."""
     values: Mapping[str, object] = vars(protocol)
     return {
         name: value for name, value in sorted(values.items()) if name.isupper() and isinstance(value, float | int | str)
@@ -142,7 +141,7 @@ def protocol_numbers() -> dict[str, float | str]:
 
 
 def suite_digest(records: Iterable[tuple[str, str]]) -> str:
-    """Return the digest of a suite: the pairs (id, text of its record file) in the order of their ids."""
+    """Return the digest of a suite: the pairs (id, text of its record file) in the order of the ids."""
     state = hashlib.sha256()
     for name, text in sorted(records):
         state.update(f"{name} {hashlib.sha256(text.encode()).hexdigest()}\n".encode())
@@ -172,7 +171,7 @@ def write_identity(folder: Path, pace: Mapping[str, float] | None = None) -> Epi
 
 
 def _served_models(folder: Path) -> tuple[str, ...]:
-    """Return the names under which vendors served the model, in the order of their first reply."""
+    """Return the names under which vendors served the model, in the order of the first replies."""
     try:
         served = [decision.served for decision in rows(folder / layout.DECISIONS, Decision)]
         served += [exchange.served for exchange in exchanges(folder)]

@@ -69,10 +69,10 @@ def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def signals_handled(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> Iterator[None]:
-    """Handle Ctrl-C and similar signals until the context ends. Does nothing in other threads: they get no signals.
+    """Handle Ctrl-C and similar signals until the context ends. Does nothing outside the main thread.
 
     An ignored SIGHUP stays ignored, as after `nohup`. An ignored SIGINT is handled all the same: a shell starts
-    background commands with SIGINT ignored, but a flight that gets one must land.
+    background commands with SIGINT ignored, but a flight that gets a SIGINT must land.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -144,7 +144,6 @@ def say_failsafe(link: Link, notify: Callable[[str], None]) -> None:
 def await_landing(
     links: Sequence[Link], flying: Sequence[Link], notify: Callable[[str], None] = lambda line: None
 ) -> None:
-    """Wait until all `flying` drones have disarmed."""
     for label, link in zip(_labels(links), links, strict=True):
         if link not in flying:
             continue
@@ -155,7 +154,7 @@ def await_landing(
 
 
 def _labels(links: Sequence[Link]) -> list[str]:
-    """Return the prefix of a line about each drone: its name in a fleet, empty for a single one."""
+    """Return the prefix of a line about each drone: the drone's name in a fleet, empty for a single drone."""
     return [f"{drone_label(drone)}: " if len(links) > 1 else "" for drone in range(len(links))]
 
 

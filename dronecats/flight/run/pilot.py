@@ -50,7 +50,7 @@ def questions_of(flight: Flight, model: Model) -> Questions:
 
 
 def papers_agent(flight: Flight, model: Model) -> AgentFactory:
-    """Return the factory of the agent of the benchmark's paper. It asks one question per group of drones."""
+    """Return the factory of the paper's agent. It asks one question for each group of drones."""
     return partial(PaperAgent, questions_of(flight, model), groups=groups_of(flight))
 
 
@@ -62,7 +62,7 @@ def steady_agent(flight: Flight, model: Model) -> AgentFactory:
 
 
 def groups_of(flight: Flight) -> list[list[int]] | None:
-    """Return the groups of drones that share their questions; None: all drones are one group."""
+    """Return the groups of drones that share one question; None: all drones are one group."""
     if flight.record is None or flight.spec.command != "solo":
         return None
     return [[drone] for drone in range(len(flight.record.starts))]
@@ -73,7 +73,7 @@ SHIPPED: dict[str, AgentMaker] = {PAPER: papers_agent, STEADY: steady_agent}
 
 
 def agent_maker(name: str) -> AgentMaker:
-    """Return the maker of a shipped agent, or the maker MODULE:NAME. Raises UsageError for an unknown name."""
+    """Return the maker of a shipped agent, or the maker MODULE:NAME. Raises UsageError."""
     if name in SHIPPED:
         return SHIPPED[name]
     module, colon, function = name.partition(":")
@@ -90,7 +90,7 @@ def agent_maker(name: str) -> AgentMaker:
 
 @dataclass(frozen=True, slots=True)
 class OpenPilot:
-    """The opened model of a flight, and in a hierarchy the opened model of the commander."""
+    """The opened model of a flight, and in a hierarchy the commander's."""
 
     model: Model
     begin: Callable[[int], None] = lambda t0_us: None  # called when the episode begins, with the vehicle's time in µs
@@ -171,7 +171,7 @@ def _commander(flight: Flight, folder: Path) -> Iterator[OpenPilot]:
 
 @contextmanager
 def _served(name: str, stage: Stage, folder: Path, kind: ChildKind[PilotConfig] = PILOT) -> Iterator[OpenPilot]:
-    """Serve a built-in pilot: in a thread if the clock waits for it (lockstep), else in a separate process."""
+    """Serve a built-in pilot: in a thread if the clock waits for replies (lockstep), else in a separate process."""
     with ExitStack() as opened:
         check: Callable[[], None] = lambda: None  # noqa: E731  # a server thread needs no check
         if stage.lockstep:

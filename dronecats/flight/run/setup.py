@@ -1,4 +1,4 @@
-"""Runs a flight: writes its record, flies, and writes the verdict into its folder.
+"""Runs a flight: writes the episode record, flies, and writes the verdict into the flight's folder.
 
 `FlightSetup` has a subclass for each kind of vehicle.
 """
@@ -69,7 +69,7 @@ def fly_and_judge(
     except Exception as bug:
         ending = EpisodeEnd("error", unexpected(bug, folder), 0.0, 0.0, 0)
     with signals_handled(signal.SIG_IGN):
-        # before the verdict, so that every folder with a verdict has its identity file
+        # before the verdict, so that every folder with a verdict has identity.json too
         _, identity_error = _try_write(lambda: write_identity(folder, pace()), folder)
         verdict, verdict_error = _try_write(lambda: write_verdict(folder), folder)
         _, files_error = _try_write(lambda: afterwards(ending), folder)
@@ -130,7 +130,7 @@ class Instruments:
         return model
 
     def agent(self, make: AgentFactory) -> AgentFactory:
-        """Return the factory of the agent: `make`, or one whose agents are measured."""
+        """Return the factory of the agent: `make`, or a factory of measured agents."""
         return make
 
 
@@ -168,7 +168,6 @@ class FlightSetup(ABC):
         """Start everything that the episode needs, and end it afterwards. Raises UsageError, InfrastructureError."""
 
     def agent(self, pilot: OpenPilot) -> AgentFactory:
-        """Return the factory of the agent that flies."""
         return pilot.agent(self.flight)
 
     def facts(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Uses the true poses of the drones in a flight: opens pilots that need them, and checks the start.
+"""Uses the drones' true poses in a flight: opens pilots that need them, and checks the start.
 
 Before an episode begins, the autopilot's estimate and the start pose are compared with the truth. If the start pose
 differs from the record, or the autopilot's heading is wrong, the flight ends with an infrastructure error, because its
@@ -30,7 +30,7 @@ from foundation.truth import KEPT, NewestTruth, TruthSample
 from hil.link.link import Link
 from hil.link.telemetry import VehicleState
 
-LATE_S = 90.0  # s; a picture older than this is treated as this old
+LATE_S = 90.0  # s; the truth is kept for pictures up to this age
 
 
 @contextmanager
@@ -75,7 +75,7 @@ class TrueStart:
     """Compares estimates and start poses of a stage's drones with the truth. It may raise, but sends nothing."""
 
     def __init__(self, stage: TruthfulStage, world: World, placement: Placement | None = None) -> None:
-        """`placement` moves the autopilot's estimate onto the map; None: both have the same frame."""
+        """`placement` moves the autopilot's estimate onto the map; None: estimate and map have the same frame."""
         self._record, self._placement = world.record, placement or Placement(origin(world), (0.0, 0.0, 0.0), 0.0)
         self._truth = NewestTruth(origin(world))
         self._tap = stage.tap(self._truth.feed)
