@@ -48,7 +48,6 @@ class BoardVehicle(HilVehicle):
         self.line.close()
 
     def _exchange(self) -> None:
-        """Send the sensors and take the motor outputs, in real time."""
         self.keeper.wait()
         self.line.exchange()
         if self.line.in_hil:

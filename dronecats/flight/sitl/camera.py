@@ -96,7 +96,6 @@ class WorldCamera:
         self._lock = threading.Lock()  # several server threads request frames; only one frame is rendered at a time
 
     def feed(self, data: bytes) -> None:
-        """Process bytes of the truth bus."""
         self._truth.feed(data)
 
     def begin(self, t0_us: int) -> None:
@@ -132,7 +131,7 @@ class WorldCamera:
             return self._taken(drone, self._truth.at(drone, time_us), full, depth or self._depth)
 
     def depth_of(self, frame_id: int) -> NDArray[np.uint16]:
-        """Return the depth picture of a frame. Raises CameraError if it is not kept, or was not rendered."""
+        """Return the depth picture of a frame. Raises CameraError if the picture is not kept, or was not rendered."""
         with self._lock:
             if frame_id not in self._depths:
                 raise CameraError(f"the camera keeps no depth picture of frame {frame_id}")

@@ -21,7 +21,7 @@ class Traffic:
     """Updates the pose of the moving target in the vehicles' physics."""
 
     def __init__(self, pose: Callable[[float], tuple[Vec3, float]]) -> None:
-        """`pose` returns (position_ned m, yaw rad) of the target without roll and pitch, at a time (s of the episode)."""
+        """`pose` returns (position_ned m, yaw rad) of the target, without tilt, at a time (s of the episode)."""
         self._pose = pose
         self._t0_us: int | None = None
         self._next_us = 0
@@ -53,7 +53,7 @@ class Encounters:
         self._vehicles = vehicles
 
     def part(self, tick_s: float) -> None:
-        """Set the contact forces of touching vehicles for the coming tick, and clear those of the last tick."""
+        """Set the contact forces of touching vehicles for the coming tick, and clear the forces of the last tick."""
         for k in self._pushed:
             self._vehicles[k].state["external_force"] = self._vehicles[k].state["external_torque"] = 0.0
         self._pushed.clear()
@@ -87,7 +87,7 @@ class CollisionReport:
         touched_us, leant_us = self._touches()
         same = hits == self._hits and crashed == self._crashed and touched_us <= self._last_us
         if same and self._since_us is None:
-            return None  # nothing has changed, as at most calls
+            return None  # nothing new
         struck, newly = hits > self._hits, crashed and not self._crashed
         self._hits, self._crashed = hits, crashed
         leans = leant_us > self._last_us

@@ -40,7 +40,7 @@ def compile_notice() -> str:
 
 
 def compile_all(core: Kernel[..., object], core_arguments: Iterable[Any]) -> None:
-    """Compile and cache the kernel `core` for the types of its arguments, and in parallel the plant and the camera.
+    """Compile and cache the kernel `core` for the types of `core_arguments`, and in parallel plant and camera.
 
     A process that fails is not an error: its kernels are compiled at their first call.
     """

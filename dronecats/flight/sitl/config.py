@@ -9,7 +9,7 @@ from dronecats.flight.spec.disturbances import VehicleFaults
 from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.truth import KEPT
 
-AIRFRAME = "x500"  # the default
+AIRFRAME = "x500"  # the default airframe
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,19 +23,19 @@ KINDS = {
     dialect.FAILURE_TYPE_WRONG: "bias",
     dialect.FAILURE_TYPE_DELAYED: "delay",
 }
-WRONG = {  # error added to a sensor by FAILURE_TYPE_WRONG: clearly visible, but plausible
+WRONG = {  # error added by FAILURE_TYPE_WRONG: clearly visible, but plausible
     "gyro": (0.3, 0.3, 0.3),  # rad/s
     "accel": (2.0, 2.0, 2.0),  # m/s²
     "mag": (0.2, 0.2, 0.0),  # gauss
-    "baro": (3.0, 0.0, 0.0),  # hPa, as of 25 m of height
+    "baro": (3.0, 0.0, 0.0),  # hPa, as for 25 m of height
     "gps": (30.0, 30.0, 0.0),  # m
     "range": (3.0, 0.0, 0.0),  # m
 }
-DELAY_S = 0.3  # delay of the GPS by FAILURE_TYPE_DELAYED
+DELAY_S = 0.3  # GPS delay of FAILURE_TYPE_DELAYED
 
 
 class Failures:
-    """The failures injected into one vehicle since boot, in addition to its fault script."""
+    """The failures injected into one vehicle since boot, in addition to the vehicle's fault script."""
 
     def __init__(self, plant: Multirotor, scripted: Iterable[Fault] = ()) -> None:
         self._plant = plant
@@ -43,10 +43,7 @@ class Failures:
         self._faults: dict[str, Fault] = {}
 
     def inject(self, unit: int, kind: int, instance: int) -> bool:
-        """Break or repair parts from now on; return whether that is possible. Instance 0: all parts of the unit.
-
-        `unit`: MAVLink's FAILURE_UNIT. `kind`: MAVLink's FAILURE_TYPE.
-        """
+        """Apply a FAILURE_TYPE to a FAILURE_UNIT from now on; return whether it is possible. Instance 0: all parts."""
         targets = self._parts_of(unit, instance)
         if not targets or (kind != dialect.FAILURE_TYPE_OK and kind not in KINDS):
             return False
@@ -54,7 +51,7 @@ class Failures:
         now = int(self._plant.state["time_us"])
         for part in targets:
             if kind == dialect.FAILURE_TYPE_OK:
-                if part in changed:  # end the fault, do not remove it: the kernel restores a rotor at its fault's end
+                if part in changed:  # end the fault, do not remove it: the kernel restores a rotor when the fault ends
                     changed[part] = replace(changed[part], until_us=max(now, changed[part].from_us + 1))
             elif (KINDS[kind] == "delay" and part != "gps") or (part.startswith("rotor") and KINDS[kind] != "fail"):
                 return False
@@ -63,7 +60,7 @@ class Failures:
                 changed[part] = Fault(part, KINDS[kind], from_us=now, value=value)
         if len(changed) + len(self._scripted) > MAX_FAULTS:
             return False
-        if kind == dialect.FAILURE_TYPE_OK:  # also end current faults of the script, but not its later ones
+        if kind == dialect.FAILURE_TYPE_OK:  # also end current faults of the script, but not later faults
             self._scripted = tuple(
                 replace(fault, until_us=max(now, fault.from_us + 1))
                 if fault.part in targets and fault.from_us <= now < fault.until_us

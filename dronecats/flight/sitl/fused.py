@@ -2,8 +2,7 @@
 
 For each call, numba needs 0.1 µs per array argument, but about 2 µs per numpy record, because numpy describes the
 record's layout anew. The records of one vehicle would take 40 µs, five times as long as the computation of 10 ms of
-flight. So `Fused` looks up the memory addresses of all records and arrays once, and each call passes only one address:
-that of the list of these addresses.
+flight. So `Fused` looks up all memory addresses once, and each call passes only the address of the list of them.
 """
 
 from collections.abc import Callable
@@ -31,7 +30,6 @@ PLACES = RECORDS + 3 * 9  # entries of the list: one for each record, three for 
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba has no type annotations
 def _pointer(typingctx: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
-    """Return an integer address as a pointer."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.inttoptr(args[0], context.get_value_type(types.voidptr))
@@ -100,7 +98,7 @@ class Fused:
     def __init__(self, plant: tuple[Any, ...], core: tuple[Any, ...]) -> None:
         """`plant`: `Multirotor.kernel_args`; `core`: `FlightCore.kernel_args`. Both use the same sensors and actuators.
 
-        Raises TypeError if a record or an array does not have the type that `fly` expects at its place.
+        Raises TypeError if a record or an array does not have the type that `fly` expects.
         """
         each_alone = [*plant[:-1], *plant[-1], *core]
         records = [argument for argument in each_alone if isinstance(argument, np.void)]
@@ -118,5 +116,4 @@ class Fused:
             compile_ahead.compile_all(update, core)
 
     def advance(self, steps: int) -> None:
-        """Advance by `steps` milliseconds."""
         fly(steps, self._places)

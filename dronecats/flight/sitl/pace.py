@@ -1,4 +1,4 @@
-"""Synchronises a simulation with the wall clock, reports its lag, and stalls it on purpose."""
+"""Synchronises a simulation with the wall clock, reports the lag, and stalls the simulation on purpose."""
 
 import random
 import time
@@ -33,7 +33,6 @@ class RateKeeper:
 
     @property
     def late_share(self) -> float:
-        """Share of the ticks that were late, 0 … 1."""
         return self.late / self.ticks if self.ticks else 0.0
 
     def figures(self) -> dict[str, float]:
@@ -98,7 +97,7 @@ class Staller:
     def __init__(
         self, disturbances: VehicleFaults | None, seed: int, stop: Callable[[float], None] = time.sleep
     ) -> None:
-        """`stop` blocks for the wall seconds in its argument."""
+        """`stop` blocks for a number of wall seconds."""
         self._stalls, self._stop = disturbances or VehicleFaults(), stop
         self._fate = random.Random(f"{seed} host")
         self._due_us: int | None = None

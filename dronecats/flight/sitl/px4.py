@@ -77,7 +77,6 @@ class HilVehicle(Vehicle):
     def __init__(
         self, index: int, airframe: Airframe, pose: BootPose, *, period_us: int, **physics: Unpack[Physics]
     ) -> None:
-        """`period_us`: period of the sensor messages, µs of vehicle time."""
         super().__init__(index, airframe, pose, **physics)
         curve = self.plant.airframe.curve
         self._idle = curve.speed_idle / curve.speed_max
@@ -86,7 +85,7 @@ class HilVehicle(Vehicle):
         self._sent = SampleTimes()
 
     def advance(self) -> None:
-        """Advance by one tick, with all exchanges in it."""
+        """Advance by one tick, and exchange messages when they are due."""
         end_us = self.time_us + TICK_US
         while (now_us := self.time_us) < end_us:
             exchange_us = now_us - now_us % self._period_us + self._period_us
@@ -117,12 +116,10 @@ class HilVehicle(Vehicle):
 
 
 class Px4Vehicle(HilVehicle):
-    """A simulated vehicle that a PX4 flies."""
-
     def __init__(
         self, index: int, airframe: Airframe, pose: BootPose, *, server: SimulatorServer, **physics: Unpack[Physics]
     ) -> None:
-        """`server`: the TCP server to which PX4 connects. `close` closes it."""
+        """`server`: the TCP server to which PX4 connects. `close` closes the server."""
         physics.setdefault("suite", SUITE)
         super().__init__(index, airframe, pose, period_us=EXCHANGE_US, **physics)
         self.server = server
@@ -252,7 +249,7 @@ def environment(instance: int, speed: float) -> dict[str, str]:
 
 INSTANCES = 10  # PX4 gives only this many instances an offboard port of their own
 UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # UDP ports that an instance needs besides its TCP port
-ULOGS = "log/*/*.ulg"  # PX4's logs, in the folder in which it runs
+ULOGS = "log/*/*.ulg"  # PX4's logs in its working folder
 IDLE_S = 0.02  # wall seconds between two checks for a PX4 that has not connected yet
 
 
@@ -379,7 +376,7 @@ class Px4Simulator(PacedSimulator[Px4Vehicle]):
         self._began_s, self._began_us = time.monotonic(), self.simulation.time_us
 
     def summary(self) -> str:
-        """Return in words the vehicle time since PX4 connected, and its ratio to wall time."""
+        """Return in words the vehicle time since PX4 connected, and the ratio of vehicle time to wall time."""
         seconds, wall_s = (self.simulation.time_us - self._began_us) / 1e6, time.monotonic() - self._began_s
         return f"{seconds:.1f} s of vehicle time at {seconds / max(wall_s, 1e-3):.1f} × real time"
 

@@ -84,7 +84,6 @@ class TruthBus:
 
     @property
     def has_listeners(self) -> bool:
-        """Whether it has a subscriber."""
         return bool(self._taps)
 
     def publish(self, data: bytes, but: Tap | None = None) -> None:
@@ -97,14 +96,12 @@ class TruthBus:
 
 @dataclass(frozen=True, slots=True)
 class BootPose:
-    """The pose of a vehicle at boot."""
-
     position_ned: Vec3  # m, map frame, on the ground
     yaw: float  # rad
 
 
 class Physics(TypedDict, total=False):
-    """Arguments of `Vehicle` for its plant. The defaults are those of `Multirotor`, and no payload."""
+    """Arguments of `Vehicle` for its plant. The defaults of `Multirotor` apply, and no payload."""
 
     seed: Required[int]  # seeds all random values of the vehicle
     origin: Required[Origin]
@@ -154,7 +151,6 @@ class Vehicle:
         )
 
     def advance(self) -> None:
-        """Advance by one tick."""
         raise NotImplementedError
 
     def close(self) -> None:
@@ -190,7 +186,6 @@ class VehiclePort:
         self._last_words = b""
 
     def take(self) -> bytes:
-        """Return the bytes that the vehicle has sent since the last call."""
         data, self._last_words = self._last_words, b""
         return data + self._port.take()
 
@@ -308,7 +303,7 @@ class SimulatedVehicle(Vehicle):
 
 
 class Simulation(Generic[V]):
-    """Simulates a fleet and the moving target on one clock, and publishes the truth on `bus`."""
+    """Simulates a fleet and the moving target (`traffic`) on one clock, and publishes the truth on `bus`."""
 
     def __init__(
         self,
@@ -318,10 +313,7 @@ class Simulation(Generic[V]):
         *,
         from_boot: bool = False,
     ) -> None:
-        """`traffic` moves the target; None: the target stands still.
-
-        `disturbances` of every vehicle begin with the episode, or at boot with `from_boot`; None: there are none.
-        """
+        """`disturbances` of every vehicle begin with the episode, or at boot with `from_boot`; None: there are none."""
         self.vehicles = tuple(vehicles)
         self._disturbances = disturbances
         self.bus = TruthBus()
@@ -344,7 +336,7 @@ class Simulation(Generic[V]):
                 vehicle.disturb(self._disturbances)
 
     def advance(self) -> None:
-        """Advance every vehicle by one tick, and publish its hits and, at 50 Hz, its truth."""
+        """Advance every vehicle by one tick, and publish hits and, at 50 Hz, the truth."""
         if self.traffic:
             self.traffic.place(self._plants, self.time_us)
         self._encounters.part(TICK_US / 1e6)

@@ -19,14 +19,14 @@ SocketAddress = tuple[str, int]
 DATAGRAM_BYTES = 8_000  # longer datagrams are dropped; the limit of PX4's mavlink_receiver.cpp
 DATAGRAMS = 128  # largest number of datagrams that one exchange reads
 WORK_S = 0.001  # wall s; default time to process frames in one exchange
-SLICE_BYTES = 512  # bytes of one sender that are processed before the next sender: 40 messages, 2 ms if all need answers
+SLICE_BYTES = 512  # processed of one sender before another: about 40 messages; takes 2 ms if all need answers
 INBOX_BYTES = 65_536  # largest queue of one sender: enough for a mission or a burst of a file transfer
 PEERS = 32  # largest number of senders that get data
 SENDERS = 64  # largest number of senders with a queue, peers included
 
 
 class Sender:
-    """One address that sends to a port: the queue of its bytes, and their parser."""
+    """One address that sends to a port, with a queue of received bytes and a parser."""
 
     def __init__(self) -> None:
         self.is_peer = False  # whether it has sent a frame and therefore gets data
@@ -102,7 +102,6 @@ class UdpPort:
         self._send(self._take())
 
     def _receive(self) -> None:
-        """Queue the socket's datagrams without parsing them."""
         with contextlib.suppress(BlockingIOError):
             for _ in range(DATAGRAMS):
                 try:
@@ -164,7 +163,7 @@ class UdpPort:
 
 
 def packets(data: bytes, size: int = 1400) -> list[bytes]:
-    """Split a stream of MAVLink 2 messages into datagrams of at most about `size` bytes, without splitting a message."""
+    """Split a stream of MAVLink 2 messages, between messages, into datagrams of at most about `size` bytes."""
     cut, at, start = [], 0, 0
     while at + 2 < len(data) and data[at] == MARKER:  # other bytes stay in one datagram
         length = frame_bytes(data, at)
