@@ -2,11 +2,11 @@
 
 Random disturbances are seeded. Times are vehicle time, except the length of stalls.
 
-Each disturbance is declared once, on its dataclass field. The declaration defines its command-line option, its key in a
-bench.toml, its factor in a study, its bounds, its words in run.json and its row in docs/disturbances.md. The code that
-applies it reads the field: `dronecats/agent/pictures.py` for pictures, `dronecats/flight/stages/stage.py` for the link,
-`dronecats/flight/sitl/simulation.py` for the vehicle, `episodes/maps/conditions.py` for light and season. The defaults
-disturb nothing. `dronecats/agent/latency.py` declares the latency of replies.
+Each disturbance is declared once, on a dataclass field. The declaration defines the command-line option, the key in a
+bench.toml, the factor in a study, the bounds, the words in run.json and the row in docs/disturbances.md. The code that
+applies the disturbance reads the field: `dronecats/agent/pictures.py` for pictures, `dronecats/flight/stages/stage.py`
+for the link, `dronecats/flight/sitl/simulation.py` for the vehicle, `episodes/maps/conditions.py` for light and season.
+The defaults disturb nothing. `dronecats/agent/latency.py` declares the latency of replies.
 """
 
 import math
@@ -38,9 +38,9 @@ class DisturbanceOption:
     name: str  # "frame_delay" of --frame-delay
     metavar: str
     help: str
-    choices: tuple[str, ...] = ()  # allowed words; (): it takes numbers
+    choices: tuple[str, ...] = ()  # allowed words; (): the option takes numbers
     more: str = ""  # added to the disturbance's row in the docs
-    read: Callable[[str], FieldValues] | None = None  # text → values of fields; None: the option sets one field to a number
+    read: Callable[[str], FieldValues] | None = None  # text → values of fields; None: the option has a number
 
     @property
     def kind(self) -> type[float] | type[str]:
@@ -76,8 +76,6 @@ class DisturbanceWord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance(Declaration):
-    """The declaration of a disturbance."""
-
     option: DisturbanceOption | None = None
     levels: tuple[DisturbanceLevel | DisturbanceWord, ...] = ()
 
@@ -94,7 +92,7 @@ def _disturbance(
     first: bool = False,
     **level_fields: Any,
 ) -> T:
-    """Return the dataclass field of a disturbance that is one number. Its option and its factor have the name `name`.
+    """Return the dataclass field of a disturbance that is one number. The option and the factor have the name `name`.
 
     `metavar`: metavar of the option; if it is empty, `option` is used, which may have another name or be None. `more`:
     text for the docs. `words`, `first`: as in `Declaration`. `level_fields`: the other fields of `DisturbanceLevel`.
@@ -106,7 +104,7 @@ def _disturbance(
 
 
 def _word(name: str, help: str, choices: tuple[str, ...], *, words: str, more: str = "") -> Any:
-    """Return the dataclass field of a disturbance that is a word. The field, its option and its factor have one name.
+    """Return the dataclass field of a disturbance that is a word. Field, option and factor have the same name.
 
     The first of `choices` is the default, which the field stores as None.
     """
@@ -172,12 +170,12 @@ WIRE_LEVELS = ("delay", "jitter", "loss", "duplicate", "reorder", "baud")  # nam
 
 
 def _read_wire(text: str) -> FieldValues:
-    """Return both directions of a link from `delay=0.1,loss=0.05,to.delay=0.2`. A name without prefix is for both."""
+    """Return both directions of a link from `delay=0.1,loss=0.05,to.delay=0.2`. A name without prefix sets both."""
     ways: dict[str, FieldValues] = {"to_vehicle": {}, "from_vehicle": {}}
     names: set[str] = set()
     for word in sorted(
         text.split(","), key=lambda word: "." in word.partition("=")[0]
-    ):  # a value for one direction overrides that for both
+    ):  # a value for one direction overrides a value for both
         name, equals, value = word.strip().partition("=")
         way, dot, quantity = name.rpartition(".")
         if not equals or quantity not in WIRE or way not in DIRECTIONS or (dot and not way):
@@ -425,8 +423,6 @@ class FlightConditions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbances:
-    """All disturbances of a flight."""
-
     frame: FrameFaults = FrameFaults()
     link: LinkFaults = LinkFaults()
     vehicle: VehicleFaults = VehicleFaults()
@@ -468,7 +464,7 @@ class Disturbances:
         return _made(values)
 
     def level(self, name: str) -> float | None:
-        """Return the current number of a factor; None if it is unset or a word."""
+        """Return the current number of a factor; None if the factor is unset or a word."""
         part, of, level = next(entry for entry in LEVELS if entry[2].name == name)
         value = getattr(self, part)
         if isinstance(level, DisturbanceLevel) and level.get:

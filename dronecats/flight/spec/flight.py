@@ -33,7 +33,7 @@ CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """A flight's specification, with everything that it names, checked."""
+    """A flight's specification, and everything that it names, looked up and checked."""
 
     spec: FlightSpec
     record: EpisodeRecord | None  # None: a connected vehicle without a world
@@ -43,7 +43,6 @@ class Flight:
 
     @property
     def instruction(self) -> str:
-        """The instruction of the pilot."""
         return self.record.instruction if self.record else self.spec.instruction or ""
 
     @property
@@ -53,7 +52,7 @@ class Flight:
 
     @property
     def seed(self) -> tuple[int, ...]:
-        """The seed of all random draws of the agent: the record's seed and this flight's."""
+        """The seed of all random draws of the agent: the record's seed and the spec's seed."""
         return (self.record.seed if self.record else 0, self.spec.seed)
 
     @property
@@ -64,7 +63,7 @@ class Flight:
 
     @property
     def camera(self) -> dict[str, Any] | None:
-        """The camera for run.json: geometry, and optics and depth if it has any; None without rendering."""
+        """The camera for run.json: geometry, and optics and depth if the camera has any; None without rendering."""
         if self.spec.simulated and not self.spec.simulated.rendered:
             return None
         camera: dict[str, Any] = {**CAMERA}

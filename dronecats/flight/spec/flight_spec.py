@@ -4,8 +4,8 @@ Command line, files and studies create a FlightSpec. It checks all rules between
 contradictions.
 
 A worker on any machine can fly the spec, which has the contents of files, for example the latencies of a `trace:FILE`.
-It has only the names of some files on the machine: the script of `--pilot recorded:FILE`, a user's own map or agent,
-the program in `px4`, the key file of `Connected` and the files of `Accounts`.
+The spec has only the names of some files, which that machine must have: the script of `--pilot recorded:FILE`, a user's
+own map or agent, the program in `px4`, the key file of `Connected` and the files of `Accounts`.
 """
 
 import csv
@@ -54,7 +54,6 @@ class Simulated:
     optics: dict[str, Any] | None = None  # lens, sensor and weather (docs/cameras.md); None: as in the benchmark
 
     def __post_init__(self) -> None:
-        """Raise UsageError for a vehicle that cannot be simulated."""
         check_bounds(self)
         if self.px4 and self.autopilot != "px4":
             raise UsageError("--px4 goes with --autopilot px4. Add it, or leave --px4 out")
@@ -67,7 +66,7 @@ class Authority:
     """The agent's permissions on a vehicle, besides flying it. Simulated vehicles grant all."""
 
     arm: bool = True  # False: a person arms, takes off and hands over
-    then: Literal["land", "return", "hold"] = "land"  # action after the hold at the end
+    then: Literal["land", "return", "hold"] = "land"  # action at the end of the flight, after a hold
     dry: bool = False  # decide, but move nothing
 
 
@@ -85,15 +84,14 @@ class Connected:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accounts:
-    """The limits of a model's cost, and the files of this machine for its cost and replies."""
+    """Limits of the cost of models, and the files on this machine that store costs and replies."""
 
-    cost_limit_usd: float | None = None  # $, limit for the whole ledger; None: no limit
-    token_limit: int | None = None  # tokens of questions and replies, limit for the whole ledger; None: no limit
-    ledger: str | None = None  # file, or ON_CLUSTER and a name; None: a file in the run folder
+    cost_limit_usd: float | None = None  # $, limit for the sum of all costs in the ledger; None: no limit
+    token_limit: int | None = None  # tokens of questions and replies, limit for their sum in the ledger; None: no limit
+    ledger: str | None = None  # file that stores costs, or ON_CLUSTER and a name; None: a file in the run folder
     cache: str | None = None  # file of stored replies; None: every question is sent
 
     def __post_init__(self) -> None:
-        """Raise UsageError for invalid limits."""
         if self.cost_limit_usd is not None:
             cost_limit(self.cost_limit_usd)
         if self.token_limit is not None:
@@ -102,7 +100,7 @@ class Accounts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExternalHarness:
-    """Another harness, which asks a model and passes on the replies (`dronecats.bench.harnesses`)."""
+    """Another evaluation harness that asks a model and passes on its replies (`dronecats.bench.harnesses`)."""
 
     harness: str  # gymnasium, inspect or inspect-robots
     name: str  # the harness's name for its model
@@ -112,7 +110,7 @@ class ExternalHarness:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightSpec:
-    """The settings of a flight, or without an episode those of all flights of a run. Raises UsageError."""
+    """The settings of a flight, or without an episode the settings of all flights of a run. Raises UsageError."""
 
     episode: str | None = None  # id of a shipped episode
     record: dict[str, Any] | None = None  # or the content of the user's own record file
@@ -130,11 +128,11 @@ class FlightSpec:
         "flat"  # flat: one question for all drones; hierarchical: a commander; solo: a question for each drone
     )
     commander: ModelSpec | None = None  # the commander's model; only with `command` hierarchical
-    # a built-in commander. If `commander` is None too, `model` commands, or SCRIPTED if `model` is None
+    # name of a built-in commander. If this and `commander` are None, the commander is `model`, or else SCRIPTED
     scripted: str | None = None
-    prompt: str | None = None  # a template; None: the shipped one
+    prompt: str | None = None  # a template; None: the shipped template
     agent: str = PAPER  # a shipped agent (`dronecats.flight.run.pilot`), or MODULE:NAME of the user's own
-    latency: LatencyPolicy = DEFAULT_LATENCY  # `flight.run.pilot.questions_of` passes it to the agent
+    latency: LatencyPolicy = DEFAULT_LATENCY  # how long replies take in vehicle time: docs/latency.md
     parser: ReplyParser = "strict"  # how replies are read: docs/replies.md
     stop_unreadable: int | None = (
         number(  # the flight ends after this number of replies to one drone in a row without an action; None: never
@@ -148,11 +146,10 @@ class FlightSpec:
     seed: int = number(0, "--seed", "tells flights of one episode apart", high=SEED_MAX, whole=True)
     seconds: float = number(CAP_S, "--seconds", "vehicle time, the flight's length", low=ABOVE_0, high=CAP_S, unit="s")
     full: bool = False  # fly to the time limit, even when the verdict is decided
-    envelope: Limits | None = SIMULATED  # None: no limits at all
+    envelope: Limits | None = SIMULATED  # safety limits of the flight; None: no limits at all
     keep_ulog: bool = False  # copy PX4's own log to the episode's folder
 
     def __post_init__(self) -> None:
-        """Raise UsageError for numbers out of bounds, and for contradictions."""
         check_bounds(self)
         _check_one("a vehicle, simulated or connected: --sitl, or --connect URL", self.simulated, self.connected)
         pilots = "a pilot, model or outside: --pilot NAME, or --model PROVIDER/NAME"
@@ -250,15 +247,15 @@ def _check_one(wanted: str, *values: object) -> None:
         raise UsageError(f"a flight needs {wanted}. Choose one")
 
 
-COLUMN = "latency_s"  # column of a CSV file
+COLUMN = "latency_s"  # column of a CSV file that has the latencies
 BYTES_MAX = 4_000_000
-AT = "@"  # between a file's name and the digest of its latencies
+AT = "@"  # between a file's name and the digest of the latencies
 
 
 def latency_policy(text: str, recorded: Sequence[float] | None = None) -> LatencyPolicy:
-    """Return the policy of a text; the file of a `trace:FILE` is read.
+    """Return the policy that a text describes; read the file of a `trace:FILE`.
 
-    `recorded`: latencies (s). No file is read if the text has their digest, like a text from `portable_policy_text`.
+    `recorded`: latencies (s), used instead of the file if the text has their digest (`portable_policy_text`).
     Raises UsageError for an invalid policy, and for a file without latencies.
     """
     file = _file(text)
@@ -308,7 +305,7 @@ def _with_trace_name(text: str, name: str) -> str:
 
 
 def read_trace(path: Path) -> tuple[float, ...]:
-    """Return the latencies (s) of a run or episode folder in the order of its steps, or of a CSV file.
+    """Return the latencies (s) of a run or episode folder in the order of the steps, or of a CSV file.
 
     Unfinished and retried flights of a run are left out. A CSV file must have the column `latency_s`, or only one
     column. Raises UsageError.
@@ -337,7 +334,7 @@ def _of_run(folder: Path) -> list[float]:
 
 
 def _of_steps(log: Path) -> Iterator[float]:
-    """Yield the latency of each step, once for all its drones. Skips the confirmations of a commander."""
+    """Yield the latency of each step, once for all drones. Skips the confirmations of a commander."""
     counted: set[int] = set()
     for decision in rows(log, Decision):
         if decision.latency_s is not None and decision.confirmed_by is UNSET and decision.step not in counted:

@@ -22,7 +22,7 @@ from foundation.typed_file import file_bytes, json_of
 from hil.cameras.address import shown
 
 BYTES_MAX = 4_000_000
-DEPTH_MAX = 40  # levels of brackets
+DEPTH_MAX = 40  # levels of nested brackets in a file
 
 
 def as_json(spec: FlightSpec) -> dict[str, Any]:
@@ -47,7 +47,7 @@ def as_redacted_json(spec: FlightSpec) -> dict[str, Any]:
 
 
 def from_json(value: Any, where: str) -> FlightSpec:
-    """Return the spec in JSON values. `where` is their source, for errors. Raises UsageError for an invalid spec."""
+    """Return the spec in JSON values. `where` names their source in errors. Raises UsageError for an invalid spec."""
     try:
         spec = _flight(value)
     except (msgspec.ValidationError, UsageError) as wrong:
@@ -88,7 +88,7 @@ def options_with_redacted_address(spec: FlightSpec) -> list[str]:
 
 
 def _unknown(value: Any, allowed: Any, path: str = "") -> str | None:
-    """Return the first key of `value` that is not in `allowed`, with the keys that lead to it."""
+    """Return the first key of `value` that is not in `allowed`, as a path such as `model.name`."""
     if not (isinstance(value, dict) and isinstance(allowed, dict)):
         return None
     for key, inner in value.items():
@@ -104,7 +104,7 @@ def recorded(path: Path) -> FlightSpec:
     """Return the spec that repeats the flight in an episode folder, or in a run folder with one episode.
 
     The replies and their latencies come from the recording. The latency policy `real` becomes `measured`, because the
-    call for a replayed reply takes no time. Raises UsageError if the flight is not simulated or lacks its settings.
+    call for a replayed reply takes no time. Raises UsageError if the flight was not simulated or has no settings.
     """
     folder = episode_folder(path).resolve()
     configuration = run_configuration(folder.parent)
@@ -126,7 +126,7 @@ def _recording(folder: Path) -> FlightRecording:
     served: dict[int, str] = {}  # first drone → name of the served model; a decision has the name only when it changes
     last_declared: tuple[Role, int] | None = None
     for decision in rows(folder / layout.DECISIONS, Decision):
-        if decision.confirmed_by is not UNSET:  # confirmed by the commander, whose exchange has the reply
+        if decision.confirmed_by is not UNSET:  # the commander confirmed it: the reply is in the commander's exchange
             last_declared = ("commander", 0)
             continue
         if decision.reply is UNSET:

@@ -1,6 +1,6 @@
-"""The stage (the parts around the agent) of a connected vehicle, which this program does not simulate.
+"""The stage of a connected vehicle, which this program does not simulate.
 
-The parts are the link, the camera, and a logger of the autopilot's estimate.
+A stage is everything around the agent: here the link, the camera, and a logger of the autopilot's estimate.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Lockstep: vehicle time advances only while a client waits for data. `LockstepStage` runs a whole flight in it.
+"""Lockstep: vehicle time advances only while a client waits for data. `LockstepStage` runs a whole flight this way.
 
 All parts except PX4 are in one process and exchange MAVLink bytes without sockets. With the project's autopilot a
 flight is deterministic.
@@ -40,7 +40,6 @@ class TurnOrder(ABC, Generic[V]):
         self.followers: list[Callable[[], None]] = []
 
     def pump(self) -> None:
-        """Advance by one tick of vehicle time."""
         self.simulation.advance()
         for follower in self.followers:
             follower()
@@ -51,10 +50,9 @@ class TurnOrder(ABC, Generic[V]):
 
     @abstractmethod
     def wire(self, vehicle: int, seed: int) -> SteppedWire:
-        """Return the agent's end of a connection that can be impaired; `seed`: of its random faults."""
+        """Return the agent's end of a connection that can delay and lose messages; `seed` seeds the random faults."""
 
     def now_s(self) -> float:
-        """Return the vehicle time (s)."""
         return self.simulation.time_us / 1e6
 
     def follow(self, feed: Callable[[bytes], None]) -> Callable[[bytes], None]:
@@ -105,7 +103,7 @@ class Px4Lockstep(TurnOrder[Px4Vehicle]):
             follower()
 
     def transport(self, vehicle: int) -> "PumpedTransport":
-        """Return the offboard link of one vehicle's PX4. Raises UsageError if its port is in use."""
+        """Return the offboard link of one vehicle's PX4. Raises UsageError if the port is in use."""
         return PumpedTransport(self._socket(vehicle), self)
 
     def wire(self, vehicle: int, seed: int) -> SteppedWire:
@@ -156,10 +154,10 @@ def one_vehicle(
     px4: str | None = None,
     log_dir: Path | None = None,
 ) -> Iterator[Lockstep | Px4Lockstep]:
-    """Yield the lockstep simulation of the record's first drone in its world.
+    """Yield the lockstep simulation of the first drone in the record of `world`.
 
     `px4`: the command that starts a PX4; None: the drone has the project's autopilot. `log_dir`: existing folder for
-    PX4's output; None: it is not kept.
+    PX4's output; None: the output is not kept.
     Raises UsageError for an airframe or command that cannot fly, InfrastructureError if PX4 ends.
     """
     if px4 is None:
@@ -180,7 +178,7 @@ SPARE_S = 1.0  # s; link faults outlast the flight's time limit by this: the age
 
 
 class LockstepStage(TruthfulStage):
-    """A stage with the same parts as in real time, without sockets between them."""
+    """A stage (everything around the agent) with the same parts as in real time, without sockets between them."""
 
     lockstep = True
     speed = None

@@ -1,6 +1,6 @@
 """Stages (the parts around the agent) with child processes.
 
-There is one for the simulator in real time, and one for a vehicle with its own simulation.
+`RealtimeStage` is for the project's simulator, `WorldStage` for a vehicle that an external simulator moves.
 """
 
 import time
@@ -127,7 +127,6 @@ class RealtimeStage(SupervisedStage, TruthfulStage):
         return agent
 
     def tap(self, feed: Callable[[bytes], None]) -> Listener:
-        """Return a listener that feeds the truth bus to a function."""
         return Listener(self._truth, feed)
 
     def _await_px4(self, ports: list[int], notify: Callable[[str], None]) -> None:
@@ -194,7 +193,7 @@ class Copy:
 
 
 class Patience:
-    """Prints once why the flight waits, if the wait is long."""
+    """Prints once why the flight waits, if the wait takes 3 s: `ChildProcess.ready` calls it twice a second."""
 
     def __init__(self, notify: Callable[[str], None]) -> None:
         self._notify, self._waits = notify, 0
@@ -208,7 +207,7 @@ class Patience:
 
 
 class WorldStage(SupervisedStage, TruthfulStage):
-    """A stage for a vehicle with its own simulation in an episode's world.
+    """A stage for a vehicle that an external simulator moves, in an episode's world.
 
     A bridge copies the vehicle's true poses to a truth bus for camera, logger and oracle.
     """
@@ -224,7 +223,7 @@ class WorldStage(SupervisedStage, TruthfulStage):
         frame_s: float,
         judged: bool,
     ) -> None:
-        """`truth` is the URL of the vehicle's true poses; the first pose is placed at the record's start.
+        """`truth` is the URL of the vehicle's true poses; the first pose is placed at the start in the file `record`.
 
         `folder`: the episode folder, for the logs; `frame_s`: largest age of a frame that a decision may use.
         `judged` False: the logger writes the autopilot's estimate, as for other connected vehicles.
@@ -268,7 +267,6 @@ class WorldStage(SupervisedStage, TruthfulStage):
             link.copy_to(self._wire)
 
     def tap(self, feed: Callable[[bytes], None]) -> Listener:
-        """Return a listener that feeds the truth bus to a function."""
         return Listener(self._bus, feed)
 
     def begin(self, t0_us: int, cap_s: float) -> None:

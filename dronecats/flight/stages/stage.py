@@ -44,8 +44,8 @@ class Stage:
     camera: Camera
     camera_model: CameraModel
     executor: Executor  # runs calls that may take long
-    lockstep = False  # whether the vehicle's clock waits and all parts are in this process
-    speed: float | None = 1.0  # factor on real time at which the vehicle's clock should run; None: it waits
+    lockstep = False  # whether vehicle time waits for the agent, and all parts are in this process
+    speed: float | None = 1.0  # factor on real time at which the vehicle's clock should run; None: lockstep
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         """Start the episode at vehicle time `t0_us` (µs), which is time zero for camera, logger and targets.
@@ -62,7 +62,7 @@ class Stage:
         raise NotImplementedError
 
     def check(self) -> None:
-        """Raise InfrastructureError if a part of the stage is gone. In one process, a part itself raises its errors."""
+        """Raise InfrastructureError if a process of the stage is gone. In lockstep, parts raise their own errors."""
 
     def check_vehicles(self) -> None:
         """Raise InfrastructureError if the simulator of the vehicles is gone, so that none of them can land."""
@@ -75,15 +75,14 @@ class Stage:
         return error
 
     def close(self) -> None:
-        """End all parts."""
         raise NotImplementedError
 
 
 class TruthfulStage(Stage):
-    """A stage with a truth bus."""
+    """A stage with a truth bus, which carries the true poses of the drones."""
 
     def tap(self, feed: Callable[[bytes], None]) -> TruthTap:
-        """Subscribe a function to the truth bus, for example the oracle's."""
+        """Subscribe a function to the truth bus, for example a function of the oracle pilot."""
         raise NotImplementedError
 
 
@@ -94,7 +93,7 @@ LOGGER = ChildKind("logger", "dronecats.flight.logger.logger_process:Logger", Lo
 ESTIMATE_LOGGER = ChildKind(
     "estimate-logger", "dronecats.flight.logger.estimate_process:EstimateLogger", EstimateLoggerConfig
 )
-TRUTH_HZ = 50.0
+TRUTH_HZ = 50.0  # samples of each drone on the truth bus per second
 
 
 def simulator_config(spec: FlightSpec, simulated: Simulated, folder: Path) -> SimulatorConfig:
@@ -133,20 +132,18 @@ class DisturbedLinks:
 
     @property
     def silence_s(self) -> float:
-        """Vehicle time (s) without a message after which a vehicle is lost; with wires, longer than the flight."""
+        """Vehicle time (s) without a message after which a vehicle is lost; with wires, longer than a flight."""
         return SILENCE_S + (2.0 * self._seconds if self.wired else 0.0)
 
     def seed(self, drone: int) -> int:
-        """Return the seed of a drone's wire."""
         record, flight = self._seed
         return noise_seed(record, flight, drone)
 
     def take(self, links: Sequence[Link], wires: Sequence[SteppedWire | ImpairedWire]) -> None:
-        """Set the wires and links to disturb."""
         self._links, self._wires = links, list(wires)
 
     def begin(self, seconds: float = math.inf) -> None:
-        """Start the disturbances, for at most this time (s of vehicle time)."""
+        """Start the disturbances. The faults of the wires last for at most `seconds` of vehicle time."""
         faults = self._disturbances.link
         for wire in self._wires:
             wire.impair(faults.to_vehicle, faults.from_vehicle, seconds)
