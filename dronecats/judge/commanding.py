@@ -1,8 +1,8 @@
-"""Diagnostics of a fleet's commands: identical points, spread of the places, and the candidates that drones approach.
+"""Computes diagnostics of a fleet's commands: identical points, spread of the places, and approached candidates.
 
-Paper, "Commanding Several Drones". The diagnostics do not affect the verdict. A `go` commands a drone to a point of its
-frame at a depth. A place is the 3-D position of that point, for the benchmark's camera on a level drone with the true
-position, heading and camera pitch at the frame.
+Source: paper, "Commanding Several Drones". The diagnostics do not affect the verdict. A `go` commands a drone to a
+point of its frame at a depth. A place is the 3-D position of that point. It is computed for the benchmark's camera on a
+level drone with the true position, heading and camera pitch at the frame.
 """
 
 import itertools
@@ -27,7 +27,8 @@ _FOCAL_PX = _CAMERA.focal_px
 def commanding(logs: Logs, cap_s: float = CAP_S) -> CommandingDiagnostics | None:
     """Return the diagnostics of a commanding episode, for its decisions until `cap_s`.
 
-    None for other episodes, without truth, and if the position of a candidate is unknown.
+    The candidates are the target and the record's other candidates. None for other episodes, without truth, and if the
+    position of a candidate is unknown.
     """
     record = logs.record
     if record is None or record.cell != COMMANDING or not logs.true:
@@ -57,7 +58,6 @@ def commanding(logs: Logs, cap_s: float = CAP_S) -> CommandingDiagnostics | None
 def _step(
     step: int, decisions: Sequence[Decision], frames: Mapping[tuple[int, int], FrameTruth], candidates: Sequence[Vec3]
 ) -> CommandedStep:
-    """Return the commands of one step."""
     gos = [decision.go for decision in decisions]
     seen = [frames.get((decision.drone, decision.frame_id)) for decision in decisions]
     places = [place(go, frame) if go and frame else None for go, frame in zip(gos, seen, strict=True)]
@@ -77,7 +77,7 @@ def _step(
 
 
 def place(go: PointedGo, frame: FrameTruth) -> Vec3 | None:
-    """Return the place (m, NED) of a point of a frame at its depth; None if the pose is unknown."""
+    """Return the place (m, NED) of a go's point at the go's depth; None if the pose at the frame is unknown."""
     if frame.position_ned is None or frame.yaw_deg is None:
         return None
     ahead, aside, below = _CAMERA.offset_frd
@@ -115,7 +115,6 @@ def nears(here: Vec3, there: Vec3, candidates: Sequence[Vec3]) -> int | None:
 
 
 def commanding_sentence(diagnostics: CommandingDiagnostics) -> str:
-    """Return the diagnostics in a sentence."""
     apart = "" if diagnostics.spread_m is None else f"; commanded places {diagnostics.spread_m:.1f} m apart (median)"
     return (
         f"commanded: one point for all drones on {diagnostics.identical_points} of the {diagnostics.all_go_steps}"

@@ -1,8 +1,8 @@
 """Computes the diagnostics of an episode: trace, contacts, estimator resets, delays, and estimated distances.
 
-No diagnostic affects the verdict. Paper, "Metrics"; table in docs/run-folder.md. Poses and frames of a drone are
-samples of the same truth. A sample holds until the next sample. If that is more than GAP_S later, the time between them
-is a gap, for which no sample holds.
+No diagnostic affects the verdict. Source: paper, "Metrics"; table in docs/run-folder.md. The logged poses and frames of
+a drone are samples of the true state. A sample holds until the next sample. If the next sample is more than GAP_S
+later, the time between both is a gap, for which no sample holds.
 """
 
 import math
@@ -35,7 +35,7 @@ class Stretch(NamedTuple):
 
 
 def drone_diagnostics(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> dict[int, Diagnostics]:
-    """Return the diagnostics of every measured drone, by its number."""
+    """Return the diagnostics of every measured drone, by its number. `delta_m`: success radius."""
     samples, poses, ended_s = _samples(logs, cap_s)
     return {
         drone: _drone_diagnostics(_of(samples, drone), _of(poses, drone), ended_s, delta_m)
@@ -44,14 +44,14 @@ def drone_diagnostics(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_
 
 
 def hold_s(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> float | None:
-    """Return the longest unbroken time (s) of a drone within delta with the target in view; None: not measured."""
+    """Return the longest unbroken time (s) of a drone within `delta_m` of a visible target; None: not measured."""
     samples, _, ended_s = _samples(logs, cap_s)
     drones = {row.drone for row in samples}
     return max((longest_hold(stretches(_of(samples, drone), ended_s), delta_m) for drone in drones), default=None)
 
 
 def _samples(logs: Logs, cap_s: float) -> tuple[list[Sample], list[Pose], float]:
-    """Return the measured samples until the cap, the poses, and the end of the episode (s)."""
+    """Return the measured samples and the poses until the cap, and the end of the episode (s)."""
     acted = {(d.drone, d.frame_id) for d in logs.decisions if d.t_decided <= cap_s}
     frames = [row for key, row in logs.frames.items() if row.t <= cap_s or key in acted]
     poses = [pose for pose in logs.poses if pose.t <= cap_s]
@@ -64,8 +64,8 @@ def _samples(logs: Logs, cap_s: float) -> tuple[list[Sample], list[Pose], float]
 def fleet_diagnostics(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
     """Return the diagnostics of an episode; None if nothing was measured.
 
-    Each value is that of the best drone, because one drone is enough for success. Exceptions: the paths are summed, and
-    `flown_s` and `untraced_s` are the largest values of all drones.
+    Each value is the best value of all drones, because one drone is enough for success. Exceptions: the paths are
+    summed, and `flown_s` and `untraced_s` are the largest values of all drones.
     """
     if not drones:
         return None
@@ -98,17 +98,17 @@ def is_wide_rotation(decision: Decision) -> bool | None:
 
 
 def dwell(stretches: Iterable[Stretch], delta_m: float) -> float:
-    """Return the seconds within delta with the target in view."""
+    """Return the seconds within `delta_m` of the target with the target in view."""
     return sum(s.ends - s.begins for s in stretches if s.sample.visible and _within(s.sample, delta_m))
 
 
 def longest_hold(stretches: Iterable[Stretch], delta_m: float) -> float:
-    """Return the longest unbroken time (s) within delta with the target in view; a gap in the trace ends it."""
+    """Return the longest unbroken time (s) that `dwell` counts. A gap between samples ends such a time."""
     return _longest(s for s in stretches if s.sample.visible and _within(s.sample, delta_m))
 
 
 def longest_loss(stretches: Iterable[Stretch]) -> float:
-    """Return the longest time (s) without the target in view; a gap in the trace ends it."""
+    """Return the longest time (s) without the target in view. A gap between samples ends such a time."""
     return _longest(s for s in stretches if s.sample.visible is False)
 
 
@@ -123,7 +123,7 @@ def _longest(stretches: Iterable[Stretch]) -> float:
 
 
 def path(poses: Sequence[Pose]) -> float:
-    """Return the length (m) of the path along poses in the order of their times, without gaps."""
+    """Return the length (m) of the path along poses in the order of their times. Movements across gaps do not count."""
     return sum(math.dist(a.position_ned, b.position_ned) for a, b in pairwise(poses) if b.t - a.t <= GAP_S)
 
 
@@ -173,8 +173,8 @@ def _values(values: Iterable[Any]) -> list[Any]:
     return [value for value in values if value is not None]
 
 
-# s of wall time × speed; a step with a longer delay counts as delayed by the host. The value is a tenth of a move
-# (2.5 s), or five setpoints at 20 Hz. In this time a target at walking pace moves 0.35 m.
+# s of wall time × speed; a step with a longer delay counts as delayed by the host (the flight's computer). The value is
+# a tenth of a move (2.5 s), or five setpoints at 20 Hz. In this time a target at walking pace moves 0.35 m.
 STALL_S = 0.25
 
 
@@ -233,7 +233,7 @@ def _contact_s(logs: Logs, hits: list[Hit], cap_s: float) -> float:
     return round(total + sum(max(end_s - since, 0.0) for since in open_since.values()), 2)
 
 
-SURE = 2.0  # standard deviations
+SURE = 2.0  # standard deviations; a larger margin to the radius counts as certain
 
 
 def distances(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Distances | None:
@@ -268,7 +268,6 @@ def _estimated_dwell(trace: Sequence[tuple[float, float]], delta_m: float) -> fl
 
 
 def _decided_near(decision: Decision, estimate: Estimate, delta_m: float) -> DecidedNear:
-    """Return the estimated distance of a decision at its own frame."""
     frame = estimate.frames.get((decision.drone, decision.frame_id))
     near = _nearness(frame, delta_m) if frame else Nearness(t=None, distance_m=None, std_m=None, within=None)
     return DecidedNear(

@@ -31,7 +31,8 @@ CORE = (
     "declarations",
     "deciding",
 )  # fields that every version stored
-# (reply, number of drones, whether the reply was mended) -> possible readings, each with an action per drone
+# Parses a reply again: (reply, number of drones, whether the lenient parser mended it) → possible readings, each with
+# an action per drone
 Rereading = Callable[[str, int, bool], Iterable[Sequence[Any]]]
 
 
@@ -45,12 +46,11 @@ class Comparison:
 
     @property
     def agrees(self) -> bool:
-        """Whether nothing differs."""
         return not self.differing and not self.damaged
 
 
 def compare(stored: Mapping[str, Any], derived: Mapping[str, Any]) -> Comparison:
-    """Return the comparison of two verdicts at one radius. If `stored` lacks a field, only CORE is compared."""
+    """Return the comparison of two verdicts at the same radius. If `stored` lacks a field, only CORE is compared."""
     text = json.dumps(derived)
     if json.dumps(stored) == text:
         return Comparison((), older=False)
@@ -89,7 +89,7 @@ class Judged:
     """The verdict of an episode folder, compared with its other files."""
 
     verdict: Verdict
-    stored: Comparison | None  # with verdict.json; None: there is no such file, or it has another radius or cap
+    stored: Comparison | None  # comparison with verdict.json; None: no such file, or another radius or cap
     contradictions: tuple[str, ...]  # sentences about contradictions in the logs
 
     @property
@@ -212,9 +212,9 @@ def log_contradictions(logs: Logs) -> list[str]:
 
 
 def reply_contradictions(logs: Logs, reread: Rereading) -> list[str]:
-    """Return one sentence about the decisions whose action differs from their reply; empty if there are none.
+    """Return one sentence about the decisions whose action differs from the logged reply; empty if there are none.
 
-    A reply has one action for each drone of its group (`reply_groups`), in the order of their numbers.
+    A reply has one action for each drone of its group (`reply_groups`), in the order of the drones' numbers.
     """
     group = reply_groups(logs)
     replies = [(d, d.reply, group[d.drone]) for d in logs.decisions if d.reply is not UNSET]
@@ -231,7 +231,7 @@ def reply_contradictions(logs: Logs, reread: Rereading) -> list[str]:
 
 
 def reply_groups(logs: Logs) -> dict[int, list[int]]:
-    """Return for each drone the drones that share its replies, itself included, in the order of their numbers."""
+    """Return for each drone the numbers of the drones in its replies, itself included, in rising order."""
     together: dict[int, set[int]] = {}  # by step
     for decision in logs.decisions:
         together.setdefault(decision.step, set()).add(decision.drone)
@@ -256,7 +256,7 @@ def commander_contradictions(logs: Logs, exchanges: Sequence[Exchange]) -> list[
 
 
 def folder_contradictions(name: str, record: Mapping[str, Any] | None) -> list[str]:
-    """Return a sentence if the folder's name is not the id of its episode."""
+    """Return a sentence if the folder's name is not the id in the record."""
     identity = (record or {}).get("id", name)
     return [] if identity == name else [f"{EPISODE} has the id {identity}, but its folder is named {name}"]
 

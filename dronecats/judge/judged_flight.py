@@ -1,7 +1,7 @@
 """Reads the files of a flight that the judge may use, and derives the verdict from its logs.
 
-`JudgedFlight` is the input of every metric. `dronecats.report.recorded.flight` adds the data of MAVLink and of the
-world.
+`JudgedFlight` is the input of every metric. `dronecats.report.recorded.flight` adds data of the MAVLink log and of the
+episode's world.
 """
 
 from collections import Counter
@@ -47,13 +47,13 @@ from foundation.run_folder.writing import as_json
 
 
 def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verdict:
-    """Return the verdict of an episode's logs. Table of its keys: docs/run-folder.md.
+    """Return the verdict of an episode's logs. Table of the keys: docs/run-folder.md.
 
     A qualifying declaration is a success, however the flight ended. Without one, the outcome is "error", an error of
     the infrastructure, if a declaration was not measured, or if `ending` or `gaps` finds a fault. A flight is censored
-    if it ended before `cap_s`, for example because it was decided at another radius. Without truth `success` is None,
-    and the outcome, if not "error", is "distance only" if the autopilot's estimate and a surveyed target give
-    `distances`, else "unknown".
+    (its continuation is unknown) if it ended before `cap_s`, for example because it was decided at another radius.
+    Without truth `success` is None, and the outcome, if not "error", is "distance only" if `distances` can be
+    estimated, else "unknown".
     """
     declared = declarations(logs, cap_s) if logs.true else []
     last = last_action(logs, cap_s) if logs.true else None
@@ -183,13 +183,13 @@ def gaps(logs: Logs) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class FlightStep:
-    """One decision of one drone with the truth of its picture."""
+    """One decision of one drone, with the truth at the time of its picture."""
 
     decision: Decision
     truth: FrameTruth | None  # truth at the time of the decision's picture; None: the logger has no such row
-    is_question: bool  # it is the first decision from a pilot's reply; metrics count the reply's cost here
-    counts: bool  # it was made within the cap
-    go: PointedGo | None  # None: another action, or none
+    is_question: bool  # whether this is the first decision from a pilot's reply; metrics count the reply's cost here
+    counts: bool  # whether the decision was made within the cap
+    go: PointedGo | None  # the commanded point; None: another action, or none
 
     @property
     def in_view(self) -> FrameTruth | None:
@@ -219,12 +219,11 @@ class JudgedFlight:
 
     @property
     def cell(self) -> str:
-        """approaching, searching, tracking, search-and-track or commanding; empty: unknown."""
+        """The kind of episode: approaching, searching, tracking, search-and-track or commanding; empty: unknown."""
         return str(self.record.get("cell", ""))
 
     @property
     def map(self) -> str:
-        """The map's name; empty: unknown."""
         return str(self.record.get("map", ""))
 
     @cached_property
@@ -234,12 +233,11 @@ class JudgedFlight:
 
     @property
     def scored(self) -> bool:
-        """Whether the outcome is success or failure."""
         return self.verdict.outcome in SCORED
 
     @cached_property
     def steps(self) -> tuple[FlightStep, ...]:
-        """The decisions in the order of the log, each with the truth of its picture."""
+        """The decisions in the order of the log, each with the truth at the time of its picture."""
         steps, answered_steps = [], set[int]()
         for decision in self.logs.decisions:
             frame = self.logs.frames.get((decision.drone, decision.frame_id))
@@ -253,7 +251,7 @@ class JudgedFlight:
 
     @cached_property
     def declarations(self) -> tuple[Measured, ...]:
-        """The declarations that count, pooled over the fleet, in their order; none without truth."""
+        """The declarations of all drones within the cap, in the order of the verdict; empty without truth."""
         return tuple(in_order(declarations(self.logs, self.cap_s), self.cap_s)) if self.logs.true else ()
 
     @cached_property

@@ -1,6 +1,6 @@
 """Applies the success criterion: measures each declaration at its own frame and gives the verdict (pure functions).
 
-The same rule (paper, Algorithm 1) applies to every cell of the grid. The truth at a frame is known if the logger
+The same rule (the paper's Algorithm 1) applies to all kinds of episodes. The truth at a frame is known if the logger
 measured it, and the logged times, positions and distances agree. `measures` adds counts of declarations, which are not
 part of the paper's criterion.
 """
@@ -25,11 +25,11 @@ class Measured:
     drone: int
     t: float  # s, time of the decision
     distance_m: float | None  # m, body to target centre in three dimensions; None: not measured
-    visible: bool | None  # None: not measured
-    unknown: str | None = None  # reason why it was not measured, a sentence
+    visible: bool | None  # whether the target was in view; None: not measured
+    unknown: str | None = None  # sentence: why distance or visibility was not measured
 
     def qualifies(self, delta_m: float = RADIUS_M) -> bool | None:
-        """Return whether a declaration here is a success; None if missing measurements leave it open."""
+        """Return whether a declaration at this frame is a success; None if missing measurements leave it open."""
         within = None if self.distance_m is None else self.distance_m <= delta_m
         if within is False or self.visible is False:
             return False
@@ -43,7 +43,7 @@ class Judgement:
     success: bool | None  # None: no declaration is known to qualify, and one that was not measured may qualify
     ne_m: float | None  # None: no action, the last action was not measured, or success is None
     deciding: Measured | None  # the first declaration known to qualify
-    unknown: tuple[Measured, ...] = ()  # unmeasured declarations before `deciding`, or all if it is None
+    unknown: tuple[Measured, ...] = ()  # unmeasured declarations before `deciding`, or all if `deciding` is None
 
 
 def in_order(declarations: Iterable[Measured], cap_s: float = CAP_S) -> list[Measured]:
@@ -72,7 +72,6 @@ def judge(
 
 
 def declaring_decisions(logs: Logs) -> list[Decision]:
-    """Return the decisions that declare arrival."""
     return [d for d in logs.decisions if d.declares]
 
 
@@ -82,10 +81,10 @@ def declarations(logs: Logs, cap_s: float = CAP_S) -> list[Measured]:
 
 
 def last_action(logs: Logs, cap_s: float = CAP_S) -> Measured | None:
-    """Return the last decision within the cap, even if its reply has no action; None without decisions.
+    """Return the truth at the frame of the last decision within the cap; None without decisions.
 
-    For a fleet, the result is the one with the smallest distance among the drones' last decisions. If one of these was
-    not measured, the smallest distance is unknown, and the distance of the result is None.
+    The decision counts even if its reply has no action. For a fleet, the drone with the smallest distance at its last
+    decision counts. If one of these decisions was not measured, the distance of the result is None (unknown).
     """
     newest = {d.drone: d for d in sorted(logs.decisions, key=lambda d: d.step) if d.t_decided <= cap_s}
     last = [measured(newest[drone], logs) for drone in sorted(newest)]
@@ -143,11 +142,11 @@ class Measures:
 
     success_at_first: bool | None  # SR₁: the first declaration qualifies; None: unknown
     success_within_three: bool | None  # SR₃: one of the first three declarations qualifies; None: unknown
-    declaration_precision: float | None  # share that qualifies, 0 … 1; None: no declaration, or one is unmeasured
-    false_declarations: int | None  # number that does not qualify; None: one is unmeasured
+    declaration_precision: float | None  # share that qualifies, 0 … 1; None: no declaration, or an unmeasured one
+    false_declarations: int | None  # number that does not qualify; None: a declaration is unmeasured
 
 
-NOTHING_KNOWN = Measures(**dict.fromkeys(field.name for field in fields(Measures)))  # flight without truth
+NOTHING_KNOWN = Measures(**dict.fromkeys(field.name for field in fields(Measures)))  # for a flight without truth
 
 
 def measures(

@@ -1,10 +1,10 @@
-"""Audits of a run: alternative success rules, strict parsing of replies, and the effect of `think`.
+"""Audits a run: alternative success rules, strict parsing of replies, and the effect of the action `think`.
 
-Paper, appendix "Verifier Audit" and "Test-Time Deliberation". A mended reply is one that the lenient parser repaired.
-Strict parsing reads it again, exactly by the format of the prompt. If this removes or changes a declaration, the
-verdict is derived again from the changed log, although a real flight would have continued differently. The comparisons
-of `think` are observations, not an experiment: a pilot thinks when it is in trouble. The paper does not define the
-compared steps. This module uses the three steps before a step and the three steps after it.
+Source: paper, appendices "Verifier Audit" and "Test-Time Deliberation". A mended reply is one that the lenient parser
+repaired. Strict parsing accepts only the format of the prompt. If it removes or changes a declaration, the verdict is
+derived again from the changed log, although a real flight would have continued differently. The comparisons of `think`
+are observations, not an experiment: a pilot thinks when it is in trouble. The paper does not define the compared steps.
+This module uses the three steps before a step and the three steps after it.
 """
 
 import math
@@ -28,7 +28,7 @@ from foundation.run_folder.results import SCORED
 from foundation.run_folder.rows import Decision
 
 AFTER = 3  # steps before and after a step that are compared
-MATCHED_M = 0.25  # m per step; steps are matched if their closing rates are in the same interval of this width
+MATCHED_M = 0.25  # m per step; a think and another step match if their closing rates are in one interval of this width
 # m closed in three steps. Less than STALL_M before a step is a stall. BROKEN_M or more after the step ends the stall.
 STALL_M, BROKEN_M = 0.5, 1.0
 
@@ -41,7 +41,7 @@ class StepOutlook:
     """
 
     think: bool
-    closing_m: float | None  # m by which the distance became smaller from the previous step's frame to this step's
+    closing_m: float | None  # m closed from the previous step's frame to this step's frame
     gained_m: float | None  # m per step closed in the three steps after it
     stalled: bool | None  # less than 0.5 m was closed in the three steps before it
     broken: bool | None  # 1 m or more was closed in the three steps after it
@@ -51,7 +51,7 @@ class StepOutlook:
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """Counts of an event: it followed `think` of `of_thinks` think steps, and `other` of `of_others` ordinary steps."""
+    """Counts the steps that an event followed: `think` of `of_thinks` thinks, `other` of `of_others` other steps."""
 
     think: int
     of_thinks: int
@@ -65,7 +65,7 @@ class Deliberation:
 
     thinks: int  # steps that think
     matched: int  # think steps for which there are ordinary steps in the same interval of closing rates
-    gain_m_per_step: float | None  # closing rate: mean after thinks minus mean after their matches; None: no matches
+    gain_m_per_step: float | None  # mean closing rate after thinks minus the mean after their matches; None: no matches
     stalls: Followed  # counts over stalled steps; the event: the stall was broken within three steps
     losses: Followed  # counts over steps without the target in view; the event: it was in view again within three steps
 
@@ -80,7 +80,6 @@ def step_outlooks(flight: JudgedFlight) -> list[StepOutlook]:
 
 
 def deliberation(steps: Iterable[StepOutlook]) -> Deliberation:
-    """Return the comparisons over all of these steps."""
     all_steps = list(steps)
     gains_by_rate: dict[int, list[float]] = {}  # gains of ordinary steps, by interval of closing rate
     for step in all_steps:
@@ -120,7 +119,7 @@ def _of_drone(steps: Sequence[FlightStep]) -> list[StepOutlook]:
 
 
 def _closed(away: Sequence[float | None], first: int, last: int) -> float | None:
-    """Return the metres closed between two frames."""
+    """Return the metres by which the distance became smaller between two frames (indices of `away`)."""
     if first < 0 or last >= len(away):
         return None
     begin, end = away[first], away[last]
@@ -148,22 +147,23 @@ def _followed(pairs: Sequence[tuple[bool, bool | None]]) -> Followed:
     )
 
 
-HELD_S = 10.0  # s
-MOVING = ("tracking", "search-and-track")  # cells with moving targets
+HELD_S = 10.0  # s, for the rule `ten_seconds`
+MOVING = ("tracking", "search-and-track")  # cells (kinds of episode) with moving targets
 Rule = Callable[[JudgedFlight], bool | None]  # success under the rule; None: unknown, or not applicable
 
 
 def last_declaration(flight: JudgedFlight) -> bool | None:
-    """Return whether the last declaration qualifies; None if the flight is censored, or if this is unknown."""
+    """Return whether the last declaration qualifies; None if this is unknown, as for a censored flight."""
     if flight.verdict.censored:
         return None
     return flight.declarations[-1].qualifies(flight.delta_m) if flight.declarations else False
 
 
 def ten_seconds(flight: JudgedFlight) -> bool | None:
-    """Return whether a drone was within the radius with the target in view for ten unbroken seconds, declared or not.
+    """Return whether a drone was within the radius with the target in view for ten unbroken seconds.
 
-    None for cells with a static target, without measurements, and if the flight is censored before that.
+    Declarations have no effect. None for episodes with a static target, without measurements, and for flights that are
+    censored before the ten seconds are over.
     """
     held_s = hold_s(flight.logs, flight.delta_m, flight.cap_s) if flight.cell in MOVING else None
     if held_s is None:
@@ -192,7 +192,7 @@ RULES: Mapping[str, tuple[str, Rule]] = {
 class Strictness:
     """The effect of strict parsing on one episode, for its decisions within the cap."""
 
-    steps: int  # decisions
+    steps: int  # number of decisions
     mended: int  # decisions whose reply was mended
     changed: int  # mended decisions whose action strict parsing removes or changes
     declarations: int  # changed decisions that are declarations
@@ -203,9 +203,9 @@ class Strictness:
 class EpisodeAudit:
     """The audit of one episode: its outcome under every rule."""
 
-    success: bool | None  # by the criterion; None: not scored
+    success: bool | None  # by the benchmark's criterion; None: not scored
     rules: Mapping[str, bool | None]  # name in RULES → success by that rule
-    declarations: int  # within the cap
+    declarations: int  # declarations within the cap
     false_declarations: int  # declarations that are known not to qualify
     late: int  # declarations after the cap
     strict: Strictness
@@ -224,8 +224,6 @@ class Flips:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """The audit of several episodes."""
-
     episodes: int
     scored: int
     successes: int
@@ -237,7 +235,7 @@ class Audit:
     silent_entered: int  # silent failures that entered the radius
     flips: Mapping[str, Flips]  # name in RULES → outcomes that the rule would change
     think: Deliberation
-    steps: int  # decisions
+    steps: int  # number of decisions
     mended: int  # decisions whose reply was mended
     changed: int  # mended decisions that strict parsing changes
     strict: Flips  # outcomes that strict parsing changes
@@ -252,7 +250,6 @@ def audited_episode(folder: Path, delta_m: float = RADIUS_M, cap_s: float = CAP_
 
 
 def audit_of(flight: JudgedFlight) -> EpisodeAudit:
-    """Return the audit of one flight."""
     return EpisodeAudit(
         success=flight.verdict.success if flight.scored else None,
         rules={name: rule(flight) if flight.scored else None for name, (_, rule) in RULES.items()},
@@ -290,7 +287,7 @@ def audit(episodes: Iterable[EpisodeAudit | None]) -> Audit:
 
 
 def flips(pairs: Iterable[tuple[bool | None, bool | None]]) -> Flips:
-    """Return the changes of a rule, from (success by the criterion, success by the rule)."""
+    """Count the outcomes that a rule changes. `pairs`: (success by the criterion, success by the rule)."""
     decided = [(was, would) for was, would in pairs if was is not None and would is not None]
     return Flips(
         decided=len(decided),
@@ -301,7 +298,6 @@ def flips(pairs: Iterable[tuple[bool | None, bool | None]]) -> Flips:
 
 
 def strictness(flight: JudgedFlight) -> Strictness:
-    """Return the effect of strict parsing on one flight."""
     group = reply_groups(flight.logs)
     counted = [d for d in flight.logs.decisions if d.t_decided <= flight.cap_s]
     mended = [d for d in counted if d.mended is not UNSET]
@@ -313,7 +309,7 @@ def strictness(flight: JudgedFlight) -> Strictness:
             replace(d, action=read[d.step, d.drone]) if (d.step, d.drone) in read else d for d in flight.logs.decisions
         )
         strict = outcome(replace(flight.logs, decisions=left), flight.delta_m, flight.cap_s)
-        # not scored: the flight ended at a declaration that strict parsing removes
+        # None if the flight ended at a declaration that strict parsing removes: the rest is unknown
         success = strict.success if strict.outcome in SCORED else None
     return Strictness(
         steps=len(counted),

@@ -1,12 +1,13 @@
-"""Failure modes: the paper's modes and thresholds. Each scored episode has exactly one mode.
+"""Finds the failure mode of a flight: the paper's modes and thresholds. Each scored episode has exactly one mode.
 
-Paper, "Failure Taxonomy" and appendix "Additional Results". The paper does not say which mode counts if several hold.
-Here the first mode of MODES that holds counts. After success, MODES has the order of the appendix, except for "did not
-move", which the appendix and `band` count as "timed out". It is meant for faults of the simulation, so it holds only if
-moves were commanded. It precedes "never grounded" and all later modes, because they assume a drone that moves.
+Source: paper, "Failure Taxonomy" and appendix "Additional Results". The paper does not say which mode counts if several
+hold. Here the first mode of MODES that holds counts. After success, MODES has the order of the appendix, except for
+"did not move", which the appendix and `band` count as "timed out". This mode is meant for faults of the simulation, so
+it holds only if moves were commanded. It precedes "never grounded" and all later modes, which assume a moving drone.
 
-For a fleet, one drone with a declaration or an arrival is enough. Closing and the share of steps with the target ahead
-are those of the best drone. A fleet oscillated if every drone oscillated. It did not move if no drone moved.
+For a fleet, one drone with a declaration or an arrival is enough. The closed share of the distance and the share of
+steps with the target ahead are the best drone's. A fleet oscillated if every drone oscillated. It did not move if no
+drone moved.
 
 `dronecats bench` retries a "did not move" flight once. The paper's "pose track under 5 m" assumes a vehicle that hovers
 without motion. The simulated vehicle follows its drifting estimate: a hover of 300 s makes a path of about 10 m. So
@@ -44,9 +45,9 @@ MODES: dict[FailureMode, str] = {  # in the order of precedence
     "never closed": "less than 30 % of the start distance was closed",
     "timed out": "none of these",
 }
-HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # half of the camera's field of view; share of the steps
-WANDERED, TURNED_DEG = 8.0, 720.0  # path over net displacement; accumulated yaw
-CLOSED = 0.30  # share of the start distance
+HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # half of the camera's field of view; least share of steps with the target ahead
+WANDERED, TURNED_DEG = 8.0, 720.0  # "oscillated": path over net displacement; accumulated yaw
+CLOSED = 0.30  # least closed share of the start distance
 STUCK_M = 5.0  # m of track; a drone with less did not move
 STEP_M = 0.5  # m, least movement that counts: above the drift in a hover, below half of the shortest stride
 
@@ -57,7 +58,7 @@ class Wandering:
 
     path_m: float  # m, along the poses
     net_m: float  # m, from the first pose to the last
-    turned_deg: float  # °, sum of all yaw changes, without their signs
+    turned_deg: float  # °, sum of the absolute yaw changes
 
     @property
     def oscillated(self) -> bool:
@@ -73,7 +74,7 @@ def failure_mode(flight: JudgedFlight) -> FailureMode | None:
 
 
 def band(mode: FailureMode) -> FailureMode:
-    """Return the mode for the paper's bars, in which "did not move" is a part of "timed out"."""
+    """Return the mode for the bars of the paper's figure, in which "did not move" is a part of "timed out"."""
     return "timed out" if mode == "did not move" else mode
 
 
@@ -117,7 +118,7 @@ def wanderings(flight: JudgedFlight) -> list[Wandering]:
 
 
 def tracks_m(poses: Iterable[Pose]) -> Iterator[float]:
-    """Yield for each pose the length (m) of its drone's track so far."""
+    """Yield for each pose the length (m) of the drone's track so far: its path without movements below STEP_M."""
     places: dict[int, tuple[float, float, float]] = {}  # end of the last movement that counted, by drone
     tracks: dict[int, float] = {}
     for pose in poses:

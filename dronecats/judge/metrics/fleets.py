@@ -1,7 +1,7 @@
 """Metrics of commanding episodes: the outcome of each drone, and the commands of the fleet.
 
-Paper, "Commanding Several Drones". Its Reached, Declared and SR of a fleet are the metrics `oracle_success`, `declared`
-and `success`, which pool the drones.
+Source: paper, "Commanding Several Drones". The paper's Reached, Declared and SR of a fleet are the metrics
+`oracle_success`, `declared` and `success`, which pool the drones.
 """
 
 import math
@@ -19,11 +19,11 @@ DroneOutcome = Literal["found", "look-alike", "elsewhere", "never declared"]
 
 
 def drone_outcomes(flight: JudgedFlight) -> dict[int, DroneOutcome] | None:
-    """Return the best outcome of each drone's declarations; None for other cells, and if an outcome is unknown.
+    """Return the best outcome of each drone's declarations; None for other episodes, and if an outcome is unknown.
 
-    found: a declaration qualifies. look-alike: a declaration is within the radius of a look-alike's centre, in view or
-    not. elsewhere: any other declaration. A look-alike copies the target, so both have their centre at the same height
-    above their foot.
+    found: a declaration qualifies. look-alike: a declaration is within the radius of the centre of a look-alike (a copy
+    of the target at another place), in view or not. elsewhere: any other declaration. The centres of target and
+    look-alikes have the same height above the foot.
     """
     record = flight.logs.record
     if record is None or record.cell != COMMANDING or not flight.verdict.drones:
@@ -79,7 +79,7 @@ def _commanding_value(name: str) -> MetricFunction:
 
 
 def one_candidate_share(flight: JudgedFlight) -> float | None:
-    """Return the share of the steps with a go for every drone in which all drones approach the same candidate."""
+    """Of the steps in which every drone got a go, return the share in which all drones approach the same candidate."""
     commanding = flight.verdict.commanding
     return commanding.one_candidate / commanding.all_go_steps if commanding and commanding.all_go_steps else None
 

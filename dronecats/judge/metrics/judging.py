@@ -90,7 +90,7 @@ def _is_value(value: object) -> bool:
     return value is None or isinstance(value, bool | int) or (isinstance(value, float) and math.isfinite(value))
 
 
-EPISODES_A_PROCESS = 50  # episodes per process, at least; fewer are not worth the start of a process
+EPISODES_A_PROCESS = 50  # least number of episodes per process; fewer are not worth the start of a process
 AT_ONCE = 8  # episodes that a process gets at a time
 FORKS = "fork" in multiprocessing.get_all_start_methods()  # else one process only: a user's metric cannot be pickled
 Item = TypeVar("Item")
@@ -150,7 +150,7 @@ def parallel_map(
         yield from map(function, items)
 
 
-_function: Callable[[Any], Any]  # of a worker process
+_function: Callable[[Any], Any]  # the function that a worker process calls
 
 
 def _begin(function: Callable[[Any], Any]) -> None:
@@ -164,7 +164,6 @@ def _call(item: Any) -> Any:
 
 
 def judged_episode(folder: Path, options: Judging) -> JudgedEpisode:
-    """Return the judgement of one episode folder."""
     try:
         flight = JudgedFlight.read(folder, options.delta_m, options.cap_s)
     except UsageError as damage:

@@ -1,6 +1,6 @@
-"""A metric: a named pure function of a recorded flight, with definition, unit and section of the paper.
+"""Defines a metric: a named pure function of a recorded flight, with definition, unit and section of the paper.
 
-The functions below summarize the values of steps.
+`median`, `mean` and `quantile` summarize the values of a flight's steps.
 """
 
 import statistics
@@ -11,7 +11,7 @@ from typing import Literal
 from dronecats.judge.judged_flight import FlightStep, JudgedFlight
 
 MetricValue = bool | float | None  # None: undefined or unknown; it is left out of every mean
-MetricLevel = Literal["episode", "step"]  # the unit of measurement: a value per episode, or per step
+MetricLevel = Literal["episode", "step"]  # whether a metric has one value per episode, or one per step
 Better = Literal["more", "less"]
 MetricFunction = Callable[[JudgedFlight], MetricValue | Sequence[MetricValue]]
 
@@ -21,14 +21,14 @@ class Metric:
     """A metric and its presentation."""
 
     name: str  # in --json, columns of tables and SQL: a Python name with its unit, like ne_m
-    title: str  # in the head of a table
+    title: str  # column heading in tables
     unit: str  # "m", "s", "share" (0 … 1), "count", …
     level: MetricLevel
     definition: str  # one sentence
     paper: str  # section of the paper; empty: not in the paper
     better: Better | None  # the good direction; None: neither
-    value_type: type[bool] | type[int] | type[float] = float  # of one value; sets the type of the SQL column
-    of: MetricFunction  # of level "episode": a value; of "step": a value per decision, in the order of the log
+    value_type: type[bool] | type[int] | type[float] = float  # type of one value, and of the SQL column
+    of: MetricFunction  # returns a value; for the level "step" a value per decision, in the order of the log
 
     @property
     def is_share(self) -> bool:
@@ -42,7 +42,6 @@ def per_step(value: Callable[[FlightStep], MetricValue]) -> Callable[[JudgedFlig
 
 
 def known_values(values: Iterable[MetricValue]) -> list[float]:
-    """Return the values that are not None."""
     return [float(value) for value in values if value is not None]
 
 
@@ -59,7 +58,7 @@ def mean(values: Iterable[MetricValue]) -> float | None:
 
 
 def quantile(values: Iterable[MetricValue], share: float) -> float | None:
-    """Return the quantile of the known values, interpolated linearly; None if there are none."""
+    """Return the quantile at `share` (0 … 1) of the known values, interpolated linearly; None if there are none."""
     numbers = sorted(known_values(values))
     if not numbers:
         return None

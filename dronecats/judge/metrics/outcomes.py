@@ -1,7 +1,7 @@
 """Metrics of outcome and trajectory: success and declarations, distances, times, path and contacts.
 
-Paper, "Maps, Episodes and Metrics" and "Metrics". For a fleet, most diagnostics of the trajectory are those of the best
-drone (`fleet_diagnostics`). Path, contacts and resets are summed. Trajectories do not affect the verdict.
+Source: paper, "Maps, Episodes and Metrics" and "Metrics". For a fleet, most diagnostics of the trajectory are the best
+drone's (`fleet_diagnostics`). Path, contacts and resets are summed. They do not affect the verdict.
 """
 
 from dronecats.judge.diagnostics import contacts, estimator_resets
@@ -50,6 +50,7 @@ def _contact(name: str) -> MetricFunction:
     return lambda flight: getattr(contacts(flight.logs, flight.cap_s), name, None)
 
 
+# sections of the paper
 CRITERION, GAP = "One Success Criterion for the Whole Grid", "The Failure Is Declaration, Not Navigation"
 METRICS = (
     Metric(

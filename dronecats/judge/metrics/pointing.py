@@ -1,8 +1,8 @@
-"""Metrics of the points and depths of `go` actions. Paper, appendix "Execution".
+"""Metrics of the points and depths of `go` actions. Source: paper, appendix "Execution".
 
-A point is judged only if the target was visible in the picture. The log row of the picture has the truth: the depth of
-the visible target surface, the target's centre in camera axes, and its box, which older logs do not have. The camera
-model is the pinhole camera of the benchmark (`foundation.camera`).
+A point is judged only if the target was visible in the picture. The picture's row in truth.jsonl has the depth of the
+visible target surface, the target's centre in camera axes, and the target's box in the picture, which older logs do not
+have. The camera model is the pinhole camera of the benchmark (`foundation.camera`).
 """
 
 import math
@@ -20,10 +20,10 @@ _CAMERA = CameraModel()
 
 
 def rescaled(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision whether the point of a go equals the pixels that the history shows for the previous go.
+    """Return per decision whether a go copies the pixels that the history shows for the previous go, as its point.
 
     The previous go is the drone's newest go among its last five actions, which the history shows. None without a
-    previous go, and if the pixels of the previous go equal its point.
+    previous go, and if the pixels of the previous go equal its point, which hides a copy.
     """
     before: dict[int, list[PointedGo | None]] = {}  # actions so far, by drone
     values: list[MetricValue] = []
@@ -56,7 +56,7 @@ def _pointing_error_deg(step: FlightStep) -> float | None:
 
 
 def _depth_error_m(step: FlightStep) -> float | None:
-    """Return the depth (m) of a go on the target minus that of the target's surface; positive: too far."""
+    """Return the depth (m) of a go on the target minus the depth of the target's surface; positive: too far."""
     frame = step.in_view
     if step.go is None or frame is None or frame.oracle_depth_m is None or not _on_target(step):
         return None

@@ -1,7 +1,7 @@
 """Metrics of the replies: rates, latencies, tokens, and replies without an action.
 
-Paper, "Variance and Throughput Sensitivity". The cost of a reply for several drones is counted once, at the first
-drone.
+Source: paper, "Variance and Throughput Sensitivity". The cost of a reply for several drones is counted once, at the
+first drone.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ def is_cut_off(decision: Decision) -> bool:
 
 
 def question_values(flight: JudgedFlight, field: str) -> list[MetricValue]:
-    """Return a field of each decision, once per question: at the first drone of its reply.
+    """Return the value of a field for each decision, but only at the first drone of each reply.
 
     None for the other drones, after the cap, and for a field without a value.
     """

@@ -1,4 +1,4 @@
-"""Computes means and differences over episodes, with intervals and tests. The flights of one episode give one value."""
+"""Computes means and differences over episodes, with intervals and tests. All flights of an episode give one value."""
 
 import functools
 import math
@@ -14,18 +14,16 @@ from dronecats.judge.statistics.shares import CONFIDENCE
 Array = NDArray[np.float64]
 
 ENUMERATED = 13  # episodes; up to this number all subsets are used
-DRAWN = 1 << 12  # random subsets for more episodes; their complements are added
+DRAWN = 1 << 12  # number of random subsets for more episodes; the complement of each subset is added
 SHARE_FLIGHTS_MAX = 200  # flights of an episode; up to this number the test of shares is exact
 TIE = 1e-9  # relative to the largest value; smaller sums are rounding errors and count as 0
 
 
 @dataclass(frozen=True, slots=True)
 class KnownMean:
-    """A mean over episodes with its interval."""
-
     episodes: int
     mean: float  # in the unit of the values; nan: no episode
-    low: float | None  # None: too few episodes
+    low: float | None  # lower end of the interval; None: too few episodes
     high: float | None
 
 
@@ -36,7 +34,7 @@ class MeanDifference(KnownMean):
     Interval and test agree: 0 is outside of the interval if and only if p is at most 1 − CONFIDENCE.
     """
 
-    p: float  # two-sided; 1: no episode
+    p: float  # two-sided p-value; 1: no episode
 
 
 def known_mean(values: Sequence[float]) -> KnownMean:
@@ -57,11 +55,11 @@ def known_mean(values: Sequence[float]) -> KnownMean:
 
 
 def mean_difference(differences: Sequence[float]) -> MeanDifference:
-    """Return the mean of a difference per episode, its interval, and the p of the randomisation test of the mean.
+    """Return the mean of `differences`, one per episode, its interval, and the p of the mean's randomisation test.
 
-    The test counts the choices of signs whose sum is at least as far from 0 as the observed sum (Fisher, "The Design of
-    Experiments", 1935, 21). For more than 13 episodes it uses random choices. The interval is that of `known_mean`,
-    which agrees with this test.
+    The test counts the choices of signs of the differences whose sum is at least as far from 0 as the observed sum
+    (Fisher, "The Design of Experiments", 1935, 21). For more than 13 episodes it uses random choices. The interval is
+    from `known_mean`, which agrees with this test.
     """
     estimate = known_mean(differences)
     if not estimate.episodes:
@@ -77,12 +75,12 @@ def mean_difference(differences: Sequence[float]) -> MeanDifference:
 def share_difference(differences: Sequence[float], flights: float = 1.0) -> MeanDifference:
     """Return the mean difference of two shares of successes. `differences` has one value per episode, -1 … 1.
 
-    The interval is Agresti and Min's (Stat. Med. 24, 2005). It adds half a pair to each of the four outcomes of a pair,
-    so its width is never 0. `flights` is the mean number of flights per episode. An added pair has the weight
-    1 / `flights` of an episode, or 1 if all differences are equal, because they do not show their scatter. The variance
-    uses squared differences. p is the larger p of two tests: the exact randomisation test of the mean (McNemar's test
-    for one flight each), and the test of the interval. If the exact test is not significant, the interval is extended
-    to 0. Raises ValueError for a difference or `flights` out of range.
+    The interval is Agresti and Min's (Stat. Med. 24, 2005). A pair is one flight each of both sides. The interval adds
+    half a pair to each of the four outcomes of a pair, so its width is never 0. `flights` is the mean number of flights
+    per episode. An added pair has the weight 1 / `flights` of an episode, or 1 if all differences are equal, because
+    equal differences do not show their scatter. p is the larger p of two tests: the exact randomisation test of the
+    mean (McNemar's test for one flight each), and the test of the interval. If the exact test is not significant, the
+    interval is extended to 0. Raises ValueError for a difference or `flights` out of range.
     """
     count = len(differences)
     if any(not -1 <= difference <= 1 for difference in differences) or flights < 1:
@@ -115,7 +113,7 @@ def _subset_sums(values: Sequence[float]) -> Array:
 
 @functools.lru_cache(maxsize=32)
 def _subsets(count: int) -> Array:
-    """Return non-empty subsets, one per row with 1.0 for each member: all, or random ones above ENUMERATED."""
+    """Return non-empty subsets, one per row with 1.0 for each member: all, or random ones if `count` > ENUMERATED."""
     if count <= ENUMERATED:
         return ((np.arange(1, 1 << count)[:, None] >> np.arange(count)) & 1).astype(float)
     drawn = np.random.default_rng(count).integers(0, 2, (DRAWN, count)).astype(float)

@@ -1,10 +1,10 @@
 """Estimates the place (value of a factor) at which half of the trials succeed.
 
-The model is a logistic fit with random group intercepts. The intercepts are distributed symmetrically, so the median
-group and the mean over all groups reach one half at the same place. The interval is a profile likelihood interval: all
-places at which the fit is not significantly worse than the best fit. It may be unbounded (Fieller's case). The limit
-of significance is a quantile of F with (1, groups - 1) degrees of freedom. The chi-square quantile is too small for few
-groups, for example twenty.
+The model is a logistic fit with a random intercept for each group of trials (for example, an episode). The intercepts
+are distributed symmetrically, so the median group and the mean over all groups reach one half at the same place. The
+interval is a profile likelihood interval: all places at which the fit is not significantly worse than the best fit. It
+may be unbounded (Fieller's case). The limit of significance is a quantile of F with (1, groups - 1) degrees of freedom,
+because the chi-square quantile is too small for few groups, for example twenty.
 """
 
 import math
@@ -29,7 +29,7 @@ from dronecats.judge.statistics.mixed_logit import (
 from dronecats.judge.statistics.shares import CONFIDENCE
 
 Where = Literal["within", "between", "above all", "below all", "no slope"]
-PLACES = 17  # places of the profile, from the lowest to the highest level
+PLACES = 17  # number of places at which the profile is computed, from the lowest to the highest level
 # loss in 2 · log likelihood; a place that loses more is noticeably worse than the best place
 NOTICEABLE_LOSS = 1.0
 # The profile is flat, so that no place is best, if its width at EQUAL_LOSS divided by its width at NOTICEABLE_LOSS is
@@ -39,16 +39,14 @@ FLAT_WIDTH_RATIO = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HalfSuccess:
-    """The place at which half of the trials succeed."""
-
     where: Where  # "between": within the levels, but many places are equally good
     value: float | None  # the place, in the factor's unit; None: outside of the levels, or unknown
     low: float  # lower end of the interval; -inf: below the lowest level, +inf: above the highest
     high: float  # upper end, with the same infinities
-    slope: float | None  # of the log odds per unit of the factor; None: the likelihood has no peak
+    slope: float | None  # slope of the log odds per unit of the factor; None: the likelihood has no peak
     scatter: float | None  # standard deviation of the groups' intercepts, log odds; WIDEST means at least WIDEST
     p_slope: float  # p-value of the likelihood ratio test of no slope
-    p_straight: float | None  # p-value of the test of straight log odds against a share per level; None: two levels
+    p_straight: float | None  # p-value of the test of linear log odds against a share per level; None: two levels
     groups: int
     trials: int
 
@@ -122,14 +120,14 @@ def success_curve(levels: Sequence[float] | Array, trials: Trials, places: int =
         return SuccessCurve(x, shares, np.full(places, math.nan), np.full(places, math.nan))
     slopes = np.stack(
         [_curve_derivative(x, fitted, k) for k in range(3)], axis=1
-    )  # of the curve's log odds, (places, 3)
+    )  # derivatives of the curve's log odds, (places, 3)
     error = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slopes, spread, slopes)))
     odds, reach = special.logit(shares), float(special.ndtri(0.5 + CONFIDENCE / 2))
     return SuccessCurve(x, shares, special.expit(odds - reach * error), special.expit(odds + reach * error))
 
 
 class _Line:
-    """The fit of a straight line, and its profile likelihood over the place at which half of the trials succeed."""
+    """The fit of linear log odds, and its profile likelihood over the place at which half of the trials succeed."""
 
     def __init__(self, at: Array, trials: Trials) -> None:
         self._at, self._trials = at, trials
@@ -224,7 +222,7 @@ def _where(value: float, at: Array, fitted: MixedLogit) -> Where:
 
 
 def _straight(at: Array, trials: Trials, fitted: MixedLogit) -> float | None:
-    """Return the p-value of the test of straight log odds against a separate share for each level."""
+    """Return the p-value of the test of linear log odds against a separate share for each level."""
     if len(at) < 3:
         return None
     saturated = fit(np.eye(len(at)), trials)

@@ -1,8 +1,8 @@
 """Fits a logistic regression with a random intercept per group, by the exact marginal likelihood.
 
-Group g succeeds under condition j with probability 1 / (1 + exp(-(X_j b + o_j + s z_g))). X is the design, b are the
-coefficients, o is the offset, s is the scatter of the groups, and z_g is standard normal.
-The trapezoid rule over ±7 integrates over z; it is practically exact for such smooth integrands. The fit maximises the
+Group g succeeds under condition j with probability 1 / (1 + exp(-(X_j b + o_j + s z_g))). X is the design (a row for
+each condition), b are the coefficients, o is the offset, s is the scatter of the groups, and z_g is standard normal.
+The fit integrates over z by the trapezoid rule over ±7, practically exact for such smooth functions. It maximises the
 likelihood with its gradient (McCulloch and Searle, "Generalized, Linear, and Mixed Models", 2001, 8). Coefficients are
 bounded, so the fit also ends for perfectly separated outcomes, whose best coefficient is infinite.
 """
@@ -18,10 +18,10 @@ from scipy import optimize, special
 Array = NDArray[np.float64]
 
 REACH = 7.0  # range of z, to either side
-STEEPEST = 400.0  # bound of a coefficient whose column is scaled to at most 1
+STEEPEST = 400.0  # largest absolute value of a coefficient, for columns scaled to at most 1
 WIDEST = 12.0  # bound of s; beyond it only the group determines the outcome
 EQUAL_LOSS = 0.01  # loss in 2 · log likelihood; a fit that loses less is as good as the best
-LEAST_PEAK = 1e-4  # the log likelihood has no peak if its curvature (eigenvalue, scaled columns) is less
+LEAST_PEAK = 1e-4  # the log likelihood has no peak if the least eigenvalue of its curvature is less
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ def at_widest(design: Array, trials: Trials, fitted: MixedLogit) -> bool:
 def covariance(design: Array, trials: Trials, fitted: MixedLogit) -> Array | None:
     """Return the covariance (columns + 1, columns + 1) of coefficients and scatter, from the likelihood's curvature.
 
-    The row of a scatter at its minimum is 0. None: the likelihood has no peak, as with perfectly separated outcomes or
+    The row of a scatter of 0 is 0. None: the likelihood has no peak, as with perfectly separated outcomes or
     a scatter at its bound.
     """
     if at_widest(design, trials, fitted):
@@ -123,7 +123,7 @@ def covariance(design: Array, trials: Trials, fitted: MixedLogit) -> Array | Non
 
 
 def share(log_odds: Array, scatter: float) -> Array:
-    """Return the share of successes over all groups at these log odds of the median group."""
+    """Return the share of successes over all groups. `log_odds`: log odds of the median group."""
     nodes, weights = _nodes(1)
     return np.asarray(special.expit(log_odds[..., None] + scatter * nodes) @ weights)
 

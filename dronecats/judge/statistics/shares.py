@@ -17,7 +17,7 @@ class ShareEstimate:
     successes: int
     trials: int
     share: float  # 0 … 1
-    low: float  # of the interval, 0 … 1
+    low: float  # lower end of the interval, 0 … 1
     high: float
     effective: float  # number of independent trials with the same information, at most `trials`
 
@@ -47,9 +47,9 @@ def estimate_share(flights: Sequence[Sequence[bool]]) -> ShareEstimate:
 
     Flights of one episode are correlated, so ten flights of one episode carry less information than one flight of each
     of ten episodes. The interval is Wilson's with an effective number of trials: the number of independent trials with
-    the same variance of the share (linearised: Cochran, "Sampling Techniques", 1977, 6.4). It is at least the number of
-    episodes, and at most the number of flights. If all flights have the same outcome, or there is only one episode, it
-    is the number of episodes.
+    the same variance of the share (linearised: Cochran, "Sampling Techniques", 1977, 6.4). The effective number is at
+    least the number of episodes, and at most the number of flights. If all flights have the same outcome, or there is
+    only one episode, it is the number of episodes.
     """
     episodes = [outcomes for outcomes in flights if outcomes]
     trials, successes = sum(map(len, episodes)), sum(map(sum, episodes))
@@ -80,7 +80,7 @@ class Spread:
     mean: float  # mean number of successes
     deviation: float | None  # standard deviation of the number of successes; None: one flight
     low: float | None  # lower end of the interval of `deviation`, for normal totals
-    high: float | None  # upper end, at most half of the episodes, or `deviation` if that is more
+    high: float | None  # upper end, at most the larger of `deviation` and half of the episodes
     binomial: float  # expected deviation for equally hard episodes: the paper's sqrt(n p (1 - p))
     binomial_by_episode: float | None  # expected deviation if each episode has its own success rate; None: one flight
 
@@ -146,8 +146,8 @@ def holm(ps: Sequence[float]) -> list[float]:
     return adjusted
 
 
-ALPHA = 0.05  # two-sided
-POWER = 0.8
+ALPHA = 0.05  # two-sided level of significance
+POWER = 0.8  # probability that a test finds a difference
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +158,7 @@ class Paired:
     only_first: int  # episodes that the first pilot solved more often than the second: McNemar's b
     only_second: int  # episodes that the second pilot solved more often: McNemar's c
     difference: float  # share of successes of the first pilot minus the second pilot's share, -1 … 1
-    p: float  # two-sided, exact
+    p: float  # exact two-sided p-value
     smallest: float | None  # `smallest_difference` at the observed share of different outcomes; None: too few episodes
 
 
@@ -236,7 +236,6 @@ def _largest_significant_minority(pairs: int) -> int:
 
 
 def _binomial(k: int, n: int, share: float) -> float:
-    """Return the probability of k successes in n trials."""
     if share in (0.0, 1.0):
         return float(k == n * share)
     logs = math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)
