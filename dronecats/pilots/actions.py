@@ -30,9 +30,9 @@ class PastAction:
     """One action of the history, as the prompt shows it."""
 
     kind: str  # one of ACTIONS
-    x_px: float = 0.0  # go: px of the full picture
-    y_px: float = LEVEL_PX  # go: px of the full picture
-    depth_m: float = 0.0  # go: m
+    x_px: float = 0.0  # go: column of the point, px of the full picture
+    y_px: float = LEVEL_PX  # go: row of the point, px of the full picture
+    depth_m: float = 0.0  # go: depth of the point, m
     angle_deg: float = 0.0  # rotate: deg, positive to the right
 
 
@@ -92,7 +92,6 @@ def rotate(angle_deg: float) -> str:
 
 
 def think() -> str:
-    """Return a `think`."""
     return json.dumps({"action": THINK})
 
 

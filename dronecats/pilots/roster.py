@@ -12,7 +12,7 @@ from foundation.errors import UsageError
 from foundation.wording import suggestion
 
 SERVED = {"vision": "dronecats (classical vision, not a model)", "blind": "dronecats (sees nothing, not a model)"}
-RECORDED, BLIND, FAILING = "recorded:", "blind:", "failing:"
+RECORDED, BLIND, FAILING = "recorded:", "blind:", "failing:"  # prefixes of pilot names
 ORACLE, NOISY = "oracle", "noisy"
 NAMES = (*SERVED, ORACLE, NOISY)
 COMMANDERS = {"scripted:divide": "dronecats (a script that divides, not a model)"}
@@ -74,7 +74,6 @@ def can_serve_several_drones(name: str) -> bool:
 
 
 def needs_pictures(name: str) -> bool:
-    """Return whether a pilot needs rendered pictures."""
     return not needs_truth(name) and name != "blind" and not name.startswith(BLIND)
 
 
@@ -103,7 +102,7 @@ def answer(name: str) -> Pilot:
 
 
 def owner(name: str) -> str:
-    """Return the text that the endpoint of a pilot gives as its owner in the list of models."""
+    """Return the text that a pilot's endpoint shows as the owner of the pilot, in the list of models."""
     if name.startswith(BLIND):
         return f"{SERVED['blind'][:-1]}: {PATTERNS[name.removeprefix(BLIND)].description})"
     return (SERVED | COMMANDERS).get(name, "dronecats (repeats the replies of another flight, not a model)")

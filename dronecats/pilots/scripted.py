@@ -17,9 +17,9 @@ from foundation.run_folder.layout import DECISIONS
 from foundation.run_folder.reading import rows
 from foundation.run_folder.rows import Whole
 
-LONG_M, LONG_DEPTH_M = STRIDE_MAX_M, 6.0  # the longest stride, and its depth
-SHORT_M, SHORT_DEPTH_M = STRIDE_MIN_M, BRAKE_M  # the shortest stride, and its depth
-START_M = 16.0  # distance of every residential start from its target
+LONG_M, LONG_DEPTH_M = STRIDE_MAX_M, 6.0  # m, the longest stride, and the depth of its `go`
+SHORT_M, SHORT_DEPTH_M = STRIDE_MIN_M, BRAKE_M  # m, the shortest stride, and the depth of its `go`
+START_M = 16.0  # m, distance of every residential start from the target
 VIEW_DEG = 90.0  # horizontal field of view of the camera
 _TURN_DEG = 60.0  # turn of the pilot `blind`
 
@@ -40,8 +40,6 @@ class DroneContext:
 
 @dataclass(frozen=True, slots=True)
 class Pattern:
-    """A flight pattern without pictures."""
-
     description: str  # one sentence
     fly: Callable[[DroneContext], Iterator[str]]
     sweeps: bool = False  # True: covers an area; False: follows one line
@@ -147,7 +145,7 @@ def arc(seat: DroneContext) -> Iterator[str]:
 
 
 def wandering(draw: int = 1) -> Callable[[DroneContext], Iterator[str]]:
-    """Return a pattern: stride, turn or declare at random. The seed is the drone, the first prompt and `draw`."""
+    """Return a pattern: stride, turn or declare at random. The seed has the drone, the first prompt and `draw`."""
 
     def fly(seat: DroneContext) -> Iterator[str]:
         seed = f"{seat.drone} {seat.prompt}" + (f" {draw}" if draw > 1 else "")
@@ -189,7 +187,7 @@ PATTERNS = {
 
 
 def answer(prompt: str, images: list[bytes]) -> str:
-    """Return the next action of the pilot `blind`: think, go, rotate, go, rotate … Only the last action affects it."""
+    """Return the next action of the pilot `blind`: think, go, rotate, go … It depends only on the last action."""
     briefing = actions.read_prompt(prompt)
     return actions.join([_next_action(briefing.past(k)) for k in range(max(1, len(images)))])
 
@@ -234,7 +232,7 @@ def place_in_goal(command: str) -> int | None:
 
 
 def scripted_orders(prompt: str, images: list[bytes]) -> str:
-    """Return the commander's orders.
+    """Return the orders of the scripted commander, which sends each drone to one of the look-alike candidates.
 
     Every drone without a candidate gets a candidate. Every stalled drone gets the next free candidate. All waiting
     reports of arrival are confirmed.

@@ -4,10 +4,11 @@
     python -m dronecats.pilots.fitting colors [--out FOLDER] [--scenes N] [--pictures N] [--rounds N]
     python -m dronecats.pilots.fitting vision-errors RUN [--out FOLDER]
 
-`shapes` fits the network of `shape_detector`. `colors` fits the network of `color_detector` and makes the outlines of
-`ranging`. Both fits render pictures of places that no episode record uses. `--check [FOLDER]` only evaluates a network,
-on scenes outside the fit. `--short` tests in seconds that the fit runs, and writes files only with `--out`. All random
-numbers are seeded; the last digits of the results depend on the processor and the linear algebra library.
+`shapes` fits the network of `shape_detector`. `colors` fits the network of `color_detector` and makes the outlines
+(outer points of targets) that `ranging` uses. Both fits render pictures of places that no episode record uses.
+`--check [FOLDER]` only evaluates a network, on scenes outside the fit. `--short` tests in seconds that the fit runs,
+and writes files only with `--out`. All random numbers are seeded; the last digits of the results depend on the
+processor and the linear algebra library.
 
 `vision-errors` fits the errors of `oracle/noisy.py` to RUN, the run folder of a benchmark with the pilot vision.
 """
@@ -24,7 +25,6 @@ from foundation.errors import UsageError
 
 
 def main() -> None:
-    """Run the fit or the check that the command line selects."""
     parser = argparse.ArgumentParser(prog="python -m dronecats.pilots.fitting", description="Fits the vision pilot.")
     fits = parser.add_subparsers(dest="fit", required=True)
     shipped = Path(color_detector.__file__).parent

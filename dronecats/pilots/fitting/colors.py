@@ -1,4 +1,4 @@
-"""Fits the network of `color_detector`, and makes the outlines of `ranging`.
+"""Fits the network of `color_detector`, and makes the outlines (outer points of targets) that `ranging` uses.
 
 The pictures show neighbourhoods that are in no episode record. Houses, plants and most parked cars come from seeds
 that no record uses. Streets and plots are the same for all seeds of the map. Each picture has its own target position,
@@ -38,7 +38,7 @@ NOUNS = {
 }  # fmt: skip
 """Target of a residential record → noun of its instruction."""
 PAINTS = ("cyan", "red", "yellow", "orange", "blue", "green", "purple", "pink", "brown")
-PLACES = {
+PLACES = {  # target → places where it stands; other targets stand at USUAL_PLACES
     "bus": ("bus stop",),
     "cyclist": ("pavement", "lawn"),
     "quadrotor": ("lawn",),
@@ -61,11 +61,10 @@ class Target:
     asset: str
     paint: str
     distance_m: float  # from the body's origin to the middle of the target's 3-D bounding box
-    box: tuple[int, int, int, int] | None  # px, left, top, right, bottom of its pixels; None if it is not visible
+    box: tuple[int, int, int, int] | None  # px, left, top, right, bottom of the target's pixels; None: not visible
 
     @property
     def instruction(self) -> str:
-        """The instruction of a record with this target."""
         return f"go to the {self.paint} {NOUNS[self.asset]}"
 
 
@@ -128,7 +127,7 @@ def _middle(place: Vec3, yaw: float, local: NDArray[np.floating]) -> Vec3:
 
 OUTLINES = "outlines.npz"
 FIT_SEED, CHECK_SEED = 320, 300  # first seeds of the neighbourhoods of the fit, and of the check
-SCENES, PICTURES, ROUNDS = 14, 180, 40
+SCENES, PICTURES, ROUNDS = 14, 180, 40  # defaults of the options with these names
 SHORT_PICTURES = 12
 CHECK_SCENES, CHECK_PICTURES = 4, 160
 
@@ -139,19 +138,19 @@ POSITIVE_IOU, NEGATIVE_SHARE = 0.5, 0.2
 ABSENT_TARGETS = 4  # additional instructions per picture, with targets that the picture does not show
 LIKE_BRICK = ("brown", "red", "orange")  # colours of houses and fences, used more often for absent targets
 
-HIDDEN = 48
+HIDDEN = 48  # units of the hidden layer
 DECAY = 4e-4  # weight decay
-CELL_DROPOUT = 0.15  # share of the cells that are set to zero in each example
+CELL_DROPOUT = 0.15  # share of a patch's cells that are set to zero in each example
 BRIGHTNESS_LOG_STD = 0.2  # standard deviation of the log of the brightness factor
 DISTANCE_WEIGHT = 2.0  # weight of the squared distance error relative to the cross-entropy
 DISTANCE_SCALE = 0.15  # scale of the distance output: standard deviation of the log factor
 _CELLS = SIDE * SIDE
 _PATCH = _CELLS * CHANNELS
 
-BANDS_M = (3.0, 5.0, 7.0, 10.0, 15.0, 22.0, 32.5)
-ASIDE_PX = 4  # px, tolerance left and right of the target's box for the middle of a correct detection
+BANDS_M = (3.0, 5.0, 7.0, 10.0, 15.0, 22.0, 32.5)  # m, edges of the distance bands of the check
+ASIDE_PX = 4  # px; the middle of a correct detection is at most this far left or right of the target's box
 
-# Outlines
+# Outlines: outer points of the targets' shapes, from which `ranging` estimates distances
 OUTLINE_PAINT = "red"  # the shape is the same for every paint
 LEVELS = 6  # height bands of an outline
 DIRECTIONS = 8  # horizontal directions; an outline has each band's outermost points in each of them
@@ -162,8 +161,6 @@ TargetJpeg = tuple[bytes, Target]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchExamples:
-    """Labelled patches."""
-
     inputs: NDArray[np.float16]  # (N, LENGTH), the network's input
     is_target: NDArray[np.float32]  # (N,) 1: the target, 0: not the target
     factor: NDArray[np.float32]  # (N,) log(true distance / distance estimated by size); 0 if not the target
@@ -179,19 +176,17 @@ class DetectionResult:
 
 
 def join(examples: Iterable[PatchExamples]) -> PatchExamples:
-    """Return all examples in one object."""
     batches = list(examples)
     names = ("inputs", "is_target", "factor")
     return PatchExamples(*(np.concatenate([getattr(e, name) for e in batches]) for name in names))
 
 
 def draw(first: int, scenes: int, pictures: int) -> Iterator[TargetJpeg]:
-    """Yield pictures of neighbourhoods as JPEG, each with its target."""
     return training.draw(build, photograph, first, scenes, pictures)
 
 
 def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> PatchExamples:
-    """Return the labelled patches of a picture, for the instruction of its target and for those of absent targets."""
+    """Return the labelled patches of a picture, for the instruction of its target and instructions of absent ones."""
     wanted = [(target.asset, target.paint)]
     while len(wanted) <= ABSENT_TARGETS:
         paints = LIKE_BRICK if rng.random() < 0.5 else PAINTS
@@ -325,7 +320,6 @@ def write_outlines(file: Path) -> None:
 
 
 def evaluate(network: PatchNetwork, jpegs: Iterable[TargetJpeg]) -> list[DetectionResult]:
-    """Return the detection for each picture's instruction."""
     results = []
     for data, target in jpegs:
         detection = color_detector.find(decode(data), read_referent(target.instruction), network=network)

@@ -31,7 +31,7 @@ from foundation.frames import Vec3, quat_from_euler
 
 EXTENT = ((-80.0, 46.0), (-50.0, 52.0))  # m, north and east: the area where things stand
 COPIES = {"bench": 12, "bin": 8, "lamp": 12, "person": 26, "tree": 18, "bollard": 8, "conifer": 8, "shrub": 20}
-DISTRACTORS = 11  # copies of every other kind
+DISTRACTORS = 11  # number of copies of each kind that is not in COPIES
 APART_M = 2.6  # least distance between the middles of two things
 HEIGHTS_M = (1.0, 2.4)  # m, range of the camera's height above the ground
 FARTHEST_M = 50.0  # greatest depth of a thing that counts as visible
@@ -40,13 +40,11 @@ TILT_RAD = 0.025  # standard deviation of pitch and roll in half of the pictures
 
 @dataclass(frozen=True, slots=True)
 class VisibleThing:
-    """A thing that is visible in a picture."""
-
     kind: str
     depth_m: float  # along the optical axis, to the thing's middle
     right_m: float  # right of the optical axis
     below_m: float  # the thing's foot below the camera
-    box: tuple[int, int, int, int]  # px, left, top, right, bottom of its pixels
+    box: tuple[int, int, int, int]  # px, left, top, right, bottom of the thing's pixels
     pixels: int  # number of visible pixels
     box_pixels: float  # px, area of the box around the complete thing
 
@@ -66,7 +64,6 @@ def makers(rng: np.random.Generator) -> dict[str, Mesh]:
 
 
 def build(seed: int) -> Scene:
-    """Return the random campus of a seed."""
     rng = np.random.default_rng((seed, 4711))
     terrain = campus_ground.terrain()
     instances: list[Instance] = []
@@ -163,8 +160,8 @@ def _visible(ids: NDArray[np.int32], instances: list[Instance], eye: Vec3, yaw: 
         yield VisibleThing(instance.kind, depth, right, below, box, int(counts[instance.id]), box_pixels)
 
 
-FIT_SEED, CHECK_SEED = 200, 900  # first seed of the campuses to fit to, and of those to check with
-SCENES, PICTURES, ROUNDS = 96, 28, 60
+FIT_SEED, CHECK_SEED = 200, 900  # first seeds of the campuses to fit to, and of the campuses to check with
+SCENES, PICTURES, ROUNDS = 96, 28, 60  # defaults of the options with these names
 FIRST_SCENES, FIRST_ROUNDS = 8, 14  # size of the fit of the first network
 SHORT_PICTURES = 4
 CHECK_SCENES, CHECK_PICTURES = 4, 24
@@ -181,17 +178,17 @@ VISIBLE_SHARE_LIMITS = (
     0.15,
     0.40,
 )  # visible share: below the first, a thing counts as absent; between the two, its windows are not used
-NO_EXAMPLE = -1
+NO_EXAMPLE = -1  # label of a window that is not used
 RANDOM_WINDOWS, MISTAKEN_WINDOWS = 50, 45  # empty windows per picture, random and mistaken for a thing
 DISPLACED_WINDOWS = 12  # windows per picture that show a part of a thing
 MOST_MISTAKES = 6  # largest number of mistaken windows for each picture, distance and height
-USUAL_WINDOWS = 5000.0  # usual number of windows per picture
-USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0
+USUAL_WINDOWS = 5000.0  # usual number of windows per picture, to draw a random share of them
+USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0  # `usual_fill`: percentile over the things nearer than this (m)
 
 HIDDEN = 80  # units of the hidden layer
 DECAY = 2e-4  # weight decay
 COVERED = 0.2  # share of a window's cells that are blanked in a step
-BRIGHTNESS_LOG_STD = 0.25  # of the log of a random brightness factor, for the shadows of halls and trees
+BRIGHTNESS_LOG_STD = 0.25  # standard deviation of the log of a brightness factor, which imitates shadows
 
 CHECKED_M = (3.2, 20.0, 40.0)  # m, edges of the distance bands near and far of the check
 PLAINLY = 0.5  # visible share from which a thing must be detected
@@ -209,13 +206,11 @@ class WindowExamples:
 
 
 def join(examples: Iterable[WindowExamples]) -> WindowExamples:
-    """Return all examples as one object."""
     batches = list(examples)
     return WindowExamples(np.concatenate([e.windows for e in batches]), np.concatenate([e.kinds for e in batches]))
 
 
 def draw(first: int, scenes: int, pictures: int) -> Iterator[CampusJpeg]:
-    """Yield pictures of campuses as JPEG, each with its visible things."""
     return training.draw(build, photograph, first, scenes, pictures)
 
 
@@ -247,8 +242,8 @@ def labels(
 ) -> NDArray[np.int8]:
     """Return for each window of a strip the index of its thing in KINDS, 0 for nothing, or NO_EXAMPLE.
 
-    `height`: index of HEIGHTS_M; `fill`: from `usual_fill`; `near`: limits of the offset from a thing within which a
-    window that is not an example of the thing gets NO_EXAMPLE.
+    `height`: index of `shape_detector.HEIGHTS_M`; `fill`: from `usual_fill`; `near`: limits of the offset from a thing.
+    A window within these limits that is not an example of the thing gets NO_EXAMPLE.
     """
     right = strip.rights_m()
     kinds = np.zeros(len(right), np.int8)
@@ -419,7 +414,7 @@ def _is(detection: shape_detector.PlacedThing, item: VisibleThing, ratio_log: fl
 
 
 def check(folder: Path, short: bool) -> None:
-    """Print a line per kind: detected and visible things (near, far), and false detections per picture."""
+    """Print per kind how many of the near and far visible things are detected, and the false detections per picture."""
     jpegs = list(draw(CHECK_SEED, *((1, SHORT_PICTURES) if short else (CHECK_SCENES, CHECK_PICTURES))))
     _print_table(ShapeNetwork.load(folder / ShapeNetwork.FILE), jpegs)
 

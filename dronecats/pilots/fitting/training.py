@@ -18,7 +18,7 @@ from foundation.camera import CameraModel
 CAMERA = CameraModel(640, 360)
 JPEG_QUALITY = 88  # of training pictures; pictures of flights have 85 (`foundation.camera.QUALITY`)
 SHADOW_CELLS = 2048  # cells per side of the shadow map; flights have twice as many
-BATCH = 128
+BATCH = 128  # examples per step
 RATE = 1.5e-3  # learning rate at the beginning
 FIRST, SECOND = 0.9, 0.999  # decay rates of Adam's moments
 DROPOUT = 0.3  # probability that a hidden unit is off for an example
@@ -35,7 +35,7 @@ def draw(
     scenes: int,
     pictures: int,
 ) -> Iterator[tuple[bytes, Truth]]:
-    """Yield JPEGs with their truth: `pictures` pictures for each of `scenes` seeds, beginning with the seed `first`."""
+    """Yield JPEGs with the truth from `photograph`: `pictures` for each of `scenes` seeds, from the seed `first`."""
     for seed in range(first, first + scenes):
         scene = build(seed)
         renderer = Renderer(scene, CAMERA, threads=1, shadow_cells=SHADOW_CELLS)
@@ -47,7 +47,6 @@ def draw(
 
 
 def initial_weights(rng: np.random.Generator, inputs: int, hidden: int, outputs: int) -> list[Floats]:
-    """Return random weights and zero biases."""
     return [
         rng.normal(0.0, (2.0 / inputs) ** 0.5, (inputs, hidden)).astype(np.float32),
         np.zeros(hidden, np.float32),

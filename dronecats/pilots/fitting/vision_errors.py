@@ -33,27 +33,25 @@ from foundation.run_folder import reading
 Taken = Literal["target", "else", "claim", "nothing"]  # claim: wrong declaration; nothing: turn, think or search
 ASIDE_DEG = 5.0  # a point within this angle of the target's centre is on the target, even outside its box
 SIDES_PX = 8.0  # a point at most this far outside the sides of the target's box is on the target
-WANDER_BAND_M = 0.3  # tolerance of the depth of a stride to a new vantage point
-PRIOR = 2.0  # weight of a prior share, in steps
+WANDER_BAND_M = 0.3  # a `go` is a search stride if its depth differs from search.WANDER_M by less
+PRIOR = 2.0  # a prior share counts like this many steps
 _CAMERA = CameraModel()
 
 
 @dataclass(frozen=True, slots=True)
 class LabelledDecision:
-    """A decision, labelled with the thing that it took for the target."""
+    """A decision, labelled with the thing that vision took for the target."""
 
     taken: Taken
     seen: bool  # whether the target was visible
     distance_m: float  # true distance of the target
-    error_px: tuple[float, float] | None  # + right, + below; only for a `go` at the target, deeper than NEAR_M
+    error_px: tuple[float, float] | None  # pointing error, + right, + below; for a `go` at the target beyond NEAR_M
     depth: float | None  # log(depth / true depth of the centre); for the same decisions as `error_px`
     astray_m: float | None  # depth of a `go`; only for a `go` at something else
 
 
 @dataclass(frozen=True, slots=True)
 class OneDroneFlight:
-    """The decisions of one drone in one flight."""
-
     success: bool
     decisions: tuple[LabelledDecision, ...]
 

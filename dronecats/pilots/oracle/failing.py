@@ -15,11 +15,11 @@ from dronecats.pilots.oracle import oracle
 from dronecats.pilots.oracle.oracle import TrueState, TruthPilot
 from foundation.protocol import BRAKE_M, FINISHED, GO, POINT_SPAN, RADIUS_M, STRIDE_MIN_M
 
-DECLARED_SHARE = 1.3  # distance / start distance at the declaration; 1.28 for the paper's 2B model (Table "gap")
+DECLARED_SHARE = 1.3  # distance / start distance at the declaration; the paper's 2B model has 1.28 (Table "gap")
 _LONG_DEPTH_M = 6.0  # depth of a `go` that flies the longest stride
 _STILL_DEPTH_M = 0.5 * BRAKE_M  # depth of a `go` that does not move the drone
-_CLOSE_ENOUGH_M = 0.5 * STRIDE_MIN_M  # tolerance of a goal distance, since strides have a least length
-_AHEAD_DEG = 8.0  # the pilot flies to a point without a turn first if the point's bearing is at most this
+_CLOSE_ENOUGH_M = 0.5 * STRIDE_MIN_M  # flying ends this near to a goal distance, since strides have a least length
+_AHEAD_DEG = 8.0  # largest bearing of a point to which the pilot flies without turning first
 _STUCK_M = 0.3  # a stride that moves less has met an obstacle
 _ARRIVED_M = RADIUS_M - 0.5  # well inside the radius of success
 _EDGE = 50.0  # 0–1000, distance of a point from the picture's edge

@@ -6,9 +6,10 @@ that the picture does not show. Like vision, it declares by its own estimate of 
 only on the record's seed, the flight's seed, the drone and the step. Flights under different disturbances therefore
 have the same draws and can be compared in pairs. In studies the noisy pilot represents vision, not a model.
 
-The probabilities at a step depend on the previous step and, for a visible target, on its distance. They have one set of
-values for flights in which vision failed, and one for its successes. One draw per flight selects the set, because a
-mistake of vision lasts the whole flight. `python -m dronecats.pilots.fitting vision-errors` fits the values.
+The probabilities at a step depend on the previous step and, for a visible target, on the target's distance. They have
+one set of values from flights in which vision failed, and one from flights in which vision succeeded. One draw per
+flight selects the set, because a mistake of vision lasts the whole flight. `python -m dronecats.pilots.fitting
+vision-errors` fits the values.
 """
 
 import json
@@ -71,7 +72,7 @@ class DetectionErrors:
     aside_px: float  # px of a picture 1280 wide: standard deviation of a point's horizontal error
     above_px: float  # px of a picture 1280 wide: standard deviation of a point's vertical error
     depth: float  # mean log ratio: log(depth of the `go` / true depth of the target's centre)
-    depth_flight: float  # standard deviation between flights of a flight's mean log ratio
+    depth_flight: float  # standard deviation of the flights' mean log ratios
     depth_step: float  # standard deviation of the log ratio between the steps of a flight
     astray_m: float  # m, median depth of a `go` at something else
     astray: float  # standard deviation of the log of the depth of a `go` at something else
@@ -88,7 +89,6 @@ class VisionErrors:
 
 @cache
 def shipped_errors() -> VisionErrors:
-    """Return the errors that ship with the package."""
     return decode(FILE.read_bytes(), VisionErrors)
 
 
@@ -221,7 +221,7 @@ class NoisyPilot:
         return _place(state, u * state.camera.width / POINT_SPAN, 0.5 * state.camera.height, depth)
 
     def _draw_flight(self, errors: DetectionErrors) -> tuple[bool, float]:
-        """Return whether the flight is lost, and its mean depth error in standard deviations."""
+        """Return whether vision fails in this flight, and the flight's mean depth error in units of `depth_flight`."""
         rng = np.random.default_rng((*self.seed, 0))
         return bool(rng.random() < errors.mistaken), float(rng.standard_normal())
 

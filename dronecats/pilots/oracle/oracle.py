@@ -14,8 +14,8 @@ from foundation.camera import CameraModel, camera_pose
 from foundation.frames import Quat, Vec3, course, rotate_inverse, wrap_pi
 from foundation.protocol import NEAR_M, NEAR_SCALE, POINT_SPAN, STEP_S, STRIDE_MAX_M, STRIDE_MIN_M
 
-ARRIVED_M = 4.0  # 3-D distance at which the oracle declares; the verifier's radius is 5 m
-_CLOSE_ENOUGH_M = 4.5  # 3-D distance at which it declares if even the shortest stride is too long
+ARRIVED_M = 4.0  # 3-D distance at which the oracle declares; the radius of success is 5 m
+_CLOSE_ENOUGH_M = 4.5  # 3-D distance at which the oracle declares if even the shortest stride is too long
 _LEVEL = 0.14  # largest slope of a level `go`: the controller ignores slopes under 0.15
 # Within this horizontal distance the drone keeps its height, if the height difference to the target is less than
 # _KEEPS_HEIGHT_BAND_M. With a larger difference, a level flight might move the target out of the picture.
@@ -32,7 +32,7 @@ class TrueState:
     position_ned: Vec3  # m, body origin
     yaw_rad: float  # from north, + east
     attitude: Quat  # of the body
-    target_ned: Vec3  # m, centre
+    target_ned: Vec3  # m, centre of the target
     target_velocity_ned: Vec3  # m/s
     camera: CameraModel
     drone: int = 0  # index of the drone
@@ -41,7 +41,7 @@ class TrueState:
 
     @property
     def distance_m(self) -> float:
-        """The 3-D distance (m) from the body's origin to the target's centre: the verifier's distance."""
+        """The 3-D distance (m) from the body's origin to the target's centre, as in the verdict."""
         return math.dist(self.position_ned, self.target_ned)
 
     @property
@@ -63,10 +63,10 @@ def next_action(state: TrueState) -> str:
     """Return the next action of one drone as reply text.
 
     The drone rotates until the target is in the picture. Then it flies to the target: the point is the target's true
-    projection, and the depth its true planar depth, both predicted for the end of the step. Smaller depths make the
-    last strides shorter, so that the drone stops before the target. Far away, the controller climbs or descends along
-    the ray; near the target, the drone keeps its height. For a target above or below the picture, the point is on the
-    picture's edge.
+    projection, and the depth its true depth along the optical axis, both predicted for the end of the step. Smaller
+    depths make the last strides shorter, so that the drone stops before the target. Far away, the controller climbs or
+    descends along the ray; near the target, the drone keeps its height. For a target above or below the picture, the
+    point is on the picture's edge.
     """
     camera, distance = state.camera, state.distance_m
     x, y = pixel(in_camera(state, state.target_ned), camera)

@@ -1,4 +1,4 @@
-"""Implements the model interface for a pilot that knows the truth, which it reads from the simulator's truth bus."""
+"""Implements the model interface for pilots that know the truth. The truth comes from the simulator's truth bus."""
 
 import math
 from collections.abc import Callable
@@ -39,14 +39,14 @@ class OracleModel:
     ) -> None:
         """`listen` is called before each answer. It passes the waiting bytes of the truth bus to `feed`.
 
-        kept: truth samples to keep per drone, for pictures of earlier times. obeys: the only drone of a request flies
-        to the candidate that the commander's goal in the prompt names. looks: measure the target's visibility, for a
-        pilot that needs it.
+        kept: truth samples to keep per drone, for pictures of earlier times. obeys: if a request has only one drone,
+        the drone flies to the candidate that the commander's goal in the prompt names. looks: measure the target's
+        visibility, for a pilot that needs it.
         """
         self.name = name
         self._world, self._camera, self._listen, self._pilot = world, camera, listen, pilot
         self._truth = NewestTruth(origin, kept)
-        self._taken: dict[int, int] = {}  # drone → µs, time of its picture
+        self._taken: dict[int, int] = {}  # drone → time of the drone's picture, µs
         self.feed = self._truth.feed  # accepts bytes of the truth bus
         self._obeys, self._looks = obeys, looks
         self._t0_us: int | None = None
@@ -70,7 +70,7 @@ class OracleModel:
         pass
 
     def _reply_alone(self, drone: int, step: int, command: str) -> str:
-        """Return the action of the only drone in a request, which flies to the candidate that its goal names.
+        """Return the action of the only drone in a request: it flies to the candidate that the goal `command` names.
 
         At a candidate that is not the target the drone does not declare; the reply is `think`.
         """
