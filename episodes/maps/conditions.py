@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps.assets.leaves import SHADE
+from episodes.maps.geometry import connected
 from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun
 from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.frames import Vec3, vec3
@@ -148,14 +149,10 @@ def _shining(looks: Material, emission: float) -> Material:
 
 def _lit_windows(mesh: Mesh, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return a mask of the triangles of lit windows. The position of a window alone decides whether it is lit."""
-    from scipy.sparse import coo_array  # slow to import; only dusk needs it
-    from scipy.sparse.csgraph import connected_components
-
     _, corners = np.unique(mesh.vertices[mesh.triangles[rows]].reshape(-1, 3), axis=0, return_inverse=True)
     corners = corners.reshape(-1, 3)
-    links = coo_array((np.ones(2 * len(rows)), (np.tile(corners[:, 0], 2), corners[:, 1:].T.ravel())))
-    links.resize(corners.max(initial=0) + 1, corners.max(initial=0) + 1)
-    window = connected_components(links, directed=False)[1][corners[:, 0]]
+    first, second, third = corners.T
+    window = connected(np.tile(first, 2), np.concatenate([second, third]), int(corners.max(initial=0)) + 1)[first]
     middle = mesh.vertices[mesh.triangles[rows]].mean(axis=1)
     count = np.maximum(np.bincount(window), 1)[:, None]
     middles = np.stack([np.bincount(window, middle[:, axis]) for axis in range(3)], axis=1) / count

@@ -13,11 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from episodes.camera.renderer.textures import Atlas, build_atlas
 from episodes.maps.cutouts import OPAQUE, Cutouts, cutouts_of, distinct, is_cut_out
+from episodes.maps.geometry import connected
 from episodes.maps.scene import Instance, Material, Mesh, Moved, Scene, kept_of_scene, turn
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
@@ -343,12 +342,13 @@ def _closed_surfaces(mesh: Mesh) -> tuple[NDArray[np.int8], NDArray[np.float64],
     places[place] = mesh.vertices
     corners = place[mesh.triangles]
     begin, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
-    links = coo_array((np.where(begin < end, 1, -1), (np.minimum(begin, end), np.maximum(begin, end))))
-    links.resize(len(places), len(places))
-    count, surface_of = connected_components(links, directed=False)
-    links.sum_duplicates()
+    low_end, high_end = np.minimum(begin, end).astype(np.int64), np.maximum(begin, end)
+    surface_of = connected(low_end, high_end, len(places))
+    edges, edge = np.unique(low_end * len(places) + high_end, return_inverse=True)
+    forward = np.bincount(edge, np.where(begin < end, 1, -1))  # uses of each edge in one direction minus the other's
+    count = int(surface_of.max()) + 1
     is_open = np.zeros(count, np.bool_)
-    is_open[surface_of[links.row[links.data != 0]]] = True
+    is_open[surface_of[edges[forward != 0] // len(places)]] = True
     is_open[surface_of[corners[is_cut_out(mesh)]]] = True
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, surface_of, places)

@@ -11,8 +11,9 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
+from scipy import ndimage
 
+from episodes.maps.geometry import connected
 from foundation.terrain import HeightField
 
 FINEST_M = 0.25  # cell size of a small map
@@ -165,8 +166,7 @@ def _joined(depth: NDArray[np.float64], step: float) -> NDArray[np.int64]:
                 )
                 ends.append(np.stack(pair))
     edges = np.concatenate(ends, axis=1) if ends else np.zeros((2, 0), np.int64)
-    graph = sparse.coo_matrix((np.ones(edges.shape[1], np.int8), edges), shape=(depth.size, depth.size))
-    return np.asarray(sparse.csgraph.connected_components(graph, directed=False)[1], np.int64).reshape(depth.shape)
+    return connected(edges[0], edges[1], depth.size).reshape(depth.shape)
 
 
 def _on_field(triangles: Array, facing: Array, field: HeightField) -> NDArray[np.bool_]:
