@@ -16,7 +16,7 @@ from typing import Any
 
 HEIGHT_M = 1.0
 STEP_S = 2.0
-UNTIMED_S = 8.0  # s of vehicle time before the timing starts: two hovers and two steps
+UNTIMED_S = 8.0  # s of vehicle time before the timing starts: two periods of the task
 REPEAT = 3
 LIMIT_S = 300  # wall s, after which a peer is stopped
 

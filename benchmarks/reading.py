@@ -42,8 +42,8 @@ class LegibilityRow:
     distance_m: float
     angle_deg: float
     pictures: int
-    package: int  # read fully by the OCR package
-    wrong: int  # a wrong text of the right length that the pilot accepts
+    package: int  # number of pictures that the OCR package reads fully
+    wrong: int  # number of pictures with a wrong text of the right length that the pilot accepts
 
 
 def text_for(kind: str, rng: np.random.Generator, taken: set[str]) -> str:

@@ -19,7 +19,7 @@ from typing import Any
 SIZES = ((1280, 720), (640, 360))  # px
 NEAR_M, FAR_M = 0.1, 600.0
 ROUNDS = 2  # rounds over the views
-LIMIT_S = 240  # wall time of one peer
+LIMIT_S = 240  # wall s, after which a peer is stopped
 TOLERANCE = 0.04  # a larger error of `covered` means another scene
 SHADOW_CELLS = 4096  # cells per side of a shadow map, if the peer has this setting
 
@@ -144,7 +144,7 @@ PEERS: dict[str, Callable[[dict[str, Any], Path], dict[str, float]]] = {"mujoco"
 
 
 def compare(folder: Path, exported: Path, ours: Callable[[], dict[str, float]]) -> dict[str, Any]:
-    """Return by peer: its milliseconds, the project's, and their ratio; or a `note` with the reason.
+    """Return by peer: its milliseconds, the project's, and their ratio; or a `note` on why these are absent.
 
     `exported` is the folder that `render.export` wrote. `ours` times the project's renderer and is called before
     each peer. The first picture of a peer is kept as `folder`/NAME.npy, (720, 1280, 3).

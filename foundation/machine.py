@@ -13,7 +13,7 @@ from foundation.errors import UsageError
 
 
 def user_cache() -> Path:
-    """Return the cache folder, below NUMBA_CACHE_DIR if that is set. Raises UsageError if the user has no home."""
+    """Return `dronecats` in NUMBA_CACHE_DIR, XDG_CACHE_HOME or ~/.cache. Raises UsageError if there is no home."""
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     try:
         return Path(base or Path.home() / ".cache") / "dronecats"
@@ -47,7 +47,7 @@ def limit_gb() -> float | None:
 def check(name: str, needed_gb: float) -> None:
     """Raise UsageError if the limit on the address space is below the need of `name`, such as a command.
 
-    `needed_gb`: the need as measured on `CORES_MEASURED` cores; more cores need more.
+    `needed_gb`: the need (GB) as measured on `CORES_MEASURED` cores; more cores need more.
     """
     limit = limit_gb()
     if needed_gb and limit is not None and limit < (needed := on_this_machine(needed_gb)):

@@ -1,7 +1,7 @@
 """Removes keys and passwords from messages and files.
 
 Any part of an address (URL) may be a key. So only safe parts are shown: scheme, host, port, short words of the path,
-names in the query. The server may repeat the other parts in its replies, where they are hidden too, in any spelling.
+names in the query. If the server repeats the other parts in its replies, they are hidden there too, in any spelling.
 """
 
 import base64

@@ -167,8 +167,8 @@ class NewestTruth:
     def together(self, drone: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
         """Return samples of all drones at nearly the same time: the sample of `drone`, and the others' by drone number.
 
-        The time is the latest that all drones have reached. Drones that have been silent for longer than SILENT_US do
-        not limit it; their last samples are used. Returns None without a sample of `drone`.
+        The time is the latest that all drones have reached. If one has been silent for longer than SILENT_US, the time
+        is that of the newest sample of `drone` instead. Returns None without a sample of `drone`.
         """
         with self._lock:
             self._read()
@@ -182,8 +182,7 @@ class NewestTruth:
     def at(self, drone: int, time_us: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
         """Return a drone's first sample at or after a time (µs), and the nearest samples of the others by drone number.
 
-        If the drone has no sample so late, its newest sample is used; for a time too long ago, its oldest kept sample.
-        Returns None without a sample of `drone`.
+        If all samples of the drone are earlier, its newest sample is used. Returns None without a sample of `drone`.
         """
         with self._lock:
             self._read()

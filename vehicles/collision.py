@@ -33,7 +33,7 @@ HIT_LEAST = 0.15  # m/s; a contact that begins more slowly is reported as a hit 
 FRICTION = 0.45  # coefficient of plastic and carbon on dry walls and car bodies
 ROUNDS = 8  # iterations over the contacts in a step: enough for four feet on a roof
 AHEAD = 0.15  # m; the list of candidate triangles holds for this much motion of the vehicle
-TURN = 2.25  # the angle (rad) between two attitudes is at most π / √2 times the distance between their quaternions
+TURN = 2.25  # rounded up: the angle (rad) between two attitudes is at most π / √2 times their quaternions' distance
 BREAKING = 2.0  # m/s, closing speed above which a propeller breaks
 CAMERA_RADIUS = 0.085  # m; up to 3 m/s no surface gets nearer to the lens than the renderer's near plane
 BUMPER_SHARES = (1 / 3, 2 / 3)  # places of a bumper's balls, as shares of the way from a rotor to the camera
@@ -333,7 +333,7 @@ def _apply_friction(params: Record, state: Record, near: Record, n: int, q: Quat
 
 @njit(cache=True)
 def record_hit(state: Record, solids: Record, ball: int, owner: int, closing: float) -> None:
-    """Note a hit at `closing` (m/s): a crash above the ball's `ball_sound`. Above BREAKING, its propeller breaks."""
+    """Note a hit at `closing` (m/s). Above the ball's `ball_sound` it is a crash; above BREAKING a propeller breaks."""
     state.hits += 1
     state.hit_speed = closing
     state.hit_owner = owner

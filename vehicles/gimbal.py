@@ -24,7 +24,7 @@ class Gimbal:
         self._rate = 0.0  # rad/s, + up; the commanded rate
 
     def aim(self, pitch: float) -> None:
-        """Command a pitch (rad). It is limited to the range."""
+        """Command a pitch (rad), which is limited to the gimbal's range."""
         self._wanted = min(max(pitch, self.low), self.high)
 
     def move(self, rate: float) -> None:

@@ -58,7 +58,7 @@ NEAR = np.dtype(
         ("normal", "f8", (CONTACTS, 3)),  # unit, NED, out of the obstacle
         ("point", "f8", (CONTACTS, 3)),  # m, NED
         ("drift", "f8", (CONTACTS, 3)),  # m/s, NED, velocity of the obstacle at `point`
-        ("touched_us", "i8", (2 * BALLS,)),  # µs, each ball's last touch with triangles, then each one's with the box
+        ("touched_us", "i8", (2 * BALLS,)),  # µs, last touch of ball k: [k] with triangles, [BALLS + k] with the box
         ("newest_us", "i8"),  # µs, last touch of any ball
         ("leant_us", "i8"),  # µs, last touch while off the ground; touches of feet do not count
         ("leant_on", "i8"),  # owner number of the obstacle of that touch

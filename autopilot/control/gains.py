@@ -35,7 +35,7 @@ CONTROL_PARAMS = np.dtype(
         ("thrust_horizontal_margin", "f8"),  # 0 … 1, reserved for the horizontal force when thrust saturates
         ("hover_thrust", "f8"),  # 0 … 1, from the airframe's constants
         ("yaw_rate_auto_max", "f8"),  # rad/s, while turning to a yaw setpoint
-        ("velocity_lag", "f8", (3,)),  # s, lag of acceleration behind its setpoint
+        ("velocity_lag", "f8", (3,)),  # s, lag of acceleration, and so of velocity, behind its setpoint
         ("yaw_lag", "f8"),  # s, lag of yaw rate behind its setpoint
         ("attitude_p", "f8", (3,)),  # 1/s, roll pitch yaw
         ("yaw_weight", "f8"),  # limit of sin(yaw error / 2)
@@ -46,7 +46,7 @@ CONTROL_PARAMS = np.dtype(
         ("rate_d", "f8", (3,)),  # normalised torque per rad/s²
         ("rate_integral_limit", "f8", (3,)),  # normalised torque
         ("gyro_cutoff_hz", "f8"),  # first-order low-pass of the rates
-        ("gyro_derivative_cutoff_hz", "f8"),  # the same for the derivative of the rates
+        ("gyro_derivative_cutoff_hz", "f8"),  # first-order low-pass of the derivative of the rates
         ("airmode", "i8"),  # 1: thrust may rise to keep roll and pitch
         ("rotors", "i8"),
         ("mix", "f8", (MAX_ROTORS, 4)),  # rotor thrust fraction per normalised roll, pitch, yaw torque and thrust
@@ -75,7 +75,7 @@ CONTROL_STATE = np.dtype(
         ("unexplained", "f8", (6,)),  # m/s², rad/s², FRD, accelerations that the rotors do not explain, filtered
         ("unexplained_slow", "f8", (6,)),  # the slow part of `unexplained`, such as wind
         ("torque_filtered", "f8", (3,)),  # normalised, with the lag of the rotors
-        ("untouched_s", "f8"),  # s since the last knock (impact of an obstacle)
+        ("untouched_s", "f8"),  # s since the last knock (impact on an obstacle)
         ("acceleration_filtered", "f8", (3,)),  # m/s², NED, measured
         ("yaw_reference", "f8"),  # rad, yaw setpoint of the attitude loop; follows yaw_rate_expected
         ("yaw_rate_expected", "f8"),  # rad/s, derivative of yaw_reference: yaw_rate_reference with yaw_lag

@@ -10,7 +10,7 @@ from foundation.frames import GRAVITY, Quat
 
 REST_GYRO_STD = 0.05  # rad/s; a larger deviation from the mean is more than noise: the vehicle is being moved
 REST_ACCEL_ERROR = 0.5  # m/s², largest difference from gravity at rest
-ATTEMPTS = 5  # averaging windows with a moving vehicle; the next window aligns it, with larger variances
+ATTEMPTS = 5  # after so many windows with a moving vehicle, the next one aligns anyway, with larger variances
 
 
 @njit(cache=True)

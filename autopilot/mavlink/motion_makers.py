@@ -1,6 +1,6 @@
 """Makers of the telemetry messages about position, motion, setpoints and raw sensor samples.
 
-Each maker returns the fields of one message, or None without valid data or a sample of the sensor.
+Each maker returns the fields of one message, or None if the data are not valid or the sensor has no sample.
 """
 
 import math

@@ -60,7 +60,7 @@ class HostWatch:
         self._waited_s = 0.0
 
     def late(self, late_s: float) -> None:
-        """`late_s`: lateness of the vehicle's clock, s plus an unknown constant. The lag is the growth of `late_s`."""
+        """Take the lateness of the vehicle's clock (s, plus an unknown constant). The lag is the growth of `late_s`."""
         self._least_s, self._newest_s = min(self._least_s, late_s), late_s
         self._lag_s = max(self._lag_s, late_s - self._least_s)
 

@@ -211,8 +211,8 @@ def _stall_s(question: Question, _of: Circumstance, probability: float, seconds:
 def _jitter_s(question: Question, _of: Circumstance, rate_hz: float, cv: float, rho: float = 0.0) -> float:
     """Return a draw with the mean 1 / `rate_hz` and this coefficient of variation.
 
-    Its logarithm is normal, and follows a first-order autoregression over the questions. `rho` is the correlation of
-    two successive questions. No state is kept: each call draws the sequence up to this question again.
+    The draw's logarithm is normal, and follows a first-order autoregression over the questions. `rho` is the
+    correlation of two successive questions. No state is kept: each call draws the sequence up to this question again.
     """
     variance = math.log1p(cv * cv)
     shocks = np.random.default_rng((*question.seed, 0, question.drone, JITTER_STREAM)).standard_normal(
@@ -261,7 +261,7 @@ class LatencyKind:
 
     charge: Callable[..., float]  # (question, circumstance, *numbers) → vehicle seconds
     quantities: tuple[DeclaredNumber, ...] = ()
-    optional: int = 0  # so many of the last quantities may be left out
+    optional: int = 0  # number of the last quantities that may be left out
     foreseen: bool = True  # whether the charge is known before the reply
     file: str = ""  # placeholder of a file name, for a kind that has a file instead of numbers
 

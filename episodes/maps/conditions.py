@@ -28,8 +28,8 @@ DUSK_GLOW: Vec3 = (0.95, 0.42, 0.12)
 # The lights of a map at dusk: street lamps and about half of the windows. They shine, but do not illuminate anything.
 WINDOWS = ("window", "pane-", "curtain", "doors")  # prefixes of material names
 LAMPS = ("lamp-glass", "lantern")
-LIT_PERCENT = 55  # of the windows
-ROOM_M = 2.0  # windows in one cell of this size are lit or dark together
+LIT_PERCENT = 55  # percentage of windows that are lit
+ROOM_M = 2.0  # windows in the same cube of this size are lit or dark together
 WARM: Vec3 = (1.0, 0.70, 0.36)  # linear RGB
 GLASS = 0.30  # brightness of the darkest part of a lit window's picture, 0 … 1
 WINDOW_EMISSION, LAMP_EMISSION = 0.75, 2.0
@@ -47,7 +47,7 @@ HUES: tuple[Vec3, ...] = (  # linear RGB of leaves: gold, orange, rust, brown, a
     (0.32, 0.34, 0.09),
 )
 STRAW: Vec3 = (1.22, 1.0, 0.78)  # factor on the colour of grass
-FALLEN = 260  # fallen leaves on one repeat of the grass
+FALLEN = 260  # number of fallen leaves in one repeat of the grass texture
 FALLEN_PX = (3, 6)  # texels, range of the half length of a fallen leaf
 
 Picture = NDArray[np.uint8]
@@ -87,7 +87,7 @@ def direction(azimuth_deg: float, elevation_deg: float) -> Vec3:
 def moved(sun: Sun, azimuth_deg: float, elevation_deg: float) -> Sun:
     """Return `sun` at another position. A lower sun is redder and weaker, and its sky is darker.
 
-    The colour is scaled by the transmission of clear air at the new elevation, divided by that at the old elevation.
+    The colour is multiplied by the transmission of clear air at the new elevation, and divided by the old transmission.
     """
     toward = direction(azimuth_deg, elevation_deg)
 

@@ -31,7 +31,7 @@ from episodes.maps.scene import Material, Mesh
 from foundation.terrain import HeightField
 
 STEP_M = 5.0  # default spacing of the lattice
-FAR_M = 420.0  # half extent of the drawn ground, without the land beyond
+FAR_M = 420.0  # half extent of the zones; `countryside.beyond` draws the land farther out
 WEST, EAST, NORTH = -62.0, 126.0, 104.0  # m, edges of the neighbourhood; the south edge is -NORTH
 TINTS = ((1.0, 1.0, 1.0), (1.12, 1.06, 1.0), (0.86, 0.93, 0.9))  # factors on the colour of lawns
 

@@ -1,8 +1,8 @@
 """The plan of the residential neighbourhood: its streets, plots and drives, and the heights of the ground.
 
-Two streets run north. Two others run east and join them, so that a vehicle can drive round the block. These two
-streets have dead ends in the fields. Heights follow the paper's residential map (appendix "Maps and Episodes"): NED z
-is +0.05 m on roads and −0.45 m at drives (plus `swell`), so plots are half a metre above the road.
+Two streets run north. Two others run east and join them, so that a vehicle can drive round the block. The streets that
+run east end in the fields. Heights follow the paper's residential map (appendix "Maps and Episodes"): NED z is +0.05 m
+on roads and −0.45 m at drives (plus `swell`), so plots are half a metre above the road.
 """
 
 import math
@@ -22,7 +22,7 @@ DEPTH = 32.0  # m, back fences from the centre line
 DRIVE_HALF = 2.3  # m, half the width of a drive
 DRIVE_END = 13.6  # m, end of a drive from the centre line
 NEAR_M = 21.0  # m along the street; houses closer than this do not look alike
-FLANK = 0.25  # m along the street, the slope on each side of a dropped kerb
+FLANK = 0.25  # m along the street, length of the slope on each side of a dropped kerb
 
 # distance from the centre line → NED z: road, kerb, verge, pavement, bank, plot
 PROFILE = ((0.0, 0.05), (4.0, 0.05), (4.25, -0.07), (5.5, -0.09), (7.0, -0.12), (9.5, -0.45), (50.0, -0.45))
@@ -62,7 +62,7 @@ class Plot:
     along: float  # m, middle of the plot
     side: int
     plan: house_plans.HousePlan
-    house: float  # m along the street, middle of the main block; the plot's middle is the middle of block plus garage
+    house: float  # m along the street, middle of the main block; block and garage together are centred on the plot
     drive: float  # m along the street, middle of the drive
 
     def at(self, along: float, out: float) -> tuple[float, float]:
@@ -164,7 +164,7 @@ def height(north: Array, east: Array, homes: tuple[Plot, ...]) -> Array:
 
 
 def terrain(homes: tuple[Plot, ...]) -> HeightField:
-    """Return the height field. For each drive, only a small window of it is computed again."""
+    """Return the height field. It is computed without drives, and then again in a small window at each drive."""
     n0, n1, e0, e1 = REACH
     north, east = np.arange(n0, n1 + CELL / 2, CELL)[:, None], np.arange(e0, e1 + CELL / 2, CELL)[None, :]
     down = height(north, east, ())

@@ -1,4 +1,4 @@
-"""Manages the maps of users: `.glb` files in a folder. Records name them like shipped maps."""
+"""Manages the maps of users: `.glb` files in a folder. Episode records name them like shipped maps."""
 
 import os
 import re
@@ -57,8 +57,8 @@ def add(
 ) -> Scene:
     """Check the glTF file of a map and store it under a name; return the map as flights will use it.
 
-    In the stored file, the ground is separate from the other objects, all transforms are applied, and the pictures are
-    reduced.
+    In the stored file, the ground is separate from the other objects, all transforms are applied, and large textures
+    are scaled down.
 
     Raises UsageError if the name is invalid or in `taken`, if the user already has a map of this name and `replace` is
     false, or if the file cannot be a map.

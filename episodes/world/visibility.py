@@ -166,8 +166,8 @@ class SolidsExcept(Solids):
 def distance_to_mesh(mesh: Mesh, point: Array) -> float:
     """Return the distance (m) from a point, in the mesh's axes, to the mesh's nearest triangle; inf if it has none.
 
-    If the point's projection onto the triangle's plane is inside the triangle, it is the nearest point. Otherwise the
-    nearest point is on an edge (Ericson, Real-Time Collision Detection, section 5.1.5).
+    If the point's projection onto a triangle's plane is inside the triangle, the projection is the nearest point.
+    Otherwise the nearest point is on an edge (Ericson, Real-Time Collision Detection, section 5.1.5).
     """
     tri = mesh.vertices[mesh.triangles].astype(np.float64)
     a, b, c = tri[:, 0], tri[:, 1], tri[:, 2]

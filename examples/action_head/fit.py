@@ -48,7 +48,7 @@ class HeldOutResult:
     right_kind: float  # share of decisions with the right action
     point_error: float  # median horizontal error of a go's point, as a fraction of the picture's width
     depth_factor: float  # median factor (≥ 1) between a go's depth and the right depth
-    declares_at: float  # threshold of a declaration: the probability of `finished` with the highest F1
+    declares_at: float  # least probability of `finished` at which the head declares arrival; gives the highest F1
     declared: float  # recall at this threshold: share of the arrivals that are declared
     precise: float  # precision at this threshold: share of the declarations that are arrivals
 

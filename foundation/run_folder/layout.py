@@ -13,7 +13,7 @@ STUDY = "study.json"  # of a study: the varied settings of each run
 
 # files of an episode
 EPISODE = "episode.json"  # the episode's record: map, start, target, instruction
-WORLD = "world.json"  # the record that was rendered, in a flight that is not judged
+WORLD = "world.json"  # the record of the rendered world, only in flights that are not judged
 DECISIONS = "decisions.jsonl"  # written by the agent
 COMMANDER = "commander.jsonl"  # written by the agent if there is a commander: every exchange with the commander
 PROMPTS = "prompts.jsonl"  # written by the agent: the text of every question

@@ -279,8 +279,8 @@ def _reject_constant(constant: str) -> Any:
     raise ValueError(constant)
 
 
-LONG = 4000  # bytes; a longer line may hold a number with more digits than Python accepts
-KIND = 15  # number of first bytes that show the kind of a line: {"kind": "pose"
+LONG = 4000  # bytes; the strict reader reads longer lines: a number may have more digits than Python accepts
+KIND = 15  # the first bytes of a line that show its kind, such as {"kind": "pose"
 
 FastReader = Callable[[bytes], Row | None]  # line → its row; None: the strict reader must read it
 

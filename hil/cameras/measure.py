@@ -17,7 +17,7 @@ GAP = 1.6  # factor on the usual interval between two frames; a longer interval 
 
 @dataclass(frozen=True, slots=True)
 class CameraMeasurement:
-    """Results of a measurement. Intervals are between stamps. Ages are from the stamp to the corrected picture."""
+    """Results of a measurement. Intervals are between stamps. A picture's age is measured after lens correction."""
 
     model: CameraModel  # of the frames
     calibrated: bool  # whether the field of view comes from a calibration

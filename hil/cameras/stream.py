@@ -279,8 +279,8 @@ def shoot(capture: Any) -> tuple[float, Picture]:
 def drain(capture: Any) -> None:
     """Drop the buffered pictures. Otherwise every later picture would be seconds old.
 
-    FFmpeg buffers a second of a stream to find its format, and servers buffer about a second too. A picture comes from
-    a buffer if its grab takes clearly less time than lies between its stamp and the previous picture's.
+    FFmpeg buffers a second of a stream to find its format, and servers buffer about a second too. If a grab takes
+    clearly less time than the interval between the stamps of two pictures, the picture came from a buffer.
     """
     live, at_ms, end_s = 0, capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic() + DRAIN_S
     while live < LIVE_GRABS and time.monotonic() < end_s:

@@ -16,7 +16,7 @@ LINE_GAIN = 1.5  # 1/s, speed towards the line of a move per metre beside it
 CORRECTION_MAX = 0.6  # m/s, largest correction per axis
 HEADING_GAIN = 1.5  # 1/s, yaw rate per radian from the held heading, in a move
 HEADING_RATE_MAX = 0.5  # rad/s, limit of this yaw rate
-STOPPING_S = 0.6  # s; a moving vehicle holds the place ahead at its velocity times this, where it can stop
+STOPPING_S = 0.6  # s; the held place is ahead of a moving vehicle by its velocity times this, where it can stop
 BACK_MAX = 0.5  # sine of the largest angle by which a move turns towards its line
 HEADING_REACHED = math.radians(1.0)
 LINE_REACHED_M = 0.05
@@ -25,7 +25,7 @@ YAW_RATE_STILL = math.radians(5.0)  # rad/s; a turn is not over above this rate
 GRACE_US = 150_000  # µs, three ticks; a setpoint lasts this much longer, because the next one may come a little late
 GAP_US = 200_000  # µs; if more time passes between two updates of a turn, only this much of it counts
 STAMP_US = 1_000  # µs, resolution of the vehicle's time stamps
-LATE_MAX_US = 250_000  # µs; if a move ended later than this, the hold after it is not moved back
+LATE_MAX_US = 250_000  # µs; if a move ended late by more than this, the held place is not moved back
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ WATCHED = {  # message id -> µs between two messages
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 1_000_000,
     dialect.MAVLINK_MSG_ID_CURRENT_MODE: 100_000,
 }
-OFFERED = {dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 100_000}  # as WATCHED, but the flight does not need it
+OFFERED = {dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 100_000}  # requested like WATCHED, but flights do not need them
 FAST = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
 ONCE = (  # requested as single messages until they arrive
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,

@@ -85,7 +85,7 @@ class UdpTransport(Transport):
             return b""
         datagrams: list[bytes] = []
         first: Any = None
-        # an ICMP refusal of an earlier send arrives here: the peer is not up yet, and silence will show it
+        # an ICMP refusal of an earlier send raises OSError here: the peer is not up yet, so there is no data
         with contextlib.suppress(OSError):
             while len(datagrams) < 256:
                 data, address = self._waiting or self._socket.recvfrom(65536)

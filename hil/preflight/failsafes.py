@@ -4,7 +4,7 @@ A wrong proposal is dangerous, so a rule proposes only a value that is right for
 the owner's choice, the rule only shows the present one. Sources: PX4's parameter reference; failsafe.cpp, if a rule
 names it; our own measurements where the reference gives no answer.
 
-The parameters of the autopilot's geofence have rules too: the geofence is the last limit if our envelope fails.
+The parameters of the autopilot's geofence have rules too: the geofence is the last limit if our safety envelope fails.
 """
 
 from collections.abc import Callable, Mapping
@@ -77,7 +77,10 @@ def _offboard_timeout(s: Situation, value: Value) -> Finding:
 
 
 def _stick_exception(s: Situation, value: Value) -> Finding:
-    """Judge COM_RCL_EXCEPT. Since PX4 1.14, sticks that are absent at arming do not count as lost: failsafe.cpp."""
+    """Judge COM_RCL_EXCEPT, the modes that ignore lost sticks.
+
+    Since PX4 1.14, sticks that are absent at arming do not count as lost: failsafe.cpp.
+    """
     exempt = int(value) & EXCEPT_OFFBOARD
     if s.sticks and exempt:
         return _failed_with_change(
@@ -221,7 +224,7 @@ def read_failsafe(link: Link) -> str:
 
 
 def failsafe_findings(situation: Situation) -> list[Finding]:
-    """Return the finding on the sticks, one for each rule and, if there are sticks, those on the pilot's switches."""
+    """Return one finding on the sticks, one for each rule, and two on the pilot's switches if there are sticks."""
     findings = [Finding(_sticks(situation))]
     for name, rule in RULES.items():
         value = situation.values.get(name)

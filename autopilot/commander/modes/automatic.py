@@ -26,7 +26,7 @@ def approach_speed(distance: float, cruise: float, acceleration: float) -> float
 
 
 STOPPED_SPEED = 0.3  # m/s; below it the vehicle counts as stopped, and HOLD stores its position
-BRAKE_LIMIT_US = 6_000_000  # longest braking
+BRAKE_LIMIT_US = 6_000_000  # µs of braking, after which HOLD stores the position at any speed
 
 
 class HoldMode(Mode):
@@ -81,7 +81,7 @@ class Takeoff(Mode):
         self._wanted_z = math.nan
 
     def aim(self, z_ned: float) -> None:
-        """Set the local z (m, NED) of the next climb; nan: MIS_TAKEOFF_ALT above the ground, in the air above home."""
+        """Set local z (m, NED) of the next climb; nan: MIS_TAKEOFF_ALT above the ground or, if in the air, above home."""
         self._wanted_z = z_ned
 
     def enter(self, flight: FlightContext) -> None:

@@ -45,7 +45,7 @@ class FleetCommander:
 
     The commander sees the picture of every camera, and the roster (the state of each drone as text). It gives goals.
     Only the commander declares arrival: a pilot's report becomes a declaration when the commander confirms it. The
-    declaration has the id and time of the picture from this drone that was in the commander's question.
+    declaration has the id and time of the pilot's picture in the commander's question.
     """
 
     def __init__(
@@ -180,7 +180,7 @@ class FleetCommander:
         return FleetOrders(tuple(goals), tuple(confirmed)), refusals
 
     def _declare(self, drone: int, shown: _Shown, asking: PendingQuestion) -> Decision:
-        """Declare arrival for a confirmed report, at the frame that the commander saw. The drone has hovered since."""
+        """Declare arrival at the frame that the commander saw. The drone has hovered since its report."""
         post, frame, now_s = self._posts[drone], shown.frames[drone], self._now_s()
         post.reported_s, post.confirmed = None, True
         decision = Decision(

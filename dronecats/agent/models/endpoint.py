@@ -186,7 +186,7 @@ def _trusted() -> ssl.SSLContext:
 
 
 class Endpoint:
-    """A base URL with its key. Errors, `shown` and `brief` have no secrets; a body may (`hide`)."""
+    """A base URL with its key. Errors, `shown` and `brief` contain no secrets. A body may; `hide` removes them."""
 
     def __init__(
         self,

@@ -201,7 +201,7 @@ def _place(division: Assignment, placed_items: list[tuple[int | None, Any]], dro
 def _places(names: list[int], drones: int) -> tuple[list[int], bool]:
     """Return the drones' indices for the numbers in a reply, and whether these numbers count from 0.
 
-    They do if 0 is among them and `drones` is not.
+    The numbers count from 0 if 0 is among them and `drones` is not.
     """
     zero_based = 0 in names and drones not in names
     return [name if zero_based else name - 1 for name in names], zero_based

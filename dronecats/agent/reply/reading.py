@@ -26,9 +26,9 @@ class Reading:
 def reading(reply: str, drones: int, axis_order: AxisOrder = "xy", parser: ReplyParser = "strict") -> list[Reading]:
     """Return the reading of `reply` for each of `drones`, in the order of their pictures.
 
-    strict: accepts the form that the prompt asks for, without mends. lenient: accepts any text with only one possible
-    meaning, and lists its mends. If the strict parser accepts a reply, both give the same result, except if the objects
-    of a fleet name their drones in another order. Never raises.
+    strict: accepts the form that the prompt asks for, without corrections. lenient: accepts any text with only one
+    possible meaning, and lists its corrections. If the strict parser accepts a reply, both give the same result, except
+    if the objects of a fleet name their drones in another order. Never raises.
     """
     if parser == "strict":
         return [_reading(result) for result in strict.parse_fleet(reply, drones, axis_order)]

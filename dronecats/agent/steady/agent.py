@@ -19,7 +19,7 @@ from foundation.setpoints import Hold
 
 TURNS_FIRST = math.radians(30.0)  # angle from the nose beyond which the drone turns on the spot before it flies
 SHORT_M = 0.3  # m; a stride counts as flown when at most this distance is left
-STREAMED_S = 0.5  # s; without a new setpoint, the drone flies the last one of a leg this long
+STREAMED_S = 0.5  # s for which the drone flies the last setpoint of a leg (flight to a place) if no new one comes
 
 
 class SteadyDrone(Drone):
@@ -86,8 +86,9 @@ class SteadyDrone(Drone):
         - during a turn: no, because the model needs the view after the turn
         - during a hold: in its last `age_s` seconds
         - during a short stride: when the decision is due, or the drone rests
-        - on another leg: when the decision is due; in the `age_s` seconds before that, if the drone has flown a full
-          stride since the last picture (the prompt's history implies full strides); even earlier, if the drone rests
+        - on another leg, until `age_s` before the decision is due: only if the drone rests
+        - on another leg, from then on: if the drone has flown a full stride since the last picture, because the
+          prompt's history implies full strides, and in any case when the decision is due
         """
         if self._segments:
             last = self._segments[-1]
@@ -120,7 +121,7 @@ class SteadyDrone(Drone):
         return (north + velocity[0] * old_s, east + velocity[1] * old_s, down), velocity
 
     def _course_of(self, seen: SeenPlace, here: Vec3) -> float:
-        """Return the course (rad) to the place that was pointed at; for a short stride, the course at capture."""
+        """Return the course (rad) to the place that was pointed at; for a short stride, as it was in the picture."""
         place, origin = (seen.place_ned, seen.lens_ned) if self._careful else (self._place_now(seen)[0], here)
         return course(origin, place)
 

@@ -16,7 +16,7 @@ from episodes.maps.scene import Material, Mesh
 MOTORCYCLE_SIZE = 1.06  # scale of motorcycle and rider: 2.4 m long, like the largest touring motorcycles
 SADDLE = materials.plain("saddle", (30, 28, 28), 0.15)
 ALLOY = materials.plain("alloy", (150, 153, 158), 0.6)
-FORWARD = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))  # of both feet
+FORWARD = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))  # both feet point forward
 
 
 RIDER = Posture(
@@ -33,7 +33,7 @@ BIKER_OUTFIT = Outfit(shoes=(30, 30, 32), legs=(34, 35, 38))
 
 
 def tyre(radius: float, thick: float, material: Material = materials.RUBBER, segments: int = 28) -> MeshPart:
-    """Return a ring with a round cross-section about the y axis, with its middle at the origin."""
+    """Return a torus around the y axis, centred at the origin. `radius` (m) is the outer radius."""
     turn = np.linspace(0.0, 2.0 * np.pi, 9)
     middle = radius - thick / 2
     return about_y(g.lathe([(middle + thick / 2 * np.cos(a), thick / 2 * np.sin(a)) for a in turn], material, segments))

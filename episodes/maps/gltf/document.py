@@ -41,7 +41,7 @@ LIMITS = {  # table → largest number of entries
     "textures": 5_000,
     "images": 2_000,
 }
-# files that require another extension are rejected: ignoring it would change their meaning
+# extensions that a file may require; a file that requires others is rejected, because it has no meaning without them
 SUPPORTED = frozenset(
     {
         "KHR_materials_unlit",

@@ -13,18 +13,18 @@ from episodes.maps.gltf.materials import TexturedMaterial
 from episodes.maps.scene import Material, Mesh, turn
 from foundation.frames import Vec3
 
-MAX_VERTICES = 3_000_000  # of each mesh in the file, and of all meshes together without unused vertices
+MAX_VERTICES = 3_000_000  # limit for each mesh in the file, and for the used vertices of all meshes together
 MAX_READ = 20_000_000  # vertices read in total, before unused ones are removed
-MAX_TRIANGLES = 1_000_000  # placed in the scene, each instance counted
+MAX_TRIANGLES = 1_000_000  # limit for the scene; a mesh counts once for each of its instances
 MAX_COORDINATE_M = 1e6
-TINTS = 31.0  # levels per channel to which vertex colours are rounded; each rounded colour becomes a material
+TINTS = 31.0  # highest level of a channel, from 0, of rounded vertex colours; each rounded colour becomes a material
 
 _POINTS_AND_LINES = (0, 1, 2, 3)
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 MAX_DEPTH = 200
 MAX_PLACE_M = 20_000.0
-_EXACT = 1e-6  # tolerance for a yaw
+_EXACT = 1e-6  # largest error of a matrix element if the matrix counts as a pure yaw
 
 
 @dataclass(frozen=True, slots=True, eq=False)

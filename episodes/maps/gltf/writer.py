@@ -20,9 +20,9 @@ _LAST_SHORT = 65535  # glTF reserves this index for primitive restart
 def save(scene: Scene, path: Path) -> None:
     """Write a map to a .glb that `load` reads back as the same scene and that other programs can show.
 
-    A mesh that several instances share is written once. Consecutive triangles of one material are a primitive,
-    which keeps the order of triangles: the bytes of rendered pictures depend on it. Instances without triangles are
-    left out, and `Instance.attitude` is not written.
+    A mesh that several instances share is written once. Consecutive triangles of one material are a primitive, so the
+    triangles keep their order, on which the bytes of rendered pictures depend. Instances without triangles are left
+    out, and `Instance.attitude` is not written.
     """
     path.write_bytes(to_bytes(scene))
 
