@@ -18,7 +18,7 @@ CAMERA = {
 
 
 class PageClient:
-    """Connects as a browser does, sends its camera, and receives messages."""
+    """Connects as a browser does, sends a camera pose (CAMERA), and receives messages."""
 
     def __init__(self, url: str) -> None:
         """`url` is the address of the page. Raises OSError if the page is not served."""

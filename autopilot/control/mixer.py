@@ -53,7 +53,7 @@ def limit_force(params: Record, hover_thrust: float, ceiling: float, acceleratio
 def attitude_of(force: Vec3, yaw: float) -> Quat:
     """Return the attitude in which the rotors push along `force` (NED, not zero) and the Euler yaw is `yaw` (rad).
 
-    The body's down axis, rotated back by the yaw, is b = (sin p cos r, -sin r, cos p cos r).
+    With roll r and pitch p, the body's down axis, rotated back by the yaw, is b = (sin p cos r, -sin r, cos p cos r).
     """
     n = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
     bx, by, bz = -force[0] / n, -force[1] / n, -force[2] / n

@@ -96,7 +96,7 @@ def _relative(page: PurePosixPath, target: PurePosixPath) -> str:
 
 
 def relinked(text: str, page: PurePosixPath, shown: set[PurePosixPath]) -> str:
-    """Return text with the links of the site. Adds files that need a page of their own to `shown`."""
+    """Return a page's text with links that work on the site. Adds files that need a page of their own to `shown`."""
 
     def relink(found: re.Match[str]) -> str:
         target, anchor = _target(page, found[1]), found[2] or ""

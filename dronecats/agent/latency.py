@@ -66,7 +66,7 @@ class LatencyPart:
 
 @dataclass(frozen=True, slots=True)
 class LatencyPolicy:
-    """The latency of replies in vehicle time: the sum of its parts, but at least its `cap` part (a maximum rate)."""
+    """The latency of replies in vehicle time: the sum of all parts except `cap`, but at least `cap` (a maximum rate)."""
 
     parts: tuple[LatencyPart, ...]  # empty: real time
 

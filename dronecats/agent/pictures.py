@@ -56,7 +56,7 @@ class PicturePath:
     def drawn(self, question: Question, drone: int) -> PictureLoss:
         """Return the draw for the picture of a question and drone.
 
-        If the share of stale or lost pictures is raised, the pictures that were stale or lost before remain so.
+        The same question always draws the same numbers. So a higher share only adds stale or lost pictures.
         """
         numbers = np.random.default_rng((*question.seed, question.step, question.drone, drone, PICTURES))
         stale = float(numbers.random()) < self._stale

@@ -23,7 +23,7 @@ JULY, HOUR = 196, 14.2  # day of the year and true solar hour
 REACH, CELL = 80.0, 0.5  # m, half extent and cell size of the height field, which is level
 FAR, HORIZON_M = 400.0, 9000.0  # m from the middle, where the floor's 20 m squares end, and where the floor ends
 FIELD = 58.0  # m, half extent of the area inside the ring
-SPOT_GRID_M, SPOT_CLEAR_M = 2.0, 2.0  # spacing of candidate spots, and their least distance from any solid
+SPOT_GRID_M, SPOT_CLEAR_M = 2.0, 2.0  # spacing of candidate spots (places for objects), least distance from a solid
 LANE_CLEAR_M = 1.6  # least distance of a lane from any solid
 
 TINTS: tuple[tuple[int, int, int], ...] = (  # sRGB; greys with a hint of a hue, without a common name

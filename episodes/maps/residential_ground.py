@@ -82,7 +82,7 @@ def _zones() -> Iterator[tuple[float, float, float, float, str]]:
 
 
 def _nodes(low: float, high: float, across: tuple[float, float], north: bool, homes: tuple[Plot, ...]) -> Array:
-    """Return a zone's lattice coordinates (m) along one axis; `across` is its range along the other axis."""
+    """Return a zone's lattice coordinates (m) along one axis; `across` is the zone's range along the other axis."""
     cuts: list[float] = [low, high]
     if high - low < 2 * FAR_M - 1.0 and abs(low) < FAR_M and abs(high) < FAR_M:
         cuts += np.arange(np.ceil(low / STEP_M) * STEP_M, high, STEP_M).tolist()

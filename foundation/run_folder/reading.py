@@ -317,7 +317,7 @@ def _decoded(line: bytes, decode: Callable[[bytes], Row]) -> Row | None:
         return None
 
 
-EARLY_S = 0.05  # s, about one telemetry message: `t_decided` may be this much before `t_frame`
+EARLY_S = 0.05  # s, about the interval of telemetry messages: `t_decided` may be this much before `t_frame`
 AT = re.compile(r"\$\.(\w+)")  # the field in an error of msgspec
 
 

@@ -43,7 +43,7 @@ class Arrival:
 
 
 KEPT_US = 375_000_000  # µs; longer than the age of any frame in use: delay up to 1 min, plus up to 5 min for the reply
-OVERTAKEN_US = 5_000_000  # µs; a report that is older than the newest by more shows a reboot
+OVERTAKEN_US = 5_000_000  # µs; if a report is older than the newest by more than this, the vehicle has rebooted
 AHEAD_US = 200_000  # µs; a pose is extrapolated at most this far beyond the newest telemetry
 DROPPED_AT_ONCE = 512  # number of old reports whose memory is freed together
 

@@ -88,7 +88,7 @@ class Observation:
 
     newest: Mapping[int, Message] = field(default_factory=dict)
     seconds: float = 0.0  # s of vehicle time that the observation took
-    counts: Mapping[int, int] = field(default_factory=dict)  # message id → number in `seconds`
+    counts: Mapping[int, int] = field(default_factory=dict)  # message id → number of messages in `seconds`
     worst_ratio: Mapping[str, float] = field(default_factory=dict)  # test ratio in ESTIMATOR_STATUS → largest value
     texts: tuple[str, ...] = ()  # STATUSTEXT of severity warning or worse
     station: bool = False  # a heartbeat of a ground station arrived

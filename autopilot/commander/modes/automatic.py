@@ -12,7 +12,7 @@ from autopilot.records import IDLE, NAN, CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
 BRAKING_SHARE = 0.5  # fraction of MPC_ACC_HOR for braking; the position controller needs the rest
-LEAST_SPEED = 1.0  # m/s, least limit: near the target the position loop slows the vehicle
+LEAST_SPEED = 1.0  # m/s; the limit is never lower, because near the target the position loop slows the vehicle
 
 
 def approach_speed(distance: float, cruise: float, acceleration: float) -> float:
@@ -81,7 +81,7 @@ class Takeoff(Mode):
         self._wanted_z = math.nan
 
     def aim(self, z_ned: float) -> None:
-        """Set local z (m, NED) of the next climb; nan: MIS_TAKEOFF_ALT above the ground or, if in the air, above home."""
+        """Set the z (m, NED) of the next climb; nan: MIS_TAKEOFF_ALT above the ground or, if in the air, above home."""
         self._wanted_z = z_ned
 
     def enter(self, flight: FlightContext) -> None:

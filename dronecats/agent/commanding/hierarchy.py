@@ -277,7 +277,7 @@ class Hierarchy(SideBySideAgent):
     def __init__(self, questions: Questions, commander: Model, prompt: CommandPrompt, cockpit: Cockpit) -> None:
         """`questions`: the settings of the pilots' questions. Their instruction is the first goal of every drone.
 
-        `commander` and `prompt`: the commander's model and prompt. Its other settings are in `questions`.
+        `commander` and `prompt`: the commander's model and prompt. The commander's other settings are in `questions`.
         """
         super().__init__(cockpit)
         self._log: LineLog | None = None

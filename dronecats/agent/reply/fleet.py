@@ -33,7 +33,7 @@ class Assignment:
 
 
 def read(reply: str, drones: int, axis_order: AxisOrder) -> list[DroneResult]:
-    """Return (action or error, mends) of a reply for each drone."""
+    """Return (action or error, corrections) of a reply for each drone."""
     try:
         answer = answer_of(reply)
         division = _assigned(answer, drones)

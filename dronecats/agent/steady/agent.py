@@ -121,7 +121,7 @@ class SteadyDrone(Drone):
         return (north + velocity[0] * old_s, east + velocity[1] * old_s, down), velocity
 
     def _course_of(self, seen: SeenPlace, here: Vec3) -> float:
-        """Return the course (rad) to the place that was pointed at; for a short stride, as it was in the picture."""
+        """Return the course (rad) to the place that was pointed at; for a short stride, the course in the picture."""
         place, origin = (seen.place_ned, seen.lens_ned) if self._careful else (self._place_now(seen)[0], here)
         return course(origin, place)
 

@@ -41,7 +41,7 @@ LIMITS = {  # table → largest number of entries
     "textures": 5_000,
     "images": 2_000,
 }
-# extensions that a file may require; a file that requires others is rejected, because it has no meaning without them
+# extensions that a file may require; a file that requires another is rejected: ignoring it would change the meaning
 SUPPORTED = frozenset(
     {
         "KHR_materials_unlit",

@@ -23,7 +23,7 @@ STEP_M = 0.25  # neighbours are connected if they differ in height by at most th
 LAYERS = 24  # greatest number of surfaces that a ray passes
 FACES_UP = 0.5  # least upward component of the unit normal of a ground surface: at most 60° from level
 ROOM_M = 0.3  # least free height above a ground surface
-HEADROOM_M = 2.0  # free height that a floor should have to be the spawn's, if the spawn's height is not given
+HEADROOM_M = 2.0  # if the spawn's height is not given, the spawn is on the lowest floor with this free height above
 _RESTART_GAP_M = 1e-3  # m, from a hit to the start of the continued ray
 _RAY_OFFSET_M = np.array([1.7e-4, 2.3e-4])  # m, offset of the rays from round coordinates, where maps have their edges
 

@@ -17,7 +17,7 @@ MAX_VERTICES = 3_000_000  # limit for each mesh in the file, and for the used ve
 MAX_READ = 20_000_000  # vertices read in total, before unused ones are removed
 MAX_TRIANGLES = 1_000_000  # limit for the scene; a mesh counts once for each of its instances
 MAX_COORDINATE_M = 1e6
-TINTS = 31.0  # highest level of a channel, from 0, of rounded vertex colours; each rounded colour becomes a material
+TINTS = 31.0  # vertex colours are rounded to the levels 0 … 31 per channel; each rounded colour becomes a material
 
 _POINTS_AND_LINES = (0, 1, 2, 3)
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
