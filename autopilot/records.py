@@ -80,7 +80,7 @@ ESTIMATE = np.dtype(
         ("hover_thrust", "f8"),  # 0 … 1
         ("resets", "i8"),  # number of resets of a quantity and restarts of the filter since boot
         ("vibration_accel", "f8"),  # m/s², smoothed change of accel_frd in 20 ms, as in PX4
-        ("vibration_gyro", "f8"),  # rad/s, the same for rates_frd
+        ("vibration_gyro", "f8"),  # rad/s, smoothed change of rates_frd in 20 ms
         ("clipped", "i8", (3,)),  # number of 20 ms checks with this axis of accel_frd at full scale
     ],
     align=True,

@@ -42,8 +42,8 @@ class LegibilityRow:
     distance_m: float
     angle_deg: float
     pictures: int
-    package: int  # number of pictures that the OCR package reads fully
-    wrong: int  # number of pictures with a wrong text of the right length that the pilot accepts
+    package: int  # pictures that the OCR package reads fully
+    wrong: int  # pictures with a wrong text of the right length that the pilot accepts
 
 
 def text_for(kind: str, rng: np.random.Generator, taken: set[str]) -> str:

@@ -3,7 +3,7 @@
     loss: float = number(0.0, "loss", "share of frames that never arrive", high=1.0, words="{percent:g} % lost")
 
 The declaration is the only source of the bounds of a value, its error messages, its command-line option, its row in the
-docs, its use as a factor of a study, and the sentence that describes the value (`words`).
+docs, its use as a factor of a study, and the sentence about it (`words`).
 """
 
 import sys
@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from foundation.errors import UsageError
 
 T = TypeVar("T")
-KEY = "declaration"  # key of the declaration in a field's metadata
+KEY = "declaration"  # key in a field's metadata
 ABOVE_0 = sys.float_info.min  # the lower bound of a number that must not be 0
 
 

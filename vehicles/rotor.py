@@ -95,7 +95,7 @@ def inflow_gain(climb: float, speed: float, radius: float) -> tuple[float, float
 
 @njit(cache=True)
 def ground_gain(height: float, radius: float) -> float:
-    """Return the thrust near the ground relative to free air. `height`: of the rotor disc above the ground, m."""
+    """Return the thrust near the ground relative to free air. `height`: m from the ground to the rotor disc."""
     if height > GROUND_EFFECT_FARTHEST * radius:
         return 1.0
     z = max(height, GROUND_EFFECT_NEAREST * radius)

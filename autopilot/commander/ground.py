@@ -17,7 +17,7 @@ from autopilot.records import IDLE, KIND_IDLE, KIND_TRAJECTORY, NAN, CascadeSetp
 from foundation.mavlink import dialect
 
 WANTS_CLIMB_SPEED = 0.3  # m/s; a faster upward setpoint demands a climb
-WANTS_CLIMB_M = 0.3
+WANTS_CLIMB_M = 0.3  # and so does a height setpoint farther above the vehicle
 RAMP_START = 0.15  # first thrust limit of the ramp; far below hover for every airframe
 
 
@@ -236,7 +236,6 @@ class AutoDisarm:
         self._was_airborne = False
 
     def arm(self, now_us: int) -> None:
-        """Start to measure the time since arming."""
         self._armed_us, self._landed_us, self._was_airborne = now_us, None, False
 
     def reason(self, now_us: int, landed: bool, climbing: bool) -> str:

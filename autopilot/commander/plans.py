@@ -59,7 +59,7 @@ def moved(home: Home, state: EstimatedState) -> bool:
 
 MISSION, FENCE, RALLY = 0, 1, 2  # MAV_MISSION_TYPE
 KINDS = (MISSION, FENCE, RALLY)
-NO_COORDINATE = (1 << 31) - 1  # INT32_MAX; an item with this x or y has no position
+NO_COORDINATE = (1 << 31) - 1  # INT32_MAX in x or y: no position
 DEGREES = 1e-7
 
 FRAME_MISSION = int(dialect.MAV_FRAME_MISSION)

@@ -66,7 +66,7 @@ class LatencyPart:
 
 @dataclass(frozen=True, slots=True)
 class LatencyPolicy:
-    """The latency of replies in vehicle time: the sum of all parts except `cap`, but at least `cap` (a maximum rate)."""
+    """The latency of replies in vehicle time: the sum of all parts but `cap`, and at least `cap` (a maximum rate)."""
 
     parts: tuple[LatencyPart, ...]  # empty: real time
 

@@ -83,7 +83,7 @@ class Plot:
 
 
 def _sites() -> list[tuple[Street, float, int]]:
-    """Return (street, along, side) of every plot, those of the main street first."""
+    """Return (street, along, side) of every plot, first the plots of the main street."""
     rows = (-50.0, -30.0, -10.0, 10.0, 30.0, 50.0)
     sites = [(street, along, side) for street in (MAIN, SECOND) for along in rows for side in (-1, 1)]
     for street, outer in ((UPPER, 1), (LOWER, -1)):

@@ -106,7 +106,7 @@ class Solids:
 
 
 class SolidsUnion(Solids):
-    """Several groups of solids: those of a map, which are indexed once, and those that a record adds."""
+    """Several groups of solids: the solids of a map, which are indexed once, and the solids that a record adds."""
 
     def __init__(self, *groups: Solids) -> None:
         self._groups = groups

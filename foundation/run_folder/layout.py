@@ -8,8 +8,8 @@ RETRIED = "retried"  # folder of flights that did not move and were flown again
 RETRIES = "retries.json"  # outcome and track length of each flight in RETRIED
 
 # files of a benchmark or a study, in the folder of its runs
-BENCH = "bench.json"  # of a benchmark: its suite and its runs
-STUDY = "study.json"  # of a study: the varied settings of each run
+BENCH = "bench.json"  # the suite and the runs of a benchmark
+STUDY = "study.json"  # the varied settings of each run of a study
 
 # files of an episode
 EPISODE = "episode.json"  # the episode's record: map, start, target, instruction

@@ -279,7 +279,7 @@ def _reject_constant(constant: str) -> Any:
     raise ValueError(constant)
 
 
-LONG = 4000  # bytes; the strict reader reads longer lines: a number may have more digits than Python accepts
+LONG = 4000  # bytes; longer lines get the strict reader: a number may have more digits than Python accepts
 KIND = 15  # the first bytes of a line that show its kind, such as {"kind": "pose"
 
 FastReader = Callable[[bytes], Row | None]  # line → its row; None: the strict reader must read it
@@ -317,7 +317,7 @@ def _decoded(line: bytes, decode: Callable[[bytes], Row]) -> Row | None:
         return None
 
 
-EARLY_S = 0.05  # s, about the interval of telemetry messages: `t_decided` may be this much before `t_frame`
+EARLY_S = 0.05  # s by which a picture may be newer than the telemetry that gives `t_decided`
 AT = re.compile(r"\$\.(\w+)")  # the field in an error of msgspec
 
 

@@ -12,7 +12,7 @@ from autopilot.records import IDLE, NAN, CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
 BRAKING_SHARE = 0.5  # fraction of MPC_ACC_HOR for braking; the position controller needs the rest
-LEAST_SPEED = 1.0  # m/s; the limit is never lower, because near the target the position loop slows the vehicle
+LEAST_SPEED = 1.0  # m/s, lowest value of the limit: near the target the position loop slows the vehicle
 
 
 def approach_speed(distance: float, cruise: float, acceleration: float) -> float:
@@ -26,7 +26,7 @@ def approach_speed(distance: float, cruise: float, acceleration: float) -> float
 
 
 STOPPED_SPEED = 0.3  # m/s; below it the vehicle counts as stopped, and HOLD stores its position
-BRAKE_LIMIT_US = 6_000_000  # µs of braking, after which HOLD stores the position at any speed
+BRAKE_LIMIT_US = 6_000_000  # longest braking; then HOLD stores the position at any speed
 
 
 class HoldMode(Mode):
@@ -92,7 +92,7 @@ class Takeoff(Mode):
         if self._wanted_z < z - LEAST_CLIMB_M:
             target = self._wanted_z
         elif not flight.landed and flight.home is not None:
-            # already in the air: climb to MIS_TAKEOFF_ALT above home, but never descend
+            # never descend
             target = min(flight.home.position_ned[2] - float(flight.parameters["MIS_TAKEOFF_ALT"]), z)
         self._wanted_z = math.nan
         self.rest = self._target = (n, e, target)

@@ -60,7 +60,7 @@ class FleetCommander:
     ) -> None:
         """`questions`: the settings of the commander's questions, except their prompt, which is `prompt`.
 
-        `posts`: the states of the drones, in the order of their numbers. `keep` logs an exchange (question and reply).
+        `posts`: the states of drones 0, 1, 2 …. `tally` numbers the decisions. `keep` logs a question and its reply.
         """
         self._questions, self._prompt, self._posts, self._cockpit = questions, prompt, posts, cockpit
         self._now_s, self._tally, self._keep = now_s, tally, keep
@@ -71,7 +71,7 @@ class FleetCommander:
         self._sent_reports: set[int] = set()  # drones whose open report has already been in a question
 
     def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
-        """Ask whenever there is a cause, and carry out the orders, until `cap_s` or until `stop` returns True.
+        """Ask when there is a `Cause`, and carry out the orders, until `cap_s` (s) or until `stop` returns True.
 
         Yields and returns like `Decider.fly`. Raises ModelError, CameraError.
         """

@@ -1,4 +1,4 @@
-"""The ledger of a run: money and tokens spent, and the rate limits of addresses, in one file for all processes."""
+"""The ledger of runs: money and tokens spent, and the rate limits of addresses, in one file for all processes."""
 
 import math
 import time
@@ -126,7 +126,7 @@ MILLION = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """The limits of a run's spending. All costs in the ledger count, also those of earlier runs. None: no limit."""
+    """The limits of a run's spending. All costs in its ledger count, also the costs of earlier runs. None: no limit."""
 
     cost_usd: float | None = None
     tokens: int | None = None

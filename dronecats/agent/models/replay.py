@@ -113,7 +113,7 @@ class ReplyCache:
     """An open cache file: replies, without secrets, by the fingerprint of their question."""
 
     def __init__(self, path: Path) -> None:
-        """Open or create the file. Raises UsageError if it is damaged or no cache."""
+        """Raises UsageError for an unusable file."""
         self._file = SqliteFile(path, KIND)
 
     def reply(self, question: str) -> Reply | None:

@@ -19,7 +19,7 @@ from foundation.setpoints import Hold
 
 TURNS_FIRST = math.radians(30.0)  # angle from the nose beyond which the drone turns on the spot before it flies
 SHORT_M = 0.3  # m; a stride counts as flown when at most this distance is left
-STREAMED_S = 0.5  # s for which the drone flies the last setpoint of a leg (flight to a place) if no new one comes
+STREAMED_S = 0.5  # s for which the drone flies a setpoint of a leg (flight to a place) if no new one comes
 
 
 class SteadyDrone(Drone):
@@ -63,7 +63,6 @@ class SteadyDrone(Drone):
             self._segments = [turn(off)]
 
     def begin(self, now_s: float) -> None:
-        """Start to fly the planned action."""
         if self._segments:
             super().begin(now_s)
         elif self._place is not None:
@@ -86,9 +85,9 @@ class SteadyDrone(Drone):
         - during a turn: no, because the model needs the view after the turn
         - during a hold: in its last `age_s` seconds
         - during a short stride: when the decision is due, or the drone rests
-        - on another leg, until `age_s` before the decision is due: only if the drone rests
-        - on another leg, from then on: if the drone has flown a full stride since the last picture, because the
-          prompt's history implies full strides, and in any case when the decision is due
+        - on another leg, earlier than `age_s` before the decision is due: if the drone rests
+        - later on this leg: when the decision is due, or the drone has flown a full stride since the last picture
+          (the prompt's history implies full strides)
         """
         if self._segments:
             last = self._segments[-1]

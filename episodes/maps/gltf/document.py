@@ -24,7 +24,7 @@ _F = TypeVar("_F", np.float32, np.float64)
 # NED or FRD = AXES @ glTF. AXES is a rotation, so the winding of triangles does not change.
 AXES = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
-MAX_BYTES = 256 * 2**20  # of a whole file
+MAX_BYTES = 256 * 2**20  # limit of a file's size
 MAX_JSON_BYTES = 32 * 2**20
 MAX_JSON_OBJECTS = 1_000_000  # lists and objects in the JSON; they determine the memory that decoding takes
 _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<II")
@@ -41,7 +41,7 @@ LIMITS = {  # table → largest number of entries
     "textures": 5_000,
     "images": 2_000,
 }
-# extensions that a file may require; a file that requires another is rejected: ignoring it would change the meaning
+# files that require other extensions are rejected: ignoring these would change the meaning of the file
 SUPPORTED = frozenset(
     {
         "KHR_materials_unlit",

@@ -17,13 +17,13 @@ from episodes.maps.geometry import connected
 from foundation.terrain import HeightField
 
 FINEST_M = 0.25  # cell size of a small map
-MOST_CELLS = 512  # cells per side; a map of a kilometre has a cell size of two metres
+MOST_CELLS = 512  # cells per side
 REACH_M = 500.0  # from the spawn in each direction; farther out, the height at the edge applies
-STEP_M = 0.25  # neighbours are connected if they differ in height by at most this plus the cell size (a slope of 45°)
+STEP_M = 0.25  # connected neighbours differ in height by at most this plus the cell size (a slope of 45°)
 LAYERS = 24  # greatest number of surfaces that a ray passes
 FACES_UP = 0.5  # least upward component of the unit normal of a ground surface: at most 60° from level
 ROOM_M = 0.3  # least free height above a ground surface
-HEADROOM_M = 2.0  # if the spawn's height is not given, the spawn is on the lowest floor with this free height above
+HEADROOM_M = 2.0  # without a given height, the spawn is on the lowest floor with this free height
 _RESTART_GAP_M = 1e-3  # m, from a hit to the start of the continued ray
 _RAY_OFFSET_M = np.array([1.7e-4, 2.3e-4])  # m, offset of the rays from round coordinates, where maps have their edges
 
@@ -43,8 +43,8 @@ def find(triangles: Array, north: float, east: float, down: float | None) -> Gro
     """Return the ground among triangles (T, 3, 3), m NED; None if there is none under the spawn.
 
     The winding of a triangle defines the side that it faces. If no triangle at the spawn faces up, both sides count.
-    If there are several floors, the floor nearest to the NED z `down` (m) is used. If `down` is None, this is the
-    lowest floor with HEADROOM_M above it, or else the lowest floor.
+    Of several floors, the one nearest to the NED z `down` (m) is used. If `down` is None, it is the lowest floor with
+    HEADROOM_M, or else the lowest.
     """
     corners = triangles.reshape(-1, 3).astype(np.float32)
     area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -67,7 +67,7 @@ class _Columns:
         self._scene, self._top, self._length = scene, top - 1.0, bottom - top + 2.0
 
     def cut(self, places: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Return (NED z, triangle) of the surfaces at each place, (LAYERS, N), top first; unused: nan and -1."""
+        """Return (NED z, triangle) of the surfaces at each place, (LAYERS, N), top first. The rest is nan and -1."""
         depth = np.full((LAYERS, len(places)), np.nan)
         which = np.full((LAYERS, len(places)), -1, np.int64)
         level = np.full(len(places), self._top)

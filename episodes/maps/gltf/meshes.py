@@ -13,9 +13,9 @@ from episodes.maps.gltf.materials import TexturedMaterial
 from episodes.maps.scene import Material, Mesh, turn
 from foundation.frames import Vec3
 
-MAX_VERTICES = 3_000_000  # limit for each mesh in the file, and for the used vertices of all meshes together
+MAX_VERTICES = 3_000_000  # limit of each mesh in the file, and of all meshes without unused vertices
 MAX_READ = 20_000_000  # vertices read in total, before unused ones are removed
-MAX_TRIANGLES = 1_000_000  # limit for the scene; a mesh counts once for each of its instances
+MAX_TRIANGLES = 1_000_000  # limit of the scene; each instance counts
 MAX_COORDINATE_M = 1e6
 TINTS = 31.0  # vertex colours are rounded to the levels 0 … 31 per channel; each rounded colour becomes a material
 
@@ -24,7 +24,7 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 MAX_DEPTH = 200
 MAX_PLACE_M = 20_000.0
-_EXACT = 1e-6  # largest error of a matrix element if the matrix counts as a pure yaw
+_EXACT = 1e-6  # tolerance of a matrix that counts as a pure yaw
 
 
 @dataclass(frozen=True, slots=True, eq=False)
