@@ -13,7 +13,7 @@ from foundation.errors import UsageError
 
 
 def user_cache() -> Path:
-    """Return `dronecats` in NUMBA_CACHE_DIR, XDG_CACHE_HOME or ~/.cache. Raises UsageError if there is no home."""
+    """Return folder `dronecats` in NUMBA_CACHE_DIR, XDG_CACHE_HOME or ~/.cache. Raises UsageError without a home."""
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     try:
         return Path(base or Path.home() / ".cache") / "dronecats"

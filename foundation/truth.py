@@ -167,8 +167,8 @@ class NewestTruth:
     def together(self, drone: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
         """Return samples of all drones at nearly the same time: the sample of `drone`, and the others' by drone number.
 
-        The time is the latest that all drones have reached. If a drone has been silent for longer than SILENT_US, it is
-        the time of the newest sample of `drone` instead. Returns None without a sample of `drone`.
+        The time is the latest that all drones have reached. If a drone has been silent for longer than SILENT_US, the
+        newest sample of `drone` sets the time. Returns None without a sample of `drone`.
         """
         with self._lock:
             self._read()

@@ -333,7 +333,7 @@ def _apply_friction(params: Record, state: Record, near: Record, n: int, q: Quat
 
 @njit(cache=True)
 def record_hit(state: Record, solids: Record, ball: int, owner: int, closing: float) -> None:
-    """Note a hit at `closing` (m/s). Above the ball's `ball_sound` it is a crash; above BREAKING a propeller breaks."""
+    """Note a hit at `closing` (m/s). Above `ball_sound`, it is a crash. Above BREAKING, the ball's propeller breaks."""
     state.hits += 1
     state.hit_speed = closing
     state.hit_owner = owner

@@ -17,7 +17,7 @@ from autopilot.records import IDLE, KIND_IDLE, KIND_TRAJECTORY, NAN, CascadeSetp
 from foundation.mavlink import dialect
 
 WANTS_CLIMB_SPEED = 0.3  # m/s; a faster upward setpoint demands a climb
-WANTS_CLIMB_M = 0.3  # and so does a height setpoint farther above the vehicle
+WANTS_CLIMB_M = 0.3  # a height setpoint that is farther above demands a climb
 RAMP_START = 0.15  # first thrust limit of the ramp; far below hover for every airframe
 
 

@@ -28,7 +28,7 @@ DUSK_GLOW: Vec3 = (0.95, 0.42, 0.12)
 # The lights of a map at dusk: street lamps and about half of the windows. They shine, but do not illuminate anything.
 WINDOWS = ("window", "pane-", "curtain", "doors")  # prefixes of material names
 LAMPS = ("lamp-glass", "lantern")
-LIT_PERCENT = 55  # share of lit windows
+LIT_PERCENT = 55  # percentage of lit windows
 ROOM_M = 2.0  # windows in the same cube of this size are lit or dark together
 WARM: Vec3 = (1.0, 0.70, 0.36)  # linear RGB
 GLASS = 0.30  # brightness of the darkest part of a lit window's picture, 0 … 1
@@ -47,7 +47,7 @@ HUES: tuple[Vec3, ...] = (  # linear RGB of leaves: gold, orange, rust, brown, a
     (0.32, 0.34, 0.09),
 )
 STRAW: Vec3 = (1.22, 1.0, 0.78)  # factor on the colour of grass
-FALLEN = 260  # fallen leaves on one repeat of the grass texture
+FALLEN = 260  # number of fallen leaves per repeat of the grass texture
 FALLEN_PX = (3, 6)  # texels, range of the half length of a fallen leaf
 
 Picture = NDArray[np.uint8]

@@ -37,7 +37,7 @@ def cutouts_of(materials: Sequence[Material]) -> tuple[Cutouts, NDArray[np.int32
 
 
 def distinct(pictures: Sequence[NDArray[Scalar] | None]) -> tuple[list[NDArray[Scalar]], NDArray[np.int32]]:
-    """Return the pictures without repeated objects, and the index (M,) of each picture among them; -1 for None."""
+    """Return the distinct picture objects, and the index (M,) of each picture among them; -1 for None."""
     by_identity = {id(picture): picture for picture in pictures if picture is not None}
     row_of = {identity: row for row, identity in enumerate(by_identity)}
     return list(by_identity.values()), np.array([row_of.get(id(p), -1) for p in pictures], np.int32)

@@ -129,7 +129,7 @@ def bin(number: int = 0) -> Mesh:
 
 
 def hydrant() -> Mesh:
-    """Return a fire hydrant of weathered bronze. No instruction names it, because the colour has no common name."""
+    """Return a fire hydrant of weathered bronze: a colour without a common name, so no instruction names it."""
     iron = materials.plain("hydrant", (132, 116, 92), 0.2)
     outline = [
         (0.0, 0.0),

@@ -43,7 +43,7 @@ def find(triangles: Array, north: float, east: float, down: float | None) -> Gro
     """Return the ground among triangles (T, 3, 3), m NED; None if there is none under the spawn.
 
     The winding of a triangle defines the side that it faces. If no triangle at the spawn faces up, both sides count.
-    Of several floors, the one nearest to the NED z `down` (m) is used. If `down` is None, it is the lowest floor with
+    Of several floors, the one nearest to the NED z `down` (m) is used; if `down` is None, the lowest floor with
     HEADROOM_M, or else the lowest.
     """
     corners = triangles.reshape(-1, 3).astype(np.float32)
