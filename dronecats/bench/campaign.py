@@ -126,7 +126,7 @@ class Batch:
 
 
 def _free(folder: Path, name: str, *, bare: bool) -> Path:
-    """Return a free path in a folder: the name itself when `bare` and free, else the name with the next number."""
+    """Return an unused path in `folder`: `name` if it is unused and `bare`, else `name` with the next number."""
     if bare and not (folder / name).exists():
         return folder / name
     number = 1
@@ -149,12 +149,12 @@ class OpenRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndedFlight:
-    """A flight of a campaign that is over."""
+    """A flight that has ended."""
 
     run: OpenRun
     result: Result
     again: bool  # the drones did not move and the flight is retried, so this is not the final result
-    dropped: int = 0  # flights of the same model that are cancelled, because its endpoint rejects every question
+    dropped: int = 0  # number of flights with the same models that are cancelled, because an endpoint rejects questions
 
 
 class Campaign:
@@ -213,7 +213,7 @@ class Campaign:
 
 
 def _in_order(runs: Sequence[OpenRun], retry: bool) -> Iterator[tuple[OpenRun, str]]:
-    """Yield the remaining flights: run after run, but episode after episode for interleaved runs (`beside`)."""
+    """Yield the remaining flights, run after run. Runs with the same `beside` take turns, episode by episode."""
     groups: dict[str, list[OpenRun]] = {}
     for run in runs:
         groups.setdefault(f"beside {run.entry.beside}" if run.entry.beside else f"run {run.entry.name}", []).append(run)

@@ -38,7 +38,7 @@ class Landed:
 
 
 class Engine(Protocol):
-    """Flies the flights of a campaign. The campaign limits how many are in the air at a time."""
+    """Flies the flights of a campaign. The campaign limits the flights in the air at a time."""
 
     def begin(self, sortie: Sortie) -> None:
         """Begin a flight, without waiting for any flight. Raises DronecatsError when no flight is possible any more."""
@@ -58,14 +58,14 @@ class Engine(Protocol):
 
 
 class WorkerSlots:
-    """Assigns flights to the workers of one machine, by number.
+    """Assigns flights to workers of one machine, which have numbers from 0.
 
     A worker loads each map once, which takes seconds and 200 MB. So flights on one map go to one worker, unless that
     worker would get more than its share of the flights.
     """
 
     def __init__(self, jobs: int, workers: int) -> None:
-        """`jobs`: most flights in the air at a time, not more than there are flights. `workers`: most workers (≥ 1)."""
+        """`jobs`: most flights in the air at a time, at most the number of flights. `workers`: most workers (≥ 1)."""
         self._most = max(1, min(jobs, workers))
         self._room = math.ceil(jobs / self._most)  # flights per worker when all are equally busy
         self._flights: list[set[Path]] = []
@@ -142,7 +142,7 @@ class LocalEngine:
     def __init__(
         self, log: Path, jobs: int, *, workers: int | None = None, answer_s: float = ANSWER_S, hang_s: float = HANG_S
     ) -> None:
-        """`log`: file for the workers' output; `jobs`: flights at a time; `workers`: most workers (None: cores)."""
+        """`log`: file for the workers' output; `jobs`: flights at a time; `workers`: most workers, None: one a core."""
         self._log, self._answer_s, self._hang_s = log, answer_s, hang_s
         self._landed: queue.SimpleQueue[Landed | DronecatsError] = queue.SimpleQueue()
         self._inboxes: list[queue.SimpleQueue[Sortie | None]] = []
@@ -272,9 +272,9 @@ def landed_with(outcome: dict[str, Any], sortie: Sortie) -> Landed:
 
 
 def lost(sortie: Sortie, fault: str) -> Landed:
-    """Return a flight that has no result of its own, because it or its worker failed.
+    """Return the result of a flight that failed, or whose worker failed.
 
-    It is not scored, even if its logs are complete. When the campaign resumes, it is flown again.
+    The flight is not scored, even if its logs are complete. When the campaign resumes, it is flown again.
     """
     verdict = write_verdict(sortie.folder)
     if verdict.outcome in SCORED:

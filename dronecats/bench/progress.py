@@ -1,7 +1,7 @@
 """Progress and cost of a campaign.
 
 `Progress` reads no clock: the caller passes all times. `CostEstimate` predicts the cost, and corrects it with the
-flights that have ended. It counts each remaining flight as failed, because a failed flight costs most.
+flights that have ended. It assumes that each remaining flight fails, because failed flights cost most.
 """
 
 import statistics
@@ -42,17 +42,15 @@ class Progress:
 
     @property
     def solved(self) -> int:
-        """Flights that succeeded."""
         return sum(map(sum, self.outcomes.values()))
 
     @property
     def failed(self) -> int:
-        """Flights that failed."""
         return sum(map(len, self.outcomes.values())) - self.solved
 
     @property
     def done(self) -> int:
-        """Flights that have a result, including errors."""
+        """Number of flights that have a result, including errors."""
         return self.solved + self.failed + self.errors
 
     def stored(self, result: Result) -> None:
@@ -82,7 +80,7 @@ class Progress:
         left_s = self.left_s(wall_s)
         if left_s is not None and self.done < self.total:
             fields.append(f"{_clock(left_s)} left, {self.per_hour(wall_s):.0f} an hour")
-        if self.outcomes:  # the interval as in the table: the episodes are the sample, not the flights
+        if self.outcomes:  # as in the table, episodes and not flights are the sample of the interval
             share = estimate_share(list(self.outcomes.values()))
             fields.append(f"SR {share.share:.0%} ({share.low:.0%}–{share.high:.0%})")
         fields.append(f"{self.solved} solved, {self.failed} failed, {counted(self.errors, 'error')}")
@@ -109,7 +107,7 @@ def _clock(seconds: float) -> str:
 
 
 REPLY_TOKENS = 40  # tokens of a reply: an action as JSON, without reasoning
-LATENCY_S = 0.5  # vehicle s of a reply, if the latency policy cannot predict it
+LATENCY_S = 0.5  # vehicle s; assumed latency of a reply, if the latency policy cannot predict it
 STEPS = 20  # number of questions over which predicted latencies are averaged
 
 

@@ -57,7 +57,7 @@ class Worker:
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         """Run a command: `fly` begins a `flight` in a `folder`, `ended` returns a flight that has ended, or None.
 
-        An ended flight is a dict with its `folder` and its `result`, or a `fault`: why there is no result.
+        An ended flight is a dict with its `folder`, and its `result` or a `fault` that says why it has no result.
         """
         if command == "ended":
             try:

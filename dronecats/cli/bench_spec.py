@@ -60,7 +60,7 @@ MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}  # largest valid valu
 
 
 def with_file(args: argparse.Namespace) -> argparse.Namespace:
-    """Return the arguments. An absent option gets its value from the .toml file among the episodes, or its default.
+    """Return the arguments. An absent option gets its value from the .toml file given as episode, or its default.
 
     Raises UsageError for a file that cannot be read or has an unknown key.
     """
@@ -126,7 +126,7 @@ def suite(args: argparse.Namespace) -> "ChosenSuite":
 
 
 def runs(args: argparse.Namespace, chosen: "ChosenSuite", out: Path) -> "list[BenchEntry]":
-    """Return all runs of the benchmark in the folder `out`. Raises UsageError."""
+    """Return all runs of the benchmark. `out`: its folder. Raises UsageError."""
     from dronecats.bench.matrix import entries
 
     return entries(

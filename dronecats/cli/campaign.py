@@ -54,7 +54,7 @@ def check_engine(args: argparse.Namespace) -> None:
 
 
 def allow_locks(runs: int) -> None:
-    """Raise the limit of open files, for a lock per run. Raises UsageError if the system does not allow so many."""
+    """Raise the limit of open files, because each run keeps a lock file open. Raises UsageError if it is too low."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = runs + SPARE_FILES
     if hard != resource.RLIM_INFINITY and wanted > hard:
@@ -67,7 +67,7 @@ def allow_locks(runs: int) -> None:
 
 
 def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitStack) -> CampaignResult:
-    """Fly the missing flights of a folder, print progress on standard error, and close the folder.
+    """Fly the missing flights of `bench`, print progress on standard error, and close `bench`.
 
     The page of --view stays open until `pages` is closed. Raises DronecatsError.
     """

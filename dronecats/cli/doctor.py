@@ -60,8 +60,6 @@ DISK_WANTED_GB = 1.0  # a run stores about 120 frames of 40 kB per episode; comp
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """The result of one check."""
-
     name: str
     state: str  # OK; NOTE: a problem that does not prevent simulated flights; MISSING: a problem that does
     detail: str
@@ -104,7 +102,7 @@ def _table(heading: str, findings: list[Diagnosis]) -> ReportTable:
 def examine() -> list[Diagnosis]:
     """Return all findings, in the order of the output. Never raises: an exception in a check becomes a finding."""
     findings = [_version(), _python()]
-    if (short := _memory()).state == MISSING:  # the following imports would crash
+    if (short := _memory()).state == MISSING:  # without memory, the following imports would crash
         return [*findings, short]
     findings += [*(_package(*names) for names in BASE.items()), *map(_extra, EXTRAS), short]
     checks: list[Callable[[], Diagnosis]] = [_jpeg]

@@ -83,7 +83,6 @@ def add_film_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _film(args: argparse.Namespace) -> int:
-    """Make the film."""
     from dronecats.view.film.film import describe_codec, make
     from dronecats.view.film.plan import filmable, plan
 

@@ -15,10 +15,10 @@ from dronecats.cli.output import print_line
 from dronecats.flight.spec.disturbances import UNDISTURBED
 from foundation.errors import UsageError
 
-AIR = ("wind", "gusts")  # disturbances that act from boot on
+AIR = ("wind", "gusts")  # disturbances; in this verb they act from boot
 SEEN = ("sun", "sky", "season")  # conditions that change only the camera's pictures
 LEAST_CHARGE = 0.5  # the battery keeps this share of its charge (SIM_BAT_MIN_PCT), so a session has no time limit
-PX4_INSTANCES = 10  # so many PX4 instances have their own offboard port; all further ones send to port 14549
+PX4_INSTANCES = 10  # number of PX4 instances with their own offboard port; all further ones send to port 14549
 
 
 def add_sitl_options(parser: argparse.ArgumentParser) -> None:

@@ -18,7 +18,6 @@ DIFFERS = 4  # exit status of `verify`: the logs in the archive contradict its c
 
 
 def add_submit_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders, or folders of runs")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the archive, FILE.tar.xz")
     parser.add_argument("--name", help="name of the entry (default: the pilot's name)")
@@ -60,7 +59,6 @@ def _submit(args: argparse.Namespace) -> int:
 
 
 def add_verify_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument("file", type=Path, metavar="FILE", help="an archive made by `dronecats submit`")
     parser.add_argument("--json", action="store_true", help="print one JSON object, an entry of a leaderboard")
     parser.set_defaults(run=_verify)
@@ -113,7 +111,6 @@ def _print(entry: "Verification") -> None:
 
 
 def add_leaderboard_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's options."""
     parser.add_argument(
         "files", nargs="+", type=Path, metavar="FILE", help="archives, or output of `dronecats verify --json`"
     )

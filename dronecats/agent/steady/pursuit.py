@@ -1,8 +1,8 @@
-"""Tracks the target by the places that replies name, with a constant-velocity Kalman filter.
+"""Tracks the target with a constant-velocity Kalman filter. It measures the places that model replies point at.
 
-State: place and velocity in the local frame. Between sightings x' = F x, with random acceleration. A sighting measures
-the place. It is accurate across the line of sight, because the pilot points at a pixel, and inaccurate along it,
-because the pilot estimates the depth.
+State: place and velocity in the local frame. Between sightings x' = F x, with random acceleration. A sighting (one such
+place) is accurate across the line of sight, because the pilot points at a pixel, and inaccurate along it, because the
+pilot estimates the depth.
 """
 
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from foundation.frames import Vec3
 
-ACROSS_M, ACROSS = 0.3, 0.02  # m, and m per m of distance: 1 σ of a sighting across the line of sight
-ALONG_M, ALONG = 0.3, 0.2  # same units: 1 σ of a sighting along the line of sight
+ACROSS_M, ACROSS = 0.3, 0.02  # 1 σ across the line of sight: ACROSS_M (m) + ACROSS · distance
+ALONG_M, ALONG = 0.3, 0.2  # 1 σ along the line of sight: ALONG_M (m) + ALONG · distance
 SPEED_STD = 0.4  # m/s, 1 σ per axis after one sighting
 ACCELERATION = 0.02  # m/s², 1 σ: people and vehicles keep their velocity for a while
 GATE = 16.27  # χ² of three degrees of freedom, 99.9 %: a sighting beyond it begins a new track
 FORGET_S = 60.0  # s without a sighting after which the track ends
 LEAST = 3  # sightings needed for a velocity
-SPEED_MAX = 1.5  # m/s, limit of estimates: faster ones come from errors of the depths
+SPEED_MAX = 1.5  # m/s, limit of estimated speeds; faster estimates come from errors in depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Pursuit:
         self._filter: KalmanFilter | None = None
         self._time_s = 0.0
         self._before: _Belief | None = None  # state before the last sighting; None: there was no track
-        self.sightings = 0  # number of sightings in this track
+        self.sightings = 0  # in this track
 
     def see(self, time_s: float, lens_ned: Vec3, place_ned: Vec3) -> bool:
         """Add a place that was seen from a lens at a time (m, local frame); return False if it begins a new track."""

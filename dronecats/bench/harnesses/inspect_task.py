@@ -57,8 +57,8 @@ def dronecats(
     `latency`: the vehicle time that a reply costs (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
     `axis_order`: xy or yx, the order of the coordinates in the model's points. `full`: fly to the time limit, even when
     the verdict is decided. `out`: folder that gets a run folder for each model and epoch; None: new run folders
-    in `runs`. `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of the calls after a `think`; None: the
-    effort of the evaluation. Some models have no such setting.
+    in `runs`. `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of the call after the reply `think`;
+    None: the effort of the evaluation. Some models have no such setting.
 
     Raises UsageError for another `axis_order`, or an effort that Inspect does not know.
     """

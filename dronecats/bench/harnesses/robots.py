@@ -38,7 +38,7 @@ FOLDER = "dronecats_folder"  # key of the flight's folder in a step's info
 LABELS = ("kind", "point_x", "point_y", "depth_m", "angle_deg")
 LOW = np.array([0.0, 0.0, 0.0, 0.1, -90.0])
 HIGH = np.array([len(KINDS) - 1.0, POINT_SPAN, POINT_SPAN, 300.0, 90.0])
-STEPS_MAX = int(CAP_S * SETPOINT_HZ)  # the time limit comes first, because a step lasts for at least one tick
+STEPS_MAX = int(CAP_S * SETPOINT_HZ)  # not reached: steps last at least a tick, so the time limit comes first
 NOTES = """One step is one decision. `kind`: 0 go, 1 rotate, 2 think, 3 finished.
 go: fly towards the picture's point (`point_x`, `point_y`, 0 to 1000 from the upper left corner), which is `depth_m`
 away; at most 3 m a step. rotate: turn by `angle_deg`, + right. think: hover. finished: claim to have arrived, within
@@ -54,6 +54,7 @@ class DroneEmbodiment(EmbodimentBase):
         """`latency`: the vehicle time that a decision costs.
 
         `out`: folder that gets one run folder per seed (each epoch has its own seed); None: a new one per flight.
+        `policy`: name of the policy in the run folder.
         """
         self._latency, self._seconds, self._policy = latency, seconds, policy
         self._out = None if out is None else Path(out)
@@ -110,7 +111,6 @@ class DroneEmbodiment(EmbodimentBase):
         return _ended(flight, result)
 
     def close(self) -> None:
-        """End the flight, if there is one."""
         if self._flight is not None:
             self._flight.close()
             self._flight = None
