@@ -15,8 +15,8 @@ from foundation.run_folder.rows import Reset, ResetQuantity
 from foundation.wire import message_id
 
 COUNTS = 256  # reset_counter is a uint8, so it wraps
-# A quantity counts as reset if its jump exceeds LEAST_… plus the change that ACCELERATION or TURNING_DEG can cause.
-# ACCELERATION and TURNING_DEG are the largest values within 0.2 s in measured flights. For a reset with smaller jumps,
+# A quantity counts as reset if its jump exceeds LEAST_… plus the change that ACCELERATION or TURNING_DEG can cause
+# between two messages. Both are the largest values within 0.2 s in measured flights. For a reset with smaller jumps,
 # `quantities` is empty.
 LEAST_M, LEAST_MPS, LEAST_DEG = 0.2, 0.3, 3.0
 ACCELERATION = 5.0  # m/s²
@@ -116,7 +116,7 @@ def _reset(last: _Odometry, new: _Odometry, count: int) -> EstimatorReset:
     yaw_deg = math.degrees(wrap_pi(new.yaw - last.yaw - turned))
     velocity_mps = math.dist(new.velocity_ned, last.velocity_ned)
     position_m = math.hypot(north, east)
-    # a velocity reset shifts the predicted position, so `velocity_mps` keeps it from counting as a position reset
+    # a velocity reset shifts the predicted position; `velocity_mps` in the limit prevents a false position reset
     moved_m = LEAST_M + 0.5 * (ACCELERATION * dt + velocity_mps) * dt
     jumps: dict[ResetQuantity, bool] = {
         "yaw": abs(yaw_deg) > LEAST_DEG + TURNING_DEG * dt,

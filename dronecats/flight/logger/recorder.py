@@ -1,4 +1,4 @@
-"""Writes truth.jsonl and flight.tlog from the truth bus and each drone's telemetry. Formats: docs/run-folder.md."""
+"""Writes truth.jsonl and flight.tlog from the truth bus (true poses) and telemetry. Formats: docs/run-folder.md."""
 
 import math
 from collections import deque
@@ -112,7 +112,7 @@ class Recorder(EpisodeRecorder):
         self._truth_parser = Parser()
         self._telemetry: dict[int, tuple[Parser, ResetWatch]] = {}  # by drone
         self._samples: dict[int, deque[LazySample]] = {}
-        self._pitches: dict[int, float] = {}  # rad, gimbal pitch by system id; the bus sends it before the drone's pose
+        self._pitches: dict[int, float] = {}  # by system id: gimbal pitch (rad), which the bus sends before the pose
         self._next_pose: dict[int, int] = {}
         self._due: deque[LazySample] = deque()  # poses to write; they wait for the positions of the other drones
 

@@ -84,7 +84,7 @@ def main() -> int:
 
 
 def _created(make: Any, config: Any) -> Part:
-    """Create a part with the class or function `make`. Its annotation of `config` gives the configuration's type."""
+    """Create a part with the class or function `make`. The annotation of its parameter `config` gives the type."""
     of_type = get_type_hints(vars(make).get("__init__", make))["config"]
     part: Part = make(convert(config, of_type))
     return part

@@ -15,7 +15,7 @@ from hil.link.link import Link
 from hil.link.telemetry import VehicleState
 from hil.preflight.failsafes import read_failsafe
 
-READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
+READY_S = 90.0  # s of vehicle time, longest time to become ready to arm; a real PX4 needs about 36
 AVERAGE_S = 3.0  # s over which position and rangefinder distance are averaged on the ground
 ARRIVAL_S = 60.0  # s, longest time to settle at the start pose
 RANGED_S = 1.0  # s over which position and rangefinder distance are averaged at the start pose
@@ -32,7 +32,7 @@ class StartOffset:
 
 
 def start_of(record_start: Any, ground_down: float, clearance_m: float = 0.0) -> StartOffset:
-    """Return the offset to one drone's start pose, `record_start` of an episode record.
+    """Return the offset to `record_start`, a drone's start pose in an episode record.
 
     `ground_down`: ground at the start (m, NED down). `clearance_m`: height of the body's origin when the drone stands.
     """

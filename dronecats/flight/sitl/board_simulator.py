@@ -33,7 +33,7 @@ class BoardVehicle(HilVehicle):
         period_us: int,
         **physics: Unpack[Physics],
     ) -> None:
-        """`period_us`: period of the sensor messages (µs). A sensor suite with it replaces any in `physics`."""
+        """`line`: connection to the board. A sensor suite with period `period_us` (µs) replaces any in `physics`."""
         physics["suite"] = Suite(imu_period_us=period_us)
         super().__init__(index, airframe, pose, period_us=period_us, **physics)
         self.line = line

@@ -31,7 +31,7 @@ class Traffic:
         self._t0_us = t0_us
 
     def place(self, vehicles: Sequence[Multirotor], time_us: int) -> None:
-        """Update the target's pose and velocity in every vehicle. Between updates the physics moves the target on."""
+        """Update the target's pose and velocity in every vehicle. Between updates the physics extrapolates them."""
         if self._t0_us is None or time_us < self._next_us:
             return
         self._next_us = time_us + UPDATE_US

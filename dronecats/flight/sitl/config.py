@@ -23,13 +23,13 @@ class SimulatorConfig:
     instance: int | None = None  # added to every port; None: the system chooses the ports
     count: int | None = None  # vehicles; None: as many as the record has starts
     least_charge: float | None = None  # 0 … 1, lower bound of the battery charge; None: no bound
-    disturbances: VehicleFaults | None = None  # a payload acts from boot, the others from the episode's start
+    disturbances: VehicleFaults | None = None  # a payload acts from boot, all others from the episode's start
     from_boot: bool = False  # True: all disturbances act from boot
     faults: str | None = None  # file of a fault script
     state_dir: str | None = None  # folder that keeps parameters, plans and logs; None: not kept
     autopilot: Literal["ours", "px4"] = "ours"
     px4: str | None = None  # the command that starts a PX4; None: wait for a PX4
-    log_dir: str | None = None  # folder for what PX4 prints
+    log_dir: str | None = None  # folder for PX4's output
     keep_ulogs: str | None = None  # folder for a copy of each PX4's own log; None: no copy
     restart: bool = False  # whether to restart a PX4 that ends
     sign: str | None = None  # key file for signed messages of the project's autopilot; None: unsigned messages

@@ -87,7 +87,7 @@ CORE_RECORDS = (
     CONTROL_PARAMS, CONTROL_STATE, ESTIMATOR_PARAMS, ESTIMATOR_STATE, SETPOINT, ESTIMATE, SENSORS, ACTUATORS,
 )  # fmt: skip
 _DOUBLES, _SINGLES, _NUMBERS = (np.dtype(kind) for kind in (np.float64, np.float32, np.int32))
-ARRAYS = [  # of each array: dtype, number of dimensions, whether it is C-contiguous
+ARRAYS = [  # for each array: dtype, number of dimensions, whether it is C-contiguous
     *((_DOUBLES, 2, True),) * 2, *((_SINGLES, 2, True),) * 2, *((_NUMBERS, 1, True),) * 3, *((_DOUBLES, 2, True),) * 2,
 ]  # fmt: skip
 

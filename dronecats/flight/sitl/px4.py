@@ -1,6 +1,6 @@
 """Simulates vehicles that a real PX4 flies: exchanges sensors and motor outputs, and manages PX4 processes and ports.
 
-Every EXCHANGE_US of vehicle time PX4 gets one HIL_SENSOR, which sets its clock, and the vehicle waits for PX4's answer.
+Every EXCHANGE_US of vehicle time PX4 gets one HIL_SENSOR, which sets PX4's clock, and the vehicle waits for the answer.
 A PX4 that has just connected does not answer yet. Until its first answer, and after PX4 stops answering, the vehicle
 does not wait: it sends sensors, and its rotors stand still.
 
@@ -55,7 +55,7 @@ from hil.simulator import (
 from vehicles import airframe as airframes
 from vehicles.sensors import Suite
 
-EXCHANGE_US = 4_000  # µs of vehicle time; PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
+EXCHANGE_US = 4_000  # µs, period of HIL_SENSOR; PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
 # period of the truth that PX4 gets for its log; PX4 asks for 5 ms, but the period must be a multiple of EXCHANGE_US
 TRUTH_US = 8_000
 # Wall seconds to wait for an answer. After that, vehicle time advances without PX4. This happens after each flight
@@ -65,9 +65,9 @@ PATIENCE_S = 0.2  # wall seconds between two checks while the vehicle waits for 
 # PX4's start script sets EKF2_GPS_DELAY to 10 ms for this interface. Each exchange has one (mean) IMU sample.
 SUITE = Suite(imu_period_us=EXCHANGE_US, gps_latency_us=10_000)
 ACTUATORS = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
-# µs; until then PX4 gets no sensors. At boot the legs drop onto the ground, so the specific force is wrong by up to
-# 3 m/s² for 0.2 s. PX4's EKF2 computes its first tilt from the first samples. An initial error of 16° would become a
-# wrong gyro bias: PX4 would not detect that it stands still, and its heading could be wrong when it arms.
+# µs since boot; until then PX4 gets no sensors. At boot the legs drop onto the ground, so the specific force is wrong
+# by up to 3 m/s² for 0.2 s. PX4's EKF2 computes its first tilt from the first samples. An initial error of 16° would
+# become a wrong gyro bias: PX4 would not detect that it stands still, and its heading could be wrong when it arms.
 SETTLED_US = 500_000
 
 
@@ -108,7 +108,7 @@ class HilVehicle(Vehicle):
         return message
 
     def _obey(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Apply the commands of a HIL_ACTUATOR_CONTROLS to the rotors, from `time_us` on."""
+        """Apply a HIL_ACTUATOR_CONTROLS to the rotors. `time_us`: time of its commands (µs)."""
         actuators = self.plant.actuators
         actuators["armed"] = int(is_armed(message))
         actuators["command"] = rotor_commands(message.controls, self._rotors, self._idle)
@@ -376,7 +376,7 @@ class Px4Simulator(PacedSimulator[Px4Vehicle]):
         self._began_s, self._began_us = time.monotonic(), self.simulation.time_us
 
     def summary(self) -> str:
-        """Return in words the vehicle time since PX4 connected, and the ratio of vehicle time to wall time."""
+        """Return the vehicle time since PX4 connected, and the ratio of vehicle time to wall time."""
         seconds, wall_s = (self.simulation.time_us - self._began_us) / 1e6, time.monotonic() - self._began_s
         return f"{seconds:.1f} s of vehicle time at {seconds / max(wall_s, 1e-3):.1f} × real time"
 

@@ -1,6 +1,6 @@
 """Publishes the true poses of a vehicle that an external simulator moves, transformed onto an episode's map.
 
-Camera, logger and oracle read this truth bus in the same way as the bus of the project's simulator.
+The poses go to a truth bus (UDP). Camera, logger and oracle read it like the truth bus of the project's simulator.
 """
 
 import math

@@ -435,9 +435,9 @@ class Disturbances:
         return ", ".join(chain(*parts)) or None
 
     def with_options(self, options: Mapping[str, Any], varied: Collection[str] = ()) -> "Disturbances":
-        """Return a copy with the values of options, name → number or text; None: not set. Raises UsageError.
+        """Return a copy with the values of options. Raises UsageError.
 
-        `varied`: names of the factors that a study sets afterwards.
+        `options`: name → number or text, None if not set. `varied`: names of the factors that a study sets afterwards.
         """
         values = self._values()
         for part, name, disturbance in DECLARED:

@@ -66,7 +66,7 @@ class Authority:
     """The agent's permissions on a vehicle, besides flying it. Simulated vehicles grant all."""
 
     arm: bool = True  # False: a person arms, takes off and hands over
-    then: Literal["land", "return", "hold"] = "land"  # action at the end of the flight, after a hold
+    then: Literal["land", "return", "hold"] = "land"  # action at the end of the flight, after the vehicle has stopped
     dry: bool = False  # decide, but move nothing
 
 
@@ -139,7 +139,7 @@ class FlightSpec:
             None, "--stop-unreadable", "replies in a row that are no actions", low=1, high=COUNT_MAX, whole=True
         )
     )
-    patience_s: float | None = number(  # s, longest wait for a frame or reply; None: only camera and model have limits
+    patience_s: float | None = number(  # s, longest wait for a frame or reply; None: only limits of camera and model
         None, "--patience", "time without a frame or a reply", low=1.0, high=CAP_S, unit="s"
     )
     disturbances: Disturbances = UNDISTURBED  # faults of pictures, link and vehicle

@@ -118,7 +118,7 @@ class RealtimeStage(SupervisedStage, TruthfulStage):
             return connect(url)
         ends = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
         far = connect(f"udpout://127.0.0.1:{ends.port}")
-        # the side that sends first is the same as without the wire
+        # `far` sends first; it carries PX4's messages if PX4 speaks first, else the agent's, as without the wire
         agent, near = (ends, far) if speaks_first else (far, ends)
         speed = self.speed or 1.0
         seed = self._disturbed.seed(drone)
@@ -180,7 +180,7 @@ class Copy:
 
     @property
     def port(self) -> int:
-        """The port to which the logger must send first."""
+        """The UDP port for the logger's first datagram."""
         return self._socket.port
 
     def begin(self) -> None:
@@ -193,7 +193,7 @@ class Copy:
 
 
 class Patience:
-    """Prints once why the flight waits, if the wait takes 3 s: `ChildProcess.ready` calls it twice a second."""
+    """Prints one line if a wait takes 3 s. `ChildProcess.ready` calls it twice a second."""
 
     def __init__(self, notify: Callable[[str], None]) -> None:
         self._notify, self._waits = notify, 0
@@ -223,7 +223,7 @@ class WorldStage(SupervisedStage, TruthfulStage):
         frame_s: float,
         judged: bool,
     ) -> None:
-        """`truth` is the URL of the vehicle's true poses; the first pose is placed at the start in the file `record`.
+        """`truth`: URL of the vehicle's true poses; a transform maps the first to the start in the file `record`.
 
         `folder`: the episode folder, for the logs; `frame_s`: largest age of a frame that a decision may use.
         `judged` False: the logger writes the autopilot's estimate, as for other connected vehicles.
