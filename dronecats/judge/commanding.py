@@ -1,8 +1,8 @@
 """Computes diagnostics of a fleet's commands: identical points, spread of the places, and approached candidates.
 
 Source: paper, "Commanding Several Drones". The diagnostics do not affect the verdict. A `go` commands a drone to a
-point of its frame at a depth. A place is the 3-D position of that point. It is computed for the benchmark's camera on a
-level drone with the true position, heading and camera pitch at the frame.
+point of a camera frame at a depth. A place is the 3-D position of that point. It is computed from the true position,
+heading and camera pitch at the frame, for the benchmark's camera on a level drone.
 """
 
 import itertools
@@ -27,8 +27,8 @@ _FOCAL_PX = _CAMERA.focal_px
 def commanding(logs: Logs, cap_s: float = CAP_S) -> CommandingDiagnostics | None:
     """Return the diagnostics of a commanding episode, for its decisions until `cap_s`.
 
-    The candidates are the target and the record's other candidates. None for other episodes, without truth, and if the
-    position of a candidate is unknown.
+    The candidates are the target and the record's other candidates. Return None for other episodes, without truth, and
+    if the position of a candidate is unknown.
     """
     record = logs.record
     if record is None or record.cell != COMMANDING or not logs.true:

@@ -20,8 +20,8 @@ from foundation.run_folder.reading import Logs, check_version, episodes, exchang
 from foundation.run_folder.results import Verdict
 from foundation.run_folder.rows import Decision, Exchange, FrameTruth, drone_label
 
-SAME = 1.001e-3  # s, m: numbers are rounded to a thousandth, and rounding may change the last digit
-EXPLANATIONS = ("error", "note")  # sentences, whose words may differ between versions
+SAME = 1.001e-3  # s or m, tolerance: numbers are rounded to a thousandth, so the last digit may differ
+EXPLANATIONS = ("error", "note")  # fields with a sentence; its words may differ between versions
 CORE = (
     "outcome",
     "success",
@@ -157,7 +157,7 @@ def _judged(folder: Path, delta_m: float, reread: Rereading | None) -> Judged:
 
 
 def judged_damage(folder: Path, damage: UsageError, delta_m: float, cap_s: float = CAP_S) -> Judged:
-    """Return the result of damaged logs: an error that describes the damage."""
+    """Return the result for damaged logs: an error that describes the damage."""
     verdict = _damaged(damage, delta_m, cap_s)
     return Judged(verdict, _stored(folder / layout.VERDICT, verdict), ())
 
@@ -231,7 +231,7 @@ def reply_contradictions(logs: Logs, reread: Rereading) -> list[str]:
 
 
 def reply_groups(logs: Logs) -> dict[int, list[int]]:
-    """Return for each drone the numbers of the drones in its replies, itself included, in rising order."""
+    """Return for each drone the sorted numbers of the drones that share its replies, itself included."""
     together: dict[int, set[int]] = {}  # by step
     for decision in logs.decisions:
         together.setdefault(decision.step, set()).add(decision.drone)

@@ -40,7 +40,7 @@ class Measured:
 class Judgement:
     """The verdict of an episode: its success, and its navigation error (the distance at the decisive measurement)."""
 
-    success: bool | None  # None: no declaration is known to qualify, and one that was not measured may qualify
+    success: bool | None  # None: open, because no declaration is known to qualify, but an unmeasured one may
     ne_m: float | None  # None: no action, the last action was not measured, or success is None
     deciding: Measured | None  # the first declaration known to qualify
     unknown: tuple[Measured, ...] = ()  # unmeasured declarations before `deciding`, or all if `deciding` is None

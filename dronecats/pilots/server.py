@@ -42,7 +42,6 @@ class PilotServer:
 
     @property
     def port(self) -> int:
-        """The TCP port in use."""
         return int(self._http.server_address[1])
 
     @property
@@ -199,7 +198,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.LENGTH_REQUIRED, "The request needs a Content-Length.")
             return None
         if int(declared) > MAX_BODY_BYTES:
-            self._discard(min(int(declared), 4 * MAX_BODY_BYTES))  # a client reads the error only after its request
+            self._discard(min(int(declared), 4 * MAX_BODY_BYTES))  # clients read the error after sending the body
             self.close_connection = True
             self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"A body has at most {MAX_BODY_BYTES} bytes.")
             return None

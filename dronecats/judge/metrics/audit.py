@@ -51,7 +51,7 @@ class StepOutlook:
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """Counts the steps that an event followed: `think` of `of_thinks` thinks, `other` of `of_others` other steps."""
+    """Counts of an event: it followed `think` of `of_thinks` think steps, and `other` of `of_others` other steps."""
 
     think: int
     of_thinks: int
@@ -196,7 +196,7 @@ class Strictness:
     mended: int  # decisions whose reply was mended
     changed: int  # mended decisions whose action strict parsing removes or changes
     declarations: int  # changed decisions that are declarations
-    success: bool | None  # under strict parsing; None: not scored
+    success: bool | None  # under strict parsing; None: not scored, or unknown
 
 
 @dataclass(frozen=True, slots=True)

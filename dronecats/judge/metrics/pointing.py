@@ -1,8 +1,8 @@
 """Metrics of the points and depths of `go` actions. Source: paper, appendix "Execution".
 
 A point is judged only if the target was visible in the picture. The picture's row in truth.jsonl has the depth of the
-visible target surface, the target's centre in camera axes, and the target's box in the picture, which older logs do not
-have. The camera model is the pinhole camera of the benchmark (`foundation.camera`).
+visible target surface, the target's centre in camera axes, and the target's box in the picture. Older logs lack the
+box. The camera model is the pinhole camera of the benchmark (`foundation.camera`).
 """
 
 import math
@@ -20,10 +20,10 @@ _CAMERA = CameraModel()
 
 
 def rescaled(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision whether a go copies the pixels that the history shows for the previous go, as its point.
+    """Return per decision whether the point of a go equals the pixels that the history shows for the previous go.
 
     The previous go is the drone's newest go among its last five actions, which the history shows. None without a
-    previous go, and if the pixels of the previous go equal its point, which hides a copy.
+    previous go, and if the pixels of that go equal its point, because a copy is then not detectable.
     """
     before: dict[int, list[PointedGo | None]] = {}  # actions so far, by drone
     values: list[MetricValue] = []

@@ -57,9 +57,9 @@ def known_mean(values: Sequence[float]) -> KnownMean:
 def mean_difference(differences: Sequence[float]) -> MeanDifference:
     """Return the mean of `differences`, one per episode, its interval, and the p of the mean's randomisation test.
 
-    The test counts the choices of signs of the differences whose sum is at least as far from 0 as the observed sum
-    (Fisher, "The Design of Experiments", 1935, 21). For more than 13 episodes it uses random choices. The interval is
-    from `known_mean`, which agrees with this test.
+    The test sums the differences with each choice of signs, and counts the sums that are at least as far from 0 as the
+    observed sum (Fisher, "The Design of Experiments", 1935, 21). For more than 13 episodes it uses random choices. The
+    interval is from `known_mean`, which agrees with this test.
     """
     estimate = known_mean(differences)
     if not estimate.episodes:
@@ -75,8 +75,8 @@ def mean_difference(differences: Sequence[float]) -> MeanDifference:
 def share_difference(differences: Sequence[float], flights: float = 1.0) -> MeanDifference:
     """Return the mean difference of two shares of successes. `differences` has one value per episode, -1 … 1.
 
-    The interval is Agresti and Min's (Stat. Med. 24, 2005). A pair is one flight each of both sides. The interval adds
-    half a pair to each of the four outcomes of a pair, so its width is never 0. `flights` is the mean number of flights
+    The interval is Agresti and Min's (Stat. Med. 24, 2005). A pair has one flight of each side. The interval adds half
+    a pair to each of the four outcomes of a pair, so its width is never 0. `flights` is the mean number of flights
     per episode. An added pair has the weight 1 / `flights` of an episode, or 1 if all differences are equal, because
     equal differences do not show their scatter. p is the larger p of two tests: the exact randomisation test of the
     mean (McNemar's test for one flight each), and the test of the interval. If the exact test is not significant, the

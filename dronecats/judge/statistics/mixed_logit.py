@@ -21,7 +21,7 @@ REACH = 7.0  # range of z, to either side
 STEEPEST = 400.0  # largest absolute value of a coefficient, for columns scaled to at most 1
 WIDEST = 12.0  # bound of s; beyond it only the group determines the outcome
 EQUAL_LOSS = 0.01  # loss in 2 · log likelihood; a fit that loses less is as good as the best
-LEAST_PEAK = 1e-4  # the log likelihood has no peak if the least eigenvalue of its curvature is less
+LEAST_PEAK = 1e-4  # the log likelihood has a peak if the least eigenvalue of its curvature is at least this
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,6 @@ class Trials:
 
 @dataclass(frozen=True, slots=True)
 class MixedLogit:
-    """A fitted model."""
-
     coefficients: Array  # (columns,), log odds per unit of each column
     scatter: float  # s: standard deviation of the groups' intercepts, on the scale of log odds
     log_likelihood: float  # without terms that depend only on the counts
@@ -86,7 +84,7 @@ def fit(
 def at_widest(design: Array, trials: Trials, fitted: MixedLogit) -> bool:
     """Return whether a fit with the scatter at its bound is as good as this fit.
 
-    In this case the trials determine only the ratios of coefficients and scatter; each value depends on the bound.
+    In this case the trials determine only the ratio of each coefficient to the scatter; the values depend on WIDEST.
     Always false for a scatter below half of the bound.
     """
     if fitted.scatter < WIDEST / 2:
@@ -100,8 +98,8 @@ def at_widest(design: Array, trials: Trials, fitted: MixedLogit) -> bool:
 def covariance(design: Array, trials: Trials, fitted: MixedLogit) -> Array | None:
     """Return the covariance (columns + 1, columns + 1) of coefficients and scatter, from the likelihood's curvature.
 
-    The row of a scatter of 0 is 0. None: the likelihood has no peak, as with perfectly separated outcomes or
-    a scatter at its bound.
+    If the scatter is 0, its row and column are 0. None: the likelihood has no peak, as with perfectly separated
+    outcomes or a scatter at its bound.
     """
     if at_widest(design, trials, fitted):
         return None
@@ -160,8 +158,8 @@ def _scale(design: Array) -> Array:
 def _nodes(trials: int) -> tuple[Array, Array]:
     """Return the nodes and weights of the integral over z, fine enough for groups with this number of trials.
 
-    As a function of s z, the likelihood is at least as wide as a normal curve with σ = 2 / √trials. Steps of 2 σ
-    resolve such a curve.
+    As a function of s z, a group's likelihood is nowhere narrower than a normal curve with σ = 2 / √trials. Steps of
+    2 σ in s z resolve such a curve; s is at most WIDEST.
     """
     step = min(0.1, 2 * 2 / math.sqrt(max(trials, 1)) / WIDEST)
     nodes = np.linspace(-REACH, REACH, 2 * math.ceil(REACH / step) + 1)

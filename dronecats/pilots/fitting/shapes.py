@@ -166,31 +166,31 @@ FIRST_SCENES, FIRST_ROUNDS = 8, 14  # size of the fit of the first network
 SHORT_PICTURES = 4
 CHECK_SCENES, CHECK_PICTURES = 4, 24
 
-# Limits of the offset from a window to a thing: log of the ratio of distances, m aside, m of height. A window within
-# EXAMPLE_TOLERANCE is an example of the thing. Other windows within UNUSED_TOLERANCE are not used. Of the others within
-# PARTIAL_TOLERANCE, which show a part of the thing, DISPLACED_WINDOWS per picture are examples of an empty window.
+# Limits of the offset from a window to a thing: log of the ratio of distances, offset aside (m), offset in height (m).
+# A window within EXAMPLE_TOLERANCE is an example of the thing. Other windows within UNUSED_TOLERANCE are not used. The
+# next windows, within PARTIAL_TOLERANCE, show a part of the thing; some are examples of an empty window.
 EXAMPLE_TOLERANCE = (0.10, 0.36, 0.17)
 UNUSED_TOLERANCE = (0.26, 0.90, 0.40)
 PARTIAL_TOLERANCE = (0.60, 1.6, 0.80)
-# m; UNUSED_TOLERANCE[1] is at least this for these wide things
+# m; for these wide things, the second limit is at least this
 WIDE_M = {"fountain": 1.8, "tiered-fountain": 1.8, "clock-tower": 1.8, "kiosk": 1.3, "bike-rack": 1.3}
 VISIBLE_SHARE_LIMITS = (
     0.15,
     0.40,
 )  # visible share: below the first, a thing counts as absent; between the two, its windows are not used
 NO_EXAMPLE = -1  # label of a window that is not used
-RANDOM_WINDOWS, MISTAKEN_WINDOWS = 50, 45  # empty windows per picture, random and mistaken for a thing
-DISPLACED_WINDOWS = 12  # windows per picture that show a part of a thing
+RANDOM_WINDOWS, MISTAKEN_WINDOWS = 50, 45  # empty windows per picture: random ones, and ones mistaken for a thing
+DISPLACED_WINDOWS = 12  # empty windows per picture that show a part of a thing
 MOST_MISTAKES = 6  # largest number of mistaken windows for each picture, distance and height
 USUAL_WINDOWS = 5000.0  # usual number of windows per picture, to draw a random share of them
 USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0  # `usual_fill`: percentile over the things nearer than this (m)
 
 HIDDEN = 80  # units of the hidden layer
 DECAY = 2e-4  # weight decay
-COVERED = 0.2  # share of a window's cells that are blanked in a step
+COVERED = 0.2  # share of a window's cells that are blanked in a training step
 BRIGHTNESS_LOG_STD = 0.25  # standard deviation of the log of a brightness factor, which imitates shadows
 
-CHECKED_M = (3.2, 20.0, 40.0)  # m, edges of the distance bands near and far of the check
+CHECKED_M = (3.2, 20.0, 40.0)  # m, edges of the two distance bands of `check`, near and far
 PLAINLY = 0.5  # visible share from which a thing must be detected
 ODDS = (-0.9, 0.3, 1.5)  # log odds from which a thing counts as detected
 

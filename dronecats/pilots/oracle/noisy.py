@@ -56,7 +56,7 @@ class Attention:
 
     found: tuple[float, float, float]  # per band: takes the visible target, but did not take it at the step before
     kept: tuple[float, float, float]  # per band: takes the visible target, and took it at the step before
-    strays: float  # takes something else or declares wrongly, unless the previous step took something else
+    strays: float  # takes something else or declares wrongly, after a step that did not take something else
     stays: float  # takes something else, after a step that did too
     claims: float  # declares wrongly, after a step that took something else
 

@@ -42,7 +42,7 @@ _EXPECTED_SCORE = 0.12  # at the expected place, this score is enough
 _EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # tolerances: fraction of the picture's width, log of the depth
 _EXPECTED_PREFERENCE = 3.0  # factor on the rank of a detection at the expected place
 _AREA_POWER = 0.3  # exponent of a patch's number of pixels in the rank; larger patches are preferred
-_HORIZON_SLACK = 0.05  # a pitched camera may see a thing's foot this far above the middle, as a share of the width
+_HORIZON_SLACK = 0.05  # share of the width; patches with a foot higher above the middle are ignored
 
 
 class PatchNetwork(Network):
@@ -60,7 +60,7 @@ class PatchNetwork(Network):
 
 
 def picture_layers(picture: Picture, mask: Mask) -> Floats:
-    """Return the layers (H, W, CHANNELS) of a BGR picture and the mask of a colour."""
+    """Return the layers (H, W, CHANNELS) made from a BGR picture and the mask of a colour."""
     luv = cv2.cvtColor(picture.astype(np.float32) / np.float32(255.0), cv2.COLOR_BGR2LUV) / np.float32(100.0)
     across, down = (np.abs(cv2.Sobel(luv[:, :, 0], cv2.CV_32F, *way, ksize=1)) * _GRADIENT for way in ((1, 0), (0, 1)))
     rest = (mask.astype(np.float32), across, down, np.ones(mask.shape, np.float32))
@@ -143,7 +143,7 @@ def find(
 ) -> Detection | None:
     """Return the best detection of a referent (the thing that the command names); None without a detection.
 
-    picture: BGR, about 640 px wide. expected: detections there are preferred. network: None for the shipped network.
+    picture: BGR, about 640 px wide. expected: detections at this place have priority. network: None: the shipped one.
     """
     if referent.size.outline in KINDS and referent.color in COLORS:
         detections = _detect_by_look(picture, referent, expected, network or PatchNetwork.shipped())
@@ -303,7 +303,7 @@ def _score_blob(
 
 
 def _bounding_box(core: tuple[int, int, int, int], width: int, height: int) -> BoundingBox:
-    """Return a rectangle of pixels (left, top, right, bottom) in fractions of the width."""
+    """Return a rectangle of pixels (left, top, right, bottom) relative to the middle, in fractions of the width."""
     left, top, right, bottom = core
     return BoundingBox(
         (left - 0.5 * width) / width,

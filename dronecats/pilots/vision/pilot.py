@@ -3,8 +3,8 @@
 The pilot uses the picture, the prompt and assumed knowledge: a level pinhole camera, 90° across (paper, appendix
 "Execution"), the usual sizes and colours of things, and how the agent flies a `go`. It does not know true positions,
 has no map and no memory, and reads its past actions in the prompt's history, so equal requests get equal answers.
-Depending on the command, it looks for the target by an inscription, by colour, or by place beside a landmark. It cannot
-read the names on halls.
+Depending on the command, it looks for the target by an inscription, by colour, or by its place beside a landmark. It
+cannot read the names on halls.
 """
 
 import cv2

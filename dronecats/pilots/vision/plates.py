@@ -1,7 +1,7 @@
 """Finds and reads number plates, and chooses the actions of a drone whose goal is a parked vehicle.
 
 The drone flies to a vantage point in front of the vehicle's nearer end, reads the plate, and declares or hovers. The
-vehicle's width in the picture gives the heading: a side view shows the whole length, an end view only the breadth. A
+vehicle's width in the picture gives its heading: a side view shows the whole length, an end view only the breadth. A
 plate left or right of the vehicle's middle shows on which side the nearer end is.
 
 The pilot has no memory, so each `go` encodes two values for the next step:
@@ -31,7 +31,7 @@ HEIGHT_M = 0.16  # height of a plate; its digits are 0.10 m high
 DIGITS = 4
 _LEVELS = range(110, 250, 14)  # thresholds of lightness that separate a pale plate from paint, lamps and shade
 _DULL = 34.0  # a plate's colour is at most this far from grey, in Lab; an indicator light is farther from it
-_SHAPE = (0.7, 4.6)  # range of width / height, from a very oblique to a frontal view
+_SHAPE = (0.7, 4.6)  # range of width / height, from very oblique to frontal views
 _LEAST_PX = (8, 4)  # width and height that a plate has at least
 _FILLED = 0.5  # at least this share of a plate's rectangle is pale and not digits
 _READABLE_PX = 9  # a plate is read only if it is at least this high; its digits are then 5.6 px high
@@ -49,7 +49,7 @@ _FACING_RAD = math.radians(12.0)  # the drone faces a vehicle whose bearing is a
 _WIDEST_RAD = math.radians(40.0)  # a stride has at most this bearing
 _ROW = 18.0  # offset of a `go` point above or below the horizon, on a scale of 1000: a slope of 0.05 at most
 _TURN_DEG = 50.0  # turn to a lost vehicle
-_BROAD_RAD = math.radians(25.0)  # at smaller headings, the drone sees the end of a vehicle
+_BROAD_RAD = math.radians(25.0)  # if `heading_rad` is less, the drone sees the end of a vehicle
 _UNREAD_M = 1.9  # shortest stride to an unread plate, so that the depth of the `go` is over _READ_DEPTH_M
 
 
@@ -183,7 +183,7 @@ def decide(picture: Picture, vehicle: Candidate, wanted: Inscription, past: tupl
 
 
 def decide_unseen(past: tuple[PastAction, ...]) -> str:
-    """Return the next action of a drone that does not see its vehicle: usually a turn to the side of the vehicle."""
+    """Return the next action of a drone that does not see its vehicle: usually a turn to the side where it was."""
     if was_plate_read(past):
         return actions.finished()
     if past[-1].kind == FINISHED:
@@ -274,7 +274,7 @@ def _clip_bearing(bearing: float) -> float:
 
 
 def _stride_to(bearing: float, stride_m: float, distance_m: float, aside: int) -> str:
-    """Return a `go` in a direction; the depth of a full stride is the vehicle's distance.
+    """Return a `go` in a direction. For a full stride, its depth is the vehicle's distance `distance_m`.
 
     aside: 1 or -1 if the vehicle will be to the right or left of the path, else 0.
     """
