@@ -65,7 +65,7 @@ class SurveyedTarget:
         return asdict(self)
 
     def ned(self, origin: Vec3) -> Vec3:
-        """Return the NED position (m) from `origin` (lat °, lon °, alt m). Unknown altitude: as `origin`."""
+        """Return the NED position (m) from `origin` (lat °, lon °, alt m). An unknown altitude is that of `origin`."""
         altitude = origin[2] if self.altitude_m is None else self.altitude_m
         return geodetic_to_ned(*origin, self.latitude_deg, self.longitude_deg, altitude)
 
@@ -103,7 +103,7 @@ def target_of(value: Any) -> SurveyedTarget:
 
 
 Array = NDArray[np.float64]
-CORRELATION_S = 300.0  # s, about a flight; a receiver's error is correlated for less time, so `std_m` is cautious
+CORRELATION_S = 300.0  # s, as long as a flight; a receiver's error is correlated for less time, so `std_m` is cautious
 POSITION_NOISE_M = 0.05  # m, white noise of one report, from the small corrections of the estimator
 ACCELERATION_PSD = 1.0  # (m/s²)²/Hz, noise of the acceleration of a multirotor at the speeds of these flights
 UNREPORTED_M = 1.0  # m, assumed accuracy if an axis has no reported one; SmoothedPath.std_m is then NaN
@@ -177,7 +177,7 @@ def _thinned(time_us: Array) -> NDArray[np.int64]:
 
 
 def _filled(std: Array) -> Array:
-    """Fill gaps with the previous accuracy, at the start with the first one; without any, with UNREPORTED_M."""
+    """Fill gaps with the accuracy before the gap, or the first one at the start; without any, with UNREPORTED_M."""
     reported = np.flatnonzero(np.isfinite(std))
     if not len(reported):
         return np.full_like(std, UNREPORTED_M)
@@ -220,7 +220,7 @@ def _process_noise(dt: float, wandered: float) -> Array:
     return noise + np.eye(3) * 1e-12  # the smoother inverts the predicted covariance, also for dt = 0
 
 
-VELOCITY_STD = 0.1  # m/s, assumed for telemetry, because MAVLink does not report it; typical of PX4's outdoor ULogs
+VELOCITY_STD = 0.1  # m/s, assumed accuracy in telemetry, because MAVLink reports none; typical of PX4's outdoor ULogs
 MARGIN_US = 5e6  # µs; the smoother also uses the estimates this long before and after the episode
 
 
@@ -232,7 +232,7 @@ class EstimatorLog:
     heading_us: Array  # (m,) µs, vehicle clock, rising
     heading: Array  # (m,) rad, unwrapped
     origin: Vec3 | None  # lat °, lon °, alt m above mean sea level of the local frame; None: unknown
-    source: str  # name of the file
+    source: str  # file name
 
     def yaw_deg(self, at_us: float) -> float | None:
         """Return the heading (−180 to 180°) at a vehicle time (µs); None: unknown."""
@@ -407,7 +407,7 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
 def _covers(times: Array, t: float) -> bool:
     """Return whether a time (s) is at a true pose, or between two true poses without a gap in the log.
 
-    The times differ: a true pose is logged every 0.5 s, up to 20 ms after the estimated pose.
+    A true pose is logged every 0.5 s, up to 20 ms after the estimated pose, so their times differ.
     """
     after = int(np.searchsorted(times, t))
     if after == len(times) or (after == 0 and times[0] > t):

@@ -1,4 +1,4 @@
-"""The data of the report's tables: runs grouped into entrants, table cells of their flights, notes and warnings."""
+"""Computes the data of the report's tables: runs grouped into entrants, cells of their flights, notes, warnings."""
 
 import json
 import statistics
@@ -63,7 +63,7 @@ class Entrant:
 
     @cached_property
     def scored(self) -> tuple[ScoredEpisode, ...]:
-        """The flights that are scored and not left out."""
+        """The successes and failures that no exclusion rule left out."""
         return tuple(flight for flight in self.episodes if flight.scored)
 
     @cached_property
@@ -224,11 +224,10 @@ class ReportData:
 
     @property
     def episodes(self) -> tuple[ScoredEpisode, ...]:
-        """Every flight of every entrant."""
         return tuple(flight for entrant in self.entrants for flight in entrant.episodes)
 
     def cells(self, among: Iterable[str] = ONE_DRONE) -> list[str]:
-        """Return the cells of `among` that have flights, in the order of `among`."""
+        """Return the cells (kinds of episode) of `among` that have flights, in the order of `among`."""
         used_cells = {flight.cell for flight in self.episodes}
         return [cell for cell in among if cell in used_cells]
 

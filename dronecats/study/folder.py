@@ -45,7 +45,7 @@ def write(folder: Path, study: Study) -> None:
 
 
 def _checked(study: Study) -> Study:
-    """Return a study after its factors have validated its levels. Raises UsageError for an invalid level."""
+    """Return a study with levels that the factors have validated. Raises UsageError for an invalid level."""
     factors = tuple(replace(factor, levels=tuple(_levels(factor))) for factor in study.factors)
     levels_of = {factor.name: factor.levels for factor in factors}
     runs = tuple(replace(run, levels=_at(run.levels, f"{run.name}: ")) for run in study.runs)
@@ -77,7 +77,7 @@ SHOWN_MAX = 3  # an error message lists at most this many differences
 
 
 def merge_earlier_runs(folder: Path, plan: StudyPlan) -> Study:
-    """Return the planned study, plus the runs of the folder's study.json that it lacks, such as runs of other pilots.
+    """Return the planned study, plus the runs in the folder's study.json that the plan lacks, such as other pilots'.
 
     Raises UsageError if the folder holds a benchmark, another study, or flights that differ from the planned ones.
     """

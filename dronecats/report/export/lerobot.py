@@ -3,9 +3,9 @@
 A frame is a decision with its picture. `timestamp` is artificial, 1 s per decision, because LeRobot requires a constant
 frame rate. `time.frame_s` is the time of the picture. An episode is one drone's part of a flight. `observation.state`
 is the autopilot's estimate; only `judge.success` comes from the judge. `action` has the units of the log.
-`action.body_velocity` is one constant velocity, in axes fixed to the picture's heading, and one constant yaw rate. It
-replaces the motion of the paper's controller (`dronecats/agent/controller.py`), and has the same duration, end position
-and final heading.
+`action.body_velocity` replaces the motion of the paper's controller (`dronecats/agent/controller.py`) by a constant
+velocity and a constant yaw rate, with the same duration, end position and final heading. The velocity is forward, right
+and down relative to the heading at the picture.
 """
 
 import json
@@ -120,7 +120,6 @@ class _Dataset:
         self._file, self._bytes = 0, 0
 
     def add(self, flight: RecordedFlight, drone: DroneTracks) -> None:
-        """Append a drone's part of a flight."""
         assert drone.held is not None
         decisions = _steps(flight, drone)
         jpegs = {frame.frame_id: frame.jpeg for frame in flight.frames if frame.drone == drone.number}

@@ -74,7 +74,7 @@ def write(flight: RecordedFlight, path: Path) -> int:
     with path.open("wb") as file:
         writer = Writer(file)
         for sequence, (t_s, topic, message) in enumerate(ordered):
-            time_ns = max(0, nanoseconds(t_s))  # MCAP's times are unsigned; the first picture may be earlier
+            time_ns = max(0, nanoseconds(t_s))  # MCAP's times are unsigned; the first picture may precede the episode
             writer.write_message(topic, message, log_time=time_ns, publish_time=time_ns, sequence=sequence)
         writer._writer.add_metadata("dronecats", about(flight))  # the wrapper has no method for metadata
         writer._writer.add_metadata(f"dronecats/{JUDGE}", judged(flight))

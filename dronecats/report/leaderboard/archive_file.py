@@ -39,7 +39,7 @@ Name = Annotated[str, Meta(min_length=1, max_length=NAME_CHARS)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileDigest:
-    """The digest of a file; for a folder (name with / at the end), of the output of `sha256sum *` in it."""
+    """The digest of a file, or of the output of `sha256sum *` in a folder (name with / at the end)."""
 
     bytes: Annotated[int, Meta(ge=0)]
     sha256: Sha256
@@ -243,9 +243,9 @@ def _octal(field: bytes) -> int | None:
     return int(digits, 8) if digits and not digits.strip(b"01234567") else None
 
 
-MANIFEST_MAX = 64 << 20  # bytes, like the next limits; all but LOGS_MAX are for one file
+MANIFEST_MAX = 64 << 20  # bytes of manifest.json; LOG_MAX and FRAME_MAX: bytes of one log or frame
 LOG_MAX = 256 << 20
-LOGS_MAX = 4 << 30  # bytes, all logs together
+LOGS_MAX = 4 << 30  # bytes of all logs together
 FRAME_MAX = 32 << 20
 
 

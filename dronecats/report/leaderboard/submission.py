@@ -1,7 +1,7 @@
 """Packs run folders into an archive: the flights of one pilot under one configuration.
 
-An archive with missing episodes or unscored flights is marked as partial. The packed files have no API keys, and
-only the file names of absolute paths.
+An archive with missing episodes or unscored flights is marked as partial. `submit` removes API keys, and
+the folders of absolute paths.
 """
 
 import hashlib
@@ -177,7 +177,7 @@ def digest(data: bytes) -> FileDigest:
 
 
 def incompleteness_reason(flights: Sequence[Sequence[str]]) -> str | None:
-    """Return a sentence that says why the runs are not all of one complete suite; None: they are.
+    """Return a sentence that says why the runs do not all have exactly the episodes of one suite; None: they have.
 
     `flights`: the episode ids of each run.
     """

@@ -96,7 +96,7 @@ class DroneTelemetry:
 
     @cached_property
     def setpoints(self) -> Array:
-        """(n, 12): µs; position m, velocity m/s, yaw rad, yaw rate rad/s (NaN: unset); the same velocity (0: unset)."""
+        """(n, 12): µs; position m, velocity m/s, yaw rad, yaw rate rad/s (NaN: unset); velocity with 0 if unset."""
         return rising(self._autopilot.setpoints)
 
     @cached_property
@@ -168,7 +168,7 @@ def _header(frame: bytes) -> tuple[int, int, int]:
 class _Accuracy:
     """The newest accuracies of the global position that the estimator and the GNSS receiver report.
 
-    The accuracy is never better than the receiver's: the estimator cannot detect an error that all fixes share.
+    `std_ned` is never better than the receiver's accuracy, because the estimator cannot detect an error of all fixes.
     """
 
     def __init__(self) -> None:

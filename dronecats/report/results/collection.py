@@ -1,8 +1,8 @@
 """Reads all episodes of some runs, one row per episode. Reports, comparisons and studies use these rows.
 
 Flights can be left out by the value of a metric, for example flights with more than two estimator resets. By default no
-flight is left out. Reports state every such rule, because a rule that leaves out more flights of one side biases a
-comparison.
+flight is left out. Reports state every such rule, because a rule that leaves out more flights of one pilot than of
+another biases a comparison.
 """
 
 import math
@@ -51,21 +51,21 @@ class ScoredEpisode:
 
     run: RecordedRun
     folder: Path
-    episode: str  # id of its record
+    episode: str  # id of the episode record
     map: str
     cell: str
-    verdict: Verdict | None  # None: its logs are damaged
+    verdict: Verdict | None  # None: the logs are damaged
     values: Mapping[str, MetricValue]  # by the metric's name
-    error: str | None  # why it is not scored; None: it is scored
+    error: str | None  # why the flight is not scored; None: it is scored
     steps: Mapping[str, tuple[MetricValue, ...]] = field(
         default_factory=dict
     )  # by the metric's name, a value per decision
-    mode: str | None = None  # success, or the failure mode; None: it is not scored
+    mode: str | None = None  # success, or the failure mode; None: the flight is not scored
     step_outlooks: tuple[
         StepOutlook, ...
     ] = ()  # input of the comparison of `think` with other actions, an entry per step
     host_stalls: int | None = None  # steps that the host delayed; None: not logged, as in lockstep
-    left_out: str | None = None  # why it is left out of a report; None: it is not
+    left_out: str | None = None  # why the flight is left out of a report; None: it is not
     usage: Usage = Usage()
     record_sha256: str = ""  # of the flown record; empty: there is none
     served: tuple[str, ...] = ()  # models that answered, as the vendors name them; empty: not logged
@@ -106,7 +106,7 @@ def collect(
     def read(number: int) -> ScoredEpisode:
         run, folder = folders[number]
         scored = scored_episode(run, folder, delta_m, metrics)
-        return replace(scored, run=replace(run, configuration={}, episodes=()))  # send less; the parent has both fields
+        return replace(scored, run=replace(run, configuration={}, episodes=()))  # the parent process has both fields
 
     episodes = []
     for (run, _), scored in zip(folders, parallel_map(read, range(len(folders)), processes), strict=True):
@@ -210,7 +210,6 @@ class Exclusion:
         return None if value is None else float(value)
 
     def excludes(self, scored: ScoredEpisode) -> bool:
-        """Return whether a flight is left out."""
         value = self.value(scored)
         return value is not None and value > self.most
 

@@ -21,7 +21,7 @@ from foundation.run_folder.folder import comparable_versions
 from foundation.run_folder.reading import json_object, parse_row
 from foundation.run_folder.rows import EpisodeIdentity
 
-NOT_RECORDED = "not told"  # part of the digests in archives, so it must stay; WORDS has the text for people
+NOT_RECORDED = "not told"  # must not change, because archives have digests of it; WORDS has its text for people
 WORDS = {
     NOT_RECORDED: "not recorded",
     "told": "recorded",
@@ -83,7 +83,6 @@ def _parsed(value: str) -> Any:
 
 
 def identity(run: RecordedRun) -> dict[str, frozenset[str]]:
-    """Return the identity of a run."""
     values = dict(_run_values(run.configuration))
     episodes = [episode for folder in run.episodes if (episode := _episode_identity(folder)) is not None]
     codes = {episode.code_sha256 for episode in episodes}

@@ -1,4 +1,4 @@
-"""Tables of the settings of each entrant (a pilot, with its flights), and of the costs of the flights."""
+"""Makes the tables of settings and of costs, with a row per entrant (a pilot with its flights)."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -149,7 +149,7 @@ def costs(data: ReportData) -> ReportTable | None:
 
 
 def _model_usage(flight: ScoredEpisode) -> Usage:
-    """Return the usage of the models of a flight, without that of a built-in commander, which is not a model."""
+    """Return the usage of a flight's models. A built-in commander is not a model, so its questions are left out."""
     if not flight.run.flight.get("scripted"):
         return flight.usage
     return replace(flight.usage, commander_questions=0, commander_in=None, commander_out=None)

@@ -1,4 +1,4 @@
-"""Paired differences of flights with equal seeds: a level minus its reference, an entrant (pilot) minus another."""
+"""Computes paired differences of flights with equal seeds: a level minus its reference, or a pilot minus another."""
 
 import itertools
 import statistics

@@ -1,4 +1,4 @@
-"""Metrics of single steps at each level: the served rate and latency, and the target's motion during one decision.
+"""Computes metrics of single steps at each level of a factor: served rate, latency, and motion of the target.
 
 A step lasts from its picture to the next picture of the drone. The width of the view is measured in the plane normal to
 the optical axis at the target's depth (paper, appendix "Execution": 90° field of view).

@@ -1,4 +1,4 @@
-"""Logistic fits of success: the level at which half of the flights succeed, main effects, and interactions."""
+"""Fits success with logistic curves: the level at which half of the flights succeed, effects, interactions."""
 
 import itertools
 import math
@@ -153,7 +153,7 @@ def _crossed(results: StudyResults, k: int, m: int) -> bool:
     points = list(dict.fromkeys((flight.levels[k], flight.levels[m]) for flight in results.scored))
     if not points:
         return False
-    base_k, base_m = points[0]  # in a design of one factor at a time, one of these is a base level
+    base_k, base_m = points[0]  # in a design of one factor at a time, at least one is a base level, which suffices
     along_k, along_m = {y for x, y in points if x != base_k}, {x for x, y in points if y != base_m}
     return len(along_k) > 1 and len(along_m) > 1
 
@@ -231,9 +231,9 @@ class _Regression:
         return replace(effect, log_odds=coefficient, low=low, high=high)
 
     def _edge(self, place: int, best: float, way: float) -> float | None:
-        """Return the lower (`way` −1) or upper (+1) end of a coefficient's interval; `best` is the best value.
+        """Return the lower (`way` −1) or upper (+1) end of a coefficient's interval; `best` is its fitted value.
 
-        Beyond the end, the fit is significantly worse. None: no end within 32 of the best value.
+        Beyond the end, the fit is significantly worse. None: no end within 32 of `best`.
         """
         limit = float(special.fdtri(1, max(1, self.episodes - 1), CONFIDENCE))
         without = np.delete(self._design, place, axis=1)

@@ -1,4 +1,4 @@
-"""Runs plant, estimator and cascade in one compiled loop, with a delay line in the feedback of one control loop.
+"""Simulates a vehicle with a delay in the feedback of one control loop, to measure the loop's delay margin.
 
 The cascade gets a copy of the estimate in which one quantity of one axis is delayed. The samples that the estimator
 reads are not delayed. Flights do not use this module; they use `dronecats/flight/sitl/fused.py`.

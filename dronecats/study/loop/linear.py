@@ -45,7 +45,7 @@ class DelayMargin:
 
 
 def hover_point(airframe: Airframe, plant: Any) -> HoverPoint:
-    """Return the linearisation of air and battery about a hover. `plant` is the hover's PLANT record; only read."""
+    """Return the linearisation of air and battery about a hover. `plant`: PLANT record of the hover; unchanged."""
     params, voltage = plant["params"], float(plant["state"]["voltage"])
     nominal = NOMINAL_CELL_V * airframe.battery.cells
     rate_damping, velocity_damping = [], []

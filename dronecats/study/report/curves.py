@@ -1,4 +1,4 @@
-"""Figures along a factor: success, other measures, served rate (decisions per second), and motion of targets."""
+"""Draws results over a factor's levels: success, other measures, served rate (decisions per second), target motion."""
 
 import math
 from typing import Any
