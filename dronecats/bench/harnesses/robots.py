@@ -38,7 +38,7 @@ FOLDER = "dronecats_folder"  # key of the flight's folder in a step's info
 LABELS = ("kind", "point_x", "point_y", "depth_m", "angle_deg")
 LOW = np.array([0.0, 0.0, 0.0, 0.1, -90.0])
 HIGH = np.array([len(KINDS) - 1.0, POINT_SPAN, POINT_SPAN, 300.0, 90.0])
-STEPS_MAX = int(CAP_S * SETPOINT_HZ)  # not reached: steps last at least a tick, so the time limit comes first
+STEPS_MAX = int(CAP_S * SETPOINT_HZ)  # not reached before the time limit: a step lasts at least a tick
 NOTES = """One step is one decision. `kind`: 0 go, 1 rotate, 2 think, 3 finished.
 go: fly towards the picture's point (`point_x`, `point_y`, 0 to 1000 from the upper left corner), which is `depth_m`
 away; at most 3 m a step. rotate: turn by `angle_deg`, + right. think: hover. finished: claim to have arrived, within
@@ -111,6 +111,7 @@ class DroneEmbodiment(EmbodimentBase):
         return _ended(flight, result)
 
     def close(self) -> None:
+        """End the flight, if there is one."""
         if self._flight is not None:
             self._flight.close()
             self._flight = None
@@ -129,7 +130,7 @@ def _ended(flight: OutsideFlight, result: Result) -> StepResult:
 
 @dataclass(frozen=True)
 class Verdict5m:
-    """The judge as a scorer. It judges a flight only from the logs in its folder.
+    """Scores a flight with the judge, only from the logs in its folder.
 
     Raises InfrastructureError for a flight that is not scored. Inspect Robots then records an error and no score.
     """
