@@ -26,9 +26,9 @@ T = TypeVar("T")
 def kept(name: str, sources: Iterable[str], make: Callable[[], T], of: object = None) -> T:
     """Return the cached value if a process with the same sources and `of` stored it, otherwise the value of `make()`.
 
-    `name`: start of the file's name. `sources`: patterns of files below the project's root. `of`: the input from which
-    `make` computes the value. Both must consist of plain types, arrays and the project's own classes. If the cache
-    cannot be used, `make` is called every time.
+    `name`: start of the file's name. `sources`: patterns of files below ROOT. `of`: the input from which
+    `make` computes the value. The value and `of` must consist of plain types, arrays and the project's classes. Without
+    a usable cache, `make` is called every time.
     """
     try:
         folder = user_cache() / "values"

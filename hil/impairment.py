@@ -118,7 +118,7 @@ class Channel:
         self.impairment = impairment
         self.counts = Counts()
         self._fate = random.Random(f"{seed} {direction} fate")
-        self._noise = random.Random(f"{seed} {direction} noise")  # draws one number per byte
+        self._noise = random.Random(f"{seed} {direction} noise")
         self._under_way: list[tuple[float, int, bytes]] = []  # heap of (arrival in s, order of entry, unit)
         self._entered = 0
         self._line_free_s = 0.0  # when the serial line has sent all its units
@@ -222,7 +222,7 @@ class OneWay:
         self._zero_s, self._over_s = now_s, over_s
 
 
-LOOK_S = 0.001  # s to wait for data of one end before the other end is read; a unit waits for at most twice as long
+LOOK_S = 0.001  # s to wait at each end in turn; a unit that is due waits for both ends at most, twice as long
 
 
 class ImpairedWire:
@@ -235,7 +235,7 @@ class ImpairedWire:
         up: Impairment,
         down: Impairment,
         seed: int = 0,
-        clock: Callable[[], float] = time.monotonic,  # s; the clock of the faults' times: wall time, or a faster clock
+        clock: Callable[[], float] = time.monotonic,  # returns s of wall time, or of a faster clock
     ) -> None:
         self._agent, self._autopilot = agent, autopilot
         self._clock, self._zero_s = clock, clock()
@@ -260,7 +260,7 @@ class ImpairedWire:
         self._down.impair(down, seconds)
 
     def start(self) -> "ImpairedWire":
-        """Start the thread, and count the times of cuts from now on; return self."""
+        """Start the thread; set `time_s`, to which cuts refer, to 0; return self."""
         self._zero_s = self._clock()
         self._thread.start()
         return self

@@ -17,7 +17,7 @@ from vehicles.ground import CRASH_BODY
 from vehicles.multirotor import Multirotor
 from vehicles.records import rotate, rotate_inverse
 
-DRONE = -2  # stands for "another vehicle" in fields with an obstacle's number, as `collision.BOX` for the moving box
+DRONE = -2  # means another vehicle in fields with an obstacle's number, as `collision.BOX` means the moving box
 TOUCH_MARGIN_M = 1e-3  # m, safety margin of `Ball.may_touch`
 RESTITUTION = 0.3  # coefficient for plastic and carbon: a bump loses most of its energy
 SEPARATION_RATE = 3.0  # 1/s, speed at which overlapping balls are driven apart, per m of overlap

@@ -15,8 +15,8 @@ from foundation.frames import GRAVITY, Quat, Vec3
 from foundation.terrain import HeightField
 from vehicles.records import STEP_S, Load, rotate, rotate_inverse
 
-# rad/s, vertical resonance of a vehicle on its four feet, which sink in by 0.7 mm at rest. One foot alone, with about a
-# tenth of the mass, has 190 rad/s. That is 0.19 rad per step of 1 ms; RK4 is stable up to 2.8 rad per step.
+# rad/s, vertical resonance of a vehicle on its four feet, which sink in by 0.7 mm at rest. On one foot, which moves a
+# tenth of the mass, it is 190 rad/s: 0.19 rad per step of 1 ms. RK4 is stable up to 2.8 rad per step.
 RESONANCE = 120.0
 DAMPING_RATIO = 0.6
 FRICTION = 0.7  # rubber or plastic on dry hard ground
@@ -25,8 +25,8 @@ TANGENTIAL = 0.7  # stiffness along the surface, relative to the stiffness along
 DEEPEST = 0.2
 MARGIN = 0.005  # m, added to the travel of a step because the vehicle may accelerate
 STILL = 1e-5  # m/s, rad/s and m/s²; a vehicle below these limits stands still
-# share of the weight (for moments: of the weight times `reach`); if the force and moment of the rotors change by less,
-# a vehicle at rest stays at rest
+# share of the weight; a vehicle at rest stays at rest if the rotors' force changes by less (their moment: by less than
+# this share of weight · `reach`)
 STEADY = 1e-4
 CRASH_FOOT = 5.0  # m/s, normal speed that breaks a landing gear: a fall of 1.3 m
 CRASH_BODY = 1.0  # m/s, normal speed that breaks a propeller or the hull

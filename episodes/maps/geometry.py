@@ -17,11 +17,11 @@ from foundation.frames import Vec3
 
 Array = NDArray[np.float64]
 
-PlanBox = tuple[float, float, float, Array, Array]  # footprint: north, east (m), yaw (rad), corners (2,) in its axes
+PlanBox = tuple[float, float, float, Array, Array]  # footprint: north, east (m), yaw (rad), low, high corner (2,)
 
 CREASE_DEG = 38.0  # faces that meet at a smaller angle are shaded as one smooth surface
 
-# the triangles of the unit cube, and for each triangle a matrix from a corner to its texture coordinates (`slope_uv`)
+# triangles of the unit cube, and for each one the matrix from a corner to its texture coordinates (see `slope_uv`)
 _CUBE = np.array(
     [
         [(1, 0, 0), (1, 1, 0), (1, 1, 1)], [(1, 0, 0), (1, 1, 1), (1, 0, 1)],
@@ -286,7 +286,7 @@ def transformed(part: MeshPart, offset: ArrayLike = (0.0, 0.0, 0.0), yaw: float 
 
 
 def without(part: MeshPart, *outward: Vec3) -> MeshPart:
-    """Return the part without the triangles that face along one of some unit vectors, to leave out hidden sides."""
+    """Return the part without the triangles that face along a unit vector in `outward`, to leave out hidden sides."""
     area = face_normals(part.corners)
     kept = (area @ np.transpose(outward) < 0.999 * np.linalg.norm(area, axis=1, keepdims=True)).all(axis=1)
     return MeshPart(part.corners[kept], part.normals[kept], part.uv[kept], part.material)

@@ -14,14 +14,14 @@ from episodes.maps.residential_plan import LOWER, MAIN, SECOND, UPPER, Plot, Str
 from episodes.maps.scene import Lane, Places, Spot
 from foundation.frames import Vec3, course
 
-# place → length and width (m) of the free ground that it needs
+# place → length and width (m) of the free ground on it
 ROOM = {"kerb": (5.9, 2.2), "bus stop": (12.0, 2.6), "drive": (5.9, 2.2), "lawn": (2.0, 2.0), "pavement": (1.2, 1.2)}
 GAP = 0.4  # m, free space around an object on a spot; at a kerb, only ahead and behind
 TALLEST = 2.4  # m; parts above this height (crowns of trees, arms of lamps) are no obstacles
 LANE_OFFSET_M = 0.6  # m, offset of lanes to the right of the centre line
 TURN = 6.0  # m, radius of a lane at a corner
 DRIVE_TURN = 3.4  # m, radius of a lane out of a drive
-LANE_LENGTH_M = 108.0  # m, of lanes: more than a target covers in 300 s at the paper's 0.3 m/s
+LANE_LENGTH_M = 108.0  # a target covers less: 90 m in 300 s at the paper's 0.3 m/s
 POINT_SPACING_M = 0.25  # m between the points of a lane before it is thinned
 LANE_TOLERANCE_M = 0.008  # m, greatest distance from a thinned lane to the points left out
 LANE_WIDTH = {"road": 2.4, "drive": 2.2, "pavement": 1.2}  # m, by kind of lane

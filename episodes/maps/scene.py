@@ -136,7 +136,7 @@ T = TypeVar("T")
 
 
 def kept_of_scene(name: str, sources: tuple[str, ...], scene: Scene, make: Callable[[], T]) -> T:
-    """Return `make()`, which depends on the scene and the sources; for a large scene, cached on disk.
+    """Return `make()`, which computes a value of the scene. For a large scene, cache it on disk.
 
     The arguments are as in `foundation.kept_values.kept`.
     """

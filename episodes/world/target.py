@@ -52,7 +52,7 @@ class TargetMotion:
         """Return (position_ned of the asset's origin in m, yaw in rad) at time t_s ≥ 0; earlier times count as 0.
 
         The target follows the path once and stays at its end. Its heading is the direction between two points of the
-        path: half of `axles_m` behind the target and half of `axles_m` ahead. So it changes gradually at a corner.
+        path: half of `axles_m` behind the target and half of `axles_m` ahead. So it turns gradually at a corner.
         """
         if self.speed_mps == 0.0:
             return self.waypoints_ned[0], self.yaw

@@ -1,4 +1,4 @@
-"""The network. It maps a picture, the instruction's words and the last actions to the four actions and their numbers.
+"""Maps a picture, the instruction's words and the last actions to the four actions and their numbers.
 
 Four convolutions process the picture. After each of them, the words scale and shift every channel (FiLM, Perez et al.
 2018), so that the features depend on the instruction. A heat map of 32 × 18 cells gives the point. The features at
@@ -48,7 +48,7 @@ class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library witho
     def forward(self, pictures: Tensor, words: Tensor, past: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Return four outputs for n decisions.
 
-        The outputs: logits of kinds (n, 4), logits of cells (n, ROWS · COLUMNS), the natural logarithm of the depth in
+        They are logits of kinds (n, 4), logits of cells (n, ROWS · COLUMNS), the natural logarithm of the depth in
         metres (n,), and logits of turns (n, len(TURNS_DEG)).
         pictures: uint8 (n, 3, HEIGHT, WIDTH); words: (n, WORDS); past: (n, PAST).
         """
@@ -91,7 +91,7 @@ def _places(count: int, rows: int = HEIGHT, columns: int = WIDTH) -> Tensor:
 def save(path: Path, head: ActionHead, declares_at: float, about: dict[str, Any]) -> None:
     """Write a trained head. Raises UsageError if the file cannot be written.
 
-    `declares_at`: the least probability of `finished` at which the head declares.
+    `declares_at`: the least probability of `finished` at which the head declares arrival.
     """
     header = {"format": FORMAT, "shape": asdict(head.shape), "declares_at": declares_at, "about": about}
     try:

@@ -23,12 +23,11 @@ class SentPrompt:
 
     @property
     def text(self) -> str:
-        """The full text."""
         return self.head + self.changed + self.tail
 
 
 class PromptReader:
-    """Reconstructs the texts of a prompts.jsonl from its rows, which must be read in the file's order."""
+    """Reconstructs the texts of prompts.jsonl. Read its rows in order: a row may refer to lines of an earlier one."""
 
     def __init__(self) -> None:
         self._bases: dict[tuple[str, int], list[str]] = {}

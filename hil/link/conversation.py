@@ -1,4 +1,4 @@
-"""Handles the messages of a link to one autopilot: telemetry, its clock, acknowledged commands, requested streams."""
+"""Handles the messages of a link to one autopilot: telemetry, the vehicle's clock, commands, requested streams."""
 
 import contextlib
 import math

@@ -225,7 +225,7 @@ def _towards(room_m: float, margin_m: float) -> float:
 def _nearest_velocity(wish: Corner, walls: Sequence[tuple[Corner, float]], speed: float) -> Corner:
     """Return the horizontal velocity (m/s, NE) that is nearest to `wish` and that all walls allow.
 
-    A wall is a unit vector and the highest speed (m/s) along this vector; it is negative in the wall's margin. The
+    A wall is a unit vector and the highest speed (m/s) along it, which is negative in the wall's margin. The
     length of `wish` and of the result is at most `speed`. If the vehicle is in several margins, so that no velocity
     satisfies all walls, every wall allows a standstill.
 

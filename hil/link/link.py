@@ -19,7 +19,7 @@ from hil.link.transport import Transport
 
 BRAKE_S = 0.5  # s of vehicle time for which setpoints hold the vehicle at the end of a flight, before mode Hold
 ROUND_RATE = math.radians(60.0)  # rad/s, yaw rate of the full turn in `fly_to`
-GIVEN_S = 1.5  # s that a hand-over must last, because a failsafe holds too, and only the next heartbeat shows it
+GIVEN_S = 1.5  # s that Hold must last to be a hand-over: a failsafe holds too, which only the next heartbeat shows
 OVERTAKEN_US = 300_000  # µs in which a message with the previous mode may still arrive on a link that reorders
 ARMED_S = 10.0  # s of attempts to arm, because a pre-arm check may fail for a moment
 OFFERED_S = 2.0  # s of attempts to enter Offboard while it is temporarily refused
@@ -166,7 +166,7 @@ class Link(Conversation):
         return self._taken_by
 
     def _expect(self, *modes: str) -> None:
-        """From now on, treat other modes as takeovers; the present mode counts only after one of `modes` was seen."""
+        """From now on, other modes are takeovers; the present mode is one only after one of `modes` was seen."""
         if self._taken_by is None:
             # telemetry may show the mode of an acknowledged order only after our next order
             unshown = () if self._obeyed_us else self._expected
@@ -181,7 +181,7 @@ class Link(Conversation):
         if mode in self._expected:
             self._obeyed_us = self._obeyed_us or self.time_us
         if self._obeyed_us and self.time_us > self._obeyed_us + OVERTAKEN_US:
-            # Offboard stays: a late message may still show it after we left it
+            # OFFBOARD stays: a late message may show this mode after we left it
             self._leaving = tuple(left for left in self._leaving if left == "OFFBOARD")
         if believed or (self._expected and mode not in (*self._expected, *self._leaving)):
             if self.simulated and self._is_failsafe(disarmed):

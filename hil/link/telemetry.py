@@ -9,7 +9,7 @@ from foundation.frames import Vec3
 from foundation.mavlink import dialect, mode_name
 
 WARNING = dialect.MAV_SEVERITY_WARNING  # 4; smaller is worse
-KEPT = 50  # number of texts
+KEPT = 50  # texts that are kept
 PIECE = 50  # characters that one STATUSTEXT holds
 
 
@@ -31,7 +31,7 @@ class StatusTexts:
         self._open_id = 0  # STATUSTEXT.id of that text
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Take a STATUSTEXT. If its piece is full, the text stays open for more, until another text or a read."""
+        """Take a STATUSTEXT. A full piece leaves its text open for more, until another text or a read."""
         text = _plain(message.text)
         if message.id != self._open_id or message.chunk_seq == 0:
             self._complete()

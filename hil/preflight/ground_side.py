@@ -94,7 +94,7 @@ def is_simulated(observed: Observation) -> bool:
 
 
 def _best(observed: Observation, *, early: bool) -> tuple[int, int, int]:
-    """Return (time, clock offset, half the offset's uncertainty) in ns, of one half's fastest round trip."""
+    """Return (time, clock offset, half the duration) in ns of the fastest round trip in the early or late half."""
     half = len(observed.round_trips) // 2
     trips = observed.round_trips[:half] if early else observed.round_trips[half:]
     trip = min(trips, key=lambda t: t.length_s)
@@ -117,7 +117,7 @@ def camera_row(url: str, now_us: Callable[[], int], keep_up: Callable[[], None],
         camera: Camera = open_camera(url, now_us)
         try:
             camera.newest()  # not measured: the first frame also opens the connection
-            began_s = time.monotonic()  # measures wall time
+            began_s = time.monotonic()
             while time.monotonic() - began_s < seconds:
                 began_fetch_s = time.monotonic()
                 frame = camera.newest()

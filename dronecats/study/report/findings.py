@@ -54,8 +54,8 @@ class Findings:
     factors: tuple[FactorFindings, ...]
     effects: tuple[MainEffect, ...]
     maps: tuple[HeatMap, ...]
-    points: tuple[PointDifference, ...]  # between two entrants at each point (a level of every factor)
-    pooled: tuple[PairedDifference, ...]  # between two entrants, pooled over all points
+    points: tuple[PointDifference, ...]  # differences between entrants at each point (one level per factor)
+    pooled: tuple[PairedDifference, ...]  # differences, pooled over all points
 
     def maps_by_pair(self) -> Iterator[tuple[tuple[StudiedFactor, StudiedFactor], list[HeatMap]]]:
         """Yield ((factor of the rows, factor of the columns), heat maps) for each pair of factors."""
@@ -105,7 +105,7 @@ def cell_title(cell: str) -> str:
 
 
 def in_cell(entrant: str, cell: str) -> str:
-    """Return an entrant (or two) and a cell as text, for example "oracle, all cells"."""
+    """Return the text for an entrant or a pair in a cell, such as "oracle, all cells"."""
     return f"{entrant}, {cell_title(cell).lower()}"
 
 
@@ -134,7 +134,7 @@ def half_interval(factor: StudiedFactor, half: HalfSuccess) -> str:
 
 
 def scatter_value(half: HalfSuccess) -> str | float | None:
-    """Return the scatter of the episodes (log odds), or "≥ WIDEST" as text if it is at that limit."""
+    """Return the scatter of the episodes (log odds). At the upper limit of the fit, return "≥ 12"."""
     return f"≥ {WIDEST:g}" if half.scatter == WIDEST else half.scatter
 
 

@@ -102,7 +102,7 @@ def summary(findings: Findings) -> list[str]:
     """Return the main results in a few sentences: differences between entrants, losses at levels, half-success levels.
 
     An entrant is a pilot. A half-success level is the level of a factor at which half of the flights succeed.
-    With many factors, the sentences cover only significant results, and one sentence per entrant lists the others.
+    With many factors, only significant results get sentences; one per entrant lists the other factors.
     """
     few = len(findings.factors) <= FACTORS_FEW
     sentences = [*_pooled_sentences(findings, findings.results.groups[:1])]
@@ -150,9 +150,9 @@ def _insignificant_factors(findings: Findings) -> Iterator[str]:
 
 
 def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
-    """Yield (sentence, whether a difference is significant) for each entrant.
+    """Yield (sentence, whether a level differs significantly from the reference) for each entrant.
 
-    The sentence names the level nearest to the reference that differs significantly from it, and the difference.
+    The sentence gives the nearest such level and its difference, or says that there is none.
     """
     reference = along.factor.label(along.factor.reference)
     name = "" if len(findings.factors) <= FACTORS_FEW else f" along {along.factor.words}"

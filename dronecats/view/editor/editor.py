@@ -27,8 +27,8 @@ MOST_UNDONE = 200  # steps in the undo history
 class Session:
     """The draft, its undo history, and the file of the record. All methods may be called from any thread.
 
-    `changed(draft, gesture)` runs after each change, outside the lock. A gesture is the name of the dragged object, or
-    "". Consecutive changes of one drag are one step of the history, so undo reverts the complete drag.
+    `changed(draft, gesture)` runs after each change, outside the lock. A gesture is the name of the dragged object;
+    "" without a drag. Changes in a drag are one step of the history, so undo reverts the complete drag.
     """
 
     def __init__(self, drafting: Drafting, first: Draft, folder: Path) -> None:
@@ -194,7 +194,7 @@ class Editor:
             self.session.do(operations[kind], gesture=name)
 
     def _clicked(self, event: Any) -> None:
-        """Apply a click on the map; the panel selects its meaning."""
+        """Apply a click on the map. The panel selects the effect."""
         meaning = self._panels.click
         if not meaning:
             return

@@ -34,13 +34,13 @@ from foundation.threads import once
 MANIFEST, LOCK, MAKING = "manifest.json", ".lock", ".making"
 CRF, PRESET = 23, "veryfast"
 JPEG_QUALITY = 95  # of Motion JPEG parts, which `join` encodes again; the loss is not visible
-GIF_COLORS = 128  # including MARKS: colours of marks and text, too rare in the samples to be found there
+GIF_COLORS = 128  # including MARKS, colours that are too rare in pictures for the quantizer to keep them
 GIF_SAMPLED = 24  # number of pictures from which the palette is computed
 GIF_STILL = 10  # of 255; pixels that change by less in every channel keep their value, for a smaller file
 BRIGHT = (YELLOW, MAGENTA, GREEN, RED)
 # the colours BRIGHT at the edges of letters, mixed with the background
 DIM = tuple(tuple((a + b) // 2 for a, b in zip(mark, BACKGROUND, strict=True)) for mark in BRIGHT)
-MARKS = (*BRIGHT, *DIM, WHITE, *DRONES, (112, 86, 34))  # the last colour: a field of view drawn over a road
+MARKS = (*BRIGHT, *DIM, WHITE, *DRONES, (112, 86, 34))  # last: a field of view drawn over a road
 
 Codec = Literal["h264", "mp4v", "gif"]
 PicturesDone = Callable[[int], object]  # takes the number of pictures that were drawn since the last call

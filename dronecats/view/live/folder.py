@@ -24,7 +24,7 @@ READ_BYTES = 4_000_000  # one read returns at most this many bytes; the next rea
 NAME = re.compile(r"(\d{6,})(?:_d(\d+))?\.jpg")
 END = b"\xff\xd9"  # last bytes of a complete JPEG
 KEPT = 4  # the cache has at most this many pictures per drone
-SETTLED_NS = 100_000_000  # a folder that changed more recently is read again: it may change without a new timestamp
+SETTLED_NS = 100_000_000  # a folder that changed more recently is read again: new files may leave its time as it is
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ def _episode_folders(folder: Path, depth: int) -> Iterator[Path]:
 
 def load_world(folder: Path) -> World | None:
     """Return the world of an episode folder; None for a flight in the real world, or if the map is not installed."""
-    drawn = folder / layout.WORLD  # only flights that are not judged have this file: the record of their world
+    drawn = folder / layout.WORLD  # the record that was rendered; only flights without a judge have it
     try:
         record = records.load(drawn if drawn.is_file() else folder / layout.EPISODE)
         return World(record, conditions=_run(folder).conditions)

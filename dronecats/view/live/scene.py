@@ -19,7 +19,7 @@ from foundation.run_folder.rows import drone_label
 
 COLORS: tuple[Vec3, ...] = tuple(map(palette.linear, palette.DRONES))
 CHOSEN = palette.rgb(palette.MARKS["chosen"])  # colour of the point of a `go` action
-BLOCKED_POINT = palette.rgb(palette.MARKS["declared-bad"])  # colour of the obstacle on the ray to this point
+BLOCKED_POINT = palette.rgb(palette.MARKS["declared-bad"])  # colour of the point where the map blocks the ray
 SETPOINT = palette.rgb(palette.MARKS["setpoint"])
 WORLD = "/world"  # the root node; to follow a drone, the page moves this node and keeps the view
 NOON = Sun((0.3, 0.2, -0.93))
@@ -52,7 +52,7 @@ class FlightScene:
         self._camera = camera or CameraModel()
         self._name, self._root = name, f"{WORLD}/{name or 'flight'}"
         self._nodes: dict[str, Any] = {}
-        self._shown: dict[str, object] = {}  # node → the value that it shows
+        self._shown: dict[str, object] = {}  # node → its shown value
         self._added = AddedObjects(server, f"{self._root}/thing", scene)
         self._judged = JudgeMarks(server, f"{self._root}/judge", scene)
         self._followed: int | None = None

@@ -25,10 +25,10 @@ from foundation.run_folder.prompts import SentPrompt, prompts_of, read_prompts
 from foundation.run_folder.reading import Logs, episode_folder, rows
 from foundation.run_folder.rows import ActiveLimits, Decision, EnvelopeRow, Order, drone_label
 
-SAME_S = 1e-6  # s, the tolerance between times
+SAME_S = 1e-6  # times this close are equal
 NORMAL_END_REASONS = ("cap", "decided")  # an end for any other reason is a fault
 OFFBOARD = "OFFBOARD"
-# s; this shortly before a flight's end, a change from OFFBOARD is no fault, because the run itself may cause it
+# s; a change from OFFBOARD this shortly before a flight's end is no fault, because the run may cause it
 END_TOLERANCE_S = 1.0
 
 
@@ -113,7 +113,7 @@ def _end(logs: Logs, end_s: float) -> Iterator[Occurrence]:
         yield Occurrence(end_s, OccurrenceKind.FAULT, None, f"the flight ended: {logs.end.reason}{error}")
 
 
-MESSAGES = 8  # newest messages in a moment
+MESSAGES = 8  # most messages in a moment
 NO_END = "the log has no end, because the flight was killed or is still in the air"
 NO_TLOG = f"no {layout.TLOG}: no attitude, modes, battery and setpoints are shown"
 NO_PICTURES = "no pictures were recorded"

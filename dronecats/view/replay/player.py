@@ -1,6 +1,6 @@
-"""The clock of a replay, and the thread that shows its time.
+"""The clock of a replay, and the thread that shows the clock's time.
 
-The clock does not read the time itself: its methods get the wall time as an argument.
+The clock does not read the wall time: its methods get it as an argument.
 """
 
 import math

@@ -133,7 +133,7 @@ def overlaps(triangles: Array, box: Box) -> bool:
 def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
     """Yield the findings about the target's distance from the ground, the space around it, and its path.
 
-    There are none for a native target, which is an object of the map.
+    A native target, which is an object of the map, has none.
     """
     record = world.record
     if record.target.native is not None:
@@ -157,7 +157,7 @@ def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindi
 
 
 def path_off_ground(world: World) -> RuleFinding:
-    """Return whether the path lies on the ground, also between waypoints, as far as the target moves in an episode."""
+    """Return whether the path lies on the ground, also between waypoints, up to where the target is after CAP_S."""
     path = world.record.target.path
     if path is None:
         raise ValueError("the target stands still")

@@ -12,7 +12,7 @@ from episodes.authoring.check.sight import Framing, yaw_hiding, yaw_showing
 from episodes.authoring.propose.site import PlacedTarget
 from episodes.records.record import HIDDEN, MAX_SEED, StartPose, TargetRecord
 
-JITTER = 0.25  # a draw is at most this fraction of the stratum's width off the stratum's middle
+JITTER = 0.25  # a draw is at most this fraction of a stratum's width off its middle; see `shares`
 
 VERBS: dict[str, tuple[str, ...]] = {
     "approaching": (
@@ -37,7 +37,7 @@ VERBS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 PEOPLE = ("person", "pedestrian", "cyclist")
 
-BOARDS = (  # inscriptions of signs: the four of one episode in a row
+BOARDS = (  # a row has the inscriptions of an episode's four signs
     ("DOCK A", "DOCK B", "DOCK C", "DOCK D"),
     ("GATE 3", "GATE 5", "GATE 8", "GATE 9"),
     ("BAY 12", "BAY 17", "BAY 21", "BAY 71"),
@@ -53,14 +53,14 @@ BOARDS = (  # inscriptions of signs: the four of one episode in a row
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """The values of a record, without the id and the values that are computed from these."""
+    """The values of a record, without its id and computed values."""
 
     target: TargetRecord
     placed: PlacedTarget  # the same target, as it stands when the episode begins
     starts: tuple[StartPose, ...]
     visible: bool
     instruction: str
-    seed: int  # of all random values in the flight
+    seed: int  # seed of all random values in the flight
     candidates: tuple[TargetRecord, ...] = ()
 
 

@@ -19,7 +19,7 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3, bearing_deg
 
 RECORDS_MAX = 99  # highest number in an id, which has two digits
-APART_M = 6.0  # the targets of a request are at least this far apart
+APART_M = 6.0  # the targets of a request are usually this far apart
 SPACED_TRIES = 40  # after this many drafts, a target may be nearer than APART_M to the target of another record
 TRIES = 160  # at most this many drafts for one record
 

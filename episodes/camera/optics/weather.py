@@ -120,7 +120,7 @@ def _drawn(
     """Return the mask (H, W) of streaks from `first` to `last` (px from the middle), `wide` px wide and `z` m away.
 
     A streak is drawn as parallel rows of dots that are half a pixel apart. It has one row per pixel of its width, and
-    each dot is shared by the four pixels around it. The weights of a drop's dots add up to the area of its disc, for
+    the four pixels around a dot share its weight. The weights of a drop's dots add up to the area of its disc, for
     any exposure.
     """
     along = last - first

@@ -2,7 +2,7 @@
 
 The picture shows the sky with its clouds, the ground, and the map's objects. Objects are drawn as the vertical columns
 of `occlusion.Columns`, each with one colour. The picture has an upper and a lower half, in the stereographic projection
-of `sky.read_half`. It is coarse, because reflections in paint and panes are blurred.
+of `sky.read_half`. It is coarse, because paint and panes blur it.
 """
 
 import math

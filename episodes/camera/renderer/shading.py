@@ -22,7 +22,7 @@ from foundation.compiled import njit
 from foundation.frames import Vec3
 
 FRESH = 4  # px between updates of slowly changing values in `_shade`; a power of two
-UNSEEN = -2  # instead of a triangle: no sample so far
+UNSEEN = -2  # index that stands for "no triangle yet"
 # the sky's open share at a wall is read this far in front of the wall, in cells of the occlusion grid
 AWAY_CELLS = 0.8
 # below FOOT_M above the ground, upright things get darker; at their foot they lose FOOT_DARKNESS of the sky's light
@@ -82,7 +82,7 @@ def measure_rows(
 def shade_rows(
     thread: int, threads: int, shot: ShadingInput, light: NDArray[np.float32], places: NDArray[np.int32]
 ) -> None:
-    """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE), each pixel by the sample at its middle.
+    """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE) from the middles of the pixels.
 
     `places` (threads, n ≥ W, 3) is a work array for each thread.
     """
@@ -305,8 +305,8 @@ def resolve_rows(
     """Write this thread's rows of `rgb` (H, W, 3) from `light` (H, W, 3 linear, 0 … WHITE) and `display_table`.
 
     A pixel whose samples all see one triangle keeps its light. Any other pixel gets the mean of its samples; samples on
-    the border count half. If the middle of this pixel, or of one next to the sample, shows the same flat piece as the
-    sample, the sample gets that pixel's light. Otherwise the sample itself is shaded. Work arrays per thread: `edges`
+    the border count half. If the middle of this pixel, or of a pixel next to the sample, shows the sample's flat piece,
+    the sample gets that pixel's light. Otherwise the sample itself is shaded. Work arrays per thread: `edges`
     (threads, grain · W + 1), `places` and `own` (threads, n, 3), `weights` (threads, n), `means` (threads, W, 3). n is
     the number of samples in a row of pixels; samples on a border count once per pixel.
     """

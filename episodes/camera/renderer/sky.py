@@ -23,8 +23,8 @@ WHITENING = 0.09
 WHITE = 2.14  # the light at which the curve of `display_table` reaches white
 STEPS = 8192  # steps of `display_table`; a step is less than one code even where sRGB is steepest
 HAZE_LENGTH_M = 2200.0  # distance at which haze replaces about two thirds of an object's colour
-DISC_COSINE = math.cos(math.radians(0.45))  # of the sun's radius; more than the real 0.27°, to be visible
-GLOW_COSINE = math.cos(math.radians(0.9))  # of the sun's radius with the soft edge
+DISC_COSINE = math.cos(math.radians(0.45))  # of the drawn sun's radius; the real 0.27° is too small to see
+GLOW_COSINE = math.cos(math.radians(0.9))  # of this radius with the soft edge
 USUAL_GREY = 0.553  # mean of the default `Sun.sky`; darker skies have darker horizons
 
 Directions = NDArray[np.floating[Any]]  # (SKY_CELLS, SKY_CELLS), one value per direction

@@ -1,4 +1,4 @@
-"""Draws plans of suburban houses from a seed: dimensions, colours and styles. Makes neighbours differ."""
+"""Draws plans of suburban houses from a seed: dimensions, colours and styles."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ WALLS: dict[str, Srgb] = {
     "dove": (186, 182, 176),
     "storm": (104, 116, 128),
 }
-BRICKS: dict[str, Srgb] = {
+BRICKS: dict[str, Srgb] = {  # factors on the texture's red; 255: 1
     "red": (255, 255, 255),
     "brown": (206, 214, 218),
     "buff": (226, 204, 168),
@@ -87,10 +87,10 @@ class HousePlan:
     storeys: int = 1
     pitch: float = 0.55  # rise over run of the roof
     gable_front: bool = False  # the ridge runs front to back
-    wall: str = "cream"  # of WALLS
+    wall: str = "cream"  # in WALLS
     brick: bool = False  # all walls are brick
-    roof: str = "charcoal"  # of ROOFS
-    door: str = "oak"  # of DOORS
+    roof: str = "charcoal"  # in ROOFS
+    door: str = "oak"  # in DOORS
     garage: int = 1  # +1 on the left, -1 on the right, 0 none
     garage_width: float = 5.6
     porch: float = 3.6  # width of the porch, 0 none
@@ -98,18 +98,18 @@ class HousePlan:
     hipped: bool = False  # the roof slopes on all four sides
     dormers: int = 0  # small windows in the front slope of the roof
     band: bool = False  # the lower of two storeys is brick
-    shutters: str = "none"  # of SHUTTERS
-    garage_door: str = "white"  # of GARAGE_DOORS
-    cladding: str = "lap"  # of CLADDINGS, where the wall is not brick
-    bricks: str = "red"  # of BRICKS
-    roofing: str = "shingles"  # of ROOFINGS
-    trim: str = "white"  # of TRIMS: window frames, corners, eaves
-    window: str = "sash"  # of WINDOWS
-    door_style: str = "panel"  # of DOOR_STYLES
-    posts: str = "slim"  # of POSTS; the posts of the porch
-    railing: str = "balusters"  # of RAILINGS
-    garage_style: str = "panels"  # of GARAGE_STYLES
-    on_roof: str = "nothing"  # of ON_ROOFS
+    shutters: str = "none"  # in SHUTTERS
+    garage_door: str = "white"  # in GARAGE_DOORS
+    cladding: str = "lap"  # in CLADDINGS, where the wall is not brick
+    bricks: str = "red"  # in BRICKS
+    roofing: str = "shingles"  # in ROOFINGS
+    trim: str = "white"  # in TRIMS: window frames, corners, eaves
+    window: str = "sash"  # in WINDOWS
+    door_style: str = "panel"  # in DOOR_STYLES
+    posts: str = "slim"  # in POSTS; for the porch
+    railing: str = "balusters"  # in RAILINGS
+    garage_style: str = "panels"  # in GARAGE_STYLES
+    on_roof: str = "nothing"  # in ON_ROOFS
 
 
 def plan_of(seed: int) -> HousePlan:
@@ -119,7 +119,7 @@ def plan_of(seed: int) -> HousePlan:
     def pick(names: Sequence[str]) -> str:
         return names[int(rng.integers(len(names)))]
 
-    # Keep the order of these draws: another order changes the dimensions, and so the places of things on the plot.
+    # Keep the order of these draws: it decides the dimensions, and so the places of things on the plot.
     storeys = int(rng.integers(1, 3))
     plan = HousePlan(
         width=float(rng.uniform(8.5, 10.0) if storeys == 2 else rng.uniform(10.0, 12.0)),

@@ -22,7 +22,7 @@ STROKE = 0.17  # width, as a share of a capital's height; a wider stroke closes 
 SPACING = 0.19  # between letters, as a share of a capital's height
 LEADING = 1.55  # distance between the lines of a sign, in heights of a capital
 FONT = cv2.FONT_HERSHEY_SIMPLEX
-ZERO_WIDTH = 0.86  # of a zero, relative to the letter O; a zero has no slash, which would make it look like an 8
+ZERO_WIDTH = 0.86  # width of a zero / width of an O; a zero has no slash, which would make it look like an 8
 
 LETTER_M = 0.136  # height of a sign's letters (paper, appendix "Maps and Episodes")
 BOARD_M = (1.2, 0.8)  # least width and height of a sign's board

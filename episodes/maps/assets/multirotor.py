@@ -1,4 +1,4 @@
-"""Builds meshes of drones: those of a fleet as they see each other, and a quadrotor on a stand that can be a target.
+"""Builds meshes of drones: a fleet's drones as they see each other, and a quadrotor on a stand, which can be a target.
 
 A drone of a fleet has its rotors, arms, feet and mast where the airframe's TOML has them. Its origin is the body
 origin, between the rotors and not on the ground. The quadrotor on the stand is about five times as wide.
@@ -118,7 +118,7 @@ def _legs(shape: Outline, thin: float) -> list[MeshPart]:
     solids = [g.rod((0.4 * x, 0.4 * y, 0.0), (x, y, z + thin), (thin, thin), CARBON, 6) for x, y, z in feet]
     for side in (-1.0, 1.0):
         along = [foot for foot in feet if foot[1] * side > 0.0]
-        if len(along) == 2 and -along[0][2] > shape.radius_m:  # skids only for tall legs; short ones have pads
+        if len(along) == 2 and -along[0][2] > shape.radius_m:  # only tall legs have skids
             (x0, y0, z0), (x1, y1, z1) = along
             solids.append(g.rod((x0, y0, z0 + thin), (x1, y1, z1 + thin), (1.1 * thin, 1.1 * thin), CARBON, 6))
     return solids

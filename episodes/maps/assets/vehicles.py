@@ -41,7 +41,7 @@ class Trim:
 
     shade: int | None = None  # index into SHADES of a neutral paint; None: the paint itself
     spokes: int = 5  # of a wheel, 0 for a hub cap
-    rim: str = "silver"  # of RIMS
+    rim: str = "silver"  # in RIMS
     grille: str = "bars"  # or 'mesh', 'slim'
     lamps: str = "square"  # or 'slim', 'round'
     roof: str = "painted"  # or 'black', 'glass'

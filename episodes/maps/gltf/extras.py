@@ -15,7 +15,7 @@ from episodes.maps.scene import Instance, Scene, Sun
 from foundation.frames import Vec3
 from foundation.terrain import HeightField
 
-GROUND = "ground"  # kind of ground instances; ground contact uses the height field, not their triangles
+GROUND = "ground"  # kind of instances that only show the ground; vehicles stand on the height field
 MAX_ID = 2**31 - 1
 _SCENE = "dronecats"
 _ID, _KIND, _SOLID, _MOVABLE, _YAW = (f"dronecats_{name}" for name in ("id", "kind", "solid", "movable", "yaw"))
