@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Generic, ParamSpec, TypeVar
 
-STEPS = 8  # steps in one turn, after which a thread that has not lent its turn meanwhile must queue again
+STEPS = 8  # after this many steps, a thread that has not lent its turn meanwhile must queue again
 
 
 class ComputingTurn:

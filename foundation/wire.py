@@ -193,7 +193,7 @@ def int32(value: float) -> int:
 
 
 def scan(data: bytes) -> tuple[list[bytes], int, int]:
-    """Cut a part of a byte stream; return (intact frames, offset of an incomplete last frame, count of garbage).
+    """Cut bytes into frames; return (intact frames, offset of an incomplete last frame, count of garbage).
 
     Without an incomplete frame, the offset is the length of the data.
     Garbage is skipped and counted as in pymavlink. A stretch without a marker, a damaged frame, and a frame of an

@@ -197,7 +197,7 @@ class OneWay:
         self._seed, self._direction = seed, direction
         self._frames = Frames()
         self._zero_s, self._over_s = 0.0, math.inf
-        self._coming: tuple[Impairment, float] | None = None  # faults, seconds; from another thread
+        self._coming: tuple[Impairment, float] | None = None  # faults, seconds; set by another thread
 
     def impair(self, impairment: Impairment, seconds: float) -> None:
         """Apply these faults for `seconds` from the next `carry` on, and no faults afterwards.
@@ -222,7 +222,7 @@ class OneWay:
         self._zero_s, self._over_s = now_s, over_s
 
 
-LOOK_S = 0.001  # s to wait at each end in turn; a unit that is due waits for both ends at most, twice as long
+LOOK_S = 0.001  # s to wait at each end in turn; so a unit that is due waits for at most two such times
 
 
 class ImpairedWire:

@@ -39,7 +39,7 @@ BOOT_ERRORS = ("accel_bias", "accel_scale", "gyro_bias", "gyro_scale", "mag_bias
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """The sensors of a vehicle. Errors are 1σ; a `noise_density` is of white noise, per √Hz."""
+    """The sensors of a vehicle. Errors are 1σ; a `noise_density` is white noise per √Hz."""
 
     imu_period_us: int = 1000
     accel_noise_density: float = 1.72e-3  # m/s²/√Hz: BMI088 data sheet, 175 µg/√Hz

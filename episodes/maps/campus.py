@@ -132,7 +132,7 @@ def _stepped(corners: tuple[tuple[float, float], ...]) -> list[tuple[float, floa
 
 
 def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
-    """Yield free places on a grid over the campus. Each faces the plaza."""
+    """Yield free places on a grid over the campus. Objects there face the plaza."""
     blocks = list(_blocks(seed))
     for north in np.arange(-84.0, 46.1, SPOT_GRID_M):
         for east in np.arange(-50.0, 52.1, SPOT_GRID_M):
@@ -142,7 +142,7 @@ def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
 
 
 def _blocks(seed: int) -> Iterator[PlanBox]:
-    """Yield all footprints. A tree has a fixed square footprint. Woods are left out: they are far away."""
+    """Yield the footprints of all objects but far woods. A tree has a fixed square footprint."""
     for kind, mesh, north, east, yaw in _placed_meshes(seed):
         if kind in ("tree", "conifer"):
             half = np.array((0.5, 0.5)) if kind == "tree" else np.array((2.2, 2.2))

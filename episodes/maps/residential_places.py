@@ -14,7 +14,7 @@ from episodes.maps.residential_plan import LOWER, MAIN, SECOND, UPPER, Plot, Str
 from episodes.maps.scene import Lane, Places, Spot
 from foundation.frames import Vec3, course
 
-# place → length and width (m) of the free ground on it
+# place → length and width (m) that must be free
 ROOM = {"kerb": (5.9, 2.2), "bus stop": (12.0, 2.6), "drive": (5.9, 2.2), "lawn": (2.0, 2.0), "pavement": (1.2, 1.2)}
 GAP = 0.4  # m, free space around an object on a spot; at a kerb, only ahead and behind
 TALLEST = 2.4  # m; parts above this height (crowns of trees, arms of lamps) are no obstacles

@@ -136,7 +136,7 @@ T = TypeVar("T")
 
 
 def kept_of_scene(name: str, sources: tuple[str, ...], scene: Scene, make: Callable[[], T]) -> T:
-    """Return `make()`, which computes a value of the scene. For a large scene, cache it on disk.
+    """Return `make()`, a value computed from the scene. For a large scene, cache it on disk.
 
     The arguments are as in `foundation.kept_values.kept`.
     """

@@ -1,7 +1,7 @@
 """The shipped episodes: their ids, their suites, and the baselines of the oracle and the blind pilots.
 
 A suite is a named list of episodes. `dronecats episodes audit` writes the baselines. The oracle is a pilot that knows
-the truth; blind pilots fly fixed patterns.
+the truth; blind pilots fly fixed patterns. A declaration reports arrival.
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,9 @@ FOLDER = RECORDS / "v2"
 V1_FOLDER = RECORDS / "v1"  # the first hundred episodes; results from before `v2` refer to them
 OPEN_GROUND = "open-ground"  # start place of `dronecats sitl`, no solid within 30 m; not an episode of the benchmark
 
-VERSION = 3  # of the benchmark; raised when its images or records change
+VERSION = 3  # of the benchmark; raised when images or records change
 SUITES = ("one-drone", "commanding", "quick", "all", "v1")
-# A quick run: one episode for each one-drone cell (kind of task) and map, two for each map with commanding episodes.
+# one episode per one-drone cell (kind of task) and map, two per map with commanding episodes
 QUICK = (
     "residential-approaching-01",
     "residential-searching-01",
@@ -166,7 +166,7 @@ def load_par(file: Path = PAR) -> Pars:
 
 
 def load_blind(file: Path = BLIND) -> BlindTable:
-    """Return the blind flights; {} if there is no table. Raises UsageError for a wrong table."""
+    """Return the blind flights; {} without a table. Raises UsageError for a wrong table."""
     return _table(file, BlindTable)
 
 

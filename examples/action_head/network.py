@@ -1,6 +1,6 @@
 """Maps a picture, the instruction's words and the last actions to the four actions and their numbers.
 
-Four convolutions process the picture. After each of them, the words scale and shift every channel (FiLM, Perez et al.
+Four convolutions process the picture. After each, the words scale and shift every channel (FiLM, Perez et al.
 2018), so that the features depend on the instruction. A heat map of 32 × 18 cells gives the point. The features at
 the point and over the whole picture give the kind of action, the depth and the angle.
 """
@@ -20,7 +20,7 @@ from examples.action_head.pilot import COLUMNS, ROWS, TURNS_DEG, Outlook
 from examples.action_head.settings import Shape
 from foundation.errors import UsageError
 
-FORMAT = 1  # version of a head's file format
+FORMAT = 1  # version of the file format
 
 
 class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library without types here
@@ -91,7 +91,7 @@ def _places(count: int, rows: int = HEIGHT, columns: int = WIDTH) -> Tensor:
 def save(path: Path, head: ActionHead, declares_at: float, about: dict[str, Any]) -> None:
     """Write a trained head. Raises UsageError if the file cannot be written.
 
-    `declares_at`: the least probability of `finished` at which the head declares arrival.
+    `declares_at`: the least probability of `finished` at which the head declares arrival. `about`: training facts.
     """
     header = {"format": FORMAT, "shape": asdict(head.shape), "declares_at": declares_at, "about": about}
     try:

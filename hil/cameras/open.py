@@ -99,7 +99,7 @@ class PatientCamera:
 
     @property
     def stamps(self) -> bool:
-        """Whether the camera stamped its newest picture (vehicle's clock). If not, its arrival is the stamp."""
+        """Whether the camera stamped its newest picture, by the vehicle's clock; else the stamp is the arrival."""
         return self._camera.stamps
 
     def newest(self, drone: int = 0) -> Frame:

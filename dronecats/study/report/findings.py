@@ -55,7 +55,7 @@ class Findings:
     effects: tuple[MainEffect, ...]
     maps: tuple[HeatMap, ...]
     points: tuple[PointDifference, ...]  # differences between entrants at each point (one level per factor)
-    pooled: tuple[PairedDifference, ...]  # differences, pooled over all points
+    pooled: tuple[PairedDifference, ...]  # differences between entrants, pooled over all points
 
     def maps_by_pair(self) -> Iterator[tuple[tuple[StudiedFactor, StudiedFactor], list[HeatMap]]]:
         """Yield ((factor of the rows, factor of the columns), heat maps) for each pair of factors."""
@@ -110,7 +110,7 @@ def in_cell(entrant: str, cell: str) -> str:
 
 
 def half_place(factor: StudiedFactor, half: HalfSuccess) -> str:
-    """Return the level at which half of the flights succeed as text, without the interval."""
+    """Return the half-success level as text, without the interval."""
     if half.where == "within" and half.value is not None:
         return factor.label(_three_digits(half.value))
     if half.where == "between":
@@ -134,7 +134,7 @@ def half_interval(factor: StudiedFactor, half: HalfSuccess) -> str:
 
 
 def scatter_value(half: HalfSuccess) -> str | float | None:
-    """Return the scatter of the episodes (log odds). At the upper limit of the fit, return "≥ 12"."""
+    """Return the scatter (log odds) of the episodes, or "≥ 12" if it is WIDEST, the limit of the fit."""
     return f"≥ {WIDEST:g}" if half.scatter == WIDEST else half.scatter
 
 

@@ -45,7 +45,7 @@ class ReportContent:
 
     title: str
     opening: tuple[str, ...]  # sentences above the results: flights, design and limits
-    summary: tuple[str, ...]  # the main results
+    summary: tuple[str, ...]
     sections: tuple[StudySection, ...]
     command: str  # command line that makes the report
 
@@ -99,10 +99,10 @@ def opening(findings: Findings) -> list[str]:
 
 
 def summary(findings: Findings) -> list[str]:
-    """Return the main results in a few sentences: differences between entrants, losses at levels, half-success levels.
+    """Return the main results as sentences: differences between entrants, effects of levels, half-success levels.
 
     An entrant is a pilot. A half-success level is the level of a factor at which half of the flights succeed.
-    With many factors, only significant results get sentences; one per entrant lists the other factors.
+    With many factors, only significant results get sentences; one sentence per entrant lists the other factors.
     """
     few = len(findings.factors) <= FACTORS_FEW
     sentences = [*_pooled_sentences(findings, findings.results.groups[:1])]
@@ -152,7 +152,7 @@ def _insignificant_factors(findings: Findings) -> Iterator[str]:
 def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
     """Yield (sentence, whether a level differs significantly from the reference) for each entrant.
 
-    The sentence gives the nearest such level and its difference, or says that there is none.
+    The sentence gives the nearest such level and its difference in success, or says that there is none.
     """
     reference = along.factor.label(along.factor.reference)
     name = "" if len(findings.factors) <= FACTORS_FEW else f" along {along.factor.words}"
@@ -175,7 +175,7 @@ def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple
 
 
 def _against_reference(along: FactorFindings, entrant: str, cell: str) -> list[PairedDifference]:
-    """Return an entrant's differences in success between each level and the reference, in one cell."""
+    """Return an entrant's differences in success between each level and the reference, in one kind of episode."""
     return [row for row in along.between_levels if (row.first, row.cell, row.metric) == (entrant, cell, SUCCESS)]
 
 

@@ -91,8 +91,8 @@ class Session:
     def save(self, replace: bool = False) -> Path:
         """Write the record as ID.json into the session's folder, and return the file.
 
-        Raises UsageError for an invalid record; for the id of a shipped episode, unless the file is that episode's; and
-        for an existing file unless `replace`.
+        Raises UsageError for an invalid record, for the id of a shipped episode (unless the file is the shipped one),
+        and for an existing file unless `replace`.
         """
         record = self.record
         text = record.to_json()

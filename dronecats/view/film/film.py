@@ -34,7 +34,7 @@ from foundation.threads import once
 MANIFEST, LOCK, MAKING = "manifest.json", ".lock", ".making"
 CRF, PRESET = 23, "veryfast"
 JPEG_QUALITY = 95  # of Motion JPEG parts, which `join` encodes again; the loss is not visible
-GIF_COLORS = 128  # including MARKS, colours that are too rare in pictures for the quantizer to keep them
+GIF_COLORS = 128  # including MARKS, colours of marks and text, which are too rare for the quantizer to keep
 GIF_SAMPLED = 24  # number of pictures from which the palette is computed
 GIF_STILL = 10  # of 255; pixels that change by less in every channel keep their value, for a smaller file
 BRIGHT = (YELLOW, MAGENTA, GREEN, RED)

@@ -25,7 +25,7 @@ from foundation.run_folder.prompts import SentPrompt, prompts_of, read_prompts
 from foundation.run_folder.reading import Logs, episode_folder, rows
 from foundation.run_folder.rows import ActiveLimits, Decision, EnvelopeRow, Order, drone_label
 
-SAME_S = 1e-6  # times this close are equal
+SAME_S = 1e-6  # times this close count as equal
 NORMAL_END_REASONS = ("cap", "decided")  # an end for any other reason is a fault
 OFFBOARD = "OFFBOARD"
 # s; a change from OFFBOARD this shortly before a flight's end is no fault, because the run may cause it
@@ -113,7 +113,7 @@ def _end(logs: Logs, end_s: float) -> Iterator[Occurrence]:
         yield Occurrence(end_s, OccurrenceKind.FAULT, None, f"the flight ended: {logs.end.reason}{error}")
 
 
-MESSAGES = 8  # most messages in a moment
+MESSAGES = 8  # at most this many messages in a moment
 NO_END = "the log has no end, because the flight was killed or is still in the air"
 NO_TLOG = f"no {layout.TLOG}: no attitude, modes, battery and setpoints are shown"
 NO_PICTURES = "no pictures were recorded"
@@ -129,7 +129,7 @@ class FlightMoments:
     recorded: RecordedFlight
     world: World | None  # None: unknown
     happened: tuple[Occurrence, ...]  # in the order of time
-    missing: tuple[str, ...]  # notes on files or maps that are missing
+    missing: tuple[str, ...]  # notes on missing files or maps
     _pictures: dict[tuple[int, int], ShownPicture] = field(default_factory=dict)
 
     @property

@@ -95,7 +95,7 @@ def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
             attitude = level(start.yaw_deg)
             place, turned = candidate.position_ned, candidate.turned
             fewest = min(fewest, patch(candidate, place, turned, past, start.position_ned, attitude, CAMERA).pixels)
-            # other drones do not count as hiding letters, because they move away
+            # other drones do not hide letters, because they move away
             highest = max(highest, letters_px(candidate, text, around, start.position_ned, start.yaw_deg))
     yield at_least("the smallest visible part of a candidate", fewest, SPOTTED_PX, "pixels", 0)
     measured = f"{highest:.2f} px high" if highest else "turned away"
@@ -104,7 +104,7 @@ def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
 
 
 def letters_px(instance: Instance, text: str, past: Occluder, origin: Vec3, yaw_deg: float) -> float:
-    """Return the height of an inscription's letters, px in the 640 px picture from `origin`.
+    """Return the height (px) of an inscription's letters in a 640 px wide picture from `origin`.
 
     0 if the inscription is turned away, or `past` hides it.
     """

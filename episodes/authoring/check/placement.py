@@ -133,7 +133,7 @@ def overlaps(triangles: Array, box: Box) -> bool:
 def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
     """Yield the findings about the target's distance from the ground, the space around it, and its path.
 
-    A native target, which is an object of the map, has none.
+    Yield nothing for a native target (an object of the map).
     """
     record = world.record
     if record.target.native is not None:

@@ -38,8 +38,8 @@ CLEARANCE_M = 0.5  # a shadow has lost two thirds of its darkness if the thing i
 FOOT_M = 0.9  # the footprint contains a thing's points up to this height above the thing's lowest point
 FOOT_SHARE = 0.30  # factor on the open share below a thing that stands on the ground
 ON_TOP_M = 0.6  # a point up to this far below a column's upper end counts as on top: roofs slope within a cell
-FACES_UP = 0.35  # a point counts as on top only if its normal has this upward component
-ROOF_M = 1.0  # a point counts as on top only this high above the ground
+FACES_UP = 0.35  # a point counts as on top only if its normal has at least this upward component
+ROOF_M = 1.0  # a point counts as on top only if at least this high above the ground
 
 
 class Columns(NamedTuple):

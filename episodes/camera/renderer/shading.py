@@ -52,7 +52,7 @@ class ShadingInput(NamedTuple):
     surfaces: Surfaces
     atlas: Atlas
     light: SceneLight
-    samples: NDArray[np.int32]  # (grain · H + 1, grain · W + 1) the triangle that each sample sees
+    samples: NDArray[np.int32]  # (eye.grain · H + 1, eye.grain · W + 1) the triangle that each sample sees
 
 
 @njit(cache=True, nogil=True)
@@ -82,7 +82,7 @@ def measure_rows(
 def shade_rows(
     thread: int, threads: int, shot: ShadingInput, light: NDArray[np.float32], places: NDArray[np.int32]
 ) -> None:
-    """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE) from the middles of the pixels.
+    """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE) from the middle sample of each pixel.
 
     `places` (threads, n ≥ W, 3) is a work array for each thread.
     """
@@ -99,7 +99,7 @@ def shade_rows(
 def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.float32]) -> None:
     """Fill `light` (n, 3) with the light at the samples `places` (n, 3: row, column, not used here).
 
-    Values of a triangle are kept until a sample sees another triangle, or its column differs from the last sample's by
+    Values of a triangle are kept until a sample sees another triangle, or the column differs from the last sample's by
     more than FRESH pixels. The texture's footprint, the drift of the tone and the open share of the sky are also
     computed again every FRESH samples.
     """

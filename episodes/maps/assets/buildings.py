@@ -29,7 +29,7 @@ class HallPlan:
     width: float  # along y
     depth: float
     storeys: int
-    tint: str = "pale"  # of TINTS, for stone and panels; brick has its own colour
+    tint: str = "pale"  # in TINTS, for stone and panels; brick has its own colour
     storey_m: float = 3.6
     bay_m: float = 3.4  # width of one window with its pier
 

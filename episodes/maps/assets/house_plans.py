@@ -22,7 +22,7 @@ WALLS: dict[str, Srgb] = {
     "dove": (186, 182, 176),
     "storm": (104, 116, 128),
 }
-BRICKS: dict[str, Srgb] = {  # factors on the texture's red; 255: 1
+BRICKS: dict[str, Srgb] = {  # factors on a red texture; 255 is 1
     "red": (255, 255, 255),
     "brown": (206, 214, 218),
     "buff": (226, 204, 168),
