@@ -82,7 +82,8 @@ After this page you can read the ranking, verify an entry and submit your own.
 The figures are percentages of successful flights. *SR* is the success rate over all episodes of the entry, with its
 [95 % interval](report.md#uncertainty). *Flights* is the number of flights of each episode. *Scored* is the
 number of all flights with a score. Compare only entries of the same suite with the same settings, for example with the
-same `latency`. Entries of an earlier [version of the benchmark](episodes-reference.md#versions) have their own tables.
+same `latency`. Tables with *or earlier* in the title have entries of an earlier
+[version of the benchmark](episodes-reference.md#versions), which had other episodes or images.
 """
 HOW_TO = """## Submit an entry
 
@@ -129,7 +130,7 @@ dronecats leaderboard docs/leaderboard/*.json --out docs/leaderboard.md
 | file | content |
 | --- | --- |
 | `manifest.json` | pilot, suite, reasons for *partial*, digest of the settings, SHA-256 and size of every file |
-| `runs/NN/run.json` | the settings of run NN, which has one flight of each of its episodes |
+| `runs/NN/run.json` | the settings of run NN, which has one flight per episode |
 | `runs/NN/EPISODE/` | `episode.json`, `identity.json`, `decisions.jsonl`, `truth.jsonl`, `verdict.json`; also `commander.jsonl` and `estimate.jsonl` if the run has them |
 
 `submit` leaves out images and telemetry; `--with-frames` includes the images. In all files, `submit` replaces API
@@ -137,7 +138,7 @@ keys by `***`, and absolute paths by the name of the file. The same runs give th
 """  # noqa: E501  # tables
 ABOUT_PILOTS = (
     "These pilots show how hard the episodes are. Some know the place of the target, some look at the images, and"
-    " some never do.\n"
+    " some use neither.\n"
 )
 
 

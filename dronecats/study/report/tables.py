@@ -33,7 +33,7 @@ from dronecats.study.report.findings import (
     scatter_value,
 )
 
-UNIT = "the episode is the unit, so several flights of an episode count as one (95 % intervals)"
+UNIT = "the episode is the unit, because flights of one episode are not independent (95 % intervals)"
 
 
 def success(findings: Findings, along: FactorFindings) -> ReportTable:
