@@ -83,7 +83,7 @@ The figures are percentages of successful flights. *SR* is the success rate over
 [95 % interval](report.md#uncertainty). *Flights* is the number of flights of each episode. *Scored* is the
 number of all flights with a score. Compare only entries of the same suite with the same settings, for example with the
 same `latency`. Tables with *or earlier* in the title have entries of an earlier
-[version of the benchmark](episodes-reference.md#versions), which had other episodes or images.
+[version of the benchmark](episodes-reference.md#versions).
 """
 HOW_TO = """## Submit an entry
 
