@@ -273,17 +273,17 @@ def _marking_json(marking: Marking) -> dict[str, Any]:
 
 NAME = "host-load"
 TEXT = """This page shows how a busy host changes flights. The study flies each episode in lockstep and in real
-time. Meanwhile several processes load the processor (*busy* is their number). The study compares each flight with the
-lockstep flight of the same episode and seed without busy processes (the first level).
+time. Meanwhile several processes load the processor (*busy* is their number). The lockstep flights in the first row of
+the table are the reference. The study compares each flight with the reference flight of the same episode and seed.
 
 | column | meaning |
 | --- | --- |
 | solved | flights that succeeded |
-| changed | flights whose verdict differs from that of the compared flight |
-| other bytes | flights whose log differs in a byte; in real time this is every flight |
+| changed | flights whose verdict differs from that of the reference flight |
+| other bytes | flights whose log differs from the reference in a byte; in real time this is every flight |
 | marked | flights that `bench` marks as delayed by the host; `--drop-stalled` leaves them out |
 | delayed steps | steps that the host delayed, of all steps |
-| change of NE | median change of the navigation error |
+| change of NE | median difference of the navigation error (NE) from the reference |
 | precision | share of the marked flights that changed |
 | recall | share of the changed flights that were marked |"""
 
@@ -303,8 +303,11 @@ def tables(findings: LoadFindings) -> list[ReportTable]:
     ]
     lines = [_mark_cells("other verdict", findings.of_verdicts)]
     if findings.idle_error_m is not None:
-        error = f"NE differs by more than {findings.idle_error_m:.2f} m, the largest difference at the first level"
-        lines.append(_mark_cells(error, findings.of_errors))
+        case = (
+            f"NE differs from the reference by more than {findings.idle_error_m:.2f} m, the largest difference in real"
+            f" time with {findings.rows[0].busy} busy processes"
+        )
+        lines.append(_mark_cells(case, findings.of_errors))
     return [table_of(levels, rows), table_of(marks, lines)]
 
 
