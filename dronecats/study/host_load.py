@@ -279,8 +279,8 @@ the table are the reference. The study compares each flight with the reference f
 | column | meaning |
 | --- | --- |
 | solved | flights that succeeded |
-| changed | flights whose verdict differs from that of the reference flight |
-| other bytes | flights whose log differs from the reference in a byte; in real time this is every flight |
+| changed | flights whose verdict differs from the reference |
+| other bytes | flights whose log differs from the reference; in real time every flight |
 | marked | flights that `bench` marks as delayed by the host; `--drop-stalled` leaves them out |
 | delayed steps | steps that the host delayed, of all steps |
 | change of NE | median difference of the navigation error (NE) from the reference |
