@@ -321,6 +321,7 @@ def test_a_flight_repeats_exactly_in_lockstep_without_a_model():
     changes: tuple[dict[str, Any], ...] = (
         {"simulated": Simulated()}, {"pilot": None, "model": model}, {"command": "hierarchical", "commander": model},
         {"latency": LatencyPolicy.parse("measured+fixed:1")},
+        {"simulated": Simulated(speed=None, autopilot="px4", px4="px4 -d")},
     )  # fmt: skip
     for change in changes:
         assert not replace(lockstep, **change).repeats_exactly, change

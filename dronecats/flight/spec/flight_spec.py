@@ -223,8 +223,9 @@ class FlightSpec:
 
     @property
     def repeats_exactly(self) -> bool:
-        """Whether a second flight writes the same bytes: in lockstep, without a model or a `measured` latency."""
-        is_lockstep = self.simulated is not None and self.simulated.speed is None
+        """Whether a second flight writes the same bytes: lockstep without PX4, a model or a `measured` latency."""
+        simulated = self.simulated
+        is_lockstep = simulated is not None and simulated.speed is None and simulated.autopilot != "px4"
         return is_lockstep and not self.models and self.outside is None and self.latency.part(MEASURED) is None
 
     @property
