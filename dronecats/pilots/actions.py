@@ -18,7 +18,7 @@ SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01  # depth of the shortest `go
 
 _COMMAND = re.compile(r"^[ \t]*Command:[ \t]*(.+?)[ \t]*$", re.MULTILINE)
 _NUMBER = r"(-?\d+(?:\.\d+)?(?:e-?\d+)?)"
-_OTHERS = "|".join(name.upper() for name in ACTIONS if name not in (GO, ROTATE))  # their fields are not parsed
+_OTHERS = "|".join(name.upper() for name in ACTIONS if name not in (GO, ROTATE))  # actions whose fields are not parsed
 _PAST = re.compile(
     rf"^\s*\d+\.\s+(?:GO\s+x={_NUMBER}\s+y={_NUMBER}\s+depth={_NUMBER}m|ROTATE\s+angle={_NUMBER}deg|({_OTHERS})\b)"
 )
@@ -108,8 +108,8 @@ def join(replies: list[str]) -> str:
 def short_stride_m(travel_m: float) -> float:
     """Return the length (m) of the next short stride towards a place that is `travel_m` away.
 
-    A short stride is 1.2 m to 1.8 m long. A longer distance is halved first, so that the last stride is long enough to
-    be flown.
+    A short stride is 1.2 m to 1.8 m long. Within these limits it covers half of a way of more than 1.8 m, so that the
+    last stride is not too short.
     """
     longest = NEAR_SCALE * STRIDE_MAX_M
     return min(max(travel_m if travel_m <= longest else 0.5 * travel_m, STRIDE_MIN_M), longest)

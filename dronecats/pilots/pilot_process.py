@@ -20,7 +20,7 @@ class PilotPart:
     """The endpoint of a pilot, with the interface `Part` of child processes (`dronecats.flight.processes.child`)."""
 
     def __init__(self, config: PilotConfig) -> None:
-        """Raises UsageError for a recording without replies."""
+        """Raises UsageError if the pilot replays a file that has no replies."""
         name = config.pilot
         self._server = PilotServer(roster.answer(name), name, owned_by=roster.owner(name), port=config.port).start()
 

@@ -131,7 +131,7 @@ def ring(seat: DroneContext) -> Iterator[str]:
 
 
 def arc(seat: DroneContext) -> Iterator[str]:
-    """Declare once in each third of the first picture, 12 m out; then fly the ring."""
+    """Declare 12 m away in each third of the first picture; then fly the ring."""
     yield from turn(seat.aside_deg - 24.0)
     yield from long_strides(12.0)
     yield actions.finished()
@@ -145,7 +145,7 @@ def arc(seat: DroneContext) -> Iterator[str]:
 
 
 def wandering(draw: int = 1) -> Callable[[DroneContext], Iterator[str]]:
-    """Return a pattern: stride, turn or declare at random. The seed has the drone, the first prompt and `draw`."""
+    """Return a pattern: stride, turn or declare at random. Drone, first prompt and `draw` determine the seed."""
 
     def fly(seat: DroneContext) -> Iterator[str]:
         seed = f"{seat.drone} {seat.prompt}" + (f" {draw}" if draw > 1 else "")
@@ -187,7 +187,7 @@ PATTERNS = {
 
 
 def answer(prompt: str, images: list[bytes]) -> str:
-    """Return the next action of the pilot `blind`: think, go, rotate, go … It depends only on the last action."""
+    """Return the next actions of the pilot `blind`: think, go, rotate, go … Each drone alternates on its own."""
     briefing = actions.read_prompt(prompt)
     return actions.join([_next_action(briefing.past(k)) for k in range(max(1, len(images)))])
 

@@ -136,8 +136,8 @@ def _compare(
 def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) -> tuple[Array, Array]:
     """Return the corresponding times (s) of the two flights, with the spacing GRID_S.
 
-    Each step is compared over the shorter of its two durations. One grid runs through all steps, so no step is extended
-    to a multiple of GRID_S. Without steps, both results are the common times of the flights.
+    A step may last longer in one flight; only the shorter duration is compared. One grid runs through all steps, so no
+    step is extended to a multiple of GRID_S. Without steps, both results are the common times of the flights.
     """
     start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     if not steps_a or not steps_b:
@@ -150,7 +150,7 @@ def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) ->
         for marks, last in ((marks_a, _after(steps_a, common, a)), (marks_b, _after(steps_b, common, b)))
     ]
     lengths = np.min([np.subtract(to, marks) for to, marks in zip(ends, (marks_a, marks_b), strict=True)], axis=0)
-    begins = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 0.0))])  # compared times: begins of steps, the end
+    begins = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 0.0))])  # compared times: begin of each step, end
     t = np.arange(0.0, begins[-1] + 1e-9, GRID_S)
     step = np.searchsorted(begins[:-1], t + 1e-9, side="right") - 1
     into = np.maximum(t - begins[step], 0.0)

@@ -30,7 +30,7 @@ def report_data(
 ) -> ReportData:
     """Return the data of the report. Raises UsageError for runs that must not be counted together.
 
-    `delta_m`: the success radius of `collection`. Blind pilots are known only for the benchmark's radius.
+    `delta_m`: the success radius of `collection`. Results of blind pilots exist only for the benchmark's radius.
     """
     blind = load_blind() if delta_m == RADIUS_M else {}
     return ReportData(entrants=entrants(collection, pool_anyway=pool_anyway), blind=blind, command=command)

@@ -17,7 +17,7 @@ from dronecats.report.table import NOTHING, ReportTable, TableBlock, TableCell, 
 
 GAP = 2  # characters between two columns of a terminal
 NARROWEST = 16  # characters, least width of a column of words
-LONG_WORD = 24  # characters; a column is as wide as its longest word, up to this
+LONG_WORD = 24  # characters; a column is at least as wide as its longest word, up to this
 BREAK = re.compile(r"(?<=\s)|(?<=/)|(?<=\w-)")  # where a line of words may be broken
 EXTRA_CSV_FIELDS = ("low", "high", "count", "of")  # further fields of a cell in CSV
 MARKUP = re.compile(r"([\\`*_\[\]<>|#{}!~&])")

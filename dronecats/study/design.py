@@ -92,7 +92,7 @@ def one_at_a_time(axes: Sequence[Axis], crossed: Collection[str] = ()) -> Design
 def latin(axes: Sequence[Axis], points: int, seed: int) -> Design:
     """Return `points` points. Each factor's range is divided into `points` equal parts, with one point in each part.
 
-    The levels of a factor have nearly equal numbers of points. Duplicate points are left out.
+    If a factor has levels, each level gets nearly the same number of points. Duplicate points are left out.
     """
     from scipy.stats import qmc
 
@@ -109,7 +109,7 @@ def fractional(axes: Sequence[Axis], generators: Sequence[str]) -> Design:
     """Return a regular fraction of all combinations: 2^(k−p) points for k factors of two levels and p generators.
 
     A generator sets one factor to the product of others: `D = ABC`, or with names `wind = latency * frame_delay`. A
-    minus before the product selects the other half. A is the first factor, B the second. Raises UsageError for an
+    minus before the product selects another fraction. A is the first factor, B the second. Raises UsageError for an
     invalid generator, and for a resolution below III, in which factors are confounded with each other.
     """
     for axis in axes:

@@ -82,7 +82,7 @@ def _put_model(flight: FlightSpec, level: Level) -> FlightSpec:
 
 
 def _with_pictures(flight: FlightSpec, looks: bool) -> FlightSpec:
-    """Return the flight with rendering on in real time. In lockstep it is on only if the pilot `looks` at pictures."""
+    """Return the flight with rendering on, except in lockstep with a pilot that does not look at pictures."""
     if flight.simulated is None:
         return flight
     return replace(flight, simulated=replace(flight.simulated, rendered=looks or flight.simulated.speed is not None))

@@ -161,7 +161,7 @@ def log_digest(folder: Path) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelRow:
-    """The counts of the flights of one clock at one level. `compare` defines the reference flights."""
+    """Counts over the flights with one clock at one level (`busy`). `compare` defines the reference flights."""
 
     clock: Clock
     busy: int
@@ -177,7 +177,7 @@ class LevelRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marking:
-    """Counts that compare the marks of `bench` with the moved flights in real time. LoadFindings defines "moved"."""
+    """Numbers of marked and of moved flights in real time. LoadFindings defines "moved"."""
 
     moved: int
     marked: int  # flights that `bench` marks as delayed by the host

@@ -151,13 +151,13 @@ def _refusal(flight: FlightSpec) -> str | None:
     return None
 
 
-COMPARED = ("rate_cap",)  # factors that may have levels without effect, as references for the other levels
+COMPARED = ("rate_cap",)  # factors whose levels may have no effect: they are references for the other levels
 
 
 def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mapping[str, Level]) -> None:
     """Raise UsageError for a varied or held factor without effect, and for two levels that give the same flight.
 
-    `flight` is any flight of the study before its levels are set. The levels are `held` and those of a point.
+    `flight` is any flight of the study, without levels. The function sets `held` and the levels of each point.
     """
     if not points:
         return
@@ -177,7 +177,7 @@ def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mappi
 
 
 def _check_distinct_levels(flight: FlightSpec, at: Mapping[str, Level], name: str, levels: Sequence[Level]) -> None:
-    """Raise UsageError if two levels of a factor give the same flight. At the levels `at`, the factor has an effect."""
+    """Raise UsageError if two levels of a factor give the same flight. At `at`, this factor has an effect."""
     levels_of: dict[str, Level] = {}
     for level in dict.fromkeys(levels):
         try:

@@ -38,14 +38,14 @@ GROUND_M = 160.0  # half the ground's width
 # Contact sheets
 DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from camera to the asset's bounding box, along the line to the asset's origin
 WIDTHS_PX = (448, 320, 192, 128)  # of the tiles, one per distance; each tile is cut from the middle of the picture
-HEIGHT_PX, LABEL_PX, GAP_PX = 248, 26, 6  # of a tile, of a caption, between tiles
+HEIGHT_PX, LABEL_PX, GAP_PX = 248, 26, 6  # height of a tile, height of a caption, gap between tiles
 EYE_M = 1.6  # height of the camera above the ground
 QUARTER_DEG = 35.0  # bearing of the camera from the asset, to the right of the asset's nose
 SEEN_PX = (640, 360)  # size of the reduced frame
 SHADE = Sun((0.22, 0.62, -0.753))  # sun of the contact sheets, behind the camera
 PAINTS = ("cyan", "red", "yellow", "green", "orange", "blue", "purple", "pink")  # one per row, in turn
 INSCRIPTIONS = {"sign": "GATE 7"}
-DRONE, HOVER_M = "drone", 1.3  # name of the drone, which is no asset of records; height above the ground
+DRONE, HOVER_M = "drone", 1.3  # name of the drone, which is no asset of records; its height
 QUALITY = 75
 INK, PAGE = (36, 38, 42), (246, 246, 244)
 

@@ -1,7 +1,7 @@
 """Metrics of outcome and trajectory: success and declarations, distances, times, path and contacts.
 
-Source: paper, "Maps, Episodes and Metrics" and "Metrics". For a fleet, most diagnostics of the trajectory are the best
-drone's (`fleet_diagnostics`). Path, contacts and resets are summed. They do not affect the verdict.
+Source: paper, "Maps, Episodes and Metrics" and "Metrics". For a fleet, most trajectory metrics are the best value of
+all drones (`fleet_diagnostics`); path, contacts and resets are sums. None of them affects the verdict.
 """
 
 from dronecats.judge.diagnostics import contacts, estimator_resets
@@ -35,7 +35,7 @@ def declared_to_start(flight: JudgedFlight) -> float | None:
 
 
 def min_distance_box(flight: JudgedFlight) -> float | None:
-    """Return the least distance (m) between a drone and the target's box, at the frames within the cap; 0: inside."""
+    """Return the least distance (m) of a drone from the target's box at the frames within the cap; 0 in the box."""
     distances = (row.distance_box_m for row in flight.logs.frames.values() if row.t <= flight.cap_s)
     return min((distance_m for distance_m in distances if distance_m is not None), default=None)
 

@@ -1,7 +1,6 @@
 """Metrics of the replies: rates, latencies, tokens, and replies without an action.
 
-Source: paper, "Variance and Throughput Sensitivity". The cost of a reply for several drones is counted once, at the
-first drone.
+Source: paper, "Variance and Throughput Sensitivity". A reply for several drones counts once, for the first of them.
 """
 
 from collections.abc import Callable
@@ -15,7 +14,7 @@ CUT_OFF = ("length",)
 
 
 def is_unreadable(decision: Decision) -> bool:
-    """Return whether the reply has no action for its drone."""
+    """Return whether the reply has no valid action for the decision's drone."""
     return decision.action is None
 
 
@@ -30,9 +29,9 @@ def is_cut_off(decision: Decision) -> bool:
 
 
 def question_values(flight: JudgedFlight, field: str) -> list[MetricValue]:
-    """Return the value of a field for each decision, but only at the first drone of each reply.
+    """Return the value of a field for each decision; None after the cap, and for an unknown value.
 
-    None for the other drones, after the cap, and for a field without a value.
+    In a reply for several drones, only the first drone has the value; the others have None.
     """
     return [getattr(step.decision, field) if step.counts and step.is_question else None for step in flight.steps]
 

@@ -32,8 +32,8 @@ Where = Literal["within", "between", "above all", "below all", "no slope"]
 PLACES = 17  # number of places at which the profile is computed, from the lowest to the highest level
 # loss in 2 · log likelihood; a place that loses more is noticeably worse than the best place
 NOTICEABLE_LOSS = 1.0
-# The profile is flat, so that no place is best, if its width at EQUAL_LOSS divided by its width at NOTICEABLE_LOSS is
-# more than this. The ratio of a parabola is 0.1.
+# The profile is flat (no place is best) if the range of places within EQUAL_LOSS is wider than this share of the range
+# within NOTICEABLE_LOSS. For a parabola the share is 0.1.
 FLAT_WIDTH_RATIO = 0.25
 
 
@@ -46,7 +46,7 @@ class HalfSuccess:
     slope: float | None  # slope of the log odds per unit of the factor; None: the likelihood has no peak
     scatter: float | None  # standard deviation of the groups' intercepts, log odds; WIDEST means at least WIDEST
     p_slope: float  # p-value of the likelihood ratio test of no slope
-    p_straight: float | None  # p-value of the test of linear log odds against a share per level; None: two levels
+    p_straight: float | None  # p-value of the test of linear log odds against free shares; None: two levels
     groups: int
     trials: int
 
@@ -64,7 +64,7 @@ class SuccessCurve:
 def half_success(levels: Sequence[float] | Array, trials: Trials) -> HalfSuccess | None:
     """Return the place at which half of the trials succeed.
 
-    `levels` has the factor's value for each column of `trials`. None with fewer than two tried levels. Raises
+    `levels` has the factor's value for each column of `trials`. None if fewer than two levels have trials. Raises
     ValueError for duplicate levels or levels that are not numbers.
     """
     at, counted = _tried(levels, trials)
@@ -105,7 +105,7 @@ def half_success(levels: Sequence[float] | Array, trials: Trials) -> HalfSuccess
 def success_curve(levels: Sequence[float] | Array, trials: Trials, places: int = 121) -> SuccessCurve | None:
     """Return the fitted curve over the levels with its interval (delta method, on the scale of log odds).
 
-    None if all trials have one outcome, or if a level separates the outcomes perfectly.
+    None if fewer than two levels have trials, if all trials have one outcome, or if `_gap` finds two levels.
     """
     at, counted = _tried(levels, trials)
     if len(at) < 2 or counted.successes.sum() in (0, counted.trials.sum()):
@@ -191,7 +191,7 @@ class _Line:
 
 
 def _tried(levels: Sequence[float] | Array, trials: Trials) -> tuple[Array, Trials]:
-    """Return the tried levels in rising order, and their trials."""
+    """Return the levels that have trials, in rising order, and these trials."""
     at = np.asarray(levels, float)
     if at.shape != trials.trials.shape[1:] or not np.isfinite(at).all() or len(np.unique(at)) < len(at):
         raise ValueError("levels must have one number for each column of the trials")
@@ -204,7 +204,7 @@ def _design(at: Array) -> Array:
 
 
 def _gap(at: Array, trials: Trials) -> tuple[float, float] | None:
-    """Return the two levels between which all trials change to the other outcome; None: no such levels."""
+    """Return the two levels that separate all failures from all successes; None: no such levels."""
     shares = trials.successes.sum(axis=0) / trials.trials.sum(axis=0)
     turns = [k for k in range(1, len(at)) if shares[k] != shares[k - 1]]
     if set(shares) != {0.0, 1.0} or len(turns) != 1:

@@ -79,7 +79,7 @@ class Spread:
     episodes: int  # number of episodes of each flight
     mean: float  # mean number of successes
     deviation: float | None  # standard deviation of the number of successes; None: one flight
-    low: float | None  # lower end of the interval of `deviation`, for normal totals
+    low: float | None  # lower end of the interval of `deviation`, if totals are normal
     high: float | None  # upper end, at most the larger of `deviation` and half of the episodes
     binomial: float  # expected deviation for equally hard episodes: the paper's sqrt(n p (1 - p))
     binomial_by_episode: float | None  # expected deviation if each episode has its own success rate; None: one flight
@@ -88,7 +88,7 @@ class Spread:
 def spread(flights: Sequence[Sequence[bool]]) -> Spread:
     """Return the spread of flights. Each flight is a sequence of outcomes of the same episodes in the same order.
 
-    Raises ValueError without flights, or if their lengths differ.
+    Raises ValueError without flights, or for flights of different lengths.
     """
     if not flights or not flights[0] or len({len(flight) for flight in flights}) > 1:
         raise ValueError("a spread needs flights of the same episodes, at least one of each")
@@ -194,8 +194,8 @@ def mcnemar(b: int, c: int) -> float:
 def smallest_difference(episodes: int, discordant: float = 0.0) -> float | None:
     """Return the smallest true difference in success rate that McNemar's exact test detects with the power POWER.
 
-    The share of episodes with different outcomes is `discordant`, or the difference itself if that is larger.
-    Accurate to 0.0001. None: too few episodes for any difference.
+    The assumed share of episodes with different outcomes is the larger of `discordant` and the difference. The result
+    is accurate to 0.0001. None: too few episodes for any difference.
     """
     if mcnemar_power(episodes, 1.0, 1.0) < POWER:
         return None

@@ -69,7 +69,7 @@ class Target:
 
 
 def build(seed: int) -> Scene:
-    """Return a neighbourhood with three movable vehicles of each kind, in different paints."""
+    """Return a neighbourhood with three movable targets of each kind in NOUNS, in different paints."""
     built = maps.build("residential", seed)
     rng = np.random.default_rng((seed, 11))
     first = max(i.id for i in built.instances) + 1
@@ -142,7 +142,7 @@ HIDDEN = 48  # units of the hidden layer
 DECAY = 4e-4  # weight decay
 CELL_DROPOUT = 0.15  # share of a patch's cells that are set to zero in each example
 BRIGHTNESS_LOG_STD = 0.2  # standard deviation of the log of the brightness factor
-DISTANCE_WEIGHT = 2.0  # weight of the squared distance error relative to the cross-entropy
+DISTANCE_WEIGHT = 2.0  # × 0.1: weight of the distance error relative to the cross-entropy
 DISTANCE_SCALE = 0.15  # scale of the distance output: standard deviation of the log factor
 _CELLS = SIDE * SIDE
 _PATCH = _CELLS * CHANNELS
@@ -153,8 +153,8 @@ ASIDE_PX = 4  # px; the middle of a correct detection is at most this far left o
 # Outlines: outer points of the targets' shapes, from which `ranging` estimates distances
 OUTLINE_PAINT = "red"  # the shape is the same for every paint
 LEVELS = 6  # height bands of an outline
-DIRECTIONS = 8  # horizontal directions; an outline has each band's outermost points in each of them
-STEEP = 6.0  # slope of additional directions up and down; an outline also has the outermost points in these
+DIRECTIONS = 8  # horizontal directions; in each direction, an outline has the outermost points of each band
+STEEP = 6.0  # slope of further directions, up and down; an outline also has the outermost point in each of them
 
 TargetJpeg = tuple[bytes, Target]
 
@@ -186,7 +186,7 @@ def draw(first: int, scenes: int, pictures: int) -> Iterator[TargetJpeg]:
 
 
 def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> PatchExamples:
-    """Return the labelled patches of a picture, for the instruction of its target and instructions of absent ones."""
+    """Return the labelled patches of a picture for several instructions: one for its target, others for absent ones."""
     wanted = [(target.asset, target.paint)]
     while len(wanted) <= ABSENT_TARGETS:
         paints = LIKE_BRICK if rng.random() < 0.5 else PAINTS
@@ -257,7 +257,7 @@ def _batches(
     yes = np.flatnonzero(examples.is_target > 0.5)
     no = np.flatnonzero(examples.is_target < 0.5)
     for _ in range(rounds):
-        # targets are rarer, so they are drawn repeatedly, up to a third of the examples
+        # targets are rarer, so they are drawn repeatedly, until they are a third of the examples
         order = rng.permutation(np.concatenate((no, rng.choice(yes, max(1, len(no) // 2)))))[: len(examples.is_target)]
         for k in range(len(order) // BATCH):
             take = order[k * BATCH : (k + 1) * BATCH]

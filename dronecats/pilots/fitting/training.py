@@ -35,7 +35,7 @@ def draw(
     scenes: int,
     pictures: int,
 ) -> Iterator[tuple[bytes, Truth]]:
-    """Yield JPEGs with the truth from `photograph`: `pictures` for each of `scenes` seeds, from the seed `first`."""
+    """Yield JPEGs with the truth from `photograph`: `pictures` per scene, for the `scenes` seeds from `first` on."""
     for seed in range(first, first + scenes):
         scene = build(seed)
         renderer = Renderer(scene, CAMERA, threads=1, shadow_cells=SHADOW_CELLS)

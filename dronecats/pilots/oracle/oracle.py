@@ -54,7 +54,7 @@ TruthPilot = Callable[[Sequence[TrueState]], str]  # (true state of each drone o
 
 
 def reply_nearest(states: Sequence[TrueState]) -> str:
-    """Return the oracle's reply for some drones. The nearest drone flies; the others hover: one arrival is enough."""
+    """Return the oracle's reply for all drones. Only the nearest drone flies, because one arrival is enough."""
     nearest = min(states, key=lambda state: state.distance_m)
     return actions.join([next_action(state) if state is nearest else actions.think() for state in states])
 
@@ -83,9 +83,9 @@ def next_action(state: TrueState) -> str:
         return actions.rotate(_turn_deg(replace(state, target_ned=aim)))
     north, east, vertical = (a - p for a, p in zip(aim, state.position_ned, strict=True))
     horizontal = math.hypot(north, east)
-    if not in_picture and horizontal < STRIDE_MAX_M:  # above or below the target: fly on, then turn round
+    if not in_picture and horizontal < STRIDE_MAX_M:  # the target is above or below the drone: fly on, then turn round
         return actions.go(500.0, 500.0, NEAR_M)
-    # stop safely inside the sphere of ARRIVED_M, at the kept height
+    # reach: horizontal distance at which the drone stops, so that it is within ARRIVED_M at its present height
     reach = math.sqrt((ARRIVED_M - 0.3) ** 2 - min(abs(vertical), ARRIVED_M - 1.0) ** 2)
     travel = horizontal - reach
     if in_picture and distance <= _CLOSE_ENOUGH_M and travel < STRIDE_MIN_M:

@@ -34,11 +34,11 @@ _BAND_FROM = 0.3  # fraction of the picture's height; the search uses the rows b
 _SAME_OVERLAP = 0.5  # overlap above which two rectangles are the same board
 _POST = 0.73  # distance of the posts from the board's middle, in half board widths
 _POST_OFF = 14.0  # the posts differ from the ground between them by more than this many grey levels
-_POST_FROM, _POST_TO = 0.15, 0.72  # rows of the posts, in board heights below the lower edge
+_POST_FROM, _POST_TO = 0.15, 0.72  # rows searched for posts, in board heights below the lower edge
 _READ_M = 9.0  # within this distance, letters are large enough to read
 _ARRIVED_M = 4.55  # the drone declares within this distance of a board's middle; success needs 5 m
 _STOP_M = 3.3  # distance from the camera to the board at the end of the last stride
-_BELOW_M = 1.0  # assumed height of the camera above a board's middle, an upper limit
+_BELOW_M = 1.0  # assumed height of the camera above a board's middle: an upper limit, so it never declares too early
 _LINE_ROWS = (0.27, 0.73)  # rows of the text on a board with one line, in board heights
 _STRETCH_MAX = 3.0
 
@@ -167,7 +167,7 @@ def _on_posts(grey: NDArray[np.float32], box: _Box) -> bool:
 
 
 def decide(picture: Picture, board: Candidate, wanted: Inscription) -> str:
-    """Return the next action of a drone that sees its board: `think` at a wrong text, a stride, or a declaration."""
+    """Return the action for the board that a drone flies to: `think` at a wrong text, a stride, or a declaration."""
     is_wanted = ocr.matches(wanted, read_board(picture, board)) if board.spot.ahead_m <= _READ_M else None
     if is_wanted is False:
         return actions.think()

@@ -99,7 +99,7 @@ def passing_side(past: tuple[PastAction, ...]) -> int:
 
 
 def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
-    """Return a stride past the near end, on the flank's side.
+    """Return a stride past the near end of a long thing, on the side of its flank.
 
     In the picture, the flank's upper edge drops with distance, so the sign of `Detection.lean` gives the flank's side.
     """
@@ -152,9 +152,9 @@ _STOP_M = 3.8  # distance from the target at which a stride ends; the drone then
 _CAREFUL_M = 9.0  # within this distance strides are short: the estimate may be wrong, and the target may approach
 _FILLS = 0.6  # fraction of the picture's width; a wider thing fills the picture
 _EDGE = 0.015  # fraction of the picture's width; the picture's edge cuts off a thing this near to the edge
-_AHEAD_M = 6.0  # the drone flies one more stride to an undetected target that is expected beyond this
+_AHEAD_M = 6.0  # if an undetected target is expected beyond this distance, the drone flies one more stride
 _LOST_M = 12.0  # a detection farther away than this after a declaration is not the target
-_FIRST_CIRCLE_SCORE_MIN = 0.6  # while the drone has only turned so far, a detection needs at least this score
+_FIRST_CIRCLE_SCORE_MIN = 0.6  # until the first stride, a detection after a turn needs at least this score
 
 # Height. The controller flies level below a slope of 0.15, so near the target slopes under _LEVEL_BELOW become _LEVEL.
 _LEVEL, _LEVEL_BELOW = 0.14, 0.30
@@ -194,7 +194,7 @@ def _expected(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
 
 
 def _without_detection(picture: colors.Picture, expected: ExpectedPlace | None, past: tuple[PastAction, ...]) -> str:
-    """Return the action without a detection: one stride to the target's expected place, then a search."""
+    """Return the action without a detection: a declaration after the last stride, else a stride, turn or search."""
     if _was_last_stride(past):
         return actions.finished()
     if search.has_turned_away(past):
@@ -210,7 +210,7 @@ def _without_detection(picture: colors.Picture, expected: ExpectedPlace | None, 
 def _after_declaration(detection: Detection | None, aspect: float, size: Size, past: tuple[PastAction, ...]) -> str:
     """Return the action after a declaration that did not end the flight: come nearer, then turn away.
 
-    Either the target is farther away than estimated, or the detection is not the target.
+    The flight goes on because the target is farther away than estimated, or the detection is not the target.
     """
     if detection is None or detection.range.distance_m > _LOST_M or search.has_declared_enough(past):
         return search.turn_away(past)

@@ -143,21 +143,21 @@ class NamedLandmark:
     """A landmark that a command names to locate its target."""
 
     words: str  # as in the command, without the article
-    kind: str | None  # of `shape_detector.KINDS`; None: a thing that the detector cannot find, such as a hall
+    kind: str | None  # one of `shape_detector.KINDS`; None: the detector cannot find such a thing, e.g. a hall
 
 
 @dataclass(frozen=True, slots=True)
 class PlaceExpression:
     """A target that is named by its place: "the NOUN RELATION LANDMARK". The relation BETWEEN has two landmarks."""
 
-    kind: str  # of `shape_detector.KINDS`
+    kind: str  # one of `shape_detector.KINDS`
     relation: str  # NEAREST, LEFT, RIGHT, BEFORE, BEHIND or BETWEEN
     landmarks: tuple[NamedLandmark, ...]
     needs_search: bool = False  # the command has a search verb, so the target is not in the first picture
 
 
 def read_place_expression(command: str) -> PlaceExpression | None:
-    """Return the place expression of a command; None without one, or for an unknown noun. Never raises."""
+    """Return the command's place expression; None if it has none, or an unknown noun. Never raises."""
     match = _EXPRESSION.search(command)
     if match is None:
         return None

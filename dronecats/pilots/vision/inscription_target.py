@@ -1,9 +1,9 @@
 """Chooses the actions for a target that the command names by an inscription. Several things look like the target.
 
-One request has the pictures of all drones. Each drone flies to a thing of its own and reads it. The drone declares
-(`finished`) if the thing has the wanted inscription; otherwise it hovers (`think`). The pilot has no memory. It
-recognises a drone's own thing by the drone's last action: after a `go`, the thing is straight ahead, and the distance
-left is the depth of the `go` minus the stride.
+One request has the pictures of all drones. Each drone flies to a different thing, its *own*, and reads it. The drone
+declares (`finished`) if its thing has the wanted inscription; otherwise it hovers (`think`). The pilot has no memory.
+It recognises a drone's own thing by the drone's last action: after a `go`, the thing is straight ahead, and the
+distance left is the depth of the `go` minus the stride.
 """
 
 import math
@@ -23,11 +23,11 @@ from foundation.protocol import GO, HISTORY_LENGTH, NEAR_M, ROTATE, STRIDE_MAX_M
 Past = tuple[PastAction, ...]
 OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone, candidates) → its own thing
 
-# Tolerances that identify a drone's own thing: bearing if far, bearing if near, log(distance / expected distance)
+# Tolerances that identify a drone's own thing: bearing of a far and of a near thing, log(distance / expected distance)
 _ASIDE_RAD, _NEAR_ASIDE_RAD, _DISTANCE_LOG = math.radians(4.0), math.radians(8.0), 0.3
 _DETOUR_FACTOR = 3.0  # factor on the tolerance of the bearing if the path leads round a vehicle
 _MISMATCH_MAX = 3.0  # a drone's own thing is at most this multiple of the tolerances away from its expected place
-_NEAR_THING_M = 16.0  # from this distance on, a thing is far; the path may lead past a nearer one
+_NEAR_THING_M = 16.0  # a thing that is expected beyond this distance is far
 _BACK_DEG = 50.0  # turn to look for a lost thing
 _THINKS_MAX = 2  # `think` actions after reading a plate; then the drone turns, to find vehicles not yet in a picture
 _OTHER_M = 7.0  # a drone that looks for another thing skips things nearer than this, because it has read them
@@ -145,7 +145,7 @@ def find_candidates(
 
 
 def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidate | None) -> list[list[Candidate]]:
-    """Return the vehicles of the paint with the best score of the drones' own vehicles; if equal, of all vehicles."""
+    """Return the vehicles of the best paint: by the score of the drones' own vehicles; if equal, of all vehicles."""
     best: list[list[Candidate]] = [[] for _ in pictures]
     most = (0.0, 0.0)
     for color in (*VIVID, *DULL):

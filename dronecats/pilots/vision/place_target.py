@@ -27,7 +27,7 @@ _STOP_M = 4.1  # intended distance from the target at the end of the last stride
 _CLOSER_M = 2.2  # distance to the thing's edge above which the drone comes closer before it declares again
 _CAREFUL_M = 9.0  # within this distance strides are short
 _SURE, _LIKELY = 0.3, -0.9  # log odds from which a thing is chosen, and from which a chosen thing is kept
-_FOLLOWS_DEG, _FOLLOWS_M = 8.0, 1.8  # a chosen thing is at most this far off the nose (the larger counts)
+_FOLLOWS_DEG, _FOLLOWS_M = 8.0, 1.8  # a chosen thing is at most this far off the nose (the larger limit counts)
 _FOLLOWS_LOG = 0.45  # after a stride, largest |log(detected / expected distance)| of the chosen thing
 _MARK_BONUS = 0.7  # added to the log odds of a landmark, which may be less certain than the target
 _WEIGHT = 7.0  # log odds that a fulfilled relation adds
@@ -88,7 +88,7 @@ def _follow(
     expression: PlaceExpression,
     detections: list[PlacedThing],
 ) -> str:
-    """Return the next action towards the thing of the last stride.
+    """Return the next action towards the thing that the last stride aimed at.
 
     Without a detection, the drone declares if it should have arrived. It flies on if the thing should be near, or if
     the first picture showed the target. Otherwise it chooses a thing anew.
@@ -197,7 +197,7 @@ def _approach(detection: PlacedThing, away_m: float) -> str:
 
 
 def _depth_for(away_m: float) -> float:
-    """Return the distance; near the thing, the depth of a stride that ends about _STOP_M before the thing."""
+    """Return the depth of a `go`: the thing's distance, or near it a depth that stops about _STOP_M before it."""
     if away_m >= _CAREFUL_M:
         return search.avoid_wander_depth(away_m)
     return actions.depth_of_stride(actions.short_stride_m(away_m - _STOP_M))

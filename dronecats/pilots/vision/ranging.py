@@ -27,8 +27,8 @@ _HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))
 _EDGE = 0.005  # fraction of the picture width; a rectangle this near to an edge touches that edge
 _BELOW = 1.1  # points lower than this multiple of half the picture height do not widen the predicted rectangle
 _SPREAD_LOG = 0.10  # relative standard deviation of the sizes of one kind
-_SPREAD_EDGE = 0.006  # standard deviation of lengths, as a fraction of picture width: blur, JPEG, edges without paint
-_SPREAD_HORIZON = 0.02  # standard deviation of the horizon, as a fraction of picture width: pitch in flight, about 2.5°
+_SPREAD_EDGE = 0.006  # fraction of picture width, standard deviation of lengths by blur, JPEG and edges without paint
+_SPREAD_HORIZON = 0.02  # fraction of picture width, standard deviation of the horizon's row by about 2.5° of pitch
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
     """Return the distance of a thing of `size` that fills `box`; `aspect` is picture height / width."""
     half = 0.5 * aspect
     grid = _grid(size, round(half, 4))
-    # move the predictions to the direction of the rectangle's middle
+    # the grid predicts a thing straight ahead: move the predictions to the rectangle
     middle = 0.5 * (box.left + box.right)
     shift = _shift(box, grid)
     # only a rectangle that touches an edge can be cut off there

@@ -23,12 +23,12 @@ KINDS = (
 )  # fmt: skip
 """The contents of a window, in the order of the network's outputs."""
 
-CELL_M = 0.25
+CELL_M = 0.25  # side of a cell, the pixel of a `Strip`
 WINDOW = (15, 14)  # cells, high and wide
 BELOW = 1  # cells of the window below the thing's foot
 DEPTHS_M = tuple(round(float(d), 3) for d in np.geomspace(3.2, 46.0, 22))
 HEIGHTS_M = (1.25, 1.5, 1.75, 2.0)  # camera heights above the thing's foot, in steps of one cell
-CHANNELS = 8  # CIE L, u, v; the magnitude of the gradient of L, and of its components in four directions
+CHANNELS = 8  # CIE L, u, v; magnitudes of the gradient of L and of this gradient in four directions
 
 _ABOVE, _UNDER = 9, 9  # rows of a `Strip` above and below the horizon
 _FAR_M = 9.0  # from this distance on, only every second column has a window
@@ -135,7 +135,7 @@ class PlacedThing:
     kind: str  # of KINDS
     depth_m: float  # along the optical axis, to the thing's middle
     right_m: float  # right of the optical axis
-    below_m: float  # the thing's foot below the camera
+    below_m: float  # height of the camera above the foot
     odds: float  # log odds
 
     @property
@@ -196,8 +196,8 @@ def _window_peaks(picture: Picture, kinds: tuple[str, ...], network: ShapeNetwor
 def _ground_below_m(peaks: list[PlacedThing]) -> float:
     """Return how far (m) the ground is below the camera; 1.6 without peaks.
 
-    The result is the mean of HEIGHTS_M. The weight of a height is the square of a sum over its peaks: log odds minus
-    LEAST_ODDS.
+    The result is a weighted mean of HEIGHTS_M. The weight is the squared sum of (log odds − LEAST_ODDS) over the peaks
+    with this height.
     """
     if not peaks:
         return 1.6

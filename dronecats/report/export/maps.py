@@ -59,7 +59,7 @@ def paths(flight: RecordedFlight) -> Iterator[MapPath]:
 
 
 def points(flight: RecordedFlight) -> Iterator[MapPoint]:
-    """Yield the target's first position, and the positions of each decision's picture and of each declaration.
+    """Yield points for the target at its first position, for each decision's picture, and for each declaration.
 
     Raises UsageError if the origin is unknown.
     """

@@ -143,7 +143,7 @@ ABOUT_PILOTS = (
 
 
 def _tables(entries: Sequence[Verification]) -> str:
-    """Return a table for each agent and suite, the paper's agent first."""
+    """Return the tables of all agents as Markdown, the paper's agent first."""
     tables = []
     for agent in sorted({_agent(entry) for entry in entries}, key=lambda agent: (agent != PAPER, agent)):
         by = "" if agent == PAPER else f", by the agent {escaped(agent)}"
@@ -156,7 +156,7 @@ def _agent(entry: Verification) -> str:
 
 
 def _by_one_agent(entries: Sequence[Verification], by: str) -> list[str]:
-    """Return a table for each suite, one for each suite of earlier benchmark versions, and one of partial entries."""
+    """Return a table for each suite, first of this benchmark version, then of earlier ones; last, partial entries."""
     complete = [entry for entry in entries if entry.suite in SUITE_TITLES and not entry.partial]
     tables = []
     for is_present, when in ((True, ""), (False, f", version {VERSION - 1} or earlier")):

@@ -29,7 +29,7 @@ from foundation.wording import printable
 
 SHOWN_MAX = 50  # the result has at most this many sentences about differences
 SHOWN_CHARS = 200  # the result has at most this many characters of a setting
-OTHER_CELL = "other"  # replaces a record's cell that is not a cell of the benchmark
+OTHER_CELL = "other"  # replaces a record's cell (kind of episode) that the benchmark does not have
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +53,7 @@ class Verification:
     pilot: str
     is_model: bool
     suite: str | None
-    partial: str | None  # a sentence about what is missing or broken; None: complete
+    partial: str | None  # a sentence about missing or broken parts; None: complete
     flights: int  # number of flights of each episode
     steps: int
     settings: dict[str, Any]  # settings that distinguish entries of one pilot

@@ -168,7 +168,7 @@ class SqlColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunTable:
-    """A table: the class of its rows, and the level of the metrics that have a column in it."""
+    """A table. It has a column for each field of `row`, and for each metric of the level `level`."""
 
     name: str
     row: type
@@ -251,7 +251,7 @@ def names(runs: Sequence[RecordedRun]) -> list[str]:
 def tabulated(run: RecordedRun, name: str, wanted: Collection[str]) -> tuple[dict[str, Values], list[str]]:
     """Return the rows of a run in the tables `wanted`, and a sentence for each damaged episode.
 
-    A damaged episode does not affect the others. Its only row is in `episodes`, and has the error.
+    A damaged episode does not affect the others. It has one row, in the table `episodes`, with the error.
     """
     tables: dict[str, Values] = {table: {c.name: [] for c in TABLES[table].columns} for table in wanted}
     damaged: list[str] = []

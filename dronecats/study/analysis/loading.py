@@ -123,9 +123,9 @@ def _with_levels(
 def _entrants(
     runs: Sequence[RecordedRun], study: Study, study_runs: Mapping[str, StudyRun]
 ) -> tuple[dict[Path, str], dict[Path, Identity]]:
-    """Return, by run folder, the label of the run's entrant, and the run's identity without the effect of its levels.
+    """Return, by run folder, the label of the run's entrant, and the identity (settings) of the run.
 
-    To remove this effect, every identity is computed with the levels of the first run.
+    The factors must not affect the identity, so every identity is computed with the levels of the first run.
     """
     first = study_runs[runs[0].folder.name].levels
     same_levels = {factor.name: first[factor.name] for factor in study.factors if factor.name not in ENTRANT_FACTORS}

@@ -60,7 +60,7 @@ class StudiedFlight:
 
     entrant: str  # label of the pilot or model
     levels: tuple[StudiedLevel, ...]  # one per factor, in the order of the factors
-    number: int  # of the flight: an entrant's flights with the same number have the same seed
+    number: int  # number of the flight; an entrant's flights with the same number have the same seed
     scored: ScoredEpisode
 
     @property
@@ -107,9 +107,9 @@ class StudyResults:
 def comparable(results: StudyResults, flights: Sequence[StudiedFlight], factor: int) -> list[StudiedFlight]:
     """Return those of `flights` that can be compared over the levels of the factor with this index.
 
-    In a design of one factor at a time, these are the flights whose levels of the other factors (the base) occur at
-    several levels of this factor, or all flights if there are none. In any other design, these are all flights, because
-    the design or chance balances the other factors.
+    In a design of one factor at a time, these are the flights whose levels of the other factors occur at several levels
+    of this factor, or all flights if no flight is like that. In any other design, these are all flights, because the
+    design or chance balances the other factors.
     """
     if not results.design.startswith(ONE_AT_A_TIME):
         return list(flights)

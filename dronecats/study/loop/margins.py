@@ -92,7 +92,7 @@ def injected_margin(oscillates: Callable[[float], Oscillation | None], expected_
 
 
 PERIODS = 12.0  # duration of a trial, in periods of the expected oscillation
-SETTLING = 0.2  # share of a trial that is discarded, so that fast transients are over
+SETTLING = 0.2  # share of a trial at its beginning that is discarded, because of fast transients
 STEP_S = {"rate": 2.0, "attitude": 4.0, "velocity": 10.0}  # s, duration of a step response without delay, by group
 BAND = 0.1  # × the step: a response within this distance of the step counts as settled
 SHOWN = (0.9, 1.0, 1.1)  # × the injected margin: delays whose responses the figure shows
@@ -123,7 +123,7 @@ class LoopStudy:
 
 
 def step_figures(response: StepResponse) -> StepFigures:
-    """Return the figures of a step response. A time is nan if the response does not reach the level that ends it."""
+    """Return the figures of a step response. `rise_s` is nan if it stays below 90 %, and `delay_s` if below 50 %."""
     share = response.value / response.step
 
     def first(level: float) -> float:
@@ -144,8 +144,8 @@ def step_oscillation(hover: Hover, loop: CascadeLoop, expected: DelayMargin) -> 
         value = hover.step_response(loop, delay_s, seconds).value
         left = oscillation(value[round(SETTLING * len(value)) :], SAMPLE_S, expected.frequency)
         if left is not None and left.size > loop.step:
-            # count an oscillation larger than the step as growing: beyond the margin, limits of tilt and integrals can
-            # keep its amplitude constant
+            # An oscillation larger than the step counts as growing. With a delay above the margin, the limits of tilt
+            # and integrators can stop the growth.
             return replace(left, growth=abs(left.growth))
         return left
 

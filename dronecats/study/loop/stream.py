@@ -34,7 +34,7 @@ class StreamTrial:
     """The result of one flight on the circle, with setpoints over one simulated wire."""
 
     level: float  # jitter (s), or share of lost setpoints
-    error: float  # m/s, rms velocity error in offboard mode after CATCH_UP_S; nan: offboard mode ended before
+    error: float  # m/s, rms velocity error in offboard mode after CATCH_UP_S; nan: the mode ended earlier
     left_s: float | None  # s until the vehicle left offboard mode; None: it stayed
 
 

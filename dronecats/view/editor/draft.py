@@ -99,7 +99,7 @@ class Drafting:
         return self.with_derived_fields(replace(draft, record=replace(record, candidates=candidates)))
 
     def adopt(self, draft: Draft, name: str) -> Draft:
-        """Return the draft with an object of the map as target. Raises UsageError if the cell does not allow it."""
+        """Return the draft with an object of the map as target. Raises UsageError if the cell does not allow one."""
         instance = self._instances.get(name)
         if instance is None:
             raise UsageError(f"the map has no object '{name}' that could be a target.")
@@ -187,7 +187,7 @@ class Drafting:
         return self.move_start(draft, which, here[0], here[1], bearing_deg(here, goal) + off_deg)
 
     def stand_off(self, draft: Draft, distance_m: float) -> Draft:
-        """Return the draft with the first drone at a distance (m, 3-D) from the target, in the same direction."""
+        """Return the draft with the first drone at a distance (m, 3-D) from the target, on the same line."""
         here, goal = draft.record.starts[0].position_ned, self.centre(draft.record)
         span = max(math.dist(here[:2], goal[:2]), 1e-6)
         moved = draft

@@ -19,7 +19,7 @@ Knots = tuple[Knot, ...]  # the clicked points of a path
 
 
 def draped(knots: Sequence[Knot], on_ground: Callable[[float, float], Vec3]) -> tuple[Vec3, ...]:
-    """Return waypoints (m, NED) on the ground: the knots, and points between them where the ground is not straight."""
+    """Return waypoints (m, NED) on the ground: the knots, and points between them where the ground bends."""
     points = [on_ground(*knots[0])]
     for a, b in itertools.pairwise(knots):
         count = max(1, math.ceil(math.dist(a, b) / STEP_M))

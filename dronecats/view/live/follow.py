@@ -57,7 +57,7 @@ class FlightFollower:
         self._frames: dict[tuple[int, int], FrameTruth] = {}
         self._decisions: dict[int, Decision] = {}  # the newest decision of each drone
         self._reader = PromptReader()
-        self._texts: dict[int, list[str]] = defaultdict(list)  # first drone of a question → prompts without decision
+        self._texts: dict[int, list[str]] = defaultdict(list)  # first drone of a question → prompts not yet answered
         self._prompts: dict[int, str] = {}  # drone → the prompt of its newest decision
         self._sights: dict[int, tuple[int, ChosenSight]] = {}  # drone → step and ray of its newest `go` action
         self._rate_hz: float | None = None

@@ -31,7 +31,7 @@ class DroneMoment:
     height_m: float | None = None  # m above the ground; above the map's origin when no ground is known
     true: bool = False  # True: the pose is the simulator's; False: the autopilot's estimate
     setpoint_ned: Vec3 | None = None  # m/s, commanded velocity, map frame
-    mode: str = ""  # PX4's name; "": not known
+    mode: str = ""  # PX4's name of the mode; "": not known
     armed: bool | None = None
     battery: float | None = None  # 0 … 1
     messages: tuple[str, ...] = ()  # newest last: the autopilot's warnings, active safety limits, orders

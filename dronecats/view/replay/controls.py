@@ -15,7 +15,7 @@ from dronecats.view.replay.player import SPEEDS, PlaybackClock
 from dronecats.view.replay.views import HEIGHT_PX, WIDTH_PX, RedrawnView
 from foundation.run_folder.rows import drone_label
 
-STEP_S = 0.1  # s of the episode that a step moves
+STEP_S = 0.1  # s of the episode, length of a step
 CHOICES = 9  # the digits 1 to 9 can choose at most this many runs or drones
 
 

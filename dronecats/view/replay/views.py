@@ -111,7 +111,7 @@ class ViewRenderer:
 
 
 def above(pose: DronePose) -> CameraPose:
-    """Return the pose of a camera above a drone that looks straight down, with north at the top."""
+    """Return the pose of a camera that looks straight down at a drone, with north at the top."""
     north, east, down = pose.position_ned
     return CameraPose((north, east, down - ABOVE_M), quat_from_euler(0.0, -math.pi / 2, 0.0))
 

@@ -46,7 +46,7 @@ NOUNS: dict[str, tuple[str, ...]] = {
 }
 
 COMPACT_M = 4.0  # largest half size of a landmark for all relations except `nearest`
-# m, largest distance from the landmark for left of, right of, in front of and behind: in the clear and the loose test
+# m, largest distance from the landmark in the clear and in the loose test: left of, right of, in front of and behind
 BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0
 NEAREST_M = 25.0  # m, largest distance for `nearest`
 APART_M = 40.0  # m, largest distance between the two landmarks of `between`
@@ -101,7 +101,7 @@ class Expression:
     """A referring expression: a noun, a relation, and one landmark, or two for 'between'."""
 
     noun: str
-    relation: str  # of RELATIONS
+    relation: str  # one of RELATIONS
     landmarks: tuple[str, ...]  # phrases, such as 'the clock tower' or 'Euler Hall'
 
     @property
@@ -110,7 +110,7 @@ class Expression:
 
 
 def read(text: str, phrases: Iterable[str]) -> Expression | None:
-    """Return the expression in an instruction, or None. `phrases` name the landmarks."""
+    """Return the expression in an instruction; None: none. `phrases`: names of landmarks."""
     match = _READ.search(text)
     if match is None:
         return None
@@ -153,7 +153,7 @@ def denotes(
 def refers(
     expression: Expression, target: str, places: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
 ) -> bool:
-    """Return whether an expression denotes only the target, by both tests."""
+    """Return whether only the target passes the clear test and the loose test."""
     clear, loose = denotes(expression, places, landmarks, viewer)
     return clear == [target] and loose == [target]
 

@@ -114,7 +114,7 @@ def four_spots(spots: tuple[Spot, ...], rng: random.Random) -> list[Spot] | None
 
 
 def _far_enough(middle: tuple[float, float], spots: list[Spot], asset: str) -> bool:
-    """Return whether a fleet's place roughly keeps the required distances. The rules check them exactly."""
+    """Return whether a fleet's place roughly keeps the required distances. The rules check the distances exactly."""
     ways = [math.dist(middle, s.position_ned[:2]) for s in spots]
     unread = READING_FOCAL_PX * LETTER_M.get(asset, PLATE_LETTER_M) / READABLE_PX  # m, unreadable beyond this
     bearings = [course(middle, s.position_ned) for s in spots]
@@ -198,7 +198,7 @@ def _in_the_way(drone: int, places: list[Vec3], candidates: list[PlacedTarget], 
 def _candidate(
     site: Site, asset: str, paint: str, text: str, spot: Spot, toward: float, rng: random.Random
 ) -> TargetRecord:
-    """Return a candidate on a spot: a vehicle with its yaw, or a sign turned to a viewer who looks `toward` (rad)."""
+    """Return a candidate on a spot: a vehicle with its yaw, or a sign facing a viewer with the yaw `toward` (rad)."""
     north, east, _ = spot.position_ned
     yaw = math.degrees(spot.yaw)
     if asset == "sign":

@@ -34,7 +34,7 @@ BAY_M = 0.25  # the free space around a parked target is at least this wide
 # m, largest reach of a target from its middle towards the start. A drone that approaches the end of a longer target,
 # such as a bus, would hit the bus before it is within 5 m of the bus's middle.
 REACH_M = 3.2
-PAINTED_STARTS = 2  # at most this many drafts for one target
+PAINTED_STARTS = 2  # at most this many starts (drafts) for one target
 # kinds of spots for an asset; an asset without an entry gets ANY_GROUND
 GROUNDS = {"bus": ("bus stop",), "quadrotor": ("lawn", "pavement"), "cyclist": ("kerb", "pavement")}
 ANY_GROUND = ("kerb", "drive")
@@ -52,7 +52,7 @@ REFERRED_STARTS = 12  # at most this many starts are tried for one target
 
 
 def painted_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    """Yield None, then a draft for each `Draw` sent in. Assets and paints take turns, and places are random.
+    """Yield None, then a draft for each `Draw` (random shares) sent in. Assets and paints take turns.
 
     End at once if the map has no place for a target: no spot or, in a cell with moving targets, no lane for vehicles.
     """

@@ -92,14 +92,14 @@ class PlacedTarget:
         return Instance(1, "target", "target", self.mesh, self.position_ned, self.yaw).centre_ned
 
     def reach_m(self, bearing_deg: float) -> float:
-        """Return the reach (m) of the target from its middle towards a viewer who sees it at a compass bearing."""
+        """Return how far (m) the target reaches from its middle towards a viewer who looks along a compass bearing."""
         corners = box_corners(self.mesh, self.position_ned, self.yaw)[:, :2] - np.array(self.centre_ned[:2])
         way = math.radians(bearing_deg)
         return float(-(corners @ np.array([math.cos(way), math.sin(way)])).min())
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Return the target's largest horizontal side and its height."""
+        """Return (m) the target's largest horizontal side and its height."""
         span = self.mesh.vertices.max(axis=0) - self.mesh.vertices.min(axis=0)
         return float(max(span[0], span[1])), float(span[2])
 

@@ -122,7 +122,7 @@ class OpticalRenderer:
 def noisy(light: Light, sensor: Sensor, rng: np.random.Generator) -> Light:
     """Return `light` with the noise of a sensor: variance in electrons = signal (shot noise) + read noise squared.
 
-    A normal distribution stands for Poisson's. Above about twenty electrons, they look the same.
+    A normal distribution replaces the Poisson distribution: above about twenty electrons, they look alike.
     """
     per_light = sensor.full_well_e / WHITE
     electrons = np.maximum(light, 0.0) * np.float32(per_light)
@@ -204,8 +204,8 @@ def _folds(lens: LensModel, r_max: float) -> bool:
 def wide_camera(lens: LensModel, camera: CameraModel) -> CameraModel:
     """Return a pinhole camera of the same focal length that covers the view of the lens.
 
-    Return `camera` for a lens without distortion. Raises ValueError for a lens that folds the picture or shows more
-    than `WIDEST` times the camera's view.
+    Return `camera` for a lens without distortion. Raises ValueError for a lens that folds the picture, or whose picture
+    is more than `WIDEST` times as wide or high.
     """
     if not lens.bends:
         return camera

@@ -128,7 +128,7 @@ class Renderer:
         return rgb
 
     def _nearest_first(self, eye: Eye) -> NDArray[np.int64]:
-        """Return the chunks with cut-out textures (leaves), nearest first. Then hidden leaves cost less work."""
+        """Return the chunks with cut-out textures (leaves), nearest first, so that hidden leaves cost less work."""
         away = self._layout.triangles.chunk_center[self._cut_chunks] - eye.position
         return self._cut_chunks[np.argsort(np.einsum("ij,ij->i", away, away), kind="stable")]
 
@@ -176,7 +176,7 @@ class _StaticData:
 
 
 def _static_data(scene: Scene, layout: SceneArrays, cells: int) -> _StaticData:
-    """Return the data of a scene's static instances. Scenes of a map share its data, unless `_of_map` returns None."""
+    """Return the data of a scene's static instances. Scenes of one map share data, unless `_of_map` returns None."""
     own = layout.static_count
     if scene.base is not None and not any(i.movable for i in scene.base.instances):
         own = sum(len(i.mesh.triangles) for i in scene.base.instances)
@@ -194,7 +194,7 @@ def _static_data(scene: Scene, layout: SceneArrays, cells: int) -> _StaticData:
 
 
 def _surroundings(scene: Scene, layout: SceneArrays, stop: int) -> tuple[Columns, Occlusion]:
-    """Return the columns of triangles 0 … stop - 1 without the ground, and the open share of the sky between them."""
+    """Return the volumes above the ground of triangles 0 … stop - 1, and the share of the sky that they leave open."""
     columns = columns_of(layout, stop, _ground(scene), mean_reflectance(layout.surfaces, layout.atlas))
     return columns, occlusion_of(columns, scene.terrain)
 

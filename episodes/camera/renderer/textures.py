@@ -22,7 +22,7 @@ LARGEST_SIDE = 2048  # texels; larger pictures are reduced
 MOST_DOUBLINGS = 3  # at most 2³ reads along the longer axis of a pixel's footprint
 WEIGHT = 2048  # sum of a pixel's integer weights; see `_bilinear`
 ONE_BITS = 0x3F800000  # bits of the float 1.0
-SHARPEN = -0.35  # levels; a slightly finer level keeps letters readable, and edge smoothing hides the aliasing
+SHARPEN = -0.35  # added to the level: a finer level keeps letters readable, and edge smoothing hides the aliasing
 
 DRIFT_CELLS = 256  # cells per side of `drift_table`, a power of two
 

@@ -16,7 +16,7 @@ TILE_M = {"brick": 0.6, "pale_brick": 0.6, "tiles": 1.6, "seams": 1.8}  # m per 
 
 @texture
 def pale_brick() -> Picture:
-    """Return (256, 256, 3): the bond of `materials.brick` in near white; the material tints it."""
+    """Return (256, 256, 3): bricks laid as in `materials.brick`, near white; the material tints it."""
     rng = np.random.default_rng(241)
     row, column = np.mgrid[0:256, 0:256]
     course = row // 32

@@ -1,8 +1,8 @@
-"""Makes the materials of leaves and bark for each species, and cut-out sRGB textures, which have fixed seeds.
+"""Makes the materials of leaves and bark of each species, with sRGB textures that have fixed seeds.
 
-A texture of leaves has 2 × 2 sprigs: small twigs with their leaves. Each sprig grows from the middle of the lower edge
-of its quarter and is nearly as wide as high. The material has the colour of the species, so that a season only changes
-that colour.
+A texture of leaves has 2 × 2 sprigs: small twigs with their leaves, cut out. Each sprig grows from the middle of the
+lower edge of its quarter and is nearly as wide as high. The texture is pale, and the material's colour tints it, so a
+season changes only the material's colour.
 """
 
 from functools import cache
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 SIDE = 256  # texels, width and height of a sprig
 FINE = 2  # textures are drawn this many times larger, then reduced
-PALE = (214.0, 216.0, 196.0)  # sRGB of a leaf; the material's colour tints it
+PALE = (214.0, 216.0, 196.0)  # sRGB of a leaf in a texture
 TWIG = (116.0, 100.0, 84.0)
 SHADE = 0.55  # brightness of the inner leaves of a crown, relative to the outer leaves
 

@@ -53,14 +53,14 @@ class Outfit:
 
     skin: Srgb = SKINS[2]
     hair: Srgb = HAIRS[0]
-    head: str = "short"  # of HEADS
+    head: str = "short"  # one of HEADS
     headgear: Srgb = BAGS[0]
-    top: str = "jacket"  # of TOPS
+    top: str = "jacket"  # one of TOPS
     shirt: Srgb = SHIRTS[0]  # under an open jacket or coat
-    below: str = "trousers"  # of BELOW
+    below: str = "trousers"  # one of BELOW
     legs: Srgb = LEGS[0]  # trousers, shorts or skirt
     shoes: Srgb = SHOES[0]
-    bag: str = "none"  # of CARRIED
+    bag: str = "none"  # one of CARRIED
     bag_color: Srgb = BAGS[0]
     stature: float = 1.0  # body height relative to 1.75 m
     girth: float = 1.0  # factor on the widths of trunk and limbs
