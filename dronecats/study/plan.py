@@ -177,7 +177,7 @@ def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mappi
 
 
 def _check_distinct_levels(flight: FlightSpec, at: Mapping[str, Level], name: str, levels: Sequence[Level]) -> None:
-    """Raise UsageError if two levels of a factor give the same flight. At `at`, this factor has an effect."""
+    """Raise UsageError if two levels of a factor give the same flight. At the levels `at`, the factor has an effect."""
     levels_of: dict[str, Level] = {}
     for level in dict.fromkeys(levels):
         try:

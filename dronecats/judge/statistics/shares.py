@@ -194,8 +194,8 @@ def mcnemar(b: int, c: int) -> float:
 def smallest_difference(episodes: int, discordant: float = 0.0) -> float | None:
     """Return the smallest true difference in success rate that McNemar's exact test detects with the power POWER.
 
-    The assumed share of episodes with different outcomes is the larger of `discordant` and the difference. The result
-    is accurate to 0.0001. None: too few episodes for any difference.
+    The assumed share of episodes with different outcomes is the larger of `discordant` and the difference. Accurate to
+    0.0001. None: too few episodes for any difference.
     """
     if mcnemar_power(episodes, 1.0, 1.0) < POWER:
         return None

@@ -142,7 +142,7 @@ HIDDEN = 48  # units of the hidden layer
 DECAY = 4e-4  # weight decay
 CELL_DROPOUT = 0.15  # share of a patch's cells that are set to zero in each example
 BRIGHTNESS_LOG_STD = 0.2  # standard deviation of the log of the brightness factor
-DISTANCE_WEIGHT = 2.0  # × 0.1: weight of the distance error relative to the cross-entropy
+DISTANCE_WEIGHT = 2.0  # 0.1 × this is the weight of the distance error relative to the cross-entropy
 DISTANCE_SCALE = 0.15  # scale of the distance output: standard deviation of the log factor
 _CELLS = SIDE * SIDE
 _PATCH = _CELLS * CHANNELS
@@ -150,7 +150,7 @@ _PATCH = _CELLS * CHANNELS
 BANDS_M = (3.0, 5.0, 7.0, 10.0, 15.0, 22.0, 32.5)  # m, edges of the distance bands of the check
 ASIDE_PX = 4  # px; the middle of a correct detection is at most this far left or right of the target's box
 
-# Outlines: outer points of the targets' shapes, from which `ranging` estimates distances
+# Outlines for `ranging`
 OUTLINE_PAINT = "red"  # the shape is the same for every paint
 LEVELS = 6  # height bands of an outline
 DIRECTIONS = 8  # horizontal directions; in each direction, an outline has the outermost points of each band
@@ -336,7 +336,7 @@ def check(folder: Path, short: bool) -> None:
 
 
 def fit_and_check(scenes: int, pictures: int, rounds: int, out: Path | None, short: bool) -> None:
-    """Fit a network, write it and the outlines to the folder `out` if it is given, and print an evaluation."""
+    """Fit a network and print an evaluation. Write network and outlines to the folder `out`, if there is one."""
     network = fit_scenes(scenes, pictures, rounds)
     if out is not None:
         write_outlines(out / OUTLINES)

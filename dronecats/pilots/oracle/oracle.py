@@ -85,7 +85,7 @@ def next_action(state: TrueState) -> str:
     horizontal = math.hypot(north, east)
     if not in_picture and horizontal < STRIDE_MAX_M:  # the target is above or below the drone: fly on, then turn round
         return actions.go(500.0, 500.0, NEAR_M)
-    # reach: horizontal distance at which the drone stops, so that it is within ARRIVED_M at its present height
+    # reach: a horizontal distance that is safely within ARRIVED_M at the present height
     reach = math.sqrt((ARRIVED_M - 0.3) ** 2 - min(abs(vertical), ARRIVED_M - 1.0) ** 2)
     travel = horizontal - reach
     if in_picture and distance <= _CLOSE_ENOUGH_M and travel < STRIDE_MIN_M:

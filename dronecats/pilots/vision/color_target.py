@@ -1,8 +1,8 @@
 """Chooses the action for a target that the command names by its colour and kind: "the cyan SUV".
 
 The drone aims ahead of moving targets, and flies round the end of long targets. Both tasks need a value from the
-previous step. The pilot has no memory, but the prompt's history repeats the depth of each stride. Therefore depths
-encode the values:
+previous step. The pilot has no memory, but the prompt's history repeats the depth of each stride, so depths encode the
+values:
 
 - The last digit of a long stride's depth encodes the lead: the offset by which the stride aimed beside the target. From
   the lead and the next picture, the pilot computes how far the target has moved sideways.
@@ -36,7 +36,7 @@ _CLEAR_M = 1.9  # distance between the drone's path and the edge of the thing
 _RIGHT_M, _LEFT_M = 5.1, 5.2  # depths of a 3 m stride that passes the thing on its right, or on its left
 _FLANK_TURN_DEG = 60.0
 FLANK_DISTANCE_M = 4.0  # distance from a passing drone to the flank
-_PASSING_OFFSET = 0.08  # fraction of the picture's width; the drone already passes a thing this far beside the middle
+_PASSING_OFFSET = 0.08  # fraction of the picture's width; the drone already passes a thing this far off the middle
 _CUT_OFF = 0.49  # fraction of the picture's width; the picture cuts off a thing that reaches farther from the middle
 
 
@@ -263,7 +263,7 @@ def _toward(detection: Detection, aspect: float, depth_m: float, aside: float = 
 
 
 def _depth_for(estimate: ranging.Range) -> float:
-    """Return the estimated depth; near the target, the depth of a stride that ends about _STOP_M before the target."""
+    """Return the depth of a `go` to the target; the last stride ends about _STOP_M before the target."""
     if estimate.distance_m >= _CAREFUL_M:
         return search.avoid_wander_depth(max(estimate.depth_m, NEAR_M))
     return actions.depth_of_stride(actions.short_stride_m(estimate.distance_m - _STOP_M))

@@ -31,7 +31,7 @@ class ReadText:
 
 
 def matches(wanted: Inscription, readings: list[ReadText]) -> bool | None:
-    """Return whether the readings are the wanted inscription; None if no sure reading decides.
+    """Return whether a reading is the wanted inscription; None if no sure reading decides.
 
     An unsure reading never counts as another inscription, because leaving the target is worse than another look.
     """

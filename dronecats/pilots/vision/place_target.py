@@ -197,7 +197,7 @@ def _approach(detection: PlacedThing, away_m: float) -> str:
 
 
 def _depth_for(away_m: float) -> float:
-    """Return the depth of a `go`: the thing's distance, or near it a depth that stops about _STOP_M before it."""
+    """Return the depth of a `go` to a thing; the last stride ends about _STOP_M before the thing."""
     if away_m >= _CAREFUL_M:
         return search.avoid_wander_depth(away_m)
     return actions.depth_of_stride(actions.short_stride_m(away_m - _STOP_M))

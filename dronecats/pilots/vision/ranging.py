@@ -24,7 +24,7 @@ _HEADINGS_RAD = np.radians(np.arange(0.0, 180.0, 12.0))
 _CAMERA_HEIGHTS_M = np.array((0.7, 1.0, 1.3, 1.6, 1.9, 2.2, 2.7, 3.4, 4.5, 6.0))
 # weights of the camera heights; flights start at 1.2–2.2 m
 _HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))
-_EDGE = 0.005  # fraction of the picture width; a rectangle this near to an edge touches that edge
+_EDGE = 0.005  # fraction of the picture width; a rectangle this near to an edge counts as cut off
 _BELOW = 1.1  # points lower than this multiple of half the picture height do not widen the predicted rectangle
 _SPREAD_LOG = 0.10  # relative standard deviation of the sizes of one kind
 _SPREAD_EDGE = 0.006  # fraction of picture width, standard deviation of lengths by blur, JPEG and edges without paint

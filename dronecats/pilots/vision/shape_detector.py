@@ -151,7 +151,7 @@ def half_width_m(kind: str) -> float:
 def find(picture: Picture, kinds: Iterable[str], network: ShapeNetwork) -> list[PlacedThing]:
     """Return the things of these kinds in a picture (H, W, 3), BGR and 90° across, highest odds first.
 
-    Several windows may detect the same thing. Its place is the mean of these windows, weighted by their odds.
+    A thing's place is the mean of the windows that detect the thing, weighted by their odds.
     """
     peaks = _window_peaks(picture, tuple(kinds), network)
     level = _ground_below_m(peaks)

@@ -41,8 +41,6 @@ ColumnNames = Callable[[str, str], str]  # (table, column) → the column's name
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QueryResult:
-    """The result of a query."""
-
     columns: tuple[str, ...]  # unique names
     rows: list[tuple[Any, ...]]
     damage: tuple[str, ...]  # a sentence for each damaged episode in the tables that the query names

@@ -159,8 +159,6 @@ class DeclarationRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SqlColumn:
-    """A column with its description and its SQL type."""
-
     name: str
     type: str  # SQL type
     description: str  # begins with the unit, if any

@@ -92,7 +92,7 @@ def injected_margin(oscillates: Callable[[float], Oscillation | None], expected_
 
 
 PERIODS = 12.0  # duration of a trial, in periods of the expected oscillation
-SETTLING = 0.2  # share of a trial at its beginning that is discarded, because of fast transients
+SETTLING = 0.2  # share of a trial that is discarded at its beginning, with the fast transients
 STEP_S = {"rate": 2.0, "attitude": 4.0, "velocity": 10.0}  # s, duration of a step response without delay, by group
 BAND = 0.1  # × the step: a response within this distance of the step counts as settled
 SHOWN = (0.9, 1.0, 1.1)  # × the injected margin: delays whose responses the figure shows

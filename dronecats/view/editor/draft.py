@@ -187,7 +187,7 @@ class Drafting:
         return self.move_start(draft, which, here[0], here[1], bearing_deg(here, goal) + off_deg)
 
     def stand_off(self, draft: Draft, distance_m: float) -> Draft:
-        """Return the draft with the first drone at a distance (m, 3-D) from the target, on the same line."""
+        """Return the draft with the first drone at another distance (m, 3-D) from the target, on the same bearing."""
         here, goal = draft.record.starts[0].position_ned, self.centre(draft.record)
         span = max(math.dist(here[:2], goal[:2]), 1e-6)
         moved = draft

@@ -22,8 +22,6 @@ class ShownPicture:
 
 @dataclass(frozen=True, slots=True)
 class DroneMoment:
-    """The state of one drone."""
-
     drone: int  # 0 is the first
     position_ned: Vec3 | None = None  # m, map frame, of the body; None: not known yet
     attitude: Quat = (1.0, 0.0, 0.0, 0.0)  # w, x, y, z, FRD → NED

@@ -204,8 +204,8 @@ def _folds(lens: LensModel, r_max: float) -> bool:
 def wide_camera(lens: LensModel, camera: CameraModel) -> CameraModel:
     """Return a pinhole camera of the same focal length that covers the view of the lens.
 
-    Return `camera` for a lens without distortion. Raises ValueError for a lens that folds the picture, or whose picture
-    is more than `WIDEST` times as wide or high.
+    Return `camera` for a lens without distortion. Raises ValueError for a lens that folds the picture, or needs a
+    picture more than `WIDEST` times as wide or high.
     """
     if not lens.bends:
         return camera

@@ -146,7 +146,7 @@ def _set_up_triangle(t: int, solid: int, position: NDArray[np.float32], eye: Eye
 
 @njit(cache=True, nogil=True)
 def _widen(xa: float, za: float, xb: float, zb: float, low: float, high: float) -> tuple[float, float]:
-    """Return the range (low, high), extended by the slopes z / x of the part of edge a - b beyond the near plane."""
+    """Return the range (low, high) of slopes z / x, extended to the part of edge a - b beyond the near plane."""
     if xa >= NEAR_M:
         low, high = min(low, za / xa), max(high, za / xa)
     if (xa >= NEAR_M) != (xb >= NEAR_M):
@@ -206,7 +206,7 @@ def draw_bands(
 
     `samples` has the shape (grain · H + 1, grain · W + 1). `sort_into_bands` returns (`start`, `items`) for opaque
     triangles and (`cut_start`, `cut_items`) for those with holes in their textures. Opaque triangles are drawn first,
-    because they hide most of the others. Of two triangles at the same depth, the first one in the items wins. `cutout`
+    because they hide most of the others. Of two triangles at the same depth, the first in `items` wins. `cutout`
     and `uv` are the fields of `Triangles`. `inverse_depths` (threads, 2 BAND, grain · W + 1) and `lowest` (threads,
     grain · W + 1) are work arrays for each thread. `count_up` (grain · W + 1,) is 0, 1, 2 …
     """
@@ -253,7 +253,7 @@ def _is_hidden(nearest: float, first: int, last: int, lowest: NDArray[np.float32
 
 
 class _Slopes(NamedTuple):
-    """Values that all rows of a triangle share. Its inverse depth at sample (j, i) is wa·i + wb·j + wc."""
+    """Values that all rows of a triangle share. The inverse depth at sample (j, i) is wa·i + wb·j + wc."""
 
     wa: float
     wb: float

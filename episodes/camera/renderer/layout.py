@@ -145,7 +145,7 @@ def place(triangles: Triangles, part: PlacedPart, position_ned: Vec3, turned: fl
 
 
 def place_all(layout: SceneArrays, moved: Moved) -> list[PlacedPart]:
-    """Put every movable instance at its pose in `moved`; return them without those whose entry there is None.
+    """Put every movable instance at its pose in `moved`; return the instances whose entry there is not None.
 
     An instance without an entry gets its pose in the scene. Raises UsageError when `moved` names an instance that the
     scene lacks or that is not movable.

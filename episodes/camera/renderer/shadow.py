@@ -50,7 +50,7 @@ def sun_map(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: in
 
 
 def fits(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], before: SunMap) -> bool:
-    """Return whether `before`, a shadow map of some of these triangles, has the grid that `sun_map` would return."""
+    """Return whether `before`, a shadow map of some triangles of `layout`, has the grid that `sun_map` would make."""
     return _grid(layout, sun, ground_ids, before.height.shape[0], before.height)[1:] == before[1:]
 
 
@@ -130,7 +130,7 @@ def instance_slices(triangles: Triangles, first: int, stop: int) -> list[slice]:
 def draw_instances(
     sun: SunMap, layout: SceneArrays, instances: Iterable[slice]
 ) -> list[tuple[tuple[slice, slice], NDArray[np.float32]]]:
-    """Draw instances, one slice of triangles each, into the map; return the places and overwritten heights."""
+    """Draw instances, one slice of triangles each, into the map; return the overwritten places and heights."""
     axes = np.column_stack((sun.across, sun.up))
     cells = sun.height.shape[0]
     covered = []
