@@ -108,8 +108,8 @@ def join(replies: list[str]) -> str:
 def short_stride_m(travel_m: float) -> float:
     """Return the length (m) of the next short stride towards a place that is `travel_m` away.
 
-    A short stride is 1.2 m to 1.8 m long. Within these limits it is half of a way of more than 1.8 m, which leaves
-    enough for the last stride.
+    A short stride is 1.2 m to 1.8 m long. If more than 1.8 m are left, it is half of the way within these limits, so
+    that the last stride is not too short.
     """
     longest = NEAR_SCALE * STRIDE_MAX_M
     return min(max(travel_m if travel_m <= longest else 0.5 * travel_m, STRIDE_MIN_M), longest)

@@ -49,8 +49,6 @@ class IntervalDistances:
 
 @dataclass(frozen=True, slots=True)
 class PathComparison:
-    """Two paths of one drone and the distances between them."""
-
     drone: int
     a: Trace
     b: Trace

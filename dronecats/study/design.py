@@ -57,8 +57,6 @@ class Axis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
-    """The points of a design and its description."""
-
     description: str
     points: tuple[DesignPoint, ...]  # without duplicates
 

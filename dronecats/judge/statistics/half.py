@@ -46,7 +46,7 @@ class HalfSuccess:
     slope: float | None  # slope of the log odds per unit of the factor; None: the likelihood has no peak
     scatter: float | None  # standard deviation of the groups' intercepts, log odds; WIDEST means at least WIDEST
     p_slope: float  # p-value of the likelihood ratio test of no slope
-    p_straight: float | None  # p-value of the test of linear log odds against free shares; None: two levels
+    p_straight: float | None  # p-value of the test of linear log odds against a share per level; None: two levels
     groups: int
     trials: int
 
@@ -105,7 +105,7 @@ def half_success(levels: Sequence[float] | Array, trials: Trials) -> HalfSuccess
 def success_curve(levels: Sequence[float] | Array, trials: Trials, places: int = 121) -> SuccessCurve | None:
     """Return the fitted curve over the levels with its interval (delta method, on the scale of log odds).
 
-    None if fewer than two levels have trials, if all trials have one outcome, or if `_gap` finds two levels.
+    None if fewer than two levels have trials, all trials have one outcome, or two levels separate the outcomes.
     """
     at, counted = _tried(levels, trials)
     if len(at) < 2 or counted.successes.sum() in (0, counted.trials.sum()):
@@ -191,7 +191,7 @@ class _Line:
 
 
 def _tried(levels: Sequence[float] | Array, trials: Trials) -> tuple[Array, Trials]:
-    """Return the levels that have trials, in rising order, and these trials."""
+    """Return the levels that have trials, in rising order, and their trials."""
     at = np.asarray(levels, float)
     if at.shape != trials.trials.shape[1:] or not np.isfinite(at).all() or len(np.unique(at)) < len(at):
         raise ValueError("levels must have one number for each column of the trials")

@@ -12,8 +12,6 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, slots=True)
 class ShareEstimate:
-    """A share of successes with its interval."""
-
     successes: int
     trials: int
     share: float  # 0 … 1

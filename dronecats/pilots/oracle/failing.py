@@ -32,8 +32,6 @@ ActionGenerator = Generator[
 
 @dataclass(frozen=True, slots=True)
 class Failing:
-    """One way to fail."""
-
     description: str  # one sentence
     way: Callable[[TrueState], ActionGenerator]  # creates the generator of one drone's actions
     together: Callable[[list[str]], str] = actions.join  # joins the drones' actions to one reply

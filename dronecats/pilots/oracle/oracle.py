@@ -27,8 +27,6 @@ _TOO_NEAR_M = 0.3  # a point with a smaller depth has no useful pixel
 
 @dataclass(frozen=True, slots=True)
 class TrueState:
-    """The true state of one drone and its target."""
-
     position_ned: Vec3  # m, body origin
     yaw_rad: float  # from north, + east
     attitude: Quat  # of the body
@@ -54,7 +52,7 @@ TruthPilot = Callable[[Sequence[TrueState]], str]  # (true state of each drone o
 
 
 def reply_nearest(states: Sequence[TrueState]) -> str:
-    """Return the oracle's reply for all drones. Only the nearest drone flies, because one arrival is enough."""
+    """Return the oracle's reply. Only the nearest drone flies, because one arrival is enough; the others hover."""
     nearest = min(states, key=lambda state: state.distance_m)
     return actions.join([next_action(state) if state is nearest else actions.think() for state in states])
 

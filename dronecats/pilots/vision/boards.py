@@ -38,7 +38,7 @@ _POST_FROM, _POST_TO = 0.15, 0.72  # rows searched for posts, in board heights b
 _READ_M = 9.0  # within this distance, letters are large enough to read
 _ARRIVED_M = 4.55  # the drone declares within this distance of a board's middle; success needs 5 m
 _STOP_M = 3.3  # distance from the camera to the board at the end of the last stride
-_BELOW_M = 1.0  # largest height of the camera above a board's middle, so that no declaration is too early
+_BELOW_M = 1.0  # assumed height of the camera above a board's middle: large, so that no declaration is early
 _LINE_ROWS = (0.27, 0.73)  # rows of the text on a board with one line, in board heights
 _STRETCH_MAX = 3.0
 
@@ -48,8 +48,6 @@ _Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 
 @dataclass(frozen=True, slots=True)
 class NoticeBoard:
-    """A board in a picture."""
-
     left: int  # px, like top, right and bottom
     top: int
     right: int

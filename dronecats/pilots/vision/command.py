@@ -143,7 +143,7 @@ class NamedLandmark:
     """A landmark that a command names to locate its target."""
 
     words: str  # as in the command, without the article
-    kind: str | None  # one of `shape_detector.KINDS`; None: the detector cannot find such a thing, e.g. a hall
+    kind: str | None  # one of `shape_detector.KINDS`; None: a thing that the detector cannot find, such as a hall
 
 
 @dataclass(frozen=True, slots=True)

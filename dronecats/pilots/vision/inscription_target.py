@@ -1,9 +1,9 @@
 """Chooses the actions for a target that the command names by an inscription. Several things look like the target.
 
-One request has the pictures of all drones. Each drone flies to a different thing, its *own*, and reads it. The drone
-declares (`finished`) if its thing has the wanted inscription; otherwise it hovers (`think`). The pilot has no memory.
-It recognises a drone's own thing by the drone's last action: after a `go`, the thing is straight ahead, and the
-distance left is the depth of the `go` minus the stride.
+One request has the pictures of all drones. Each drone flies to a different thing, its *own thing*, and reads it. The
+drone declares (`finished`) if its thing has the wanted inscription; otherwise it hovers (`think`). The pilot has no
+memory. It recognises a drone's own thing by the drone's last action: after a `go`, the thing is straight ahead, and
+the distance left is the depth of the `go` minus the stride.
 """
 
 import math
@@ -145,7 +145,7 @@ def find_candidates(
 
 
 def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidate | None) -> list[list[Candidate]]:
-    """Return the vehicles of the best paint: by the score of the drones' own vehicles; if equal, of all vehicles."""
+    """Return the vehicles of the best paint. The scores of the drones' own vehicles decide; if equal, all scores."""
     best: list[list[Candidate]] = [[] for _ in pictures]
     most = (0.0, 0.0)
     for color in (*VIVID, *DULL):

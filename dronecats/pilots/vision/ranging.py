@@ -27,8 +27,8 @@ _HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))
 _EDGE = 0.005  # fraction of the picture width; a rectangle this near to an edge counts as cut off
 _BELOW = 1.1  # points lower than this multiple of half the picture height do not widen the predicted rectangle
 _SPREAD_LOG = 0.10  # relative standard deviation of the sizes of one kind
-_SPREAD_EDGE = 0.006  # fraction of picture width, standard deviation of lengths by blur, JPEG and edges without paint
-_SPREAD_HORIZON = 0.02  # fraction of picture width, standard deviation of the horizon's row by about 2.5° of pitch
+_SPREAD_EDGE = 0.006  # fraction of picture width, standard deviation of lengths from blur, JPEG, unpainted edges
+_SPREAD_HORIZON = 0.02  # fraction of picture width, standard deviation of the horizon's row from about 2.5° of pitch
 
 
 @dataclass(frozen=True, slots=True)

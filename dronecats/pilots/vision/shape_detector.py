@@ -28,7 +28,7 @@ WINDOW = (15, 14)  # cells, high and wide
 BELOW = 1  # cells of the window below the thing's foot
 DEPTHS_M = tuple(round(float(d), 3) for d in np.geomspace(3.2, 46.0, 22))
 HEIGHTS_M = (1.25, 1.5, 1.75, 2.0)  # camera heights above the thing's foot, in steps of one cell
-CHANNELS = 8  # CIE L, u, v; magnitudes of the gradient of L and of this gradient in four directions
+CHANNELS = 8  # CIE L, u, v; magnitudes of the gradient of L and of the gradient's components in four directions
 
 _ABOVE, _UNDER = 9, 9  # rows of a `Strip` above and below the horizon
 _FAR_M = 9.0  # from this distance on, only every second column has a window

@@ -71,8 +71,6 @@ class StudiedFlight:
 
 @dataclass(frozen=True)
 class StudyResults:
-    """All flights of a study."""
-
     name: str
     design: str
     factors: tuple[StudiedFactor, ...]

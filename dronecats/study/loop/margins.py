@@ -123,7 +123,7 @@ class LoopStudy:
 
 
 def step_figures(response: StepResponse) -> StepFigures:
-    """Return the figures of a step response. `rise_s` is nan if it stays below 90 %, and `delay_s` if below 50 %."""
+    """Return the figures of a response. If it never reaches 90 %, `rise_s` is nan; if never 50 %, also `delay_s`."""
     share = response.value / response.step
 
     def first(level: float) -> float:

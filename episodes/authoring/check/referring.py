@@ -110,7 +110,7 @@ class Expression:
 
 
 def read(text: str, phrases: Iterable[str]) -> Expression | None:
-    """Return the expression in an instruction; None: none. `phrases`: names of landmarks."""
+    """Return the expression in an instruction, if any. `phrases`: names of landmarks."""
     match = _READ.search(text)
     if match is None:
         return None

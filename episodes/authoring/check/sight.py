@@ -243,7 +243,7 @@ def rules(world: World) -> Iterator[RuleFinding]:
 
 
 def seen(world: World, origin: Vec3, yaw_deg: float) -> Patch:
-    """Return the target's pixels in the picture of a level drone at `origin`. The other drones may hide the target."""
+    """Return the target's pixels in the picture of the first drone, level at `origin`. Other drones can hide pixels."""
     place, turned = world.target_pose(0.0)
     past = world.past(world.fleet.other_starts(0).values())
     return patch(world.target, place, turned, past, origin, level(yaw_deg), CAMERA)

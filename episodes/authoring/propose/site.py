@@ -99,7 +99,7 @@ class PlacedTarget:
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Return (m) the target's largest horizontal side and its height."""
+        """Return the target's largest horizontal side and its height (m)."""
         span = self.mesh.vertices.max(axis=0) - self.mesh.vertices.min(axis=0)
         return float(max(span[0], span[1])), float(span[2])
 

@@ -21,7 +21,7 @@ Speed = Annotated[float, _within(-40.0, 40.0)]
 class LensModel:
     """Brown's lens model with OpenCV's names and order of terms, on coordinates divided by the focal length."""
 
-    k1: Annotated[float, _within(-1.0, 1.0)] = 0.0  # radial, factor of r²; negative bends lines outwards
+    k1: Annotated[float, _within(-1.0, 1.0)] = 0.0  # radial, factor of r²; negative bends lines outwards (barrel)
     k2: Annotated[float, _within(-1.0, 1.0)] = 0.0  # radial, factor of r⁴
     p1: Annotated[float, _within(-0.1, 0.1)] = 0.0  # tangential
     p2: Annotated[float, _within(-0.1, 0.1)] = 0.0  # tangential
