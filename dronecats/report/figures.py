@@ -229,7 +229,7 @@ SIDE = 0.84  # side of a square, in columns
 
 
 def episode_grid(data: ReportData) -> Any:
-    """Return the grid: a line per entrant (model or pilot), a column per episode, squares filled by success rates."""
+    """Return the grid: a line per entrant (model or pilot), a column per episode; squares show the success rate."""
     order = {cell: k for k, cell in enumerate(CELLS)}
     episodes = {
         flight.episode: (order.get(flight.cell, len(CELLS)), flight.map, flight.episode) for flight in data.episodes

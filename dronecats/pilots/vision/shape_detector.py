@@ -2,7 +2,7 @@
 
 For a level camera, the camera's height and a thing's distance give the row of the thing's foot, and the distance gives
 the thing's scale. The picture is therefore scaled once per distance, so that a metre at that distance has a fixed
-length. A small network classifies windows on the ground that have a fixed size in metres. The camera's height is
+length. A small network classifies windows of a fixed size in metres on the ground. The camera's height is
 unknown, so four heights are tried. `python -m dronecats.pilots.fitting shapes` fits the network (`shape_network.npz`).
 """
 

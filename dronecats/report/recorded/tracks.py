@@ -137,7 +137,7 @@ def drone_tracks(
 
 
 def _during(track: FlightTrack | None, end_s: float, held: bool = False) -> FlightTrack | None:
-    """Return the part of a track in the episode; with `held`, also the newest sample before it; None: no samples."""
+    """Return the part of a track in the episode; with `held`, also the newest earlier sample; None: no samples."""
     if track is None:
         return None
     kept = track.between(min(0.0, float(track.t_s[track.newest(0.0)])) if held else 0.0, end_s)

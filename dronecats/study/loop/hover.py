@@ -75,7 +75,7 @@ class StepResponse:
 
 
 class Stack(NamedTuple):
-    """The records of one vehicle and of its flight controller."""
+    """The state records of one vehicle and its flight controller."""
 
     plant: PlantArguments
     core: CoreArguments

@@ -111,7 +111,7 @@ class FlightPanels:
             self._on_judge(wanted)
 
     def _write(self, name: str, handle: Any, key: object, html: Callable[[], str] | None = None) -> None:
-        """Send the content of a handle if `key` differs from the last one. Without `html`, the key is the content."""
+        """Send the content of a handle if `key` differs from the last key. Without `html`, `key` is the content."""
         if self._sent.get(name) != key:
             self._sent[name] = key
             handle.content = key if html is None else html()
