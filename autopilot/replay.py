@@ -1,7 +1,7 @@
 """Runs the estimator and the cascade again on the samples and setpoints of a recorded flight.
 
-A recording has a row per inertial sample. `save` stores each sample once, with the row of its arrival; inertial and
-magnetic ones in single precision. It stores the setpoints when they change, and the landed flag for every row.
+A recording has a row per inertial sample. `save` stores each sample once, with the row in which it arrived. Inertial
+and magnetic samples are in single precision. Setpoints are stored when they change, the landed flag for every row.
 """
 
 from dataclasses import dataclass
@@ -102,7 +102,7 @@ def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:
 def replay(core: FlightCore, recording: Recording, every: int) -> ReplayedFlight:
     """Return the outputs of `core` at every `every`-th row of a recording. `core` must be new; its state changes."""
     sample, actuators = np.zeros(1, SENSORS), np.zeros(1, ACTUATORS)[0]
-    arguments = core.kernel_args(sample[0], actuators)  # an element of a structured array is a view of it
+    arguments = core.kernel_args(sample[0], actuators)  # `sample[0]` is a view: it follows `sample`
     kept: dict[str, list[Any]] = {name: [] for name in ReplayedFlight.__slots__}
     for row in range(len(recording.sensors)):
         sample[0] = recording.sensors[row]

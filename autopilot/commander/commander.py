@@ -101,7 +101,7 @@ class Commander:
     def _modes(self) -> dict[str, Mode]:
         """Return the behaviour of each mode by name.
 
-        PRECLAND lands in place, because there is no beacon. External modes are never flown: a failsafe replaces them.
+        PRECLAND lands in place: there is no landing beacon. External modes are never flown: a failsafe replaces them.
         """
         land, stabilized = Land(), Stabilized()
         return {
@@ -157,7 +157,7 @@ class Commander:
     # requests
 
     def arm(self, force: bool = False) -> int:
-        """Start the rotors. Returns ACCEPTED (also if armed), or sends a reason and returns REJECTED or DENIED."""
+        """Start the rotors; return ACCEPTED (also if already armed), or send reasons and return REJECTED or DENIED."""
         if self.armed:
             return ACCEPTED
         mode = self._mode_after_arming()

@@ -1,4 +1,4 @@
-"""Health of the vehicle: the checks before arming, the limits in flight, and calibrations on the ground.
+"""Health of the vehicle: the checks before arming, the accuracy limits in flight, and calibrations on the ground.
 
 In flight COM_POS_FS_EPH and COM_VEL_FS_EVH limit the standard deviations of position and velocity, with PX4's
 hysteresis. A quantity becomes invalid when its deviation exceeds 2.5 times the parameter. It becomes valid again when
@@ -213,9 +213,9 @@ class AttitudeWatch:
 
 DURATION_US = 2_000_000
 STEPS = 10  # calibration reports its progress in tenths
-MOVING_RATE = math.radians(5.0)  # rad/s; no gyro's bias is so large
-GRAVITY_TOLERANCE = 0.1  # largest relative error of gravity
-FIELD_GAUSS = (0.1, 1.0)  # limits; the Earth's field is 0.22 to 0.67 gauss
+MOVING_RATE = math.radians(5.0)  # rad/s; a larger gyro value shows motion, because no gyro's bias is so large
+GRAVITY_TOLERANCE = 0.1  # largest relative error of the measured gravity
+FIELD_GAUSS = (0.1, 1.0)  # accepted range; the Earth's field is 0.22 to 0.67 gauss
 LEVEL_MOST = math.radians(10.0)
 
 StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
@@ -241,13 +241,12 @@ class SensorCalibration:
         Returns False while a calibration of other sensors runs. A repeated request has no effect and returns True.
         """
         if self._queue:
-            return self._queue == sensors  # the same request repeated
+            return self._queue == sensors
         self._queue = list(sensors)
         self._open()
         return True
 
     def cancel(self) -> None:
-        """Stop the running calibration, if any."""
         if self._queue:
             self._queue.clear()
             self._report("calibration cancelled")

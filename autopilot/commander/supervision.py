@@ -79,7 +79,7 @@ _LANDING = frozenset({"LAND", "PRECLAND"})
 # a lost link does not interrupt a landing or a take-off; after a take-off the mode changes, and the failsafe acts
 _NEAR_GROUND = _LANDING | {"TAKEOFF"}
 _AUTO = ("HOLD", "TAKEOFF", "LAND", "PRECLAND", "RETURN", "ORBIT", "FOLLOW")
-_EXEMPT_BIT = {"MISSION": 1, "OFFBOARD": 4} | dict.fromkeys(_AUTO, 2)  # in COM_RCL_EXCEPT and COM_DLL_EXCEPT
+_EXEMPT_BIT = {"MISSION": 1, "OFFBOARD": 4} | dict.fromkeys(_AUTO, 2)  # bits in COM_RCL_EXCEPT and COM_DLL_EXCEPT
 
 
 def _stick_mode(c: Conditions, mode: str) -> str:
@@ -179,7 +179,7 @@ TABLE: tuple[Callable[[Conditions, ParameterTable], Failsafe], ...] = (
 
 
 def evaluate(conditions: Conditions, parameters: ParameterTable, overridden: frozenset[str] = frozenset()) -> Failsafe:
-    """Return the most severe failsafe of all rules. Causes in `overridden` only warn (see `Supervision.overrule`)."""
+    """Return the most severe failsafe of all rules. For causes in `overridden`, STICKS … DESCEND become WARN."""
     worst = NO_FAILSAFE
     for rule in TABLE:
         due = rule(conditions, parameters)

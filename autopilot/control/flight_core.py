@@ -37,7 +37,7 @@ def update(
 
     A setpoint that stops the rotors needs no sample: disarming and termination also act while the sensor is silent.
     """
-    on_ground = setpoint.armed == 0  # the estimator assumes this of a disarmed vehicle
+    on_ground = setpoint.armed == 0  # a disarmed vehicle counts as on the ground
     if estimate_motion(filter_params, filter_state, covariance, history, sensors, estimate, on_ground):
         control(params, state, setpoint, estimate, actuators)
     elif setpoint.armed == 0 or setpoint.kind == KIND_IDLE:

@@ -36,7 +36,7 @@ ATTITUDE_RATIO = 3.5  # rate P gain / attitude P gain
 ATTITUDE_P_MAX = 8.0  # 1/s; a higher gain only passes noise of the outer loops to the rotors
 YAW_CROSSOVER_MAX = 8.0  # rad/s; yaw torque is weak, and has the lowest priority in the mixer
 VELOCITY_RATIO = 3.2  # attitude P gain / velocity P gain; an X500 gets the velocity gain 2.0
-VELOCITY_P_MAX = (2.0, 2.0, 4.0)  # 1/s; PX4's MPC_XY_VEL_P_ACC 1.8, MPC_Z_VEL_P_ACC 4
+VELOCITY_P_MAX = (2.0, 2.0, 4.0)  # 1/s; PX4's defaults: 1.8 (MPC_XY_VEL_P_ACC) and 4 (MPC_Z_VEL_P_ACC)
 ROTOR_FLOOR = 0.01  # least thrust fraction of a rotor, even without an idle speed
 
 
@@ -132,7 +132,7 @@ def velocity_loop(p: float, i: float, d: float, inner: Response) -> Response:
 
 
 def position_loop(p: float, velocity: Response, inner: Response, expected: float) -> Response:
-    """Return L(s) of a position P around the smoothing of its velocity setpoint and a velocity loop with feed-forward.
+    """Return L(s) of a position P. Inside it are the smoothing of the velocity setpoint, and the velocity loop.
 
     The smoothed reference r gives the feed-forward s r. The feedback C gets r / (T s + 1), where T is `expected` (s).
     With G = `inner` and L = C G / s, the velocity is (G + L / (T s + 1)) / (1 + L) r.
@@ -144,7 +144,7 @@ def position_loop(p: float, velocity: Response, inner: Response, expected: float
 
 
 def margin(loop: Response, frequencies: NDArray[np.float64] = FREQUENCIES) -> Margin:
-    """Return the smallest phase and gain margin over all crossings of a loop; nan phase if it never crosses 0 dB."""
+    """Return a loop's smallest phase and gain margin over all crossings; phase nan if the loop never crosses 0 dB."""
     value = loop(1j * frequencies)
     gain = 20.0 * np.log10(np.abs(value))
     phase = np.degrees(np.unwrap(np.angle(value)))
@@ -270,7 +270,7 @@ def margins_by_control(airframe: Airframe, gains: Gains) -> dict[str, Margin]:
 
 Array = NDArray[np.float64]
 
-SAMPLES = 1 << 16  # of a step response; the slowest loop then has one every 4 ms or less
+SAMPLES = 1 << 16  # samples of a step response, at most 4 ms apart for the slowest loop
 GROUPS = (
     ("rate", ("roll rate", "yaw rate")),
     ("attitude", ("roll attitude", "yaw attitude")),

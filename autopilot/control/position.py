@@ -1,6 +1,6 @@
 """Position P, velocity PID and heading: computes an acceleration and a yaw from a trajectory setpoint.
 
-A velocity setpoint is first smoothed, with bounded acceleration and jerk, so that the vehicle can follow it.
+A velocity setpoint is first smoothed to the velocity reference, whose acceleration and jerk the vehicle can follow.
 """
 
 import math
@@ -9,7 +9,7 @@ from autopilot.records import quat_yaw, wrap_pi
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
-RESPONSE = 5.0  # 1/s, rate at which a small velocity gap closes; well above the bandwidth of the velocity loop
+RESPONSE = 5.0  # 1/s, rate at which the velocity reference nears the setpoint; above the velocity loop's bandwidth
 
 
 @njit(cache=True)
@@ -36,7 +36,7 @@ def wanted_acceleration(gap: float, limit: float, jerk: float) -> float:
 
 @njit(cache=True)
 def slew_horizontal(state: Record, north: float, east: float, limit: float, jerk: float, dt: float) -> None:
-    """Move the horizontal velocity reference towards (north, east) within `limit` (m/s²) and `jerk` (m/s³)."""
+    """Move the velocity reference towards a setpoint (north, east; m/s) within `limit` (m/s²) and `jerk` (m/s³)."""
     v, a = state.velocity_reference, state.acceleration_reference
     gap_n, gap_e = north - v[0], east - v[1]
     gap = math.sqrt(gap_n * gap_n + gap_e * gap_e)
@@ -54,7 +54,7 @@ def slew_horizontal(state: Record, north: float, east: float, limit: float, jerk
 
 @njit(cache=True)
 def slew_vertical(state: Record, down: float, limit_up: float, limit_down: float, jerk: float, dt: float) -> None:
-    """Move the vertical velocity reference towards `down` (m/s, NED)."""
+    """Move the vertical velocity reference towards the setpoint `down` (m/s, NED)."""
     v, a = state.velocity_reference, state.acceleration_reference
     gap = down - v[2]
     limit = limit_down if gap > 0.0 else limit_up
@@ -82,10 +82,10 @@ YAW_LEAD_MAX = math.radians(30.0)  # rad; at a yaw rate setpoint, the yaw refere
 YAW_GAIN = 3.0  # 1/s, yaw rate per yaw error near a yaw setpoint
 YAW_ACCELERATION = 2.5  # rad/s²; yaw torque is weak, so a faster start would saturate the rotors
 FOLLOWING_ERROR_MAX = 0.4  # m/s; with a smaller velocity error, the vehicle follows its setpoint
-TRIM_S = 2.0  # s, time constant of `free_integral`
+TRIM_S = 2.0  # s, time constant of `free_integral`, the smoothed integral without an obstacle
 TEST_STEP = 0.8  # m/s²; after the integral has grown this much, the change of the velocity error is checked
 ERROR_DROP = 0.05  # m/s; if the error drops less in the second half of that growth, an obstacle is the cause
-BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s; a vehicle that moves faster, back or ahead, is not blocked
+BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s; a vehicle that moves faster, against or along its push, is not blocked
 DESCENDS = 0.2  # m/s, NED; a faster demand is a descent
 SIDEWAYS_SPEED = 0.3  # m/s; with a faster horizontal demand, the object under the vehicle is an obstacle, not ground
 INITIAL_PUSH_LIMIT, FIRST_S = 2.5, 2.0  # m/s², s: first limit of the P term against an obstacle, and its duration
@@ -93,7 +93,7 @@ LASTING_PUSH_LIMIT = 1.0  # m/s², the limit after that
 BLOCKED_S = 3.0  # s, after which the integral may grow again, because the cause may have been a gust
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
 KNOCK = 8.0  # m/s²; a larger sudden unexplained acceleration is a knock; wind of 10 m/s: 3.3 (X500), 6.1 (30 g drone)
-KNOCK_TORQUE = 0.15  # the same for torque, as a fraction of the largest pitch torque; this wind causes 0.06 and 0.08
+KNOCK_TORQUE = 0.15  # as KNOCK for torque; fraction of the largest pitch torque; wind of 10 m/s: 0.06, 0.08
 # s, time constants of the band-pass for knocks: above a gust's frequency, up to 10 Hz
 KNOCK_S, GUST_S = 0.016, 0.3
 TOUCHED_S = 1.0  # s after a knock, during which the vehicle is assumed to touch the obstacle
@@ -214,7 +214,7 @@ def accelerate(
 ) -> Vec3:
     """Return the acceleration setpoint (NED, m/s²): velocity PID plus the feed-forward of the reference."""
     out_n, out_e, out_d = 0.0, 0.0, 0.0
-    push_reduction = 0.0  # m/s², reduction of the push against an obstacle
+    push_reduction = 0.0  # m/s²
     if state.blocked_s > 0.0:
         for i in range(3 if vertical else 2):
             error = state.velocity_expected[i] - estimate.velocity_ned[i]
@@ -262,8 +262,8 @@ def integrate(
 ) -> None:
     """Advance the velocity integrals.
 
-    The tilt and thrust limits reduce the acceleration from `wanted` to `flown`. The difference is fed back to the
-    integrals, which prevents wind-up.
+    The tilt and thrust limits reduce the acceleration from `wanted` to `flown`. This difference is fed back to the
+    integrals to prevent wind-up.
     """
     rests = obstacle_axes(state, vertical) if horizontal and 0.0 < state.blocked_s < BLOCKED_S else 0
     for i in range(3):

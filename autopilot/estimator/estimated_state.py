@@ -12,7 +12,7 @@ from foundation.record_reader import reader
 FARTHEST_M = 1e6  # a local position farther from the origin is invalid
 RANGE_FRESH_US = 300_000  # the downward rangefinder samples at 10 Hz or faster; three missed samples make it stale
 
-# groups of fields that are read together: the fields that the commander uses at every tick, the motion, and the others
+# groups of fields that are read together: those that the commander uses at every tick, the motion, and the others
 _FLIGHT = (
     "velocity_ned", "position_ned", "attitude_valid", "velocity_valid", "position_valid", "altitude_valid",
     "position_std_h", "velocity_std_h", "thrust_setpoint", "hover_thrust",
@@ -97,7 +97,7 @@ class EstimatedState:
         self.estimate = estimate
         self.sensors = sensors
         self.position_limit = math.inf  # m; above this position_std_h the position is invalid; set by `AccuracyWatch`
-        self.velocity_limit = math.inf  # m/s, the same for velocity_std_h
+        self.velocity_limit = math.inf  # m/s; above this velocity_std_h the velocity is invalid
         self._time = reader(estimate, "time_us")
         self._range = reader(sensors, "range_time_us", "range_m")
         self.battery = reader(sensors, "battery_time_us", "battery_remaining")  # µs (0: never), 0 … 1
@@ -105,7 +105,7 @@ class EstimatedState:
         self.refresh()
 
     def refresh(self) -> None:
-        """Start a new snapshot with the time of the estimate; before the first estimate, with the sensors' time."""
+        """Start a new snapshot with the estimate's time; before the first estimate, with the sensors' time."""
         (time_us,) = self._time()
         self.__dict__ = {"time_us": time_us or int(self.sensors["time_us"])}
 

@@ -1,4 +1,4 @@
-"""The records of the estimator: its state and the parameters of its sensors."""
+"""The estimator's records: its state and its parameters (noise figures, gates, timeouts)."""
 
 import math
 
@@ -7,7 +7,7 @@ import numpy as np
 from autopilot.records import TESTS
 
 MOTION = 15  # attitude error (NED) 0-2, velocity 3-5, position 6-8, gyro bias 9-11, accelerometer bias 12-14
-STATES = MOTION + 2  # plus the magnetometer's hard iron along the vehicle's forward and right axes
+STATES = MOTION + 2  # plus the magnetometer's hard iron along the forward and right axes
 HISTORY = 128  # entries of `history`: 512 ms at one entry every 4 ms
 
 STATUS_ALIGNING = 0
@@ -28,7 +28,7 @@ ESTIMATOR_PARAMS = np.dtype(
         ("gps_velocity_noise", "f8"),  # m/s, least σ of a fix (EKF2_GPS_V_NOISE)
         ("gps_position_noise", "f8"),  # m, least σ of a fix (EKF2_GPS_P_NOISE)
         ("gps_fixes_alike", "f8"),  # number of consecutive fixes that share one position error: they weigh as one
-        ("gate_mag", "f8"),  # σ, largest accepted (EKF2_HDG_GATE)
+        ("gate_mag", "f8"),  # σ, largest accepted innovation (EKF2_HDG_GATE)
         ("gate_baro", "f8"),  # σ (EKF2_BARO_GATE)
         ("gate_velocity", "f8"),  # σ (EKF2_GPS_V_GATE)
         ("gate_position", "f8"),  # σ (EKF2_GPS_P_GATE)
@@ -38,7 +38,7 @@ ESTIMATOR_PARAMS = np.dtype(
         ("gps_fixes_required", "i8"),  # good fixes in a row before the origin is set
         ("timeout_us", "i8"),  # µs without a fused sample until a quantity is invalid (EKF2_NOAID_TOUT)
         ("reset_after_us", "i8"),  # µs of rejected samples until the state is reset to them
-        ("align_us", "i8"),  # µs of rest averaged for the initial attitude
+        ("align_us", "i8"),  # µs of rest, whose mean samples give the initial attitude
     ],
     align=True,
 )
@@ -57,11 +57,11 @@ ESTIMATOR_STATE = np.dtype(
         ("accel_bias", "f8", (3,)),
         ("mag_bias", "f8", (2,)),  # gauss, forward and right
         ("impulse", "f8", (3,)),  # m/s, ∫ specific force (NED) since the covariance was last propagated
-        ("impulse_dt", "f8"),  # s, length of that integral
+        ("impulse_dt", "f8"),  # s, integration time of `impulse`
         ("shocked", "i8"),  # 1: `impulse` contains an impact beyond the accelerometer's limit
         ("shock_us", "i8"),  # time of the last impact
         ("reckoned_velocity", "f8", (3,)),  # m/s, from the predictions alone, never corrected by fixes
-        ("reckoned_position", "f8", (3,)),  # m, the same for position; its change since a fix is the predicted motion
+        ("reckoned_position", "f8", (3,)),  # m, from predictions alone; its change since a fix is the predicted motion
         ("history_index", "i8"),  # next entry to write
         ("history_count", "i8"),
         ("work", "f8", (STATES,)),  # P·Hᵀ of the scalar update in progress
@@ -81,7 +81,7 @@ ESTIMATOR_STATE = np.dtype(
         ("origin_lat_deg", "f8"),
         ("origin_lon_deg", "f8"),
         ("origin_alt_m", "f8"),
-        ("position_fused_us", "i8"),  # µs of the last accepted sample, 0 = never; also the next four
+        ("position_fused_us", "i8"),  # µs of the last accepted sample, 0 = never; likewise the next four fields
         ("velocity_fused_us", "i8"),
         ("baro_fused_us", "i8"),
         ("mag_fused_us", "i8"),
@@ -102,7 +102,7 @@ ESTIMATOR_STATE = np.dtype(
 
 
 def default_parameters(declination_rad: float) -> np.void:
-    """Return one ESTIMATOR_PARAMS record with PX4-like noise figures and gates.
+    """Return ESTIMATOR_PARAMS with PX4-like noise figures and gates.
 
     Noise densities are for a vibrating frame: 4 (gyro) and 17 times (accelerometer) those of the BMI088's data sheet.
     """
@@ -137,7 +137,7 @@ def default_parameters(declination_rad: float) -> np.void:
 
 
 def initial_state() -> np.void:
-    """Return one ESTIMATOR_STATE record of a filter before its first sample: level, north, at rest."""
+    """Return the ESTIMATOR_STATE of a filter before its first sample: level, north, at rest."""
     state: np.void = np.zeros(1, ESTIMATOR_STATE)[0]
     state["attitude"] = (1.0, 0.0, 0.0, 0.0)
     state["baro_reference_m"] = math.nan

@@ -1,7 +1,7 @@
 """`TABLE`: the topics of a flight log, each with its rate, its fields and the function that returns their values.
 
 Names, fields and units are PX4's (msg/*.msg of 1.15), so that PlotJuggler, pyulog and Flight Review can use the log.
-Fields that have no value here are omitted. `Readings` reads all fields of a sensor or actuator record in one step.
+PX4 fields that this autopilot does not compute are omitted. `Readings` reads all fields of a record in one step.
 """
 
 import math

@@ -20,7 +20,7 @@ from foundation.mavlink import MODES, dialect
 ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
 REJECTED = dialect.MAV_RESULT_TEMPORARILY_REJECTED
 UNSUPPORTED = dialect.MAV_RESULT_UNSUPPORTED
-FORCE_MAGIC = 21196  # param2 of a forced arming
+FORCE_MAGIC = 21196  # param2 of a forced arming or disarming
 INT32_UNKNOWN = (1 << 31) - 1
 NAN = math.nan
 RELATIVE_FRAMES = frozenset({dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
@@ -89,7 +89,7 @@ def _send_modes(port: Port, index: float) -> None:
 _AUTO = MODES["HOLD"].main
 _AUTO_MODES = {mode.sub: mode.name for mode in MODES.values() if mode.main == _AUTO and mode.name != "READY"}
 _AUTO_MODES[0] = "MISSION"
-# The sub mode is ignored: ORBIT, a sub mode of POSCTL, has its own command, and Position Slow is not implemented.
+# Sub modes are ignored here: ORBIT, a sub mode of POSCTL, has its own command, and Position Slow is not implemented.
 _MANUAL_MODES = {
     mode.main: mode.name
     for mode in MODES.values()
@@ -116,7 +116,6 @@ CommandHandler = Callable[[Node, Port, Command], int | None]
 
 
 def command_long(node: Node, port: Port, message: Message) -> None:
-    """Act on COMMAND_LONG."""
     m = message
     p = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
     _run(node, port, m, Command(m.command, p, dialect.MAV_FRAME_GLOBAL, _source(m)))
@@ -215,7 +214,7 @@ def _takeoff(node: Node, port: Port, c: Command) -> int:
 def _place(node: Node, c: Command, relative: bool) -> Vec3:
     """Return params 5 to 7 as a local position (m, NED); nan if not given.
 
-    With `relative`, an altitude in RELATIVE_FRAMES is above home. Others are above sea level.
+    With `relative`, an altitude in RELATIVE_FRAMES is above home. All other altitudes are above sea level.
     """
     state, home = node.vehicle.state, node.vehicle.commander.flight.home
     _, _, _, _, lat, lon, alt = c.p

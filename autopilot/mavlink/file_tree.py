@@ -8,8 +8,8 @@
 Clients cannot leave the card and the log folder, neither with `..` nor through a link. The space and the number of
 files are limited.
 
-MAVProxy and pymavlink request the parameter file first. Source of its format: ArduPilot, AP_Filesystem documentation of
-param.pck. A record has type, name and value. The name omits the first letters that it shares with the previous name.
+To read the parameters, MAVProxy and pymavlink request param.pck first. Source of the format: ArduPilot, AP_Filesystem
+documentation. A record has type, name and value. The name omits the first letters that the previous name has too.
 
 A session is a file that a client holds open. The last answer to each client is kept, to send it again if it was lost.
 """
@@ -33,7 +33,7 @@ INT32, FLOAT = 3, 4
 
 
 def packed(parameters: ParameterTable) -> bytes:
-    """Return the content of the file: a header with the count, then all parameters, sorted by name."""
+    """Return the content of param.pck: a header with the count, then all parameters, sorted by name."""
     count = len(parameters)
     records = [struct.pack("<HHH", MAGIC, count, count)]
     before = ""

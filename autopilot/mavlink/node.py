@@ -4,7 +4,8 @@ A port is one MAVLink connection. It has its own stream rates, sequence numbers,
 the streams: message, rate (Hz) on each kind of port, and maker (function that returns the fields). The rates are as
 measured on PX4 1.15; 0 = only on request. A stream sends at most one message per call of `Port.tick` or `Port.stream`.
 
-An upload is a plan that a client sends (`mission.py`). Retry 0.25 s and time-out 5 s are PX4's.
+An upload is a plan that a client sends (`mission.py`). A missing item is requested again after 0.25 s, and a silent
+client's upload is cancelled after 5 s, as in PX4.
 """
 
 import struct
@@ -105,18 +106,15 @@ GROUPS[dialect.MAV_DATA_STREAM_ALL] = tuple(sorted({name for names in GROUPS.val
 
 COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 PARAMETERS_PER_TICK = 18  # of the parameter list: 1800 a second at 100 ticks a second; PX4 sends 1000
-TRANSFERS_PER_TICK = 20  # messages of each download: 180 kB/s of a log at 100 ticks a second
+TRANSFERS_PER_TICK = 20  # messages of each download; a log is sent at 180 kB/s with 100 ticks a second
 TRANSFER_BACKLOG = 200  # queued messages; downloads pause while there are as many or more
 FASTEST_US = 1_000  # least interval of a stream
 ENCODING_ERRORS = (struct.error, OverflowError, ValueError)  # raised for a value that its field cannot hold
-QUEUE_LIMIT = 20_000  # messages; a port drops the oldest if its client reads none
+QUEUE_LIMIT = 20_000  # messages; a longer queue, whose client reads nothing, loses its oldest half
 
 
 class Port:
-    """One MAVLink connection, without I/O: `receive` takes the received bytes, `take` returns the bytes to send.
-
-    `Autopilot.open_port` opens it.
-    """
+    """One MAVLink connection, without I/O: `receive` takes the received bytes, `take` returns the bytes to send."""
 
     def __init__(self, node: "Node", profile: str, number: int, handle: Callable[["Port", Message], None]) -> None:
         """`number` is the port's number in the component; `handle` is called for each received message."""
@@ -308,7 +306,6 @@ class Upload:
     taken_us: int | None = None  # time of completion; after it, a repeated last item is acknowledged again
 
     def request(self, now_us: int) -> None:
-        """Request the next item."""
         self.requested_us = now_us
         self.port.send(dialect.MAVLink_mission_request_int_message(*self.client, len(self.items), self.kind))
 
@@ -317,8 +314,6 @@ class Upload:
 
 
 class Uploads:
-    """All uploads."""
-
     def __init__(self) -> None:
         self._open: dict[Key, Upload] = {}
 
@@ -349,7 +344,7 @@ class Uploads:
 
 
 TEXT_CHUNK = 50  # bytes, STATUSTEXT.text
-REPEAT_US = 1_000_000  # the same complaint, for example about bad setpoints, is sent once a second
+REPEAT_US = 1_000_000  # the same complaint, for example about bad setpoints, is sent at most once a second
 
 Inject = Callable[[int, int, int], bool]  # FAILURE_UNIT, FAILURE_TYPE, instance (0 = all) → whether this is possible
 

@@ -35,7 +35,7 @@ class TelemetrySource:
 
 
 def boot_ms(v: TelemetrySource) -> int:
-    """Return time_boot_ms: the vehicle's time."""
+    """Return the vehicle's time for `time_boot_ms`."""
     return v.state.time_us // 1000 & 0xFFFFFFFF
 
 

@@ -21,7 +21,7 @@ class Sticks:
     yaw: float = 0.0  # -1 … 1, positive clockwise
 
     def fresh(self, now_us: int, timeout_s: float) -> bool:
-        """Return whether the message arrived within the timeout (s)."""
+        """Return whether the message arrived at most `timeout_s` ago."""
         return self.time_us >= 0 and now_us - self.time_us <= timeout_s * 1e6
 
 
@@ -33,11 +33,11 @@ class OffboardSignal:
     setpoint: CascadeSetpoint = field(default_factory=CascadeSetpoint)
 
     def fresh(self, now_us: int, timeout_s: float) -> bool:
-        """Return whether the setpoint arrived within the timeout (s)."""
+        """Return whether the setpoint arrived at most `timeout_s` ago."""
         return self.time_us >= 0 and now_us - self.time_us <= timeout_s * 1e6
 
     def supported(self, state: EstimatedState) -> bool:
-        """Return whether the quantity in the setpoint is also estimated (PX4 offboardCheck)."""
+        """Return whether the estimate of the quantity in the setpoint is valid (PX4 offboardCheck)."""
         s = self.setpoint
         if math.isfinite(s.position_ned[0]):
             return bool(state.position_valid)

@@ -75,7 +75,7 @@ class Mission(Mode):
     # sequence of items
 
     def _seek(self, flight: FlightContext) -> None:
-        """Execute the items that take no time. Begin the next item of NAVIGATION."""
+        """Execute the items that take no time, then begin the next item of `plans.NAVIGATION`."""
         items = flight.plans.mission
         for _ in range(2 * len(items) + 2):  # ends a loop of jumps without a waypoint
             if self.current >= len(items):
