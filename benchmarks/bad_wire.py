@@ -55,7 +55,7 @@ MOVES: tuple[tuple[Setpoint, float], ...] = (
     (Hold(), 3.5),
 )
 MINUTE = MOVES * 5
-SHORT_ROWS = ("perfect", "10 % loss")  # no delay, cut or baud rate: they count wall time, but vehicle time runs faster
+SHORT_ROWS = ("perfect", "10 % loss")  # no delays, cuts, baud rates: these count wall time, but vehicle time is faster
 SHORT_SPEED = 3.0
 
 

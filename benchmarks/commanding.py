@@ -32,7 +32,7 @@ class CommandedFlight:
 
     outcome: str
     declarations: int
-    steps: int  # as numbered in decisions.jsonl
+    steps: int  # number of steps in decisions.jsonl
     seconds: float  # s of vehicle time
     questions: int  # questions to the pilot
     question_tokens: int | None  # input and output tokens of these questions; None: not reported

@@ -51,7 +51,7 @@ class Landing:
 
     @property
     def result(self) -> str:
-        """'upright', 'says why' or 'silent'."""
+        """'upright': disarmed and upright. Otherwise 'says why' if the autopilot sent a warning, else 'silent'."""
         if self.disarmed and self.lean_deg <= UPRIGHT_DEG:
             return "upright"
         return "says why" if self.texts else "silent"
@@ -75,7 +75,7 @@ def top(world: World, solid: Obstacles, north: float, east: float) -> tuple[floa
 
 
 def draw(world: World, solid: Obstacles, rng: np.random.Generator, over_thing: bool) -> tuple[float, float]:
-    """Return a random place (north, east; m): above a random object, or within the extent of all."""
+    """Return a random place (north, east; m): above a random object, or between the outermost objects."""
     points: NDArray[np.float32] = solid.bounds
     if over_thing:
         points = points[solid.owner == rng.integers(len(solid.names))]
@@ -88,7 +88,7 @@ def draw(world: World, solid: Obstacles, rng: np.random.Generator, over_thing: b
 
 
 def land(map_: str, number: int, seed: int) -> Landing:
-    """Fly the landing at the place with this number."""
+    """Fly the landing at place `number`."""
     world = load_world(MAPS[map_])
     solid = obstacles(world.scene)
     rng = np.random.default_rng((seed, list(MAPS).index(map_), number))
@@ -133,7 +133,6 @@ def land(map_: str, number: int, seed: int) -> Landing:
 
 
 def main() -> None:
-    """Land at the places and print the table."""
     parser = benchmark_parser(__doc__, short="land at one place of a map, to check that it runs")
     parser.add_argument("--places", type=int, default=20, help="of each map (default 20)")
     parser.add_argument("--seed", type=int, default=0)

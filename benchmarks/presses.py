@@ -202,7 +202,7 @@ class Pose(NamedTuple):
     position_ned: NDArray[np.float64]  # m
     velocity_ned: NDArray[np.float64]  # m/s
     attitude: NDArray[np.float64]  # FRD to NED
-    target: NDArray[np.float64] | None = None  # commanded attitude; the yaw is that of the estimate
+    target: NDArray[np.float64] | None = None  # commanded attitude, with the estimate's heading error
 
 
 def lean_deg(attitude: NDArray[np.float64]) -> float:

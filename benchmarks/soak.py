@@ -148,7 +148,7 @@ class Pilot(threading.Thread):
     def _await_way(self) -> None:
         """Wait until the next vehicle has moved, because the way to the landing place leads over its boot place.
 
-        On a busy machine, its pilot may be much slower.
+        On a busy machine, the next vehicle's pilot may be much slower.
         """
         while self.next is not None and not (self.next.moved.is_set() or self.next.over.is_set()):
             self.client.tick()
@@ -183,7 +183,6 @@ class Pilot(threading.Thread):
         self.client.send(message)
 
     def _land(self) -> None:
-        """Land if the vehicle is armed."""
         if not self.client.state.armed:
             return
         try:
@@ -245,7 +244,7 @@ class Watch:
         self.files.append(files)
 
     def figures(self) -> dict[str, Any]:
-        """Return the growth after the first rounds."""
+        """Return the changes after the first rounds."""
         grown = {}
         for pid, values in self.memory.items():
             first, last = map(statistics.median, _thirds(values))

@@ -96,10 +96,9 @@ class Flight:
         offboard.setpoint, offboard.time_us = self.setpoint, self.vehicle.autopilot.state.time_us
 
     def fly(self, seconds: float) -> Array:
-        """Fly; return the state at every tick.
+        """Fly; return a row per tick.
 
-        Each row has the true north, east, down (m), velocity north (m/s) and yaw (rad), then the estimated north and
-        east (m).
+        Each row has the true north, east, down (m), velocity north (m/s), yaw (rad), and estimated north and east (m).
         """
         rows = np.empty((round(seconds / TICK_S), 7))
         truth = self.vehicle.plant.truth
@@ -159,6 +158,7 @@ def measure(name: str, seeds: tuple[int, ...] = SEEDS) -> tuple[dict[str, Any], 
     minutes = [flight.fly(60.0) for flight in flights]
     away = [float(np.hypot(*(m[:, :2] - m[0, :2]).T).max()) for m in minutes]
     lifted = [float(np.abs(m[:, 2] - m[0, 2]).max()) for m in minutes]
+    # without the estimate's own error, which control cannot remove
     held = [
         float(np.hypot(*(m[:, 5:] - flight.setpoint.position_ned[:2]).T).max())
         for flight, m in zip(flights, minutes, strict=True)
@@ -205,7 +205,7 @@ def table(airframes: dict[str, dict[str, Any]]) -> str:
 
 
 def draw(answers: dict[str, dict[str, Array]], folder: Path) -> Path:
-    """Plot all responses of all airframes into steps.png; return the path."""
+    """Plot all responses into steps.png; return the path."""
     from matplotlib.figure import Figure
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -112,7 +112,7 @@ def free_port() -> int:
 
 
 def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
-    """Return the processor time of lockstep flights that flush every delivery, divided by that of flights without."""
+    """Return the median processor time of flights that flush every delivery, divided by that of flights that do not."""
     spec = FlightSpec(
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True
     )
