@@ -1,8 +1,8 @@
-"""The fixed geometric controller (paper, appendix "Execution"), and `Drone`, which flies its segments.
+"""The fixed geometric controller (paper, appendix "Execution"), and `Drone`, which flies the planned segments.
 
 One action becomes at most a turn and a move. The geometry is solved once per step, without feedback; the autopilot
-tracks the result. Angles count from the heading that the vehicle had when the picture was taken, so a go flies to its
-pixel even if the vehicle has turned since.
+tracks the result. Angles count from the heading that the vehicle had when the picture was taken, so a go flies towards
+its image point even if the vehicle has turned since.
 """
 
 import math

@@ -154,7 +154,7 @@ def await_reply(
 
 
 class Tally:
-    """Numbers the steps of an episode in the order of the decisions of all deciders, without gaps."""
+    """Numbers the steps of all deciders of an episode together, in the order of the decisions."""
 
     def __init__(self) -> None:
         self.taken = 0
@@ -194,7 +194,7 @@ class Decider:
         return False
 
     def _see(self, cap_s: float) -> Generator[None, None, list[Frame] | None]:
-        """Return the newest frame of each drone; None if the episode ended first. Each drone stores its pose."""
+        """Return each drone's newest frame; None if the episode ended first. Drones store the pose of their frame."""
         indices = [drone.index for drone in self._drones]
         start_s = self._host.pace.now_s if self._host else 0.0
         question = Question(self._cockpit.seed, self._questions_sent, indices[0])

@@ -40,8 +40,8 @@ class Bench:
         """`limit` and `shard` select the episodes that this process flies. `retry`: repeat flights that did not move.
 
         The steps, in order: check existing run folders; send a small test question to each model with flights left, and
-        pass the results to `report`; call `first`; write bench.json; create new run folders. So bench.json names
-        every run folder even after a kill. Raises UsageError, ModelError, InfrastructureError.
+        pass the results to `report`; call `first` (writes a study's file); write bench.json; create new run folders. So
+        bench.json names every run folder even after a kill. Raises UsageError, ModelError, InfrastructureError.
         """
         self.out = out
         self._opened = ExitStack()

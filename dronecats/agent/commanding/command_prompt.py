@@ -25,7 +25,7 @@ CAUSES = {
     "stall": "Drone {n} has not moved from its place for {steps} steps.",
     "time": "Nothing was heard of you for {seconds} s.",
 }
-STALL_STEPS = 8  # decisions in a row without a go that count as a stall; a look around takes six turns of 60°
+STALL_STEPS = 8  # decisions in a row without the action go that are a stall; a look around takes six turns of 60°
 INTERVAL_S = 45.0  # vehicle s after which the commander is asked again even without an event
 
 
@@ -76,7 +76,7 @@ class CommandedDrone:
         self.steps = 0  # decisions since the goal was set
         # decisions in a row without a go; reset when the commander is asked about a stall
         self.steps_without_go = 0
-        self.reported_s: float | None = None  # time of the drone's report of arrival, until the commander replies to it
+        self.reported_s: float | None = None  # time of the drone's report of arrival; None: no report waits for a reply
         self.confirmed = False  # the report is confirmed: the drone hovers until it has another goal
 
     @property
@@ -91,7 +91,7 @@ class CommandedDrone:
         self.steps_without_go, self.reported_s, self.confirmed = 0, None, False
 
     def note(self, went: bool, reported: bool, now_s: float) -> None:
-        """Count a decision under the present goal. `went`: it is a go; `reported`: it reports arrival."""
+        """Count a decision under the present goal. `went`: the decision is a go; `reported`: it reports the arrival."""
         self.steps += 1
         self.steps_without_go = 0 if went else self.steps_without_go + 1
         if reported:
@@ -133,8 +133,8 @@ def _heading(post: CommandedDrone) -> str:
     return f"to something {side} its picture, {went.depth_m:.3g} m away by its own judgement"
 
 
-MAX_REPLY_CHARS = 50_000  # the parser reads only so many; a reply with eight of the longest orders is far shorter
-MAX_GOAL_CHARS = 500  # the same limit as for the instruction of an episode
+MAX_REPLY_CHARS = 50_000  # the parser reads no more characters; eight of the longest orders are far shorter
+MAX_GOAL_CHARS = 500  # as for the instruction of an episode
 
 
 @dataclass(frozen=True, slots=True)

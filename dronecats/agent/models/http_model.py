@@ -17,9 +17,9 @@ from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.redaction import keyless, redacted_url
 from foundation.wording import did_you_mean, nearest
 
-MAX_FINISH_CHARS = 40  # longest vendor's word in `finish` of a `Reply`
+MAX_FINISH_CHARS = 40  # longest text of `finish` in a `Reply`
 MAX_SERVED_CHARS = 100  # longest text of `served` and of `endpoint` in a `Reply`
-TOKENS_MAX = 1_000_000_000  # largest valid token count of one question
+TOKENS_MAX = 1_000_000_000  # a larger token count in an answer is invalid
 
 
 class HttpModel(ABC):
@@ -87,7 +87,7 @@ class HttpModel(ABC):
 
     @abstractmethod
     def read(self, data: Any) -> Reply:
-        """Return the reply in an answer; its times are not set. The text and `finish` may still have secrets.
+        """Return the reply in an answer; its times are not set. The text and `finish` may still contain API keys.
 
         Raises KeyError, IndexError, TypeError, AttributeError or ValueError for data in another format.
         """
@@ -189,7 +189,7 @@ class HttpModel(ABC):
         return known
 
     def sampling(self, temperature: str, top_p: str, top_k: str) -> dict[str, float]:
-        """Return the sampling settings to send, under the format's field names."""
+        """Return the sampling settings to send. Arguments: names of their fields in the wire format."""
         spec, provider = self._spec, self._provider
         declared = {
             temperature: spec.temperature,

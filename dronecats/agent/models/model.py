@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-REASONS = {  # `Reply.finish` → text; {tokens}: number of tokens, "its limit of" if it is unknown
+REASONS = {  # `Reply.finish` → text; {tokens}: number of tokens, or "its limit of" if it is unknown
     "length": "cut off at {tokens} tokens: raise max_tokens or lower the reasoning",
     "refusal": "the model refused to answer",
     "filtered": "the provider's filter withheld the reply",

@@ -1,4 +1,4 @@
-"""Rate limits of an address: parses vendors' headers and schedules requests. The caller passes the time."""
+"""Rate limits of an address: parses vendors' headers and schedules requests. Callers pass the present time."""
 
 import math
 import re
@@ -97,9 +97,9 @@ def http_date(text: str | None) -> datetime | None:
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
-LONGEST_WAIT_S = 60.0  # s, longest block of requests; a time stored farther ahead is ignored: the clock was set back
+LONGEST_WAIT_S = 60.0  # s, longest block of requests; a later stored time is ignored, because the clock was set back
 SLOW_S = 60.0  # s; after a block, requests are sent one by one for this time
-SLOW_INTERVAL_S = 0.5  # s between requests in this time; needed for vendors without rate-limit headers
+SLOW_INTERVAL_S = 0.5  # s between requests during SLOW_S; needed for vendors without rate-limit headers
 MINUTE_S = 60.0  # s, assumed time of a refill if the headers do not give it
 LATE_S = 0.001  # s, margin on the computed time of a refill
 

@@ -102,7 +102,7 @@ def provider_of(name: str) -> Provider:
 
 NO_EFFORT = "none"
 TEMPERATURE_MAX = 2.0
-COUNT_MAX = 100_000_000  # tokens, largest setting
+COUNT_MAX = 100_000_000  # tokens; limit of a setting
 PRICE_MAX = 100_000.0
 
 Text = Annotated[str, Meta(pattern=r"\S", extra={"wrong": "is not a text"})]

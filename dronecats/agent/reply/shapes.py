@@ -1,7 +1,8 @@
 """Lenient reading of an object as an action: other field names, tool calls, wrappers, boxes, synonyms.
 
-Only objects with one possible meaning are read. A synonym counts only with the fields of its action. `hover`, `stop`,
-`land` and `done` are not synonyms: they may mean a think or a declaration, and the benchmark measures this choice.
+Only objects with one possible meaning are read. Each correction is recorded as a mend (`mends.py`). A synonym counts
+only with the fields of its action. `hover`, `stop`, `land` and `done` are not synonyms: they may mean a think or a
+declaration, and the benchmark measures this choice.
 """
 
 import re
@@ -131,7 +132,7 @@ ANGLES = ("angle_deg", "angle", "angle_degrees", "degrees", "deg")
 # name of an action; side in the name that the reply used (1: right, -1: left, 0: no side); the action's fields
 Unfolded = tuple[str, int, dict[str, Any]]
 _BETWEEN_WORDS = re.compile(r"[\s\-_]+")
-_DEPTH = 6  # maximum depth of objects within objects
+_DEPTH = 6  # maximum nesting of objects
 _HELD_MAX = 40  # maximum number of members of an object that may wrap an action
 _NAME_MAX = 40  # longest key or action name, characters
 
@@ -184,7 +185,7 @@ def _unfold(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | N
         named = None if spelt is None else _named(value[spelt])
         if spelt is None or named is None:
             if spelt is not None and key == "action" and isinstance(value[spelt], str | Cut):
-                return None  # an unknown action
+                return None
             continue
         if value[spelt] not in ACTIONS:
             mends.add("name")

@@ -24,7 +24,7 @@ class SeenPlace:
 
 
 def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
-    """Return the place that a go names in a picture taken at `sight`."""
+    """Return the place that a go points at in a picture taken from the pose `sight`."""
     right, forward, up = displacement(go, camera.at_pitch(sight.gimbal_pitch))
     body = quat_from_euler(sight.roll, sight.pitch, sight.heading)
     # `displacement` is in the axes of the vehicle, or in level axes if the camera has a gimbal
@@ -65,7 +65,7 @@ CAREFUL_S = 1.5  # s, shortest duration of a short stride (a go with a depth bel
 class Leg:
     """The flight of one go to a goal that may move. The pace is full until `due_s` and falls to zero at `ends_s`."""
 
-    goal_ned: Vec3  # m, local frame, when the leg begins
+    goal_ned: Vec3  # m, local frame, at `begins_s`
     velocity_ned: Vec3  # m/s of the goal
     level: bool  # the height is held
     begins_s: float  # s of the episode
@@ -80,7 +80,7 @@ class Leg:
         return (north + self.velocity_ned[0] * seconds, east + self.velocity_ned[1] * seconds, down)
 
     def fade(self, now_s: float) -> float:
-        """Return the share of the pace at a time, 1 … 0."""
+        """Return the flown share of the full pace at a time, 1 … 0."""
         if now_s <= self.due_s:
             return 1.0
         return max(0.0, (self.ends_s - now_s) / (self.ends_s - self.due_s))

@@ -82,7 +82,7 @@ class OutsideFlight:
     """One flight in lockstep. The caller alternates `question` and `answer` until there is no further question."""
 
     def __init__(self, spec: FlightSpec, run: Path) -> None:
-        """Begin the flight, in a new folder of the run. Raises UsageError if no harness can fly the spec."""
+        """Begin the flight, in a new folder of the run. Raises UsageError if `spec` has no harness or no simulation."""
         if spec.outside is None:
             raise UsageError("the spec has no `outside`. Set it to the name of the harness")
         self._folder_lock = ExitStack()  # locks the folder until the flight is over
