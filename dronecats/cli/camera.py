@@ -156,7 +156,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 
 def _views_in_folder(args: argparse.Namespace, board: Any, report: Callable[[str], None]) -> tuple[list[Any], int, int]:
-    """Return (views, width, height) of a folder: the board's corners in each picture that shows it; size in px."""
+    """Return (views, width, height): the board's corners in each picture that shows the board, and the size in px."""
     from hil.cameras.lens import corners
     from hil.cameras.stream import decoded, pictures
 

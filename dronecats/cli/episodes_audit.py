@@ -135,7 +135,7 @@ def _reason(result: "Result") -> str:
 
 
 def _keep(steps: dict[str, int]) -> None:
-    """Store the oracle's steps in shipped episodes as their par. Shipped episodes without new steps keep their par."""
+    """Store the oracle's steps as the par (reference step count) of shipped episodes. Other episodes keep their par."""
     from episodes.records import catalogue
     from episodes.records.catalogue import PAR, load_par
     from foundation.files import write_json

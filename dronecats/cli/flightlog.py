@@ -82,7 +82,7 @@ def _on_board(args: argparse.Namespace) -> int:
 def _trace(args: argparse.Namespace) -> int:
     """Write estimate.jsonl, the estimated path, and judge the flight by it.
 
-    If the log of the flight has true poses, print the error of the estimated path instead of a judgement.
+    If truth.jsonl has true poses, print the error of the estimated path instead of a judgement.
     """
     from dronecats.judge.diagnostics import distances_sentence
     from dronecats.judge.episode import write_verdict

@@ -153,7 +153,7 @@ def add_audit_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _audit(args: argparse.Namespace) -> int:
-    """Print what other rules would change, over all episodes together."""
+    """Print how many verdicts of all episodes would change under other rules."""
     from dronecats.judge.metrics.audit import audit, audited_episode
     from dronecats.judge.metrics.judging import Judging, parallel_map
     from dronecats.report.recorded.run import recorded_runs

@@ -256,7 +256,7 @@ def _select_decisions(logs: Logs) -> list[Decision]:
     places = [round(i * (len(order) - 1) / (wanted - 1)) for i in range(wanted)]
     decisive = next((i for i, step in enumerate(order) if any(qualifies(d, logs) for d in steps[step])), None)
     if decisive is not None and decisive not in places:
-        # the decisive step replaces the nearest step between first and last; of only two steps, the last
+        # the decisive step replaces the nearest step between first and last, or the last if only two are shown
         nearest = min(range(1, max(2, wanted - 1)), key=lambda k: abs(places[k] - decisive))
         places[nearest] = decisive
     return [d for place in sorted(set(places)) for d in steps[order[place]]]

@@ -55,7 +55,7 @@ def _samples(logs: Logs, cap_s: float) -> tuple[list[Sample], list[Pose], float]
     acted = {(d.drone, d.frame_id) for d in logs.decisions if d.t_decided <= cap_s}
     frames = [row for key, row in logs.frames.items() if row.t <= cap_s or key in acted]
     poses = [pose for pose in logs.poses if pose.t <= cap_s]
-    samples: list[Sample] = [*poses, *frames]  # poses first: at equal times the frame is last, and its values hold
+    samples: list[Sample] = [*poses, *frames]  # poses first: at equal times the frame is last, so its values hold
     measured = [row for row in samples if row.distance_m is not None or row.visible is not None]
     last_s = max((row.t for row in measured), default=0.0)
     return measured, poses, min(cap_s, max(last_s, logs.end.t if logs.end else 0.0))

@@ -52,8 +52,8 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
     A qualifying declaration is a success, however the flight ended. Without one, the outcome is "error", an error of
     the infrastructure, if a declaration was not measured, or if `ending` or `gaps` finds a fault. A flight is censored
     (its continuation is unknown) if it ended before `cap_s`, for example because it was decided at another radius.
-    Without truth `success` is None, and the outcome, if not "error", is "distance only" if `distances` can be
-    estimated, else "unknown".
+    Without truth `success` is None. The outcome of such a flight is "error", "distance only" (the distances are
+    estimated) or "unknown".
     """
     declared = declarations(logs, cap_s) if logs.true else []
     last = last_action(logs, cap_s) if logs.true else None

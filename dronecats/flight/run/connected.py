@@ -73,7 +73,7 @@ class VehicleFlight(FlightSetup):
             notify(f"{draw_intent(folder, self.camera_model)} decisions are drawn in {folder / layout.INTENT}")
 
     def draw(self, folder: Path, ending: EpisodeEnd) -> None:
-        """Draw flight.png, which needs true poses. This class has none and draws nothing; a subclass may."""
+        """Draw flight.png, which needs true poses. A subclass that has them overrides this."""
 
     @property
     def camera_model(self) -> CameraModel:

@@ -31,7 +31,7 @@ PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process:PilotPart", PilotConf
 
 
 def questions_of(flight: Flight, model: Model) -> Questions:
-    """Return the model that a flight asks, and the settings of its questions: prompt, parser, latency and patience."""
+    """Return the model that a flight asks, and the settings of its questions."""
     spec = flight.spec
     served = spec.model is not None and spec.replay is None
     waits = spec.simulated is not None and spec.simulated.speed is None
@@ -73,7 +73,7 @@ SHIPPED: dict[str, AgentMaker] = {PAPER: papers_agent, STEADY: steady_agent}
 
 
 def agent_maker(name: str) -> AgentMaker:
-    """Return the maker of a shipped agent, or the maker MODULE:NAME. Raises UsageError."""
+    """Return the maker of a shipped agent, or the maker that MODULE:NAME names. Raises UsageError."""
     if name in SHIPPED:
         return SHIPPED[name]
     module, colon, function = name.partition(":")
@@ -90,7 +90,7 @@ def agent_maker(name: str) -> AgentMaker:
 
 @dataclass(frozen=True, slots=True)
 class OpenPilot:
-    """The opened model of a flight, and in a hierarchy the commander's."""
+    """The opened model of a flight, and in a hierarchy the commander's model."""
 
     model: Model
     begin: Callable[[int], None] = lambda t0_us: None  # called when the episode begins, with the vehicle's time in µs
@@ -139,7 +139,7 @@ def _piloted(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
 
 @contextmanager
 def commanded(flight: Flight, stage: Stage, folder: Path, pilot: OpenPilot) -> Iterator[OpenPilot]:
-    """Open the flight's commander, if there is one; yield `pilot` with it. Raises UsageError, InfrastructureError."""
+    """Open the flight's commander, if any; yield `pilot` with the commander. Raises UsageError, InfrastructureError."""
     spec = flight.spec
     if spec.command != "hierarchical":
         yield pilot

@@ -1,7 +1,4 @@
-"""Runs a flight: writes the episode record, flies, and writes the verdict into the flight's folder.
-
-`FlightSetup` has a subclass for each kind of vehicle.
-"""
+"""Runs a flight: writes the episode record, flies, and writes the verdict into the flight's folder."""
 
 import signal
 import statistics

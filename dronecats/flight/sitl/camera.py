@@ -86,7 +86,7 @@ class WorldCamera:
         self._seed = (world.record.seed, seed)
         self._rendered, self._optics, self._depth = rendered, optics, depth
         self._depths: OrderedDict[int, NDArray[np.uint16]] = OrderedDict()  # depth pictures of the newest frames, by id
-        self._renderers: dict[bool, Renderer | OpticalRenderer] = {}  # key: full size; created when first needed
+        self._renderers: dict[bool, Renderer | OpticalRenderer] = {}  # key: full size or not; created when first needed
         self._grey = np.full((camera.height // 4, camera.width // 4, 3), 128, np.uint8)
         self._origin = origin(world)
         self._packer = Packer(1, CAMERA_COMPONENT)

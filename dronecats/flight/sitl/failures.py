@@ -31,7 +31,7 @@ WRONG = {  # error added by FAILURE_TYPE_WRONG: clearly visible, but plausible
     "gps": (30.0, 30.0, 0.0),  # m
     "range": (3.0, 0.0, 0.0),  # m
 }
-DELAY_S = 0.3  # GPS delay of FAILURE_TYPE_DELAYED
+DELAY_S = 0.3  # s, GPS delay of FAILURE_TYPE_DELAYED
 
 
 class Failures:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from dronecats.flight.spec.disturbances import VehicleFaults
 
-LATE_S = 0.002  # a tick that begins later than this counts as late
+LATE_S = 0.002  # s; a tick that begins more than this after it was due counts as late
 LATE_SHARE = 0.001  # share of late ticks above which the lag is reported
 REPORT_S = 60.0  # wall s between two reports
 RESYNC_S = 0.5  # s; a larger lag is skipped, so that the simulation does not catch up in a burst
@@ -25,7 +25,7 @@ class RateKeeper:
     def restart(self) -> None:
         """Reset all counts, and start from now."""
         self.ticks = 0
-        self.late = 0  # ticks that began more than LATE_S after they were due
+        self.late = 0  # number of late ticks
         self.skipped_s = 0.0  # sum of the skipped lags, by which the simulation stays behind the wall clock
         self.lag_s = 0.0  # lag of the newest tick
         self.lag_max_s = 0.0

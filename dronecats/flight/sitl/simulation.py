@@ -44,7 +44,7 @@ from vehicles.wind import Wind
 
 STEP_US = 1_000  # period of plant and inner loop
 TICK_US = 10_000  # period of commander and MAVLink
-FINER_US = (5_000, 2_000)  # step lengths within a tick while a message stream has up to 200 or 500 Hz; faster: STEP_US
+FINER_US = (5_000, 2_000)  # steps within a tick if the fastest stream has up to 200 or 500 Hz; if it is faster, STEP_US
 TRUTH_US = 20_000  # period at which the truth is published, 50 Hz
 
 
@@ -64,7 +64,7 @@ class Tap:
         return data
 
     def receive(self, data: bytes) -> None:
-        """Publish bytes of this subscriber, for all others."""
+        """Publish bytes from this subscriber to all others."""
         self._bus.publish(data, but=self)
 
     def put(self, data: bytes) -> None:
@@ -206,7 +206,7 @@ class VehiclePort:
     def sign(self, key: bytes, timestamp: int, now_us: int) -> None:
         """Sign messages and check signatures with a key.
 
-        `timestamp` is the time at vehicle time `now_us` (µs), in units of 10 µs since 2015.
+        `timestamp` is the calendar time at the vehicle time `now_us` (µs), in units of 10 µs since 2015.
         """
         self._port.signing.set_up(key, timestamp, now_us)
 
@@ -377,7 +377,7 @@ def build(
     """Return the simulation of a record's drones, or of `count` drones. `make` builds each from `Vehicle`'s arguments.
 
     Random values follow from the record's seed and from `seed`, which differs between flights of one episode. All
-    drones have the same faults and disturbances. A payload acts from boot; other disturbances begin with the
+    drones have the same faults and disturbances. A payload acts from boot; the other disturbances begin with the
     episode, or at boot with `from_boot`. Raises UsageError for an unknown airframe, a payload that the airframe cannot
     carry or an impossible fault.
     """

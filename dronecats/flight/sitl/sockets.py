@@ -17,9 +17,9 @@ from hil.link.transport import BUFFER_BYTES, bind_error
 
 SocketAddress = tuple[str, int]
 DATAGRAM_BYTES = 8_000  # longer datagrams are dropped; the limit of PX4's mavlink_receiver.cpp
-DATAGRAMS = 128  # largest number of datagrams that one exchange reads
+DATAGRAMS = 128  # datagrams that one exchange reads at most
 WORK_S = 0.001  # wall s; default time to process frames in one exchange
-SLICE_BYTES = 512  # processed of one sender before another: about 40 messages; takes 2 ms if all need answers
+SLICE_BYTES = 512  # bytes that one sender's turn processes: about 40 messages; takes 2 ms if all need answers
 INBOX_BYTES = 65_536  # largest queue of one sender: enough for a mission or a burst of a file transfer
 PEERS = 32  # largest number of senders that get data
 SENDERS = 64  # largest number of senders with a queue, peers included
@@ -177,9 +177,9 @@ def packets(data: bytes, size: int = 1400) -> list[bytes]:
 
 
 LOOPBACK = "127.0.0.1"
-AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # ports of clients; all but GCS_PORT plus the instance
-CAMERA_PORT = 8080  # plus the instance; TCP port of the camera, or the next free one
-AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # plus the instance; ports of the simulator
+AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # ports of clients; all but GCS_PORT plus the instance number
+CAMERA_PORT = 8080  # TCP port of the camera, plus the instance number, or the next free port
+AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # ports of the simulator, plus the instance number
 
 
 def truth_port(simulation: Simulation[V], instance: int | None) -> UdpPort:

@@ -126,7 +126,7 @@ def _recording(folder: Path) -> FlightRecording:
     served: dict[int, str] = {}  # first drone → name of the served model; a decision has the name only when it changes
     last_declared: tuple[Role, int] | None = None
     for decision in rows(folder / layout.DECISIONS, Decision):
-        if decision.confirmed_by is not UNSET:  # the commander confirmed it: the reply is in the commander's exchange
+        if decision.confirmed_by is not UNSET:  # a commander's confirmation; the reply is in commander.jsonl
             last_declared = ("commander", 0)
             continue
         if decision.reply is UNSET:

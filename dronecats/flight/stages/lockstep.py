@@ -174,7 +174,7 @@ def one_vehicle(
         yield Px4Lockstep(simulator)
 
 
-SPARE_S = 1.0  # s; link faults outlast the flight's time limit by this: the agent may still wait for telemetry
+SPARE_S = 1.0  # s; link faults last this much longer than the flight's time limit, because the agent may still wait
 
 
 class LockstepStage(TruthfulStage):
@@ -212,7 +212,7 @@ class LockstepStage(TruthfulStage):
             seed=spec.seed, kept=truth_kept(spec.disturbances.frame), depth=simulated.camera == "depth",
         )  # fmt: skip
         announce = clock.follow(self.camera.feed)
-        # in another thread while the vehicles take off; the first frame waits for it
+        # the camera warms up in a thread while the vehicles take off; the first frame waits for it
         self._warming = ThreadPoolExecutor(1, thread_name_prefix="camera")
         self._warming.submit(self.camera.warm_up)
         drones = range(len(self._simulation.vehicles))

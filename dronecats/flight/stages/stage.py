@@ -1,8 +1,7 @@
 """Defines the interface of a stage (the environment of an episode) and the common parts of simulated stages.
 
-Disturbances of links and setpoint rate begin with the episode, so the takeoff is the same at every level of a study.
-The disturbances of links end before the landing. The simulator disturbs air and sensors from the start of the episode.
-A payload acts from boot.
+Disturbances of links, setpoint rate, air and sensors begin with the episode, so the takeoff is the same at every level
+of a study. The disturbances of links end before the landing. A payload is a disturbance too, but it acts from boot.
 """
 
 import math
@@ -55,7 +54,7 @@ class Stage:
         raise NotImplementedError
 
     def mend(self) -> None:
-        """End the disturbances between agent and vehicles, before the order to land. Without any, do nothing."""
+        """End the disturbances between agent and vehicles, before the order to land."""
 
     def end(self, reason: str, error: str | None = None) -> None:
         """Tell the logger that the episode is over."""
@@ -117,7 +116,7 @@ def truth_kept(faults: FrameFaults) -> int:
 
 
 class DisturbedLinks:
-    """Applies the flight's disturbances of links and setpoint rate, if there are any."""
+    """Applies the flight's disturbances of links and setpoint rate."""
 
     def __init__(self, flight: Flight) -> None:
         self._disturbances, self._seconds = flight.spec.disturbances, flight.spec.seconds
@@ -132,7 +131,10 @@ class DisturbedLinks:
 
     @property
     def silence_s(self) -> float:
-        """Vehicle time (s) without a message after which a vehicle is lost; with wires, longer than a flight."""
+        """Vehicle time (s) without a message after which a vehicle counts as lost.
+
+        With impaired links it is longer than a flight, so that lost messages never end the flight.
+        """
         return SILENCE_S + (2.0 * self._seconds if self.wired else 0.0)
 
     def seed(self, drone: int) -> int:

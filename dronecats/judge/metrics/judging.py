@@ -2,7 +2,7 @@
 
 METRICS is the source for the table in the docs, for reports, `--json` and SQL. A user's metrics are in a Python file
 with `METRICS`, as in the other modules of this package. The file is executed, so it must be trusted. Episodes are
-judged in parallel on all cores. Results are in the order of the episodes.
+judged in parallel on all cores.
 """
 
 import gc
@@ -92,7 +92,7 @@ def _is_value(value: object) -> bool:
 
 EPISODES_A_PROCESS = 50  # least number of episodes per process; fewer are not worth the start of a process
 AT_ONCE = 8  # episodes that a process gets at a time
-FORKS = "fork" in multiprocessing.get_all_start_methods()  # else one process only: a user's metric cannot be pickled
+FORKS = "fork" in multiprocessing.get_all_start_methods()  # else one process: a user's metric cannot be pickled
 Item = TypeVar("Item")
 ItemResult = TypeVar("ItemResult")
 
@@ -178,7 +178,7 @@ def values_of(flight: JudgedFlight, metrics: Sequence[Metric]) -> dict[str, Metr
 
 
 def reread(reply: str, drones: int, mended: bool = False) -> Iterator[tuple[dict[str, Any] | None, ...]]:
-    """Yield the actions of a reply, one per drone, first with the axis order xy, then yx.
+    """Yield a reply's actions, one per drone, with the axis order xy, then yx: decisions.jsonl does not name the order.
 
     `mended`: parse leniently. For a reply without faults, this gives the same as strict parsing.
     """
