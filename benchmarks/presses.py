@@ -101,7 +101,7 @@ PRESSES = (
 
 # Upper limits of a press, by field of `Outcome`.
 LIMITS = {"attitude_deg": 3.0, "velocity_error": 1.0, "position_error_m": 3.0, "speed": 1.5 * SPEED, "tilt_deg": 90.0}
-PX4_LIMITS = {"position_error_m": 5.0, "speed": 3.0}  # the same for a real PX4, whose other figures have no limit
+PX4_LIMITS = {"position_error_m": 5.0, "speed": 3.0}  # limits for a real PX4, whose other figures have none
 
 
 @dataclass(frozen=True, slots=True)

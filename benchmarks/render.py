@@ -43,7 +43,7 @@ LEAST_AREA_M2 = 1e-7  # MuJoCo rejects smaller pieces as degenerate
 
 
 def export(scene: Scene, poses: list[CameraPose], camera: CameraModel, folder: Path) -> None:
-    """Write `scene.json` and its OBJ files. World axes are north, west, up; an asset's are ahead, left, up.
+    """Write `scene.json` and its OBJ files. World axes are north, west, up; asset axes ahead, left, up.
 
     A mean colour replaces each material's texture. In scene.json, `pieces` are the files with their poses in the world,
     and `views` are the cameras. `covered`, the share of pixels without sky in each view, shows whether another renderer

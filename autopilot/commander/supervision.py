@@ -1,7 +1,7 @@
 """Failsafes: a table of rules from conditions to actions, and the supervision of an armed vehicle.
 
 The most severe of several actions wins. `Supervision` stores the active failsafe, its start, and the causes that the
-pilot has overruled. The pilot also takes over by moving the sticks (COM_RC_OVERRIDE, COM_RC_STICK_OV). Sources: PX4
+pilot has overruled. The pilot can take over by moving the sticks (COM_RC_OVERRIDE, COM_RC_STICK_OV). Sources: PX4
 docs/en/config/safety.md and the parameter reference.
 """
 

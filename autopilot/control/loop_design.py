@@ -68,7 +68,7 @@ class Gains:
     acceleration_max: Vec3  # rad/s², angular acceleration of a normalised torque of 1
     hover_thrust: float  # 0 … 1, fraction of the full collective
     rotor_thrust_min: float  # 0 … 1, fraction of a rotor's full thrust at idle speed
-    margins: dict[str, Margin]  # by loop; the keys are those of `loops`
+    margins: dict[str, Margin]  # by loop, with the keys of `loops`
 
 
 def lag(time_constant: float) -> Response:
@@ -254,7 +254,7 @@ def design(airframe: Airframe) -> Gains:
 
 
 def margins_by_control(airframe: Airframe, gains: Gains) -> dict[str, Margin]:
-    """Return the margins of every loop as python-control computes them from the same frequency responses.
+    """Return the margins of every loop as python-control computes them from the frequency responses.
 
     This checks `margin` independently. `design` does not call it, because the import of python-control takes a second.
     """

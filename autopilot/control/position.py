@@ -102,7 +102,7 @@ FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²; a larger value is an invalid measur
 
 @njit(cache=True)
 def smaller_limit(own: float, mode: float) -> float:
-    """Return the smaller of a parameter's limit and the mode's limit. The latter counts only if finite and positive."""
+    """Return the smaller of a parameter's and the mode's limit. The mode's counts only if finite and positive."""
     return min(own, mode) if math.isfinite(mode) and mode > 0.0 else own
 
 
@@ -351,7 +351,7 @@ def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: flo
 def detect_knock(params: Record, state: Record, estimate: Record, dt: float) -> None:
     """Update the accelerations that the rotors do not explain, and detect a knock in them.
 
-    The force of an obstacle rises within milliseconds, that of wind more slowly: Tomić, Ott, Haddadin, "External
+    The force of an obstacle rises within milliseconds, wind force more slowly: Tomić, Ott, Haddadin, "External
     wrench estimation, collision detection, and reflex reaction for flying robots", IEEE Trans. Robotics, 2017.
     """
     thrust = state.thrust_filtered * GRAVITY / max(state.hover_thrust, 0.05)

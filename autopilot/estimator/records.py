@@ -15,7 +15,7 @@ STATUS_RUNNING = 1
 
 ESTIMATOR_PARAMS = np.dtype(
     [
-        ("declination", "f8"),  # rad, magnetic declination, east positive (EKF2_MAG_DECL, which is in deg)
+        ("declination", "f8"),  # rad, magnetic, east positive (EKF2_MAG_DECL, which is in deg)
         ("gyro_noise", "f8"),  # rad/s/√Hz
         ("accel_noise", "f8"),  # m/s²/√Hz
         ("gyro_bias_walk", "f8"),  # rad/s/√s
@@ -104,7 +104,7 @@ ESTIMATOR_STATE = np.dtype(
 def default_parameters(declination_rad: float) -> np.void:
     """Return ESTIMATOR_PARAMS with PX4-like noise figures and gates.
 
-    Noise densities are for a vibrating frame: 4 (gyro) and 17 times (accelerometer) those of the BMI088's data sheet.
+    The noise densities are for a vibrating frame: 4 times (gyro) and 17 times (accelerometer) the BMI088's data sheet.
     """
     params: np.void = np.zeros(1, ESTIMATOR_PARAMS)[0]
     params["declination"] = declination_rad

@@ -2,7 +2,7 @@
 
     /@PARAM/param.pck      the parameters; created each time it is opened
     /fs/microsd/…          the memory card; clients may create, rename and remove files and folders in it
-    /fs/microsd/log/…      the log folder; clients may do the same there
+    /fs/microsd/log/…      the log folder, which clients may change too
     /@MAV_LOG/…            the log folder under MAVLink's standard name
 
 Clients cannot leave the card and the log folder, neither with `..` nor through a link. The space and the number of
@@ -58,7 +58,7 @@ LOGS_ANYWHERE = "@MAV_LOG"
 PARAMETERS = ("@PARAM", "param.pck")
 LARGEST = 64 << 20  # bytes, upper limit of a file that a client writes
 CARD_BYTES = 1 << 30  # card and log folder together; at this size, clients cannot create files or open them to write
-CARD_ENTRIES = 4096  # the same limit for the number of files and folders
+CARD_ENTRIES = 4096  # limit for the number of files and folders in both
 
 
 class Refusal(Exception):  # noqa: N818 - not an error of ours: the answer to a request

@@ -318,7 +318,7 @@ class Uploads:
         self._open: dict[Key, Upload] = {}
 
     def begin(self, key: Key, upload: Upload) -> bool:
-        """Start an upload; it replaces an older one with the same key. Returns False if there are too many."""
+        """Start an upload; it replaces an older one with the same key. Returns False if MOST_UPLOADS are open."""
         if key not in self._open and len(self._open) >= MOST_UPLOADS:
             return False
         self._open[key] = upload

@@ -166,7 +166,7 @@ class Tally:
 
 
 class Decider:
-    """Decides for its drones, step by step. With one drone this is the paper's pilot, with four its joint command."""
+    """Decides for its drones, step by step: the paper's pilot with one drone, the paper's joint command with four."""
 
     def __init__(
         self, questions: Questions, drones: Sequence[Drone], cockpit: Cockpit, now_s: Callable[[], float], tally: Tally

@@ -39,7 +39,7 @@ class Bench:
     ) -> None:
         """`limit` and `shard` select the episodes that this process flies. `retry`: repeat flights that did not move.
 
-        The steps, in order: check existing run folders; send a small test question to each model with flights left, and
+        The steps, in order: check existing run folders; send a test question to each model with flights left, and
         pass the results to `report`; call `first` (writes a study's file); write bench.json; create new run folders. So
         bench.json names every run folder even after a kill. Raises UsageError, ModelError, InfrastructureError.
         """
@@ -101,7 +101,7 @@ class Bench:
 
     @staticmethod
     def _has_left(batch: Batch | None, entry: BenchEntry, part: Collection[str], retry: bool) -> bool:
-        """Return whether flights of a run remain to be flown. `batch` None: the run has not begun."""
+        """Return whether a run has flights left. `batch` None: the run has not begun."""
         episodes = [episode for episode in entry.episodes if episode in part]
         return bool(episodes if batch is None else batch.left(episodes, retry=retry))
 

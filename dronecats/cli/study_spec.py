@@ -125,7 +125,7 @@ def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
 
 
 def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":
-    """Return the selected episodes: by name, or those of a suite with the given cells and maps."""
+    """Return the episodes that are named, or the episodes of a suite with the given cells and maps."""
     from dronecats.bench.matrix import choose_suite
     from episodes.records import catalogue
     from episodes.records.record import CELLS

@@ -116,7 +116,7 @@ class FlightContext:
 class Mode:
     """The behaviour of a flight mode: `enter` is called when the mode begins, `setpoint` at every tick after that."""
 
-    next_mode: str | None = None  # set by a mode that has finished
+    next_mode: str | None = None  # next mode, set when this mode has finished
     rest: Vec3 | None = None  # m, local frame: the position for HOLD after the mode has finished
 
     def enter(self, flight: FlightContext) -> None:

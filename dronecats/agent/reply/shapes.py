@@ -133,7 +133,7 @@ ANGLES = ("angle_deg", "angle", "angle_degrees", "degrees", "deg")
 Unfolded = tuple[str, int, dict[str, Any]]
 _BETWEEN_WORDS = re.compile(r"[\s\-_]+")
 _DEPTH = 6  # maximum nesting of objects
-_HELD_MAX = 40  # maximum number of members of an object that may wrap an action
+_HELD_MAX = 40  # most members of an object that may wrap an action
 _NAME_MAX = 40  # longest key or action name, characters
 
 

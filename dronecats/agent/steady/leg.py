@@ -74,7 +74,7 @@ class Leg:
     pace: float  # m/s, full speed
 
     def goal(self, now_s: float) -> Vec3:
-        """Return the position of the goal at a time (m, local frame)."""
+        """Return the goal's position at a time (m, local frame)."""
         north, east, down = self.goal_ned
         seconds = now_s - self.begins_s
         return (north + self.velocity_ned[0] * seconds, east + self.velocity_ned[1] * seconds, down)
