@@ -3,9 +3,9 @@
     python -m benchmarks.landings [--places N] [--seed N] [--jobs N] [--json] [--short]
 
 Half of the places are drawn from the whole map, half from above a random object. The vehicle boots on a platform above
-the place and takes off. Then the platform is removed, and the vehicle is ordered to land. The result `upright`
-means that the vehicle is disarmed and upright. A landing that ends otherwise `says why` if the autopilot sent a warning,
-and is `silent` if it sent none. The goal is that no landing is silent.
+the place and takes off. Then the platform is removed, and the vehicle is ordered to land. The result `upright` means
+that the vehicle is disarmed and upright. A landing that ends otherwise `says why` if the autopilot sent a warning, and
+is `silent` if it sent none. The goal is that no landing is silent.
 """
 
 import json
