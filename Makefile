@@ -7,7 +7,7 @@ PYTEST := $(BIN)/python -m pytest
 # Where this is set, every process compiles every import anew: seconds for each of a flight's.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: fly install install-dev check unit test test-slow compatibility docs lock schemas metrics studies pictures clean
+.PHONY: fly install install-dev check prepared unit test test-slow compatibility docs lock schemas metrics studies pictures clean
 
 fly: install
 	$(BIN)/dronecats fly --sitl
@@ -28,8 +28,13 @@ unit: install-dev
 	$(PYTEST) -n 2 --dist worksteal -m unit
 
 # Everything that a change should pass before it is shared. Three workers keep two cores busy: many tests wait.
-test: check
+test: install-dev
+	$(MAKE) --jobs=2 check prepared
 	$(PYTEST) -n 3 --dist worksteal -m "not slow"
+
+# Compiles the kernels and builds the maps once. Otherwise every worker of the tests would do it for itself.
+prepared: install-dev
+	$(BIN)/python -m tests.support.prepared
 
 # Whole flights in real time, commands of the docs, browsers, fits.
 test-slow: install-dev
