@@ -7,7 +7,6 @@ flight is deterministic.
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
@@ -212,9 +211,7 @@ class LockstepStage(TruthfulStage):
             seed=spec.seed, kept=truth_kept(spec.disturbances.frame), depth=simulated.camera == "depth",
         )  # fmt: skip
         announce = clock.follow(self.camera.feed)
-        # the camera warms up in a thread while the vehicles take off; the first frame waits for it
-        self._warming = ThreadPoolExecutor(1, thread_name_prefix="camera")
-        self._warming.submit(self.camera.warm_up)
+        self.camera.warm_up()
         drones = range(len(self._simulation.vehicles))
         self._disturbed = disturbed = DisturbedLinks(flight)
         wires = [clock.wire(index, disturbed.seed(index)) for index in drones] if disturbed.wired else []
@@ -257,7 +254,6 @@ class LockstepStage(TruthfulStage):
 
     def close(self) -> None:
         self._recorder.close()
-        self._warming.shutdown()
         self.camera.close()
         if self._px4:
             for link in self.links:
