@@ -85,8 +85,8 @@ def _float32(value: float) -> float:
 class ParameterTable:
     """The present values by name. The names are sorted, so an index always means the same name.
 
-    `core_defaults` are the parameters of the compiled core. `set_core` gets every later change of these parameters. If
-    it returns another value, that value is stored. Values other than the defaults are saved in `file` (JSON), if given.
+    `core_defaults` are the parameters of the compiled core. `set_core` gets every later change of these parameters; the
+    table stores the value that it returns, if any. Values other than the defaults are saved in `file` (JSON), if given.
     `unsaved` is the reason why the last save failed, or None. Raises UsageError if the file cannot be read or has a
     value that its parameter cannot hold.
     """

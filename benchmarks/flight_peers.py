@@ -138,7 +138,7 @@ def crazyflow() -> dict[str, float]:
         command[0, 0, :3] = target(i * dt)
         sim.state_control(command)
         sim.step(every)
-        return tuple(np.asarray(sim.data.states.pos)[0, 0])  # waits for JAX, which computes asynchronously
+        return tuple(np.asarray(sim.data.states.pos)[0, 0])  # `asarray` waits for JAX, which computes asynchronously
 
     return timed(step, dt, 16.0)
 
@@ -152,9 +152,10 @@ PEERS: dict[str, Callable[[], dict[str, float]]] = {
 
 
 def compare(folder: Path, core_rtf: float, core_rtf_cpu: float) -> dict[str, Any]:
-    """Return by peer: its real-time factor, and our factor divided by it; or a `note` on why it was skipped.
+    """Return for each peer its real-time factor, and our factor divided by it; or a `note` on why it was skipped.
 
-    Both are by wall time and by processor time (`…_cpu`). If other programs run too, use only `…_cpu`.
+    `core_rtf`, `core_rtf_cpu`: our factor by wall time and by processor time. If other programs run too, compare only
+    the factors by processor time (`…_cpu`).
     """
     results: dict[str, Any] = {}
     this = Path(__file__).absolute()

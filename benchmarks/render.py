@@ -83,7 +83,7 @@ def _view(pose: CameraPose, camera: CameraModel) -> dict[str, Any]:
 
 
 def _written(mesh: Mesh, number: int, folder: Path) -> list[dict[str, Any]]:
-    """Write one OBJ per material of a mesh; return file, colour and triangle count by OBJ."""
+    """Write one OBJ per material of a mesh; return the file, colour and triangle count of each OBJ."""
     pieces = []
     for k, material in enumerate(mesh.materials):
         chosen = mesh.triangles[mesh.material == k]
@@ -226,7 +226,7 @@ def measure(name: str, repeat: int, threads: int, compared_poses: int) -> dict[s
 
 
 def measured_apart(name: str, repeat: int, threads: int, compared_poses: int) -> dict[str, Any]:
-    """Return the figures of one map, measured in a new process, because memory is per process."""
+    """Return the figures of one map, measured in a new process, so that the measured memory is of this map only."""
     command = [sys.executable, "-m", "benchmarks.render", "--json", "--map", name]
     command += ["--repeat", str(repeat), "--threads", str(threads), "--poses", str(compared_poses)]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)

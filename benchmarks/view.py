@@ -112,7 +112,7 @@ def free_port() -> int:
 
 
 def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
-    """Return the median processor time of flights that flush every delivery, divided by that of flights that do not."""
+    """Return the median processor time of flights with `TelemetryLog.flush`, divided by the median without."""
     spec = FlightSpec(
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True
     )

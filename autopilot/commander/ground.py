@@ -93,7 +93,7 @@ CONTACT_SHARE = 0.3  # fraction of the demanded descent; if the vehicle descends
 class LandDetector:
     """Detects `landed` (True at first) and `contact`, which means that the vehicle does not follow a demand to descend.
 
-    PX4 has three stages of LNDMC_TRIG_TIME / 3 each; `contact` is the first stage, `landed` the last.
+    PX4 has three stages of LNDMC_TRIG_TIME / 3 each; `contact` corresponds to the first stage, `landed` to the last.
     """
 
     def __init__(self, parameters: ParameterTable) -> None:
@@ -186,9 +186,9 @@ def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:
 
 
 LANDING = ("LAND", "DESCEND")  # modes that end on the ground
-BLOCKED_US = 10_000_000  # µs without a descent of SUNK_M, after which a landing counts as blocked
+BLOCKED_US = 10_000_000  # µs; a landing is blocked if the vehicle sinks by less than SUNK_M in this time
 SUNK_M = 0.3
-UPRIGHT_DEG = 20.0  # a landed vehicle that leans more is not upright; maps are less steep
+UPRIGHT_DEG = 20.0  # a landed vehicle that leans more is not upright; the ground of every map slopes less
 
 
 class LandingWatch:

@@ -147,7 +147,7 @@ class FenceArea:
 
 
 def well_formed(items: tuple[PlanItem, ...]) -> bool:
-    """Return whether each polygon has as many consecutive vertices as its first item states (param1), at least 3."""
+    """Return whether each polygon has consecutive vertices, as many as param1 of its first item: 3 … MOST_VERTICES."""
     i = 0
     while i < len(items):
         item = items[i]
@@ -273,7 +273,7 @@ def mission_failures(
     parameters: ParameterTable,
     areas: Sequence[FenceArea],
 ) -> list[str]:
-    """Return why a mission cannot be flown from here (MIS_DIST_1WP, geofence with `areas`); empty if it can."""
+    """Return why a mission cannot be flown from here; empty if it can. Checks MIS_DIST_1WP and the geofence `areas`."""
     if not items:
         return ["no valid mission"]
     places = [(i, local_place(item, state, home)) for i, item in enumerate(items) if item.command in PLACES]

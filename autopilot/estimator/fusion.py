@@ -28,8 +28,8 @@ hard_iron_slopes = covariance.hard_iron_slopes
 innovation_variance = covariance.innovation_variance
 symmetrize = covariance.symmetrize
 
-# µs. A fix from before the last impact is used only if no fix was used for this time, such as while a vehicle scrapes
-# along a wall.
+# µs. Fixes from before the last impact are ignored, unless no fix was used for this time. So the filter still gets
+# fixes while the vehicle scrapes along a wall, with one impact after another.
 IMPACT_FIX_GAP_US = 1_000_000
 
 
@@ -51,7 +51,7 @@ def fuse_heading(
     """Fuse the heading of the measured field (gauss, FRD).
 
     A rotation error δθ turns the field m = R m_body by δθ x m, and its heading ψ by
-    δθz - (mz/mh)(cos ψ δθx + sin ψ δθy); mh is the length of its horizontal part. Unknown hard iron also changes ψ, but
+    δθz - (mz/mh)(cos ψ δθx + sin ψ δθy); mh is the length of m's horizontal part. Unknown hard iron also changes ψ, but
     this error turns with the vehicle.
     """
     q = state.attitude

@@ -34,7 +34,7 @@ class Readings:
         self._buffer = memoryview(record)
         self.refresh()
 
-    def __getattr__(self, name: str) -> Any:  # `refresh` sets all attributes
+    def __getattr__(self, name: str) -> Any:  # called for unknown names only
         raise AttributeError(f"the record has no field {name!r}")
 
     def refresh(self) -> None:

@@ -323,8 +323,8 @@ def _entries(logs: list[LogFile], first: int, last: int) -> Iterator[Message]:
 def request_data(node: Node, port: Port, message: Message) -> None:
     """Send a part of one log, a limited number of messages per tick. A new request replaces the previous one.
 
-    The part ends after the requested count, or with a message of fewer than 90 bytes at the end of the log. If the log
-    does not exist, one message without data is sent.
+    The part ends after `message.count` bytes, or at the end of the log, with a message of fewer than 90 bytes. If the
+    log does not exist, one message without data is sent.
     """
     logs = _logs(node)
     if message.id >= len(logs):

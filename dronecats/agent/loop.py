@@ -100,8 +100,8 @@ class PendingQuestion:
     def latency_s(self, now_s: float) -> float:
         """Return the vehicle seconds that the reply took; `now_s` is the time of the decision.
 
-        The value is the charge. If there is no charge, or more than the charge and SLACK_S has passed, the value is the
-        elapsed time.
+        The value is the charge. Without a charge, or if the elapsed time exceeds the charge by more than SLACK_S, the
+        value is the elapsed time.
         """
         elapsed_s = (now_s - self._start_s) * self.reply().share  # without failed attempts
         charged_s = self._charge()

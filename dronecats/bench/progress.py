@@ -163,7 +163,7 @@ class CostEstimate:
 
 
 def foreseen_usd(flight: FlightSpec, record: Mapping[str, Any]) -> float:
-    """Return the predicted cost ($) of a flight to its time limit, for replies without reasoning."""
+    """Return the predicted cost ($) of a flight that lasts to its time limit. Assumes replies without reasoning."""
     drones, instruction = flight.drones or len(record["starts"]), str(record["instruction"])
     usd = 0.0
     if (pilot := flight.model) is not None:

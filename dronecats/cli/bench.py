@@ -59,7 +59,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
-    """Write runs as Parquet files, one per table, and print the number of rows of each.
+    """Write runs as Parquet files, one per table, and print each table's number of rows.
 
     Prints the names of damaged episodes on standard error.
     """

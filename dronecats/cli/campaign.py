@@ -54,7 +54,7 @@ def check_engine(args: argparse.Namespace) -> None:
 
 
 def allow_locks(runs: int) -> None:
-    """Raise the limit of open files, because each run keeps a lock file open. Raises UsageError if it is too low."""
+    """Raise the limit of open files for the lock files of `runs` runs. Raises UsageError if the system forbids this."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = runs + SPARE_FILES
     if hard != resource.RLIM_INFINITY and wanted > hard:

@@ -81,7 +81,7 @@ class VerbHelp(argparse.HelpFormatter):
 
 
 class Actions(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic for type checkers only
-    """The parsers of verbs or actions. A parser's description is its help text as a sentence."""
+    """The parsers of verbs or actions. Each description is made from `help`: with a capital letter and a full stop."""
 
     def add_parser(self, name: str, **kwargs: Any) -> Any:
         """Return a new parser for `name`."""
@@ -151,8 +151,8 @@ def command_parser(named: str | None) -> VerbParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    0: done. 2: wrong usage. 3: an error, or a spent budget. 130: interrupted. 1 and 4: a negative result, for example
-    a vehicle that is not fit to fly, or a stored verdict that differs from the logs.
+    0: done. 1: a negative result, for example a vehicle that is not fit to fly. 2: wrong usage. 3: an error, or a spent
+    budget. 4: logs contradict a stored verdict, the claims of an archive, or themselves. 130: interrupted.
     If the reader of the output ends early, as `head` does, the verb continues and the status is the same.
     """
     arguments = sys.argv[1:] if argv is None else argv

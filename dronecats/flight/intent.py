@@ -21,7 +21,7 @@ INK, SHADE = (80, 255, 255), (0, 0, 0)  # BGR: marks, and the box behind text
 
 
 def draw(folder: Path, camera: CameraModel) -> int:
-    """Write drawings of the decisions to intent/ in an episode folder, if the frame exists. Return their number."""
+    """Draw every decision whose frame exists into intent/ of the episode folder. Return the number of drawings."""
     drawn = 0
     for decision in rows(folder / layout.DECISIONS, Decision):
         frame = folder / layout.FRAMES / layout.frame_name(decision.frame_id, decision.drone)

@@ -16,7 +16,7 @@ from foundation.wording import did_you_mean, nearest
 OWN_FILE = "DRONECATS_MODELS"  # environment variable: the user's file
 SHIPPED = "models.toml"
 INTEGER_MAX = 2**63 - 1  # every JSON reader accepts integers up to this
-NONE = "none"  # the value of a key whose setting requests omit
+NONE = "none"  # a key with this value: requests do not send the setting
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 

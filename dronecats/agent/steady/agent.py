@@ -1,4 +1,4 @@
-"""The steady agent: drones keep flying while a question is under way, and a go names a place, not a direction."""
+"""The steady agent: drones keep flying while a question is under way, and fly a `go` to a place, not in a direction."""
 
 import math
 from collections import deque
@@ -18,7 +18,7 @@ from foundation.run_folder.rows import Decision
 from foundation.setpoints import Hold
 
 TURNS_FIRST = math.radians(30.0)  # angle from the nose beyond which the drone turns on the spot before it flies
-SHORT_M = 0.3  # m; a stride counts as flown when at most this distance is left
+SHORT_M = 0.3  # m; a full stride (STRIDE_MAX_M) counts as flown when at most this distance is left
 STREAMED_S = 0.5  # s for which the drone flies a setpoint of a leg (flight to a place) if no new one comes
 
 
@@ -85,9 +85,9 @@ class SteadyDrone(Drone):
         - during a turn: no, because the model needs the view after the turn
         - during a hold: in its last `age_s` seconds
         - during a short stride: when the decision is due, or the drone rests
-        - on another leg, earlier than `age_s` before the decision is due: if the drone rests
-        - later on this leg: when the decision is due, or the drone has flown a full stride since the last picture
-          (the prompt's history implies full strides)
+        - on another leg, until `age_s` before the decision is due: when the drone rests
+        - on another leg, after that time: when the decision is due, or the drone has flown a full stride since the last
+          picture (the prompt's history implies full strides)
         """
         if self._segments:
             last = self._segments[-1]
@@ -136,7 +136,7 @@ class SteadyDrone(Drone):
     def _goal(self, seen: SeenPlace) -> tuple[Vec3, Vec3]:
         """Return the goal of the leg and its velocity (m, m/s, local frame).
 
-        The goal is at the share `reach` of the way to the place, and moves with the target. The goal of a short
+        The goal is at the fraction `reach` of the way to the place, and moves with the target. The goal of a short
         stride does not move and is at most as far as the place in the picture. Without this limit, a drone would fly
         faster and faster if its pilot named the same small depth again and again.
         """

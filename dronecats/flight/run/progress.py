@@ -64,7 +64,7 @@ def unreadable(decision: Decision) -> str:
 
 
 class SafetyLog:
-    """Writes each change of the limits that act on a drone's setpoints to safety.jsonl; prints limits and link notices.
+    """Writes to safety.jsonl which limits act on a drone's setpoints, at every change; prints limits and link notices.
 
     A limit is printed when it first acts on a drone. It may act at every step, so later times are only counted, and
     `sum_up` prints the counts. The file is created when the first limit acts.

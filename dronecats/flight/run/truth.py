@@ -72,7 +72,7 @@ DOWN = (0.0, 0.0, 1.0)
 
 
 class TrueStart:
-    """Compares estimates and start poses of a stage's drones with the truth. It may raise, but sends nothing."""
+    """Compares estimates and start poses of a stage's drones with the truth. It sends nothing to the drones."""
 
     def __init__(self, stage: TruthfulStage, world: World, placement: Placement | None = None) -> None:
         """`placement` moves the autopilot's estimate onto the map; None: estimate and map have the same frame."""

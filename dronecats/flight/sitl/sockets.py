@@ -177,13 +177,14 @@ def packets(data: bytes, size: int = 1400) -> list[bytes]:
 
 
 LOOPBACK = "127.0.0.1"
-AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410  # ports of clients; all but GCS_PORT plus the instance number
+# ports of clients; the instance number is added to all but GCS_PORT
+AGENT_PORT, GCS_PORT, TRUTH_PORT = 14540, 14550, 19410
 CAMERA_PORT = 8080  # TCP port of the camera, plus the instance number, or the next free port
 AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # ports of the simulator, plus the instance number
 
 
 def truth_port(simulation: Simulation[V], instance: int | None) -> UdpPort:
-    """Return the truth bus on UDP; `instance` None: an ephemeral port that sends only to programs that sent to it."""
+    """Return the truth bus on UDP; `instance` None: an ephemeral port that sends only to programs that send first."""
     tap = simulation.bus.tap()
     if instance is None:
         return UdpPort((LOOPBACK, 0), None, tap.take, tap.receive, shared=True)

@@ -118,7 +118,7 @@ class RealtimeStage(SupervisedStage, TruthfulStage):
             return connect(url)
         ends = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
         far = connect(f"udpout://127.0.0.1:{ends.port}")
-        # `far` sends first; it carries PX4's messages if PX4 speaks first, else the agent's, as without the wire
+        # `ends` learns the address of `far` from the first datagram, so `far` belongs to the side that speaks first
         agent, near = (ends, far) if speaks_first else (far, ends)
         speed = self.speed or 1.0
         seed = self._disturbed.seed(drone)
@@ -223,7 +223,7 @@ class WorldStage(SupervisedStage, TruthfulStage):
         frame_s: float,
         judged: bool,
     ) -> None:
-        """`truth`: URL of the vehicle's true poses; a transform maps the first to the start in the file `record`.
+        """`truth`: URL of the vehicle's true poses; a transform maps the first pose to the start in the file `record`.
 
         `folder`: the episode folder, for the logs; `frame_s`: largest age of a frame that a decision may use.
         `judged` False: the logger writes the autopilot's estimate, as for other connected vehicles.

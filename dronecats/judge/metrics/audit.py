@@ -42,7 +42,7 @@ class StepOutlook:
 
     think: bool
     closing_m: float | None  # m closed from the previous step's frame to this step's frame
-    gained_m: float | None  # m per step closed in the three steps after it
+    gained_m: float | None  # m closed per step, mean over the three steps after it
     stalled: bool | None  # less than 0.5 m was closed in the three steps before it
     broken: bool | None  # 1 m or more was closed in the three steps after it
     lost: bool | None  # the target was not in view
@@ -51,7 +51,7 @@ class StepOutlook:
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """Counts of an event: it followed `think` of `of_thinks` think steps, and `other` of `of_others` other steps."""
+    """How often an event followed: after `think` of `of_thinks` think steps, and `other` of `of_others` other steps."""
 
     think: int
     of_thinks: int

@@ -83,7 +83,7 @@ def build(seed: int) -> Scene:
 
 
 def photograph(scene: Scene, renderer: Renderer, seed: int, count: int) -> Iterator[tuple[NDArray[np.uint8], Target]]:
-    """Yield RGB pictures (360, 640, 3) from random poses and their targets; a share ABSENT shows no target."""
+    """Yield RGB pictures (360, 640, 3) from random poses, each with its target; a share ABSENT does not show it."""
     rng = np.random.default_rng((seed, 12))
     spots = residential_places.places(seed).spots
     targets = [i for i in scene.instances if i.kind == "target"]

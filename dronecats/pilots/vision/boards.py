@@ -29,7 +29,8 @@ _LEAST_PX = (4, 5)  # width and height that a board has at least
 _FARTHEST_M = 48.0
 _WIDEST = 1.75  # a board is at most this many times as wide as it is high; a long word makes it wider
 _FILLED = 0.5  # at least this share of a board's rectangle is paint and not letters
-_TOP_RANGE = (-0.7, 1.25)  # distance of the upper edge below the horizon, in board heights, for cameras at 1 … 2.4 m
+# range of the distance of a board's upper edge below the horizon, in board heights; for a camera at 1 … 2.4 m height
+_TOP_RANGE = (-0.7, 1.25)
 _BAND_FROM = 0.3  # fraction of the picture's height; the search uses the rows below
 _SAME_OVERLAP = 0.5  # overlap above which two rectangles are the same board
 _POST = 0.73  # distance of the posts from the board's middle, in half board widths
@@ -40,7 +41,7 @@ _ARRIVED_M = 4.55  # the drone declares within this distance of a board's middle
 _STOP_M = 3.3  # distance from the camera to the board at the end of the last stride
 _BELOW_M = 1.0  # assumed height of the camera above a board's middle: large, so that no declaration is early
 _LINE_ROWS = (0.27, 0.73)  # rows of the text on a board with one line, in board heights
-_STRETCH_MAX = 3.0
+_STRETCH_MAX = 3.0  # largest factor that widens the picture of a board seen at an angle
 
 Color = tuple[float, float, float]  # CIE Lab on OpenCV's 8-bit scale
 _Box = tuple[int, int, int, int]  # left, top, right, bottom, px

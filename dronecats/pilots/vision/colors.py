@@ -22,7 +22,7 @@ class Band:
     hue: tuple[int, int]
     saturation: tuple[int, int]
     value: tuple[int, int]
-    vivid: int  # saturation of the most colourful part of a painted patch; 0: a colour without hue
+    vivid: int  # a patch whose 75th percentile of saturation reaches this is surely paint; 0: no hue
 
 
 BANDS: dict[str, Band] = {

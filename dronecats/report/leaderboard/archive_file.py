@@ -39,7 +39,7 @@ Name = Annotated[str, Meta(min_length=1, max_length=NAME_CHARS)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileDigest:
-    """The digest of a file, or of the output of `sha256sum *` in a folder (name with / at the end)."""
+    """The digest of a file; for a folder (name with / at the end), the digest of the output of `sha256sum *` in it."""
 
     bytes: Annotated[int, Meta(ge=0)]
     sha256: Sha256
@@ -48,7 +48,7 @@ class FileDigest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubmittedRun:
-    """One run in an archive: one flight of each of its episodes."""
+    """One run in an archive. Every episode of the run is flown once."""
 
     folder: Annotated[str, Meta(pattern=f"^{_OF_RUN}$")]
     seed: int
@@ -109,7 +109,7 @@ def decoded(data: bytes) -> Manifest:
 
 BLOCK = 512  # bytes
 CHUNK = 1 << 20
-MEMORY_MAX = 128 << 20  # bytes of memory for unpacking; a stream may request 4 GB
+MEMORY_MAX = 128 << 20  # bytes, limit of the memory for unpacking; an xz file may request 4 GB
 RATIO_MAX = 2000  # largest ratio of unpacked to packed bytes; logs have less than 100
 RATIO_FROM = 64 << 20  # unpacked bytes from which the ratio is checked
 TOTAL_MAX = 64 << 30  # unpacked bytes, including frames
@@ -243,7 +243,7 @@ def _octal(field: bytes) -> int | None:
     return int(digits, 8) if digits and not digits.strip(b"01234567") else None
 
 
-MANIFEST_MAX = 64 << 20  # bytes of manifest.json; LOG_MAX and FRAME_MAX: bytes of one log or frame
+MANIFEST_MAX = 64 << 20  # largest manifest.json, bytes; LOG_MAX and FRAME_MAX: the same for one log, one frame
 LOG_MAX = 256 << 20
 LOGS_MAX = 4 << 30  # bytes of all logs together
 FRAME_MAX = 32 << 20
