@@ -115,7 +115,7 @@ MAPS = ("residential", "campus", "blocks")  # the first map's figures are printe
 SIMPLEST = "blocks"
 FIRST = ("ms_1280x720", "ms_640x360", "ms_agent", "ms_fleet4_agent", "cpu_ms_agent_per_loop", "ssim_mean", "rss_mb")
 FLEET = 4
-VIEWS = 8  # number of headings for each figure
+VIEWS = 8  # number of camera headings over which each figure is measured
 LARGE, SMALL = CameraModel(1280, 720), CameraModel(640, 360)
 
 

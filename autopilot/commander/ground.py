@@ -17,7 +17,7 @@ from autopilot.records import IDLE, KIND_IDLE, KIND_TRAJECTORY, NAN, CascadeSetp
 from foundation.mavlink import dialect
 
 WANTS_CLIMB_SPEED = 0.3  # m/s; a faster upward setpoint demands a climb
-WANTS_CLIMB_M = 0.3  # a height setpoint that is farther above demands a climb
+WANTS_CLIMB_M = 0.3  # m; a height setpoint that is farther above the vehicle demands a climb
 RAMP_START = 0.15  # first thrust limit of the ramp; far below hover for every airframe
 
 
@@ -81,8 +81,8 @@ class TakeoffRamp:
 # stays near zero for LNDMC_TRIG_TIME, then the ground carries the vehicle.
 SUPPORTED_THRUST = 0.8  # fraction of hover thrust; less counts as low
 RANGE_IN_AIR_M = 1.0  # if the rangefinder measures more, the vehicle is in the air
-LIFT_OFF_M = 0.25
-LIFT_OFF_SPEED = 0.3  # m/s
+LIFT_OFF_M = 0.25  # m; a vehicle that has risen by more, and still climbs, has left the ground
+LIFT_OFF_SPEED = 0.3  # m/s; a vehicle that climbs faster has left the ground
 
 
 CONTACT_SPEED = 0.3  # m/s downwards; a setpoint at least this fast demands a descent

@@ -51,7 +51,7 @@ def home_at(state: EstimatedState, position_ned: Vec3 | None = None) -> Home | N
 
 
 def moved(home: Home, state: EstimatedState) -> bool:
-    """Return whether the vehicle is clearly away from home, so that home must follow while it is disarmed."""
+    """Return whether the vehicle is clearly away from home. Home then follows a disarmed vehicle."""
     n, e, z = state.position_ned
     away = math.hypot(n - home.position_ned[0], e - home.position_ned[1])
     return away > MOVED_HORIZONTAL_M or abs(z - home.position_ned[2]) > MOVED_VERTICAL_M
@@ -291,7 +291,7 @@ def mission_failures(
     return []
 
 
-CAPACITY = {MISSION: 1000, FENCE: 250, RALLY: 50}  # most items of a plan
+CAPACITY = {MISSION: 1000, FENCE: 250, RALLY: 50}  # largest number of items in a plan
 NAMES = {MISSION: "mission", FENCE: "fence", RALLY: "rally"}
 
 

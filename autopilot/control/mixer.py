@@ -17,7 +17,7 @@ from foundation.errors import UsageError
 from foundation.frames import GRAVITY, Quat, Vec3
 from foundation.sensors import MAX_ROTORS
 
-HOVER_TIME_S = 3.0  # time constant of the hover thrust estimate: batteries sag slowly
+HOVER_TIME_S = 3.0  # time constant of the hover thrust estimate, which follows the slow sag of the battery
 LEAST_LIFT = 0.2 * GRAVITY  # m/s², least upward force per mass: the thrust vector points up also in a fast descent
 
 

@@ -133,7 +133,7 @@ def forget(P: Grid, first: int, variance: float) -> None:
 
 @njit(cache=True)
 def initialise(P: Grid, tilt_std: float, yaw_std: float, gyro_bias_std: float) -> None:
-    """Set P for a vehicle immediately after the alignment."""
+    """Set P for a vehicle whose attitude was just aligned. The arguments are standard deviations, rad and rad/s."""
     for i in range(STATES):
         for j in range(STATES):
             P[i, j] = 0.0
@@ -164,7 +164,7 @@ def hard_iron_slopes(q: Grid, horizontal: float, declination: float) -> tuple[fl
 
 @njit(cache=True)
 def trust_compass(P: Grid, state: Record, horizontal: float, declination: float, hard_iron: float) -> None:
-    """Set the hard iron's standard deviation to `hard_iron` (gauss), and add the resulting yaw variance."""
+    """For a yaw from the compass: set the hard iron's standard deviation (`hard_iron`, gauss) and its effect on the yaw."""
     forward, right = hard_iron_slopes(state.attitude, max(horizontal, 0.02), declination)
     variance = hard_iron * hard_iron
     for i, slope in ((MOTION, forward), (MOTION + 1, right)):

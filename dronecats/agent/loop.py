@@ -58,7 +58,7 @@ class PendingQuestion:
     ) -> None:
         """Send the question at `now_s`; `last_s` is the time of the last reply for these drones (vehicle seconds).
 
-        `beside`: if the policy foresees the latency, the lockstep clock runs during the call, up to the due time.
+        `beside`: the lockstep clock runs during the call, up to the due time, if the policy foresees the latency.
         """
         self._beside = beside and policy.foreseen
         self._future: Future[Reply] = (DaemonExecutor() if self._beside else executor).submit(model.ask, request)

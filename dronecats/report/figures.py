@@ -225,7 +225,7 @@ def rates(table: ReportTable) -> Any:
     return drawing
 
 
-SIDE = 0.84  # side of a square, in columns
+SIDE = 0.84  # side of a square, as a fraction of the width of a column
 
 
 def episode_grid(data: ReportData) -> Any:

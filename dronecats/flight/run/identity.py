@@ -39,7 +39,7 @@ FOLDERS = (
 FITTING = "dronecats/pilots/fitting"  # makes data files of the built-in pilots; no flight runs it
 JUDGE = "dronecats/judge"  # without its subfolders: metrics and statistics do not affect a verdict
 OUR_MODULE = re.compile(r"(foundation|vehicles|autopilot|episodes|hil|dronecats)(\.[a-z_0-9]+)+(:\w+)?")
-MODULUS = 1 << 256  # sums of digests are modulo this; a sum does not depend on the order
+MODULUS = 1 << 256  # digests are added modulo this number, because a sum does not depend on their order
 CACHE_ENTRIES_MAX = 5000  # cached files; above this number, the cache keeps only the files of the newest digest
 PARENTS = "parents"  # `Path.parents[n]` is digested without n, which changes when a module moves
 

@@ -27,7 +27,7 @@ from foundation.protocol import CAP_S, RADIUS_M, THINK
 from foundation.run_folder.results import SCORED
 from foundation.run_folder.rows import Decision
 
-AFTER = 3  # steps before and after a step that are compared
+AFTER = 3  # number of compared steps before a step, and after it
 MATCHED_M = 0.25  # m per step; a think and another step match if their closing rates are in one interval of this width
 # m closed in three steps. Less than STALL_M before a step is a stall. BROKEN_M or more after the step ends the stall.
 STALL_M, BROKEN_M = 0.5, 1.0

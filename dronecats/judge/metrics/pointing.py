@@ -15,7 +15,7 @@ from foundation.camera import CameraModel
 from foundation.protocol import HISTORY_LENGTH, POINT_SPAN
 from foundation.run_folder.rows import PointedGo
 
-SAME = 0.5  # tolerance of a coordinate: the history shows integer pixels
+SAME = 0.5  # coordinates count as equal within this, because the history shows integer pixels
 _CAMERA = CameraModel()
 
 

@@ -145,7 +145,7 @@ def find_candidates(
 
 
 def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidate | None) -> list[list[Candidate]]:
-    """Return the vehicles of the best paint. The scores of the drones' own vehicles decide; if equal, all scores."""
+    """Return the vehicles of the best paint. The scores of the drones' own vehicles decide first, then all scores."""
     best: list[list[Candidate]] = [[] for _ in pictures]
     most = (0.0, 0.0)
     for color in (*VIVID, *DULL):

@@ -69,7 +69,7 @@ class Manifest:
     partial: str | None  # a sentence about what is missing or broken; None: the suite is complete and scored
     runs: tuple[SubmittedRun, ...]
     files: dict[str, FileDigest]  # the other files in the archive, by name
-    left_out: dict[str, FileDigest]  # files that are not in the archive, by name
+    left_out: dict[str, FileDigest]  # files of the runs that are not in the archive, by name
     scrubbed: tuple[str, ...]  # files in which `submit` replaced an API key or an absolute path
     dronecats: str  # version of dronecats that wrote the archive
 
