@@ -154,8 +154,7 @@ PEERS: dict[str, Callable[[], dict[str, float]]] = {
 def compare(folder: Path, core_rtf: float, core_rtf_cpu: float) -> dict[str, Any]:
     """Return for each peer its real-time factor, and our factor divided by it; or a `note` on why it was skipped.
 
-    `core_rtf`, `core_rtf_cpu`: our factor by wall time and by processor time. If other programs run too, compare only
-    the factors by processor time (`…_cpu`).
+    `core_rtf`, `core_rtf_cpu`: our factor by wall and by processor time. If other programs run too, use only `…_cpu`.
     """
     results: dict[str, Any] = {}
     this = Path(__file__).absolute()

@@ -226,7 +226,7 @@ def measure(name: str, repeat: int, threads: int, compared_poses: int) -> dict[s
 
 
 def measured_apart(name: str, repeat: int, threads: int, compared_poses: int) -> dict[str, Any]:
-    """Return the figures of one map, measured in a new process, so that the measured memory is of this map only."""
+    """Return the figures of one map, measured in a new process, so that the memory is of this map only."""
     command = [sys.executable, "-m", "benchmarks.render", "--json", "--map", name]
     command += ["--repeat", str(repeat), "--threads", str(threads), "--poses", str(compared_poses)]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)

@@ -81,8 +81,8 @@ class TakeoffRamp:
 # stays near zero for LNDMC_TRIG_TIME, then the ground carries the vehicle.
 SUPPORTED_THRUST = 0.8  # fraction of hover thrust; less counts as low
 RANGE_IN_AIR_M = 1.0  # if the rangefinder measures more, the vehicle is in the air
-LIFT_OFF_M = 0.25  # m; a vehicle that has risen by more, and still climbs, has left the ground
-LIFT_OFF_SPEED = 0.3  # m/s; a vehicle that climbs faster has left the ground
+LIFT_OFF_M = 0.25  # m; a vehicle that has risen by more and still climbs is in the air
+LIFT_OFF_SPEED = 0.3  # m/s; a vehicle that climbs faster is in the air
 
 
 CONTACT_SPEED = 0.3  # m/s downwards; a setpoint at least this fast demands a descent
@@ -188,7 +188,7 @@ def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:
 LANDING = ("LAND", "DESCEND")  # modes that end on the ground
 BLOCKED_US = 10_000_000  # µs; a landing is blocked if the vehicle sinks by less than SUNK_M in this time
 SUNK_M = 0.3
-UPRIGHT_DEG = 20.0  # a landed vehicle that leans more is not upright; the ground of every map slopes less
+UPRIGHT_DEG = 20.0  # a landed vehicle that leans more is not upright; the ground slopes less
 
 
 class LandingWatch:

@@ -164,7 +164,7 @@ def hard_iron_slopes(q: Grid, horizontal: float, declination: float) -> tuple[fl
 
 @njit(cache=True)
 def trust_compass(P: Grid, state: Record, horizontal: float, declination: float, hard_iron: float) -> None:
-    """For a yaw from the compass: set the hard iron's standard deviation (`hard_iron`, gauss) and its effect on the yaw."""
+    """For yaw from the compass: set the hard iron's standard deviation (`hard_iron`, gauss) and its effect on yaw."""
     forward, right = hard_iron_slopes(state.attitude, max(horizontal, 0.02), declination)
     variance = hard_iron * hard_iron
     for i, slope in ((MOTION, forward), (MOTION + 1, right)):

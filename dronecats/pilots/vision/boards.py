@@ -41,7 +41,7 @@ _ARRIVED_M = 4.55  # the drone declares within this distance of a board's middle
 _STOP_M = 3.3  # distance from the camera to the board at the end of the last stride
 _BELOW_M = 1.0  # assumed height of the camera above a board's middle: large, so that no declaration is early
 _LINE_ROWS = (0.27, 0.73)  # rows of the text on a board with one line, in board heights
-_STRETCH_MAX = 3.0  # largest factor that widens the picture of a board seen at an angle
+_STRETCH_MAX = 3.0  # largest widening of a board seen at an angle
 
 Color = tuple[float, float, float]  # CIE Lab on OpenCV's 8-bit scale
 _Box = tuple[int, int, int, int]  # left, top, right, bottom, px
