@@ -1,4 +1,4 @@
-"""Caches slowly computed values, which depend only on source files and libraries, in the user's cache folder."""
+"""Caches slowly computed values in the user's cache folder. They depend only on sources, libraries and an input."""
 
 import contextlib
 import hashlib
@@ -17,18 +17,18 @@ from foundation.machine import user_cache
 
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "numba")  # their arithmetic may differ between versions
-# Storing a value removes older files with its `name`: all but the FILES_MAX last used files, and every file that was
-# unused for longer than KEPT_S (s).
+# When a value is stored, an older file with its `name` is removed if FILES_MAX files were used later, or if it was not
+# used for KEPT_S (s).
 FILES_MAX, KEPT_S = 8, 7 * 86_400.0
 T = TypeVar("T")
 
 
 def kept(name: str, sources: Iterable[str], make: Callable[[], T], of: object = None) -> T:
-    """Return the cached value if a process with the same sources and `of` stored it, otherwise the value of `make()`.
+    """Return the value of `make()`. Read it from the cache if it was stored for the same sources and input `of`.
 
     `name`: start of the file's name. `sources`: patterns of files below ROOT. `of`: the input from which
-    `make` computes the value. The value and `of` must consist of plain types, arrays and the project's classes. Without
-    a usable cache, `make` is called every time.
+    `make` computes the value. Value and input must consist of plain types, arrays and the project's classes. Without a
+    usable cache, `make` is called every time.
     """
     try:
         folder = user_cache() / "values"

@@ -2,7 +2,7 @@
 
 Source: mavlink.io, guide/message_signing. A signature consists of the link id, a timestamp and the first 48
 bits of SHA-256(key, message, link id, timestamp). This module replaces pymavlink's own check, which stores a message's
-timestamp before it verifies the signature. So one forged message with a late timestamp would lock out the true sender.
+timestamp before it verifies the signature. There, one forged message with a late timestamp locks out the true sender.
 """
 
 import hashlib

@@ -40,7 +40,7 @@ class Factor:
     put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: a disturbance, see `at_levels`
     get: Callable[[FlightSpec], float | None] = lambda flight: None  # a flight's level; None: no number
     quantity: DeclaredNumber | None = None  # for numeric levels
-    words: Sequence[str] | None = None  # allowed words; with neither quantity nor words, any word
+    words: Sequence[str] | None = None  # allowed words; None without a quantity: any word
     refines: str = ""  # name of another factor; while that factor is 0, this one has no effect
     beside: bool = False  # whether a study must also set the factor in `refines`
     real_time: bool = False  # whether the factor has no effect in lockstep

@@ -19,7 +19,7 @@ def process_map(work: Callable[[Item], Result], items: Sequence[Item], jobs: int
     """Yield the result of each item in the order in which `jobs` processes (default: one per core) finish them.
 
     Call it in the main thread, because it sets signal handlers. With only one job or item, this process does the work.
-    A terminal sends Ctrl-C to all processes, but new processes ignore it. They end with this process, even if it is
+    A terminal sends Ctrl-C to all processes, but the new processes ignore it. They end when this process ends or is
     killed. Raises the exceptions of `work`, and InfrastructureError if a process dies.
     """
     jobs = min(jobs or os.cpu_count() or 1, len(items))

@@ -40,7 +40,7 @@ PLAN_QUALITY = 72
 ABOVE_SPAWN_M = 12.0  # height of the camera above the spawn point, for a map that is not in maps.VANTAGE
 CENTRED = CameraModel(1280, 720, 90.0, (0.0, 0.0, 0.0))  # no offset: the optical centre is at the given pose
 LARGEST_BYTES = 250_000
-QUALITIES = range(90, 40, -5)  # JPEG; the first that keeps LARGEST_BYTES is used
+QUALITIES = range(90, 40, -5)  # of JPEG; the first one that needs at most LARGEST_BYTES is used
 
 SUFFIXES = (".png", ".jpg", ".jpeg")  # allowed suffixes of the file of a first frame
 

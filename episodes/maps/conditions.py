@@ -39,7 +39,7 @@ LEAVES = ("foliage", "leaf", "leaves", "thicket")  # prefixes of material names
 INSIDE = "thicket"  # prefix for leaves in the shade of other leaves
 EVERGREEN = ("pine", "spruce", "box", "conifer", "hedge")  # suffixes for leaves that keep their colour
 GRASS = ("grass", "lawn", "meadow")
-HUES: tuple[Vec3, ...] = (  # linear RGB of leaves: gold, orange, rust, brown, and a green that begins to turn
+HUES: tuple[Vec3, ...] = (  # linear RGB of leaves: gold, orange, rust, brown, yellowish green
     (0.62, 0.36, 0.05),
     (0.60, 0.20, 0.03),
     (0.36, 0.09, 0.03),

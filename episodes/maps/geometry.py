@@ -57,10 +57,10 @@ class MeshPart:
 
 
 def connected(a: NDArray[np.integer], b: NDArray[np.integer], count: int) -> NDArray[np.int64]:
-    """Return the number (count,) of the connected part of a graph that each point is in, from 0 in order of the points.
+    """Return (count,): the number of the connected part of a graph to which each point belongs.
 
-    Edge k of the graph connects the points a[k] and b[k]. `scipy.sparse.csgraph` does the same, but its import takes a
-    tenth of the time until a flight begins.
+    Edge k of the graph connects the points a[k] and b[k]. Parts are numbered from 0 in the order of their first points.
+    `scipy.sparse.csgraph` does the same, but its import takes a tenth of the time until a flight begins.
     """
     root = np.arange(count)  # a point of the same part with an equal or smaller number
     while (apart := root[a] != root[b]).any():

@@ -44,7 +44,7 @@ class _Use:
 
     look: Material
     tile: float  # m per repeat
-    shift: float = 0.0  # m from the centre line to the first joint of the slabs
+    shift: float = 0.0  # m from the street's centre line to the first joint of the slabs
 
 
 def _uses() -> dict[str, _Use]:

@@ -1,4 +1,7 @@
-"""Fits success with logistic curves: the level at which half of the flights succeed, effects, interactions."""
+"""Fits success with logistic curves: the level at which half of the flights succeed, effects, interactions.
+
+An entrant is a pilot with its settings. A cell is a kind of episode.
+"""
 
 import itertools
 import math
@@ -33,7 +36,7 @@ class HalfSuccessFit:
     factor: int  # index in StudyResults.factors
     entrant: str
     cell: str
-    beside: tuple[StudiedLevel, ...]  # levels of the other factors; empty: there are none, or they are at their base
+    beside: tuple[StudiedLevel, ...]  # levels of the other factors; empty: the fits use only one choice of them
     half: HalfSuccess
     curve: SuccessCurve | None
 
@@ -116,7 +119,7 @@ def main_effects(results: StudyResults) -> list[MainEffect]:
     for entrant, cell in results.lines():
         model = _Regression(results.factors, results.of(entrant, cell))
         by_factor = [rows for k in range(len(results.factors)) if (rows := model.effects(entrant, cell, k))]
-        adjusted = holm([rows[0].p for rows in by_factor])  # one test per factor, also if its levels are words
+        adjusted = holm([rows[0].p for rows in by_factor])  # the rows of a factor have the same p
         effects += [replace(row, p_holm=p) for rows, p in zip(by_factor, adjusted, strict=True) for row in rows]
     return effects
 
@@ -153,7 +156,7 @@ def _crossed(results: StudyResults, k: int, m: int) -> bool:
     points = list(dict.fromkeys((flight.levels[k], flight.levels[m]) for flight in results.scored))
     if not points:
         return False
-    base_k, base_m = points[0]  # in a design of one factor at a time, at least one is a base level, which suffices
+    base_k, base_m = points[0]  # in a design of one factor at a time, at least one of them is a base level
     along_k, along_m = {y for x, y in points if x != base_k}, {x for x, y in points if y != base_m}
     return len(along_k) > 1 and len(along_m) > 1
 

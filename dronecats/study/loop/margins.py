@@ -103,7 +103,7 @@ class StepFigures:
     rise_s: float  # s, time from 10 to 90 % of the step
     overshoot_percent: float  # % of the step
     delay_s: float  # s until the response reaches half of the step
-    settled_s: float  # s until the response stays within BAND of the step; nan: the response ends before
+    settled_s: float  # s until the response stays within BAND of the step; nan: it does not
 
 
 @dataclass(frozen=True, slots=True)

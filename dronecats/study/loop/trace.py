@@ -21,7 +21,7 @@ from hil.link.offboard import VelocitySetpoint
 Array = NDArray[np.float64]
 
 EPISODE = "v1-residential-searching-01"  # the drone starts with no obstacle within a few metres
-HEIGHT_M = 10.0
+HEIGHT_M = 10.0  # height above the ground at which the trace begins
 AIRFRAME = "x500"  # default; a quadrotor, because PX4 is supported only for quadrotors
 AXES = ("forward", "up", "yaw rate")  # m/s, m/s, rad/s: the columns of a trace response
 

@@ -1,4 +1,7 @@
-"""Instruments of a rate study: wrappers that time the camera, model, vehicle and agent without changing them."""
+"""Instruments of a rate study: wrappers that time the camera, model, vehicle and agent without changing them.
+
+A question is one request to the model, with its picture.
+"""
 
 import time
 from collections.abc import Callable

@@ -80,7 +80,7 @@ class Previews:
 
 
 def _movable(world: World) -> tuple[Scene, tuple[Instance, ...]]:
-    """Return the scene, and the objects that the record adds, target first. Only these and drones are movable."""
+    """Return the scene, and the objects that the record adds, target first. Only they and drones are movable."""
     placed = len(world.record.candidates) + (world.record.target.native is None)
     plan = world.scene.instances[: len(world.scene.instances) - placed]
     free = tuple(replace(instance, movable=True) for instance in world.scene.instances[len(plan) :])

@@ -29,8 +29,8 @@ Array = NDArray[np.float64]
 BOOM_M = 3.4  # m from the drone to the camera
 SHORTEST_M = 0.9  # m, shortest boom: a drone like the x500 (0.5 m) fills the picture but is not clipped
 STEP_S = 0.25  # s between planned places
-PLACE_S, HEADING_S, ANGLE_SIGMA_S, BOOM_S = 0.35, 1.0, 0.6, 0.3  # s, σ of smoothing: position, heading, angles, boom
-AHEAD_M = 4.0  # m; the camera looks at the point this far ahead of the drone
+PLACE_S, HEADING_S, ANGLE_SIGMA_S, BOOM_S = 0.35, 1.0, 0.6, 0.3  # s, σ of the smoothing over time
+AHEAD_M = 4.0  # m; the camera looks at a point at most this far ahead of the drone
 CAMERA_MARGIN_M = 0.35  # m, free space on each side of the camera
 # candidate places of the camera: azimuth (0 is behind the drone), elevation, share of the boom length
 AZIMUTHS_DEG = (15.0, -15.0, 38.0, -38.0, 68.0, -68.0, 100.0, -100.0)  # not 0, where the drone would hide its goal
@@ -89,7 +89,7 @@ def _outwards(azimuth: Array, elevation: Array) -> Array:
 
 
 def _blocked(place: Array, heading: float, candidates: Array, obstacles: Solids) -> NDArray[np.bool_]:
-    """Return (N,): whether an obstacle hides the drone at `place` from each candidate or a point near it."""
+    """Return (N,) for the candidates: whether an obstacle hides the drone at `place` from it or from a point nearby."""
     azimuth, elevation = heading + np.radians(candidates[:, 0]), np.radians(candidates[:, 1])
     out = _outwards(azimuth, elevation)
     eye = place + (candidates[:, 2:] * BOOM_M + CAMERA_MARGIN_M) * out

@@ -24,7 +24,7 @@ READ_BYTES = 4_000_000  # one read returns at most this many bytes; the next rea
 NAME = re.compile(r"(\d{6,})(?:_d(\d+))?\.jpg")
 END = b"\xff\xd9"  # last bytes of a complete JPEG
 KEPT = 4  # the cache has at most this many pictures per drone
-SETTLED_NS = 100_000_000  # a folder that changed more recently is read again: new files may leave its time as it is
+SETTLED_NS = 100_000_000  # a folder that changed more recently is listed again: a new file may not change its time
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,7 @@ NOUNS: dict[str, tuple[str, ...]] = {
 }
 
 COMPACT_M = 4.0  # largest half size of a landmark for all relations except `nearest`
-# m, largest distance from the landmark in the clear and in the loose test: left of, right of, in front of and behind
+# m, largest distance from the landmark for `left of`, `right of`, `in front of` and `behind`: clear test, loose test
 BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0
 NEAREST_M = 25.0  # m, largest distance for `nearest`
 APART_M = 40.0  # m, largest distance between the two landmarks of `between`

@@ -54,7 +54,8 @@ REFERRED_STARTS = 12  # at most this many starts are tried for one target
 def painted_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
     """Yield None, then a draft for each `Draw` (random shares) sent in. Assets and paints take turns.
 
-    End at once if the map has no place for a target: no spot or, in a cell with moving targets, no lane for vehicles.
+    End at once if the map has no place for a target: no spot or, for a `cell` (kind of episode) with moving targets, no
+    lane for vehicles.
     """
     share = yield None
     moving = cell in MOVING

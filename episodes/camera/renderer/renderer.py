@@ -194,7 +194,7 @@ def _static_data(scene: Scene, layout: SceneArrays, cells: int) -> _StaticData:
 
 
 def _surroundings(scene: Scene, layout: SceneArrays, stop: int) -> tuple[Columns, Occlusion]:
-    """Return height columns of the triangles 0 … stop - 1 except the ground, and the sky's open share between them."""
+    """Return height columns of the triangles 0 … stop - 1 except the ground, and the share of sky they leave open."""
     columns = columns_of(layout, stop, _ground(scene), mean_reflectance(layout.surfaces, layout.atlas))
     return columns, occlusion_of(columns, scene.terrain)
 

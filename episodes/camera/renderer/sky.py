@@ -23,8 +23,8 @@ WHITENING = 0.09
 WHITE = 2.14  # the light at which the curve of `display_table` reaches white
 STEPS = 8192  # steps of `display_table`; a step is less than one code even where sRGB is steepest
 HAZE_LENGTH_M = 2200.0  # distance at which haze replaces about two thirds of an object's colour
-DISC_COSINE = math.cos(math.radians(0.45))  # of the drawn sun's radius; the real 0.27° is too small to see
-GLOW_COSINE = math.cos(math.radians(0.9))  # of this radius with the soft edge
+DISC_COSINE = math.cos(math.radians(0.45))  # cosine of the drawn sun's radius; the real 0.27° is too small to see
+GLOW_COSINE = math.cos(math.radians(0.9))  # cosine of the radius including the soft edge
 USUAL_GREY = 0.553  # mean of the default `Sun.sky`; darker skies have darker horizons
 
 Directions = NDArray[np.floating[Any]]  # (SKY_CELLS, SKY_CELLS), one value per direction
@@ -62,7 +62,7 @@ def daylight(sun: Sun) -> Daylight:
     grey = sum(sky) / 3.0
     ambient = tuple(1.15 * (c + 0.3 * (grey - c)) for c in sky)  # less blue: light from walls and clouds is greyer
     bounce = tuple(0.20 * (a + c * high) * g for a, c, g in zip(ambient, light, (1.0, 0.95, 0.8), strict=True))
-    zenith = tuple(2.1 * c**2.2 for c in sky)  # a deeper blue than `sky`, the mean of all directions
+    zenith = tuple(2.1 * c**2.2 for c in sky)  # `sky` is the mean of all directions; the zenith is bluer
     veil = min(grey / USUAL_GREY, 1.0)
     horizon = tuple(1.2 * c + w * veil for c, w in zip(sky, (0.80, 0.95, 1.06), strict=True))
     disc = min(max((0.95 - float(sun.clouds)) / 0.2, 0.0), 1.0)

@@ -11,7 +11,7 @@ from episodes.maps.geometry import MeshPart
 from episodes.maps.scene import Material, Mesh
 
 FOUNDATION_M = 0.35  # height of the floor above the ground
-# normals of faces that other parts hide: the ends of level bars, and of upright bars
+# normals of end faces that other parts hide: of level bars (SIDES) and of upright bars (ENDS)
 SIDES, ENDS = ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0)), ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
 FOOTING_M = -0.9  # lower edge of the walls; below 0, because the ground may slope away from the house
 

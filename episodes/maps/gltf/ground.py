@@ -17,7 +17,7 @@ from episodes.maps.geometry import connected
 from foundation.terrain import HeightField
 
 FINEST_M = 0.25  # cell size of a small map
-MOST_CELLS = 512  # cells per side
+MOST_CELLS = 512  # largest number of cells per side
 REACH_M = 500.0  # from the spawn in each direction; farther out, the height at the edge applies
 STEP_M = 0.25  # connected neighbours differ in height by at most this plus the cell size (a slope of 45°)
 LAYERS = 24  # greatest number of surfaces that a ray passes
