@@ -44,7 +44,7 @@ class Fault:
 
 
 def fault_record(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency_us: int) -> np.void:
-    """Return the FAULTS record of a script. If faults of one part overlap, the first one listed is active.
+    """Return the FAULTS record of a script of faults. If faults of one part overlap, the first one listed is active.
 
     Raises UsageError for a part, kind or combination that does not exist.
     """

@@ -61,7 +61,8 @@ class Suite:
     baro_period_us: int = 20_000
     baro_noise_hpa: float = 0.012  # hPa, about 0.1 m: BMP388 data sheet at low oversampling
     baro_drift_hpa: float = 0.04  # hPa: weather and warming, Gauss-Markov
-    baro_drift_time_s: float = 1200.0  # s, correlation time: 0.1 m in a minute, as with weather of 1 hPa per hour
+    # s, correlation time: the drift is about 0.1 m in a minute, as when the air pressure changes by 1 hPa per hour
+    baro_drift_time_s: float = 1200.0
     gps_period_us: int = 100_000
     gps_latency_us: int = 100_000  # receiver and serial line: u-blox M8 at 10 Hz
     gps_late_us: int = 0  # unreported latency: a fix is this much older than its time stamp
@@ -70,10 +71,10 @@ class Suite:
     # s, correlation time of the atmosphere's delay: 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of
     # their troposphere model)
     gps_error_time_s: float = 1800.0
-    # m per horizontal axis: estimated effect of reflections in the open. They change within about a minute: at this lag
-    # the autocorrelation of recorded positions has a bend (D. L. Wilson, GPS accuracy page), and PX4's Gazebo has 60 s
-    gps_multipath_h: float = 0.25
+    gps_multipath_h: float = 0.25  # m per horizontal axis: estimated effect of reflections in the open
     gps_multipath_v: float = 0.5  # m, vertical
+    # s, correlation time of the reflections. The autocorrelation of recorded positions has a bend at a lag of about one
+    # minute (D. L. Wilson, GPS accuracy page). PX4's Gazebo model uses 60 s.
     gps_multipath_time_s: float = 60.0
     gps_smoothing_s: float = 10.0  # s, time constant of the receiver's filter with carrier Doppler: estimate
     gps_noise: float = 0.02  # m, additional white noise
@@ -148,7 +149,7 @@ MEMORY = np.dtype(
         ("accel_sum", "f8", (3,)),  # m/s², sum over the steps since the last inertial sample
         ("gyro_sum", "f8", (3,)),  # rad/s, sum over the same steps
         ("imu_steps", "i8"),  # steps in these sums
-        ("accel_clipped", "i8"),  # steps beyond the accelerometer's range so far, counted for each axis
+        ("accel_clipped", "i8"),  # steps beyond the accelerometer's range so far, summed over the three axes
         ("imu_next_us", "i8"),
         ("bias_next_us", "i8"),
         ("mag_next_us", "i8"),

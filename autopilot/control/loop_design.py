@@ -134,8 +134,8 @@ def velocity_loop(p: float, i: float, d: float, inner: Response) -> Response:
 def position_loop(p: float, velocity: Response, inner: Response, expected: float) -> Response:
     """Return L(s) of a position P. Inside it are the smoothing of the velocity setpoint, and the velocity loop.
 
-    The smoothed reference r gives the feed-forward s r. The feedback C gets r / (T s + 1), where T is `expected` (s).
-    With G = `inner` and L = C G / s, the velocity is (G + L / (T s + 1)) / (1 + L) r.
+    The smoothed reference r gives the feed-forward s r. The feedback controller C gets r / (T s + 1), where T is
+    `expected` (s). With G = `inner` and L = C G / s, the velocity is (G + L / (T s + 1)) / (1 + L) r.
     """
     smoothing, late = lag(1.0 / RESPONSE), lag(expected)
     return lambda s: (

@@ -21,7 +21,7 @@ from foundation.protocol import FINISHED, GO, HISTORY_LENGTH, POINT_SPAN, ROTATE
 
 COLUMNS, ROWS = 32, 18  # size of the heat map of the point; a cell covers 8 × 8 px of the input picture
 TURNS_DEG = tuple(float(angle) for angle in range(-90, 91, 15))
-ELSEWHERE_M = 6.0  # depth of the go to another place; far enough for a full stride
+ELSEWHERE_M = 6.0  # m, depth of the go to another place; the agent shortens a go with a depth below 5 m
 NEAREST_M, FARTHEST_M = 0.5, 60.0  # limits of a go's depth
 _AROUND = 1  # cells on each side of the highest cell; the point is the weighted mean of these cells
 

@@ -29,7 +29,7 @@ GAIN = 0.5
 STANDSTILL = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 BACK_MAX = 0.5  # m/s, highest speed at which a vehicle beyond a limit is brought back
 TOUCHING_M = 1e-3  # m: a line that passes a corner at this distance touches the corner
-TOUCHING_MPS = 1e-5  # m/s: a wall counts as acting if the velocity is this near to the highest that it allows
+TOUCHING_MPS = 1e-5  # m/s: a wall counts as acting if the velocity is this near to the wall's limit
 STALE_US = 500_000  # µs without a new position or attitude, after which the last one is not used
 
 Corner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [north, east]"})]  # m, from home
@@ -208,7 +208,7 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
 
 
 def _is_barred(at: Corner, to: Corner, polygon: Sequence[Corner], margin_m: float) -> bool:
-    """Return whether the line from `at` to `to` enters an exclusion, or gets nearer to it within its margin."""
+    """Return whether the line from `at` to `to` enters an exclusion, or approaches it to less than `margin_m`."""
     if contains(polygon, to) or crosses(at, to, polygon):
         return True
     edges = list(zip(polygon, (*polygon[1:], polygon[0]), strict=True))

@@ -12,11 +12,11 @@ from hil.link.streams import TICK_US
 
 HEIGHT_GAIN = 1.0  # 1/s, vertical speed per metre from the held height
 PLACE_GAIN = 0.9  # 1/s, speed per metre from the held place
-LINE_GAIN = 1.5  # 1/s, speed towards the line of a move per metre beside it
+LINE_GAIN = 1.5  # 1/s, speed of a move towards its line, per metre of distance from the line
 CORRECTION_MAX = 0.6  # m/s, largest correction per axis
 HEADING_GAIN = 1.5  # 1/s, yaw rate per radian from the held heading, in a move
 HEADING_RATE_MAX = 0.5  # rad/s, limit of this yaw rate
-STOPPING_S = 0.6  # s; the held place is ahead of a moving vehicle by its velocity times this, where it can stop
+STOPPING_S = 0.6  # s; a moving vehicle needs room to stop: the held place is ahead by its velocity times this time
 BACK_MAX = 0.5  # sine of the largest angle by which a move turns towards its line
 HEADING_REACHED = math.radians(1.0)
 LINE_REACHED_M = 0.05

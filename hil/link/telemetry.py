@@ -31,7 +31,7 @@ class StatusTexts:
         self._open_id = 0  # STATUSTEXT.id of that text
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Take a STATUSTEXT. A full piece leaves its text open for more, until another text or a read."""
+        """Take a STATUSTEXT. A text is complete after a piece that is not full, at another text, or at a read."""
         text = _plain(message.text)
         if message.id != self._open_id or message.chunk_seq == 0:
             self._complete()
@@ -82,8 +82,8 @@ class VehicleClock:
 
     After a reboot, the stamps are smaller than before. They are also smaller in delayed messages and after the wrap.
     The time since the last arrival tells the three cases apart. After a reboot, the stamp is smaller than this time.
-    After a wrap, the stamp has advanced by at most this time. Both comparisons add FAR_MS to this time, because the
-    last stamp may have been late.
+    After a wrap, the stamp has advanced by at most this time. Any other smaller stamp is from a delayed message. Both
+    comparisons add FAR_MS to this time, because the last stamp may have been late.
     """
 
     def __init__(self) -> None:

@@ -210,7 +210,7 @@ RULES: dict[str, FailsafeRule] = {
     "SYS_HITL": _hitl,
 }
 FAILSAFE_PARAMETERS = (*RULES, "COM_RC_IN_MODE", "RC_MAP_FLTMODE", "RC_MAP_KILL_SW", *SLOTS)
-VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # they act when setpoints stop, so a missing value fails its row
+VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # they act when setpoints stop, so the check fails without their values
 
 
 def read_failsafe(link: Link) -> str:

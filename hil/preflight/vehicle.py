@@ -24,7 +24,7 @@ SENSORS = {  # bits of SYS_STATUS
     dialect.MAV_SYS_STATUS_LOGGING: "flight log",
 }
 NEEDED = ("gyro", "accelerometer", "compass", "barometer", "GPS")  # a vehicle that lacks one of these cannot be flown
-PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 reports it only as unhealthy, never as present
+PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 never reports it as present, only as unhealthy
 ESTIMATES = {  # bits of ESTIMATOR_STATUS that flying needs
     dialect.ESTIMATOR_ATTITUDE: "attitude",
     dialect.ESTIMATOR_VELOCITY_HORIZ: "horizontal velocity",

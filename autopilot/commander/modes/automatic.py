@@ -12,7 +12,7 @@ from autopilot.records import IDLE, NAN, CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
 BRAKING_SHARE = 0.5  # fraction of MPC_ACC_HOR for braking; the position controller needs the rest
-LEAST_SPEED = 1.0  # m/s, lowest value of the limit: near the target the position loop slows the vehicle
+LEAST_SPEED = 1.0  # m/s, lowest value of `approach_speed`: near the target the position loop slows the vehicle
 
 
 def approach_speed(distance: float, cruise: float, acceleration: float) -> float:
