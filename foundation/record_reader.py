@@ -8,7 +8,7 @@ from typing import Any
 
 
 def reader(record: Any, *names: str) -> Callable[[], tuple[Any, ...]]:
-    """Return a function that returns the present values of these fields of `record` (`numpy.void`) as one flat tuple.
+    """Return a function that returns the current values of these fields of `record` (`numpy.void`) as one flat tuple.
 
     The fields must be 64 bits wide, and `names` must be in the record's order. Raises KeyError or ValueError otherwise.
     """

@@ -204,7 +204,6 @@ def rendered(scene: Scene, camera: CameraModel, pose: CameraPose, **options: int
 
 
 def jpeg(picture: Picture, quality: int, optimize: bool = True) -> bytes:
-    """Return a picture as JPEG."""
     settings = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, int(optimize)]
     return cv2.imencode(".jpg", picture[..., ::-1], settings)[1].tobytes()
 

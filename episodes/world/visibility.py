@@ -112,16 +112,13 @@ class SolidsUnion(Solids):
         self._groups = groups
 
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
-        """Return for each point (N, 3) whether something solid lies between it and the origin."""
         hidden: NDArray[np.bool_] = np.any([group.hidden(origin, points) for group in self._groups], axis=0)
         return hidden
 
     def range_m(self, origin: Vec3, direction: Vec3) -> float:
-        """Return the distance (m) to the first solid along a direction; inf if there is none."""
         return min(group.range_m(origin, direction) for group in self._groups)
 
     def clearance_m(self, point: Vec3) -> float:
-        """Return the distance (m) from a point to the nearest solid surface."""
         return min(group.clearance_m(point) for group in self._groups)
 
 
@@ -150,7 +147,6 @@ class SolidsExcept(Solids):
         return np.asarray(hidden)
 
     def range_m(self, origin: Vec3, direction: Vec3) -> float:
-        """Return the distance (m) to the first solid along a direction; inf if there is none."""
         unit = (np.array(direction) / np.linalg.norm(direction)).astype(np.float32)[None]
         gone = 0.0
         while True:

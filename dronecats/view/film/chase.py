@@ -89,7 +89,7 @@ def _outwards(azimuth: Array, elevation: Array) -> Array:
 
 
 def _blocked(place: Array, heading: float, candidates: Array, obstacles: Solids) -> NDArray[np.bool_]:
-    """Return (N,) for the candidates: whether an obstacle hides the drone at `place` from it or from a point nearby."""
+    """Return (N,): whether an obstacle hides the drone at `place` from the candidate place or from a point near it."""
     azimuth, elevation = heading + np.radians(candidates[:, 0]), np.radians(candidates[:, 1])
     out = _outwards(azimuth, elevation)
     eye = place + (candidates[:, 2:] * BOOM_M + CAMERA_MARGIN_M) * out

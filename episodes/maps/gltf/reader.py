@@ -25,10 +25,11 @@ _NOWHERE = HeightField(0.0, 0.0, 1.0, np.zeros((1, 1)))
 def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = None) -> Scene:
     """Return the map in a binary glTF file; `name` becomes the map's name. A file of `writer.save` gives the same map.
 
-    `spawn` is a free place on the ground, (north, east) or (north, east, down), m NED. Files of `writer.save` contain
-    a spawn. Without a height, the spawn is on the lowest floor with two metres of headroom. Facts that the file does not
-    state have defaults: sun of a late morning, PX4's usual home, all instances solid, none movable. Raises UsageError
-    for a file that is damaged, too large, compressed or not self-contained, or lacks a spawn or ground under the spawn.
+    `spawn` is a free place on the ground, (north, east) or (north, east, down), m NED. Files of `writer.save` have
+    a spawn. Without a height, the spawn is on the lowest floor with two metres of headroom. Facts that the file does
+    not state have defaults: sun of a late morning, PX4's usual home, all instances solid, none movable. Raises
+    UsageError for a file that is damaged, too large, compressed or not self-contained, or lacks a spawn or ground under
+    the spawn.
     """
     document = Document(path)
     placed = meshes.placed(document)
