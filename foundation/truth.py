@@ -196,7 +196,7 @@ class NewestTruth:
         return sample, {k: nearest(samples, sample.time_us) for k, samples in tracks.items()}
 
     def before(self, sample: TruthSample) -> TruthSample:
-        """Return the same drone's previous sample; `sample` itself if the previous one is no longer kept."""
+        """Return the previous sample of the drone of `sample`; `sample` itself if the previous one is not kept."""
         with self._lock:
             self._read()
             own = self._samples.get(sample.drone, ())

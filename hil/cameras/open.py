@@ -99,7 +99,7 @@ class PatientCamera:
 
     @property
     def stamps(self) -> bool:
-        """Whether the camera stamped its newest picture, by the vehicle's clock; else the stamp is the arrival."""
+        """Whether the newest picture has the camera's time stamp (vehicle's clock); if not, it has the arrival time."""
         return self._camera.stamps
 
     def newest(self, drone: int = 0) -> Frame:

@@ -226,8 +226,8 @@ def _nearest_velocity(wish: Corner, walls: Sequence[tuple[Corner, float]], speed
     """Return the horizontal velocity (m/s, NE) that is nearest to `wish` and that all walls allow.
 
     A wall is a unit vector and the highest speed (m/s) along it, which is negative in the wall's margin. The
-    length of `wish` and of the result is at most `speed`. If the vehicle is in several margins, so that no velocity
-    satisfies all walls, every wall allows a standstill.
+    length of `wish` and of the result is at most `speed`. If the vehicle is in several margins and no velocity
+    satisfies all walls, negative speeds of walls count as 0.
 
     The allowed velocities are a convex polygon within a circle. So the nearest one is `wish`, its projection on a wall,
     or a corner (of two walls, or of a wall and the circle).
