@@ -158,7 +158,7 @@ def _mobility(params: Record, state: Record, arm: Vec3, way: Vec3) -> float:
 
 
 def push_apart(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
-    """Add the contact of two vehicles in the coming tick to their external forces. Return whether they touch."""
+    """Add the forces of a contact in the coming tick to both vehicles. Return whether they touch."""
     return bool(
         _push_apart(
             one.params,
@@ -189,7 +189,7 @@ class Ball:
 
 
 def balls(vehicles: Sequence[Multirotor]) -> Callable[[], list[Ball]]:
-    """Return a function that returns the vehicles' balls at the time of the call."""
+    """Return a function that returns the vehicles' balls at the time of its call."""
     looks = [(reader(vehicle.state, "position", "velocity"), bounding_radius(vehicle)) for vehicle in vehicles]
 
     def look() -> list[Ball]:

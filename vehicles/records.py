@@ -20,7 +20,7 @@ STEP_US = 1000  # µs, duration of a step of the physics
 STEP_S = 1e-3
 
 MAX_FAULTS = 16
-GPS_QUEUE = 16  # at most this many GPS fixes wait for delivery, each for less than this number of periods
+GPS_QUEUE = 16  # at most this many GPS fixes wait for delivery; each waits for less than this many GPS periods
 
 PARAMS = np.dtype(
     [
@@ -80,7 +80,7 @@ STATE = np.dtype(
         ("height", "f8"),  # m, body origin above the ground below it
         ("anchor", "f8", (MAX_CONTACTS, 3)),  # m, NED, place to which friction ties each contact point
         ("contact", "i8", (MAX_CONTACTS,)),  # bool: the point touches the ground
-        ("carried", "f8", (4,)),  # N and N·m, vertical force and moment of the rotors when the vehicle came to rest
+        ("carried", "f8", (4,)),  # rotors' vertical force (N) and moment (3 × N·m) when the vehicle came to rest
         ("on_ground", "i8"),  # bool: any point touches
         ("crashed", "i8"),  # bool, latched: a hit faster than CRASH_FOOT (landing feet) or CRASH_BODY (other parts)
         ("hits", "i8"),  # number of contacts with obstacles and vehicles so far that began faster than HIT_LEAST

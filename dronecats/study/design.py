@@ -135,7 +135,7 @@ def fractional(axes: Sequence[Axis], generators: Sequence[str]) -> Design:
 
 
 def resolution(words: Sequence[int]) -> int:
-    """Return the length of the shortest word of the defining relation.
+    """Return the number of factors in the shortest word of the defining relation.
 
     `words` are the defining words of the generators, as bit sets of factors.
     """
@@ -146,7 +146,7 @@ def resolution(words: Sequence[int]) -> int:
 
 
 def _generated(names: Sequence[str], generators: Sequence[str]) -> dict[int, tuple[int, tuple[int, ...]]]:
-    """Return (sign, indices of the factors of the product) by the index of each generated factor."""
+    """Return index of a generated factor → (sign, indices of the product's factors)."""
     if not generators:
         raise UsageError('a fraction needs generators, for example generators = ["D = ABC"]')
     generated: dict[int, tuple[int, tuple[int, ...]]] = {}

@@ -77,7 +77,7 @@ SHOWN_MAX = 3  # an error message lists at most this many differences
 
 
 def merge_earlier_runs(folder: Path, plan: StudyPlan) -> Study:
-    """Return the planned study, plus the runs in the folder's study.json that the plan lacks, such as other pilots'.
+    """Return the planned study and the runs in the folder's study.json that the plan lacks, such as other pilots' runs.
 
     Raises UsageError if the folder holds a benchmark, another study, or flights that differ from the planned ones.
     """
@@ -126,7 +126,7 @@ def _check_flights(folder: Path, before: Study, plan: StudyPlan) -> None:
     """Raise UsageError if a recorded flight differs from the planned one.
 
     A resumed study skips recorded flights, so these must equal the planned ones. A run is compared with the recorded
-    run of the same name, or else with a run of another pilot at the same levels, without PILOT_FIELDS and RENDERED.
+    run of the same name or, except for PILOT_FIELDS and RENDERED, with another pilot's run at the same levels.
     """
     by_name = {run.name: run for run in before.runs}
     bench = json_object(folder / layout.BENCH) or {}

@@ -1,7 +1,7 @@
 """Plans a study: the runs in which every pilot flies every point of the design several times.
 
 A point is one level of each varied factor. A factor that changes no flight is an error. Example: a factor that refines
-another factor whose level is 0. Disturbances affect every pilot, so the check uses only the first pilot's flights.
+another factor whose level is 0. All pilots fly the same levels, so the check uses only the first pilot's flights.
 """
 
 import json
@@ -44,8 +44,8 @@ def plan(
     """Return the plan of a study.
 
     `pilots`: (name, flight); the flights have no episode and no levels yet. The k-th flight of an episode by a pilot
-    has the same seed at every point of the design. Round k has all k-th flights. In a round, each pilot in turn flies
-    one episode at all points, then the next episode. So if a study stops early, only its last flights lack a
+    has the same seed at every point. Round k has all k-th flights. In a round, the pilots fly one after another. Each
+    flies an episode at all points before the next one. So if a study stops early, only its last flights lack a
     counterpart at other points. Raises UsageError for contradicting levels, a factor without an effect, and if there is
     nothing to fly.
     """
@@ -151,7 +151,7 @@ def _refusal(flight: FlightSpec) -> str | None:
     return None
 
 
-COMPARED = ("rate_cap",)  # factors whose levels may have no effect: they are references for the other levels
+COMPARED = ("rate_cap",)  # factors that need only one level with an effect: their other levels are references
 
 
 def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mapping[str, Level]) -> None:
@@ -177,7 +177,7 @@ def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mappi
 
 
 def _check_distinct_levels(flight: FlightSpec, at: Mapping[str, Level], name: str, levels: Sequence[Level]) -> None:
-    """Raise UsageError if two levels of a factor give the same flight. At the levels `at`, the factor has an effect."""
+    """Raise UsageError if two levels of a factor give the same flight. `at` has the levels of the other factors."""
     levels_of: dict[str, Level] = {}
     for level in dict.fromkeys(levels):
         try:

@@ -104,7 +104,7 @@ def _onward(start: tuple[float, float], yaw: float, clockwise: bool) -> list[tup
 
 
 def _rounded(corners: Sequence[tuple[float, float]], radii: Sequence[float]) -> Array:
-    """Return points (N, 2) every POINT_SPACING_M along straight lines, joined at inner corners by arcs of `radii`."""
+    """Return points (N, 2) every POINT_SPACING_M along the lines through `corners`, rounded by arcs of `radii` (m)."""
     ways: list[Array] = [np.array([corners[0]])]
     for before, corner, after, radius in zip(corners, corners[1:], corners[2:], radii, strict=False):
         p, q, r = np.array(before), np.array(corner), np.array(after)

@@ -274,7 +274,7 @@ def schema() -> dict[str, Any]:
 
 
 def write_schema() -> None:
-    """Write the schema file if its content differs from this schema; its layout may differ. Raises OSError."""
+    """Write the schema file, unless it already has this content in any layout. Raises OSError."""
     if not SCHEMA_FILE.exists() or json.loads(SCHEMA_FILE.read_text(encoding="utf-8")) != schema():
         SCHEMA_FILE.write_text(json.dumps(schema(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 

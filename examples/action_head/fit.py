@@ -19,7 +19,7 @@ from foundation.protocol import FINISHED, GO, ROTATE
 
 _CELL_PX = WIDTH // COLUMNS
 _SHIFT_CELLS = (9, 2)  # largest shift of a picture: horizontal, vertical
-_MISNAMED = 0.15  # share of pictures that get the words of another flight, whose target they do not show
+_MISNAMED = 0.15  # share of pictures with the words of another flight, whose target they do not show
 _HISTORY_DROPOUT = 0.3  # share of decisions whose history is set to zero
 _SPREAD_CELLS = 0.7  # σ of the Gaussian around the point in the wanted heat map
 _WEIGHTS = {GO: 1.0, ROTATE: 1.5, FINISHED: 2.0}  # loss weights; rare actions weigh more; a think counts 0
@@ -92,7 +92,7 @@ def _shuffled(learnt: NDArray[np.int64], size: int, numbers: np.random.Generator
 def drawn(data: Decisions, chosen: NDArray[np.int64], numbers: np.random.Generator) -> Batch:
     """Return the chosen decisions as a batch, mirrored, shifted and misnamed at random.
 
-    The target of a misnamed decision is not in the picture, so the right action is a rotate.
+    A misnamed picture does not show the target that its words name, so the right action is a rotate.
     """
     mirrored = numbers.random(len(chosen)) < 0.5
     side = mirrored.astype(int)

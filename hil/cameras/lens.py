@@ -193,7 +193,7 @@ def _unfolded(x: NDArray[np.float32], y: NDArray[np.float32]) -> bool:
 
 VIEWS_MIN = 10
 ERROR_MAX_PX = 1.0  # largest root mean square of the reprojection error
-FOCAL_SIGMA_MAX = 0.01  # largest standard deviation of the focal length, as a share of the focal length
+FOCAL_SIGMA_MAX = 0.01  # largest standard deviation of the focal length, as a share of it
 # Least standard deviation of the boards' unit normals, across and down the picture. If all boards face the camera, any
 # focal length fits, and the solver may report a small standard deviation for a wrong one.
 TILT_MIN = 0.1
@@ -225,7 +225,7 @@ class Fit:
 
     calibration: Calibration
     views: int
-    worst_px: float  # largest reprojection error of a view
+    worst_px: float  # reprojection error (root mean square) of the worst view
     tilt: float  # see the function `tilt`
     focal_sigma: float  # standard deviation of the focal length, as a share of it
     coverage: float  # see the function `coverage`

@@ -166,14 +166,14 @@ class Conversation:
     # -- the wire ------------------------------------------------------------------------------------------------
 
     def connect(self, timeout_s: float = 30.0) -> None:
-        """Wait for the autopilot's heartbeat, telemetry and version, and ask for the streams that flying needs.
+        """Wait for the autopilot's heartbeat and telemetry, then up to 1 s for its version. Ask for the needed streams.
 
         Raises LinkError if no autopilot answers within `timeout_s` (transport clock), or if the autopilot is not PX4.
         """
         began_s, requested_s, complete_s, system = self._time_s(), -math.inf, math.inf, self.system
         while not self._has_telemetry() or (self.firmware is None and self._time_s() < complete_s + 1.0):
             now_s = self._time_s()
-            # not at every pass, because a request restarts the interval of the requested message
+            # not at every pass, because a request restarts the message's interval
             if now_s >= requested_s + ASK_AGAIN_S or system != self.system:
                 requested_s, system = now_s, self.system
                 self._send_heartbeat()
@@ -271,7 +271,7 @@ class Conversation:
         self._noticed()
 
     def _track(self, kind: int, state: VehicleState) -> None:
-        """Record the place or the attitude of a message of this kind in the history."""
+        """Add the place or attitude in `state` to the history; `kind`: id of its message."""
         if kind == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
             if state.position_ned is not None and state.velocity_ned is not None:
                 self.track.place(state.position_us, state.position_ned, state.velocity_ned)
@@ -399,7 +399,7 @@ class Conversation:
             self._speak()
 
     def _due(self) -> bool:
-        # half a tick of tolerance, because the stamps of the telemetry are rounded to milliseconds
+        # half a tick of tolerance, because telemetry stamps are rounded to milliseconds
         return self.time_us >= self._tick_due_us - self.tick_us // 2
 
     def _speak(self) -> None:
@@ -430,7 +430,7 @@ class Conversation:
                 raise LinkError(f"the autopilot on {self.transport.url} has rebooted")
             self.on_wait()
             reads += 1
-            # a much longer read is a pause of our process, which does not count as silence of the vehicle
+            # a read much longer than PATIENCE_S is a pause of our process, not a silence of the vehicle
             now_s, before_s = self._time_s(), read_s
             away_s += now_s - before_s - PATIENCE_S if now_s - before_s > 2.0 * PATIENCE_S else 0.0
             read_s, silent_s = now_s, now_s - moved_s - away_s
@@ -484,7 +484,7 @@ class Conversation:
     def order(self, name: str, command: int, *parameters: float, insist_s: float = 0.0) -> None:
         """Send a command until it is accepted, for up to `insist_s` (vehicle time) while it is temporarily rejected.
 
-        Raises LinkError with the autopilot's own words if the autopilot still refuses the command.
+        Raises LinkError with the autopilot's own words if the command is refused, or is then still rejected.
         """
         since_us = self.time_us
         while (result := self.command(command, *parameters)) != dialect.MAV_RESULT_ACCEPTED:

@@ -80,7 +80,7 @@ GROUNDING = (
 
 
 def grounding(data: ReportData) -> ReportTable | None:
-    """Return pointing and depth errors of steps with the target in view, and wide turns; None if there are none."""
+    """Return errors of `go` actions (pointing, depth) and the share of turns beyond 90°; None without such steps."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         flights = entrant.scored

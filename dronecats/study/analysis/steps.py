@@ -115,7 +115,7 @@ class ServedRate:
 
 @dataclass(frozen=True, slots=True)
 class TargetMotionResult:
-    """The motion of targets during one decision, for one entrant at one level, in one cell or in all cells."""
+    """Target motion during a decision, for one entrant at one level, in one kind of episode (cell) or in all."""
 
     entrant: str
     cell: str
@@ -128,7 +128,7 @@ class TargetMotionResult:
 
 
 def served_rates(results: StudyResults, factor: int) -> list[ServedRate]:
-    """Return the rates and latencies of every entrant at each level. A joint question of a fleet counts once."""
+    """Return the rates and latencies of every entrant at each level. A question that drones share counts once."""
     rows = []
     for entrant in results.entrants:
         flights = comparable(results, results.of(entrant), factor)

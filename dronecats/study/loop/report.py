@@ -33,7 +33,7 @@ class LoopResults:
 
 
 def margin_rows(studies: Sequence[LoopStudy]) -> list[LoopRow]:
-    """Return a row per loop: step figures, delay margins in ms and frequencies (rad/s) of the oscillations."""
+    """Return a row per loop: rise, overshoot, delay of a step; delay margins (ms); oscillation frequencies (rad/s)."""
     return [
         {
             "airframe": study.airframe,

@@ -152,7 +152,7 @@ def _insignificant_factors(findings: Findings) -> Iterator[str]:
 def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
     """Yield (sentence, whether a level differs significantly from the reference) for each entrant.
 
-    The sentence gives the nearest such level and its difference in success, or says that there is none.
+    The sentence gives the nearest level that differs and the difference in success, or says that none does.
     """
     reference = along.factor.label(along.factor.reference)
     name = "" if len(findings.factors) <= FACTORS_FEW else f" along {along.factor.words}"

@@ -99,7 +99,7 @@ class Drafting:
         return self.with_derived_fields(replace(draft, record=replace(record, candidates=candidates)))
 
     def adopt(self, draft: Draft, name: str) -> Draft:
-        """Return the draft with an object of the map as target. Raises UsageError if the cell does not allow one."""
+        """Return the draft with an object of the map as target. Raises UsageError if the cell does not allow this."""
         instance = self._instances.get(name)
         if instance is None:
             raise UsageError(f"the map has no object '{name}' that could be a target.")

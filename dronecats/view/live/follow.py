@@ -136,7 +136,7 @@ class FlightFollower:
     def _take_prompt(self, value: dict[str, Any]) -> None:
         row = parse_row(value, LoggedPrompt)[0]
         if row is not None:
-            with contextlib.suppress(UsageError):  # skip a row whose template is not defined in prompts.jsonl
+            with contextlib.suppress(UsageError):  # skip a row that refers to missing text
                 prompt = self._reader.read(row)
                 if row.role == "pilot":
                     self._texts[row.drone].append(prompt.text)

@@ -90,7 +90,7 @@ class LiveFlight:
         self._scene.remove()
 
     def _bring(self, moment: Moment) -> None:
-        """Move the view of new browsers to the first drone with a known position, or else to the first start."""
+        """Move the view of new browsers to the first drone with a known position, else to the first drone's start."""
         for drone in moment.drones:
             if drone.position_ned is not None:
                 self._scene.move_new_views(drone.position_ned, quat_yaw(drone.attitude))
@@ -114,7 +114,7 @@ class LivePage:
         self._server = server
         self._shown: LiveFlight | None = None
         self._folder: Path | None = None  # the folder of the shown flight
-        self._begun_ns = 0  # ns, when this flight was prepared; a later flight may use the same folder
+        self._begun_ns = 0  # when this flight was prepared; a later flight may use the same folder
         self._ground: object = None  # identifies the shown map
         self._listed: object = None
         server.gui.main_panel.dock_right()

@@ -30,7 +30,7 @@ from foundation.protocol import RADIUS_M, SPEED_MAX
 
 ENOUGH = 5  # a rule about the spread of a cell's records on a map needs at least this many records
 OFF_CENTRE_DEG = 15.0  # at least half of a cell's visible targets must be farther off the drone's nose than this
-UNEVEN = 0.25  # a cell's values may differ from an even spread by at most this (Kolmogorov's D)
+UNEVEN = 0.25  # target columns (bearings if hidden) may differ from an even spread by at most this (Kolmogorov's D)
 CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # m, limits of a suite's smallest and largest start distance on campus
 HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # m, limits of a suite's lowest and highest start above the ground
 LEAST_ROW_SPREAD = 0.05  # the lowest and the uppermost target differ by at least this share of the picture's height
@@ -269,7 +269,7 @@ def passed(layouts: Sequence[Layout]) -> tuple[int, int]:
 
 
 def passable(in_sight: bool, count: int) -> tuple[float, float]:
-    """Return the limits of `passed` for `count` records of a cell: straight ahead, and on the best heading."""
+    """Return the limits of `passed` for `count` records of a cell."""
     return AHEAD[in_sight] * count / 10.0, ANY_HEADING[in_sight] * count / 10.0
 
 

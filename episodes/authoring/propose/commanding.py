@@ -95,7 +95,7 @@ def _groups(
 
 
 def four_spots(spots: tuple[Spot, ...], rng: random.Random) -> list[Spot] | None:
-    """Return four random spots whose nearest and widest pairs keep the limits; None if this try fails."""
+    """Return four random spots that keep NEAREST_PAIR_M and WIDEST_PAIR_M; None if this try fails."""
     first = rng.choice(spots)
     chosen, low, high = [first], NEAREST_PAIR_M[0] + SPARE_M, WIDEST_PAIR_M[1] - SPARE_M
     near = [s for s in spots if low <= math.dist(s.position_ned, first.position_ned) <= high]
@@ -132,7 +132,7 @@ def _draft(
     share: Draw,
     rng: random.Random,
 ) -> Proposal | None:
-    """Return the draft of a fleet before four candidates.
+    """Return a draft with a fleet and four candidates.
 
     None if no yaw or no square of starts shows all candidates to all drones, or if no candidate can be the target. The
     target must be at an allowed distance, and the first drone must see it and have a clear way to it.

@@ -19,7 +19,7 @@ from episodes.maps.scene import Moved, Scene
 from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.frames import Quat, Vec3, quat_integrate
 
-WIDEST = 2.0  # the picture drawn for a lens is at most this many times as wide and as high as the camera's picture
+WIDEST = 2.0  # a lens is rejected if it needs a pinhole picture over this many times as wide or high as the camera's
 ROUNDS = 15  # iterations of the inversion in `pinhole_rays`; a lens that needs more is rejected
 FARTHEST = 10.0  # the inversion clips x / z and y / z to ± this value: 84° off the axis
 MISS_PX = 0.05  # error that the inversion may have, for a focal length of 640 px
@@ -243,7 +243,7 @@ class BentLens:
 
 
 def _fall_off(lens: LensModel, camera: CameraModel) -> NDArray[np.float32] | None:
-    """Return the share (H, W, 1) of light that reaches each pixel: with vignetting 1, cos⁴ of the angle to the axis.
+    """Return the share (H, W, 1) of light that reaches each pixel: 1 − vignetting · (1 − cos⁴(angle to the axis)).
 
     None for a lens without vignetting.
     """

@@ -87,8 +87,8 @@ class Triangles(NamedTuple):
     chunk_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the chunk
     chunk_radius: NDArray[np.float64]  # (C,) m
     chunk_cut: NDArray[np.bool_]  # (C,) whether the chunk's triangles have textures with holes: all or none
-    solid_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the surfaces of the chunk's triangles
-    solid_radius: NDArray[np.float64]  # (C,) m
+    solid_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the surfaces that the chunk belongs to
+    solid_radius: NDArray[np.float64]  # (C,) m; outside the sphere, no back face of a closed surface is visible
 
 
 BY_CHUNK = ("chunk_first", "chunk_count", "chunk_center", "chunk_radius", "chunk_cut", "solid_center", "solid_radius")
@@ -334,8 +334,7 @@ def _closed_surfaces(mesh: Mesh) -> tuple[NDArray[np.int8], NDArray[np.float64],
     """Return `Triangles.solid`, and the bounds (T, 3), m, of the connected surface that each triangle belongs to.
 
     A surface is closed if its triangles use every edge equally often in both directions. Its faces point outwards if
-    its signed volume is positive. A viewer outside a closed surface sees none of its back faces. A surface with cut-out
-    triangles is open.
+    its signed volume is positive. A surface with cut-out triangles is open.
     """
     place = _numbered(mesh.vertices)
     places = np.empty((int(place.max()) + 1, 3), np.float32)

@@ -150,8 +150,8 @@ def footprint(
 ) -> tuple[np.int64, int, int, float, float]:
     """Return the parameters of `texture_color` for one texture: (level, mix, doublings, step_u, step_v).
 
-    (ux, vx) and (uy, vy) are the changes of (u, v) from one read to the next, to the right and down. They are the axes
-    of the footprint. 2^doublings reads follow the longer axis in steps of (step_u, step_v). The level fits the shorter
+    (ux, vx) and (uy, vy) are the changes of (u, v) between places of `texture_color`, to the right and down: the axes
+    of a footprint. 2^doublings reads follow the longer axis in steps of (step_u, step_v). The level fits the shorter
     axis, or one read's part of the longer axis if that is larger. `mix` / WEIGHT is the weight of the next coarser
     level. So a road at a grazing angle is sharp across its direction and does not shimmer along it.
     """

@@ -39,7 +39,7 @@ class CarShape:
 class Trim:
     """Features by which cars of one shape differ."""
 
-    shade: int | None = None  # index into SHADES of a neutral paint; None: the paint itself
+    shade: int | None = None  # index into the paint's SHADES, modulo their number; None: the paint itself
     spokes: int = 5  # of a wheel, 0 for a hub cap
     rim: str = "silver"  # in RIMS
     grille: str = "bars"  # or 'mesh', 'slim'
@@ -108,7 +108,7 @@ def plan_at(shape: CarShape, x: Array) -> Array:
 
 
 def body(shape: CarShape, material: Material, rise_m: float = 0.20) -> list[MeshPart]:
-    """Return the lower body: cross-sections lofted from tail to nose, with the underside raised over the wheels."""
+    """Return the lower body, lofted along x. Its underside rises over the wheels and at the ends (`rise_m`)."""
     half, arch, axle = shape.length / 2, shape.wheel_radius * 1.20, shape.wheelbase / 2
     around = arch * np.cos(np.linspace(0.0, np.pi, 11))
     x = np.unique(
@@ -195,7 +195,6 @@ def _cabin(shape: CarShape, material: Material, roof: str) -> list[MeshPart]:
         x0, x1 = x0 + sign * proud, x1 + sign * proud
         pane = [(x0, -y0, low), (x0, y0, low), (x1, y1, high), (x1, -y1, high)]
         solids.append(g.quad(_facing(pane, (sign, 0.0, 0.3)), materials.GLASS))
-    # side windows
     rear, front = shape.side_glass
     cuts = sorted([rear, *[p for p in shape.pillars if rear < p < front], front])
     for a, b in itertools.pairwise(cuts):
