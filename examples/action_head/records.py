@@ -38,7 +38,7 @@ def requests(share: float = 1.0) -> list[RecordRequest]:
 
 
 def must_be_new(records: Iterable[EpisodeRecord]) -> None:
-    """Raise UsageError if a record has the map and map seed, the seed, or the start and instruction of a shipped one."""
+    """Raise UsageError if a record has the map and map seed, the seed, or start and instruction of a shipped one."""
     shipped = [catalogue.load(name) for name in catalogue.all_ids()]
     maps, seeds = {(episode.map, episode.map_seed) for episode in shipped}, {episode.seed for episode in shipped}
     for record in records:

@@ -27,7 +27,7 @@ class Calibration:
     matrix: tuple[tuple[float, float, float], ...]  # 3 × 3, px: ((fx, 0, cx), (0, fy, cy), (0, 0, 1))
     distortion: tuple[float, ...]  # k1, k2, p1, p2[, k3, …]; of a fisheye k1 … k4
     fisheye: bool = False
-    error_px: float | None = None  # root mean square of the reprojection error at the calibration
+    error_px: float | None = None  # root mean square reprojection error of the calibration
 
 
 def load(path: Path) -> Calibration:

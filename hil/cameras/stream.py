@@ -16,7 +16,7 @@ from foundation.errors import CameraError, UsageError
 from hil.cameras.lens import Lens
 
 Picture = NDArray[np.uint8]  # (H, W, 3), BGR as in OpenCV
-MAX_AGE_S = 1.0  # s; an older picture is an error, because the vehicle may be elsewhere by now
+MAX_AGE_S = 1.0  # s; an older picture is not used, because the vehicle may be elsewhere by now
 PATIENCE_S = 5.0  # s to wait for a picture that is not too old; the vehicle holds meanwhile
 REOPEN_S = 0.5  # s between two attempts to reopen a broken stream
 
@@ -76,7 +76,7 @@ class LensCamera:
 
 
 class StreamCamera(LensCamera):
-    """A camera that reads one source, for one drone. It raises CameraError for a picture older than `max_age_s`."""
+    """A camera that reads one source, for one drone. It gives no picture that is older than `max_age_s`."""
 
     stamps = False  # streams carry no time stamps, so pictures are stamped at their arrival
 

@@ -29,7 +29,7 @@ from episodes.records.record import CELLS
 
 
 def declarations(data: ReportData) -> ReportTable | None:
-    """Return the number of declarations and the share of correct ones. False declarations do not affect success."""
+    """Return success rates, and number and precision of declarations. False declarations do not affect `success`."""
     rates = {"success": "SR", "success_at_first": "SR₁", "success_within_three": "SR₃"}
     columns = [
         NAME,

@@ -51,7 +51,7 @@ def margin_rows(studies: Sequence[LoopStudy]) -> list[LoopRow]:
 
 
 def stream_rows(tolerances: Sequence[Tolerance]) -> list[LoopRow]:
-    """Return a row for each level of jitter (s) and loss (share) of each airframe."""
+    """Return a row per airframe and level of jitter (s) or loss (share)."""
     return [
         {
             "airframe": tolerance.airframe,
