@@ -20,7 +20,7 @@ STEP_US = 1000  # µs, duration of a step of the physics
 STEP_S = 1e-3
 
 MAX_FAULTS = 16
-GPS_QUEUE = 16  # at most this many GPS fixes wait for delivery; each waits for less than this many GPS periods
+GPS_QUEUE = 16  # at most this many GPS fixes wait for delivery; each waits less than this many GPS periods
 
 PARAMS = np.dtype(
     [

@@ -195,7 +195,7 @@ def _cell(solids: Record, eye: Vec3, way: Vec3, at: float, axis: int) -> int:
 
 @njit(cache=True)
 def _within(enters: float, leaves: float, low: float, high: float, way: float) -> tuple[float, float]:
-    """Return the part of a ray's interval (m) between two planes across an axis, `low` and `high` m from the eye."""
+    """Return the part of a ray's interval (m) between two planes, `low` and `high` m from the eye along an axis."""
     if way == 0.0:
         return (enters, leaves) if low <= 0.0 <= high else (enters, -math.inf)
     near, far = low / way, high / way

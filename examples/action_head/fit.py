@@ -23,7 +23,7 @@ _MISNAMED = 0.15  # share of pictures with the words of another flight, whose ta
 _HISTORY_DROPOUT = 0.3  # share of decisions whose history is set to zero
 _SPREAD_CELLS = 0.7  # σ of the Gaussian around the point in the wanted heat map
 _WEIGHTS = {GO: 1.0, ROTATE: 1.5, FINISHED: 2.0}  # loss weights; rare actions weigh more; a think counts 0
-_WARM = 0.1  # share of the steps in which the learning rate rises
+_WARM = 0.1  # share of steps in which the learning rate rises
 
 
 @dataclass(frozen=True, slots=True)
