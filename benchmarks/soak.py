@@ -244,7 +244,7 @@ class Watch:
         self.files.append(files)
 
     def figures(self) -> dict[str, Any]:
-        """Return the changes after the first rounds."""
+        """Return how memory and open files changed after the first rounds."""
         grown = {}
         for pid, values in self.memory.items():
             first, last = map(statistics.median, _thirds(values))

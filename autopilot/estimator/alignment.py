@@ -9,8 +9,8 @@ from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Quat
 
 REST_GYRO_STD = 0.05  # rad/s; a larger deviation from the mean is more than noise: the vehicle is being moved
-REST_ACCEL_ERROR = 0.5  # m/s², largest difference from gravity at rest
-ATTEMPTS = 5  # after so many windows with a moving vehicle, the next one aligns anyway, with larger variances
+REST_ACCEL_ERROR = 0.5  # m/s²; at rest, the mean specific force differs by less than this from gravity
+ATTEMPTS = 5  # after this many windows in which the vehicle moved, the next window aligns anyway, with larger variances
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""The vehicle's state at one tick of the commander: the estimate and the raw sensor samples."""
+"""The vehicle's state for commander and telemetry: the estimate and the raw sensor samples."""
 
 import math
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from foundation.record_reader import reader
 FARTHEST_M = 1e6  # a local position farther from the origin is invalid
 RANGE_FRESH_US = 300_000  # the downward rangefinder samples at 10 Hz or faster; three missed samples make it stale
 
-# groups of fields that are read together: those that the commander uses at every tick, the motion, and the others
+# Three groups of fields; the fields of a group are read together. The commander uses _FLIGHT at each of its ticks.
 _FLIGHT = (
     "velocity_ned", "position_ned", "attitude_valid", "velocity_valid", "position_valid", "altitude_valid",
     "position_std_h", "velocity_std_h", "thrust_setpoint", "hover_thrust",
@@ -43,7 +43,7 @@ class EstimatedState:
     """A snapshot of the ESTIMATE record as plain floats and tuples (same names, units, frames).
 
     `refresh` starts a new snapshot. Plain Python numbers are ten times faster to use than the fields of a numpy record.
-    The fields are read in groups, when the first field of a group is used, because most ticks need only the time.
+    A group of fields is read when one of its fields is first used, because many snapshots are used only for the time.
     """
 
     # these stay when a new snapshot starts; the snapshot itself is in __dict__
@@ -100,7 +100,7 @@ class EstimatedState:
         self.velocity_limit = math.inf  # m/s; above this velocity_std_h the velocity is invalid
         self._time = reader(estimate, "time_us")
         self._range = reader(sensors, "range_time_us", "range_m")
-        self.battery = reader(sensors, "battery_time_us", "battery_remaining")  # µs (0: never), 0 … 1
+        self.battery = reader(sensors, "battery_time_us", "battery_remaining")  # time (µs; 0: none), charge (0 … 1)
         self._groups = tuple((reader(estimate, *names), display) for names, display in _GROUPS)
         self.refresh()
 
@@ -135,7 +135,7 @@ class EstimatedState:
         return self.euler[2]
 
     def innovation_over_gate(self, first: int, count: int = 1) -> float:
-        """Return the largest innovation / gate of `count` tests from `first` on; above 1: sample rejected."""
+        """Return the largest innovation / gate of `count` tests from `first` on; above 1 the sample is rejected."""
         return math.sqrt(max(self.test_ratio[first : first + count]))
 
     @property

@@ -58,7 +58,7 @@ class LogDirectory:
                 match = _NAME.fullmatch(path.name)
                 if match is not None and path.is_file():
                     logs.append((int(match[1]), path))
-        except OSError:  # the folder has been taken away: there are no logs
+        except OSError:  # for example, the folder was removed
             return []
         return sorted(logs)
 
@@ -295,7 +295,7 @@ class FlightLogWriter:
             self.failed = error.strerror
             if self._dropout_since_us is None:
                 self._dropout_since_us = now - FLUSH_US
-            with contextlib.suppress(OSError):  # no half message at the end
+            with contextlib.suppress(OSError):  # remove a message that was written only in part
                 os.ftruncate(self._file, self._size)
                 os.lseek(self._file, self._size, os.SEEK_SET)
 

@@ -46,7 +46,7 @@ class GimbalDevice(Protocol):
 
 
 class GimbalManager:
-    """Decides which client may command the gimbal, and executes its commands."""
+    """Decides which clients may command the gimbal, and executes their commands."""
 
     def __init__(self, device: GimbalDevice) -> None:
         self.device = device

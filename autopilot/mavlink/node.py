@@ -1,4 +1,4 @@
-"""The autopilot as a MAVLink component: its ports with their streams, the uploads of all clients, and its texts.
+"""The autopilot as a MAVLink component: its ports and streams, the clients' uploads, and its text messages.
 
 A port is one MAVLink connection. It has its own stream rates, sequence numbers, and queue of bytes to send. TABLE lists
 the streams: message, rate (Hz) on each kind of port, and maker (function that returns the fields). The rates are as
@@ -24,7 +24,7 @@ from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.signing import Signing
 
-PROFILES = ("onboard", "gcs", "minimal")
+PROFILES = ("onboard", "gcs", "minimal")  # kinds of ports; minimal streams only HEARTBEAT
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +105,8 @@ GROUPS[dialect.MAV_DATA_STREAM_ALL] = tuple(sorted({name for names in GROUPS.val
 
 
 COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
-PARAMETERS_PER_TICK = 18  # of the parameter list: 1800 a second at 100 ticks a second; PX4 sends 1000
-TRANSFERS_PER_TICK = 20  # messages of each download; a log is sent at 180 kB/s with 100 ticks a second
+PARAMETERS_PER_TICK = 18  # listed parameters sent per tick, so 1800 a second at 100 ticks a second; PX4 sends 1000
+TRANSFERS_PER_TICK = 20  # messages of each download, so a log is sent at 180 kB/s with 100 ticks a second
 TRANSFER_BACKLOG = 200  # queued messages; downloads pause while there are as many or more
 FASTEST_US = 1_000  # least interval of a stream
 ENCODING_ERRORS = (struct.error, OverflowError, ValueError)  # raised for a value that its field cannot hold

@@ -35,7 +35,7 @@ def _group(mask: int, first_bit: int, x: float, y: float, z: float) -> Vec3:
 
 
 def _place(mask: int, north: float, east: float, down: float) -> Vec3:
-    """Return a position, with nan for ignored and infinite components. Any distance is valid: modes limit the speed."""
+    """Return a position; ignored or infinite components are nan. Any distance is valid: flight modes limit speeds."""
     return (
         north if not mask & 0x1 and math.isfinite(north) else NAN,
         east if not mask & 0x2 and math.isfinite(east) else NAN,
@@ -103,8 +103,8 @@ def local_ned(node: Node, port: Port, message: Message) -> None:
 def global_int(node: Node, port: Port, message: Message) -> None:
     """Handle SET_POSITION_TARGET_GLOBAL_INT.
 
-    A message with a position is ignored if the zero of its altitude (home, ground) is unknown. As in PX4, a position
-    with a coordinate that the mask ignores is ignored.
+    A message with a position is ignored while the local height of its reference (sea level, home or ground) is unknown.
+    As in PX4, the whole position is ignored if the mask ignores one of its coordinates.
     """
     state, m = node.vehicle.state, message
     position = FREE
@@ -196,7 +196,7 @@ def follow_target(node: Node, port: Port, message: Message) -> None:
 
 
 def _axis(value: int) -> float:
-    return value / 1000.0 if abs(value) <= 1000 else 0.0  # a larger value, such as INT16_MAX: the axis is not sent
+    return value / 1000.0 if abs(value) <= 1000 else 0.0  # a larger value, such as INT16_MAX, means: axis not sent
 
 
 def manual_control(node: Node, port: Port, message: Message) -> None:
