@@ -66,7 +66,7 @@ class LatencyPart:
 
 @dataclass(frozen=True, slots=True)
 class LatencyPolicy:
-    """The latency of replies in vehicle time: the sum of all parts but `cap`, and at least `cap` (a maximum rate)."""
+    """A reply's latency in vehicle time: the sum of the parts, which a part `cap` (a maximum rate) may only extend."""
 
     parts: tuple[LatencyPart, ...]  # empty: real time
 
@@ -175,9 +175,10 @@ def _recorded(text: str, name: str, trace: Sequence[float] | None) -> tuple[floa
     return tuple(trace)
 
 
-# Random streams. Each kind has its own stream, so that joined kinds are independent. With any parameters of a kind, a
-# question draws the same quantile, so the same questions are slow. NumPy's seed sequences ignore a 0 at the end, so
-# stream 0 is not used. `pictures.py` uses stream 6. The noisy pilot (`pilots/oracle/noisy.py`) draws without a stream.
+# Random streams. Each kind has its own stream, so that joined kinds are independent. A kind's parameters do not affect
+# which quantile a question draws, so the same questions are slow with all parameters. NumPy's seed sequences ignore a 0
+# at the end, so stream 0 is not used. `pictures.py` uses stream 6. The noisy pilot (`pilots/oracle/noisy.py`) draws
+# without a stream.
 GAMMA_STREAM, BIMODAL_STREAM, STALL_STREAM, JITTER_STREAM, TRACE_STREAM = range(1, 6)
 LOGNORMAL_STREAM = 7
 

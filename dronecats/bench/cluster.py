@@ -1,7 +1,7 @@
 """The engine for a Ray cluster: one actor per core.
 
-Flights and the files of episode folders are sent as values, so the nodes need no shared disk. Each node needs dronecats
-and, for a model, the model's key in the environment. Needs the extra `cluster`.
+Ray sends each flight to an actor, and the contents of the written files back. So the nodes need no shared disk. Each
+node needs dronecats and, for a model, the model's key in the environment. Needs the extra `cluster`.
 """
 
 import contextlib
@@ -30,8 +30,8 @@ FLIGHTS_MAX = 64  # flights at a time per actor; each has a thread, which mostly
 LOOK = "look"  # Ray concurrency group with its own thread, so that checks do not wait for flights
 GONE_S = 30.0  # wall s to wait until a killed actor is gone
 LOOK_S = 30.0  # wall s between two checks of the workers while no flight ends
-CONNECT_S = 10.0  # wall s for the head of a cluster to accept a connection
-STARTED_S = 300.0  # wall s for a worker to start and compile
+CONNECT_S = 10.0  # wall s, longest wait until the head of a cluster accepts a connection
+STARTED_S = 300.0  # wall s, longest wait until an actor has started; a worker also compiles
 GONE = (ray.exceptions.RayActorError, ray.exceptions.ObjectLostError, ray.exceptions.NodeDiedError,
         ray.exceptions.WorkerCrashedError)  # fmt: skip
 
@@ -208,7 +208,7 @@ class ClusterEngine:
         return self._workers[-1]
 
     def _starts(self, ready: Any) -> bool:
-        """Wait until a worker has started; return False if the cluster has no core for it, for example after a loss.
+        """Wait until a worker has started; return False if the cluster has no core for it, as after a node's loss.
 
         Raises RayError when the worker has not started within `STARTED_S`.
         """

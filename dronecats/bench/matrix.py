@@ -1,4 +1,4 @@
-"""The runs of a benchmark: all combinations of pilot, command and latency, and the suite that they fly."""
+"""Chooses the suite of a benchmark, and lists its runs: all combinations of pilot, command (of fleets) and latency."""
 
 import re
 from collections import Counter

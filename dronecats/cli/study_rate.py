@@ -1,4 +1,4 @@
-"""Action `study rate`: measures the times of the user's camera, encoding, model and setpoint. It moves nothing."""
+"""Action `study rate`: measures how long the user's camera, encoding, model and setpoint take. It moves nothing."""
 
 import argparse
 import json
@@ -141,7 +141,7 @@ def _report(
 
 
 def next_command_values(chain: "ReplayedChain") -> dict[str, str | Path | list[str]]:
-    """Return the values for NEXT["study rate"]: latency and frame delay as measured, folder and study file."""
+    """Return the values of the suggested next commands: measured latency and frame delay, folder and study file."""
     from dronecats.study.rate.chain import STUDY
 
     folder = chain.trace.parent

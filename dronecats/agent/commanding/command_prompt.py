@@ -25,7 +25,7 @@ CAUSES = {
     "stall": "Drone {n} has not moved from its place for {steps} steps.",
     "time": "Nothing was heard of you for {seconds} s.",
 }
-STALL_STEPS = 8  # decisions in a row without the action go that are a stall; a look around takes six turns of 60°
+STALL_STEPS = 8  # a drone stalls after this many decisions in a row without a go; a look around takes six turns of 60°
 INTERVAL_S = 45.0  # vehicle s after which the commander is asked again even without an event
 
 
@@ -57,7 +57,7 @@ class CommandPrompt:
 
 
 def cause_text(cause: Cause) -> str:
-    """Return the cause of a question as a sentence of the prompt, which counts drones from 1."""
+    """Return why the commander is asked, as a sentence of the prompt, which counts drones from 1."""
     text = CAUSES[cause.why].replace("{steps}", str(STALL_STEPS)).replace("{seconds}", f"{INTERVAL_S:g}")
     return text if cause.drone is None else text.replace("{n}", str(cause.drone + 1))
 

@@ -27,7 +27,7 @@ class HttpModel(ABC):
 
     answer: ClassVar[str]  # name of an answer, in the error message "sent something other than a …"
     key_header: ClassVar[KeyHeader] = BEARER
-    listing: ClassVar[str] = "models"  # path of the list of models, with the query for the longest page
+    listing: ClassVar[str] = "models"  # path of the list of models; its query, if any, requests the longest page
     unknown: ClassVar[Collection[str]] = ()  # keywords of JSON Schema that the format does not support
 
     def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
@@ -87,7 +87,7 @@ class HttpModel(ABC):
 
     @abstractmethod
     def read(self, data: Any) -> Reply:
-        """Return the reply in an answer; its times are not set. The text and `finish` may still contain API keys.
+        """Return the reply in an answer, without the reply's times. The text and `finish` may still contain API keys.
 
         Raises KeyError, IndexError, TypeError, AttributeError or ValueError for data in another format.
         """

@@ -1,4 +1,4 @@
-"""Tests a model with one marked picture: its pointing, the axis order of its points, and the schema's enforcement."""
+"""Tests a model with a marked picture: if it points at the mark, in which axis order, and if a schema is enforced."""
 
 import json
 from collections.abc import Iterable

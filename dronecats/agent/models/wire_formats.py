@@ -244,7 +244,7 @@ _FORMATS: dict[Wire, type[HttpModel]] = {"openai": ChatModel, "gemini": GeminiMo
 def open_model(spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> HttpModel:
     """Return the client of a model, in the format of its provider. Nothing is sent yet.
 
-    `limiters` returns the shared limiter of an address; None: no limit. Raises UsageError for an unknown provider, a
-    missing address or key, and settings that the provider does not support.
+    `limiters` returns the shared rate limiter of an address; None: no limit. Raises UsageError for an unknown provider,
+    a missing address or key, and settings that the provider does not support.
     """
     return _FORMATS[provider_of(spec.provider).wire](spec, patience, limiters)

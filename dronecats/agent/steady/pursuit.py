@@ -1,8 +1,8 @@
-"""Tracks the target with a constant-velocity Kalman filter. It measures the places that model replies point at.
+"""Tracks the target with a constant-velocity Kalman filter. Its measurements are sightings.
 
-State: place and velocity in the local frame. Between sightings x' = F x, with random acceleration. A sighting (one such
-place) is accurate across the line of sight, because the pilot points at a pixel, and inaccurate along it, because the
-pilot estimates the depth.
+A sighting is the place that a model's reply points at. It is accurate across the line of sight, because the pilot
+points at a pixel, and inaccurate along it, because the pilot estimates the depth. The state is place and velocity in
+the local frame. Between sightings x' = F x, with random acceleration.
 """
 
 from dataclasses import dataclass

@@ -56,9 +56,9 @@ def dronecats(
 
     `latency`: the vehicle time that a reply costs (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
     `axis_order`: xy or yx, the order of the coordinates in the model's points. `full`: fly to the time limit, even when
-    the verdict is decided. `out`: folder that gets a run folder for each model and epoch; None: new run folders
-    in `runs`. `agent`: paper, steady or MODULE:NAME. `lifted`: reasoning effort of the call after the reply `think`;
-    None: the effort of the evaluation. Some models have no such setting.
+    the verdict is decided. `out`: folder that gets a run folder for each model and epoch; None: new run folders in
+    `runs`. `agent`: paper, steady or MODULE:NAME. After the reply `think`, which asks for reasoning, the next call
+    requests the reasoning effort `lifted`; None: the evaluation's effort. Some models have no such setting.
 
     Raises UsageError for another `axis_order`, or an effort that Inspect does not know.
     """
