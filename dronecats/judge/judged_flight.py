@@ -114,7 +114,7 @@ def _outcome_name(logs: Logs, verdict: Judgement, seen: bool, estimated: bool) -
 
 
 def _note(verdict: Judgement, last: Measured | None) -> str | None:
-    """Return a sentence about an open part of the verdict; None: nothing is open."""
+    """Return a sentence about a part of the verdict that is not known; None: all is known."""
     if verdict.success and verdict.unknown:
         return (
             f"deciding and ne_m are those of the first declaration that is known to qualify: {reasons(verdict.unknown)}"
@@ -145,9 +145,9 @@ LATE_S = 5.0
 def ending(logs: Logs) -> str | None:
     """Return the reason why the log does not end with the end of an episode; None if it does.
 
-    The episode must have begun, something must be measured, and the logger must have seen the end. At the cap there
-    must be decisions, or a commander that was asked and was too slow. A flight that ended as decided must have a
-    declaration that qualifies at RADIUS_M, the radius used during the flight.
+    The episode must have begun, something must be measured, and the logger must have seen the end. A flight that ended
+    at its cap must have decisions, or a commander that was asked and was too slow. A flight that ended as decided must
+    have a declaration that qualifies at RADIUS_M, the radius used during the flight.
     """
     if logs.begin is None:
         return "the episode never began"

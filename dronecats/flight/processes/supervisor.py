@@ -21,7 +21,7 @@ from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from foundation.redaction import keyless_environment
 
 HEARTBEAT_PERIOD_S = 1.0  # wall s from the answer to one heartbeat request until the next request
-CHECK_MAX_S = 0.5  # wall s; one check adds at most this to the measured silence, so a pause of the parent counts little
+CHECK_MAX_S = 0.5  # wall s; each check adds at most this to the measured wait, so a pause of this process adds little
 
 
 class Heartbeat:
@@ -64,9 +64,10 @@ class Heartbeat:
 
 READY_S = 600.0  # wall seconds; longest start of a child; in a first run it compiles, maybe on a slow, busy machine
 ANSWER_S = 30.0  # wall seconds; longest wait for the answer to a command
-# Longest wait for a heartbeat, wall seconds. A part answers between two calls of `turn`, which takes milliseconds, on a
-# busy machine seconds. A flight with a longer silence cannot be judged, because the socket of the silent process
-# overflows. The agent waits longer for its camera, so this check, whose error names the process, raises first.
+# Longest wait for a heartbeat, wall seconds. A child answers between two calls of its part's `turn`. One call takes
+# milliseconds, or seconds on a busy machine. A flight with a longer silence cannot be judged, because the socket of the
+# silent process overflows. The agent's wait for a picture is longer, so that the error of this check comes first. It
+# names the process that hangs.
 HANG_S = 15.0
 CAUSE_S = 10.0  # wall seconds; longest wait for a heartbeat that tells whether a hanging process caused an error
 CLOSE_S = 5.0  # wall seconds; longest wait for the end of a process before it is killed

@@ -73,7 +73,7 @@ class VehicleFlight(FlightSetup):
             notify(f"{draw_intent(folder, self.camera_model)} decisions are drawn in {folder / layout.INTENT}")
 
     def draw(self, folder: Path, ending: EpisodeEnd) -> None:
-        """Draw flight.png, which needs true poses. A subclass that has them overrides this."""
+        """Do nothing, because flight.png needs true poses. A subclass that has them draws it."""
 
     @property
     def camera_model(self) -> CameraModel:

@@ -18,7 +18,7 @@ from foundation.run_folder.folder import write_run
 
 
 def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the contents of run.json that are known before the flight, without versions. They contain no API key.
+    """Return the contents of run.json that are known before the flight: no package versions, and no API key.
 
     Raises UsageError for an unknown agent.
     """

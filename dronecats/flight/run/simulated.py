@@ -100,7 +100,7 @@ def write_record(path: Path, text: str) -> None:
 
 
 def draw(folder: Path, conditions: SceneConditions = AS_BUILT) -> None:
-    """Draw flight.png of an episode folder in this light and season. Errors go to flight.png.error, none is raised."""
+    """Draw flight.png of an episode folder in this light and season. Write errors to flight.png.error; raise none."""
     from dronecats.flight.picture import aerial
     from dronecats.flight.picture import draw as draw_flight
     from dronecats.flight.sitl.simulation import load_world

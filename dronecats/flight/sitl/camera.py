@@ -221,7 +221,7 @@ def _after(drones: Mapping[int, TruthSample], seconds: float) -> dict[int, Drone
 
 
 def rates_between(before: TruthSample, after: TruthSample) -> Vec3:
-    """Return the mean body rates (rad/s, FRD) between two samples; zero if they are 0 s, or STALE_S or more, apart."""
+    """Return the mean body rates (rad/s, FRD) between two samples; zero if the time between them is 0 or ≥ STALE_S."""
     seconds = (after.time_us - before.time_us) / 1e6
     if not 0.0 < seconds < STALE_S:
         return (0.0, 0.0, 0.0)

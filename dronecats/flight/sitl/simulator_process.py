@@ -18,7 +18,7 @@ from dronecats.flight.sitl.sockets import Ports
 from foundation.airframe import Airframe
 from foundation.signing import load_key, timestamp
 
-WORK_SHARE = 0.1  # share of a tick's wall time that client messages may take before the simulation step, and after it
+WORK_SHARE = 0.1  # share of a tick's wall time for client messages before the simulation step, and again after it
 
 
 class Simulator(PacedSimulator[SimulatedVehicle]):

@@ -1,4 +1,4 @@
-"""A subscription to the truth bus of another process, over UDP."""
+"""A subscription to the truth bus (messages with true poses) of another process, over UDP."""
 
 from collections.abc import Callable
 

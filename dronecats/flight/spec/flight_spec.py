@@ -3,9 +3,10 @@
 Command line, files and studies create a FlightSpec. It checks all rules between options, and raises UsageError for
 contradictions.
 
-A worker on any machine can fly the spec, which has the contents of files, for example the latencies of a `trace:FILE`.
-The spec has only the names of some files, which that machine must have: the script of `--pilot recorded:FILE`, a user's
-own map or agent, the program in `px4`, the key file of `Connected` and the files of `Accounts`.
+A worker on any machine can fly the spec, because it holds the contents of files, such as the latencies of a
+`trace:FILE`. It holds only the names of some files, which that machine must have: the script of
+`--pilot recorded:FILE`, a user's own map or agent, the program in `px4`, the key file of `Connected` and the files of
+`Accounts`.
 """
 
 import csv
@@ -135,11 +136,11 @@ class FlightSpec:
     latency: LatencyPolicy = DEFAULT_LATENCY  # how long replies take in vehicle time: docs/latency.md
     parser: ReplyParser = "strict"  # how replies are read: docs/replies.md
     stop_unreadable: int | None = (
-        number(  # the flight ends after this number of replies to one drone in a row without an action; None: never
+        number(  # the flight ends after this number of replies in a row without an action for a drone; None: never
             None, "--stop-unreadable", "replies in a row that are no actions", low=1, high=COUNT_MAX, whole=True
         )
     )
-    patience_s: float | None = number(  # s, longest wait for a frame or reply; None: only limits of camera and model
+    patience_s: float | None = number(  # s, longest wait for a frame or reply; None: camera and model have own limits
         None, "--patience", "time without a frame or a reply", low=1.0, high=CAP_S, unit="s"
     )
     disturbances: Disturbances = UNDISTURBED  # faults of pictures, link and vehicle
@@ -248,7 +249,7 @@ def _check_one(wanted: str, *values: object) -> None:
         raise UsageError(f"a flight needs {wanted}. Choose one")
 
 
-COLUMN = "latency_s"  # column of a CSV file that has the latencies
+COLUMN = "latency_s"  # name of the column with the latencies in a CSV file
 BYTES_MAX = 4_000_000
 AT = "@"  # between a file's name and the digest of the latencies
 

@@ -173,7 +173,7 @@ def one_vehicle(
         yield Px4Lockstep(simulator)
 
 
-SPARE_S = 1.0  # s; link faults last this much longer than the flight's time limit: the agent may still wait
+SPARE_S = 1.0  # s; link faults last this much longer than the flight's time limit, as the agent may still wait then
 
 
 class LockstepStage(TruthfulStage):

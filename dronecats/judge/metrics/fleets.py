@@ -22,8 +22,8 @@ def drone_outcomes(flight: JudgedFlight) -> dict[int, DroneOutcome] | None:
     """Return the best outcome of each drone's declarations; None for other episodes, and if an outcome is unknown.
 
     found: a declaration qualifies. look-alike: a declaration is within the radius of the centre of a look-alike (a copy
-    of the target at another place), in view or not. elsewhere: any other declaration. For this, the
-    centre of a look-alike has the target's height above the foot.
+    of the target at another place), in view or not. elsewhere: any other declaration. The record gives only
+    the foot of a look-alike. The centre is assumed to be as high above the foot as the target's centre.
     """
     record = flight.logs.record
     if record is None or record.cell != COMMANDING or not flight.verdict.drones:

@@ -1,7 +1,7 @@
 """Metrics of outcome and trajectory: success and declarations, distances, times, path and contacts.
 
 Source: paper, "Maps, Episodes and Metrics" and "Metrics". For a fleet, most trajectory metrics are the best value of
-all drones (`fleet_diagnostics`); path, contacts and resets are sums. None of them affects the verdict.
+all drones (`fleet_diagnostics`); path, contacts and resets are sums. No metric affects the verdict.
 """
 
 from dronecats.judge.diagnostics import contacts, estimator_resets
@@ -41,12 +41,12 @@ def min_distance_box(flight: JudgedFlight) -> float | None:
 
 
 def _diagnostic(name: str) -> MetricFunction:
-    """Return a function that reads a diagnostic of the verdict. It returns None if nothing was measured."""
+    """Return a function that reads a diagnostic of the verdict. That function returns None if nothing was measured."""
     return lambda flight: getattr(flight.verdict.diagnostics, name, None)
 
 
 def _contact(name: str) -> MetricFunction:
-    """Return a function that reads a field of Contacts. It returns None if hits were not logged."""
+    """Return a function that reads a field of Contacts. That function returns None if hits were not logged."""
     return lambda flight: getattr(contacts(flight.logs, flight.cap_s), name, None)
 
 

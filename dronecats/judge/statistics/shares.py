@@ -78,7 +78,7 @@ class Spread:
     mean: float  # mean number of successes
     deviation: float | None  # standard deviation of the number of successes; None: one flight
     low: float | None  # lower end of the interval of `deviation`, if totals are normal
-    high: float | None  # upper end, at most the larger of `deviation` and half of the episodes
+    high: float | None  # upper end; at most half of the episodes, or `deviation` if that is larger
     binomial: float  # expected deviation for equally hard episodes: the paper's sqrt(n p (1 - p))
     binomial_by_episode: float | None  # expected deviation if each episode has its own success rate; None: one flight
 
