@@ -50,7 +50,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class _SharedThing:
-    """A thing and the number of pictures that show it. `spot` is in the frame of the drone with the most things."""
+    """A thing and the number of pictures that show it. `spot` is in the frame of the drone that sees the most."""
 
     spot: GroundPoint
     views: int

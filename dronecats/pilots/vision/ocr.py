@@ -78,7 +78,7 @@ def read_line(part: Picture, stretch: float = 1.0) -> list[ReadText]:
 
 
 def read_lines(part: Picture, stretch: float = 1.0) -> list[ReadText]:
-    """Return the lines of text in `part` (H, W, 3) BGR, top to bottom. Several lines also follow as one text."""
+    """Return the lines of text in `part` (H, W, 3) BGR, top to bottom; several lines also joined as a last entry."""
     if min(part.shape[:2]) < 2 * _LEAST_PX:
         return []
     result = _engine()(_enlarged(part, stretch), use_det=True, use_cls=False, use_rec=True)

@@ -2,8 +2,9 @@
 
 For a level camera, the camera's height and a thing's distance give the row of the thing's foot, and the distance gives
 the thing's scale. The picture is therefore scaled once per distance, so that a metre at that distance has a fixed
-length. A small network classifies windows of a fixed size in metres on the ground. The camera's height is
-unknown, so four heights are tried. `python -m dronecats.pilots.fitting shapes` fits the network (`shape_network.npz`).
+length. A small network classifies windows that stand on the ground and have a fixed size in metres. The
+camera's height is unknown, so four heights are tried. `python -m dronecats.pilots.fitting shapes` fits the network
+(`shape_network.npz`).
 """
 
 import math
@@ -94,7 +95,7 @@ class Strip:
 
 
 def strips(picture: Picture) -> list[Strip]:
-    """Return the picture (H, W, 3), BGR and 90° across, at each distance of DEPTHS_M."""
+    """Return a picture (H, W, 3), BGR and 90° across, scaled for each distance of DEPTHS_M."""
     luv = cv2.cvtColor(picture.astype(np.float32) / np.float32(255.0), cv2.COLOR_BGR2LUV) / np.float32(100.0)
     return [_strip(luv, depth) for depth in DEPTHS_M]
 

@@ -21,7 +21,7 @@ from foundation.frames import Vec3
 
 SPACING_S = 0.2  # s, least time between two points of a path; the period of the autopilot's telemetry
 KML, GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
-COLORS = {True: "ff2b9fff", False: "ffd08a3c"}  # KML's aabbggrr, by `judges`
+COLORS = {True: "ff2b9fff", False: "ffd08a3c"}  # `judges` of a path or point → colour, KML's aabbggrr
 
 
 @dataclass(frozen=True, slots=True)

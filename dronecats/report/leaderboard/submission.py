@@ -205,7 +205,7 @@ def suite_of(ids: Sequence[str]) -> str | None:
 
 
 def common_suite(flights: Sequence[Sequence[str]]) -> str | None:
-    """Return the suite whose episodes every run has, and no others; None: no such suite.
+    """Return the suite of which every run has all episodes, and no other episodes; None: no such suite.
 
     `flights`: the episode ids of each run.
     """

@@ -185,8 +185,8 @@ def write_page(
 
     Flights and pictures are in the folders data/ and pictures/ in `out`. `every` = n keeps only the pictures of every
     n-th step, the last step and the declarations. `embed` puts flights and pictures into the page itself. Embedded
-    pictures are smaller, and `every` grows if a browser could not open all of them. Raises UsageError if the page
-    cannot be written.
+    pictures are smaller, and `every` grows if a browser could not open a page with all of them. Raises UsageError if
+    the page cannot be written.
     """
     with file_errors_as(UsageError, f"the report cannot be written to {out}"):
         return _write(collection, tables, out, embed, every)
@@ -271,7 +271,7 @@ def _sections(tables: Sequence[ReportTable], entrants: Sequence[PageObject]) -> 
 
 
 def _linked(row: TableRow, columns: Sequence[TableColumn], keys: Mapping[str, str]) -> TableRow:
-    """Return a row with links: from its name to the entrant, from a value about a kind of episode to these flights.
+    """Return a row with links: the name leads to the entrant, a value for one kind of episode to the entrant's flights.
 
     A row without an entrant is unchanged.
     """

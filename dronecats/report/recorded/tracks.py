@@ -110,7 +110,7 @@ class DroneTracks:
     estimate: FlightTrack | None  # from the autopilot's telemetry, in the map's frame
     held: FlightTrack | None  # `estimate`, preceded by the newest sample from before the episode
     truth: FlightTrack | None  # only the judge uses it; None: not measured
-    setpoints: Array | None  # (n, 9): t s, position m in the map's frame, velocity m/s, yaw, yaw rate; NaN: unset
+    setpoints: Array | None  # (n, 9): t s, position m (map's frame), velocity m/s, yaw rad, yaw rate rad/s; NaN: unset
 
 
 def drone_tracks(

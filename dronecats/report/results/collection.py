@@ -38,7 +38,7 @@ class Usage:
     tokens_in: int | None = None  # None: not logged for any question
     tokens_out: int | None = None
     commander_questions: int = 0
-    commander_in: int | None = None
+    commander_in: int | None = None  # tokens of the questions to the commander
     commander_out: int | None = None
     cached: int | None = None  # part of tokens_in that came from the vendor's cache
     reasoning: int | None = None  # part of tokens_out that was used for reasoning
