@@ -49,11 +49,11 @@ from foundation.run_folder.writing import as_json
 def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verdict:
     """Return the verdict of an episode's logs. Table of the keys: docs/run-folder.md.
 
-    A qualifying declaration is a success, however the flight ended. Without one, the outcome is "error", an error of
-    the infrastructure, if a declaration was not measured, or if `ending` or `gaps` finds a fault. A flight is censored
-    (its continuation is unknown) if it ended before `cap_s`, for example because it was decided at another radius.
-    Without truth `success` is None. The outcome of such a flight is "error", "distance only" (the distances are
-    estimated) or "unknown".
+    A declaration until `cap_s` qualifies if the drone was within `delta_m` of the target's centre with the target in
+    view. The flight is then a success, however it ended. Without such a declaration, the outcome is "error" (of the
+    infrastructure) if a declaration was not measured, or if `ending` or `gaps` finds a fault. A flight is censored (its
+    continuation is unknown) if it ended before `cap_s`, for example because it was decided at another radius. Without
+    truth, `success` is None and the outcome is "error", "distance only" (the distances are estimated) or "unknown".
     """
     declared = declarations(logs, cap_s) if logs.true else []
     last = last_action(logs, cap_s) if logs.true else None

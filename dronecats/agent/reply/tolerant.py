@@ -13,7 +13,7 @@ from unicodedata import normalize
 from dronecats.agent.reply.mends import Mend
 from dronecats.agent.reply.strict import MAX_REPLY_CHARS, MAX_TRIES
 
-MAX_VAIN_CHARS = MAX_REPLY_CHARS  # read by all failed attempts; strict.py, which is faster, allows 5 × this
+MAX_VAIN_CHARS = MAX_REPLY_CHARS  # limit of all failed attempts together; strict.py, which is faster, has 5 × this
 MAX_DEPTH = 40  # deepest nesting of brackets; the actions of a fleet have three levels
 MAX_DIGITS = 60
 _WORD = re.compile(r"[A-Za-z_][\w-]*")

@@ -16,8 +16,8 @@ from foundation.wire import message_id
 
 COUNTS = 256  # reset_counter is a uint8, so it wraps
 # A quantity counts as reset if its jump exceeds LEAST_… plus the change that ACCELERATION or TURNING_DEG can cause
-# between two messages. Both are the largest values within 0.2 s in measured flights. For a reset with smaller jumps,
-# `quantities` is empty.
+# between two messages. Measured flights accelerated by at most ACCELERATION, and changed the turn rate by at most
+# TURNING_DEG within 0.2 s. For a reset with smaller jumps, `quantities` is empty.
 LEAST_M, LEAST_MPS, LEAST_DEG = 0.2, 0.3, 3.0
 ACCELERATION = 5.0  # m/s²
 TURNING_DEG = 30.0  # °/s, change of the turn rate within 0.2 s

@@ -66,8 +66,8 @@ READY_S = 600.0  # wall seconds; longest start of a child; in a first run it com
 ANSWER_S = 30.0  # wall seconds; longest wait for the answer to a command
 # Longest wait for a heartbeat, wall seconds. A child answers between two calls of its part's `turn`. One call takes
 # milliseconds, or seconds on a busy machine. A flight with a longer silence cannot be judged, because the socket of the
-# silent process overflows. The agent's wait for a picture is longer, so that the error of this check comes first. It
-# names the process that hangs.
+# silent process overflows. The agent's wait for a picture is longer, so that the error of this check, which names the
+# process, comes first.
 HANG_S = 15.0
 CAUSE_S = 10.0  # wall seconds; longest wait for a heartbeat that tells whether a hanging process caused an error
 CLOSE_S = 5.0  # wall seconds; longest wait for the end of a process before it is killed

@@ -43,7 +43,7 @@ def questions_of(flight: Flight, model: Model) -> Questions:
         axis_order=asker.axis_order if (asker := spec.model or spec.outside) else "xy",
         parser=spec.parser,
         patience_s=spec.patience_s,
-        # In lockstep, vehicle time may advance during a call. With several calls, the order of the replies would vary.
+        # In lockstep, vehicle time may advance during a call, but not with several calls: their order would vary.
         beside=served and waits and spec.command == "flat",
         last_reply=flight.scored,  # unscored flights do not wait for a late reply
     )

@@ -49,7 +49,7 @@ def distance_band(distance_m: float) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attention:
-    """Shares of steps at which vision takes the target, something else or nothing for the target.
+    """Shares of the steps at which vision takes a thing, that is, treats the thing as the target.
 
     `strays`, `stays` and `claims` count only steps at which vision does not take the target.
     """

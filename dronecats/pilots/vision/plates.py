@@ -8,7 +8,7 @@ The pilot has no memory, so each `go` encodes two values for the next step:
 
 - The point is a little below the horizon if the vehicle will be to the right of the path, and a little above if the
   vehicle will be to the left. These slopes are too small for a climb or descent.
-- The depth is less than _READ_DEPTH_M if the pilot has read the wanted plate, which leaves the picture in that stride.
+- The depth is below _READ_DEPTH_M if the pilot has read the wanted plate. The plate leaves the picture in that stride.
 """
 
 import math
@@ -41,7 +41,7 @@ VANTAGE_OFF_M = 2.6  # distance from a vehicle's end to the vantage point
 _END_SHARE = 0.12  # a plate off the middle by this share of the vehicle's width shows which side the nearer end is on
 _LOOK_M = 16.0  # within this distance, the drone flies to an end of the vehicle; beyond it, to the middle
 _ARRIVED_M = 4.5  # the drone declares within this horizontal distance of the vehicle's middle; success needs 5 m
-_TOO_FAR_M = 0.15  # the drone flies one more stride if it is farther than this from _ARRIVED_M
+_TOO_FAR_M = 0.15  # the drone flies one more stride if its distance exceeds _ARRIVED_M by more than this
 _READ_M = 2.4  # the drone comes no nearer than this to an unread plate
 _READ_DEPTH_M = 3.05  # a `go` with less depth means that the wanted plate was read
 _AT_VANTAGE_M = 1.4  # within this distance of a vantage point, the drone has arrived there
@@ -274,7 +274,7 @@ def _clip_bearing(bearing: float) -> float:
 
 
 def _stride_to(bearing: float, stride_m: float, distance_m: float, aside: int) -> str:
-    """Return a `go` in a direction. For a full stride, its depth is the vehicle's distance `distance_m`.
+    """Return a `go` in a direction. The depth of a full stride is the vehicle's distance `distance_m`.
 
     aside: 1 or -1 if the vehicle will be to the right or left of the path, else 0.
     """

@@ -1,7 +1,7 @@
 """Packs run folders into an archive: the flights of one pilot under one configuration.
 
-An archive with missing episodes or unscored flights is marked as partial. `submit` removes API keys, and
-the folders of absolute paths.
+An archive with missing episodes or unscored flights is marked as partial. `submit` removes API keys, and the folders
+of absolute paths.
 """
 
 import hashlib
