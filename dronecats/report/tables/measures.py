@@ -234,9 +234,10 @@ def served(data: ReportData) -> ReportTable | None:
         name="served",
         title="Served control rate",
         caption=(
-            "Decisions per second of vehicle time, and the vehicle time of replies: quantiles over the steps of"
-            " all scored flights. Delayed by the host: steps that this computer delayed and not the model, for"
-            " example when the simulator is too slow. It is known for flights in real time only."
+            "Control rate: decisions per second of vehicle time. Latency: vehicle time from a question to its reply."
+            " The columns are quantiles over the steps of all scored flights. Delayed by the host: steps that this"
+            " computer delayed and not the model, for example when the simulator is too slow. It is known for flights"
+            " in real time only."
         ),
         columns=SERVED,
         row_of=row_of,

@@ -66,11 +66,21 @@ def load_results(folder: Path, exclusions: Sequence[Exclusion] = ()) -> StudyRes
         flights=flights,
         planned=len(study.runs) * len(study.episodes),
         notes=(
+            *_agent_notes(study),
             *_notes(runs, labels, identities),
             *_exclusion_notes(flights, factors, exclusions),
             *(() if any(flight.scored.scored for flight in flights) else [NONE_COUNTS]),
         ),
     )
+
+
+def _agent_notes(study: Study) -> list[str]:
+    """Return a sentence that says which words in the names of the entrants are agents; empty if no agent varies."""
+    return [
+        f"Agents of this study: {', '.join(map(str, factor.levels))}. An agent asks the pilot and flies its actions."
+        for factor in study.factors
+        if factor.name == "agent"
+    ]
 
 
 def _factor(study: Study, name: str) -> StudiedFactor:

@@ -78,7 +78,7 @@ class StudyResults:
     cells: tuple[str, ...]  # cells (kinds of episode) with flights, in the order of `record.CELLS`
     flights: tuple[StudiedFlight, ...]
     planned: int  # number of flights in the plan; fewer may have been flown
-    notes: tuple[str, ...] = ()  # limits of the comparison between entrants, a sentence each
+    notes: tuple[str, ...] = ()  # the agents, and limits of the comparison between entrants, each as a text
 
     @cached_property
     def scored(self) -> tuple[StudiedFlight, ...]:

@@ -92,9 +92,9 @@ def _along(results: StudyResults, number: int) -> FactorFindings:
 
 
 PERCENT = 100.0
+SHARES = {"above all": "more than half", "below all": "less than half"}  # keys: values of HalfSuccess.where
 NOWHERE = {  # text for a value of HalfSuccess.where if no level is the half-success level
-    "above all": "more than half at every level",
-    "below all": "less than half at every level",
+    **{where: f"{share} at every level" for where, share in SHARES.items()},
     "no slope": "unknown, because the interval has no bounds",
 }
 
@@ -165,7 +165,7 @@ def half_sentence(results: StudyResults, fit: HalfSuccessFit) -> str:
         )
     if half.where == "no slope":
         return f"{subject}: the half-success level is unknown, because its interval is unbounded on both sides."
-    return f"{subject}: no half-success level within the range; {NOWHERE[half.where]}."
+    return f"{subject}: {SHARES[half.where]} of the flights succeed at every level of {factor.words}."
 
 
 def equals_p(p: float) -> str:

@@ -7,6 +7,7 @@ from dronecats.judge.statistics.shares import ALPHA
 from dronecats.report.table import ReportTable, TableColumn, in_blocks, row, words
 from dronecats.study.analysis.differences import SUCCESS, PairedDifference
 from dronecats.study.analysis.study_results import ALL
+from dronecats.study.factors import FACTORS
 from dronecats.study.report import tables
 from dronecats.study.report.drawing import StudyFigure
 from dronecats.study.report.findings import (
@@ -77,7 +78,11 @@ def _sections(findings: Findings, figures: Sequence[StudyFigure]) -> list[StudyS
         text = "The effect of each factor by itself, from one fit over all factors."
         section_list.append(StudySection("main-effects", table.title, (text,), (_block(by_name, [table], table.name),)))
     if maps := [_block(by_name, [table], table.name) for table in tables.interactions(findings)]:
-        text = "If two factors reduce success more together than each alone, the map is darker than its edges suggest."
+        text = (
+            "Two factors interact if the effect of one depends on the level of the other. If both together reduce"
+            " success by more than the sum of their effects, the field where they meet is darker than its row and"
+            " column suggest."
+        )
         section_list.append(StudySection("interactions", "Interactions", (text,), tuple(maps)))
     table = setup(findings)
     return [*section_list, StudySection("setup", table.title, (), (_block(by_name, [table]),))]
@@ -119,7 +124,7 @@ def summary(findings: Findings) -> list[str]:
             sentences.append(
                 f"{effect.entrant}: {factor.words} from {factor.label(effect.begin)} to {factor.label(effect.end)}"
                 f" changes success from {PERCENT * effect.share_begin:.0f} to {PERCENT * effect.share_end:.0f} %"
-                f" (fitted; p {equals_p(effect.p_holm)} after Holm's correction)."
+                f" (logistic regression on all factors; p {equals_p(effect.p_holm)} after Holm's correction)."
             )
     return sentences
 
@@ -146,7 +151,8 @@ def _insignificant_factors(findings: Findings) -> Iterator[str]:
                 alone = _uncorrected(rows)
                 names.append(along.factor.words + (f" ({alone})" if alone else ""))
         if names:
-            yield f"{in_cell(entrant, cell)}: no level differs significantly in success along {', '.join(names)}."
+            text = f"no level differs significantly in success along {', '.join(names)}"
+            yield f"{in_cell(entrant, cell)}: in pairs of flights, {text}."
 
 
 def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
@@ -155,23 +161,22 @@ def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple
     The sentence gives the nearest level that differs and the difference in success, or says that none does.
     """
     reference = along.factor.label(along.factor.reference)
-    name = "" if len(findings.factors) <= FACTORS_FEW else f" along {along.factor.words}"
     for entrant in findings.results.entrants:
         cell = findings.results.groups[0]
+        subject = f"{in_cell(entrant, cell)}, pairs along {along.factor.words}"
         rows = _against_reference(along, entrant, cell)
         significant = [row for row in rows if row.p_holm <= ALPHA]
         if significant:
             nearest = min(significant, key=_distance)  # the first row if levels are words: then all distances are 0
             text = (
-                f"{in_cell(entrant, cell)}{name}: {nearest.at.title} is the first level that differs significantly from"
-                f" {reference}: {_success_text(nearest)}; p {equals_p(nearest.p_holm)} after Holm's correction."
+                f"{subject}: {nearest.at.title} is the first level that differs significantly from {reference}:"
+                f" {_success_text(nearest)}; p {equals_p(nearest.p_holm)} after Holm's correction."
             )
             yield text, True
         elif rows:
             alone = _uncorrected(rows)
             reason = f" after Holm's correction ({alone})" if alone else ""
-            text = f"{in_cell(entrant, cell)}: no level differs significantly from {reference} in success{reason}."
-            yield text, False
+            yield f"{subject}: no level differs significantly in success from {reference}{reason}.", False
 
 
 def _against_reference(along: FactorFindings, entrant: str, cell: str) -> list[PairedDifference]:
@@ -216,6 +221,8 @@ def _factor_sections(
     )
     cell = findings.results.groups[0]
     sentences = [half_sentence(findings.results, fit) for fit in along.halves if fit.beside and fit.cell == cell]
+    if factor := FACTORS.get(along.factor.name):
+        sentences.insert(0, f"{name.capitalize()}: {factor.help.replace('`', '')}.")
     yield StudySection(key, f"Along {name}", tuple(sentences), blocks)
     pairs = tables.between_levels(findings, along), tables.between_entrants(findings, along)
     steps = tables.target_motion(findings, along), tables.served_rates(findings, along)

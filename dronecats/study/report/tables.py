@@ -115,12 +115,13 @@ def half_success(findings: Findings, along: FactorFindings) -> ReportTable | Non
         fitted = half.slope, scatter_value(half), half.p_slope, half.p_straight, half.groups, half.trials
         rows.append((fit.entrant, row(cell_title(fit.cell), *choice, *place, *fitted, entrant=fit.entrant)))
     caption = (
-        "A logistic regression of success on the factor with a random intercept for each episode, by marginal"
-        " likelihood. Half succeed at: the level at which the fitted share over all episodes is 50 %, with its 95 %"
-        " profile-likelihood interval (limit: F with 1 and episodes − 1 degrees of freedom); a level outside of the"
-        " flown levels is not given. If the episodes alone decide almost all flights, scatter and slope grow"
-        " together and only the level is given. p of a straight line: against a separate share for each level; if"
-        " it is small, the logistic line does not fit the flights, and the level is only rough."
+        "A logistic regression of success on the factor, with a random intercept for each episode, by marginal"
+        " likelihood. Half succeed at: the level at which the fitted success rate over all episodes is 50 %. The table"
+        " gives it only if it is between the lowest and the highest flown level. Interval: 95 %, by profile"
+        " likelihood, with the quantile of F(1, episodes − 1) instead of chi-square. If the outcome depends almost"
+        " only on the episode, the scatter is ≥ 12 and the table has no slope. p of a straight line: test of the"
+        " logistic line against a separate success rate for each level. A small p means that the line does not fit"
+        " the flights. The half-success level is then only a rough value."
     )
     title = f"Half-success {along.factor.words}"
     return _table(findings, along.artifact_name("half_success"), title, caption, columns, rows)
@@ -164,8 +165,8 @@ def served_rates(findings: Findings, along: FactorFindings) -> ReportTable | Non
         for at in along.served
     ]  # fmt: skip
     caption = (
-        "Decisions per second of vehicle time, and the vehicle time of replies: quantiles over the steps of"
-        " all scored flights."
+        "Control rate: decisions per second of vehicle time. Latency: vehicle time from a question to its reply. The"
+        " columns are quantiles over the steps of all scored flights."
     )
     return _table(findings, along.artifact_name("served"), "Served control rate", caption, columns, rows)
 
@@ -357,8 +358,8 @@ def interactions(findings: Findings) -> Sequence[ReportTable]:
             for k, (step, shares) in enumerate(zip(heat_map.row_steps, heat_map.shares, strict=True))
         ]  # fmt: skip
         caption = (
-            "Success rate, % of the scored flights, with 95 % intervals. p of no interaction: likelihood ratio of the"
-            " two factors' product, in log odds."
+            "Success rate, % of the scored flights, with 95 % intervals. p of no interaction: likelihood ratio test"
+            " of two models of the log odds, with and without the product of the two factors."
         )
         name = f"interaction_{row_factor.name}_{column_factor.name}"
         title = f"{row_factor.words.capitalize()} with {column_factor.words}"

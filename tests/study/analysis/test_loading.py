@@ -112,6 +112,8 @@ def test_the_reference_rate_is_the_highest_and_each_agent_is_an_entrant(tmp_path
     studied = load_results(tmp_path)
     assert [(factor.name, factor.reference) for factor in studied.factors] == [("rate", 2.0)]
     assert studied.entrants == ("vision · paper", "vision · steady")
+    [note] = studied.notes
+    assert "Agents of this study: paper, steady." in note
 
 
 @pytest.mark.parametrize(
