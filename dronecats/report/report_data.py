@@ -1,4 +1,4 @@
-"""Computes the data of the report's tables: runs grouped into entrants, cells of their flights, notes, warnings."""
+"""Computes the data of the report's tables: entrants (groups of runs), table cells, notes and warnings."""
 
 import json
 import statistics
@@ -196,7 +196,7 @@ class OutcomeColumn:
         return f"{self.name.replace(' ', '_')}_percent"
 
 
-FAILURE_MODE_COLUMNS = (  # as in `failure_mode`, in the order of the paper's bars; the paper has no "did not move"
+FAILURE_MODE_COLUMNS = (  # names as in `failure_mode`, in the order of the paper's bars; "did not move" is ours
     OutcomeColumn("success", "Success"),
     OutcomeColumn("declared", "Declared, never true"),
     OutcomeColumn("arrived", "Arrived, undeclared"),

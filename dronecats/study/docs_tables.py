@@ -46,7 +46,7 @@ def tables(page: str) -> dict[str, str]:
 
 
 def filled(text: str, made: Mapping[str, str]) -> str:
-    """Return a page's text with the tables `made` between their markers. Raises ValueError for a missing marker."""
+    """Return a page's text with each table in `made` between its markers. Raises ValueError for a missing marker."""
     for name, table in made.items():
         begin, end = BEGIN.format(name=name), END.format(name=name)
         before, _, rest = text.partition(begin)

@@ -198,8 +198,8 @@ class Marking:
 class LoadFindings:
     rows: Sequence[LevelRow]
     of_verdicts: Marking  # a flight moved if only one of flight and reference succeeded
-    of_errors: Marking  # after the first level; a flight moved if its NE differs from the reference by > idle_error_m
-    idle_error_m: float | None  # m, largest NE difference from the reference, in real time at the first level
+    of_errors: Marking  # without the first level; a flight moved if its NE differs from the reference by > idle_error_m
+    idle_error_m: float | None  # m, largest NE difference from the reference among real-time flights at the first level
 
     def as_json(self) -> dict[str, Any]:
         return {

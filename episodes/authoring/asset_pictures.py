@@ -1,7 +1,7 @@
 """Draws single assets on level ground, for contact sheets and for the reading probe.
 
-A contact sheet shows assets at several distances, at the resolution of the model's pictures. The reading probe shows
-inscriptions at several distances, to test from how far a model can read them. Source: paper, appendix "Maps and
+A contact sheet shows assets at several distances, at the resolution of the language model's pictures. The reading probe
+shows inscriptions at several distances, to test from how far a model can read them. Source: paper, appendix "Maps and
 Episodes". The paper has one probe for each type of inscription: a sign with letters of 0.136 m and a plate with digits
 of 0.10 m. The pictures are rendered at 1280×720 px and reduced to a width of 640 px, like the model's pictures. No
 episode uses the inscriptions of the probe.

@@ -206,7 +206,7 @@ def _verdict_differences(run: RecordedRun, episode: str, judged: Judged) -> Iter
         yield f"{layout.VERDICT} is missing"
     else:
         now = judged.verdict.as_json()
-        for words in ("error", "note"):  # texts with file paths, which differ on this machine
+        for words in ("error", "note"):  # not compared, because they may have file paths of another machine
             if isinstance(stored.get(words), str) and isinstance(now.get(words), str):
                 now[words] = stored[words]
         if differing := compare(stored, now).differing:

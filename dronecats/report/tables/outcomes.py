@@ -1,4 +1,4 @@
-"""Tables of outcomes: by cell (kind of episode) and map, the cell `approaching`, failure modes, fleets and drones."""
+"""Makes the tables of flight outcomes. A cell is a kind of episode, such as `approaching`."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -41,14 +41,14 @@ def of_cell(flights: Iterable[ScoredEpisode], cell: str, map_: str | None = None
 
 
 def rate(metric: str, title: str, cell: str | None) -> TableColumn:
-    """Return the column of a rate in one kind of episode; `cell` None: in all."""
+    """Return the column of a rate in one cell; `cell` None: in all cells."""
     where = cell.replace("-", "_") if cell else "all"
     return TableColumn(name=f"{where}_{metric}_percent", title=title, group=cell_heading(cell) if cell else "All",
                        unit="%", better=None if metric == "declared" else "more", cell=cell)  # fmt: skip
 
 
 def main(data: ReportData) -> ReportTable | None:
-    """Return success and oracle success of one drone, by cell. Paper, "Main Results"."""
+    """Return the success and oracle success (came within the radius) of one drone, by cell. Paper, "Main Results"."""
     cells = data.cells()
     columns = [NAME, FLIGHTS]
     for cell in (*cells, None):

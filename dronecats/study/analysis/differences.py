@@ -1,4 +1,4 @@
-"""Computes paired differences of flights with equal seeds: a level minus its reference, or a pilot minus another."""
+"""Computes differences of flights in pairs (equal seeds): factor level minus reference level, or pilot minus pilot."""
 
 import itertools
 import statistics
@@ -30,11 +30,11 @@ METRICS = (SUCCESS, *(measure.name for measure in MEASURES))
 class PairedDifference:
     """The difference in a metric between two sides, the first minus the second, over their pairs of flights."""
 
-    factor: int  # index in StudyResults.factors; -1: not along one factor
+    factor: int  # index in StudyResults.factors; -1: two entrants are compared at points of the design
     cell: str
     metric: str  # one of METRICS
-    first: str  # an entrant
-    second: str  # another entrant, or the same
+    first: str  # entrant (pilot) of the first side
+    second: str  # entrant of the second side; equal to `first` if two levels are compared
     at: LevelStep  # the level of the first side
     against: LevelStep  # the level of the second side
     pairs: int  # number of pairs of flights
@@ -66,7 +66,7 @@ def between_levels(results: StudyResults, factor: int) -> list[PairedDifference]
 def between_entrants(results: StudyResults, factor: int) -> list[PairedDifference]:
     """Return the difference of each pair of entrants at each level of a factor, for the same seed and other factors.
 
-    In a design of one factor at a time, the other factors are at their base, as in `level_results`.
+    Only flights that are `comparable` along the factor are used, as in `level_results`.
     """
     steps, differences = level_steps(results.factors[factor]), []
     for (first, second), cell in itertools.product(itertools.combinations(results.entrants, 2), results.groups):
@@ -152,7 +152,7 @@ class PointDifference:
     cell: str
     title: str  # the levels that differ from the usual ones, for example: Wind 10 m/s
     shares: tuple[ShareEstimate, ShareEstimate]  # share of successes of the first and of the second entrant
-    success: PairedDifference  # first minus second; Holm's correction is over all points of both entrants and the cell
+    success: PairedDifference  # first minus second; Holm's correction: over all points of the pair in the cell
     ne: PairedDifference | None  # likewise for NE (navigation error); None: no pair has it in both flights
 
 
@@ -177,7 +177,7 @@ def point_differences(results: StudyResults) -> list[PointDifference]:
 def pooled_differences(results: StudyResults, points: Iterable[PointDifference]) -> list[PairedDifference]:
     """Return the difference in success of each pair of entrants in `points`, pooled over all points that both flew.
 
-    There is one difference per cell. The statistical unit is the episode, with its mean over all points.
+    There is one difference per pair and cell. The statistical unit is the episode, with its mean over all points.
     """
     differences, step = [], LevelStep("all", None, frozenset())
     for first, second, cell in dict.fromkeys((point.first, point.second, point.cell) for point in points):
@@ -227,7 +227,7 @@ def _ordered_points(results: StudyResults) -> list[StudyPoint]:
 
 
 def _levels_from_reference(factor: StudiedFactor) -> list[StudiedLevel]:
-    """Return the levels of a factor, beginning at its reference."""
+    """Return the levels in order: numbers rise, or fall if the reference is the largest; words as in the factor."""
     numeric = sorted(factor.levels, key=float) if factor.numeric else list(factor.levels)
     return numeric[::-1] if numeric[-1] == factor.reference else numeric
 

@@ -1,4 +1,4 @@
-"""The results of a study: every flight with its levels, and shares and means at each level.
+"""The results of a study: every flight with its levels (values of factors), and shares and means at each level.
 
 The statistical unit is the episode.
 """
@@ -105,9 +105,9 @@ class StudyResults:
 def comparable(results: StudyResults, flights: Sequence[StudiedFlight], factor: int) -> list[StudiedFlight]:
     """Return those of `flights` that can be compared over the levels of the factor with this index.
 
-    In a design of one factor at a time, these are the flights whose levels of the other factors occur at several levels
-    of this factor, or all flights if no flight is like that. In any other design, these are all flights, because the
-    design or chance balances the other factors.
+    In a design of one factor at a time, a flight is kept if its levels of the other factors also occur at another level
+    of this factor; without such flights, all are kept. In any other design, all are kept, because the design or chance
+    balances the other factors.
     """
     if not results.design.startswith(ONE_AT_A_TIME):
         return list(flights)

@@ -1,4 +1,4 @@
-"""Measures the timing chain from camera to setpoint: the times of each question, their summary, and their files."""
+"""Measures the timing chain from camera to setpoint: the times of each question to the pilot, and their summary."""
 
 import csv
 import json
@@ -27,11 +27,11 @@ class QuestionTimes:
     frame_id: int
     age_s: float  # s of vehicle time, age of the picture on arrival
     wait_s: float  # time from the request of the picture to its arrival
-    encode_s: float  # JPEG, prompt, request body and parsing of the response: all work of the client
-    failed_s: float  # waits for the rate limit, failed attempts, and the pauses after them
+    encode_s: float  # time for JPEG, prompt, request body and parsing of the response: the client's work
+    failed_s: float  # time of waits for the rate limit, failed attempts, and the pauses after them
     model_s: float  # time from request to answer, only of the attempt that was answered
     parse_s: float  # time from the reply to the controller's setpoint
-    tick_s: float  # waits for the agent's next tick, after the picture, the reply and the setpoint
+    tick_s: float  # sum of three waits for the agent's next tick: after picture, after reply, after setpoint
     step_s: float  # time from the request of the picture to the ready setpoint: the sum of all times above except age_s
     latency_s: float  # encode_s + model_s + parse_s: a simulation uses this latency and adds its own ticks
     rate_hz: float | None  # Hz, 1 / vehicle time since the previous decision; None: the first question

@@ -11,7 +11,7 @@ COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE,
 MARKERS = "osD^vP"
 COLUMNS_MAX = 3  # at most this many panels in a row
 COMMAND_LINE_CHARS = 118  # at most this many characters in a line of the command below a figure
-TICK_GAP = 0.045  # share of an axis; half the least distance between labels
+TICK_GAP = 0.045  # half of the least distance between two labels, as a share of the axis
 
 
 def panels(count: int, height_in: float, across: int = COLUMNS_MAX, *, share_y: bool = True) -> tuple[Any, list[Any]]:

@@ -51,7 +51,7 @@ def success(findings: Findings, along: FactorFindings) -> ReportTable:
     rows = []
     for (entrant, cell), levels in lines.items():
         fits = [fit.half for fit in along.halves if (fit.entrant, fit.cell) == (entrant, cell)]
-        half = fits[0] if len(fits) == 1 else None  # a row has no room for several fits (levels of other factors)
+        half = fits[0] if len(fits) == 1 else None  # if the other factors give several fits, the row shows none
         place = (half_place(along.factor, half), half_interval(along.factor, half)) if half else (None, None)
         shares = (share_cell(level.success) for level in levels)
         rows.append((entrant, row(cell_title(cell), *shares, *place, entrant=entrant)))

@@ -21,7 +21,7 @@ from foundation.files import write_text
 from foundation.threads import NewestItemWorker
 from foundation.wording import did_you_mean, nearest
 
-MOST_UNDONE = 200  # steps in the undo history
+MOST_UNDONE = 200  # the undo history has at most this many steps
 
 
 class Session:
@@ -121,7 +121,7 @@ class Editor:
         session, scene_name = open_session(name, folder)
         self.session = session
         self.drafting = session.drafting
-        self.findings: tuple[RuleFinding, ...] = ()  # results of the checks of `checked`
+        self.findings: tuple[RuleFinding, ...] = ()  # results of the checks of the record `checked`
         self.checked: EpisodeRecord | None = None
         self._server = LoopbackServer(f"DroneCATS · {scene_name}", port, hosts)
         self.url = self._server.url

@@ -1,4 +1,4 @@
-"""Suggestions of the editor: paths over the ground, an inscription, an instruction."""
+"""Suggests a target's path over the ground, an inscription and an instruction to the user of the editor."""
 
 import itertools
 import math
@@ -66,7 +66,7 @@ LANE_OFF_M = 0.25  # m, largest distance of a suggested path from its lane, so t
 
 
 def way(scene: Scene, record: EpisodeRecord, here: Knot, yaw: float, length_m: float) -> Knots:
-    """Return a first path: the nearest lane of at least `length_m`.
+    """Return the suggested path of the target: the nearest lane of at least `length_m`.
 
     Without such a lane, the path is straight ahead, `length_m` long but not beyond the edge of the ground.
     """

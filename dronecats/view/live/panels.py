@@ -1,4 +1,4 @@
-"""The panels of a live page or replay: pictures, replies, vehicle states, and on demand data only for the judge."""
+"""The panels of a live page or replay: pictures, replies, vehicle states, and (if chosen) the judge's data."""
 
 import base64
 import json

@@ -22,7 +22,7 @@ AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, POSITION_TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
 TEXT, LOCAL_POSITION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 HANDLED = STATE_MESSAGES | {POSITION_TARGET, TEXT}  # messages of an autopilot that change a drone's state
-KEPT = 3000  # truth frames per drone: a minute at 50 Hz, which includes the time of a decision's picture
+KEPT = 3000  # truth frames kept per drone: a minute at 50 Hz, because `pose_at` needs the frame of an earlier picture
 KEPT_ESTIMATES = 600  # poses estimated by the autopilot, per drone
 _TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
 
@@ -159,7 +159,7 @@ def _decoded(frame: bytes) -> Any:
     return wire.BY_ID[frame[7] | frame[8] << 8 | frame[9] << 16].message(frame)
 
 
-DELIVERIES = 400  # at most this many datagrams per socket and turn; a busy socket blocks no other
+DELIVERIES = 400  # at most this many datagrams per socket and turn, so that a busy socket does not block the others
 
 
 class WireFollower:

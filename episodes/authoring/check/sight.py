@@ -1,7 +1,7 @@
 """Rules about the camera's view from the start, both facing the target and at the recorded yaw.
 
 A pixel shows the target if the ray through the pixel's centre hits the target first. The renderer's image of ids
-follows the same rule. A `Framing` has the yaws at which a thing is completely inside or outside a drone's picture.
+follows the same rule. A `Framing` shows at which yaws a thing is completely inside or outside a drone's picture.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Proposals for new episodes: their random draws and their instructions. The episode search checks the proposals.
+"""Makes the random draws and the instructions of proposals for new episodes. The episode search checks them.
 
 The draws for one request are spread evenly over the allowed ranges, separately for each dimension. An instruction is a
 phrase of its cell (the kind of task: a key of VERBS) with the name of the target.
@@ -12,7 +12,7 @@ from episodes.authoring.check.sight import Framing, yaw_hiding, yaw_showing
 from episodes.authoring.propose.site import PlacedTarget
 from episodes.records.record import HIDDEN, MAX_SEED, StartPose, TargetRecord
 
-JITTER = 0.25  # a draw is at most this fraction of a stratum's width off its middle; see `shares`
+JITTER = 0.25  # greatest distance of a draw from the middle of its stratum, in stratum widths; see `shares`
 
 VERBS: dict[str, tuple[str, ...]] = {
     "approaching": (
@@ -53,7 +53,7 @@ BOARDS = (  # a row has the inscriptions of an episode's four signs
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """The values of a record, without its id and computed values."""
+    """The values of an episode's record, without the id and the computed values."""
 
     target: TargetRecord
     placed: PlacedTarget  # the same target, as it stands when the episode begins

@@ -1,6 +1,6 @@
-"""The map of an episode search: its free places and obstacles, quick checks of starts, and stretches of lanes.
+"""Prepares a map for the episode search: free places, obstacles, quick checks of starts, and stretches of lanes.
 
-A stretch of a lane is a path that stays on the ground between its waypoints.
+A lane is a route for targets. A stretch of it is a path that stays on the ground between its waypoints.
 """
 
 import itertools
