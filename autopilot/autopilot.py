@@ -30,7 +30,7 @@ class Core(Protocol):
     """The interface of the inner loop to the commander (`autopilot.control.flight_core.FlightCore`)."""
 
     estimate: Any  # ESTIMATE record, which the commander reads
-    state: Any  # CONTROL_STATE record; the commander writes its field `landed`: 1 while on the ground
+    state: Any  # CONTROL_STATE record; `Autopilot` writes its field `landed`: 1 while on the ground
     setpoint: Any  # SETPOINT record, which the commander writes
 
     def set_parameter(self, name: str, value: float) -> float | None: ...

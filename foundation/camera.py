@@ -1,4 +1,4 @@
-"""The forward camera: its geometry, its frames, and their encoding for the model. Paper, appendix "Execution"."""
+"""The forward camera: geometry, frames, and their encoding for the language model. Paper, appendix "Execution"."""
 
 import math
 from dataclasses import dataclass, replace

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Generic, ParamSpec, TypeVar
 
-STEPS = 8  # after this many steps, a thread that has not lent its turn meanwhile must queue again
+STEPS = 8  # a thread that takes more steps than this in one turn must queue again
 
 
 class ComputingTurn:
@@ -51,7 +51,7 @@ class ComputingTurn:
             self._take()
 
     def step(self) -> None:
-        """Count a step. After more than STEPS steps in one turn, let the waiting threads have their turns.
+        """Count a step of the caller's computation. After more than STEPS steps in one turn, queue for the turn again.
 
         No effect in a thread that does not hold the turn.
         """

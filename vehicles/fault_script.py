@@ -42,7 +42,7 @@ class FaultEntry:
 
     @property
     def fault(self) -> Fault:
-        """The fault on the vehicle's clock."""
+        """The fault, with its times in µs of the vehicle's clock."""
         x, y, z = self.value if isinstance(self.value, tuple) else (self.value or 0.0, 0.0, 0.0)
         until_us = FOR_EVER_US if self.until_s is None else round(self.until_s * 1e6)
         return Fault(self.part, self.kind, round(self.from_s * 1e6), until_us, (x, y, z))

@@ -25,8 +25,8 @@ TANGENTIAL = 0.7  # stiffness along the surface, relative to the stiffness along
 DEEPEST = 0.2
 MARGIN = 0.005  # m, added to the travel of a step because the vehicle may accelerate
 STILL = 1e-5  # m/s, rad/s and m/s²; a vehicle below these limits stands still
-# share of the weight; a vehicle at rest stays at rest if the rotors' force changes by less (their moment: by less than
-# this share of weight · `reach`)
+# a vehicle at rest stays at rest if the rotors' vertical force changes by less than STEADY · weight, and each component
+# of their moment by less than STEADY · weight · `reach`
 STEADY = 1e-4
 CRASH_FOOT = 5.0  # m/s, normal speed that breaks a landing gear: a fall of 1.3 m
 CRASH_BODY = 1.0  # m/s, normal speed that breaks a propeller or the hull

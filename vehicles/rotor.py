@@ -15,9 +15,9 @@ from foundation.compiled import Record, njit
 from foundation.frames import Vec3
 from vehicles.records import STEP_S, Load
 
-NOMINAL_CELL_V = 3.8  # the voltage at which a rotor reaches its `speed_max`: a LiPo cell in mid-discharge
+NOMINAL_CELL_V = 3.8  # V per cell at which a rotor reaches its `speed_max`: a LiPo cell in mid-discharge
 PERIOD_US = 10_000  # µs between updates of the battery, which changes slowly
-EFFICIENCY = 0.7  # electrical to shaft power, motor and speed controller together; usual for hobby power trains
+EFFICIENCY = 0.7  # shaft power / electrical power of motor and speed controller; usual for hobby power trains
 
 # V per cell at 0, 5, 10, 20 … 100 % charge at rest: the usual shape of a LiPo's discharge curve at low current.
 _CHARGE = np.array([0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
@@ -45,7 +45,7 @@ def drain_battery(params: Record, state: Record) -> None:
     """Drain the pack by the present power over `PERIOD_US`; writes charge, voltage and current."""
     rest = params.cells * open_circuit(state.charge_ah / params.capacity_ah)
     power = state.rotor_power / EFFICIENCY + params.avionics_w
-    # with the terminal voltage of the last update: at 100 Hz the difference is negligible
+    # this uses the terminal voltage of the last update, which differs negligibly at 100 Hz
     current = power / max(state.voltage, 0.5 * rest, 0.1) if rest > 0.0 else 0.0
     state.current = current
     state.voltage = max(rest - current * params.resistance_ohm, 0.0)
@@ -55,7 +55,7 @@ def drain_battery(params: Record, state: Record) -> None:
 # Advance ratio V / (n·D) at which a fixed-pitch propeller has no thrust. UIUC Propeller Data Site: 10x4.7 and 5x3
 # propellers reach C_T = 0 between 0.6 and 0.7, and C_T falls almost linearly towards it.
 ADVANCE_ZERO_THRUST = 0.65
-# Share of the static torque at ADVANCE_ZERO_THRUST. Same source: C_P is still about half of its static value there.
+# Torque at ADVANCE_ZERO_THRUST, as a share of the static torque. Same source: C_P is about half of its static value.
 TORQUE_LEFT = 0.5
 # Highest thrust factor in descent. In a faster descent, the rotor meets its own wake and the linear law does not hold.
 THRUST_GAIN_MAX = 1.5

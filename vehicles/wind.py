@@ -1,10 +1,10 @@
 """Wind and random numbers: a steady wind with Dryden gusts (MIL-F-8785C, low altitude), and streams of noise.
 
-Random numbers: one 64-bit word of state per stream, kept in the vehicle's records. Generator: SplitMix64 (Steele, Lea,
-Flood 2014). Normal deviates: the ziggurat of Marsaglia and Tsang (2000) with 128 layers in the form of Doornik (2005).
-The numbers depend only on the seed, not on the numpy version.
+A stream of random numbers has one 64-bit word of state in the vehicle's records. The generator is SplitMix64 (Steele,
+Lea, Flood 2014). Normal deviates come from the ziggurat of Marsaglia and Tsang (2000) with 128 layers in the form of
+Doornik (2005). The numbers depend only on the seed, not on the numpy version.
 
-Spectra of the gusts, with tau = L / V (3.7.2 of the standard):
+Filters of the gusts, with tau = length scale L / airspeed V (3.7.2 of the standard):
     along     sigma · sqrt(2·tau) / (1 + tau·s)                            (scaled for unit-intensity white noise)
     across    sigma · sqrt(tau) · (1 + sqrt(3)·tau·s) / (1 + tau·s)²
 Both are discretised exactly, so that the standard deviation does not depend on the update period.
@@ -120,9 +120,9 @@ def scales(height: float, w20: float) -> tuple[float, float, float, float]:
 def _across(states: Grid, sigma: float, tau: float, rng: RandomStream) -> float:
     """Advance one second-order filter by PERIOD_S and return the gust (m/s).
 
-    The gust is √3·a + (1 - √3)·b, with the states a = w / (1 + tau·s) and b = a / (1 + tau·s) of white noise w. The
-    noise of a and b over a period has the covariance that follows from their impulse responses. The states do not
-    contain sigma, so that tau and sigma may change in flight.
+    The gust is sigma · (√3·a + (1 - √3)·b), with the states a = w / (1 + tau·s) and b = a / (1 + tau·s) of white noise
+    w. The noise of a and b over a period has the covariance that follows from their impulse responses. The states do
+    not contain sigma, so that tau and sigma may change in flight.
     """
     h = PERIOD_S / tau
     p, p2 = math.exp(-h), math.exp(-2.0 * h)

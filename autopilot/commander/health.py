@@ -216,7 +216,7 @@ STEPS = 10  # calibration reports its progress in tenths
 MOVING_RATE = math.radians(5.0)  # rad/s; a larger gyro value shows motion, because no gyro's bias is so large
 GRAVITY_TOLERANCE = 0.1  # largest relative error of the measured gravity
 FIELD_GAUSS = (0.1, 1.0)  # accepted range; the Earth's field is 0.22 to 0.67 gauss
-LEVEL_MOST = math.radians(10.0)
+LEVEL_MOST = math.radians(10.0)  # rad, largest roll or pitch of a level vehicle
 
 StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
 

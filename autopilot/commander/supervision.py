@@ -314,7 +314,7 @@ class Supervision:
         return flight.sticks.fresh(flight.state.time_us, self._parameters["COM_RC_LOSS_T"])
 
     def look(self, flight: FlightContext, mode: str, offboard_signal: bool, takeoff_us: int) -> None:
-        """Update with one tick. `mode` is the requested mode, `takeoff_us` the time of the lift-off (0 = none)."""
+        """Update the failsafe at a tick. `mode`: the requested mode; `takeoff_us`: time of the lift-off (0 = none)."""
         now = flight.state.time_us
         urgent = (mode == "OFFBOARD" and not offboard_signal) or self.failsafe.cause == OFFBOARD_LOST
         if not urgent and now - self._looked_us < LOOK_US:

@@ -86,7 +86,7 @@ def _floor() -> Mesh:
     far = np.array((500.0, 750.0, 1200.0, 2000.0, 3500.0, HORIZON_M))
     line = np.concatenate([-far[::-1], np.arange(-FAR, FAR + 1.0, 20.0), far])
     n, w = np.broadcast_arrays(line[:, None], line[None, :])
-    # ∂/∂rows × ∂/∂columns = north × west = up
+    # the front of the grid faces up: ∂/∂rows × ∂/∂columns = north × west = up
     return g.assemble([g.grid(np.stack([n, w, 0.0 * n], axis=2), _floor_look(), tile_m=5.0)])
 
 

@@ -25,7 +25,7 @@ OPEN_GROUND = "open-ground"  # start place of `dronecats sitl`, no solid within 
 
 VERSION = 3  # of the benchmark; raised when images or records change
 SUITES = ("one-drone", "commanding", "quick", "all", "v1")
-# one episode per one-drone cell (kind of task) and map, two per map with commanding episodes
+# one episode for each one-drone cell (kind of task) and map; two for each map with `commanding` episodes
 QUICK = (
     "residential-approaching-01",
     "residential-searching-01",

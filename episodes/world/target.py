@@ -24,10 +24,10 @@ HEADING_BASE_M = {
     "service_cart": 1.7, "motorcycle": 1.4, "cyclist": 1.05, "delivery_robot": 0.45,
     "person": 0.6, "pedestrian": 0.6,
 }  # fmt: skip
-AXLES_OF_OTHERS_M = 1.0  # for other assets
+AXLES_OF_OTHERS_M = 1.0  # the same distance for all other assets
 WALKERS = ("person", "pedestrian")  # they stay upright on a slope; all others in HEADING_BASE_M have wheels
 
-TOUCHES_M = 0.01  # height of the part of a wheel that counts as touching the ground
+TOUCHES_M = 0.01  # m, height of the part of a wheel that counts as touching the ground
 ONE_TRACK_M = 0.3  # m; a vehicle with a narrower track counts as single-track, like a motorcycle, and does not roll
 LEVEL_RAD = 1e-6  # smaller slopes are rounding errors
 TURNS = 3  # iterations of `Wheels.on`; another iteration would change the position by less than 0.1 mm
@@ -40,7 +40,7 @@ class TargetMotion:
     waypoints_ned: tuple[Vec3, ...]  # m
     reached_m: tuple[float, ...]  # m along the path at each waypoint, measured in three dimensions
     speed_mps: float
-    yaw: float  # rad, of a standing target
+    yaw: float  # rad, yaw of a standing target; not used on a path
     axles_m: float  # m between the two points of the path that define the heading
 
     @property

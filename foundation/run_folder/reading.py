@@ -280,7 +280,7 @@ def _reject_constant(constant: str) -> Any:
 
 
 LONG = 4000  # bytes; longer lines get the strict reader: a number may have more digits than Python accepts
-KIND = 15  # the first bytes of a line that show its kind, such as {"kind": "pose"
+KIND = 15  # this many bytes at the beginning of a line show its kind, for example {"kind": "pose"
 
 FastReader = Callable[[bytes], Row | None]  # line → its row; None: the strict reader must read it
 

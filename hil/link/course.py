@@ -21,7 +21,7 @@ class Arrival:
     """Watches one vehicle on its way to a place and heading."""
 
     def __init__(self, position_ned: Vec3, yaw: float, due_us: int) -> None:
-        """Watch for a place (m, local frame) and heading (rad), not reached before `due_us` (µs, vehicle clock)."""
+        """Watch for the arrival at a place (m, local frame) and heading (rad), from `due_us` (µs, vehicle clock) on."""
         self._position_ned, self._yaw, self._due_us = position_ned, yaw, due_us
         self._resting_us: int | None = None  # when the vehicle came to rest at the place; None: not yet
 

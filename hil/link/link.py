@@ -19,13 +19,13 @@ from hil.link.transport import Transport
 
 BRAKE_S = 0.5  # s of vehicle time for which setpoints hold the vehicle at the end of a flight, before mode Hold
 ROUND_RATE = math.radians(60.0)  # rad/s, yaw rate of the full turn in `fly_to`
-GIVEN_S = 1.5  # s that Hold must last to be a hand-over: a failsafe holds too, which only the next heartbeat shows
+GIVEN_S = 1.5  # s that Hold must last to be a hand-over: meanwhile a heartbeat shows whether a failsafe caused Hold
 OVERTAKEN_US = 300_000  # µs in which a message with the previous mode may still arrive on a link that reorders
 ARMED_S = 10.0  # s of attempts to arm, because a pre-arm check may fail for a moment
 OFFERED_S = 2.0  # s of attempts to enter Offboard while it is temporarily refused
 DISARMED_US = 1_500_000  # µs for which a vehicle in the air must report that it is disarmed: more than one heartbeat
 CAUSE_US = 2_000_000  # µs; the text of a failsafe may arrive this long before its change of mode
-FOREIGN_S = 600.0  # s for a person to arm, take off and hand over
+FOREIGN_S = 600.0  # s for a person to arm, and then again to take off and hand over
 LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # mode → modes to which PX4 switches from it by itself
 HOMEWARD = ("LAND", "RETURN")  # modes that end on the ground; we send no orders after them
 ENDINGS = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}  # modes for the end of a flight
@@ -36,7 +36,7 @@ class TakeoverError(LinkError):
 
 
 class EnvelopeError(LinkError):
-    """The envelope ends the flight, because the battery or the time is used up."""
+    """The safety envelope (`limits`) ends the flight, because the battery or the time is used up."""
 
 
 class Link(Conversation):
@@ -132,7 +132,7 @@ class Link(Conversation):
 
         On the ground no setpoint is sent, so that the vehicle cannot be armed in Offboard. In the air the setpoint is
         always the vehicle's present place. A switch that only passes through Hold is not a hand-over.
-        Raises LinkError after ten minutes of vehicle time.
+        Raises LinkError if arming, or the hand-over after it, takes more than FOREIGN_S of vehicle time.
         """
         self.wait_for(lambda state: state.armed, FOREIGN_S, "arming by a person")
         notify("armed: take off, and hand over by switching to Hold (or Offboard) …")
@@ -166,7 +166,7 @@ class Link(Conversation):
         return self._taken_by
 
     def _expect(self, *modes: str) -> None:
-        """From now on, other modes are takeovers; the present mode is one only after one of `modes` was seen."""
+        """From now on, other modes count as takeovers; the present mode does so only after one of `modes` was seen."""
         if self._taken_by is None:
             # telemetry may show the mode of an acknowledged order only after our next order
             unshown = () if self._obeyed_us else self._expected
@@ -206,7 +206,7 @@ class Link(Conversation):
         return self.state.landed is not False or self.state.heartbeat_us >= self._disarmed_us + DISARMED_US
 
     def _is_failsafe(self, disarmed: bool) -> bool:
-        """Return whether a failsafe has changed the mode. Until the next heartbeat shows it, return True."""
+        """Return whether a failsafe has changed the mode. Before the next heartbeat, which shows it, return True."""
         self._strayed_us = self._strayed_us or self.time_us
         self._failed |= disarmed or self.state.system_status >= dialect.MAV_STATE_CRITICAL
         return self._failed or self.state.heartbeat_us <= self._strayed_us  # the heartbeat may be late on a bad link

@@ -29,7 +29,7 @@ class Check:
 
     observed: Observation
     values: dict[str, Value | None]  # by parameter name; None: the autopilot did not send the value
-    fence_points: int | None
+    fence_points: int | None  # points of the uploaded geofence; None: no reply
     rehearsal: Row  # result of the Offboard test
     around: tuple[Row, ...]  # rows about this machine: camera, disk
 

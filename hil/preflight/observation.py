@@ -1,4 +1,4 @@
-"""The messages of an autopilot during a preflight check, and the rows of the check."""
+"""Collects the messages of an autopilot during a preflight check, and defines the rows of its result."""
 
 import time
 from collections import Counter
@@ -89,7 +89,7 @@ class Observation:
     newest: Mapping[int, Message] = field(default_factory=dict)
     seconds: float = 0.0  # s of vehicle time that the observation took
     counts: Mapping[int, int] = field(default_factory=dict)  # message id → number of messages in `seconds`
-    worst_ratio: Mapping[str, float] = field(default_factory=dict)  # test ratio in ESTIMATOR_STATUS → largest value
+    worst_ratio: Mapping[str, float] = field(default_factory=dict)  # ESTIMATOR_STATUS test ratio → largest value
     texts: tuple[str, ...] = ()  # STATUSTEXT of severity warning or worse
     station: bool = False  # a heartbeat of a ground station arrived
     round_trips: tuple[RoundTrip, ...] = ()

@@ -92,7 +92,7 @@ def _fill(
     means: NDArray[np.float32],
     stands: NDArray[np.bool_],
 ) -> None:
-    """Extend the columns to points, less than a cell apart, on the triangles that `stands` marks."""
+    """Extend the columns to sampled points (less than a cell apart) of the triangles that `stands` marks."""
     cells, per = columns.low.shape[0], columns.per_cell
     for t in range(len(stands)):
         if not stands[t]:

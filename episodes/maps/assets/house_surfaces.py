@@ -11,7 +11,7 @@ from episodes.maps.assets.house_plans import BRICKS, ROOFS, TRIMS, WALLS, HouseP
 from episodes.maps.assets.materials import Picture, linear, noise, plain, surface, texture, tinted
 from episodes.maps.scene import Material
 
-TILE_M = {"brick": 0.6, "pale_brick": 0.6, "tiles": 1.6, "seams": 1.8}  # m per repeat; other textures: 1.6
+TILE_M = {"brick": 0.6, "pale_brick": 0.6, "tiles": 1.6, "seams": 1.8}  # m per repeat of a texture; all others: 1.6
 
 
 @texture

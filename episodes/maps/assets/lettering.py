@@ -16,7 +16,7 @@ from foundation.frames import Vec3
 
 CAP_PX = 40  # height of a capital in all pictures of this module
 CAP_SHARE = 0.625  # height of a capital, as a share of a plate's height
-MARGIN_PX = 13  # left and right of the text on a plate
+MARGIN_PX = 13  # free space left and right of the text on a plate
 OVERSAMPLED = 4
 STROKE = 0.17  # width, as a share of a capital's height; a wider stroke closes the holes of 8 and B in small pictures
 SPACING = 0.19  # between letters, as a share of a capital's height

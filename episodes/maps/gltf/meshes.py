@@ -13,7 +13,7 @@ from episodes.maps.gltf.materials import TexturedMaterial
 from episodes.maps.scene import Material, Mesh, turn
 from foundation.frames import Vec3
 
-MAX_VERTICES = 3_000_000  # limit of each mesh in the file, and of all meshes without unused vertices
+MAX_VERTICES = 3_000_000  # limit of each mesh in the file, and of all meshes together without their unused vertices
 MAX_READ = 20_000_000  # vertices read in total, before unused ones are removed
 MAX_TRIANGLES = 1_000_000  # limit of the scene; each instance counts
 MAX_COORDINATE_M = 1e6
