@@ -21,7 +21,7 @@ RESONANCE = 120.0
 DAMPING_RATIO = 0.6
 FRICTION = 0.7  # rubber or plastic on dry hard ground
 TANGENTIAL = 0.7  # stiffness along the surface, relative to the stiffness along the normal
-# m, depth above which the spring force stays constant, so that a step in the terrain does not throw a vehicle up
+# m, depth beyond which the spring force stays constant, so that a step in the terrain does not throw a vehicle up
 DEEPEST = 0.2
 MARGIN = 0.005  # m, added to the travel of a step because the vehicle may accelerate
 STILL = 1e-5  # m/s, rad/s and m/s²; a vehicle below these limits stands still

@@ -62,8 +62,8 @@ THRUST_GAIN_MAX = 1.5
 # height in rotor radii; the formula of Cheeseman and Bennett (1955) holds above it. Below, the gain is constant.
 GROUND_EFFECT_NEAREST = 0.5
 GROUND_EFFECT_FARTHEST = 4.0  # height in rotor radii; higher up, the gain of less than 0.4 % is neglected
-# m/s, speed of a rotor's centre of mass around its axis at hover: balance grade G 16 of ISO 21940-11, its coarse grade
-# for propeller shafts. The hovering X500 then vibrates with 0.4 m/s² (1σ) on each axis. Quadrotors in public PX4
+# m/s, speed of a rotor's centre of mass around its axis at hover: balance grade G 16 of ISO 21940-11, the coarse
+# grade for propeller shafts. The hovering X500 then vibrates with 0.4 m/s² (1σ) on each axis. Quadrotors in public PX4
 # logs (the test files of flight-review-rs; means over 5 ms, above 10 Hz) have 1.3 to 2.2 m/s² forward and right, 1.4 to
 # 5.2 m/s² down.
 IMBALANCE_SPEED = 0.016
@@ -85,7 +85,7 @@ def commanded_speed(armed: int, command: float, idle: float, ceiling: float) -> 
 
 @njit(cache=True)
 def inflow_gain(climb: float, speed: float, radius: float) -> tuple[float, float]:
-    """Return the factors (thrust, torque), 1 in still air, for an axial climb speed (m/s) at a rotor speed (rad/s)."""
+    """Return factors (thrust, torque) for an axial climb speed (m/s) at a rotor speed (rad/s); both are 1 at hover."""
     if speed < 1.0:
         return 0.0, 0.0
     advance = math.pi * climb / (speed * radius) / ADVANCE_ZERO_THRUST  # J = V / (n·D) = π·V / (ω·R)

@@ -179,7 +179,7 @@ TABLE: tuple[Callable[[Conditions, ParameterTable], Failsafe], ...] = (
 
 
 def evaluate(conditions: Conditions, parameters: ParameterTable, overridden: frozenset[str] = frozenset()) -> Failsafe:
-    """Return the most severe failsafe of all rules. For causes in `overridden`, STICKS … DESCEND become WARN."""
+    """Return the most severe failsafe of all rules. For `overridden` causes, actions STICKS … DESCEND become WARN."""
     worst = NO_FAILSAFE
     for rule in TABLE:
         due = rule(conditions, parameters)
@@ -331,7 +331,7 @@ class Supervision:
         self._due, self.failsafe = due, in_force
         if due.action == Reaction.NONE:
             self._overridden = frozenset()
-        self._accuracy.look(flight.state)  # the limits of accuracy that it sets apply from the next tick on
+        self._accuracy.look(flight.state)  # sets accuracy limits, which apply from the next tick on
 
     def _in_force(self, now: int, due: Failsafe) -> Failsafe:
         if not (due.delayed and due.action in DELAYED):

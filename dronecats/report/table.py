@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-if TYPE_CHECKING:  # `dronecats doctor` prints tables without numpy, which the metrics import
+if TYPE_CHECKING:  # the metrics import numpy, and `dronecats doctor` prints tables without it
     from dronecats.judge.metrics.metric import Better
 
 Align = Literal["left", "right"]

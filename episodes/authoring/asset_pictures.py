@@ -45,7 +45,7 @@ SEEN_PX = (640, 360)  # size of the reduced frame
 SHADE = Sun((0.22, 0.62, -0.753))  # sun of the contact sheets, behind the camera
 PAINTS = ("cyan", "red", "yellow", "green", "orange", "blue", "purple", "pink")  # one per row, in turn
 INSCRIPTIONS = {"sign": "GATE 7"}
-DRONE, HOVER_M = "drone", 1.3  # name of the drone, which is no asset of records; its height above the ground
+DRONE, HOVER_M = "drone", 1.3  # name of the drone, which is no asset of records; the drone's height above the ground
 QUALITY = 75
 INK, PAGE = (36, 38, 42), (246, 246, 244)
 

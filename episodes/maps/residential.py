@@ -86,7 +86,7 @@ def bays(homes: tuple[Plot, ...]) -> list[tuple[Street, float, int]]:
 
 
 def parked(homes: tuple[Plot, ...], seed: int) -> list[Parked]:
-    """Return the parked cars. On the main street, the seed does not change their kinds and paints."""
+    """Return the parked cars. The seed does not change kinds and paints on the main street."""
     cars = [
         Parked("sedan", "grey", MAIN, -20.0, 2.9, 0.0),
         Parked("hatchback", "white", MAIN, 24.0, 2.9, 0.0),

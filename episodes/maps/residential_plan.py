@@ -24,7 +24,7 @@ DRIVE_END = 13.6  # m, end of a drive from the centre line
 NEAR_M = 21.0  # m along the street; houses closer than this do not look alike
 FLANK = 0.25  # m along the street, length of the slope on each side of a dropped kerb
 
-# distance from the centre line → NED z: road, kerb, verge, pavement, bank, plot
+# distance from the centre line (m) → NED z (m): road, kerb, verge, pavement, bank, plot
 PROFILE = ((0.0, 0.05), (4.0, 0.05), (4.25, -0.07), (5.5, -0.09), (7.0, -0.12), (9.5, -0.45), (50.0, -0.45))
 # the profile at a drive, where the kerb is dropped
 PROFILE_DRIVE = ((0.0, 0.05), (4.0, 0.05), (5.5, -0.09), (7.0, -0.12), (9.5, -0.45), (50.0, -0.45))

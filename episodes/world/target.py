@@ -40,7 +40,7 @@ class TargetMotion:
     waypoints_ned: tuple[Vec3, ...]  # m
     reached_m: tuple[float, ...]  # m along the path at each waypoint, measured in three dimensions
     speed_mps: float
-    yaw: float  # rad, yaw of a standing target; not used on a path
+    yaw: float  # rad, for a standing target only
     axles_m: float  # m between the two points of the path that define the heading
 
     @property

@@ -19,13 +19,13 @@ GAP = 1.6  # factor on the usual interval between two frames; a longer interval 
 class CameraMeasurement:
     """Results of a measurement. Intervals are between time stamps. Ages are measured after the lens correction."""
 
-    model: CameraModel  # geometry of the camera that took the frames
+    model: CameraModel  # of the measured frames
     calibrated: bool  # whether the field of view comes from a calibration
     asked: bool  # whether each frame needs a request; the requests then limit the rate
     frames: int
     seconds: float  # s, host's clock, from the first frame to the last
     rate_hz: float | None  # Hz, of all arriving pictures; None: fewer than two frames
-    interval_ms: float | None  # median interval of consecutive frames; None: there are no two consecutive frames
+    interval_ms: float | None  # median interval of consecutive frames; None: no two frames are consecutive
     jitter_ms: float | None  # standard deviation of the intervals; None as for `interval_ms`
     longest_ms: float | None  # longest interval; None as for `interval_ms`
     age_ms: float | None  # median age; None: the camera stamps by its own clock

@@ -24,7 +24,7 @@ OVERTAKEN_US = 300_000  # µs in which a message with the previous mode may stil
 ARMED_S = 10.0  # s of attempts to arm, because a pre-arm check may fail for a moment
 OFFERED_S = 2.0  # s of attempts to enter Offboard while it is temporarily refused
 DISARMED_US = 1_500_000  # µs for which a vehicle in the air must report that it is disarmed: more than one heartbeat
-CAUSE_US = 2_000_000  # µs; the text of a failsafe may arrive this long before its change of mode
+CAUSE_US = 2_000_000  # µs; the text of a failsafe may arrive this long before the mode that the failsafe sets
 FOREIGN_S = 600.0  # s for a person to arm, and then again to take off and hand over
 LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # mode → modes to which PX4 switches from it by itself
 HOMEWARD = ("LAND", "RETURN")  # modes that end on the ground; we send no orders after them
@@ -36,11 +36,11 @@ class TakeoverError(LinkError):
 
 
 class EnvelopeError(LinkError):
-    """The safety envelope (`limits`) ends the flight, because the battery or the time is used up."""
+    """The envelope (safety limits) ends the flight, because the battery or the time is used up."""
 
 
 class Link(Conversation):
-    """A conversation with modes, arming, and a stream of setpoints in Offboard.
+    """A conversation that also sets modes, arms, and streams setpoints in Offboard.
 
     Only `tick` and `keep_up` send setpoints, and the agent calls them. So an agent that hangs, crashes or is killed
     sends none.
@@ -72,7 +72,7 @@ class Link(Conversation):
         )  # gets the names of the acting limits when they change
         self._stream = OffboardStream()
         self._rate = SetpointRate()
-        self._offboard = False  # whether we are in Offboard
+        self._offboard = False
         self._expected: tuple[str, ...] = ()  # modes that our last order leads to; (): no check for a takeover
         self._leaving: tuple[str, ...] = ()  # earlier modes, accepted until OVERTAKEN_US after `_obeyed_us`
         self._obeyed_us = 0  # µs, vehicle clock when telemetry first showed an expected mode; 0: not yet
@@ -132,7 +132,7 @@ class Link(Conversation):
 
         On the ground no setpoint is sent, so that the vehicle cannot be armed in Offboard. In the air the setpoint is
         always the vehicle's present place. A switch that only passes through Hold is not a hand-over.
-        Raises LinkError if arming, or the hand-over after it, takes more than FOREIGN_S of vehicle time.
+        Raises LinkError if arming, or the hand-over after it, takes more than FOREIGN_S.
         """
         self.wait_for(lambda state: state.armed, FOREIGN_S, "arming by a person")
         notify("armed: take off, and hand over by switching to Hold (or Offboard) …")
@@ -149,7 +149,7 @@ class Link(Conversation):
         self._expect(self.state.mode)
 
     def _is_given(self, state: VehicleState) -> bool:
-        """Return whether the vehicle is handed over. If a failsafe holds it, it is not."""
+        """Return whether the vehicle is handed over. A vehicle that a failsafe holds is not."""
         calm = state.armed and state.system_status == dialect.MAV_STATE_ACTIVE
         return calm and state.landed is False and state.mode in ("HOLD", "OFFBOARD")
 

@@ -84,9 +84,9 @@ class Streams:
     def check(self, time_us: int) -> list[Interval]:
         """Return the requests to repeat, at most every three seconds of vehicle time.
 
-        Missing messages are requested again. If they are missing at the next check too, or the messages of FAST come too
-        slowly, the link is full. Then streams that we do not read are stopped; if there are none, FAST is slowed down.
-        A message that has never come does not slow FAST: the autopilot may not have it (PX4 1.14 has no CURRENT_MODE).
+        Missing messages are requested again. If they are missing at the next check too, or FAST is too slow, the link
+        is full. Then streams that we do not read are stopped; if there are none, FAST is slowed down. FAST is not
+        slowed for a message that never came, because the autopilot may not have it: PX4 1.14 has no CURRENT_MODE.
         """
         if self._since_us is None or time_us < self._since_us:
             self._since_us = time_us

@@ -30,11 +30,11 @@ METRICS = (SUCCESS, *(measure.name for measure in MEASURES))
 class PairedDifference:
     """The difference in a metric between two sides, the first minus the second, over their pairs of flights."""
 
-    factor: int  # index in StudyResults.factors; -1: two entrants are compared at points of the design
+    factor: int  # index in StudyResults.factors; -1: the sides are compared at points
     cell: str
     metric: str  # one of METRICS
     first: str  # entrant (pilot) of the first side
-    second: str  # entrant of the second side; equal to `first` if two levels are compared
+    second: str  # entrant of the second side; may be the same
     at: LevelStep  # the level of the first side
     against: LevelStep  # the level of the second side
     pairs: int  # number of pairs of flights
@@ -66,7 +66,7 @@ def between_levels(results: StudyResults, factor: int) -> list[PairedDifference]
 def between_entrants(results: StudyResults, factor: int) -> list[PairedDifference]:
     """Return the difference of each pair of entrants at each level of a factor, for the same seed and other factors.
 
-    Only flights that are `comparable` along the factor are used, as in `level_results`.
+    Only `comparable` flights are used, as in `level_results`.
     """
     steps, differences = level_steps(results.factors[factor]), []
     for (first, second), cell in itertools.product(itertools.combinations(results.entrants, 2), results.groups):
@@ -153,7 +153,7 @@ class PointDifference:
     title: str  # the levels that differ from the usual ones, for example: Wind 10 m/s
     shares: tuple[ShareEstimate, ShareEstimate]  # share of successes of the first and of the second entrant
     success: PairedDifference  # first minus second; Holm's correction: over all points of the pair in the cell
-    ne: PairedDifference | None  # likewise for NE (navigation error); None: no pair has it in both flights
+    ne: PairedDifference | None  # likewise for NE (navigation error); None: no pair has an NE in both flights
 
 
 def point_differences(results: StudyResults) -> list[PointDifference]:
@@ -227,7 +227,7 @@ def _ordered_points(results: StudyResults) -> list[StudyPoint]:
 
 
 def _levels_from_reference(factor: StudiedFactor) -> list[StudiedLevel]:
-    """Return the levels in order: numbers rise, or fall if the reference is the largest; words as in the factor."""
+    """Return the levels: numbers rise, or fall if the reference is the largest; words keep their order."""
     numeric = sorted(factor.levels, key=float) if factor.numeric else list(factor.levels)
     return numeric[::-1] if numeric[-1] == factor.reference else numeric
 

@@ -32,16 +32,16 @@ class HoverPoint:
 
     torque_gain: float  # torque / nominal torque; thrust and torque grow with the square of the voltage
     lift_gain: float  # lift / commanded lift; below 1, since more thrust lowers the battery's voltage
-    rate_damping: Vec3  # 1/s, roll, pitch, yaw
-    velocity_damping: Vec3  # 1/s, forward, right, down
+    rate_damping: Vec3  # 1/s, deceleration / rate: roll, pitch, yaw
+    velocity_damping: Vec3  # 1/s, deceleration / velocity: forward, right, down
 
 
 @dataclass(frozen=True, slots=True)
 class DelayMargin:
     """The delay at which a loop begins to oscillate, and the frequency of the oscillation."""
 
-    delay_s: float  # s, in the feedback; inf: no delay makes it oscillate
-    frequency: float  # rad/s; nan: no delay makes it oscillate
+    delay_s: float  # s, in the feedback; inf: no delay makes the loop oscillate
+    frequency: float  # rad/s; nan: no delay makes the loop oscillate
 
 
 def hover_point(airframe: Airframe, plant: Any) -> HoverPoint:

@@ -19,7 +19,7 @@ from hil.impairment import Channel, Impairment
 
 HEIGHT_M = 10.0
 LEVEL_MASK = 0b0000_0101_1110_0011  # type mask: ignore x, y, vz, all accelerations and yaw
-STREAM_TICKS = 5  # 20 Hz, as for the agent
+STREAM_TICKS = 5  # ticks between two setpoints: 20 Hz, as for the agent
 # m/s, the paper's fastest command; s per circle. On a circle, every late setpoint has a wrong direction
 SPEED, ROUND_S = 1.2, 10.0
 TRIAL_S, CATCH_UP_S, REST_S = 30.0, 5.0, 5.0  # s: flight on the circle, its unscored beginning, hover after it

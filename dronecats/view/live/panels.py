@@ -144,7 +144,7 @@ NO_PICTURE = (
 
 
 def frame_html(drone: DroneMoment, label: str) -> str:
-    """Return a drone's newest picture as HTML. If the newest decision was made on it, mark the decision's point."""
+    """Return a drone's newest picture as HTML. If a decision was made on it, the decision's point is marked."""
     picture, decision = newest_decided(drone)
     if picture is None:
         body = NO_PICTURE

@@ -155,7 +155,7 @@ def framing(corners_ned: Array, place: Vec3) -> Framing:
 
 
 def box_corners(mesh: Mesh, position_ned: Vec3, turned: float | Quat) -> Array:
-    """Return the corners (8, 3) in m NED of a placed mesh's box; `turned` is its yaw (rad) or its attitude."""
+    """Return the corners (8, 3) in m NED of a placed mesh's box; `turned` is the mesh's yaw (rad) or attitude."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     corners = np.array([[(low, high)[k >> b & 1][b] for b in range(3)] for k in range(8)], dtype=np.float64)
     return np.asarray(corners @ turn(turned).T + np.array(position_ned))

@@ -80,7 +80,7 @@ def flight_seed(rng: random.Random) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """The draw of one record: its relative positions (0 … 1) in the allowed ranges."""
+    """The draw for one record: relative positions (0 … 1) in the allowed ranges of its start."""
 
     turn: float  # among the allowed yaws; see `yaw_deg`
     distance: float  # among the start distances

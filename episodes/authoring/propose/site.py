@@ -164,7 +164,7 @@ class Site:
     def starts(
         self, target: PlacedTarget, distance_m: float, height_m: float, rng: random.Random, off_axes_deg: float = 0.0
     ) -> Iterator[Vec3]:
-        """Yield places (m) at a 3-D distance from a target with a good view of it and a clear way to it.
+        """Yield places (m) at a 3-D distance from a target; from each, the target is well visible and the way is clear.
 
         The bearing of the target is more than `off_axes_deg` off the map's axes.
         """

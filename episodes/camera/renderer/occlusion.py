@@ -25,7 +25,7 @@ MARGIN_CELLS = 4
 LAYERS = 4
 LAYER_1_M, LAYER_2_M, LAYER_3_M = 1.5, 4.0, 9.0  # m above the ground; the first layer is at the ground
 LAYER_HEIGHTS = np.array((0.05, LAYER_1_M, LAYER_2_M, LAYER_3_M))
-EMPTY = 1e30  # lower end of the column of an empty cell; its upper end is -EMPTY
+EMPTY = 1e30  # lower end of the column of an empty cell; the upper end is -EMPTY
 
 AZIMUTHS = 12
 RINGS = (1.0, 2.0, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0)  # distances, in cells, at which columns may hide the sky
