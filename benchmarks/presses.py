@@ -39,7 +39,7 @@ from vehicles.solids import in_triangle
 
 SPEED = 1.2  # m/s, as fast as the agent's controller flies
 BEFORE_M = 3.0  # m of free way before the obstacle
-ROOM_M = 3.0  # m; more free room around the way to the obstacle does not count
+ROOM_M = 3.0  # m; when the sides of an obstacle are compared, more free room than this does not count
 AHEAD_S = 12.0  # s within which the vehicle must meet the obstacle
 BACK_S = 6.0
 AWAY_M = 2.0  # m that the vehicle must back off within BACK_S, unless it meets another obstacle
@@ -136,7 +136,7 @@ class Outcome:
     tilt_deg: float  # true
     ratio: float  # worst test ratio of the GPS velocity (ESTIMATOR_STATUS)
     resets: int
-    clipped: int  # samples of 1 ms beyond the accelerometer's range, counted for each axis
+    clipped: int  # accelerometer readings beyond the range, every 1 ms; the counts of the three axes are added
     crashed: bool
     left_m: float  # distance backed off, measured until AWAY_M is reached or another obstacle is hit
     met_another: bool  # the vehicle backed off into another obstacle
@@ -220,7 +220,7 @@ def between_axes_deg(first: NDArray[np.float64], second: NDArray[np.float64]) ->
 
 
 class BackOffStart(NamedTuple):
-    """The state when the vehicle begins to back off: place, count of hits, number of the last obstacle."""
+    """The state when the vehicle begins to back off: place, count of hits, number of the obstacle hit last."""
 
     position_ned: NDArray[np.float64]  # m
     hits: int

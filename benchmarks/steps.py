@@ -7,10 +7,10 @@ average these out. Rise: time from 10 to 90 % of the step. Overshoot: in % of th
 the step and the mean response of the last three seconds, in % of the step.
 
 The hold error is the largest horizontal distance between the estimate and the setpoint in a minute of hover in still
-air. Control can remove only this part of the error, because it does not know the error of the estimate. The drift is
-the largest true distance from the start, horizontal (caused by the GPS receiver) and vertical (caused by the
-barometer). The table shows the hold error and the horizontal drift as the median of the five flights, and the largest
-drift in brackets. `--short` flies one airframe once and only checks that everything runs.
+air. It is the error of control alone, without the error of the estimate, which control cannot see. The drift is the
+largest true distance from the start, horizontal (caused by the GPS receiver) and vertical (caused by the barometer).
+The table shows the hold error and the horizontal drift as the median of the five flights, and the largest drift in
+brackets. `--short` flies one airframe once and only checks that everything runs.
 """
 
 import json

@@ -61,16 +61,16 @@ CONTROL_STATE = np.dtype(
         ("time_us", "i8"),  # time of the newest inertial sample
         ("outer_time_us", "i8"),  # when the position and velocity loops last ran
         ("attitude_time_us", "i8"),
-        ("kind", "i8"),  # setpoint kind of the last tick
+        ("kind", "i8"),  # kind of the setpoint in the last step
         ("velocity_reference", "f8", (3,)),  # m/s, smoothed velocity setpoint
         ("acceleration_reference", "f8", (3,)),  # m/s², derivative of velocity_reference
         ("velocity_expected", "f8", (3,)),  # m/s, velocity of a vehicle that follows the reference with velocity_lag
         ("acceleration_expected", "f8", (3,)),  # m/s², derivative of velocity_expected
         ("velocity_integral", "f8", (3,)),  # m/s²
-        ("free_integral", "f8", (3,)),  # m/s², velocity_integral, filtered while the velocity error was small
+        ("free_integral", "f8", (3,)),  # m/s², smoothed velocity_integral; follows it while the velocity error is small
         ("tried_integral", "f8", (3,)),  # m/s², velocity_integral before the latest increase, which is being tested
         ("tried_error", "f8"),  # m/s, velocity error before that increase
-        ("blocked_s", "f8"),  # s since an obstacle was detected; 0: there is none
+        ("blocked_s", "f8"),  # s since an obstacle was hit (starts at FIRST_S if detected without a knock); 0: none
         ("blocked_way", "f8", (3,)),  # unit vector, NED, direction of the push against the obstacle
         ("unexplained", "f8", (6,)),  # m/s², rad/s², FRD, accelerations that the rotors do not explain, filtered
         ("unexplained_slow", "f8", (6,)),  # the slow part of `unexplained`, such as wind
@@ -103,8 +103,8 @@ class GainField:
     field: str
     axes: tuple[int, ...] = ()  # elements of a vector field; empty for a scalar
     factor: float = 1.0  # from PX4's unit to the record's
-    least: float = 0.0  # PX4's unit
-    most: float = math.inf
+    least: float = 0.0  # smallest allowed value, in PX4's unit
+    most: float = math.inf  # largest allowed value, in PX4's unit
 
 
 _DEG = math.radians(1.0)

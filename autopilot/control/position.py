@@ -86,14 +86,14 @@ TRIM_S = 2.0  # s, time constant of `free_integral`, the smoothed integral witho
 TEST_STEP = 0.8  # m/s²; after the integral has grown this much, the change of the velocity error is checked
 ERROR_DROP = 0.05  # m/s; if the error drops less in the second half of that growth, an obstacle is the cause
 BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s; a vehicle that moves faster, against or along its push, is not blocked
-DESCENDS = 0.2  # m/s, NED; a faster demand is a descent
+DESCENDS = 0.2  # m/s; a greater expected downward velocity is a descent
 SIDEWAYS_SPEED = 0.3  # m/s; with a faster horizontal demand, the object under the vehicle is an obstacle, not ground
 INITIAL_PUSH_LIMIT, FIRST_S = 2.5, 2.0  # m/s², s: first limit of the P term against an obstacle, and its duration
 LASTING_PUSH_LIMIT = 1.0  # m/s², the limit after that
-BLOCKED_S = 3.0  # s, after which the integral may grow again, because the cause may have been a gust
+BLOCKED_S = 3.0  # s of contact after which the integral may grow again, because the cause may have been a gust
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
 KNOCK = 8.0  # m/s²; a larger sudden unexplained acceleration is a knock; wind of 10 m/s: 3.3 (X500), 6.1 (30 g drone)
-KNOCK_TORQUE = 0.15  # as KNOCK for torque; fraction of the largest pitch torque; wind of 10 m/s: 0.06, 0.08
+KNOCK_TORQUE = 0.15  # KNOCK for torque, as a fraction of full pitch torque; in the same wind 0.06 (X500), 0.08 (small)
 # s, time constants of the band-pass for knocks: above a gust's frequency, up to 10 Hz
 KNOCK_S, GUST_S = 0.016, 0.3
 TOUCHED_S = 1.0  # s after a knock, during which the vehicle is assumed to touch the obstacle
@@ -341,7 +341,7 @@ def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: flo
             tried[i] = total[i]
         state.tried_error = size
     elif grown < 0.5 * TEST_STEP:
-        state.tried_error = size  # last set at half of the growth, when the rebound has ended
+        state.tried_error = size  # kept from half of the growth on, when the rebound has ended
     elif grown >= TEST_STEP:
         for i in range(axes):
             tried[i] = total[i]

@@ -23,7 +23,7 @@ FULL_SCALE = 0.98 * 16.0 * GRAVITY  # m/s², of an accelerometer with ±16 g; a 
 STILL_PERIOD_US = 100_000
 STILL_NOISE_GROUND = 0.1  # m/s; without fixes, zero velocity is fused with this noise on the ground
 SHOCK_SPEED = 3.0  # m/s, standard deviation of the velocity after an impact (a sample of at least `accel_clip`)
-STILL_NOISE_AIR = 10.0  # m/s, noise of zero velocity in the air, which only keeps the tilt error bounded
+STILL_NOISE_AIR = 10.0  # m/s, as STILL_NOISE_GROUND in the air; so large that it only keeps the tilt error bounded
 
 
 @njit(cache=True)

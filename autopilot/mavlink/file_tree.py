@@ -9,7 +9,8 @@ Clients cannot leave the card and the log folder, neither with `..` nor through 
 files are limited.
 
 To read the parameters, MAVProxy and pymavlink request param.pck first. Source of the format: ArduPilot, AP_Filesystem
-documentation. A record has type, name and value. The name omits the first letters that the previous name has too.
+documentation. A record of this file has type, name and value. The name omits the first letters that the previous name
+has too.
 
 A session is a file that a client holds open. The last answer to each client is kept, to send it again if it was lost.
 """
@@ -229,8 +230,8 @@ def _segments(name: bytes) -> tuple[str, ...]:
     return LOGS + segments[1:] if segments[:1] == (LOGS_ANYWHERE,) else segments
 
 
-MOST = 16  # most open sessions
-IDLE_US = 30_000_000  # µs; an unused session of this age is closed if another needs room
+MOST = 16  # largest number of open sessions
+IDLE_US = 30_000_000  # µs; a session that was unused for this time may be closed to make room for another
 REMEMBERED = 32  # clients whose last answer is kept
 
 Client = Hashable  # a port and the sender's ids

@@ -213,7 +213,7 @@ class Campaign:
 
 
 def _in_order(runs: Sequence[OpenRun], retry: bool) -> Iterator[tuple[OpenRun, str]]:
-    """Yield the remaining flights, run after run. Runs with the same `beside` take turns, episode by episode."""
+    """Yield the remaining flights, run after run. Runs with the same label `beside` take turns after each episode."""
     groups: dict[str, list[OpenRun]] = {}
     for run in runs:
         groups.setdefault(f"beside {run.entry.beside}" if run.entry.beside else f"run {run.entry.name}", []).append(run)

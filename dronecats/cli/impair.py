@@ -8,7 +8,7 @@ from foundation.errors import UsageError
 from hil.impairment import Impairment
 
 DIRECTIONS = "A both ways, or A,B: A towards the autopilot and B from it"
-QUANTITIES: dict[str, DeclaredNumber] = {  # field of Impairment → bounds of its option; baud 0: no limit
+QUANTITIES: dict[str, DeclaredNumber] = {  # field of Impairment → the option that sets it; --baud 0: no limit
     name: field.quantity for name, field in declarations(Impairment).items() if field.quantity
 }
 

@@ -89,7 +89,7 @@ class Judged:
     """The verdict of an episode folder, compared with its other files."""
 
     verdict: Verdict
-    stored: Comparison | None  # comparison with verdict.json; None: no such file, or another radius or cap
+    stored: Comparison | None  # comparison with verdict.json; None: no such file, or another radius or time limit
     contradictions: tuple[str, ...]  # sentences about contradictions in the logs
 
     @property

@@ -80,7 +80,7 @@ class Leg:
         return (north + self.velocity_ned[0] * seconds, east + self.velocity_ned[1] * seconds, down)
 
     def fade(self, now_s: float) -> float:
-        """Return the flown share of the full pace at a time, 1 … 0."""
+        """Return the factor on the full pace at a time, from 1 down to 0."""
         if now_s <= self.due_s:
             return 1.0
         return max(0.0, (self.ends_s - now_s) / (self.ends_s - self.due_s))

@@ -72,7 +72,7 @@ class EpisodeRecorder:
         raise NotImplementedError
 
     def end(self, reason: str, error: str | None = None) -> None:
-        """Write the end of the episode, once. `reason` is cap, decided, interrupted or error."""
+        """Write the end of the episode, once. `reason` is a reason of `foundation.run_folder.rows.End`."""
         if self._t0_us is not None:
             self._rows.write(End(t=self._t(self._time_us), reason=reason, error=error))
             self._t0_us = None

@@ -34,7 +34,7 @@ EVERYTHING = Authority()  # the default permissions: arm, move the vehicle, and 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeEnd:
-    reason: str  # cap, decided, budget, rejected, interrupted, takeover, error
+    reason: str  # cap (time limit reached), decided, budget, rejected, interrupted, takeover, error
     error: DronecatsError | None
     sim_seconds: float
     wall_seconds: float
@@ -86,7 +86,7 @@ def fly(
             if link.limits and (warning := unwatched(link.state, link.limits)):
                 notify(f"      envelope: {warning}")
         agent = _begin(stage, make_agent, folder, log, prompts, on_step, check, cap_s, seed, pictures)
-        began_s = time.monotonic()  # the results contain the flight's wall time
+        began_s = time.monotonic()  # for `wall_seconds`
         agent.fly(cap_s, watch.decided)
         reason = "decided" if watch.success else "cap"
     except KeyboardInterrupt:

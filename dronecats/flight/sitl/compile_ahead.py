@@ -35,7 +35,7 @@ def should_compile_in_parallel() -> bool:
 
 
 def compile_notice() -> str:
-    """Return the end of a message "loading …": how long this run compiles; empty if it does not."""
+    """Return a note that this run compiles, and for how long, to append to a message; empty if all is compiled."""
     return "" if is_compiled() else "; the first run compiles them, which takes about half a minute"
 
 

@@ -44,7 +44,7 @@ from vehicles.wind import Wind
 
 STEP_US = 1_000  # period of plant and inner loop
 TICK_US = 10_000  # period of commander and MAVLink
-FINER_US = (5_000, 2_000)  # steps within a tick if the fastest stream has up to 200 or 500 Hz; if it is faster, STEP_US
+FINER_US = (5_000, 2_000)  # steps within a tick for a telemetry stream of up to 200, up to 500 Hz; faster: STEP_US
 TRUTH_US = 20_000  # period at which the truth is published, 50 Hz
 
 
@@ -56,7 +56,7 @@ class Tap:
         self._queue = bytearray()
 
     def take(self) -> bytes:
-        """Return the bytes that the other subscribers published since the last call."""
+        """Return the bytes that were published since the last call, except those of this subscriber."""
         if not self._queue:
             return b""
         data = bytes(self._queue)
@@ -101,7 +101,7 @@ class BootPose:
 
 
 class Physics(TypedDict, total=False):
-    """Arguments of `Vehicle` for its plant. The defaults of `Multirotor` apply, and no payload."""
+    """Arguments of `Vehicle` for its plant. Absent ones have the defaults of `Multirotor`, and a payload of 0 kg."""
 
     seed: Required[int]  # seeds all random values of the vehicle
     origin: Required[Origin]

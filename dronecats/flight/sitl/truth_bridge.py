@@ -1,6 +1,7 @@
 """Publishes the true poses of a vehicle that an external simulator moves, transformed onto an episode's map.
 
-The poses go to a truth bus (UDP). Camera, logger and oracle read it like the truth bus of the project's simulator.
+The poses go to a truth bus (UDP). Camera, logger and the oracle (a pilot that knows the truth) read it like the truth
+bus of the project's simulator.
 """
 
 import math

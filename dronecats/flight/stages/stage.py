@@ -1,7 +1,7 @@
 """Defines the interface of a stage (the environment of an episode) and the common parts of simulated stages.
 
-Disturbances of links, setpoint rate, air and sensors begin with the episode, so the takeoff is the same at every level
-of a study. The disturbances of links end before the landing. A payload is a disturbance too, but it acts from boot.
+Disturbances of links, setpoint rate, air and sensors begin with the episode, so they do not change the take-off. The
+disturbances of links end before the landing. A payload is a disturbance too, but it acts from boot.
 """
 
 import math

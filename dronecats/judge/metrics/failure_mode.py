@@ -45,16 +45,16 @@ MODES: dict[FailureMode, str] = {  # in the order of precedence
     "never closed": "less than 30 % of the start distance was closed",
     "timed out": "none of these",
 }
-HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # half of the camera's field of view; least share of steps with the target ahead
-WANDERED, TURNED_DEG = 8.0, 720.0  # "oscillated": path over net displacement; accumulated yaw
-CLOSED = 0.30  # least closed share of the start distance
+HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # half of the field of view; "never grounded": target ahead in a smaller share
+WANDERED, TURNED_DEG = 8.0, 720.0  # "oscillated": least ratio of path to net displacement; least sum of yaw changes
+CLOSED = 0.30  # "never closed": a smaller share of the start distance was closed
 STUCK_M = 5.0  # m of track; a drone with less did not move
 STEP_M = 0.5  # m, least movement that counts: above the drift in a hover, below half of the shortest stride
 
 
 @dataclass(frozen=True, slots=True)
 class Wandering:
-    """Lengths and turns of one drone's trace within the cap."""
+    """Lengths and turns of one drone's trace within the cap (the time limit of the episode)."""
 
     path_m: float  # m, along the poses
     net_m: float  # m, from the first pose to the last

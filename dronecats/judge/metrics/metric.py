@@ -37,7 +37,7 @@ class Metric:
 
 
 def per_step(value: Callable[[FlightStep], MetricValue]) -> Callable[[JudgedFlight], list[MetricValue]]:
-    """Return the function that gives `value` of each decision of a flight; None for decisions after the cap."""
+    """Return the function that gives `value` of each decision of a flight; None after the time limit."""
     return lambda flight: [value(step) if step.counts else None for step in flight.steps]
 
 

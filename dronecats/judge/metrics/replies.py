@@ -29,7 +29,7 @@ def is_cut_off(decision: Decision) -> bool:
 
 
 def question_values(flight: JudgedFlight, field: str) -> list[MetricValue]:
-    """Return the value of a field for each decision; None after the cap, and for an unknown value.
+    """Return the value of a field for each decision; None after the cap (time limit), and for an unknown value.
 
     In a reply for several drones, only the first drone has the value; the others have None.
     """

@@ -43,7 +43,7 @@ class VisibleThing:
     kind: str
     depth_m: float  # along the optical axis, to the thing's middle
     right_m: float  # right of the optical axis
-    below_m: float  # the thing's foot below the camera
+    below_m: float  # height of the camera above the thing's foot
     box: tuple[int, int, int, int]  # px, left, top, right, bottom of the thing's pixels
     pixels: int  # number of visible pixels
     box_pixels: float  # px, area of the box around the complete thing
@@ -162,7 +162,7 @@ def _visible(ids: NDArray[np.int32], instances: list[Instance], eye: Vec3, yaw: 
 
 FIT_SEED, CHECK_SEED = 200, 900  # first seeds of the campuses to fit to, and of the campuses to check with
 SCENES, PICTURES, ROUNDS = 96, 28, 60  # defaults of the options with these names
-FIRST_SCENES, FIRST_ROUNDS = 8, 14  # size of the fit of the first network
+FIRST_SCENES, FIRST_ROUNDS = 8, 14  # campuses and rounds for the fit of the first network
 SHORT_PICTURES = 4
 CHECK_SCENES, CHECK_PICTURES = 4, 24
 

@@ -18,10 +18,10 @@ from foundation.protocol import BRAKE_M, FINISHED, GO, POINT_SPAN, RADIUS_M, STR
 DECLARED_SHARE = 1.3  # distance / start distance at the declaration; the paper's 2B model has 1.28 (Table "gap")
 _LONG_DEPTH_M = 6.0  # depth of a `go` that flies the longest stride
 _STILL_DEPTH_M = 0.5 * BRAKE_M  # depth of a `go` that does not move the drone
-_CLOSE_ENOUGH_M = 0.5 * STRIDE_MIN_M  # `declares_early` stops this near to its goal: strides have a least length
+_CLOSE_ENOUGH_M = 0.5 * STRIDE_MIN_M  # `declares_early` accepts this remainder of the way: strides have a least length
 _AHEAD_DEG = 8.0  # largest bearing of a point to which the pilot flies without turning first
 _STUCK_M = 0.3  # a stride that moves less has met an obstacle
-_ARRIVED_M = RADIUS_M - 0.5  # well inside the radius of success
+_ARRIVED_M = RADIUS_M - 0.5  # m from the target at which `never_declares` stops, well inside the radius of success
 _EDGE = 50.0  # 0–1000, distance of a point of `never_grounds` from the picture's edge
 _KEPT_OFF_M = 2.0 * RADIUS_M  # within this distance, `never_grounds` turns away from a target that is not in view
 

@@ -42,7 +42,7 @@ _EXPECTED_SCORE = 0.12  # at the expected place, this score is enough
 _EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # tolerances: fraction of the picture's width, log of the depth
 _EXPECTED_PREFERENCE = 3.0  # factor on the rank of a detection at the expected place
 _AREA_POWER = 0.3  # exponent of a patch's number of pixels in the rank; larger patches are preferred
-_HORIZON_SLACK = 0.05  # share of the width; patches with a foot higher above the middle are ignored
+_HORIZON_SLACK = 0.05  # fraction of the width; a patch whose foot is farther above the picture's middle is ignored
 
 
 class PatchNetwork(Network):

@@ -25,7 +25,7 @@ _WANDERS = 3  # strides to a new vantage point, each up to 3 m
 _OPEN = 0.62  # a direction is open if the sky covers at least this share above the horizon
 LEAVE_TURN_DEG = 88.0  # turn away from a wrong target, to bring it to the edge of the picture or out of it
 CLEARANCE_M = 0.9  # m, distance that the drone keeps from the nearest end of the thing
-CLOSER_STRIDE_M = 2.4  # m, longest stride after a wrong declaration; a target at 0.3 m/s moves less in that time
+CLOSER_STRIDE_M = 2.4  # m, longest stride after a wrong declaration; it gains on a target that moves at 0.3 m/s
 _MOST_DECLARATIONS = 3  # the pilot declares at most this often at one thing
 _REJECTED_WITHIN_M = 10.0  # m; after the turn, a thing farther away than this is not the wrong target
 

@@ -21,7 +21,7 @@ from foundation.run_folder.folder import comparable_versions
 from foundation.run_folder.reading import json_object, parse_row
 from foundation.run_folder.rows import EpisodeIdentity
 
-NOT_RECORDED = "not told"  # must not change, because archives have digests of it; WORDS has its text for people
+NOT_RECORDED = "not told"  # do not change: digests in archives include it. WORDS has the text for people
 WORDS = {
     NOT_RECORDED: "not recorded",
     "told": "recorded",
@@ -42,7 +42,7 @@ NAMES = {  # key of run.json → its name in a sentence
 # Fields of a flight that are not compared. The prompt is compared by its digest, the agent by its name, recorded
 # latencies by their policy
 IGNORED_FIELDS = ("seed", "episode", "record", "accounts", "prompt", "agent", "latency_trace", "keep_ulog")
-OPTIONAL_PREFIXES = ("the suite ", "the protocol's ")  # compared only if both runs have them
+OPTIONAL_PREFIXES = ("the suite ", "the protocol's ")  # names with this prefix: compared only if both runs have them
 DIGEST = re.compile(r"\b([0-9a-f]{8})[0-9a-f]{24,}\b")
 
 Identity = Mapping[str, frozenset[str]]  # name of a setting → its values in the run, mostly one
