@@ -245,7 +245,7 @@ class Watch:
     passed: dict[int, Pose] = field(default_factory=dict)  # the truth of the last second, by tick
     resetting: ResetWatch = field(default_factory=ResetWatch)
     target: NDArray[np.float64] | None = None  # commanded attitude in the last ATTITUDE_TARGET
-    believed: float = 0.0  # m/s, of the last LOCAL_POSITION_NED
+    believed: float = 0.0  # m/s, speed in the last LOCAL_POSITION_NED
     touched: int = 0  # tick of the first contact
     hit: int = 0  # tick of the last hit
     hits_seen: int = 0

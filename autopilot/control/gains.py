@@ -1,4 +1,4 @@
-"""The records of the control loops, and their gains and limits under PX4's names and units.
+"""The records of the control loops. `read` and `write` access gains and limits by PX4's names and units.
 
 CONTROL_PARAMS holds the gains and limits. CONTROL_STATE holds the values that the loops keep from one step to the next;
 a step is one millisecond.

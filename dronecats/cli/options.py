@@ -1,8 +1,8 @@
 """Declares the options that several verbs share, and the options of browser pages.
 
-An `Option` defines the command-line option, the key of the same name in benchmark and study files, and the vehicle that
-it applies to. `dronecats/flight/spec/disturbances.py` declares the disturbances. An option that is not given has no
-value, so that a file or a recorded flight can set it.
+An `Option` defines the command-line option, the key of the same name in benchmark and study files, and whether it
+applies to simulated or connected vehicles. `dronecats/flight/spec/disturbances.py` declares the disturbances. An option
+that is not given has no value, so that a file or a recorded flight can set it.
 """
 
 import argparse

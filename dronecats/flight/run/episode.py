@@ -59,9 +59,9 @@ def fly(
 ) -> EpisodeEnd:
     """Fly the drones of a stage (vehicles, camera and logger) to their start poses, let an agent fly, and land.
 
-    With `full`, the flight lasts until `cap_s` even after a success. `pictures` injects picture faults. `true_start`
-    raises if the episode may not begin. `check` is called at every tick, besides the stage's own check. It raises if a
-    part that the agent needs is gone. Errors in flight are not raised: `EpisodeEnd` has them.
+    With `full`, the flight lasts until `cap_s` even after a success. `pictures` injects picture faults. The checks of
+    `true_start` raise if the episode may not begin. `check` is called at every tick, besides the stage's own check. It
+    raises if a part that the agent needs is gone. Errors in flight are not raised: `EpisodeEnd` has them.
     """
     log, prompts = LineLog(folder / layout.DECISIONS), PromptLog(folder / layout.PROMPTS)
     agent: Agent | None = None

@@ -1,8 +1,8 @@
 """Writes one flight as a Rerun recording with its blueprint (viewer layout). Needs the extra `rerun`.
 
-The timeline `episode` begins with the episode. The entity `world` is ENU. `world/drone_0` is the body (FLU) at its
-estimated pose, and `world/judge/drone_0` is the body at its true pose. `…/camera` is right-down-forward. `map` has
-geodetic positions.
+The timeline `episode` begins with the episode. The entity `world` has ENU axes. `world/drone_0` is the body (FLU) at
+its estimated pose, and `world/judge/drone_0` is the body at its true pose. `…/camera` has right-down-forward axes.
+`map` has geodetic positions.
 """
 
 from pathlib import Path

@@ -156,7 +156,7 @@ def _agent(entry: Verification) -> str:
 
 
 def _by_one_agent(entries: Sequence[Verification], by: str) -> list[str]:
-    """Return a table per suite for this benchmark version, then for earlier versions; last, a table of partial entries."""
+    """Return a table per suite for this benchmark version, then for earlier versions; last, the partial entries."""
     complete = [entry for entry in entries if entry.suite in SUITE_TITLES and not entry.partial]
     tables = []
     for is_present, when in ((True, ""), (False, f", version {VERSION - 1} or earlier")):
