@@ -77,6 +77,7 @@ class Link(Conversation):
         self._leaving: tuple[str, ...] = ()  # earlier modes, accepted until OVERTAKEN_US after `_obeyed_us`
         self._obeyed_us = 0  # µs, vehicle clock when telemetry first showed an expected mode; 0: not yet
         self._taken_by: str | None = None
+        self._overridden = False  # whether a mode that we ordered is still requested, despite the takeover
         self.simulated = simulated
         self.failsafe = ""  # what PX4 does in Offboard when setpoints stop, in words; empty: unknown
         self._strayed_us = 0  # µs, when a simulated vehicle entered a mode that we did not order
@@ -186,6 +187,7 @@ class Link(Conversation):
         if believed or (self._expected and mode not in (*self._expected, *self._leaving)):
             if self.simulated and self._is_failsafe(disarmed):
                 return
+            self._overridden = self.state.overridden_mode in self._expected
             self._taken_by, self._offboard, self._expected = "disarmed" if disarmed else mode, False, ()
             self._stream.stop()
         else:
@@ -227,7 +229,9 @@ class Link(Conversation):
         change = "disarmed" if self._taken_by == "disarmed" else f"switched to {self._taken_by}"
         texts = self.texts.since(self.time_us - CAUSE_US)
         words = f"; the autopilot said: {texts}" if texts else ""
-        failsafe = self.state.system_status >= dialect.MAV_STATE_CRITICAL or "failsafe" in texts.lower()
+        # only the heartbeat, once a second, has the status; CURRENT_MODE with the overridden mode comes earlier
+        critical = self.state.system_status >= dialect.MAV_STATE_CRITICAL
+        failsafe = critical or self._overridden or "failsafe" in texts.lower()
         cause = "by its own failsafe" if failsafe else "by a person or program, which controls it now"
         return TakeoverError(f"the vehicle was {change} {cause}{words}")
 

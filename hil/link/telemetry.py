@@ -149,6 +149,7 @@ class VehicleState(NamedTuple):
 
     armed: bool = False
     mode: str = ""
+    overridden_mode: str = ""  # requested mode, while a failsafe has activated `mode` instead; else empty
     mode_us: int = 0  # µs, vehicle clock at the last message with the mode
     heartbeat_us: int = 0  # µs, vehicle clock at the last heartbeat
     system_status: int = 0
@@ -223,15 +224,23 @@ def update(
                 attitude_us=time_us,
             )
         case dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            mode = mode_name(message.custom_mode)
             return state._replace(
                 armed=bool(message.base_mode & 128),
-                mode=mode_name(message.custom_mode),
+                mode=mode,
+                overridden_mode=state.overridden_mode if mode == state.mode else "",
                 mode_us=received_us,
                 heartbeat_us=received_us,
                 system_status=message.system_status,
             )
         case dialect.MAVLINK_MSG_ID_CURRENT_MODE:
-            return state._replace(mode=mode_name(message.custom_mode), mode_us=received_us)
+            intended = message.intended_custom_mode  # 0: not supported
+            overridden = intended not in (0, message.custom_mode)
+            return state._replace(
+                mode=mode_name(message.custom_mode),
+                mode_us=received_us,
+                overridden_mode=mode_name(intended) if overridden else "",
+            )
         case dialect.MAVLINK_MSG_ID_SYS_STATUS:
             health = message.onboard_control_sensors_health
             return state._replace(

@@ -231,6 +231,28 @@ def test_a_failsafe_of_a_real_vehicle_ends_the_flight_and_is_reported_as_a_fails
         link.wait(2.0)
 
 
+@pytest.mark.parametrize(("intended", "whose"), [("OFFBOARD", "failsafe"), ("LAND", "person"), (None, "person")])
+def test_current_mode_shows_a_failsafe_before_the_next_heartbeat(vehicle, intended, whose):
+    """PX4 keeps the intended mode in a failsafe. An autopilot that does not know it sends 0."""
+    link = flying(vehicle)
+    vehicle.mode = "LAND"
+    requested = MODES[intended].custom_mode if intended else 0
+    vehicle.say(dialect.MAVLink_current_mode_message(0, MODES["LAND"].custom_mode, requested))
+    with pytest.raises(TakeoverError, match=f"LAND.*{whose}"):
+        link.wait(0.1)
+
+
+def test_a_heartbeat_with_a_new_mode_ends_an_overridden_mode(vehicle):
+    link = flying(vehicle, simulated=True)
+    vehicle.mode, vehicle.system_status = "LAND", 5
+    vehicle.say(dialect.MAVLink_current_mode_message(0, MODES["LAND"].custom_mode, MODES["OFFBOARD"].custom_mode))
+    link.wait(2.0)
+    assert link.state.overridden_mode == "OFFBOARD"
+    vehicle.mode, vehicle.system_status = "OFFBOARD", 4
+    link.wait(2.0)
+    assert link.state.overridden_mode == ""
+
+
 @pytest.mark.parametrize(("before_s", "whose"), [(0.1, "failsafe"), (20.0, "person")])
 def test_old_status_texts_do_not_explain_a_mode_change(vehicle, before_s, whose):
     link = flying(vehicle)
