@@ -304,8 +304,8 @@ def tables(findings: LoadFindings) -> list[ReportTable]:
     lines = [_mark_cells("other verdict", findings.of_verdicts)]
     if findings.idle_error_m is not None:
         case = (
-            f"NE differs from the reference by more than {findings.idle_error_m:.2f} m, the largest difference in real"
-            f" time with {findings.rows[0].busy} busy processes"
+            f"NE differs from the reference by more than {findings.idle_error_m:.2f} m. This threshold is the largest"
+            f" difference with {findings.rows[0].busy} busy processes"
         )
         lines.append(_mark_cells(case, findings.of_errors))
     return [table_of(levels, rows), table_of(marks, lines)]

@@ -31,7 +31,7 @@ class QuestionTimes:
     failed_s: float  # time of waits for the rate limit, failed attempts, and the pauses after them
     model_s: float  # time from request to answer, only of the attempt that was answered
     parse_s: float  # time from the reply to the controller's setpoint
-    tick_s: float  # sum of three waits for the agent's next tick: after picture, after reply, after setpoint
+    tick_s: float  # sum of three waits for the agent's next tick: of the picture, the reply and the computed setpoint
     step_s: float  # time from the request of the picture to the ready setpoint: the sum of all times above except age_s
     latency_s: float  # encode_s + model_s + parse_s: a simulation uses this latency and adds its own ticks
     rate_hz: float | None  # Hz, 1 / vehicle time since the previous decision; None: the first question

@@ -201,8 +201,8 @@ An example works if it prints every expected line, prints no error and ends with
 interrupted after their last expected line. If the example flies, the vehicle must climb and must not collide. Each
 example runs with a new simulator in real time, over an open field.
 
-In the column *expected*, *core* means more important for users of PX4 than *yes*. The seconds are the running
-time of the script.
+The column *expected* rates how important an example is for users of PX4: *core* is more important than *yes*. The
+seconds are the running time of the script.
 
 | example | plugins | expected | outcome | seconds | note |
 | --- | --- | --- | --- | --- | --- |
