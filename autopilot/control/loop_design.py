@@ -61,7 +61,7 @@ class Gains:
     velocity_i: Vec3  # m/s² per m
     velocity_d: Vec3  # m/s² per m/s²
     position_p: Vec3  # 1/s
-    velocity_lag: Vec3  # s, lag of the acceleration behind its setpoint
+    velocity_lag: Vec3  # s, lag of the acceleration behind its setpoint, and so of the velocity behind its reference
     yaw_lag: float  # s, lag of the yaw rate behind its setpoint
     gyro_cutoff_hz: float
     gyro_derivative_cutoff_hz: float
@@ -87,9 +87,10 @@ def hover_thrust(airframe: Airframe) -> float:
 
 
 def yaw_lead(airframe: Airframe) -> float:
-    """Return the lead (s) of the yaw torque: a rotor's inertia adds torque to its drag while its speed changes.
+    """Return the time (s) by which the yaw torque leads the rotor speed.
 
-    Near hover the torque per rotor speed is 2 kq ω + J s, so the lead is J / (2 kq ω).
+    The torque is a rotor's drag plus, while its speed changes, the torque that accelerates its inertia J. Near hover
+    the torque per rotor speed is 2 kq ω + J s, so the lead is J / (2 kq ω).
     """
     speed = airframe.curve.speed_max * math.sqrt(hover_thrust(airframe))
     return airframe.curve.inertia / (2.0 * airframe.curve.torque_coefficient * speed)
@@ -134,8 +135,10 @@ def velocity_loop(p: float, i: float, d: float, inner: Response) -> Response:
 def position_loop(p: float, velocity: Response, inner: Response, expected: float) -> Response:
     """Return L(s) of a position P. Inside it are the smoothing of the velocity setpoint, and the velocity loop.
 
-    The smoothed reference r gives the feed-forward s r. The feedback controller C gets r / (T s + 1), where T is
-    `expected` (s). With G = `inner` and L = C G / s, the velocity is (G + L / (T s + 1)) / (1 + L) r.
+    G = `inner` produces the acceleration. Its setpoint is the sum of two parts. The feed-forward is s r, the derivative
+    of the smoothed velocity setpoint r. The feedback is the output of the controller C, whose input is the expected
+    velocity r / (T s + 1) minus the velocity. T is `expected` (s). With L = C G / s, the velocity is
+    (G + L / (T s + 1)) / (1 + L) r.
     """
     smoothing, late = lag(1.0 / RESPONSE), lag(expected)
     return lambda s: (

@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class HostPace:
-    """The wall clock that paces the vehicle's clock. Its watches measure how far the vehicle's clock lags behind.
+    """The wall clock that paces the vehicle's clock. Each HostWatch measures how far the vehicle's clock falls behind.
 
     A delay of the host computer must not count as a delay of the model (paper, "Throughput sensitivity"). Only flights
     in real time have a HostPace; in lockstep, the vehicle's clock waits for the host.
@@ -60,7 +60,10 @@ class HostWatch:
         self._waited_s = 0.0
 
     def late(self, late_s: float) -> None:
-        """Take the lateness of the vehicle's clock (s, plus an unknown constant). The lag is the growth of `late_s`."""
+        """Update the lag with `late_s`: wall time × speed, minus vehicle time (s, plus an unknown constant).
+
+        The lag since the last `take` is the largest rise of `late_s` above an earlier value.
+        """
         self._least_s, self._newest_s = min(self._least_s, late_s), late_s
         self._lag_s = max(self._lag_s, late_s - self._least_s)
 

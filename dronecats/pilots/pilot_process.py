@@ -31,7 +31,7 @@ class PilotPart:
         return None
 
     def turn(self) -> None:
-        time.sleep(0.05)  # the server has its own thread; this thread waits for the parent
+        time.sleep(0.05)  # the server runs in its own thread; this thread only polls for the parent's commands
 
     def close(self) -> None:
         self._server.close()

@@ -317,8 +317,8 @@ OF_TABLES = {  # table → name and function of its figure
 def draw(data: ReportData, tables: Sequence[ReportTable], out: Path) -> dict[str, Path]:
     """Draw the figures as SVG, PDF and PNG; return the paths of the PNGs by table name or GRID.
 
-    Figures of an earlier report in `out` that this report does not draw are removed. Raises InfrastructureError if a
-    figure cannot be written or removed.
+    If an earlier report left figures in `out` that this report does not have, remove them. Raises InfrastructureError
+    if a figure cannot be written or removed.
     """
     drawn = {}
     with styled():

@@ -31,7 +31,11 @@ class Fleet:
     def __init__(
         self, starts: tuple[StartPose, ...], first_id: int, shape: Outline = X500, count: int | None = None
     ) -> None:
-        """Drone k has the id `first_id` + k in the id image. `count`: number of drones, None for one per start."""
+        """Drone k has the id `first_id` + k in the id image. `count`: number of drones to draw; None: one per start.
+
+        If `count` exceeds the number of starts, the additional drones have the last start. If it is smaller, only the
+        first `count` starts are drawn.
+        """
         self.starts = tuple(hovering(start) for start in starts)
         all_starts = (*starts, *[starts[-1]] * ((count or 0) - len(starts)))[:count]
         self.instances: tuple[Instance, ...] = ()

@@ -30,7 +30,7 @@ Role = Literal["pilot", "commander"]
 class LoggedReply:
     """One reply in the log. None stands for a value that the log does not have."""
 
-    step: int  # number of the question, from 0, among the questions whose first drone is `drone`
+    step: int  # number of the question, from 0; each first drone has its own count
     drone: int  # first drone of the question
     reply: str
     latency_s: float = 0.0  # s of vehicle time
@@ -50,7 +50,7 @@ class FlightRecording:
 
     flight: str  # name of the episode folder
     steps: tuple[LoggedReply, ...]
-    to_the_cap: bool  # the flight lasted to the end of the episode, so a missing reply came too late
+    to_the_cap: bool  # the flight lasted until its time limit, which may have come before the reply to an open question
     decided_by: tuple[Role, int] | None = None  # role and first drone of the question whose reply ended the flight
     ended: str | None = None  # the reason in the End row of the flight's log; None: no such row
     commander: str | None = None  # name of the commander; None: there was none

@@ -42,7 +42,10 @@ def orders_schema(drones: int) -> dict[str, Any]:
 
 
 def known_part(schema: Any, unknown: Collection[str]) -> Any:
-    """Return a schema without the keywords that a server does not support; the parser checks their conditions."""
+    """Return a schema without the keywords in `unknown`, which a server does not support.
+
+    The server then does not check the conditions of these keywords. The parser of replies does.
+    """
     if isinstance(schema, dict):
         return {key: known_part(value, unknown) for key, value in schema.items() if key not in unknown}
     return [known_part(value, unknown) for value in schema] if isinstance(schema, list) else schema

@@ -1,4 +1,7 @@
-"""Legs: a leg is the flight to a place that may move, without a stop and for a limited time. Pure functions."""
+"""Plans and steers legs. A leg is the flight to a goal that may move. All functions are pure.
+
+The drone does not stop to wait for the next decision. Without a new decision, the leg ends after a limited time.
+"""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +16,7 @@ from foundation.setpoints import PicturePose, Velocity
 
 @dataclass(frozen=True, slots=True)
 class SeenPlace:
-    """The place that a go points at, and the share of the way to it that may be flown before the next picture."""
+    """The place that a go points at, and how much of the way to it the drone may fly before the next picture."""
 
     from_ned: Vec3  # m, local frame, position of the vehicle at capture
     lens_ned: Vec3  # m, local frame, position of the optical centre at capture
@@ -32,7 +35,9 @@ def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
     north, east, down = rotate(axes, (forward, right, -up))
     lens = camera_pose(sight.position_ned, body, camera).position_ned
     ahead = math.hypot(north, east)
-    # level in the picture (a pilot that wants no climb points at its middle row), or level in space
+    # The drone keeps its height if the climb is small in the axes of `displacement`, or in NED. The first test serves a
+    # pilot that wants no climb and points at the middle row. Without camera pitch, the climb is 0 in these axes even if
+    # the vehicle is tilted.
     level = abs(up) < CLIMB_DEADBAND * math.hypot(right, forward) or abs(down) < CLIMB_DEADBAND * ahead
     place = (lens[0] + north, lens[1] + east, lens[2] + down)
     return SeenPlace(
@@ -43,9 +48,9 @@ def seen_place(go: Go, sight: PicturePose, camera: CameraModel) -> SeenPlace:
 def _reach(distance_m: float, depth_m: float) -> float:
     """Return the share of the way that a go may be flown before the next picture.
 
-    It is 0 below a depth of 2 m. From 2 to 5 m it gives the move of the paper's controller. From 5 m on the share is
-    constant: the permitted way is 3 m at a depth of 5 m, as in the paper, and grows with the depth. The next reply may
-    end the way earlier.
+    It is 0 below a depth of 2 m. From 2 to 5 m it gives the move of the paper's controller. From 5 m on it is 0.6. For
+    a place straight ahead at 5 m, this gives 3 m, as in the paper; at 10 m it gives 6 m. The next reply may end the
+    move earlier.
     """
     if depth_m < BRAKE_M:
         return 0.0
@@ -91,7 +96,7 @@ class Steered:
     """The setpoint of a leg at one tick."""
 
     setpoint: Velocity
-    seen: PicturePose  # pose at which the line of the setpoint begins
+    seen: PicturePose  # the setpoint's line: it starts at this position and has the direction `heading`
     valid_s: float  # s for which the setpoint is valid
 
 

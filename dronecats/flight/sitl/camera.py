@@ -48,7 +48,8 @@ from hil.link.transport import bind_error
 from vehicles import airframe as airframes
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
-# samples per pixel and axis of a reduced picture; a full picture has 2, but its pixels are half as wide
+# Samples per pixel, in each direction, of a picture rendered at the reduced size. Full size has 2, but at the default
+# camera's width of 1280 px its pixels are half as wide, so both have the same density of samples.
 GRAIN = 4
 DEPTHS_KEPT = 32  # number of newest frames whose depth pictures are kept
 STALE_S = 0.5  # s; body rates are not computed from samples that are farther apart in time
@@ -140,7 +141,11 @@ class WorldCamera:
     def _taken(
         self, drone: int, samples: tuple[TruthSample, dict[int, TruthSample]] | None, full: bool, depth: bool
     ) -> Frame:
-        """Return the frame at a drone's sample, given with the other drones' samples; announce the frame on the bus."""
+        """Render the frame of a drone, announce it on the truth bus, and return it.
+
+        `samples`: the drone's truth sample, and those of the other drones by number. None: no pose has arrived yet.
+        Raises CameraError like `newest`.
+        """
         if samples is None:
             raise CameraError(f"the camera has received no pose of drone {drone + 1}")
         if depth and (self._optics or not self._rendered):

@@ -23,7 +23,7 @@ def success_at_first(flight: JudgedFlight) -> bool | None:
 def declared_to_start(flight: JudgedFlight) -> float | None:
     """Return the distance at the first declaration that qualifies, divided by the start distance of the same drone.
 
-    If no declaration qualifies, the first declaration counts, because the metric is meant to show early declarations.
+    If no declaration qualifies, the first one counts: the metric also shows declarations made too far from the target.
     The paper defines the metric only for a declaration that qualifies.
     """
     made = flight.declarations

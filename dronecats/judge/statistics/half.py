@@ -30,7 +30,7 @@ from dronecats.judge.statistics.shares import CONFIDENCE
 
 Where = Literal["within", "between", "above all", "below all", "no slope"]
 PLACES = 17  # number of places, from the lowest to the highest level, at which the profile is computed
-# loss in 2 · log likelihood; a place that loses more is noticeably worse than the best
+# a place is noticeably worse than the best if its 2 · log likelihood is lower by more than this
 NOTICEABLE_LOSS = 1.0
 # The profile is flat (no place is best) if the range of places within EQUAL_LOSS is wider than this share of the range
 # within NOTICEABLE_LOSS. For a parabola the share is 0.1.

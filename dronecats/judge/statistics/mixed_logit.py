@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 REACH = 7.0  # range of z, to either side
 STEEPEST = 400.0  # largest absolute value of a coefficient, for columns scaled to at most 1
 WIDEST = 12.0  # bound of s; beyond it only the group determines the outcome
-EQUAL_LOSS = 0.01  # loss in 2 · log likelihood; a fit that loses less is as good as the best
+EQUAL_LOSS = 0.01  # a fit is as good as the best if its 2 · log likelihood is lower by less than this
 LEAST_PEAK = 1e-4  # the log likelihood has a peak if the least eigenvalue of its curvature is at least this
 
 
@@ -158,8 +158,9 @@ def _scale(design: Array) -> Array:
 def _nodes(trials: int) -> tuple[Array, Array]:
     """Return the nodes and weights of the integral over z, fine enough for groups with this number of trials.
 
-    As a function of s z, a group's likelihood is nowhere narrower than a normal curve with σ = 2 / √trials. Steps of
-    2 σ in s z resolve such a curve; s is at most WIDEST.
+    The integrand contains a group's likelihood as a function of s z. Each trial adds at most 1/4 to the curvature of
+    its negative log. So its peak is at least as wide as a normal curve with σ = 2 / √trials. Steps of 2 σ in s z
+    resolve such a curve; s is at most WIDEST.
     """
     step = min(0.1, 2 * 2 / math.sqrt(max(trials, 1)) / WIDEST)
     nodes = np.linspace(-REACH, REACH, 2 * math.ceil(REACH / step) + 1)

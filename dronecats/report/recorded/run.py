@@ -103,7 +103,7 @@ class RecordedRun:
 
 
 def recorded_run(folder: Path) -> RecordedRun:
-    """Return the run of a run folder, or the run of an episode folder with only that episode. Raises UsageError."""
+    """Return the run in a run folder. For an episode folder, the run has only this episode. Raises UsageError."""
     folders = episodes(folder)
     if not folders:
         raise UsageError(f"{folder} has no episode. Name a folder that has {layout.DECISIONS} and {layout.TRUTH}")
@@ -136,7 +136,7 @@ def recorded_runs(paths: Iterable[Path]) -> list[RecordedRun]:
 
 
 def _run_folders(folder: Path) -> list[Path]:
-    """Return the run folders in a folder and, one level deeper, in its folders that are not runs, sorted by path."""
+    """Return the run folders in a folder and in its subfolders, sorted by path. Does not search inside a run folder."""
     runs = {path.parent for path in folder.glob(f"*/{layout.RUN}")}
     deeper = {path.parent for path in folder.glob(f"*/*/{layout.RUN}")}
     return sorted(runs | {run for run in deeper if run.parent not in runs})

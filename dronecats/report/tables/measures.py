@@ -29,7 +29,10 @@ from episodes.records.record import CELLS
 
 
 def declarations(data: ReportData) -> ReportTable | None:
-    """Return success rates, and number and precision of declarations. False declarations do not affect `success`."""
+    """Return success rates, and number and precision of declarations.
+
+    A flight has `success` if one of its declarations qualifies, even if others are false.
+    """
     rates = {"success": "SR", "success_at_first": "SR₁", "success_within_three": "SR₃"}
     columns = [
         NAME,

@@ -23,7 +23,7 @@ from dronecats.study.report.findings import (
 )
 
 FACTORS_FEW = 4  # with more factors than this, the summary names only significant results
-PLACED = ("within", "between")  # values of HalfSuccess.where for a half-success level within the flown levels
+PLACED = ("within", "between")  # values of HalfSuccess.where if half success lies in the range of flown levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +167,7 @@ def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple
         rows = _against_reference(along, entrant, cell)
         significant = [row for row in rows if row.p_holm <= ALPHA]
         if significant:
-            nearest = min(significant, key=_distance)  # the first row if levels are words: then all distances are 0
+            nearest = min(significant, key=_distance)  # if levels are words, all distances are 0: the first row
             text = (
                 f"{subject}: {nearest.at.title} is the first level that differs significantly from {reference}:"
                 f" {_success_text(nearest)}; p {equals_p(nearest.p_holm)} after Holm's correction."

@@ -22,7 +22,8 @@ AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, POSITION_TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
 TEXT, LOCAL_POSITION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 HANDLED = STATE_MESSAGES | {POSITION_TARGET, TEXT}  # messages of an autopilot that change a drone's state
-KEPT = 3000  # truth frames kept per drone: a minute at 50 Hz, because `pose_at` needs the frame of an earlier picture
+# MAVLink frames of the truth bus kept per drone: 60 s at 50 Hz. `pose_at` looks up the pose of a past camera image.
+KEPT = 3000
 KEPT_ESTIMATES = 600  # poses estimated by the autopilot, per drone
 _TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
 
@@ -40,7 +41,7 @@ class WirePose:
 
 @dataclass(slots=True)
 class DroneFrames:
-    """The frames and the decoded state of one drone. Frames are decoded when they are needed."""
+    """The MAVLink frames and the decoded state of one drone. Frames are decoded when they are needed."""
 
     truths: deque[bytes] = field(default_factory=lambda: deque(maxlen=KEPT))  # frames of the truth bus
     estimates: deque[WirePose] = field(default_factory=lambda: deque(maxlen=KEPT_ESTIMATES))
@@ -121,7 +122,7 @@ class WireState:
         )
 
     def _drone_of(self, frame: bytes) -> DroneFrames:
-        """Return the drone that sent a frame. If the map is unknown, there is one drone, with any system id."""
+        """Return the drone that sent a MAVLink frame. If the map is unknown, every frame counts as from drone 0."""
         return self.drones.setdefault(0 if self._origin is None else frame[5] - 1, DroneFrames())
 
     def _truth(self, frame: bytes) -> WirePose | None:

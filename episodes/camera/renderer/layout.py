@@ -33,8 +33,8 @@ class Eye(NamedTuple):
     """The pose and the pinhole of a camera, for the kernels.
 
     The ray through (x, y) in px has the direction
-    `forward + (x - center_x) / focal · right + (y - center_y) / focal · down`. Its component along the optical axis is
-    1, so that planar depth · direction is the vector from the camera to a point.
+    `forward + (x - center_x) / focal · right + (y - center_y) / focal · down`. This direction is not a unit vector: its
+    component along the optical axis is 1. So direction × planar depth is the vector from the camera to a point.
     """
 
     position: Vec3  # m, NED, optical centre
@@ -75,11 +75,11 @@ class Triangles(NamedTuple):
     position: NDArray[np.float32]  # (T, 3, 3) m, NED, corners
     normal: NDArray[np.float32]  # (T, 3, 3) unit, NED, at the corners
     uv: NDArray[np.float32]  # (T, 3, 2)
-    face: NDArray[np.float32]  # (T, 3) unit, NED, normal on the side that sees the corners counter-clockwise
+    face: NDArray[np.float32]  # (T, 3) unit normal, NED; seen from its side, the corners run counter-clockwise
     flat: NDArray[np.bool_]  # (T,) whether the normals at the corners are equal
     material: NDArray[np.int32]  # (T,) row of Surfaces
     instance: NDArray[np.int32]  # (T,) the instance's id
-    plane: NDArray[np.int32]  # (T,) equal for triangles of one flat, uniform piece; edges between them are not smoothed
+    plane: NDArray[np.int32]  # (T,) number of the flat piece (`_flat_pieces`); edges inside a piece are not smoothed
     solid: NDArray[np.int8]  # (T,) 1: `face` points out of a closed surface; -1: into it; 0: the surface is open
     cutout: NDArray[np.int32]  # (T,) row of Cutouts; OPAQUE for a triangle without holes
     chunk_first: NDArray[np.int32]  # (C,) first triangle
@@ -88,7 +88,7 @@ class Triangles(NamedTuple):
     chunk_radius: NDArray[np.float64]  # (C,) m
     chunk_cut: NDArray[np.bool_]  # (C,) whether the chunk's triangles have textures with holes: all or none
     solid_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the surfaces that the chunk belongs to
-    solid_radius: NDArray[np.float64]  # (C,) m; outside the sphere, no back face of a closed surface is visible
+    solid_radius: NDArray[np.float64]  # (C,) m; from outside the sphere, a camera sees no back faces of closed surfaces
 
 
 BY_CHUNK = ("chunk_first", "chunk_count", "chunk_center", "chunk_radius", "chunk_cut", "solid_center", "solid_radius")
