@@ -14,7 +14,7 @@ DETECTION_RANGE_M = 300.0  # m; objects farther away do not count as seen
 GO, ROTATE, THINK, FINISHED = "go", "rotate", "think", "finished"  # names of the actions in replies and logs
 ACTIONS = (GO, ROTATE, THINK, FINISHED)  # add new ones at the end: logs of PX4 store their index
 ACTION_FIELDS = ("action", "point", "depth_m", "angle_deg")  # keys of a reply's JSON object; the action's name is first
-POINT_SPAN = 1000.0  # a point's x and y are 0 … 1000 across the picture, whatever its size
+POINT_SPAN = 1000.0  # a point's x and y are 0 … 1000 across a picture of any size
 
 # "Execution"; appendix "Execution"
 HISTORY_LENGTH = 5  # actions that the prompt shows

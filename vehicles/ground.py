@@ -8,7 +8,6 @@ rest stays at rest, in wind and on a slope. With friction that depends on veloci
 import math
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Quat, Vec3
@@ -34,12 +33,9 @@ CRASH_BODY = 1.0  # m/s, normal speed that breaks a propeller or the hull
 
 def peaks(terrain: HeightField, reach: float) -> Grid:
     """Return the highest ground (NED z, m, same shape as the grid) within `reach` (m) of each cell."""
-    cells = math.ceil(reach / terrain.cell_m) + 1
-    lowest = terrain.down
-    for axis in (0, 1):
-        around = [(cells, cells) if k == axis else (0, 0) for k in (0, 1)]
-        lowest = sliding_window_view(np.pad(lowest, around, "edge"), 2 * cells + 1, axis).min(axis=-1)
-    return np.ascontiguousarray(lowest)
+    from scipy.ndimage import minimum_filter  # slow to import; needed once per terrain
+
+    return np.ascontiguousarray(minimum_filter(terrain.down, size=2 * (math.ceil(reach / terrain.cell_m) + 1) + 1))
 
 
 @njit(cache=True)

@@ -60,15 +60,12 @@ def connected(a: NDArray[np.integer], b: NDArray[np.integer], count: int) -> NDA
     """Return (count,): the number of the connected part of a graph to which each point belongs.
 
     Edge k of the graph connects the points a[k] and b[k]. Parts are numbered from 0 in the order of their first points.
-    `scipy.sparse.csgraph` does the same, but its import takes a tenth of the time until a flight begins.
     """
-    root = np.arange(count)  # a point of the same part with an equal or smaller number
-    while (apart := root[a] != root[b]).any():
-        low, high = np.minimum(root[a], root[b])[apart], np.maximum(root[a], root[b])[apart]
-        np.minimum.at(root, high, low)
-        while (root[root] != root).any():
-            root = root[root]
-    return np.unique(root, return_inverse=True)[1]
+    from scipy.sparse import coo_array  # slow to import; undrawn flights on a kept map do not call this
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
+    return np.asarray(connected_components(links, directed=False)[1], np.int64)
 
 
 def gap_m(north: float, east: float, box: PlanBox) -> float:
