@@ -1,9 +1,8 @@
 """The protocol of engines, which fly the flights of a campaign, and the engine for one machine."""
 
 import math
-import queue
-import threading
 import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,8 @@ from dronecats.flight.processes.supervisor import ChildKind, ChildProcess
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import as_json
 from dronecats.judge.episode import write_verdict
-from foundation.errors import DronecatsError, InfrastructureError
+from foundation.errors import InfrastructureError
+from foundation.files import file_errors_as
 from foundation.machine import cores
 from foundation.run_folder import layout
 from foundation.run_folder.reading import result_of
@@ -66,8 +66,8 @@ class WorkerSlots:
 
     def __init__(self, jobs: int, workers: int) -> None:
         """`jobs`: most flights in the air at a time, at most the number of flights. `workers`: most workers (≥ 1)."""
-        self._most = max(1, min(jobs, workers))
-        self._room = math.ceil(jobs / self._most)  # flights per worker when all are equally busy
+        self.workers_max = max(1, min(jobs, workers))
+        self._room = math.ceil(jobs / self.workers_max)  # flights per worker when all are equally busy
         self._flights: list[set[Path]] = []
         self._maps: list[set[str]] = []
 
@@ -78,7 +78,7 @@ class WorkerSlots:
         ]  # fmt: skip
         if loaded:
             chosen = min(loaded, key=self._busy)
-        elif len(self._flights) < self._most and all(self._flights):
+        elif len(self._flights) < self.workers_max and all(self._flights):
             chosen = len(self._flights)
             self._flights.append(set())
             self._maps.append(set())
@@ -98,6 +98,7 @@ class WorkerSlots:
 
 
 WORKER = ChildKind("worker", "dronecats.bench.worker:Worker", WorkerConfig, needs_keys=True)
+POLL_S = 0.2  # wall s in which the engine asks each worker for a flight that has ended
 ANSWER_S = 120.0  # wall s that a worker has to answer a command; it usually takes less than 1 s
 # wall s; a flight hangs if none of its files has grown for so long. The longest regular pause is 300 s, after which a
 # question with all its retries is given up.
@@ -133,103 +134,92 @@ class InFlight:
         return any(self.sizes)
 
 
+@dataclass(slots=True)
+class _Crew:
+    """A worker process, and its flights."""
+
+    process: ChildProcess | None = None  # None: not started, or dead
+    is_ready: bool = False
+    fresh: list[Sortie] = field(default_factory=list)  # flights that have not begun
+    flying: dict[str, InFlight] = field(default_factory=dict)  # by folder
+
+
 class LocalEngine:
     """Flies in worker processes, at most one per core, each with several flights in the air.
 
     A failed flight raises no exception; its result has the error.
     """
 
-    def __init__(
-        self, log: Path, jobs: int, *, workers: int | None = None, answer_s: float = ANSWER_S, hang_s: float = HANG_S
-    ) -> None:
+    def __init__(self, log: Path, jobs: int, *, workers: int | None = None) -> None:
         """`log`: file for the workers' output; `jobs`: flights at a time; `workers`: most workers, None: one a core."""
-        self._log, self._answer_s, self._hang_s = log, answer_s, hang_s
-        self._landed: queue.SimpleQueue[Landed | DronecatsError] = queue.SimpleQueue()
-        self._inboxes: list[queue.SimpleQueue[Sortie | None]] = []
+        self._log, self._answer_s, self._hang_s = log, ANSWER_S, HANG_S
         self._slots = WorkerSlots(jobs, workers or cores())
-        self._threads: list[threading.Thread] = []
-        self._workers: set[ChildProcess] = set()
-        self._lock = threading.Lock()
-        self._stopped = False
+        self._config = WorkerConfig(poll_s=POLL_S / self._slots.workers_max)
+        self._crews: list[_Crew] = []
+        self._landed: deque[Landed] = deque()
 
     def begin(self, sortie: Sortie) -> None:
-        """Hand the flight to the worker that `WorkerSlots` chooses."""
+        """Hand the flight to the worker that `WorkerSlots` chooses. It begins when `landed` is called.
+
+        Raises InfrastructureError when no worker can be started.
+        """
         record = sortie.flight.record or {}
         chosen = self._slots.take(sortie.folder, str(record.get("map")))
-        if chosen == len(self._inboxes):
-            self._hire()
-        self._inboxes[chosen].put(sortie)
+        if chosen == len(self._crews):
+            self._crews.append(_Crew())
+        crew = self._crews[chosen]
+        if crew.process is None:
+            try:
+                crew.process, crew.is_ready = ChildProcess(WORKER, self._config, self._log), False
+            except OSError as error:
+                raise InfrastructureError(f"no worker can be started: {error}") from None
+        crew.fresh.append(sortie)
 
     def landed(self) -> Landed:
-        """Wait until a flight ends, and return it. Raises DronecatsError when no worker can be started."""
-        ended = self._landed.get()
-        if isinstance(ended, DronecatsError):
-            raise ended
+        """Wait until a flight ends, and return it.
+
+        Raises DronecatsError when no worker can be started, or a folder cannot be written.
+        """
+        with file_errors_as(InfrastructureError, "the run folder cannot be written"):
+            while not self._landed:
+                self._advance()
+        ended = self._landed.popleft()
         self._slots.leave(ended.sortie.folder)
         return ended
 
     def close(self) -> None:
         """Stop all workers, and abort their flights."""
-        with self._lock:
-            self._stopped = True
-            workers = list(self._workers)
-        for worker in workers:
-            worker.kill()
-        for inbox in self._inboxes:
-            inbox.put(None)
-        for thread in self._threads:
-            thread.join()
+        for crew in self._crews:
+            self._end(crew)
 
-    def _hire(self) -> None:
-        number = len(self._inboxes)
-        self._inboxes.append(queue.SimpleQueue())
-        thread = threading.Thread(target=self._work, args=(number,), name=f"worker {number}", daemon=True)
-        self._threads.append(thread)
-        thread.start()
+    def _advance(self) -> None:
+        """Begin the new flights of every worker, and collect those that have ended. A dead worker loses its flights."""
+        for crew in self._crews:
+            if crew.process is None or not (crew.fresh or crew.flying):
+                continue
+            if not crew.is_ready:
+                crew.process.ready()  # all workers start at the same time, so this waits only for the first one
+                crew.is_ready = True
+            fresh, crew.fresh = crew.fresh, []
+            crew.flying |= {str(sortie.folder): InFlight(sortie) for sortie in fresh}
+            try:
+                self._turn(crew.process, fresh, crew.flying)
+            except InfrastructureError as death:
+                self._end(crew)
+                self._landed += [lost(flight.sortie, str(death)) for flight in crew.flying.values()]
+                crew.flying.clear()
 
-    def _work(self, number: int) -> None:
-        """Begin the flights from the inbox, and pass on those that end. Each worker has one thread that runs this."""
-        inbox = self._inboxes[number]
-        flying: dict[str, InFlight] = {}  # by folder
-        worker: ChildProcess | None = None
-        try:
-            while not self._stopped:
-                fresh = _taken(inbox, wait=not flying)
-                if worker is None and (fresh or flying):
-                    worker = self._start()
-                for sortie in fresh:
-                    flying[str(sortie.folder)] = InFlight(sortie)
-                try:
-                    self._turn(worker, fresh, flying)
-                except InfrastructureError as death:
-                    self._end(worker)
-                    worker = None
-                    self._lose(flying, str(death))
-        except DronecatsError as fault:
-            if not self._stopped:  # otherwise `close` has ended the worker, which causes this error
-                self._landed.put(fault)
-        except OSError as full:
-            self._landed.put(InfrastructureError(f"the run folder cannot be written: {full.strerror}"))
-        except Exception as bug:  # only this thread can report that its flights will never land
-            self._landed.put(
-                InfrastructureError(f"an unexpected {type(bug).__name__}, which is a bug in dronecats: {bug}")
-            )
-        finally:
-            self._end(worker)
-
-    def _turn(self, worker: ChildProcess | None, fresh: list[Sortie], flying: dict[str, InFlight]) -> None:
+    def _turn(self, worker: ChildProcess, fresh: list[Sortie], flying: dict[str, InFlight]) -> None:
         """Begin the flights in `fresh`, and ask once for a flight that has ended.
 
         Raises InfrastructureError when the worker is gone or hangs.
         """
-        if worker is None:
-            return
         for sortie in fresh:
             worker.do("fly", self._answer_s, flight=as_json(sortie.flight), folder=str(sortie.folder))
-        outcome = worker.do("ended", self._answer_s) if flying else None
+        outcome = worker.do("ended", self._answer_s)
         if outcome is not None:
             sortie = flying.pop(outcome["folder"]).sortie
-            self._landed.put(landed_with(outcome, sortie))
+            self._landed.append(landed_with(outcome, sortie))
         for flight in flying.values():
             flight.check(sizes(flight.sortie.folder))
         if (found := hanging(list(flying.values()), self._hang_s)) is not None:
@@ -237,32 +227,12 @@ class LocalEngine:
                 f"the flight in {found.sortie.folder} hangs: its logs have not grown for {self._hang_s:g} s"
             )
 
-    def _lose(self, flying: dict[str, InFlight], fault: str) -> None:
-        """Report the flights of a dead worker as lost."""
-        if not self._stopped:
-            for flight in flying.values():
-                self._landed.put(lost(flight.sortie, fault))
-        flying.clear()
-
-    def _start(self) -> ChildProcess:
-        try:
-            worker = ChildProcess(WORKER, WorkerConfig(), self._log)
-        except OSError as error:
-            raise InfrastructureError(f"no worker can be started: {error}") from None
-        with self._lock:
-            self._workers.add(worker)
-            late = self._stopped
-        if late:  # `close` ran before the worker was registered
-            worker.kill()
-        worker.ready()
-        return worker
-
-    def _end(self, worker: ChildProcess | None) -> None:
-        if worker is not None:
-            with self._lock:
-                self._workers.discard(worker)
-            worker.kill()
-            worker.close()
+    @staticmethod
+    def _end(crew: _Crew) -> None:
+        if crew.process is not None:
+            crew.process.kill()
+            crew.process.close()
+            crew.process = None
 
 
 def landed_with(outcome: dict[str, Any], sortie: Sortie) -> Landed:
@@ -291,19 +261,6 @@ def hanging(flying: Sequence[InFlight], hang_s: float) -> InFlight | None:
     silent = [flight for flight in flying if flight.silent_s > hang_s]
     begun = next((flight for flight in silent if flight.begun), None)
     return begun or (silent[0] if silent and len(silent) == len(flying) else None)
-
-
-def _taken(inbox: "queue.SimpleQueue[Sortie | None]", *, wait: bool) -> list[Sortie]:
-    """Return all sorties in the inbox. `wait`: wait for the first one; a None in the inbox ends the wait."""
-    taken: list[Sortie] = []
-    try:
-        while True:
-            sortie = inbox.get(block=wait and not taken)
-            if sortie is None:
-                return taken
-            taken.append(sortie)
-    except queue.Empty:
-        return taken
 
 
 def sizes(folder: Path) -> tuple[int, ...]:

@@ -27,7 +27,7 @@ from foundation.threads import COMPUTING
 class WorkerConfig:
     """The configuration of a worker."""
 
-    poll_s: float = 0.2  # wall s, longest wait of the command `ended` for a flight
+    poll_s: float  # wall s, longest wait of the command `ended` for a flight
 
 
 # s, switch interval of the interpreter. It is short, because a flight needs the interpreter's lock (GIL) again after
