@@ -7,7 +7,7 @@ from pathlib import Path
 from dronecats.flight.logger.recorder import LoggerConfig, LoggerPart, Measure, Recorder
 from dronecats.flight.sitl.config import AIRFRAME
 from dronecats.flight.sitl.simulation import load_world, origin
-from dronecats.flight.sitl.truth_listener import Listener
+from dronecats.flight.sitl.sockets import Listener
 from episodes.world.fleet import DronePose
 from episodes.world.world import World
 from foundation.camera import CameraModel, camera_on

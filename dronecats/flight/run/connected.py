@@ -14,7 +14,7 @@ from dronecats.flight.run.pilot import OpenPilot, opened
 from dronecats.flight.run.setup import FlightSetup, Instruments, Notify, Ready
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Connected
-from dronecats.flight.stages.connected import ConnectedStage
+from dronecats.flight.stages.stage import ConnectedStage
 from dronecats.pilots import roster
 from foundation.camera import CameraModel
 from foundation.errors import CameraError, DronecatsError, UsageError

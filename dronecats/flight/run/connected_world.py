@@ -77,11 +77,9 @@ class ConnectedWorldFlight(VehicleFlight):
             start = start_of(record.starts[0], world.ground_down(*record.starts[0].position_ned[:2]))
             # the record's heading is on the map; `placement.turn` rotates the vehicle's own world onto the map
             start = replace(start, yaw=wrap_pi(math.radians(record.starts[0].yaw_deg) - stage.placement.turn))
-            with (
-                TrueStart(stage, world, stage.placement) as true_start,
-                opened_in(world, self.flight, stage, folder) as pilot,
-            ):
-                yield Ready(stage=stage, starts=[start], pilot=pilot, true_start=true_start if self._judged else None)
+            true_start = TrueStart(stage, world, stage.placement) if self._judged else None
+            with opened_in(world, self.flight, stage, folder) as pilot:
+                yield Ready(stage=stage, starts=[start], pilot=pilot, true_start=true_start)
         finally:
             stage.close()
 

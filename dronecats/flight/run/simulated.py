@@ -1,7 +1,7 @@
 """Flies an episode in the project's simulation."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -40,7 +40,7 @@ class SimulatedFlight(FlightSetup):
     def ready(self, folder: Path, notify: Notify) -> Iterator[Ready]:
         from dronecats.flight.run.truth import TrueStart, opened_in
         from dronecats.flight.sitl.simulation import world_of
-        from dronecats.flight.stages.stage import TruthfulStage
+        from dronecats.flight.stages.stage import Stage
         from episodes.world.world import World
 
         flight, record = self.flight, self._record
@@ -48,7 +48,7 @@ class SimulatedFlight(FlightSetup):
         check_budget(spec.accounts, folder.parent)
         pace: Callable[[], dict[str, float]] | None = None
         recall: Callable[[int, int], Frame]
-        stage: TruthfulStage
+        stage: Stage
         if simulated.speed is None:
             from dronecats.flight.sitl import compile_ahead
 
@@ -68,10 +68,10 @@ class SimulatedFlight(FlightSetup):
             clearance_m = airframes.load(simulated.airframe).standing_m
             starts = [start_of(s, world.ground_down(*s.position_ned[:2]), clearance_m) for s in record.starts]
             # only a flight with PX4 is checked; the project's autopilot is known to reach its start pose
-            checked = TrueStart(stage, world) if simulated.autopilot == "px4" else nullcontext()
+            true_start = TrueStart(stage, world) if simulated.autopilot == "px4" else None
             faults = spec.disturbances.frame
             pictures = None if faults == FrameFaults() else PicturePath(**asdict(faults), recall=recall)
-            with checked as true_start, opened_in(world, flight, stage, folder) as pilot:
+            with opened_in(world, flight, stage, folder) as pilot:
                 yield Ready(stage=stage, starts=starts, pilot=pilot, true_start=true_start, pictures=pictures)
         finally:
             try:

@@ -9,14 +9,13 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 
 from dronecats.flight.run.pilot import OpenPilot, commanded, opened
 from dronecats.flight.sitl.simulation import origin
 from dronecats.flight.sitl.truth_bridge import Placement
 from dronecats.flight.spec.disturbances import FrameFaults
 from dronecats.flight.spec.flight import Flight
-from dronecats.flight.stages.stage import TRUTH_HZ, TruthfulStage
+from dronecats.flight.stages.stage import TRUTH_HZ, Stage
 from dronecats.pilots import roster
 from dronecats.pilots.oracle import failing, oracle
 from dronecats.pilots.oracle.noisy import NoisyPilot
@@ -34,23 +33,20 @@ LATE_S = 90.0  # s; the truth is kept for pictures up to this age
 
 
 @contextmanager
-def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) -> Iterator[OpenPilot]:
+def opened_in(world: World, flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
     """Open the pilot of a flight whose true poses are known. Raises UsageError, InfrastructureError."""
     name = flight.spec.pilot
     if name is None or not roster.needs_truth(name) or flight.spec.replay:
         with opened(flight, stage, folder) as pilot:
             yield pilot
         return
-    tap = stage.tap(lambda data: model.feed(data))
+    drain = stage.tap(lambda data: model.feed(data))
     model = OracleModel(
-        world, flight.camera_model, origin(world), tap.drain, name, _truth_pilot(name, flight),
+        world, flight.camera_model, origin(world), drain, name, _truth_pilot(name, flight),
         kept=_samples_to_keep(flight), obeys=not name.startswith(roster.FAILING), looks=name == roster.NOISY,
     )  # fmt: skip
-    try:
-        with commanded(flight, stage, folder, OpenPilot(model, begin=model.begin)) as pilot:
-            yield pilot
-    finally:
-        tap.close()
+    with commanded(flight, stage, folder, OpenPilot(model, begin=model.begin)) as pilot:
+        yield pilot
 
 
 def _truth_pilot(name: str, flight: Flight) -> TruthPilot:
@@ -74,17 +70,11 @@ DOWN = (0.0, 0.0, 1.0)
 class TrueStart:
     """Compares estimates and start poses of a stage's drones with the truth. It sends nothing to the drones."""
 
-    def __init__(self, stage: TruthfulStage, world: World, placement: Placement | None = None) -> None:
+    def __init__(self, stage: Stage, world: World, placement: Placement | None = None) -> None:
         """`placement` moves the autopilot's estimate onto the map; None: estimate and map have the same frame."""
         self._record, self._placement = world.record, placement or Placement(origin(world), (0.0, 0.0, 0.0), 0.0)
         self._truth = NewestTruth(origin(world))
-        self._tap = stage.tap(self._truth.feed)
-
-    def __enter__(self) -> "TrueStart":
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
-        self._tap.close()
+        self._drain = stage.tap(self._truth.feed)
 
     def check_estimates(self, links: Sequence[Link]) -> None:
         """Compare the autopilots' estimates with the truth. Raises InfrastructureError."""
@@ -98,7 +88,7 @@ class TrueStart:
             self._refuse(drone, faults)
 
     def _sample(self, drone: int) -> TruthSample:
-        self._tap.drain()
+        self._drain()
         sample = self._truth.of(drone)
         if sample is None:
             raise InfrastructureError(f"no truth of {drone_label(drone)} arrives, so its start pose cannot be checked")

@@ -12,8 +12,7 @@ from typing import Any
 from dronecats.flight.processes.child import Part
 from dronecats.flight.sitl.config import TruthBridgeConfig
 from dronecats.flight.sitl.simulation import TruthBus, boot_poses, load_world, origin
-from dronecats.flight.sitl.sockets import UdpPort
-from dronecats.flight.sitl.truth_listener import Listener
+from dronecats.flight.sitl.sockets import Listener, UdpPort
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, Vec3, geodetic_to_ned, quat_from_euler, quat_multiply, quat_yaw, rotate, wrap_pi
 from foundation.mavlink import Packer, Parser, dialect

@@ -22,12 +22,11 @@ from dronecats.flight.sitl.sockets import AGENT_PORT
 from dronecats.flight.spec.disturbances import VehicleFaults
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
-from dronecats.flight.stages.stage import DisturbedLinks, TruthfulStage, simulator_config, truth_kept
+from dronecats.flight.stages.stage import DisturbedLinks, Stage, simulator_config, truth_kept
 from episodes.world.world import World
 from foundation.mavlink import dialect
 from foundation.threads import InlineExecutor
 from hil.impairment import SteppedWire
-from hil.link.link import Link
 from hil.link.transport import MemoryTransport, Transport, connect
 
 
@@ -176,7 +175,7 @@ def one_vehicle(
 SPARE_S = 1.0  # s; link faults last this much longer than the flight's time limit, as the agent may still wait then
 
 
-class LockstepStage(TruthfulStage):
+class LockstepStage(Stage):
     """A stage (everything around the agent) with the same parts as in real time, without sockets between them."""
 
     lockstep = True
@@ -216,14 +215,7 @@ class LockstepStage(TruthfulStage):
         self._disturbed = disturbed = DisturbedLinks(flight)
         wires = [clock.wire(index, disturbed.seed(index)) for index in drones] if disturbed.wired else []
         transports: list[Transport] = [*wires] or [clock.transport(index) for index in drones]
-        self.links = [
-            Link(transport, silence_s=disturbed.silence_s, limits=spec.envelope, simulated=True)
-            for transport in transports
-        ]
-        disturbed.take(self.links, wires)
-        if camera.gimballed and not self._px4:  # PX4 does not drive the simulated gimbal
-            for link in self.links:
-                link.watch_gimbal()
+        self.links = disturbed.open(transports, wires, px4=self._px4 is not None)
         if self._px4:
             for drone, link in enumerate(self.links):
                 link.listeners.append(partial(self._keep, drone))
@@ -235,10 +227,10 @@ class LockstepStage(TruthfulStage):
     def _keep(self, drone: int, message: dialect.MAVLink_message) -> None:
         self._recorder.telemetry(bytes(message.get_msgbuf()), drone)
 
-    def tap(self, feed: Callable[[bytes], None]) -> "FedTap":
-        """Feed the truth bus to a function after every tick."""
+    def tap(self, feed: Callable[[bytes], None]) -> Callable[[], None]:
+        """Feed the truth bus to a function after every tick, so the returned function does nothing."""
         self._clock.follow(feed)
-        return FedTap()
+        return lambda: None
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         self._simulation.begin(t0_us)
@@ -259,13 +251,3 @@ class LockstepStage(TruthfulStage):
             for link in self.links:
                 link.close()
             self._px4.close()
-
-
-class FedTap:
-    """A subscription whose function gets the new bytes at every tick."""
-
-    def drain(self) -> None:
-        """Do nothing: the samples have been processed at each tick."""
-
-    def close(self) -> None:
-        pass

@@ -7,28 +7,24 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
 from dronecats.flight.logger.recorder import LoggerConfig
-from dronecats.flight.processes.supervisor import Supervisor
+from dronecats.flight.processes.supervisor import ChildProcess
 from dronecats.flight.sitl.config import CameraConfig, TruthBridgeConfig
+from dronecats.flight.sitl.sockets import Listener
 from dronecats.flight.sitl.truth_bridge import Placement
-from dronecats.flight.sitl.truth_listener import Listener
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
-from dronecats.flight.stages.connected import SupervisedStage
 from dronecats.flight.stages.stage import (
     CAMERA,
-    ESTIMATE_LOGGER,
     LOGGER,
     SIMULATOR,
     TRUTH_BRIDGE,
     DisturbedLinks,
-    TruthfulStage,
+    SupervisedStage,
     simulator_config,
     truth_kept,
 )
 from foundation.camera import CameraModel
-from foundation.threads import DaemonExecutor
 from hil.cameras.http import HttpCamera
 from hil.cameras.open import FRAMES_S, PatientCamera
 from hil.impairment import PERFECT, ImpairedWire
@@ -36,18 +32,32 @@ from hil.link.link import Link
 from hil.link.transport import Transport, UdpTransport, connect
 
 
-class RealtimeStage(SupervisedStage, TruthfulStage):
+class TruthBusStage(SupervisedStage):
+    """Base class of stages with a truth bus between their processes."""
+
+    _truth: str  # URL of the truth bus
+    _camera_process: ChildProcess
+
+    def tap(self, feed: Callable[[bytes], None]) -> Callable[[], None]:
+        listener = Listener(self._truth, feed)
+        self._opened.callback(listener.close)
+        return listener.drain
+
+    def begin(self, t0_us: int, cap_s: float) -> None:
+        self._camera_process.do("begin", t0_us=t0_us)
+        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+
+
+class RealtimeStage(TruthBusStage):
     """Simulator, camera and logger as supervised processes, on free ports."""
 
     camera: HttpCamera
 
     def __init__(self, flight: Flight, simulated: Simulated, folder: Path, notify: Callable[[str], None]) -> None:
         """`folder`: the episode folder, with the record. Raises UsageError, InfrastructureError."""
-        self._supervisor = Supervisor(folder)
+        super().__init__(folder)
         self.speed = simulated.speed
-        self._copies: list[Copy] = []
         self._wires: list[ImpairedWire] = []
-        self.executor = DaemonExecutor()
         self.camera_model = flight.camera_model
         try:
             self._start(flight, simulated, folder, notify)
@@ -63,19 +73,13 @@ class RealtimeStage(SupervisedStage, TruthfulStage):
         self._truth = f"udpout://127.0.0.1:{ports['truth']}"
         direction = "udpin" if px4 else "udpout"  # PX4 sends first, to a fixed port
         self._disturbed = DisturbedLinks(flight)
-        self.links = [
-            Link(
-                self._transport(f"{direction}://127.0.0.1:{port}", drone, speaks_first=px4),
-                silence_s=self._disturbed.silence_s,
-                limits=flight.spec.envelope,
-                simulated=True,
-            )
+        transports = [
+            self._transport(f"{direction}://127.0.0.1:{port}", drone, speaks_first=px4)
             for drone, port in enumerate(ports["agent"])
         ]
-        self._disturbed.take(self.links, self._wires)
-        if self.camera_model.gimballed and not px4:  # PX4 does not drive the simulated gimbal
-            for link in self.links:
-                link.watch_gimbal()
+        self.links = self._disturbed.open(transports, self._wires, px4=px4)
+        for link in self.links:
+            self._opened.callback(link.close)
         camera = self._camera_process = self._supervisor.start(
             CAMERA,
             CameraConfig(
@@ -88,10 +92,13 @@ class RealtimeStage(SupervisedStage, TruthfulStage):
                 kept=truth_kept(flight.spec.disturbances.frame),
             ),
         )
+        copies: list[Copy] = []
         if px4:
             self._await_px4(ports["px4"], notify)
-            self._copies = [Copy(link) for link in self.links]
-        log = [copy.port for copy in self._copies] or ports["log"]
+            copies = [Copy(link) for link in self.links]
+            for copy in copies:
+                self._opened.callback(copy.close)
+        log = [copy.port for copy in copies] or ports["log"]
         self._logger = self._supervisor.start(
             LOGGER,
             LoggerConfig(
@@ -108,8 +115,9 @@ class RealtimeStage(SupervisedStage, TruthfulStage):
             lambda: self.links[0].time_us,
             depth_url=served["depth"] if simulated.camera == "depth" else None,
         )
+        self._opened.callback(self.camera.close)
         self._logger.ready(patience)
-        for copy in self._copies:
+        for copy in copies:
             copy.begin()
 
     def _transport(self, url: str, drone: int, *, speaks_first: bool) -> Transport:
@@ -124,10 +132,8 @@ class RealtimeStage(SupervisedStage, TruthfulStage):
         seed = self._disturbed.seed(drone)
         wire = ImpairedWire(near, connect(url), PERFECT, PERFECT, seed, lambda: time.monotonic() * speed)
         self._wires.append(wire.start())
+        self._opened.callback(wire.close)
         return agent
-
-    def tap(self, feed: Callable[[bytes], None]) -> Listener:
-        return Listener(self._truth, feed)
 
     def _await_px4(self, ports: list[int], notify: Callable[[str], None]) -> None:
         """Wait until each vehicle has a PX4 that answers and has opened its MAVLink ports.
@@ -144,8 +150,7 @@ class RealtimeStage(SupervisedStage, TruthfulStage):
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         self._simulator.do("begin", t0_us=t0_us)
-        self._camera_process.do("begin", t0_us=t0_us)
-        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+        super().begin(t0_us, cap_s)
         self._disturbed.begin()
 
     def mend(self) -> None:
@@ -156,19 +161,12 @@ class RealtimeStage(SupervisedStage, TruthfulStage):
         return dict(self._simulator.do("pace"))
 
     def check(self) -> None:
-        self._supervisor.check()
+        super().check()
         for wire in self._wires:
             wire.check()
 
     def check_vehicles(self) -> None:
         self._simulator.check()
-
-    def close(self) -> None:
-        if hasattr(self, "camera"):
-            self.camera.close()
-        for part in (*getattr(self, "links", []), *self._wires, *self._copies):
-            part.close()
-        self._supervisor.close()
 
 
 class Copy:
@@ -206,7 +204,7 @@ class Patience:
             self._notify(f"starting simulator and camera{compile_ahead.compile_notice()} …")
 
 
-class WorldStage(SupervisedStage, TruthfulStage):
+class WorldStage(TruthBusStage):
     """A stage for a vehicle that an external simulator moves, in an episode's world.
 
     A bridge copies the vehicle's true poses to a truth bus for camera, logger and oracle.
@@ -229,53 +227,44 @@ class WorldStage(SupervisedStage, TruthfulStage):
         `judged` False: the logger writes the autopilot's estimate, as for other connected vehicles.
         Raises UsageError, InfrastructureError.
         """
-        self._supervisor = Supervisor(folder)
-        self.executor = DaemonExecutor()
+        super().__init__(folder)
         self.links = [link]
+        self._opened.callback(link.close)
         self.camera_model = CameraModel()
         try:
-            self._start(str(record), truth, str(folder), notify, frame_s, judged)
+            self._start(link, str(record), truth, folder, notify, frame_s, judged)
         except BaseException:
             self.close()
             raise
 
     def _start(
-        self, episode: str, truth: str, folder: str, notify: Callable[[str], None], frame_s: float, judged: bool
+        self,
+        link: Link,
+        episode: str,
+        truth: str,
+        folder: Path,
+        notify: Callable[[str], None],
+        frame_s: float,
+        judged: bool,
     ) -> None:
-        patience, link = Patience(notify), self.links[0]
+        patience = Patience(notify)
         bridge = self._supervisor.start(TRUTH_BRIDGE, TruthBridgeConfig(episode=episode, truth=truth))
         ports = bridge.ready(patience)
         self.placement = Placement(**ports["placement"])
-        bus = self._bus = f"udpout://127.0.0.1:{ports['truth']}"
+        bus = self._truth = f"udpout://127.0.0.1:{ports['truth']}"
         self._camera_process = self._supervisor.start(CAMERA, CameraConfig(episode=episode, truth=bus))
         if judged:
-            self._copy = Copy(link)
-            telemetry = (f"udpout://127.0.0.1:{self._copy.port}",)
+            copy = Copy(link)
+            self._opened.callback(copy.close)
+            telemetry = (f"udpout://127.0.0.1:{copy.port}",)
             self._logger = self._supervisor.start(
-                LOGGER, LoggerConfig(episode=episode, folder=folder, truth=bus, telemetry=telemetry)
+                LOGGER, LoggerConfig(episode=episode, folder=str(folder), truth=bus, telemetry=telemetry)
             )
+            self._logger.ready(patience)
+            copy.begin()
         else:
-            self._logger = self._supervisor.start(ESTIMATE_LOGGER, EstimateLoggerConfig(folder=folder))
+            self._log_estimate(link, folder)
         url = self._camera_process.ready(patience)["reduced"]
         camera = HttpCamera(url, lambda: link.time_us, max_age_s=frame_s)
         self.camera = PatientCamera(camera, FRAMES_S, lambda fault: notify(f"      holding: {fault}"))
-        listening = self._logger.ready(patience)
-        if judged:
-            self._copy.begin()
-        else:
-            self._wire = connect(f"udpout://127.0.0.1:{listening['port']}")
-            link.copy_to(self._wire)
-
-    def tap(self, feed: Callable[[bytes], None]) -> Listener:
-        return Listener(self._bus, feed)
-
-    def begin(self, t0_us: int, cap_s: float) -> None:
-        self._camera_process.do("begin", t0_us=t0_us)
-        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
-
-    def close(self) -> None:
-        for part in ("camera", "_copy", "_wire"):
-            if getattr(self, part, None) is not None:
-                getattr(self, part).close()
-        self.links[0].close()
-        self._supervisor.close()
+        self._opened.callback(self.camera.close)

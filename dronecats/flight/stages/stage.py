@@ -7,12 +7,12 @@ disturbances of links end before the landing. A payload is a disturbance too, bu
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Protocol
 
 from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
 from dronecats.flight.logger.recorder import LoggerConfig
-from dronecats.flight.processes.supervisor import ChildKind
+from dronecats.flight.processes.supervisor import ChildKind, ChildProcess, Supervisor
 from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig, TruthBridgeConfig, noise_seed
 from dronecats.flight.spec.disturbances import UNDISTURBED, FrameFaults
 from dronecats.flight.spec.flight import Flight
@@ -20,20 +20,13 @@ from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from foundation.camera import Camera, CameraModel
 from foundation.errors import DronecatsError
 from foundation.run_folder import layout
+from foundation.threads import DaemonExecutor
 from foundation.truth import KEPT
+from hil.cameras.open import PatientCamera
 from hil.impairment import ImpairedWire, Impairment, SteppedWire
 from hil.link.conversation import SILENCE_S
 from hil.link.link import Link
-
-
-class TruthTap(Protocol):
-    """A subscription to the truth bus. The agent never has one."""
-
-    def drain(self) -> None:
-        """Process the samples that have arrived."""
-        ...
-
-    def close(self) -> None: ...
+from hil.link.transport import Transport, connect
 
 
 class Stage:
@@ -60,6 +53,13 @@ class Stage:
         """Tell the logger that the episode is over."""
         raise NotImplementedError
 
+    def tap(self, feed: Callable[[bytes], None]) -> Callable[[], None]:
+        """Subscribe a function, for example of the oracle pilot, to the truth bus. The agent has no subscription.
+
+        Returns the function that passes on the samples that have arrived. A stage without a truth bus has no `tap`.
+        """
+        raise NotImplementedError
+
     def check(self) -> None:
         """Raise InfrastructureError if a process of the stage is gone. In lockstep, parts raise their own errors."""
 
@@ -77,14 +77,6 @@ class Stage:
         raise NotImplementedError
 
 
-class TruthfulStage(Stage):
-    """A stage with a truth bus, which carries the true poses of the drones."""
-
-    def tap(self, feed: Callable[[bytes], None]) -> TruthTap:
-        """Subscribe a function to the truth bus, for example a function of the oracle pilot."""
-        raise NotImplementedError
-
-
 SIMULATOR = ChildKind("simulator", "dronecats.flight.sitl.simulator_process:create", SimulatorConfig)
 CAMERA = ChildKind("camera", "dronecats.flight.sitl.camera:CameraPart", CameraConfig)
 TRUTH_BRIDGE = ChildKind("truth-bridge", "dronecats.flight.sitl.truth_bridge:TruthBridge", TruthBridgeConfig)
@@ -92,6 +84,62 @@ LOGGER = ChildKind("logger", "dronecats.flight.logger.logger_process:Logger", Lo
 ESTIMATE_LOGGER = ChildKind(
     "estimate-logger", "dronecats.flight.logger.estimate_process:EstimateLogger", EstimateLoggerConfig
 )
+
+
+class SupervisedStage(Stage):
+    """Base class of stages with child processes."""
+
+    _logger: ChildProcess
+
+    def __init__(self, folder: Path) -> None:
+        """`folder`: the episode folder, for the logs of the processes."""
+        self.executor = DaemonExecutor()
+        self._opened = ExitStack()  # what `close` closes, the newest first
+        self._supervisor = Supervisor(folder)
+        self._opened.callback(self._supervisor.close)
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        self._logger.do("end", reason=reason, error=error)
+
+    def check(self) -> None:
+        self._supervisor.check()
+
+    def cause(self, error: DronecatsError) -> DronecatsError:
+        return self._supervisor.cause(error)
+
+    def close(self) -> None:
+        self._opened.close()
+
+    def _log_estimate(self, link: Link, folder: Path) -> None:
+        """Start a logger of the autopilot's estimate, and copy the link's bytes to it."""
+        self._logger = self._supervisor.start(ESTIMATE_LOGGER, EstimateLoggerConfig(folder=str(folder)))
+        copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
+        self._opened.callback(copy.close)
+        link.copy_to(copy)
+
+
+class ConnectedStage(SupervisedStage):
+    """The stage of a connected vehicle without ground truth."""
+
+    camera: PatientCamera
+
+    def __init__(self, link: Link, camera: PatientCamera, folder: Path) -> None:
+        """`folder` is the episode folder, for the logs. Raises InfrastructureError."""
+        super().__init__(folder)
+        self.links = [link]
+        self.camera, self.camera_model = camera, camera.model
+        self._opened.callback(camera.close)
+        self._opened.callback(link.close)
+        try:
+            self._log_estimate(link, folder)
+        except BaseException:
+            self.close()
+            raise
+
+    def begin(self, t0_us: int, cap_s: float) -> None:
+        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+
+
 TRUTH_HZ = 50.0  # samples of each drone on the truth bus per second
 
 
@@ -116,12 +164,11 @@ def truth_kept(faults: FrameFaults) -> int:
 
 
 class DisturbedLinks:
-    """Applies the flight's disturbances of links and setpoint rate."""
+    """Opens the links of simulated vehicles, and applies the flight's disturbances of links and setpoint rate."""
 
     def __init__(self, flight: Flight) -> None:
-        self._disturbances, self._seconds = flight.spec.disturbances, flight.spec.seconds
-        self._seed = flight.seed
-        self._wires: list[SteppedWire | ImpairedWire] = []
+        self._flight, self._disturbances = flight, flight.spec.disturbances
+        self._wires: Sequence[SteppedWire | ImpairedWire] = ()
         self._links: Sequence[Link] = ()
 
     @property
@@ -129,20 +176,25 @@ class DisturbedLinks:
         """Whether the links need wires that can be impaired."""
         return self._disturbances.link != UNDISTURBED.link
 
-    @property
-    def silence_s(self) -> float:
-        """Vehicle time (s) without a message after which a vehicle counts as lost.
-
-        With impaired links it is longer than a flight, so that lost messages never end the flight.
-        """
-        return SILENCE_S + (2.0 * self._seconds if self.wired else 0.0)
-
     def seed(self, drone: int) -> int:
-        record, flight = self._seed
+        record, flight = self._flight.seed
         return noise_seed(record, flight, drone)
 
-    def take(self, links: Sequence[Link], wires: Sequence[SteppedWire | ImpairedWire]) -> None:
-        self._links, self._wires = links, list(wires)
+    def open(
+        self, transports: Sequence[Transport], wires: Sequence[SteppedWire | ImpairedWire], *, px4: bool
+    ) -> Sequence[Link]:
+        """Return the link to each vehicle. `wires`: the connections that can be impaired."""
+        spec = self._flight.spec
+        # with impaired links it is longer than a flight, so that lost messages never end the flight
+        silence_s = SILENCE_S + (2.0 * spec.seconds if self.wired else 0.0)
+        self._wires = wires
+        self._links = [
+            Link(transport, silence_s=silence_s, limits=spec.envelope, simulated=True) for transport in transports
+        ]
+        if self._flight.camera_model.gimballed and not px4:  # PX4 does not drive the simulated gimbal
+            for link in self._links:
+                link.watch_gimbal()
+        return self._links
 
     def begin(self, seconds: float = math.inf) -> None:
         """Start the disturbances. The faults of the wires last for at most `seconds` of vehicle time."""

@@ -74,22 +74,13 @@ def test_a_start_beyond_its_limits_is_reported(place, yaw, words):
     assert all(word in fault for word, fault in zip(words, faults, strict=True))
 
 
-class Tap:
-    def drain(self):
-        pass
-
-    def close(self):
-        pass
-
-
 def test_a_vehicle_with_a_wrong_heading_estimate_is_not_armed():
     world, vehicle = load_world("v1-residential-searching-01"), ScriptedVehicle()
     vehicle.armed, vehicle.landed, vehicle.yaw = False, True, 0.0
     link = Link(vehicle.transport())
-    stage: Any = SimpleNamespace(tap=lambda feed: Tap())
+    stage: Any = SimpleNamespace(tap=lambda feed: lambda: None)
     check: Any = TrueStart(stage, world)
-    with check:
-        check._truth = SimpleNamespace(of=lambda drone: true(euler=(0.0, 0.0, math.radians(105.0))))
-        with pytest.raises(InfrastructureError, match=r"does not begin.*heading is 105\.0° off"):
-            ascend([link], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None, check.check_estimates)
+    check._truth = SimpleNamespace(of=lambda drone: true(euler=(0.0, 0.0, math.radians(105.0))))
+    with pytest.raises(InfrastructureError, match=r"does not begin.*heading is 105\.0° off"):
+        ascend([link], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None, check.check_estimates)
     assert 400 not in [command for command, *_ in vehicle.commands]  # MAV_CMD_COMPONENT_ARM_DISARM
