@@ -91,7 +91,7 @@ def test_ten_vehicles_without_an_episode_start_on_open_level_ground(monkeypatch,
     solid = obstacles(world.scene)
     assert solid.moving is None
     a, b, c = np.moveaxis(np.asarray(solid.corners, np.float64).reshape(-1, 3, 3)[:, :, :2], 1, 0)
-    vehicles = build(SimulatedVehicle, world, count=config.count).vehicles
+    vehicles = build(SimulatedVehicle, world, config).vehicles
     assert len(vehicles) == 10
     for vehicle in vehicles:
         place = vehicle.plant.truth["position_ned"][:2]

@@ -8,7 +8,7 @@ from typing import Any, Unpack
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.pace import PaceReport, RateKeeper
 from dronecats.flight.sitl.px4 import HilVehicle
-from dronecats.flight.sitl.simulation import BootPose, Physics, Simulation, build_configured, load_world
+from dronecats.flight.sitl.simulation import BootPose, Physics, Simulation, build, load_world
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, GCS_PORT, LOOPBACK, UdpPort, truth_port
 from foundation.airframe import Airframe
 from foundation.mavlink import Packer
@@ -67,7 +67,7 @@ class BoardSimulator:
         url, instance = config.hitl or "", config.instance or 0
         period_us = sensor_period_us(url)
         self._line = BoardLine(lambda: connect(url), Packer(1, TRUTH_COMPONENT))
-        self.simulation: Simulation[BoardVehicle] = build_configured(
+        self.simulation: Simulation[BoardVehicle] = build(
             lambda *arguments, **physics: BoardVehicle(*arguments, line=self._line, period_us=period_us, **physics),
             load_world(config.episode),
             replace(config, count=1, faults=None),

@@ -30,7 +30,7 @@ from dronecats.flight.sitl.simulation import (
     PacedSimulator,
     Physics,
     Vehicle,
-    build_configured,
+    build,
     load_world,
 )
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
@@ -332,7 +332,7 @@ class Px4Simulator(PacedSimulator[Px4Vehicle]):
             for server in self._servers:
                 stack.callback(server.close)
             self.instance = self._servers[0].port - PORT
-            self.simulation = build_configured(self._vehicle, world, config)
+            self.simulation = build(self._vehicle, world, config)
             self.vehicles = self.simulation.vehicles
             for vehicle in self.vehicles:
                 vehicle.plant.advance(0)  # compiles the physics on the first run of an installation

@@ -363,27 +363,17 @@ def boot_poses(world: World) -> list[BootPose]:
     return poses
 
 
-def build(
-    make: Callable[..., V],
-    world: World,
-    *,
-    airframe: str = AIRFRAME,
-    seed: int = 0,
-    count: int | None = None,
-    disturbances: VehicleFaults | None = None,
-    from_boot: bool = False,
-    faults: Sequence[Fault] = (),
-) -> Simulation[V]:
-    """Return the simulation of a record's drones, or of `count` drones. `make` builds each from `Vehicle`'s arguments.
+def build(make: Callable[..., V], world: World, config: SimulatorConfig) -> Simulation[V]:
+    """Return the simulation that a configuration describes, in `world`. `make` builds a drone as `Vehicle` does.
 
-    Random values follow from the record's seed and from `seed`, which differs between flights of one episode. All
-    drones have the same faults and disturbances. A payload acts from boot; the other disturbances begin with the
-    episode, or at boot with `from_boot`. Raises UsageError for an unknown airframe, a payload that the airframe cannot
-    carry or an impossible fault.
+    Random values follow from the record's seed and from `config.seed`. All drones have the same faults and
+    disturbances. Raises UsageError for an unknown airframe, a payload that the airframe cannot carry or an impossible
+    fault.
     """
     solid = obstacles(world.scene)
-    frame = airframes.load(airframe)
-    poses = boot_poses(world)
+    frame = airframes.load(config.airframe)
+    faults = fault_script.load(Path(config.faults), len(frame.rotors)) if config.faults else ()
+    poses, count = boot_poses(world), config.count
     while count is not None and len(poses) < count:  # each additional drone boots 2 m east of the previous one
         last = poses[-1].position_ned
         north, east = last[0], last[1] + 2.0
@@ -394,33 +384,18 @@ def build(
                 index,
                 frame,
                 pose,
-                seed=noise_seed(world.record.seed, seed, index),
+                seed=noise_seed(world.record.seed, config.seed, index),
                 origin=origin(world),
                 terrain=world.scene.terrain,
                 obstacles=solid,
-                payload_kg=disturbances.payload_kg if disturbances else 0.0,
+                payload_kg=config.disturbances.payload_kg if config.disturbances else 0.0,
                 faults=faults,
             )
             for index, pose in enumerate(poses[:count])
         ],
         Traffic(world.target_upright) if solid.moving else None,
-        disturbances,
-        from_boot=from_boot,
-    )
-
-
-def build_configured(make: Callable[..., V], world: World, config: SimulatorConfig) -> Simulation[V]:
-    """Return the simulation that a configuration describes; `make` as in `build`. Raises UsageError as `build`."""
-    rotors = len(airframes.load(config.airframe).rotors)
-    return build(
-        make,
-        world,
-        airframe=config.airframe,
-        seed=config.seed,
-        count=config.count,
-        disturbances=config.disturbances,
+        config.disturbances,
         from_boot=config.from_boot,
-        faults=fault_script.load(Path(config.faults), rotors) if config.faults else (),
     )
 
 

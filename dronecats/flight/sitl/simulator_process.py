@@ -6,14 +6,7 @@ from typing import Any, Unpack
 
 from dronecats.flight.processes.child import Part
 from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.sitl.simulation import (
-    BootPose,
-    PacedSimulator,
-    Physics,
-    SimulatedVehicle,
-    build_configured,
-    load_world,
-)
+from dronecats.flight.sitl.simulation import BootPose, PacedSimulator, Physics, SimulatedVehicle, build, load_world
 from dronecats.flight.sitl.sockets import Ports
 from foundation.airframe import Airframe
 from foundation.signing import load_key, timestamp
@@ -32,7 +25,7 @@ class Simulator(PacedSimulator[SimulatedVehicle]):
             folder = Path(config.state_dir) / f"vehicle-{index + 1}" if config.state_dir else None
             return SimulatedVehicle(index, airframe, pose, state_dir=folder, **physics)
 
-        self.simulation = build_configured(make, world, config)
+        self.simulation = build(make, world, config)
         if config.least_charge is not None:
             for vehicle in self.simulation.vehicles:
                 vehicle.plant.keep_charge(config.least_charge)

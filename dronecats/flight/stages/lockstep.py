@@ -158,16 +158,13 @@ def one_vehicle(
     PX4's output; None: the output is not kept.
     Raises UsageError for an airframe or command that cannot fly, InfrastructureError if PX4 ends.
     """
-    if px4 is None:
-        simulation = build(
-            SimulatedVehicle, world, airframe=airframe, seed=seed, count=1, disturbances=disturbances, from_boot=True
-        )
-        yield Lockstep(simulation)
-        return
     config = SimulatorConfig(
         episode=world.record.id, airframe=airframe, seed=seed, speed=None, count=1,
         disturbances=disturbances, from_boot=True, px4=px4, log_dir=str(log_dir) if log_dir else None,
     )  # fmt: skip
+    if px4 is None:
+        yield Lockstep(build(SimulatedVehicle, world, config))
+        return
     with closing(Px4Simulator(config, notify=lambda line: None, world=world)) as simulator:
         yield Px4Lockstep(simulator)
 
@@ -189,14 +186,12 @@ class LockstepStage(Stage):
         self._px4: Px4Simulator | None = None
         clock: Lockstep | Px4Lockstep
         ours: tuple[SimulatedVehicle, ...] = ()  # the vehicles with the project's autopilot
+        config = simulator_config(spec, simulated, folder)
         if simulated.autopilot == "px4":
-            self._px4 = Px4Simulator(simulator_config(flight.spec, simulated, folder), world=world)
+            self._px4 = Px4Simulator(config, world=world)
             clock = Px4Lockstep(self._px4)
         else:
-            faults = spec.disturbances.vehicle
-            simulation = build(
-                SimulatedVehicle, world, airframe=simulated.airframe, seed=spec.seed, disturbances=faults
-            )
+            simulation = build(SimulatedVehicle, world, config)
             clock, ours = Lockstep(simulation), simulation.vehicles
         self._clock, self._simulation = clock, clock.simulation
         self._recorder = Recorder(folder, origin(world), measured_in(world), camera)

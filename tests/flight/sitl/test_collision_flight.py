@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from autopilot.records import FREE, NAN, CascadeSetpoint
+from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.simulation import SimulatedVehicle, build, load_world
 from episodes.world.world import World
 from foundation.frames import rotate
@@ -21,7 +22,7 @@ class Flight:
     def __init__(self, episode: str, beside: float) -> None:
         """Put it on the ground `beside` metres from the target's side, take off to 1.2 m and face the target."""
         self.world: World = load_world(episode)
-        self.simulation = build(SimulatedVehicle, self.world, seed=3)
+        self.simulation = build(SimulatedVehicle, self.world, SimulatorConfig(episode=episode, seed=3))
         self.vehicle = self.simulation.vehicles[0]
         self._tap, self._parser = self.simulation.bus.tap(), Parser()
         self.texts: list[Any] = []
@@ -81,8 +82,9 @@ def test_a_drone_that_flies_into_the_target_stops_at_its_surface() -> None:
 
 
 def test_the_collision_box_of_a_moving_target_follows_its_position() -> None:
-    world = load_world("residential-tracking-01")
-    simulation = build(SimulatedVehicle, world, seed=3)
+    config = SimulatorConfig(episode="residential-tracking-01", seed=3)
+    world = load_world(config.episode)
+    simulation = build(SimulatedVehicle, world, config)
     solids = simulation.vehicles[0].plant.solids
     simulation.advance()
     assert solids["box"] == 0

@@ -13,6 +13,7 @@ import pytest
 
 from dronecats.cli.main import main
 from dronecats.flight.logger.estimate_process import EstimateRecorder
+from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.simulation import SimulatedVehicle, build, load_world, origin
 from dronecats.flight.stages.lockstep import Lockstep
 from dronecats.judge.episode import judge_folder
@@ -83,7 +84,8 @@ def flight(tmp_path_factory: pytest.TempPathFactory):
     folder, state = tmp_path_factory.mktemp("flight"), tmp_path_factory.mktemp("vehicle")
     world = load_world(EPISODE)
     truth = Truth(origin(world))
-    simulation = build(partial(SimulatedVehicle, state_dir=state / "vehicle-1"), world, seed=5)
+    config = SimulatorConfig(episode=EPISODE, seed=5)
+    simulation = build(partial(SimulatedVehicle, state_dir=state / "vehicle-1"), world, config)
     clock = Lockstep(simulation)
     clock.follow(truth.feed)
     _fly(folder, Link(clock.transport(0, "onboard")))

@@ -11,7 +11,7 @@ from dronecats.cli.main import main
 from dronecats.flight.sitl import px4 as simulator
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.px4 import INSTANCES, UDP_PORTS, Px4Simulator, free_servers
-from dronecats.flight.sitl.simulation import build_configured
+from dronecats.flight.sitl.simulation import build
 from dronecats.flight.sitl.sockets import UdpPort
 from foundation.errors import InfrastructureError, UsageError
 from hil.simulator import PORT, SimulatorServer
@@ -113,11 +113,11 @@ def test_two_simulators_that_start_at_the_same_time_choose_different_instances(t
     others: list[Any] = []
 
     def build_later(*arguments, **words):
-        monkeypatch.setattr(simulator, "build_configured", build_configured)
+        monkeypatch.setattr(simulator, "build", build)
         others.append(waiting(tmp_path / "second"))
-        return build_configured(*arguments, **words)
+        return build(*arguments, **words)
 
-    monkeypatch.setattr(simulator, "build_configured", build_later)
+    monkeypatch.setattr(simulator, "build", build_later)
     first = waiting(tmp_path / "first")
     try:
         assert first.instance != others[0].instance
