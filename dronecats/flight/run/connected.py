@@ -9,9 +9,9 @@ from typing import Any
 from dronecats.agent.cockpit import AgentFactory
 from dronecats.flight.intent import draw as draw_intent
 from dronecats.flight.run.ascent import StartOffset
-from dronecats.flight.run.episode import EpisodeEnd
+from dronecats.flight.run.episode import EpisodeEnd, Ready
 from dronecats.flight.run.pilot import OpenPilot, opened
-from dronecats.flight.run.setup import FlightSetup, Instruments, Notify, Ready
+from dronecats.flight.run.setup import FlightSetup, Instruments, Notify
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Connected
 from dronecats.flight.stages.stage import ConnectedStage

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from dronecats.flight.run.ascent import start_of
 from dronecats.flight.run.connected import VehicleFlight, open_link
-from dronecats.flight.run.episode import EpisodeEnd
-from dronecats.flight.run.setup import Notify, Ready
+from dronecats.flight.run.episode import EpisodeEnd, Ready
+from dronecats.flight.run.setup import Notify
 from dronecats.flight.run.simulated import draw, write_record
 from dronecats.flight.run.truth import TrueStart, opened_in
 from dronecats.flight.sitl.truth_bridge import TruthSource

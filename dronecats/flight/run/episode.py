@@ -10,16 +10,17 @@ from typing import TYPE_CHECKING
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit, HostPace
 from dronecats.agent.pictures import PicturePath
 from dronecats.flight.run.ascent import StartOffset, ascend, unchecked
-from dronecats.flight.run.landing import finish, notify_safely, tending, unexpected
-from dronecats.flight.run.progress import SafetyLog
+from dronecats.flight.run.landing import drone_labels, finish, notify_safely, tending, unexpected
+from dronecats.flight.run.pilot import OpenPilot
+from dronecats.flight.run.progress import SafetyLog, StepLines
+from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Authority
 from dronecats.flight.stages.stage import Stage
 from dronecats.judge.judged_flight import succeeded
 from foundation.errors import BudgetError, DronecatsError, ModelRejectedError
-from foundation.protocol import CAP_S
 from foundation.run_folder import layout
 from foundation.run_folder.reading import read
-from foundation.run_folder.rows import Decision, drone_label
+from foundation.run_folder.rows import Decision
 from foundation.run_folder.writing import LineLog, PromptLog
 from foundation.setpoints import Hold
 from hil.link.envelope import unwatched
@@ -29,7 +30,16 @@ from hil.preflight.failsafes import read_failsafe
 if TYPE_CHECKING:
     from dronecats.flight.run.truth import TrueStart  # only for types, because it needs the simulator
 
-EVERYTHING = Authority()  # the default permissions: arm, move the vehicle, and land it
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ready:
+    """The started parts that an episode needs."""
+
+    stage: Stage
+    starts: list[StartOffset]  # start pose of each drone
+    pilot: OpenPilot
+    true_start: "TrueStart | None" = None  # checks whether the episode may begin; None: no check
+    pictures: PicturePath | None = None  # picture faults to inject; None: no faults
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,50 +52,40 @@ class EpisodeEnd:
 
 
 def fly(
-    stage: Stage,
-    starts: list[StartOffset],
+    flight: Flight,
+    ready: Ready,
     make_agent: AgentFactory,
+    authority: Authority,
     folder: Path,
-    *,
-    seed: tuple[int, ...] = (0,),
-    full: bool = False,
-    cap_s: float = CAP_S,
-    authority: Authority = EVERYTHING,
-    pictures: PicturePath | None = None,
-    check: Callable[[], None] = lambda: None,
-    on_step: Callable[[Decision], None] = lambda decision: None,
-    notify: Callable[[str], None] = lambda line: None,
-    true_start: "TrueStart | None" = None,
+    notify: Callable[[str], None],
 ) -> EpisodeEnd:
     """Fly the drones of a stage (vehicles, camera and logger) to their start poses, let an agent fly, and land.
 
-    With `full`, the flight lasts until `cap_s` even after a success. `pictures` injects picture faults. The checks of
-    `true_start` raise if the episode may not begin. `check` is called at every tick, besides the stage's own check. It
-    raises if a part that the agent needs is gone. Errors in flight are not raised: `EpisodeEnd` has them.
+    Errors in flight are not raised: `EpisodeEnd` has them.
     """
+    stage, true_start, cap_s = ready.stage, ready.true_start, flight.spec.seconds
     log, prompts = LineLog(folder / layout.DECISIONS), PromptLog(folder / layout.PROMPTS)
     agent: Agent | None = None
     reason, error = "cap", None  # type: str, DronecatsError | None
     began_s: float | None = None
-    watch = VerdictWatch(folder, full)
+    watch = VerdictWatch(folder, flight.spec.full)
     safety = SafetyLog(folder / layout.SAFETY, stage.links, notify)
     try:
         for link in stage.links:
             link.on_wait = tending(stage.links, link, stage.check)
-        for drone, link in enumerate(stage.links):
-            label = f"{drone_label(drone)}: " if len(stage.links) > 1 else ""
+        for label, link in zip(drone_labels(stage.links), stage.links, strict=True):
             link.on_silence = partial(_warn_of_silence, notify, label)
         if authority.dry or not authority.arm:
             take_over(stage.links, authority, notify)
         else:
-            ascend(stage.links, starts, notify, true_start.check_estimates if true_start else unchecked)
+            ascend(stage.links, ready.starts, notify, true_start.check_estimates if true_start else unchecked)
         if true_start:
             true_start.check_starts(stage.links)
         for link in stage.links:
             link.settle_envelope()
             if link.limits and (warning := unwatched(link.state, link.limits)):
                 notify(f"      envelope: {warning}")
-        agent = _begin(stage, make_agent, folder, log, prompts, on_step, check, cap_s, seed, pictures)
+        agent = make_agent(_begin(flight, ready, folder, log, prompts, notify))
         began_s = time.monotonic()  # for `wall_seconds`
         agent.fly(cap_s, watch.decided)
         reason = "decided" if watch.success else "cap"
@@ -130,23 +130,16 @@ def take_over(links: Sequence[Link], authority: Authority, notify: Callable[[str
 
 
 def _begin(
-    stage: Stage,
-    make_agent: AgentFactory,
-    folder: Path,
-    log: LineLog,
-    prompts: PromptLog,
-    on_step: Callable[[Decision], None],
-    check: Callable[[], None],
-    cap_s: float,
-    seed: tuple[int, ...],
-    pictures: PicturePath | None,
-) -> Agent:
+    flight: Flight, ready: Ready, folder: Path, log: LineLog, prompts: PromptLog, notify: Callable[[str], None]
+) -> Cockpit:
+    """Begin the episode, and return the interface for its agent."""
+    stage, pilot = ready.stage, ready.pilot
     for link in stage.links:
         if not link.streaming:  # after `ascend`, the vehicle already holds its start pose
             link.fly(Hold())
         link.start_offboard()
     t0_us = max(link.time_us for link in stage.links)
-    stage.begin(t0_us, cap_s)
+    stage.begin(t0_us, flight.spec.seconds)
     for link in stage.links:  # so that the first frame is taken after the start of the episode
         link.wait(0.1)
     for link in stage.links:  # from now on the agent ticks all links in turn
@@ -156,27 +149,25 @@ def _begin(
 
     def on_tick() -> None:
         stage.check()
-        check()
+        pilot.check()
         if host:
             host.tick(max(link.time_us for link in stage.links) / 1e6)
 
-    return make_agent(
-        Cockpit(
-            aircraft=stage.links,
-            camera=stage.camera,
-            camera_model=stage.camera_model,
-            log=log,
-            prompts=prompts,
-            frames_dir=folder / layout.FRAMES,
-            commander_log=folder / layout.COMMANDER,
-            executor=stage.executor,
-            t0_us=t0_us,
-            seed=seed,
-            on_step=on_step,
-            on_tick=on_tick,
-            pictures=pictures,
-            host=host,
-        )
+    return Cockpit(
+        aircraft=stage.links,
+        camera=stage.camera,
+        camera_model=stage.camera_model,
+        log=log,
+        prompts=prompts,
+        frames_dir=folder / layout.FRAMES,
+        commander_log=folder / layout.COMMANDER,
+        executor=stage.executor,
+        t0_us=t0_us,
+        seed=flight.seed,
+        on_step=StepLines(notify, len(ready.starts), pilot.spent, flight.spec.stop_unreadable),
+        on_tick=on_tick,
+        pictures=ready.pictures,
+        host=host,
     )
 
 

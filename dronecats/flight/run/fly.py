@@ -54,7 +54,7 @@ def fly(spec: FlightSpec, out: Path | None, notify: Notify, instruments: Instrum
     `out` is the run folder, None for a new one; `instruments` watch a connected vehicle. Invalid settings raise before
     the run folder is made. Raises UsageError, ModelError.
     """
-    setup = setup_of(spec, instruments)
+    setup = _setup(look_up(spec), instruments)
     configuration = settings(setup.flight, setup.camera)
     questions = FirstQuestions([spec], out, notify)
     with folders.create(out, spec.pilot_name, setup.episode, configuration, questions.ask) as folder:
@@ -69,20 +69,20 @@ def fly(spec: FlightSpec, out: Path | None, notify: Notify, instruments: Instrum
         return setup.fly_in(folder, notify, afterwards)
 
 
-def setup_of(spec: FlightSpec, instruments: Instruments = UNWATCHED) -> FlightSetup:
-    """Look up and check the specification; return the setup for the simulated or connected vehicle. Raises UsageError.
+def _setup(flight: Flight, instruments: Instruments) -> FlightSetup:
+    """Return the setup for the simulated or connected vehicle. Raises UsageError, LinkError.
 
     Only the code for this kind of vehicle is imported, because a companion computer has no simulator.
     """
-    flight = look_up(spec)
-    if spec.connected is None:
+    vehicle = flight.spec.connected
+    if vehicle is None:
         from dronecats.flight.run.simulated import SimulatedFlight
 
         return SimulatedFlight(flight)
-    if spec.connected.truth is not None:
+    if vehicle.truth is not None:
         from dronecats.flight.run.connected_world import ConnectedWorldFlight
 
-        return ConnectedWorldFlight(flight, spec.connected, spec.connected.truth)
+        return ConnectedWorldFlight(flight, vehicle, vehicle.truth)
     from dronecats.flight.run.connected import ConnectedFlight
 
-    return ConnectedFlight(flight, spec.connected, instruments)
+    return ConnectedFlight(flight, vehicle, instruments)

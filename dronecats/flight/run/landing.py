@@ -88,13 +88,16 @@ def signals_handled(handler: Callable[[int, FrameType | None], None] | signal.Ha
             signal.signal(number, former)
 
 
-def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None] = lambda line: None) -> list[Link]:
+ENDINGS = {"land": "landing …", "return": "returning …", "hold": "holding: you have control of the vehicle"}
+
+
+def order_landing(stage: Stage, then: str, notify: Callable[[str], None]) -> list[Link]:
     """End the flight of every armed drone: stop, then land, return or hold (`then`). Return the drones that will land.
 
     A drone that does not answer does not delay the others. A drone that another pilot has taken over gets no order.
     """
     landing = []
-    for label, link in zip(_labels(stage.links), stage.links, strict=True):
+    for label, link in zip(drone_labels(stage.links), stage.links, strict=True):
         # a dead logger, model or drone must not keep a vehicle in the air
         link.on_wait = tending(stage.links, link, stage.check_vehicles, (DronecatsError, OSError))
         try:
@@ -102,11 +105,7 @@ def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None
                 link.stop_stream()
                 say_failsafe(link, notify)
             elif link.may_fly():
-                notify(
-                    {"land": "landing …", "return": "returning …", "hold": "holding: you have control of the vehicle"}[
-                        then
-                    ]
-                )
+                notify(ENDINGS[then])
                 link.give_up(then)
                 if then != "hold":
                     landing.append(link)
@@ -141,10 +140,8 @@ def say_failsafe(link: Link, notify: Callable[[str], None]) -> None:
         notify(f"no more setpoints are sent. A vehicle that is still in offboard mode now does: {link.failsafe}")
 
 
-def await_landing(
-    links: Sequence[Link], flying: Sequence[Link], notify: Callable[[str], None] = lambda line: None
-) -> None:
-    for label, link in zip(_labels(links), links, strict=True):
+def await_landing(links: Sequence[Link], flying: Sequence[Link], notify: Callable[[str], None]) -> None:
+    for label, link in zip(drone_labels(links), links, strict=True):
         if link not in flying:
             continue
         try:
@@ -153,7 +150,7 @@ def await_landing(
             notify(f"{label}no end of the landing was reported: {fault}. {AFTERWARDS}")
 
 
-def _labels(links: Sequence[Link]) -> list[str]:
+def drone_labels(links: Sequence[Link]) -> list[str]:
     """Return the prefix of a line about each drone: the drone's name in a fleet, empty for a single drone."""
     return [f"{drone_label(drone)}: " if len(links) > 1 else "" for drone in range(len(links))]
 

@@ -5,22 +5,18 @@ import statistics
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from dronecats.agent.cockpit import AgentFactory
 from dronecats.agent.models.model import Model
-from dronecats.agent.pictures import PicturePath
-from dronecats.flight.run.ascent import StartOffset
-from dronecats.flight.run.episode import EVERYTHING, EpisodeEnd, fly
+from dronecats.flight.run.episode import EpisodeEnd, Ready, fly
 from dronecats.flight.run.identity import write_identity
 from dronecats.flight.run.landing import signals_handled, unexpected
 from dronecats.flight.run.pilot import OpenPilot
-from dronecats.flight.run.progress import StepLines
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Authority
-from dronecats.flight.stages.stage import Stage
 from dronecats.judge.episode import verdict_of, write_verdict
 from dronecats.judge.verdict import Measures
 from foundation.errors import BudgetError, DronecatsError, InfrastructureError, UsageError
@@ -31,9 +27,6 @@ from foundation.run_folder.results import Result
 from foundation.run_folder.rows import Decision
 from hil.cameras.open import PatientCamera
 from hil.link.link import Link
-
-if TYPE_CHECKING:
-    from dronecats.flight.run.truth import TrueStart
 
 Notify = Callable[[str], None]
 Written = TypeVar("Written")
@@ -134,21 +127,10 @@ class Instruments:
 UNWATCHED = Instruments()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ready:
-    """The started parts that an episode needs."""
-
-    stage: Stage
-    starts: list[StartOffset]  # start pose of each drone
-    pilot: OpenPilot
-    true_start: "TrueStart | None" = None  # checks whether the episode may begin; None: no check
-    pictures: PicturePath | None = None  # picture faults to inject; None: no faults
-
-
 class FlightSetup(ABC):
     """A flight whose settings have been resolved and checked. Each kind of vehicle has a subclass."""
 
-    authority: Authority = EVERYTHING
+    authority = Authority()
     headline = ""  # printed before the flight, unless empty
 
     def __init__(self, flight: Flight, episode: str, camera: dict[str, Any] | None) -> None:
@@ -183,15 +165,10 @@ class FlightSetup(ABC):
         `afterwards` is called after the verdict is written. Raises InfrastructureError.
         """
         self.write_record(folder)
-        spec = self.flight.spec
 
         def flight() -> EpisodeEnd:
             with self.ready(folder, notify) as ready:
-                return fly(
-                    ready.stage, ready.starts, self.agent(ready.pilot), folder,
-                    seed=self.flight.seed, full=spec.full, cap_s=spec.seconds, authority=self.authority,
-                    pictures=ready.pictures, check=ready.pilot.check, notify=notify, true_start=ready.true_start,
-                    on_step=StepLines(notify, len(ready.starts), ready.pilot.spent, spec.stop_unreadable),
-                )  # fmt: skip
+                return fly(self.flight, ready, self.agent(ready.pilot), self.authority, folder, notify)
 
-        return fly_and_judge(flight, folder, self.episode, spec.pilot_name, afterwards, pace=lambda: self.pace)
+        name = self.flight.spec.pilot_name
+        return fly_and_judge(flight, folder, self.episode, name, afterwards, pace=lambda: self.pace)

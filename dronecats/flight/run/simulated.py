@@ -8,8 +8,8 @@ from pathlib import Path
 from dronecats.agent.pictures import PicturePath
 from dronecats.flight.run.accounts import check_budget
 from dronecats.flight.run.ascent import start_of
-from dronecats.flight.run.episode import EpisodeEnd
-from dronecats.flight.run.setup import FlightSetup, Notify, Ready
+from dronecats.flight.run.episode import EpisodeEnd, Ready
+from dronecats.flight.run.setup import FlightSetup, Notify
 from dronecats.flight.spec.disturbances import FrameFaults
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated

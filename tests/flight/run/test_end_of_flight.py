@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
-from dronecats.flight.run.episode import fly
-from dronecats.flight.spec.flight_spec import Authority
+from dronecats.flight.run.episode import Ready, fly
+from dronecats.flight.run.pilot import OpenPilot
+from dronecats.flight.spec.flight_spec import Authority, FlightSpec, Simulated
 from foundation.errors import DronecatsError, LinkError
 from hil.link.link import Link, TakeoverError
 from tests.hil.link.scripted_vehicle import ScriptedVehicle
@@ -28,7 +29,10 @@ def test_the_reason_is_printed_before_the_end_of_the_flight_is_logged(tmp_path, 
         raise fault
 
     agent = SimpleNamespace(now_s=1.0, steps=0, fly=broken)
-    ending = fly(stage, [], lambda cockpit: agent, tmp_path, authority=Authority(dry=True), notify=happened.append)
+    model: Any = None
+    flight: Any = SimpleNamespace(spec=FlightSpec(pilot="oracle", simulated=Simulated()), seed=(0, 0))
+    ready = Ready(stage=stage, starts=[], pilot=OpenPilot(model))
+    ending = fly(flight, ready, lambda cockpit: agent, Authority(dry=True), tmp_path, happened.append)
     assert isinstance(ending.error, DronecatsError)
     fault_index = next(k for k, line in enumerate(happened) if str(fault) in line)
     assert fault_index < min(happened.index("mend"), happened.index(ending.reason))
