@@ -45,10 +45,10 @@ AERIAL_WIDTH_PX, AERIAL_HEIGHT_PX = 1600, 1000
 AERIAL_MARGIN_M = 12.0
 
 
-def draw(run_episode_dir: Path, map_picture: NDArray[np.uint8] | None, extent: Extent | None) -> Path:
+def draw(run_episode_dir: Path, map_picture: NDArray[np.uint8], extent: Extent) -> Path:
     """Write `flight.png` in the episode folder and return its path.
 
-    map_picture: (H, W, 3) RGB from above, north up and east right, filling `extent`; None draws a plain grid.
+    map_picture: (H, W, 3) RGB from above, north up and east right, filling `extent`.
     Raises UsageError when the folder holds no log to draw.
     """
     flight = JudgedFlight.read(run_episode_dir)
@@ -70,15 +70,11 @@ def draw(run_episode_dir: Path, map_picture: NDArray[np.uint8] | None, extent: E
     return path
 
 
-def _map(axes: Axes, logs: Logs, picture: NDArray[np.uint8] | None, extent: Extent | None) -> None:
+def _map(axes: Axes, logs: Logs, picture: NDArray[np.uint8], extent: Extent) -> None:
     poses = sorted(logs.poses, key=lambda p: p.t)
-    if picture is not None and extent is not None:
-        north_min, north_max, east_min, east_max = extent
-        axes.imshow(picture, extent=(east_min, east_max, north_min, north_max), origin="upper", zorder=0)
-        axes.set_facecolor(tuple(picture.reshape(-1, 3).mean(axis=0) / 255.0))  # fills the map around the picture
-    else:
-        axes.set_facecolor("#eef0ea")
-        axes.grid(color="white", linewidth=1.2)
+    north_min, north_max, east_min, east_max = extent
+    axes.imshow(picture, extent=(east_min, east_max, north_min, north_max), origin="upper", zorder=0)
+    axes.set_facecolor(tuple(picture.reshape(-1, 3).mean(axis=0) / 255.0))  # fills the map around the picture
     drones = sorted({p.drone for p in poses})
     for drone in drones:
         _trace(axes, [p for p in poses if p.drone == drone], _DRONES[drone % len(_DRONES)], drone, len(drones) > 1)
@@ -140,7 +136,7 @@ def _declarations(axes: Axes, logs: Logs) -> None:
                       label=labels.pop(False, None))  # fmt: skip
 
 
-def _frame_map(axes: Axes, poses: list[Pose], extent: Extent | None) -> None:
+def _frame_map(axes: Axes, poses: list[Pose], extent: Extent) -> None:
     """Fit the axes to all positions and a margin; if there are no positions, to `extent`."""
     points: list[Vec3] = [p.position_ned for p in poses] + [p.target_ned for p in poses if p.target_ned]
     box = axes.get_window_extent()
@@ -149,11 +145,9 @@ def _frame_map(axes: Axes, poses: list[Pose], extent: Extent | None) -> None:
         north, east = np.array([p[:2] for p in points], float).T
         middle = (0.5 * (north.min() + north.max()), 0.5 * (east.min() + east.max()))
         high = max(float(np.ptp(north)) + 2.0 * _MARGIN_M, (float(np.ptp(east)) + 2.0 * _MARGIN_M) / shape, 20.0)
-    elif extent is not None:
+    else:
         middle = (0.5 * (extent[0] + extent[1]), 0.5 * (extent[2] + extent[3]))
         high = extent[1] - extent[0]
-    else:
-        middle, high = (0.0, 0.0), 40.0
     axes.set_aspect("equal", adjustable="box")
     axes.set_ylim(middle[0] - 0.5 * high, middle[0] + 0.5 * high)
     axes.set_xlim(middle[1] - 0.5 * high * shape, middle[1] + 0.5 * high * shape)

@@ -64,13 +64,15 @@ def colour(path, bgr, tolerance=40):
     return int((np.abs(picture - bgr).max(axis=2) < tolerance).sum())
 
 
+EXTENT = (-40.0, 60.0, -75.0, 75.0)  # m NED
+GROUND = np.full((20, 30, 3), 230, np.uint8)  # a picture from above that fills EXTENT
 GREEN, RED = (0x3A, 0xC9, 0x18), (0x2A, 0x2A, 0xFF)
 
 
 def test_a_complete_flight_shows_the_map_and_both_kinds_of_declaration(tmp_path):
     folder = flight(tmp_path / "run", target_speed=0.04)
     picture = np.full((200, 300, 3), (96, 128, 72), np.uint8)
-    path = flight_picture.draw(folder, picture, (-40.0, 60.0, -75.0, 75.0))
+    path = flight_picture.draw(folder, picture, EXTENT)
     assert path == folder / "flight.png"
     drawn = pictures.read(path)
     assert drawn.shape[1] == 1280
@@ -88,18 +90,18 @@ def test_a_declaration_qualifies_by_the_truth_of_its_own_frame(tmp_path):
     assert qualifying[0] is None
 
 
-def test_a_flight_without_declarations_map_or_record_is_still_drawn(tmp_path):
+def test_a_flight_without_declarations_or_record_is_still_drawn(tmp_path):
     folder = flight(tmp_path / "run", declare=())
     for name in ("episode.json", "verdict.json"):
         (folder / name).unlink()
-    path = flight_picture.draw(folder, None, None)
+    path = flight_picture.draw(folder, GROUND, EXTENT)
     assert colour(path, GREEN) == 0
     assert colour(path, RED, 20) == 0
 
 
 def test_each_drone_of_a_fleet_has_its_own_colour(tmp_path):
     folder = flight(tmp_path / "run", drones=4, steps=3, declare=(2,))
-    path = flight_picture.draw(folder, None, None)
+    path = flight_picture.draw(folder, GROUND, EXTENT)
     for rgb in ("ffb000", "3fa7ff", "ff5c8a", "b48cff"):
         r, g, b = bytes.fromhex(rgb)
         assert colour(path, (b, g, r), 25) > 100
@@ -107,8 +109,8 @@ def test_each_drone_of_a_fleet_has_its_own_colour(tmp_path):
 
 def test_the_same_files_give_the_same_picture(tmp_path):
     folder = flight(tmp_path / "run", steps=5)
-    first = flight_picture.draw(folder, None, None).read_bytes()
-    assert flight_picture.draw(folder, None, None).read_bytes() == first
+    first = flight_picture.draw(folder, GROUND, EXTENT).read_bytes()
+    assert flight_picture.draw(folder, GROUND, EXTENT).read_bytes() == first
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.3, 0.77, 0.999])
@@ -119,9 +121,9 @@ def test_truncated_logs_are_drawn(tmp_path, keep):
         (folder / name).write_bytes(data[: int(keep * len(data))])
     (folder / "frames" / "000001.jpg").write_bytes(b"\xff\xd8\xff")
     (folder / "verdict.json").write_text('{"outcome": "succ')
-    assert flight_picture.draw(folder, None, None).stat().st_size > 10_000
+    assert flight_picture.draw(folder, GROUND, EXTENT).stat().st_size > 10_000
 
 
 def test_a_folder_without_logs_is_rejected(tmp_path):
     with pytest.raises(UsageError, match=r"truth\.jsonl"):
-        flight_picture.draw(tmp_path, None, None)
+        flight_picture.draw(tmp_path, GROUND, EXTENT)
