@@ -73,7 +73,7 @@ def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitSta
     """
     from dronecats.bench.campaign import Campaign, EndedFlight
     from dronecats.bench.progress import CostEstimate, Progress
-    from dronecats.flight.run.accounts import Spending
+    from dronecats.flight.run.accounts import spent_in
     from dronecats.view.live.opening import opened
 
     broken: dict[tuple[str, str], Result] = {}
@@ -87,11 +87,11 @@ def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitSta
             if (run.entry.name, episode) not in left:
                 progress.stored(result)
                 estimate.add(run, result)
-        spending, began_s = Spending(bench.out), time.monotonic()
+        began_s = time.monotonic()
         ending: Ending = "flown"
 
         def state() -> str:
-            return progress.line(time.monotonic() - began_s, spending.spent(), estimate.left_usd())
+            return progress.line(time.monotonic() - began_s, spent_in(bench.out), estimate.left_usd())
 
         def ended(flight: EndedFlight) -> None:
             name = f"{flight.run.entry.name}/{flight.result.episode}"
@@ -121,8 +121,7 @@ def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitSta
             raise
         finally:
             live.close(state())
-            spent = spending.spent()
-            spending.close()
+            spent = spent_in(bench.out)
         scores = bench.scores(lambda run, episode: broken.get((run.entry.name, run.batch.folder(episode).name)))
     finally:
         bench.close()

@@ -147,22 +147,12 @@ def _budget(accounts: Accounts) -> Budget:
     return Budget(accounts.cost_limit_usd, accounts.token_limit)
 
 
-class Spending:
-    """Reads the cost of all runs of a benchmark from the ledger that they share."""
-
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / LEDGER
-        self._ledger: Ledger | None = None
-
-    def spent(self) -> Spent | None:
-        """Return the cost; None if there is no ledger, because no model was paid yet. Raises InfrastructureError."""
-        if self._ledger is None and self._path.exists():
-            self._ledger = Ledger(self._path)
-        return self._ledger.spent() if self._ledger else None
-
-    def close(self) -> None:
-        if self._ledger is not None:
-            self._ledger.close()
+def spent_in(folder: Path) -> Spent | None:
+    """Return the cost of all runs of a benchmark; None: no model was paid yet. Raises InfrastructureError."""
+    if not (folder / LEDGER).exists():
+        return None
+    with closing(Ledger(folder / LEDGER)) as ledger:
+        return ledger.spent()
 
 
 Notify = Callable[[str], None]
