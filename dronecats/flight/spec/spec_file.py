@@ -136,19 +136,8 @@ def _recording(folder: Path) -> FlightRecording:
         if decision.served is not UNSET:
             served[decision.drone] = str(decision.served)
         if decision.step not in steps:  # every drone of a question has a decision with the same reply: keep the first
-            steps[decision.step] = LoggedReply(
-                step=questions[decision.drone],
-                drone=decision.drone,
-                reply=str(decision.reply),
-                latency_s=decision.latency_s or 0.0,
-                tokens_in=decision.tokens_in,
-                tokens_out=decision.tokens_out,
-                finish=None if decision.finish is UNSET else str(decision.finish),
-                served=served.get(decision.drone),
-                tokens_cached=None if decision.tokens_cached is UNSET else decision.tokens_cached,
-                tokens_reasoning=None if decision.tokens_reasoning is UNSET else decision.tokens_reasoning,
-                endpoint=None if decision.endpoint is UNSET else str(decision.endpoint),
-            )
+            where = {"step": questions[decision.drone], "drone": decision.drone, "served": served.get(decision.drone)}
+            steps[decision.step] = _logged(decision, **where)
             questions[decision.drone] += 1
         if decision.declares:
             last_declared = ("pilot", steps[decision.step].drone)
@@ -172,13 +161,11 @@ def _of_commander(commanded: Sequence[Exchange]) -> Iterator[LoggedReply]:
     for exchange in commanded:
         served = served if exchange.served is UNSET else str(exchange.served)
         if exchange.reply is not None:
-            yield LoggedReply(
-                step=exchange.number,
-                drone=0,
-                reply=exchange.reply,
-                latency_s=exchange.latency_s or 0.0,
-                tokens_in=exchange.tokens_in,
-                tokens_out=exchange.tokens_out,
-                served=served,
-                role="commander",
-            )
+            yield _logged(exchange, step=exchange.number, drone=0, served=served, role="commander")
+
+
+def _logged(row: Decision | Exchange, **others: Any) -> LoggedReply:
+    """Return the reply in a row. A value that the row does not have is the default of `LoggedReply`."""
+    names = ("reply", "latency_s", "tokens_in", "tokens_out", "finish", "tokens_cached", "tokens_reasoning", "endpoint")
+    values = {name: value for name in names if (value := getattr(row, name, None)) is not None and value is not UNSET}
+    return LoggedReply(**values, **others)
