@@ -89,7 +89,7 @@ class EstimateLogger(LoggerPart):
         self._socket = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
 
     def ready(self) -> dict[str, Any]:
-        return {"port": self._socket.port}
+        return {"ports": [self._socket.port]}
 
     def turn(self) -> None:
         self._recorder.telemetry(self._socket.receive(0.02))

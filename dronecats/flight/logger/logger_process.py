@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from dronecats.flight.logger.recorder import LoggerConfig, LoggerPart, Measure, Recorder
 from dronecats.flight.sitl.config import AIRFRAME
@@ -71,6 +72,9 @@ class Logger(LoggerPart):
         ]
         for index, listener in enumerate(self._telemetry):
             subscribe(listener.send, index + 1)
+
+    def ready(self) -> dict[str, Any]:
+        return {"ports": [listener.port for listener in self._telemetry]}
 
     def turn(self) -> None:
         self._truth.read(0.02)

@@ -34,6 +34,7 @@ from foundation.truth import (
 
 # Measures the target: (t in s, truth of a drone, its camera, truth of the other drones at that time) → measurement
 Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], TargetMeasurement]
+COPIED = "udpin://127.0.0.1:0"
 KEPT = 1000  # truth samples kept per drone, for late frames: 20 s at 50 Hz
 
 
@@ -42,7 +43,7 @@ class LoggerConfig:
     episode: str  # id of an episode, or path of its record file
     folder: str  # folder for the episode's logs
     truth: str  # URL of the truth bus
-    telemetry: tuple[str, ...]  # URL of each drone's autopilot
+    telemetry: tuple[str, ...]  # URL of each drone's autopilot, or COPIED: the stage sends a copy of its messages
     airframe: str | None = None
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dronecats.flight.sitl.simulation import SimulatedVehicle, Simulation, V, VehiclePort
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.wire import MARKER, frame_bytes
-from hil.link.transport import BUFFER_BYTES, bind_error, connect
+from hil.link.transport import BUFFER_BYTES, UdpTransport, bind_error, connect
 
 SocketAddress = tuple[str, int]
 DATAGRAM_BYTES = 8_000  # longer datagrams are dropped; the limit of PX4's mavlink_receiver.cpp
@@ -235,7 +235,7 @@ LISTENER = 246, 191  # MAVLink ids of the subscriber
 
 
 class Listener:
-    """A subscription to the truth bus of another process. It passes the bytes that arrive at a URL to `feed`."""
+    """A subscription to the truth bus or telemetry of another process. It passes the bytes from a URL to `feed`."""
 
     def __init__(self, url: str, feed: Callable[[bytes], None]) -> None:
         self._transport = connect(url)
@@ -243,6 +243,12 @@ class Listener:
         self._packer = Packer(*LISTENER)
         self._has_data = False
         self._transport.send(self._packer.pack(HELLO))
+
+    @property
+    def port(self) -> int:
+        """The local UDP port, to which others can send if the URL is `udpin`."""
+        assert isinstance(self._transport, UdpTransport)
+        return self._transport.port
 
     def read(self, timeout_s: float) -> bool:
         """Pass on the bytes that arrive within `timeout_s`; return whether any arrived."""

@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.flight.logger.recorder import LoggerConfig
+from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
+from dronecats.flight.logger.recorder import COPIED, LoggerConfig
 from dronecats.flight.processes.supervisor import ChildProcess
 from dronecats.flight.sitl.config import CameraConfig, TruthBridgeConfig
 from dronecats.flight.sitl.sockets import Listener
@@ -16,6 +17,7 @@ from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
 from dronecats.flight.stages.stage import (
     CAMERA,
+    ESTIMATE_LOGGER,
     LOGGER,
     SIMULATOR,
     TRUTH_BRIDGE,
@@ -59,11 +61,8 @@ class RealtimeStage(TruthBusStage):
         self.speed = simulated.speed
         self._wires: list[ImpairedWire] = []
         self.camera_model = flight.camera_model
-        try:
+        with self._opening():
             self._start(flight, simulated, folder, notify)
-        except BaseException:
-            self.close()
-            raise
 
     def _start(self, flight: Flight, simulated: Simulated, folder: Path, notify: Callable[[str], None]) -> None:
         patience, px4 = Patience(notify), simulated.autopilot == "px4"
@@ -92,13 +91,10 @@ class RealtimeStage(TruthBusStage):
                 kept=truth_kept(flight.spec.disturbances.frame),
             ),
         )
-        copies: list[Copy] = []
-        if px4:
+        telemetry = tuple(f"udpout://127.0.0.1:{port}" for port in ports["log"])
+        if px4:  # PX4 has no free MAVLink port for the logger
             self._await_px4(ports["px4"], notify)
-            copies = [Copy(link) for link in self.links]
-            for copy in copies:
-                self._opened.callback(copy.close)
-        log = [copy.port for copy in copies] or ports["log"]
+            telemetry = (COPIED,) * len(self.links)
         self._logger = self._supervisor.start(
             LOGGER,
             LoggerConfig(
@@ -106,7 +102,7 @@ class RealtimeStage(TruthBusStage):
                 airframe=config.airframe,
                 folder=str(folder),
                 truth=self._truth,
-                telemetry=tuple(f"udpout://127.0.0.1:{port}" for port in log),
+                telemetry=telemetry,
             ),
         )
         served = camera.ready(patience)
@@ -116,9 +112,9 @@ class RealtimeStage(TruthBusStage):
             depth_url=served["depth"] if simulated.camera == "depth" else None,
         )
         self._opened.callback(self.camera.close)
-        self._logger.ready(patience)
-        for copy in copies:
-            copy.begin()
+        listening = self._logger.ready(patience)["ports"]
+        if px4:
+            self._copy_links(listening)
 
     def _transport(self, url: str, drone: int, *, speaks_first: bool) -> Transport:
         """Return the agent's end of a vehicle's MAVLink connection, through an ImpairedWire if links are disturbed."""
@@ -169,27 +165,6 @@ class RealtimeStage(TruthBusStage):
         self._simulator.check()
 
 
-class Copy:
-    """Copies the link's received bytes to the logger, because PX4 has no free MAVLink port for the logger."""
-
-    def __init__(self, link: Link) -> None:
-        self._link = link
-        self._socket = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
-
-    @property
-    def port(self) -> int:
-        """The UDP port for the logger's first datagram."""
-        return self._socket.port
-
-    def begin(self) -> None:
-        """Receive the logger's first datagram, then start to copy to the logger."""
-        self._socket.receive(1.0)
-        self._link.copy_to(self._socket)
-
-    def close(self) -> None:
-        self._socket.close()
-
-
 class Patience:
     """Prints one line if a wait takes 3 s. `ChildProcess.ready` calls it twice a second."""
 
@@ -231,40 +206,21 @@ class WorldStage(TruthBusStage):
         self.links = [link]
         self._opened.callback(link.close)
         self.camera_model = CameraModel()
-        try:
-            self._start(link, str(record), truth, folder, notify, frame_s, judged)
-        except BaseException:
-            self.close()
-            raise
-
-    def _start(
-        self,
-        link: Link,
-        episode: str,
-        truth: str,
-        folder: Path,
-        notify: Callable[[str], None],
-        frame_s: float,
-        judged: bool,
-    ) -> None:
-        patience = Patience(notify)
-        bridge = self._supervisor.start(TRUTH_BRIDGE, TruthBridgeConfig(episode=episode, truth=truth))
-        ports = bridge.ready(patience)
-        self.placement = Placement(**ports["placement"])
-        bus = self._truth = f"udpout://127.0.0.1:{ports['truth']}"
-        self._camera_process = self._supervisor.start(CAMERA, CameraConfig(episode=episode, truth=bus))
-        if judged:
-            copy = Copy(link)
-            self._opened.callback(copy.close)
-            telemetry = (f"udpout://127.0.0.1:{copy.port}",)
-            self._logger = self._supervisor.start(
-                LOGGER, LoggerConfig(episode=episode, folder=str(folder), truth=bus, telemetry=telemetry)
-            )
-            self._logger.ready(patience)
-            copy.begin()
-        else:
-            self._log_estimate(link, folder)
-        url = self._camera_process.ready(patience)["reduced"]
-        camera = HttpCamera(url, lambda: link.time_us, max_age_s=frame_s)
-        self.camera = PatientCamera(camera, FRAMES_S, lambda fault: notify(f"      holding: {fault}"))
-        self._opened.callback(self.camera.close)
+        with self._opening():
+            patience = Patience(notify)
+            bridge = self._supervisor.start(TRUTH_BRIDGE, TruthBridgeConfig(episode=str(record), truth=truth))
+            ports = bridge.ready(patience)
+            self.placement = Placement(**ports["placement"])
+            bus = self._truth = f"udpout://127.0.0.1:{ports['truth']}"
+            self._camera_process = self._supervisor.start(CAMERA, CameraConfig(episode=str(record), truth=bus))
+            if judged:
+                self._logger = self._supervisor.start(
+                    LOGGER, LoggerConfig(episode=str(record), folder=str(folder), truth=bus, telemetry=(COPIED,))
+                )
+            else:
+                self._logger = self._supervisor.start(ESTIMATE_LOGGER, EstimateLoggerConfig(folder=str(folder)))
+            url = self._camera_process.ready(patience)["reduced"]
+            camera = HttpCamera(url, lambda: link.time_us, max_age_s=frame_s)
+            self.camera = PatientCamera(camera, FRAMES_S, lambda fault: notify(f"      holding: {fault}"))
+            self._opened.callback(self.camera.close)
+            self._copy_links(self._logger.ready(patience)["ports"])

@@ -5,9 +5,9 @@ disturbances of links end before the landing. A payload is a disturbance too, bu
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
@@ -110,12 +110,21 @@ class SupervisedStage(Stage):
     def close(self) -> None:
         self._opened.close()
 
-    def _log_estimate(self, link: Link, folder: Path) -> None:
-        """Start a logger of the autopilot's estimate, and copy the link's bytes to it."""
-        self._logger = self._supervisor.start(ESTIMATE_LOGGER, EstimateLoggerConfig(folder=str(folder)))
-        copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
-        self._opened.callback(copy.close)
-        link.copy_to(copy)
+    @contextmanager
+    def _opening(self) -> Iterator[None]:
+        """Close the stage if the block fails."""
+        try:
+            yield
+        except BaseException:
+            self.close()
+            raise
+
+    def _copy_links(self, ports: Sequence[int]) -> None:
+        """Copy the messages of each link to a port of the logger."""
+        for link, port in zip(self.links, ports, strict=True):
+            copy = connect(f"udpout://127.0.0.1:{port}")
+            self._opened.callback(copy.close)
+            link.copy_to(copy)
 
 
 class ConnectedStage(SupervisedStage):
@@ -130,11 +139,9 @@ class ConnectedStage(SupervisedStage):
         self.camera, self.camera_model = camera, camera.model
         self._opened.callback(camera.close)
         self._opened.callback(link.close)
-        try:
-            self._log_estimate(link, folder)
-        except BaseException:
-            self.close()
-            raise
+        with self._opening():
+            self._logger = self._supervisor.start(ESTIMATE_LOGGER, EstimateLoggerConfig(folder=str(folder)))
+            self._copy_links(self._logger.ready()["ports"])
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
