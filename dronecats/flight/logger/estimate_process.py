@@ -7,7 +7,7 @@ from typing import Any
 
 from msgspec import UNSET
 
-from dronecats.flight.logger.estimator_resets import ResetWatch, reset_row
+from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.logger.recorder import EpisodeRecorder, LoggerPart
 from foundation.mavlink import Parser, dialect
 from foundation.protocol import POSE_PERIOD_S
@@ -55,9 +55,7 @@ class EstimateRecorder(EpisodeRecorder):
                 self._time_us = max(self._time_us, self._clock.time_us)
                 self._pose(message)
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_ODOMETRY:
-                reset = self._resets.message(message)
-                if reset is not None and self._t0_us is not None:
-                    self._rows.write(reset_row(self._t(self._time_us), 0, reset))
+                self._write_reset(self._resets.message(message), 0)
         self._tlog.flush()
 
     def _pose(self, message: dialect.MAVLink_message) -> None:

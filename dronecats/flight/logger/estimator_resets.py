@@ -24,18 +24,6 @@ TURNING_DEG = 30.0  # °/s, change of the turn rate within 0.2 s
 
 
 @dataclass(frozen=True, slots=True)
-class EstimatorReset:
-    """One or more resets between two messages, with the jumps of the estimate."""
-
-    count: int
-    quantities: tuple[ResetQuantity, ...]  # quantities whose jump is too large to be motion
-    yaw_deg: float  # + right
-    position_m: float  # horizontal
-    height_m: float  # + up
-    velocity_mps: float  # length of the jump
-
-
-@dataclass(frozen=True, slots=True)
 class _Odometry:
     time_us: int
     counter: int
@@ -55,7 +43,7 @@ class ResetWatch:
         """Whether the autopilot sends the counter: an ODOMETRY message has arrived."""
         return self._last is not None
 
-    def frame(self, frame: bytes) -> EstimatorReset | None:
+    def frame(self, frame: bytes) -> Reset | None:
         """Process the bytes of one message; return the reset that it shows, or None."""
         if message_id(frame) != dialect.MAVLINK_MSG_ID_ODOMETRY:
             return None
@@ -63,7 +51,7 @@ class ResetWatch:
             return self.message(message)
         return None
 
-    def message(self, message: dialect.MAVLink_message) -> EstimatorReset | None:
+    def message(self, message: dialect.MAVLink_message) -> Reset | None:
         """Process an ODOMETRY message; return the reset that it shows, or None. Skips values that are not finite."""
         if message.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
             return None
@@ -75,20 +63,6 @@ class ResetWatch:
         self._last = new
         count = (new.counter - last.counter) % COUNTS if last else 0
         return _reset(last, new, count) if last and count else None
-
-
-def reset_row(t: float, drone: int, reset: EstimatorReset) -> Reset:
-    """Return the row of truth.jsonl for a reset at `t` (s of the episode)."""
-    return Reset(
-        t=t,
-        drone=drone,
-        count=reset.count,
-        quantities=reset.quantities,
-        yaw_deg=round(reset.yaw_deg, 2),
-        position_m=round(reset.position_m, 2),
-        height_m=round(reset.height_m, 2),
-        velocity_mps=round(reset.velocity_mps, 2),
-    )
 
 
 def _odometry(message: dialect.MAVLink_message) -> _Odometry:
@@ -106,7 +80,8 @@ def _odometry(message: dialect.MAVLink_message) -> _Odometry:
     )
 
 
-def _reset(last: _Odometry, new: _Odometry, count: int) -> EstimatorReset:
+def _reset(last: _Odometry, new: _Odometry, count: int) -> Reset:
+    """Return the row of truth.jsonl for one or more resets between two messages, without its time and drone."""
     dt = (new.time_us - last.time_us) / 1e6
     turned = 0.5 * (last.yaw_rate + new.yaw_rate) * dt
     north, east, down = (
@@ -124,11 +99,13 @@ def _reset(last: _Odometry, new: _Odometry, count: int) -> EstimatorReset:
         "velocity": velocity_mps > LEAST_MPS + ACCELERATION * dt,
         "height": abs(down) > moved_m,
     }
-    return EstimatorReset(
+    return Reset(
+        t=0.0,
+        drone=0,
         count=count,
         quantities=tuple(name for name, jumped in jumps.items() if jumped),
-        yaw_deg=yaw_deg,
-        position_m=position_m,
-        height_m=-down,
-        velocity_mps=velocity_mps,
+        yaw_deg=round(yaw_deg, 2),
+        position_m=round(position_m, 2),
+        height_m=round(-down, 2),
+        velocity_mps=round(velocity_mps, 2),
     )

@@ -3,14 +3,14 @@
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from msgspec import UNSET, UnsetType
 
-from dronecats.flight.logger.estimator_resets import ResetWatch, reset_row
+from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.processes.child import Part
 from foundation.camera import CameraModel
 from foundation.frames import quat_yaw
@@ -18,7 +18,7 @@ from foundation.mavlink import Parser, dialect, frame_of
 from foundation.measurement import TargetMeasurement
 from foundation.protocol import POSE_PERIOD_S
 from foundation.run_folder import layout
-from foundation.run_folder.rows import Begin, Clear, End, FrameTruth, Hit, Pose
+from foundation.run_folder.rows import Begin, Clear, End, FrameTruth, Hit, Pose, Reset
 from foundation.run_folder.writing import LineLog, TelemetryLog
 from foundation.truth import (
     SILENT_US,
@@ -81,6 +81,10 @@ class EpisodeRecorder:
     def close(self) -> None:
         self._rows.close()
         self._tlog.close()
+
+    def _write_reset(self, reset: Reset | None, drone: int) -> None:
+        if reset is not None and self._t0_us is not None:
+            self._rows.write(replace(reset, t=self._t(self._time_us), drone=drone))
 
     def _t(self, time_us: int) -> float:
         """Return the time (s) of the episode at a vehicle time."""
@@ -148,9 +152,7 @@ class Recorder(EpisodeRecorder):
         parser, watch = self._telemetry.setdefault(drone, (Parser(), ResetWatch()))
         for frame in parser.frames(data):
             self._tlog.write(self._time_us, frame)
-            reset = watch.frame(frame)
-            if reset is not None and self._t0_us is not None:
-                self._rows.write(reset_row(self._t(self._time_us), drone, reset))
+            self._write_reset(watch.frame(frame), drone)
         self._tlog.flush()
 
     def _pose(self, sample: LazySample) -> None:
