@@ -12,9 +12,10 @@ import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
+from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qsl, urlsplit
 
 import cv2
 import numpy as np
@@ -286,8 +287,60 @@ class CameraPart:
         self._camera.close()
 
 
+class FrameHandler(BaseHTTPRequestHandler):
+    """Serves the newest frame, or with `?at=` the frame of a vehicle time (µs)."""
+
+    server: "FrameServer"
+    protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True
+    timeout = REQUEST_S
+
+    def do_GET(self) -> None:
+        self.server.keep(self.connection)
+        url = urlsplit(self.path)
+        if url.path not in (*ENCODINGS, DEPTH):
+            self._send(404, "text/plain", b"frames are at /frame.bmp, /frame.jpg, /frame.png and /depth.png\n", {})
+            return
+        try:
+            kind, data, headers = self._answer(url.path, dict(parse_qsl(url.query)))
+        except (ValueError, DronecatsError) as error:
+            self._send(503, "text/plain", f"{error}\n".encode(), {})
+            return
+        self._send(200, kind, data, headers)
+
+    def _answer(self, path: str, query: dict[str, str]) -> tuple[str, bytes, dict[str, str]]:
+        """Return the media type, data and headers for a request. Raises ValueError, DronecatsError."""
+        camera = self.server.camera
+        own_width = camera.camera.width
+        drone, width = int(query.get("drone", 0)), int(query.get("width", own_width))
+        if width not in (own_width, WIDTH_MAX):
+            raise ValueError(f"frames are {WIDTH_MAX} or {own_width} px wide, not {width}")
+        if path == DEPTH and "frame" in query:
+            return "image/png", encode_depth(camera.depth_of(int(query["frame"]))), {}
+        take = partial(camera.at, int(query["at"])) if "at" in query else camera.newest
+        frame = take(drone, full=width == own_width, depth=path == DEPTH or query.get("depth") == "1")
+        headers = {"X-Frame-Id": str(frame.frame_id), "X-Frame-Time-Us": str(frame.time_us)}
+        if path == DEPTH and frame.depth_mm is not None:
+            return "image/png", encode_depth(frame.depth_mm), headers
+        extension, kind = ENCODINGS[path]
+        data = cv2.imencode(extension, cv2.cvtColor(frame.image_rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
+        return kind, data, headers
+
+    def _send(self, status: int, kind: str, data: bytes, headers: dict[str, str]) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(data)))
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(data)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        pass
+
+
 class FrameServer(ThreadingHTTPServer):
-    """An HTTP server with CONNECTIONS connections at most.
+    """An HTTP server for a camera's frames, with CONNECTIONS connections at most.
 
     At this limit, a new connection replaces the oldest one that has not sent a request. If all have sent one, the new
     connection is closed.
@@ -296,11 +349,12 @@ class FrameServer(ThreadingHTTPServer):
     daemon_threads = True
     request_queue_size = 2 * CONNECTIONS
 
-    def __init__(self, address: tuple[str, int], handler_class: type[BaseHTTPRequestHandler]) -> None:
+    def __init__(self, address: tuple[str, int], camera: WorldCamera) -> None:
+        self.camera = camera
         self._lock = threading.Lock()
         self._silent: dict[socket.socket, None] = {}  # connections that have not sent a whole request, oldest first
         self._active: set[socket.socket] = set()
-        super().__init__(address, handler_class)
+        super().__init__(address, FrameHandler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         with self._lock:
@@ -340,69 +394,8 @@ def serve(camera: WorldCamera, port: int, *, or_next_free: bool = False) -> Fram
     ports = range(port, min(port + NEXT_PORTS, 65536)) if or_next_free else [port]
     for candidate in ports:
         try:
-            return FrameServer((HOST, candidate), handler(camera))
+            return FrameServer((HOST, candidate), camera)
         except OSError as error:
             if error.errno != errno.EADDRINUSE or candidate == ports[-1]:
                 raise bind_error(error, "TCP", HOST, candidate) from None
     raise AssertionError("there is at least one port")
-
-
-def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:
-    """Return the request handler. It serves the newest frame, or with `?at=` the frame of a vehicle time (µs)."""
-
-    class FrameHandler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-        disable_nagle_algorithm = True
-        timeout = REQUEST_S
-
-        def do_GET(self) -> None:
-            if isinstance(self.server, FrameServer):
-                self.server.keep(self.connection)
-            url = urlsplit(self.path)
-            if url.path not in (*ENCODINGS, DEPTH):
-                self._send(404, "text/plain", b"frames are at /frame.bmp, /frame.jpg, /frame.png and /depth.png\n", {})
-                return
-            try:
-                query = parse_qs(url.query)
-                drone, width = int(query.get("drone", ["0"])[0]), int(query.get("width", [str(camera.camera.width)])[0])
-                full = width == camera.camera.width
-                if not full and width != WIDTH_MAX:
-                    raise ValueError(f"frames are {WIDTH_MAX} or {camera.camera.width} px wide, not {width}")
-                if url.path == DEPTH and "frame" in query:
-                    self._send(200, "image/png", encode_depth(camera.depth_of(int(query["frame"][0]))), {})
-                    return
-                at = int(query["at"][0]) if "at" in query else None
-                depth = url.path == DEPTH or query.get("depth", ["0"])[0] == "1"
-                frame = (
-                    camera.newest(drone, full=full, depth=depth)
-                    if at is None
-                    else camera.at(at, drone, full=full, depth=depth)
-                )
-            except (ValueError, DronecatsError) as error:
-                self._send(503, "text/plain", f"{error}\n".encode(), {})
-                return
-            if url.path == DEPTH and frame.depth_mm is not None:
-                self._send(200, "image/png", encode_depth(frame.depth_mm), stamp(frame))
-                return
-            extension, kind = ENCODINGS[url.path]
-            data = cv2.imencode(extension, cv2.cvtColor(frame.image_rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
-            self._send(200, kind, data, stamp(frame))
-
-        def _send(self, status: int, kind: str, data: bytes, headers: dict[str, str]) -> None:
-            self.send_response(status)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(data)))
-            for name, value in headers.items():
-                self.send_header(name, value)
-            self.end_headers()
-            self.wfile.write(data)
-
-        def log_message(self, format: str, *args: Any) -> None:
-            pass
-
-    return FrameHandler
-
-
-def stamp(frame: Frame) -> dict[str, str]:
-    """Return the HTTP headers with the id and the vehicle time of a frame."""
-    return {"X-Frame-Id": str(frame.frame_id), "X-Frame-Time-Us": str(frame.time_us)}

@@ -41,7 +41,7 @@ def camera() -> Any:
 @pytest.fixture
 def server(camera, monkeypatch):
     monkeypatch.setattr(camera_process, "CONNECTIONS", 8)
-    made = camera_process.FrameServer(("127.0.0.1", 0), camera_process.handler(camera))
+    made = camera_process.FrameServer(("127.0.0.1", 0), camera)
     thread = threading.Thread(target=made.serve_forever, args=(0.01,), daemon=True)
     thread.start()
     yield made

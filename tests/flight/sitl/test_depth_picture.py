@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from dronecats.flight.sitl.camera import FrameServer, handler
+from dronecats.flight.sitl.camera import FrameServer
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from episodes.records import catalogue
 from episodes.world.rays import NOTHING, RayScene
@@ -58,7 +58,7 @@ def test_depth_pictures_round_trip_through_their_file():
 
 def test_depth_over_http_belongs_to_the_same_frame(world):
     camera = camera_of(world)
-    server = FrameServer(("127.0.0.1", 0), handler(camera))
+    server = FrameServer(("127.0.0.1", 0), camera)
     thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
     thread.start()
     place = f"http://127.0.0.1:{server.server_port}"

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.flight.sitl.camera import FrameServer, WorldCamera, handler
+from dronecats.flight.sitl.camera import FrameServer, WorldCamera
 from dronecats.flight.sitl.simulation import origin
 from episodes.camera.optics.options import Optics, Sensor
 from episodes.records import catalogue
@@ -59,7 +59,7 @@ def test_sensor_noise_is_added_at_full_size_before_the_reduction(world):
 
 
 def test_a_client_chooses_the_width_of_its_frames(world):
-    server = FrameServer(("127.0.0.1", 0), handler(camera_of(world)))
+    server = FrameServer(("127.0.0.1", 0), camera_of(world))
     thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
     thread.start()
     url = f"http://127.0.0.1:{server.server_port}/frame.bmp"
