@@ -10,7 +10,7 @@ A worker on any machine can fly the spec, because it holds the contents of files
 """
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -264,7 +264,7 @@ def latency_policy(text: str, recorded: Sequence[float] | None = None) -> Latenc
     if file is None:
         return LatencyPolicy.parse(text)
     trace = recorded if recorded is not None and trace_name(recorded) == digest_of(text) else read_trace(Path(file))
-    return LatencyPolicy.parse(_with_trace_name(text, trace_name(trace)), trace)
+    return LatencyPolicy.parse(_with_file(text, lambda _: trace_name(trace)), trace)
 
 
 def portable_policy_text(text: str) -> str:
@@ -273,18 +273,12 @@ def portable_policy_text(text: str) -> str:
     NAME is the file's name without its folder, for people. DIGEST is from `trace_name`. Raises UsageError like
     `read_trace`.
     """
-    file = _file(text)
-    return (
-        text
-        if file is None
-        else _with_trace_name(text, f"{Path(file).resolve().name}{AT}{trace_name(read_trace(Path(file)))}")
-    )
+    return _with_file(text, lambda file: f"{Path(file).resolve().name}{AT}{trace_name(read_trace(Path(file)))}")
 
 
 def from_folder(text: str, folder: Path) -> str:
     """Return the text of a policy, with a relative FILE in `trace:FILE` resolved against `folder`."""
-    file = _file(text)
-    return text if file is None else _with_trace_name(text, str(folder / file))
+    return _with_file(text, lambda file: str(folder / file))
 
 
 def digest_of(text: str) -> str | None:
@@ -301,9 +295,13 @@ def _file(text: str) -> str | None:
     return file
 
 
-def _with_trace_name(text: str, name: str) -> str:
-    words = split_policy(text)
-    return "+".join(f"{TRACE}:{name}" if part == f"{TRACE}:{_file(text)}" else part for part in words)
+def _with_file(text: str, change: Callable[[str], str]) -> str:
+    """Return the text with FILE of `trace:FILE` changed; without a trace, the text itself."""
+    file = _file(text)
+    if file is None:
+        return text
+    trace = f"{TRACE}:{file}"
+    return "+".join(f"{TRACE}:{change(file)}" if part == trace else part for part in split_policy(text))
 
 
 def read_trace(path: Path) -> tuple[float, ...]:
