@@ -23,7 +23,7 @@ class Refuse(importlib.abc.MetaPathFinder):
             raise ImportError(name)
 sys.meta_path.insert(0, Refuse())
 import dronecats.agent.loop, dronecats.agent.models.wire_formats, hil.link.link, hil.link.transport, hil.cameras.open
-import dronecats.judge.episode, dronecats.flight.logger.estimate_process, dronecats.flight.logger.recorder
+import dronecats.judge.episode, dronecats.flight.logger.recorder
 import dronecats.flight.run.connected, dronecats.pilots.pilot_process, dronecats.pilots.vision.pilot
 import dronecats.cli.fly, dronecats.cli.judge, dronecats.cli.doctor
 """

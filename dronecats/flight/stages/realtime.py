@@ -7,8 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
-from dronecats.flight.logger.recorder import COPIED, LoggerConfig
+from dronecats.flight.logger.recorder import COPIED, EstimateLoggerConfig, LoggerConfig
 from dronecats.flight.processes.supervisor import ChildProcess
 from dronecats.flight.sitl.config import CameraConfig, TruthBridgeConfig
 from dronecats.flight.sitl.sockets import Listener

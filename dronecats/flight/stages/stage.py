@@ -10,8 +10,7 @@ from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
-from dronecats.flight.logger.recorder import LoggerConfig
+from dronecats.flight.logger.recorder import EstimateLoggerConfig, LoggerConfig
 from dronecats.flight.processes.supervisor import ChildKind, ChildProcess, Supervisor
 from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig, TruthBridgeConfig, noise_seed
 from dronecats.flight.spec.disturbances import UNDISTURBED, FrameFaults
@@ -81,9 +80,7 @@ SIMULATOR = ChildKind("simulator", "dronecats.flight.sitl.simulator_process:crea
 CAMERA = ChildKind("camera", "dronecats.flight.sitl.camera:CameraPart", CameraConfig)
 TRUTH_BRIDGE = ChildKind("truth-bridge", "dronecats.flight.sitl.truth_bridge:TruthBridge", TruthBridgeConfig)
 LOGGER = ChildKind("logger", "dronecats.flight.logger.logger_process:Logger", LoggerConfig)
-ESTIMATE_LOGGER = ChildKind(
-    "estimate-logger", "dronecats.flight.logger.estimate_process:EstimateLogger", EstimateLoggerConfig
-)
+ESTIMATE_LOGGER = ChildKind("estimate-logger", "dronecats.flight.logger.recorder:EstimateLogger", EstimateLoggerConfig)
 
 
 class SupervisedStage(Stage):

@@ -4,10 +4,9 @@ import math
 
 import pytest
 
-from dronecats.flight.logger.estimate_process import EstimateRecorder
 from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.logger.logger_process import subscribe
-from dronecats.flight.logger.recorder import Recorder
+from dronecats.flight.logger.recorder import EstimateRecorder, Recorder
 from dronecats.judge.judged_flight import JudgedFlight, outcome
 from dronecats.judge.metrics.judging import METRICS
 from foundation.camera import CameraModel

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.flight.logger.estimate_process import EstimateRecorder
+from dronecats.flight.logger.recorder import EstimateRecorder
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.simulation import SimulatedVehicle, build, load_world, origin
 from dronecats.flight.stages.lockstep import Lockstep

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from dronecats.agent.action import Go
-from dronecats.flight.logger.estimate_process import EstimateRecorder
 from dronecats.flight.logger.logger_process import measured_in
-from dronecats.flight.logger.recorder import Recorder
+from dronecats.flight.logger.recorder import EstimateRecorder, Recorder
 from dronecats.flight.sitl.simulation import origin
 from dronecats.view.live.folder import FrameTail, load_world
 from dronecats.view.live.follow import FlightFollower
