@@ -10,7 +10,7 @@ from dronecats.flight.run.ascent import start_of
 from dronecats.flight.run.connected import VehicleFlight, open_link
 from dronecats.flight.run.episode import EpisodeEnd, Ready
 from dronecats.flight.run.setup import Notify
-from dronecats.flight.run.simulated import draw, write_record
+from dronecats.flight.run.simulated import draw
 from dronecats.flight.run.truth import TrueStart, opened_in
 from dronecats.flight.sitl.truth_bridge import TruthSource
 from dronecats.flight.spec.flight import CAMERA, Flight
@@ -57,7 +57,7 @@ class ConnectedWorldFlight(VehicleFlight):
         )
 
     def write_record(self, folder: Path) -> None:
-        write_record(self._world_record_path(folder), self._record.to_json())
+        self._world_record_path(folder).write_text(self._record.to_json(), encoding="utf-8")
         if not self._judged:
             write_json(folder / layout.EPISODE, {"id": self._record.id, "instruction": self._record.instruction})
 

@@ -21,6 +21,7 @@ from dronecats.judge.episode import verdict_of, write_verdict
 from dronecats.judge.verdict import Measures
 from foundation.errors import BudgetError, DronecatsError, InfrastructureError, UsageError
 from foundation.extras import missing_package
+from foundation.files import file_errors_as
 from foundation.run_folder.layout import DECISIONS
 from foundation.run_folder.reading import rows
 from foundation.run_folder.results import Result
@@ -140,7 +141,7 @@ class FlightSetup(ABC):
 
     @abstractmethod
     def write_record(self, folder: Path) -> None:
-        """Write episode.json. Raises InfrastructureError."""
+        """Write episode.json. Raises OSError."""
 
     @abstractmethod
     def ready(self, folder: Path, notify: Notify) -> AbstractContextManager[Ready]:
@@ -164,7 +165,8 @@ class FlightSetup(ABC):
 
         `afterwards` is called after the verdict is written. Raises InfrastructureError.
         """
-        self.write_record(folder)
+        with file_errors_as(InfrastructureError, f"{folder} cannot be written"):
+            self.write_record(folder)
 
         def flight() -> EpisodeEnd:
             with self.ready(folder, notify) as ready:

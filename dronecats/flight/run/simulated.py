@@ -15,7 +15,7 @@ from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
 from foundation.camera import Frame
 from foundation.conditions import AS_BUILT, SceneConditions
-from foundation.errors import DronecatsError, InfrastructureError, UsageError
+from foundation.errors import DronecatsError, UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.rows import drone_label
 from vehicles import airframe as airframes
@@ -34,7 +34,7 @@ class SimulatedFlight(FlightSetup):
         self.headline = f'episode {self.episode}: "{self._record.instruction}", pilot {spec.pilot_name}{disclaimer}'
 
     def write_record(self, folder: Path) -> None:
-        write_record(folder / layout.EPISODE, self._record.to_json())
+        (folder / layout.EPISODE).write_text(self._record.to_json(), encoding="utf-8")
 
     @contextmanager
     def ready(self, folder: Path, notify: Notify) -> Iterator[Ready]:
@@ -89,14 +89,6 @@ class SimulatedFlight(FlightSetup):
                 notify(
                     f"PX4's log of {drone_label(drone)} was not kept: PX4 wrote none. It writes a log only after arming"
                 )
-
-
-def write_record(path: Path, text: str) -> None:
-    """Write the episode record of a flight. Raises InfrastructureError."""
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as full:
-        raise InfrastructureError(f"{path.parent} cannot be written: {full.strerror}") from None
 
 
 def draw(folder: Path, conditions: SceneConditions = AS_BUILT) -> None:
