@@ -209,6 +209,9 @@ class ChildProcess:
         data = os.read(self._process.stdout.fileno(), 65536)
         if not data:
             raise self._end(self._process.wait(CLOSE_S))
+        self._parse(data)
+
+    def _parse(self, data: bytes) -> None:
         *lines, self._buffer = (self._buffer + data).split(b"\n")
         for answer in map(json.loads, lines):
             if "alive" not in answer:
@@ -232,9 +235,7 @@ class ChildProcess:
         """Return the error that the process reported before its end; None if it was killed or crashed."""
         assert self._process.stdout is not None
         while self._has_output(0.0) and (data := os.read(self._process.stdout.fileno(), 65536)):
-            self._buffer += data
-        *lines, self._buffer = self._buffer.split(b"\n")
-        self._answers.extend(map(json.loads, lines))
+            self._parse(data)
         return next((str(answer["error"]) for answer in self._answers if "error" in answer), None)
 
     def _fault(self, answer: dict[str, Any]) -> Exception:
