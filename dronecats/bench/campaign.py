@@ -185,16 +185,16 @@ class Campaign:
                     sortie = self._sortie(run, episode)
                     flying[sortie.folder] = run, episode
                     engine.begin(sortie)
-                landed = engine.landed()
-                run, episode = flying.pop(landed.sortie.folder)
-                if landed.result.reason == "budget":
+                sortie, result = engine.landed()
+                run, episode = flying.pop(sortie.folder)
+                if result.reason == "budget":
                     ending = "budget"
                     self._todo.clear()
-                dropped = self._drop(run) if landed.result.reason == "rejected" else 0
+                dropped = self._drop(run) if result.reason == "rejected" else 0
                 again = self._retry and ending == "flown" and run.batch.stuck(episode)
                 if again:
                     self._todo.appendleft((run, episode))
-                on_end(EndedFlight(run=run, result=landed.result, again=again, dropped=dropped))
+                on_end(EndedFlight(run=run, result=result, again=again, dropped=dropped))
         finally:
             engine.close()
         return ending

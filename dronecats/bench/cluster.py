@@ -18,13 +18,14 @@ from uuid import uuid4
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from dronecats.bench.engine import ANSWER_S, HANG_S, InFlight, Landed, Sortie, hanging, landed_with, lost, sizes
+from dronecats.bench.engine import ANSWER_S, HANG_S, InFlight, Sortie, flown_result, hanging, lost_result, sizes
 from dronecats.flight.run.accounts import LedgerKeeper
 from dronecats.flight.run.identity import code_digest
 from dronecats.flight.spec.flight_spec import ON_CLUSTER
 from dronecats.flight.spec.spec_file import as_json
 from foundation.errors import InfrastructureError, UsageError
 from foundation.files import file_errors_as
+from foundation.run_folder.results import Result
 
 FLIGHTS_MAX = 64  # flights at a time per actor; each has a thread, which mostly waits for a model
 LOOK = "look"  # Ray concurrency group with its own thread, so that checks do not wait for flights
@@ -129,8 +130,8 @@ class ClusterEngine:
         worker.load += 1
         self._flying[reference] = _Flying(sortie, worker=worker, key=key)
 
-    def landed(self) -> Landed:
-        """Wait until a flight ends, write its files to its folder, and return it."""
+    def landed(self) -> tuple[Sortie, Result]:
+        """Wait until a flight ends, write its files to its folder, and return it with its result."""
         ready: list[Any] = []
         while not ready:
             ready, _ = ray.wait(list(self._flying), num_returns=1, timeout=LOOK_S)
@@ -146,11 +147,11 @@ class ClusterEngine:
             if flying.worker in self._workers:
                 self._workers.remove(flying.worker)
                 ray.kill(flying.worker.handle)
-            return lost(sortie, f"its worker ended: {type(death).__name__}")
+            return sortie, lost_result(sortie, f"its worker ended: {type(death).__name__}")
         except ray.exceptions.RayError as fault:
-            return lost(sortie, f"its worker failed: {type(fault).__name__}")
+            return sortie, lost_result(sortie, f"its worker failed: {type(fault).__name__}")
         _write_files(files, sortie.folder)
-        return landed_with(outcome, sortie)
+        return sortie, flown_result(outcome, sortie)
 
     def close(self) -> None:
         """Abort the flights in the air. A cluster that was already running continues to run."""

@@ -29,14 +29,6 @@ class Sortie:
     folder: Path  # folder of the episode; it exists and has only empty logs
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Landed:
-    """A flight that has ended."""
-
-    sortie: Sortie
-    result: Result  # its outcome is `error` if the infrastructure failed
-
-
 class Engine(Protocol):
     """Flies the flights of a campaign. The campaign limits the flights in the air at a time."""
 
@@ -44,57 +36,17 @@ class Engine(Protocol):
         """Begin a flight, without waiting for any flight. Raises DronecatsError when no flight is possible any more."""
         ...
 
-    def landed(self) -> Landed:
-        """Wait until a flight ends, and return it. Flights are returned in the order in which they end.
+    def landed(self) -> tuple[Sortie, Result]:
+        """Wait until a flight ends, and return it with its result. The flight that ends first is returned first.
 
-        If a worker dies or hangs, only its flights in the air are lost. Raises DronecatsError when no flight is
-        possible any more, and lets KeyboardInterrupt through.
+        The outcome is `error` if the infrastructure failed. If a worker dies or hangs, only its flights in the air are
+        lost. Raises DronecatsError when no flight is possible any more, and lets KeyboardInterrupt through.
         """
         ...
 
     def close(self) -> None:
         """Abort the flights in the air, and leave no process behind."""
         ...
-
-
-class WorkerSlots:
-    """Assigns flights to workers of one machine, which have numbers from 0.
-
-    A worker loads each map once, which takes seconds and 200 MB. So flights on one map go to one worker, unless that
-    worker would get more than its share of the flights.
-    """
-
-    def __init__(self, jobs: int, workers: int) -> None:
-        """`jobs`: most flights in the air at a time, at most the number of flights. `workers`: most workers (≥ 1)."""
-        self.workers_max = max(1, min(jobs, workers))
-        self._room = math.ceil(jobs / self.workers_max)  # flights per worker when all are equally busy
-        self._flights: list[set[Path]] = []
-        self._maps: list[set[str]] = []
-
-    def take(self, flight: Path, map_name: str) -> int:
-        """Return the worker for a flight: one with its map and room, else an idle one, a new one, or the least busy."""
-        loaded = [
-            k for k, maps in enumerate(self._maps) if map_name in maps and len(self._flights[k]) < self._room
-        ]  # fmt: skip
-        if loaded:
-            chosen = min(loaded, key=self._busy)
-        elif len(self._flights) < self.workers_max and all(self._flights):
-            chosen = len(self._flights)
-            self._flights.append(set())
-            self._maps.append(set())
-        else:
-            chosen = min(range(len(self._flights)), key=self._busy)
-        self._flights[chosen].add(flight)
-        self._maps[chosen].add(map_name)
-        return chosen
-
-    def leave(self, flight: Path) -> None:
-        """Free the slot of a flight that has ended."""
-        for flights in self._flights:
-            flights.discard(flight)
-
-    def _busy(self, worker: int) -> int:
-        return len(self._flights[worker])
 
 
 WORKER = ChildKind("worker", "dronecats.bench.worker:Worker", WorkerConfig, needs_keys=True)
@@ -134,40 +86,46 @@ class InFlight:
         return any(self.sizes)
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Crew:
     """A worker process, and its flights."""
 
     process: ChildProcess | None = None  # None: not started, or dead
     is_ready: bool = False
+    maps: set[str] = field(default_factory=set)  # maps that it has loaded
     fresh: list[Sortie] = field(default_factory=list)  # flights that have not begun
     flying: dict[str, InFlight] = field(default_factory=dict)  # by folder
+
+    @property
+    def load(self) -> int:
+        return len(self.fresh) + len(self.flying)
 
 
 class LocalEngine:
     """Flies in worker processes, at most one per core, each with several flights in the air.
 
-    A failed flight raises no exception; its result has the error.
+    A worker loads each map once, which takes seconds and 200 MB. So flights on one map go to one worker, unless that
+    worker would get more than its share of the flights. A failed flight raises no exception; its result has the error.
     """
 
     def __init__(self, log: Path, jobs: int, *, workers: int | None = None) -> None:
-        """`log`: file for the workers' output; `jobs`: flights at a time; `workers`: most workers, None: one a core."""
+        """`log`: file for the workers' output; `jobs`: flights at a time, at most the number of flights.
+
+        `workers`: most workers; None: one a core.
+        """
         self._log, self._answer_s, self._hang_s = log, ANSWER_S, HANG_S
-        self._slots = WorkerSlots(jobs, workers or cores())
-        self._config = WorkerConfig(poll_s=POLL_S / self._slots.workers_max)
+        self._most = max(1, min(jobs, workers or cores()))
+        self._room = math.ceil(jobs / self._most)  # flights per worker when all are equally busy
+        self._config = WorkerConfig(poll_s=POLL_S / self._most)
         self._crews: list[_Crew] = []
-        self._landed: deque[Landed] = deque()
+        self._landed: deque[tuple[Sortie, Result]] = deque()
 
     def begin(self, sortie: Sortie) -> None:
-        """Hand the flight to the worker that `WorkerSlots` chooses. It begins when `landed` is called.
+        """Hand the flight to a worker. It begins when `landed` is called.
 
         Raises InfrastructureError when no worker can be started.
         """
-        record = sortie.flight.record or {}
-        chosen = self._slots.take(sortie.folder, str(record.get("map")))
-        if chosen == len(self._crews):
-            self._crews.append(_Crew())
-        crew = self._crews[chosen]
+        crew = self._crew_for(str((sortie.flight.record or {}).get("map")))
         if crew.process is None:
             try:
                 crew.process, crew.is_ready = ChildProcess(WORKER, self._config, self._log), False
@@ -175,22 +133,29 @@ class LocalEngine:
                 raise InfrastructureError(f"no worker can be started: {error}") from None
         crew.fresh.append(sortie)
 
-    def landed(self) -> Landed:
-        """Wait until a flight ends, and return it.
+    def landed(self) -> tuple[Sortie, Result]:
+        """Wait until a flight ends, and return it with its result.
 
         Raises DronecatsError when no worker can be started, or a folder cannot be written.
         """
         with file_errors_as(InfrastructureError, "the run folder cannot be written"):
             while not self._landed:
                 self._advance()
-        ended = self._landed.popleft()
-        self._slots.leave(ended.sortie.folder)
-        return ended
+        return self._landed.popleft()
 
     def close(self) -> None:
         """Stop all workers, and abort their flights."""
         for crew in self._crews:
             self._end(crew)
+
+    def _crew_for(self, map_name: str) -> _Crew:
+        """Return the worker for a flight: one with its map and room, else an idle one, a new one, or the least busy."""
+        loaded = [crew for crew in self._crews if map_name in crew.maps and crew.load < self._room]
+        if not loaded and len(self._crews) < self._most and all(crew.load for crew in self._crews):
+            self._crews.append(_Crew())
+        chosen = min(loaded or self._crews, key=lambda crew: crew.load)
+        chosen.maps.add(map_name)
+        return chosen
 
     def _advance(self) -> None:
         """Begin the new flights of every worker, and collect those that have ended. A dead worker loses its flights."""
@@ -206,7 +171,8 @@ class LocalEngine:
                 self._turn(crew.process, fresh, crew.flying)
             except InfrastructureError as death:
                 self._end(crew)
-                self._landed += [lost(flight.sortie, str(death)) for flight in crew.flying.values()]
+                for flight in crew.flying.values():
+                    self._landed.append((flight.sortie, lost_result(flight.sortie, str(death))))
                 crew.flying.clear()
 
     def _turn(self, worker: ChildProcess, fresh: list[Sortie], flying: dict[str, InFlight]) -> None:
@@ -219,7 +185,7 @@ class LocalEngine:
         outcome = worker.do("ended", self._answer_s)
         if outcome is not None:
             sortie = flying.pop(outcome["folder"]).sortie
-            self._landed.append(landed_with(outcome, sortie))
+            self._landed.append((sortie, flown_result(outcome, sortie)))
         for flight in flying.values():
             flight.check(sizes(flight.sortie.folder))
         if (found := hanging(list(flying.values()), self._hang_s)) is not None:
@@ -235,13 +201,13 @@ class LocalEngine:
             crew.process = None
 
 
-def landed_with(outcome: dict[str, Any], sortie: Sortie) -> Landed:
-    """Return the ended flight for an outcome of `worker.fly_flight`."""
+def flown_result(outcome: dict[str, Any], sortie: Sortie) -> Result:
+    """Return the result in an outcome of `worker.fly_flight`."""
     fault = outcome.get("fault")
-    return lost(sortie, fault) if fault is not None else Landed(sortie=sortie, result=result_of(outcome["result"]))
+    return result_of(outcome["result"]) if fault is None else lost_result(sortie, fault)
 
 
-def lost(sortie: Sortie, fault: str) -> Landed:
+def lost_result(sortie: Sortie, fault: str) -> Result:
     """Return the result of a flight that failed, or whose worker failed.
 
     The flight is not scored, even if its logs are complete. When the campaign resumes, it is flown again.
@@ -249,8 +215,7 @@ def lost(sortie: Sortie, fault: str) -> Landed:
     verdict = write_verdict(sortie.folder)
     if verdict.outcome in SCORED:
         (sortie.folder / layout.VERDICT).unlink()
-    result = Result(episode=sortie.folder.name, outcome="error", success=False, steps=verdict.steps, error=fault)
-    return Landed(sortie=sortie, result=result)
+    return Result(episode=sortie.folder.name, outcome="error", success=False, steps=verdict.steps, error=fault)
 
 
 def hanging(flying: Sequence[InFlight], hang_s: float) -> InFlight | None:

@@ -4,7 +4,7 @@ import json
 from collections import deque
 from collections.abc import Callable
 
-from dronecats.bench.engine import Landed, Sortie
+from dronecats.bench.engine import Sortie
 from dronecats.judge.episode import write_verdict
 from foundation.run_folder.results import Result
 from tests.judge.episode_logs import BEGIN, END, decision, frame, pose, write
@@ -30,10 +30,10 @@ class ScriptedEngine:
         self.flown.append(f"{sortie.folder.parent.name}/{sortie.folder.name}")
         self.most = max(self.most, len(self._up))
 
-    def landed(self) -> Landed:
+    def landed(self) -> tuple[Sortie, Result]:
         sortie = self._up.pop()
         what = self._script(sortie, self.flown.count(f"{sortie.folder.parent.name}/{sortie.folder.name}"))
-        return Landed(sortie=sortie, result=fly(sortie, what))
+        return sortie, fly(sortie, what)
 
     def close(self) -> None:
         self.closed = True

@@ -2,15 +2,22 @@
 
 from pathlib import Path
 
-from dronecats.bench.engine import WorkerSlots
+from dronecats.bench.engine import LocalEngine
 
 C, R = "campus", "residential"
 
 
 def shared_out(jobs, workers, maps):
     """Return the worker of each flight when all of them begin at once."""
-    berths = WorkerSlots(jobs, workers)
-    return [berths.take(Path(str(k)), name) for k, name in enumerate(maps)]
+    engine = LocalEngine(Path("log"), jobs, workers=workers)
+    return [begin(engine, name) for name in maps]
+
+
+def begin(engine, name):
+    """Give a flight on this map to a worker without starting it; return the worker."""
+    crew = engine._crew_for(name)
+    crew.fresh.append(name)
+    return engine._crews.index(crew)
 
 
 def test_flights_of_one_map_are_distributed_evenly():
@@ -36,12 +43,12 @@ def test_an_even_load_is_preferred_to_one_map_per_worker():
 
 
 def test_later_flights_go_to_a_free_worker_with_their_map():
-    berths = WorkerSlots(4, 2)
-    flights = [Path(str(k)) for k in range(7)]
-    assert [berths.take(f, name) for f, name in zip(flights, [C, C, R, R], strict=False)] == [0, 0, 1, 1]
-    berths.leave(flights[0])
-    berths.leave(flights[2])
-    assert berths.take(flights[4], R) == 1
-    assert berths.take(flights[5], R) == 0  # only this worker has room
-    berths.leave(flights[3])
-    assert berths.take(flights[6], R) == 1
+    engine = LocalEngine(Path("log"), 4, workers=2)
+    assert [begin(engine, name) for name in (C, C, R, R)] == [0, 0, 1, 1]
+    campus, residential = engine._crews
+    campus.fresh.pop()
+    residential.fresh.pop()
+    assert begin(engine, R) == 1
+    assert begin(engine, R) == 0  # only this worker has room
+    residential.fresh.pop()
+    assert begin(engine, R) == 1
