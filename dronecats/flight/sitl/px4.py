@@ -17,7 +17,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Unpack
@@ -260,35 +260,26 @@ def free_servers(count: int) -> list[SimulatorServer]:
     few instances.
     """
     for first in range(INSTANCES - count + 1):
-        servers: list[SimulatorServer] = []
-        for instance in range(first, first + count):
-            server = _free_server(instance)
-            if server is None:
-                break
-            servers.append(server)
-        if len(servers) == count:
+        with ExitStack() as opened, suppress(UsageError):
+            servers = [opened.enter_context(closing(_free_server(first + k))) for k in range(count)]
+            opened.pop_all()  # the servers stay open
             return servers
-        for server in servers:
-            server.close()
     raise UsageError(
         f"PX4's instances 0 to {INSTANCES - 1} have no {count} consecutive instances with free ports (TCP {PORT} to"
         f" {PORT + INSTANCES - 1}). Stop another simulator or PX4"
     )
 
 
-def _free_server(instance: int) -> SimulatorServer | None:
-    """Return the server of an instance; None if one of the instance's ports is in use."""
-    try:
-        server = SimulatorServer(PORT + instance)
-    except UsageError:
-        return None
+def _free_server(instance: int) -> SimulatorServer:
+    """Return the server of an instance. Raises UsageError if one of the instance's ports is in use."""
+    server = SimulatorServer(PORT + instance)
     try:
         for port in UDP_PORTS:
             with socket.socket(type=socket.SOCK_DGRAM) as trial:
                 trial.bind(("", port + instance))
-    except OSError:
+    except OSError as error:
         server.close()
-        return None
+        raise UsageError(f"PX4's instance {instance} has a port that is in use: {error.strerror}") from None
     return server
 
 
