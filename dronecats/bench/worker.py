@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dronecats.flight.processes.child import Part
 from dronecats.flight.run.simulated import SimulatedFlight
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec
@@ -38,7 +39,7 @@ SWITCH_S = 0.0005
 YOUNG = 20_000
 
 
-class Worker:
+class Worker(Part):
     """Flies for a campaign. The command `fly` begins a flight, `ended` returns one that is over."""
 
     def __init__(self, config: WorkerConfig) -> None:
@@ -79,9 +80,6 @@ class Worker:
     def orphaned(self) -> None:
         """End at once, because the parent process has ended and the flights are no longer needed."""
         os._exit(1)
-
-    def close(self) -> None:
-        pass
 
 
 def fly_flight(flight: dict[str, Any], folder: Path) -> dict[str, Any]:
