@@ -174,7 +174,7 @@ def _served(name: str, stage: Stage, folder: Path, kind: ChildKind[PilotConfig] 
     """Serve a built-in pilot: in a thread if the clock waits for replies (lockstep), else in a separate process."""
     with ExitStack() as opened:
         check: Callable[[], None] = lambda: None  # noqa: E731  # a server thread needs no check
-        if stage.lockstep:
+        if stage.speed is None:
             server = PilotServer(roster.answer(name), name, owned_by=roster.owner(name)).start()
             opened.callback(server.close)
             url = server.base_url

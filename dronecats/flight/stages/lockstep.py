@@ -175,7 +175,6 @@ SPARE_S = 1.0  # s; link faults last this much longer than the flight's time lim
 class LockstepStage(Stage):
     """A stage (everything around the agent) with the same parts as in real time, without sockets between them."""
 
-    lockstep = True
     speed = None
     camera: WorldCamera
 

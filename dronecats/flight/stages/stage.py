@@ -35,8 +35,8 @@ class Stage:
     camera: Camera
     camera_model: CameraModel
     executor: Executor  # runs calls that may take long
-    lockstep = False  # whether vehicle time waits for the agent, and all parts are in this process
-    speed: float | None = 1.0  # factor on real time at which the vehicle's clock should run; None: lockstep
+    # factor on real time at which the vehicle's clock should run; None: lockstep, vehicle time waits for the agent
+    speed: float | None = 1.0
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         """Start the episode at vehicle time `t0_us` (µs), which is time zero for camera, logger and targets.

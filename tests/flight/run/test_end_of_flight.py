@@ -19,7 +19,7 @@ def test_the_reason_is_printed_before_the_end_of_the_flight_is_logged(tmp_path, 
     happened: list[str] = []
     link = Link(vehicle.transport())
     stage: Any = SimpleNamespace(
-        links=[link], camera=None, camera_model=None, executor=None, lockstep=False, speed=1.0,
+        links=[link], camera=None, camera_model=None, executor=None, speed=1.0,
         check=lambda: None, check_vehicles=lambda: None, cause=lambda error: error,
         mend=lambda: happened.append("mend"), begin=lambda t0_us, cap_s: None,
         end=lambda reason, error: happened.append(reason),
