@@ -40,19 +40,15 @@ def start_of(record_start: Any, ground_down: float, clearance_m: float = 0.0) ->
     return StartOffset((0.0, 0.0, -height_m), math.radians(record_start.yaw_deg))
 
 
-def unchecked(links: Sequence[Link]) -> None:
-    """Check nothing: the default of `ascend`, for vehicles whose true pose is unknown."""
-
-
 def ascend(
     links: Sequence[Link],
     starts: Sequence[StartOffset],
     notify: Callable[[str], None],
-    check: Callable[[Sequence[Link]], None] = unchecked,
+    check: Callable[[Sequence[Link]], None] | None = None,
 ) -> None:
     """Connect, arm, take off, fly to the start poses and stay there in Offboard, all drones at once. Raises LinkError.
 
-    `check` is called when all drones are ready to arm. It raises if a drone may not take off.
+    `check` is called when all drones are ready to arm. It raises if a drone may not take off. None: no true poses.
 
     A drone whose start has a heading makes a full turn on the way. The turn lets the estimator find the hard iron of
     the compass, which otherwise causes a heading error of up to two degrees.
@@ -70,7 +66,8 @@ def ascend(
     for link in links[:1]:  # only the first link waits; meanwhile its `on_wait` serves the other links
         link.wait(AVERAGE_S)
     grounds = [_ground(link) for link in links]
-    check(links)
+    if check:
+        check(links)
     notify("arming and taking off …")
     for link in links:
         _on_the_ground(link)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit, HostPace
 from dronecats.agent.pictures import PicturePath
-from dronecats.flight.run.ascent import StartOffset, ascend, unchecked
+from dronecats.flight.run.ascent import StartOffset, ascend
 from dronecats.flight.run.landing import drone_labels, finish, notify_safely, tending, unexpected
 from dronecats.flight.run.pilot import OpenPilot
 from dronecats.flight.run.progress import SafetyLog, StepLines
@@ -51,6 +51,11 @@ class EpisodeEnd:
     steps: int
 
 
+REASONS: dict[type[DronecatsError], str] = {
+    TakeoverError: "takeover", BudgetError: "budget", ModelRejectedError: "rejected",
+}  # fmt: skip
+
+
 def fly(
     flight: Flight,
     ready: Ready,
@@ -78,7 +83,7 @@ def fly(
         if authority.dry or not authority.arm:
             take_over(stage.links, authority, notify)
         else:
-            ascend(stage.links, ready.starts, notify, true_start.check_estimates if true_start else unchecked)
+            ascend(stage.links, ready.starts, notify, true_start.check_estimates if true_start else None)
         if true_start:
             true_start.check_starts(stage.links)
         for link in stage.links:
@@ -91,14 +96,8 @@ def fly(
         reason = "decided" if watch.success else "cap"
     except KeyboardInterrupt:
         reason = "interrupted"
-    except TakeoverError as taken:
-        reason, error = "takeover", taken
-    except BudgetError as spent:
-        reason, error = "budget", spent
-    except ModelRejectedError as rejected:
-        reason, error = "rejected", rejected
     except DronecatsError as fault:
-        reason, error = "error", fault
+        reason, error = REASONS.get(type(fault), "error"), fault
     except Exception as bug:
         reason, error = "error", unexpected(bug, folder)
     if error is not None:
@@ -110,7 +109,7 @@ def fly(
     safety.sum_up()
     log.close()
     prompts.close()
-    ended = "error" if error and reason not in ("takeover", "budget", "rejected") else reason
+    ended = "error" if error and reason not in REASONS.values() else reason
     return EpisodeEnd(ended, error, episode_s, wall_s, agent.steps if agent else 0)
 
 
