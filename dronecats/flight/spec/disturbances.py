@@ -201,18 +201,11 @@ def _read_wire(text: str) -> FieldValues:
 def _check_queue(text: str) -> None:
     """Raise UsageError if the values of a link set a queue for a direction that has no baud."""
     names = {word.partition("=")[0].strip() for word in text.split(",")}
-    if "baud" in names:
-        return
-    for name, bauds in (
-        ("queue", ("to.baud", "from.baud")),
-        ("to.queue", ("to.baud",)),
-        ("from.queue", ("from.baud",)),
-    ):
-        if name in names and names.isdisjoint(bauds):
-            baud = name.replace("queue", "baud")
+    for way, ways in (("", ("", "to.", "from.")), ("to.", ("", "to.")), ("from.", ("", "from."))):
+        if f"{way}queue" in names and names.isdisjoint(f"{set_by}baud" for set_by in ways):
             raise UsageError(
-                f"--link: {name} has no effect without {baud}, because only a serial line has a queue. Add"
-                f" {baud}=57600, or leave {name} out"
+                f"--link: {way}queue has no effect without {way}baud, because only a serial line has a queue. Add"
+                f" {way}baud=57600, or leave {way}queue out"
             )
 
 
