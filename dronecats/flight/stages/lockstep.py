@@ -27,7 +27,7 @@ from episodes.world.world import World
 from foundation.mavlink import dialect
 from foundation.threads import InlineExecutor
 from hil.impairment import SteppedWire
-from hil.link.transport import MemoryTransport, Transport, connect
+from hil.link.transport import MemoryTransport, Transport, UdpTransport, connect
 
 
 class TurnOrder(ABC, Generic[V]):
@@ -102,44 +102,34 @@ class Px4Lockstep(TurnOrder[Px4Vehicle]):
 
     def transport(self, vehicle: int) -> "PumpedTransport":
         """Return the offboard link of one vehicle's PX4. Raises UsageError if the port is in use."""
-        return PumpedTransport(self._socket(vehicle), self)
+        return PumpedTransport(self._port(vehicle), self)
 
     def wire(self, vehicle: int, seed: int) -> SteppedWire:
-        socket = self._socket(vehicle)
+        socket = connect(f"udpin://127.0.0.1:{self._port(vehicle)}")
         wire = SteppedWire(
             socket.url, lambda: socket.receive(0.0), socket.send, self.pump, self.now_s, seed, socket.close
         )
         self.followers.append(lambda: wire.step(socket.receive(MOMENT_S)))
         return wire
 
-    def _socket(self, vehicle: int) -> Transport:
-        return connect(f"udpin://127.0.0.1:{AGENT_PORT + self._simulator.instance + vehicle}")
+    def _port(self, vehicle: int) -> int:
+        return AGENT_PORT + self._simulator.instance + vehicle
 
 
-class PumpedTransport(Transport):
+class PumpedTransport(UdpTransport):
     """A socket that advances vehicle time while a read waits for data."""
 
-    def __init__(self, socket: Transport, clock: Px4Lockstep) -> None:
-        self.url = socket.url
-        self._socket, self._clock = socket, clock
+    def __init__(self, port: int, clock: Px4Lockstep) -> None:
+        super().__init__(f"udpin://127.0.0.1:{port}", "127.0.0.1", port, listen=True)
+        self._clock = clock
 
     def receive(self, timeout_s: float) -> bytes:
-        data = self._socket.receive(0.0)
+        data = super().receive(0.0)
         due_s = time.monotonic() + timeout_s  # wall time, so that the wait ends if PX4 has gone
         while not data and time.monotonic() < due_s:
             self._clock.pump()
-            data = self._socket.receive(MOMENT_S)
-        self.peer = self._socket.peer
+            data = super().receive(MOMENT_S)
         return data
-
-    def follow(self, peer: str) -> None:
-        self._socket.follow(peer)
-
-    def send(self, data: bytes) -> None:
-        self._socket.send(data)
-
-    def close(self) -> None:
-        self._socket.close()
 
 
 @contextmanager
