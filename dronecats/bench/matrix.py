@@ -33,7 +33,6 @@ class BenchEntry:
 class ChosenSuite:
     """The episodes of a benchmark, and the suite that they form."""
 
-    name: str | None  # None: the episodes were chosen by id or file
     records: Mapping[str, EpisodeRecord]  # id or file, as given → record; all ids differ
     identity: FlownSuite
 
@@ -59,9 +58,7 @@ def choose_suite(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
             raise UsageError(f"{episode}: '{record.id}' is the id of a shipped episode. Choose another id")
     title = None if episodes else "+".join(names)
     digest = suite_digest((record.id, record.to_json()) for record in records.values())
-    return ChosenSuite(
-        name=title, records=records, identity=FlownSuite(name=title, version=catalogue.VERSION, sha256=digest)
-    )
+    return ChosenSuite(records=records, identity=FlownSuite(name=title, version=catalogue.VERSION, sha256=digest))
 
 
 def part_of(episodes: Sequence[str], limit: int | None = None, shard: tuple[int, int] | None = None) -> tuple[str, ...]:

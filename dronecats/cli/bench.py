@@ -44,7 +44,7 @@ def _run(args: argparse.Namespace) -> int:
     args = bench_spec.with_file(args)
     campaign.check_engine(args)
     suite = bench_spec.suite(args)
-    out = args.out or Path("runs") / f"bench-{suite.name or 'episodes'}"
+    out = args.out or Path("runs") / f"bench-{suite.identity.name or 'episodes'}"
     shard = bench_spec.shard(args)
     entries = bench_spec.runs(args, suite, out)
     retry = not args.no_retry
