@@ -46,7 +46,7 @@ class TruthBusStage(SupervisedStage):
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         self._camera_process.do("begin", t0_us=t0_us)
-        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+        super().begin(t0_us, cap_s)
 
 
 class RealtimeStage(TruthBusStage):

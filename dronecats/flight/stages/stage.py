@@ -95,6 +95,9 @@ class SupervisedStage(Stage):
         self._supervisor = Supervisor(folder)
         self._opened.callback(self._supervisor.close)
 
+    def begin(self, t0_us: int, cap_s: float) -> None:
+        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)
 
@@ -139,9 +142,6 @@ class ConnectedStage(SupervisedStage):
         with self._opening():
             self._logger = self._supervisor.start(ESTIMATE_LOGGER, EstimateLoggerConfig(folder=str(folder)))
             self._copy_links(self._logger.ready()["ports"])
-
-    def begin(self, t0_us: int, cap_s: float) -> None:
-        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
 
 
 TRUTH_HZ = 50.0  # samples of each drone on the truth bus per second
