@@ -74,7 +74,7 @@ class BoardSimulator:
         )
         self._vehicle = self.simulation.vehicles[0]
         self._vehicle.plant.advance(0)  # compiles the physics on the first run of an installation
-        self._truth = truth_port(self.simulation, instance)
+        self._truth = truth_port(self.simulation.bus, instance)
         self._unsent: dict[str, bytearray] = {"agent": bytearray(), "ground station": bytearray()}
         self._ports = [
             self._port("agent", AGENT_LOCAL + instance, AGENT_PORT + instance),

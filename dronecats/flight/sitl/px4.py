@@ -327,7 +327,7 @@ class Px4Simulator(PacedSimulator[Px4Vehicle]):
             self.vehicles = self.simulation.vehicles
             for vehicle in self.vehicles:
                 vehicle.plant.advance(0)  # compiles the physics on the first run of an installation
-            self._truth = truth_port(self.simulation, config.instance)
+            self._truth = truth_port(self.simulation.bus, config.instance)
             stack.callback(self._truth.close)
             self._in_step = [False] * len(self.vehicles)
             self._started_at = [0] * len(self.vehicles)

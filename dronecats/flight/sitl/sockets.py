@@ -10,7 +10,7 @@ import socket
 import time
 from collections.abc import Callable
 
-from dronecats.flight.sitl.simulation import SimulatedVehicle, Simulation, V, VehiclePort
+from dronecats.flight.sitl.simulation import SimulatedVehicle, Simulation, TruthBus, VehiclePort
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.wire import MARKER, frame_bytes
 from hil.link.transport import BUFFER_BYTES, UdpTransport, bind_error, connect
@@ -183,9 +183,9 @@ CAMERA_PORT = 8080  # TCP port of the camera, plus the instance number, or the n
 AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # ports of the simulator, plus the instance number
 
 
-def truth_port(simulation: Simulation[V], instance: int | None) -> UdpPort:
+def truth_port(bus: TruthBus, instance: int | None) -> UdpPort:
     """Return the truth bus on UDP; `instance` None: an ephemeral port that sends only to programs that send first."""
-    tap = simulation.bus.tap()
+    tap = bus.tap()
     if instance is None:
         return UdpPort((LOOPBACK, 0), None, tap.take, tap.receive, shared=True)
     local, remote = (LOOPBACK, TRUTH_LOCAL + instance), (LOOPBACK, TRUTH_PORT + instance)
@@ -197,7 +197,7 @@ class Ports:
 
     def __init__(self, simulation: Simulation[SimulatedVehicle], instance: int | None) -> None:
         self.agent, self.gcs, self.log = [], [], []
-        self.truth = truth_port(simulation, instance)
+        self.truth = truth_port(simulation.bus, instance)
         for vehicle in simulation.vehicles:
             n = (instance or 0) + vehicle.index
             onboard, gcs, log = (vehicle.open_port(profile) for profile in ("onboard", "gcs", "minimal"))

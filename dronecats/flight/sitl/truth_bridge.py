@@ -12,7 +12,7 @@ from typing import Any
 from dronecats.flight.processes.child import Part
 from dronecats.flight.sitl.config import TruthBridgeConfig
 from dronecats.flight.sitl.simulation import TruthBus, boot_poses, load_world, origin
-from dronecats.flight.sitl.sockets import Listener, UdpPort
+from dronecats.flight.sitl.sockets import Listener, truth_port
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, Vec3, geodetic_to_ned, quat_from_euler, quat_multiply, quat_yaw, rotate, wrap_pi
 from foundation.mavlink import Packer, Parser, dialect
@@ -148,8 +148,7 @@ class TruthBridge(Part):
         self._placement: Placement = placement_of(message, place.position_ned, place.yaw)
         self._packer = Packer(1, TRUTH_COMPONENT)
         self._bus = TruthBus()
-        tap = self._bus.tap()
-        self._port = UdpPort(("127.0.0.1", 0), None, tap.take, tap.receive, shared=True)
+        self._port = truth_port(self._bus, None)
 
     def ready(self) -> dict[str, Any]:
         """Return the port of the bus, and the fields of the `Placement`."""
