@@ -18,7 +18,7 @@ from uuid import uuid4
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from dronecats.bench.engine import ANSWER_S, HANG_S, InFlight, Sortie, flown_result, hanging, lost_result, sizes
+from dronecats.bench.engine import ANSWER_S, HANG_S, InFlight, Sortie, flown_result, hanging, lost_result, written_bytes
 from dronecats.flight.run.accounts import LedgerKeeper
 from dronecats.flight.run.identity import code_digest
 from dronecats.flight.spec.flight_spec import ON_CLUSTER
@@ -70,9 +70,9 @@ class ClusterWorker:
             files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
         return outcome, files
 
-    def written(self) -> dict[str, tuple[int, ...]]:
-        """Return `engine.sizes` of each flight in the air, by the key of the flight."""
-        return {key: sizes(folder) for key, folder in list(self._folders.items())}
+    def written(self) -> dict[str, int]:
+        """Return `engine.written_bytes` of each flight in the air, by the key of the flight."""
+        return {key: written_bytes(folder) for key, folder in list(self._folders.items())}
 
 
 @dataclass(slots=True)
@@ -175,7 +175,7 @@ class ClusterEngine:
                 continue
             flights = [flying for flying in self._flying.values() if flying.worker is worker]
             for flying in flights:
-                flying.check(written.get(flying.key, ()))
+                flying.check(written.get(flying.key, 0))
             if hanging(flights, HANG_S) is not None:
                 ray.kill(worker.handle)
 

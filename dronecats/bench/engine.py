@@ -1,5 +1,6 @@
 """The protocol of engines, which fly the flights of a campaign, and the engine for one machine."""
 
+import contextlib
 import math
 import time
 from collections import deque
@@ -67,23 +68,18 @@ class InFlight:
     """A flight of a worker, and the time of its last written byte."""
 
     sortie: Sortie
-    sizes: tuple[int, ...] = ()  # bytes of each file in PROGRESS_FILES at the last check
-    since_s: float = field(default_factory=time.monotonic)  # wall time of the check that found a changed size
+    written: int = 0  # `written_bytes` at the last check
+    since_s: float = field(default_factory=time.monotonic)  # wall time of the check that found a changed number
 
-    def check(self, sizes: tuple[int, ...]) -> None:
-        """Store the sizes that a check found."""
-        if sizes != self.sizes:
-            self.sizes, self.since_s = sizes, time.monotonic()
+    def check(self, written: int) -> None:
+        """Store the number of bytes that a check found."""
+        if written != self.written:
+            self.written, self.since_s = written, time.monotonic()
 
     @property
     def silent_s(self) -> float:
         """Wall seconds since a check last found a changed file of the flight."""
         return time.monotonic() - self.since_s
-
-    @property
-    def begun(self) -> bool:
-        """Whether the flight had written anything at the last check."""
-        return any(self.sizes)
 
 
 @dataclass(slots=True, eq=False)
@@ -187,7 +183,7 @@ class LocalEngine:
             sortie = flying.pop(outcome["folder"]).sortie
             self._landed.append((sortie, flown_result(outcome, sortie)))
         for flight in flying.values():
-            flight.check(sizes(flight.sortie.folder))
+            flight.check(written_bytes(flight.sortie.folder))
         if (found := hanging(list(flying.values()), self._hang_s)) is not None:
             raise InfrastructureError(
                 f"the flight in {found.sortie.folder} hangs: its logs have not grown for {self._hang_s:g} s"
@@ -224,17 +220,14 @@ def hanging(flying: Sequence[InFlight], hang_s: float) -> InFlight | None:
     A flight that has not begun may wait for the others. It hangs only if all flights of the worker are silent.
     """
     silent = [flight for flight in flying if flight.silent_s > hang_s]
-    begun = next((flight for flight in silent if flight.begun), None)
+    begun = next((flight for flight in silent if flight.written), None)
     return begun or (silent[0] if silent and len(silent) == len(flying) else None)
 
 
-def sizes(folder: Path) -> tuple[int, ...]:
-    """Return the size in bytes of each file in PROGRESS_FILES of a flight, 0 for a missing file."""
-    return tuple(_size(folder / name) for name in PROGRESS_FILES)
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return 0
+def written_bytes(folder: Path) -> int:
+    """Return the bytes in the PROGRESS_FILES of a flight."""
+    written = 0
+    for name in PROGRESS_FILES:
+        with contextlib.suppress(OSError):  # not written yet
+            written += (folder / name).stat().st_size
+    return written

@@ -110,7 +110,7 @@ def test_a_flight_in_lockstep_waits_for_its_turn(tmp_path):
 def hanging(flying):
     """Check the files of the flights, and return one that hangs for 100 s."""
     for flight in flying:
-        flight.check(local.sizes(flight.sortie.folder))
+        flight.check(local.written_bytes(flight.sortie.folder))
     return local.hanging(flying, 100.0)
 
 
@@ -155,9 +155,9 @@ def test_a_flight_that_only_asks_its_model_does_not_hang(tmp_path, monkeypatch):
     prepare(tmp_path / "asks")
     sortie = Sortie(flight=FlightSpec(pilot="oracle", simulated=Simulated()), folder=tmp_path / "asks")
     flying = local.InFlight(sortie=sortie)
-    flying.check(local.sizes(sortie.folder))
+    flying.check(local.written_bytes(sortie.folder))
     now[0] = 90.0
     assert flying.silent_s == 90.0
     (sortie.folder / "prompts.jsonl").write_text("{}\n")
-    flying.check(local.sizes(sortie.folder))
+    flying.check(local.written_bytes(sortie.folder))
     assert flying.silent_s == 0.0
