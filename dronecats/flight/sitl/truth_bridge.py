@@ -59,41 +59,24 @@ def speed(message: dialect.MAVLink_message) -> float:
     return math.hypot(message.vx, message.vy, message.vz) / 100.0
 
 
-class TruthClock:
-    """Finds the vehicle time of each truth sample, rounded down to milliseconds.
-
-    The message that announces a frame on the truth bus (CAMERA_IMAGE_CAPTURED) has this resolution.
-
-    PX4's own simulation leaves the time of HIL_STATE_QUATERNION at zero. In this case the sample gets the time of the
-    last HIL_ACTUATOR_CONTROLS, which arrives on the same link at 100 Hz or more.
-    """
-
-    def __init__(self) -> None:
-        self._actuator_us = 0
-
-    def see(self, message: dialect.MAVLink_message) -> int | None:
-        """Return the time (µs) of a truth sample; None for another message, and while no time is known."""
-        kind = message.get_msgId()
-        if kind == dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
-            self._actuator_us = message.time_usec
-        if kind != dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
-            return None
-        time_us = message.time_usec or self._actuator_us
-        return time_us // 1000 * 1000 or None
-
-
 SILENT_S = 10.0  # wall seconds to wait for the first truth sample
 STILL_MPS = 0.2  # m/s, largest speed of a vehicle that stands still
 G_PER_UNIT = GRAVITY / 1000.0  # m/s², unit of HIL_STATE_QUATERNION's accelerations (0.001 g)
 
 
 class TruthSource:
-    """Reads the truth stream of one vehicle from a URL."""
+    """Reads the truth stream of one vehicle from a URL.
+
+    Times are rounded down to milliseconds, the resolution of the message that announces a frame on the truth bus
+    (CAMERA_IMAGE_CAPTURED). PX4's own simulation leaves the time of HIL_STATE_QUATERNION at zero. In this case the
+    sample gets the time of the last HIL_ACTUATOR_CONTROLS, which arrives on the same link at 100 Hz or more.
+    """
 
     def __init__(self, url: str) -> None:
         """Raises UsageError, LinkError for a URL that cannot be opened."""
         self._url = url
-        self._parser, self._clock = Parser(), TruthClock()
+        self._parser = Parser()
+        self._actuator_us = 0  # time of the last HIL_ACTUATOR_CONTROLS
         self._samples: list[tuple[int, dialect.MAVLink_message]] = []
         self._system: int | None = None
         self._listener = Listener(url, self._feed)
@@ -129,8 +112,12 @@ class TruthSource:
 
     def _feed(self, data: bytes) -> None:
         for message in self._parser.feed(data):
-            time_us = self._clock.see(message)
-            if time_us is not None and message.get_srcSystem() == (self._system or message.get_srcSystem()):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
+                self._actuator_us = message.time_usec
+            if message.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
+                continue
+            time_us = (message.time_usec or self._actuator_us) // 1000 * 1000
+            if time_us and message.get_srcSystem() == (self._system or message.get_srcSystem()):
                 self._system = message.get_srcSystem()
                 self._samples.append((time_us, message))
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dronecats.flight.processes.supervisor import ChildProcess
 from dronecats.flight.sitl.config import TruthBridgeConfig
 from dronecats.flight.sitl.simulation import boot_poses, load_world, origin
-from dronecats.flight.sitl.truth_bridge import TruthClock, TruthSource, placement_of
+from dronecats.flight.sitl.truth_bridge import TruthSource, placement_of
 from dronecats.flight.stages.stage import TRUTH_BRIDGE
 from foundation.errors import UsageError
 from foundation.frames import ned_to_geodetic, quat_from_euler, quat_to_euler, rotate, wrap_pi
@@ -58,12 +58,12 @@ def test_placement_preserves_the_vehicles_motion(north, east, down, stood, began
 
 
 def test_truth_without_a_time_uses_the_time_of_the_actuators():
-    clock = TruthClock()
+    source, packer = TruthSource(f"udpin://127.0.0.1:{free_port()}"), Packer(6, 1)
     actuators = dialect.MAVLink_hil_actuator_controls_message(38_904_250, [0.0] * 16, 1, 0)
-    assert clock.see(truth_at()) is None  # no time has arrived yet
-    assert clock.see(actuators) is None
-    assert clock.see(truth_at()) == 38_904_000
-    assert clock.see(truth_at(time_us=7_654_321)) == 7_654_000
+    for message in (truth_at(), actuators, truth_at(), truth_at(time_us=7_654_321)):  # the first one has no time yet
+        source._feed(packer.pack(message))
+    assert [time_us for time_us, _ in source.read(0.0)] == [38_904_000, 7_654_000]
+    source.close()
 
 
 class ReportingVehicle:
