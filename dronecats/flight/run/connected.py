@@ -57,6 +57,8 @@ SILENCE_S = 6.0
 
 
 class VehicleFlight(FlightSetup):
+    camera_model = CameraModel()
+
     def __init__(self, flight: Flight, vehicle: Connected, link: Link, episode: str, camera: dict[str, Any]) -> None:
         """`link` is open. The flight closes it."""
         super().__init__(flight, episode, camera)
@@ -68,16 +70,8 @@ class VehicleFlight(FlightSetup):
     def finish(self, folder: Path, ending: EpisodeEnd, notify: Notify) -> None:
         if self.flight.spec.keep_ulog:
             fetch_onboard_log(self.vehicle.url, self.link, folder, notify)
-        self.draw(folder, ending)
         if self.authority.dry:
             notify(f"{draw_intent(folder, self.camera_model)} decisions are drawn in {folder / layout.INTENT}")
-
-    def draw(self, folder: Path, ending: EpisodeEnd) -> None:
-        """Do nothing, because flight.png needs true poses. A subclass that has them draws it."""
-
-    @property
-    def camera_model(self) -> CameraModel:
-        return CameraModel()
 
 
 class ConnectedFlight(VehicleFlight):
@@ -93,7 +87,7 @@ class ConnectedFlight(VehicleFlight):
             )
         link = open_link(vehicle, flight.spec.envelope)
         self._camera, self._instruments = _camera(vehicle, link), instruments
-        model = self._camera.model
+        model = self.camera_model = self._camera.model
         try:
             if flight.spec.replay is None:
                 roster.check_camera(pilot, model)
@@ -121,10 +115,6 @@ class ConnectedFlight(VehicleFlight):
 
     def agent(self, pilot: OpenPilot) -> AgentFactory:
         return self._instruments.agent(super().agent(pilot))
-
-    @property
-    def camera_model(self) -> CameraModel:
-        return self._camera.model
 
 
 def open_link(vehicle: Connected, limits: Limits | None) -> Link:

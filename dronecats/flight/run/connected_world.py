@@ -83,7 +83,8 @@ class ConnectedWorldFlight(VehicleFlight):
         finally:
             stage.close()
 
-    def draw(self, folder: Path, ending: EpisodeEnd) -> None:
+    def finish(self, folder: Path, ending: EpisodeEnd, notify: Notify) -> None:
+        super().finish(folder, ending, notify)
         if ending.steps and self._judged:
             draw(folder)
 
