@@ -61,59 +61,56 @@ class RealtimeStage(TruthBusStage):
         self._wires: list[ImpairedWire] = []
         self.camera_model = flight.camera_model
         with self._opening():
-            self._start(flight, simulated, folder, notify)
-
-    def _start(self, flight: Flight, simulated: Simulated, folder: Path, notify: Callable[[str], None]) -> None:
-        patience, px4 = Patience(notify), simulated.autopilot == "px4"
-        config = simulator_config(flight.spec, simulated, folder)
-        simulator = self._simulator = self._supervisor.start(SIMULATOR, config)
-        ports = simulator.ready(patience)
-        self._truth = f"udpout://127.0.0.1:{ports['truth']}"
-        direction = "udpin" if px4 else "udpout"  # PX4 sends first, to a fixed port
-        self._disturbed = DisturbedLinks(flight)
-        transports = [
-            self._transport(f"{direction}://127.0.0.1:{port}", drone, speaks_first=px4)
-            for drone, port in enumerate(ports["agent"])
-        ]
-        self.links = self._disturbed.open(transports, self._wires, px4=px4)
-        for link in self.links:
-            self._opened.callback(link.close)
-        camera = self._camera_process = self._supervisor.start(
-            CAMERA,
-            CameraConfig(
-                episode=config.episode,
-                airframe=config.airframe,
-                truth=self._truth,
-                optics=simulated.optics,
-                conditions=flight.spec.disturbances.conditions.of_map,
-                seed=config.seed,
-                kept=truth_kept(flight.spec.disturbances.frame),
-            ),
-        )
-        telemetry = tuple(f"udpout://127.0.0.1:{port}" for port in ports["log"])
-        if px4:  # PX4 has no free MAVLink port for the logger
-            self._await_px4(ports["px4"], notify)
-            telemetry = (COPIED,) * len(self.links)
-        self._logger = self._supervisor.start(
-            LOGGER,
-            LoggerConfig(
-                episode=config.episode,
-                airframe=config.airframe,
-                folder=str(folder),
-                truth=self._truth,
-                telemetry=telemetry,
-            ),
-        )
-        served = camera.ready(patience)
-        self.camera = HttpCamera(
-            served["reduced"],
-            lambda: self.links[0].time_us,
-            depth_url=served["depth"] if simulated.camera == "depth" else None,
-        )
-        self._opened.callback(self.camera.close)
-        listening = self._logger.ready(patience)["ports"]
-        if px4:
-            self._copy_links(listening)
+            patience, px4 = Patience(notify), simulated.autopilot == "px4"
+            config = simulator_config(flight.spec, simulated, folder)
+            simulator = self._simulator = self._supervisor.start(SIMULATOR, config)
+            ports = simulator.ready(patience)
+            self._truth = f"udpout://127.0.0.1:{ports['truth']}"
+            direction = "udpin" if px4 else "udpout"  # PX4 sends first, to a fixed port
+            self._disturbed = DisturbedLinks(flight)
+            transports = [
+                self._transport(f"{direction}://127.0.0.1:{port}", drone, speaks_first=px4)
+                for drone, port in enumerate(ports["agent"])
+            ]
+            self.links = self._disturbed.open(transports, self._wires, px4=px4)
+            for link in self.links:
+                self._opened.callback(link.close)
+            camera = self._camera_process = self._supervisor.start(
+                CAMERA,
+                CameraConfig(
+                    episode=config.episode,
+                    airframe=config.airframe,
+                    truth=self._truth,
+                    optics=simulated.optics,
+                    conditions=flight.spec.disturbances.conditions.of_map,
+                    seed=config.seed,
+                    kept=truth_kept(flight.spec.disturbances.frame),
+                ),
+            )
+            telemetry = tuple(f"udpout://127.0.0.1:{port}" for port in ports["log"])
+            if px4:  # PX4 has no free MAVLink port for the logger
+                self._await_px4(ports["px4"], notify)
+                telemetry = (COPIED,) * len(self.links)
+            self._logger = self._supervisor.start(
+                LOGGER,
+                LoggerConfig(
+                    episode=config.episode,
+                    airframe=config.airframe,
+                    folder=str(folder),
+                    truth=self._truth,
+                    telemetry=telemetry,
+                ),
+            )
+            served = camera.ready(patience)
+            self.camera = HttpCamera(
+                served["reduced"],
+                lambda: self.links[0].time_us,
+                depth_url=served["depth"] if simulated.camera == "depth" else None,
+            )
+            self._opened.callback(self.camera.close)
+            listening = self._logger.ready(patience)["ports"]
+            if px4:
+                self._copy_links(listening)
 
     def _transport(self, url: str, drone: int, *, speaks_first: bool) -> Transport:
         """Return the agent's end of a vehicle's MAVLink connection, through an ImpairedWire if links are disturbed."""
