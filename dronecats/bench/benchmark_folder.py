@@ -12,6 +12,7 @@ from dronecats.bench.tables import EpisodeScore, score
 from dronecats.flight.run.accounts import FirstQuestions
 from dronecats.flight.run.fly import settings
 from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import as_redacted_json
 from dronecats.pilots import roster
 from foundation.errors import UsageError
@@ -50,7 +51,7 @@ class Bench:
             for entry in entries:
                 instructions = [suite.records[name].instruction for name in entry.episodes if name in part]
                 roster.check_installed(entry.flight.pilot or "", instructions)
-            configurations = _configurations(suite, entries)
+            configurations = [(entry, _configuration(suite, entry.flight)) for entry in entries]
             manifest = self._with_other_runs(as_json(benchmark(suite, entries, retry=retry)))
             batches = {e.name: self._batch(e, c) for e, c in configurations if (out / e.name).exists()}
             flights = [e.flight for e in entries if self._has_left(batches.get(e.name), e, part, retry)]
@@ -141,17 +142,8 @@ def setting_of(entry: BenchEntry) -> str:
     return entry.name.rpartition("-f")[0]
 
 
-def _configurations(suite: ChosenSuite, entries: Sequence[BenchEntry]) -> list[tuple[BenchEntry, dict[str, Any]]]:
-    """Return each run with the contents of its run.json. Raises UsageError."""
-    configurations = []
-    for entry in entries:
-        spec = entry.flight
-        # without the ledger, because `look_up` opens it and its folder may not exist yet
-        flight = look_up(replace(spec, accounts=replace(spec.accounts, ledger=None)))
-        configuration = {
-            **settings(flight, flight.camera),
-            "flight": as_redacted_json(spec),
-            "suite": as_json(suite.identity),
-        }
-        configurations.append((entry, configuration))
-    return configurations
+def _configuration(suite: ChosenSuite, spec: FlightSpec) -> dict[str, Any]:
+    """Return the contents of a run's run.json. Raises UsageError."""
+    # without the ledger, because `look_up` opens it and its folder may not exist yet
+    flight = look_up(replace(spec, accounts=replace(spec.accounts, ledger=None)))
+    return {**settings(flight, flight.camera), "flight": as_redacted_json(spec), "suite": as_json(suite.identity)}
