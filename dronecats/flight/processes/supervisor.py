@@ -166,15 +166,8 @@ class ChildProcess:
         self._process.wait()
 
     def close(self) -> None:
-        """End the process by closing its standard input. Kill it if it does not end, or if it hangs."""
-        if self._process.stdin:
-            with contextlib.suppress(OSError):
-                self._process.stdin.close()
-        try:
-            self._process.wait(0.0 if self._silent_s else CLOSE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        """End the process. A process that hangs is killed at once."""
+        close_process(self._process, 0.0 if self._silent_s else CLOSE_S)
         if self._process.stdout:
             self._process.stdout.close()
 
@@ -241,6 +234,18 @@ class ChildProcess:
     def _fault(self, answer: dict[str, Any]) -> Exception:
         text = str(answer.get("error", "an answer it should not give"))
         return UsageError(text) if answer.get("status") == 2 else InfrastructureError(f"{self.kind}: {text}")
+
+
+def close_process(process: "subprocess.Popen[bytes]", wait_s: float = CLOSE_S) -> None:
+    """End a process by closing its standard input. Kill it if it has not ended within `wait_s` (wall s)."""
+    if process.stdin:
+        with contextlib.suppress(OSError):
+            process.stdin.close()
+    try:
+        process.wait(wait_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 class Supervisor:

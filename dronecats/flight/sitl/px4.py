@@ -22,6 +22,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Unpack
 
+from dronecats.flight.processes.supervisor import close_process
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.simulation import (
     STEP_US,
@@ -175,7 +176,6 @@ class Px4Vehicle(HilVehicle):
 
 
 MODEL = "none_iris"  # a PX4 airframe with the rotor order of the project's quadrotors
-CLOSE_S = 5.0  # wall seconds; longest wait for the end of PX4 before it is killed
 INSTANCE = "{instance}"  # placeholder for the instance's number in a command
 
 
@@ -200,13 +200,7 @@ class Px4Process:
 
     def close(self) -> None:
         """End PX4 and all other processes that the command has started."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        try:
-            self._process.wait(CLOSE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        close_process(self._process)
 
     def _start(self) -> "subprocess.Popen[bytes]":
         self.folder.mkdir(parents=True, exist_ok=True)
