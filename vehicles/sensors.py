@@ -97,7 +97,7 @@ class Suite:
         if min(self.gps_latency_us, self.gps_late_us) < 0 or self.gps_age_us >= latest_us:
             raise UsageError(
                 f"sensor suite: gps_latency_us = {self.gps_latency_us} and gps_late_us = {self.gps_late_us} must be 0"
-                f" to {GPS_QUEUE - 1} gps periods together"
+                f" or more, and together less than {GPS_QUEUE} gps periods"
             )
 
     @property
