@@ -131,12 +131,6 @@ def is_spent(accounts: Accounts, run: Path | None) -> bool:
     return False
 
 
-def book(model: str, spent: Spent, accounts: Accounts, run: Path) -> None:
-    """Add the cost of a model (PROVIDER/NAME) to the ledger of the run folder `run`. Raises InfrastructureError."""
-    with closing(_books(accounts, run)) as ledger:
-        ledger.spend(model, spent)
-
-
 def _books(accounts: Accounts, run: Path) -> LedgerInterface:
     if accounts.ledger is not None and accounts.ledger.startswith(ON_CLUSTER):
         return RemoteLedger(accounts.ledger.removeprefix(ON_CLUSTER))
@@ -185,8 +179,9 @@ class FirstQuestions:
 
     def book(self, run: Path) -> None:
         """Add the cost of the questions to the ledger of the run folder `run`. Raises InfrastructureError."""
-        for costs in self._costs:
-            book(*costs, run)
+        for model, spent, accounts in self._costs:
+            with closing(_books(accounts, run)) as ledger:
+                ledger.spend(model, spent)
 
     def _question(self, spec: ModelSpec, flight: FlightSpec) -> tuple[str, Spent, Accounts]:
         self._notify(f"{spec.title}: test question before take-off …")
