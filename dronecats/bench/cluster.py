@@ -215,15 +215,12 @@ class ClusterEngine:
         """
         ends_s = time.monotonic() + STARTED_S
         while not ray.wait([ready], timeout=LOOK_S)[0]:
-            if _cores_of(ray.nodes()) <= len(self._workers):
+            cores = sum(node["Resources"].get("CPU", 0.0) for node in ray.nodes() if node["Alive"])
+            if int(cores) <= len(self._workers):
                 return False
             if time.monotonic() > ends_s:
                 raise ray.exceptions.GetTimeoutError(f"a worker of the cluster has not started within {STARTED_S:g} s")
         return True
-
-
-def _cores_of(nodes: list[dict[str, Any]]) -> int:
-    return int(sum(node["Resources"].get("CPU", 0.0) for node in nodes if node["Alive"]))
 
 
 def _check_reachable(address: str) -> None:
