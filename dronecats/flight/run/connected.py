@@ -1,7 +1,7 @@
 """Flies an episode with a connected vehicle. Without true poses of the vehicle, the flight is not scored."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -85,16 +85,15 @@ class ConnectedFlight(VehicleFlight):
                 f"the pilot {pilot} needs the truth, which only --sitl or --truth gives."
                 " Choose --pilot vision or --model"
             )
-        link = open_link(vehicle, flight.spec.envelope)
-        self._camera, self._instruments = _camera(vehicle, link), instruments
-        model = self.camera_model = self._camera.model
-        try:
+        self._instruments = instruments
+        with ExitStack() as undo:
+            link = open_link(vehicle, flight.spec.envelope)
+            undo.callback(link.close)
+            self._camera = _camera(vehicle, link, undo)
+            model = self.camera_model = self._camera.model
             if flight.spec.replay is None:
                 roster.check_camera(pilot, model)
-        except UsageError:
-            self._camera.close()
-            link.close()
-            raise
+            undo.pop_all()  # link and camera stay open
         described = {"width": model.width, "height": model.height, "hfov_deg": round(model.hfov_deg, 3)}
         super().__init__(flight, vehicle, link, EPISODE, {**described, "url": shown(vehicle.camera or "")})
 
@@ -124,16 +123,13 @@ def open_link(vehicle: Connected, limits: Limits | None) -> Link:
     return Link(wire, silence_s=SILENCE_S, key=key, limits=limits, dry=vehicle.authority.dry)
 
 
-def _camera(vehicle: Connected, link: Link) -> RealCamera:
+def _camera(vehicle: Connected, link: Link, undo: ExitStack) -> RealCamera:
     """Open the camera before take-off and wait for its first frame. Raises UsageError if no frame comes."""
     max_age_s = link.limits.frame_s if link.limits else Limits().frame_s
-    camera: RealCamera | None = None
     try:
         camera = open_camera(vehicle.camera or "", lambda: link.time_us, vehicle.calibration, max_age_s=max_age_s)
+        undo.callback(camera.close)
         camera.newest()
     except CameraError as error:
-        if camera is not None:
-            camera.close()
-        link.close()
         raise UsageError(str(error)) from None
     return camera
