@@ -32,7 +32,7 @@ from typing import Any
 from benchmarks.machine import benchmark_parser
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.sitl.sockets import Listener
+from dronecats.flight.sitl.truth_listener import Listener
 from dronecats.flight.stages.stage import SIMULATOR
 from foundation.errors import DronecatsError, InfrastructureError
 from foundation.frames import PX4_HOME, quat_yaw, wrap_pi

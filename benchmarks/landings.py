@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from autopilot.commander.ground import UPRIGHT_DEG
 from benchmarks.machine import benchmark_parser
 from benchmarks.presses import BLOCKS, CAMPUS, RESIDENTIAL, lean_deg
-from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, load_world, origin
+from dronecats.flight.sitl.episode_world import load_world, origin
+from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle
 from episodes.world.obstacles import obstacles
 from episodes.world.world import World
 from foundation.mavlink import Parser, dialect

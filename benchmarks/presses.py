@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from benchmarks.machine import benchmark_parser
 from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.run.ascent import StartOffset, ascend
-from dronecats.flight.sitl.simulation import TICK_US, BootPose, Vehicle, load_world, world_of
+from dronecats.flight.sitl.episode_world import load_world, world_of
+from dronecats.flight.sitl.simulation import TICK_US, BootPose, Vehicle
 from dronecats.flight.spec.disturbances import VehicleFaults
 from dronecats.flight.stages.lockstep import one_vehicle
 from episodes.records import catalogue

@@ -97,7 +97,7 @@ def _trace(args: argparse.Namespace) -> int:
     file = derive(folder, target_from(args.target, args.target_std) if args.target else None, args.ulog)
     result: dict[str, Any] = {"file": str(file)}
     if read(folder).true:
-        from dronecats.flight.sitl.simulation import load_world, origin
+        from dronecats.flight.sitl.episode_world import load_world, origin
 
         result |= against_truth(folder, origin(load_world(str(folder / EPISODE))))
         summary = (

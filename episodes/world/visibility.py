@@ -193,6 +193,10 @@ class TargetView:
         self._solids = solids
         self._radius = float(np.linalg.norm(mesh.vertices, axis=1).max())
 
+    def warm_up(self) -> None:
+        """Cast one ray, so that the first call of `sight` takes no longer than the next ones."""
+        self._solids.hidden((0.0, 0.0, 0.0), self._points[:1])
+
     def sight(
         self,
         position_ned: Vec3,

@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -65,16 +66,27 @@ class World:
         self.fleet = Fleet(record.starts, next_id + 1 + len(record.candidates), drone, drones)
         # the scene for cameras, with the drones of a fleet
         self.filmed: Scene = replace(self.scene, instances=(*self.scene.instances, *self.fleet.instances))
-        # static things that may hide the target
-        of_map = solids(record.map, record.map_seed)
-        if native:
-            of_map = SolidsExcept(of_map, native)
-        self.solids = SolidsUnion(of_map, Solids(lookalikes)) if lookalikes else of_map
-        self._view = TargetView(target.mesh, self.solids)
+        self._native, self._lookalikes = native, lookalikes
         self._wheels = Wheels.if_any(record.target.asset, target.mesh) if moves else None
         low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
         self._half = tuple(float(v) for v in (high - low) / 2)
         self._middle = tuple(float(v) for v in (high + low) / 2)
+
+    @cached_property
+    def solids(self) -> Solids:
+        """The static things that may hide the target. Indexing them takes a while, and most cameras do not need it."""
+        of_map = solids(self.record.map, self.record.map_seed)
+        if self._native:
+            of_map = SolidsExcept(of_map, self._native)
+        return SolidsUnion(of_map, Solids(self._lookalikes)) if self._lookalikes else of_map
+
+    @cached_property
+    def _view(self) -> TargetView:
+        return TargetView(self.target.mesh, self.solids)
+
+    def warm_up(self) -> None:
+        """Build and compile what `measure` needs, so that the first measurement takes no longer than the next ones."""
+        self._view.warm_up()
 
     def target_pose(self, t_s: float) -> tuple[Vec3, float | Quat]:
         """Return the target's pose: m NED of its origin, and its yaw (rad) or its attitude (FRD → NED)."""

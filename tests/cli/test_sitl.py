@@ -10,7 +10,8 @@ from dronecats.cli import options
 from dronecats.cli.main import main
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl import compile_ahead, simulator_process
-from dronecats.flight.sitl.simulation import SimulatedVehicle, build, load_world
+from dronecats.flight.sitl.episode_world import load_world
+from dronecats.flight.sitl.simulation import SimulatedVehicle, build
 from episodes.records import catalogue
 from episodes.world.obstacles import obstacles
 

@@ -7,7 +7,7 @@ import numpy as np
 from pymavlink import mavutil
 
 from dronecats.flight.sitl.camera import GRAIN
-from dronecats.flight.sitl.simulation import load_world, origin
+from dronecats.flight.sitl.episode_world import load_world, origin
 from episodes.camera.renderer import Renderer
 from episodes.maps.assets.multirotor import X500
 from foundation.camera import CameraModel, camera_pose

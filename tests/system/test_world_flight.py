@@ -11,7 +11,7 @@ import subprocess
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.flight.sitl.simulation import load_world
+from dronecats.flight.sitl.episode_world import load_world
 from foundation.run_folder.reading import read
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.simulated_vehicle import patient_state, simulated_vehicle

@@ -7,8 +7,8 @@ from typing import Any
 
 from dronecats.flight.logger.recorder import LoggerConfig, LoggerPart, Measure, Recorder
 from dronecats.flight.sitl.config import AIRFRAME
-from dronecats.flight.sitl.simulation import load_world, origin
-from dronecats.flight.sitl.sockets import Listener
+from dronecats.flight.sitl.episode_world import load_world, origin
+from dronecats.flight.sitl.truth_listener import Listener
 from episodes.world.fleet import DronePose
 from episodes.world.world import World
 from foundation.camera import CameraModel, camera_on
@@ -64,6 +64,7 @@ class Logger(LoggerPart):
 
     def __init__(self, config: LoggerConfig) -> None:
         world = load_world(config.episode, config.airframe)
+        world.warm_up()
         camera = camera_on(airframes.load(config.airframe or AIRFRAME).camera)
         self._recorder = Recorder(Path(config.folder), origin(world), measured_in(world), camera)
         self._truth = Listener(config.truth, self._recorder.truth)

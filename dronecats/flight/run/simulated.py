@@ -39,7 +39,7 @@ class SimulatedFlight(FlightSetup):
     @contextmanager
     def ready(self, folder: Path, notify: Notify) -> Iterator[Ready]:
         from dronecats.flight.run.truth import TrueStart, opened_in
-        from dronecats.flight.sitl.simulation import world_of
+        from dronecats.flight.sitl.episode_world import world_of
         from dronecats.flight.stages.stage import Stage
         from episodes.world.world import World
 
@@ -95,7 +95,7 @@ def draw(folder: Path, conditions: SceneConditions = AS_BUILT) -> None:
     """Draw flight.png of an episode folder in this light and season. Write errors to flight.png.error; raise none."""
     from dronecats.flight.picture import aerial
     from dronecats.flight.picture import draw as draw_flight
-    from dronecats.flight.sitl.simulation import load_world
+    from dronecats.flight.sitl.episode_world import load_world
 
     try:
         world = load_world(str(folder / layout.EPISODE), conditions=conditions)

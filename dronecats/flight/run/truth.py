@@ -11,8 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from dronecats.flight.run.pilot import OpenPilot, commanded, opened
-from dronecats.flight.sitl.simulation import origin
-from dronecats.flight.sitl.truth_bridge import Placement
+from dronecats.flight.sitl.episode_world import Placement, origin
 from dronecats.flight.spec.disturbances import FrameFaults
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.stages.stage import TRUTH_HZ, Stage

@@ -6,9 +6,10 @@ from dataclasses import replace
 from typing import Any, Unpack
 
 from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.sitl.episode_world import load_world
 from dronecats.flight.sitl.pace import PaceReport, RateKeeper
 from dronecats.flight.sitl.px4 import HilVehicle
-from dronecats.flight.sitl.simulation import BootPose, Physics, Simulation, build, load_world
+from dronecats.flight.sitl.simulation import BootPose, Physics, Simulation, build
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, GCS_PORT, LOOPBACK, UdpPort, truth_port
 from foundation.airframe import Airframe
 from foundation.mavlink import Packer

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.flight.sitl.config import AIRFRAME, CameraConfig
-from dronecats.flight.sitl.simulation import load_world, origin
-from dronecats.flight.sitl.sockets import Listener
+from dronecats.flight.sitl.episode_world import load_world, origin
+from dronecats.flight.sitl.truth_listener import Listener
 from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion
 from episodes.camera.optics.file import optics_of
 from episodes.camera.optics.options import Optics

@@ -24,16 +24,8 @@ from typing import Any, Unpack
 
 from dronecats.flight.processes.supervisor import close_process
 from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.sitl.simulation import (
-    STEP_US,
-    TICK_US,
-    BootPose,
-    PacedSimulator,
-    Physics,
-    Vehicle,
-    build,
-    load_world,
-)
+from dronecats.flight.sitl.episode_world import load_world
+from dronecats.flight.sitl.simulation import STEP_US, TICK_US, BootPose, PacedSimulator, Physics, Vehicle, build
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
 from episodes.world.world import World
 from foundation.airframe import Airframe

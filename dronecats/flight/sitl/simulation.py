@@ -14,19 +14,16 @@ from typing import Any, Generic, Required, TypedDict, TypeVar, Unpack
 from autopilot.autopilot import Autopilot
 from autopilot.control.flight_core import FlightCore
 from dronecats.flight.sitl.collisions import CollisionReport, Encounters, Traffic
-from dronecats.flight.sitl.config import AIRFRAME, SimulatorConfig, noise_seed
+from dronecats.flight.sitl.config import SimulatorConfig, noise_seed
+from dronecats.flight.sitl.episode_world import origin
 from dronecats.flight.sitl.failures import Failures
 from dronecats.flight.sitl.fused import Fused
 from dronecats.flight.sitl.pace import PaceReport, RateKeeper, Staller
 from dronecats.flight.spec.disturbances import VehicleFaults
-from episodes.maps.assets.multirotor import outline
-from episodes.records import catalogue
-from episodes.records.record import EpisodeRecord
 from episodes.world.obstacles import obstacles
 from episodes.world.world import World
 from foundation.airframe import Airframe
 from foundation.camera import CameraModel
-from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.frames import Vec3
 from foundation.mavlink import Packer
 from foundation.record_reader import reader
@@ -349,11 +346,6 @@ class Simulation(Generic[V]):
                 self.bus.publish(vehicle.truth())
 
 
-def origin(world: World) -> Origin:
-    """Return latitude (°), longitude (°) and altitude (m above mean sea level) of the map's NED origin."""
-    return world.scene.latitude_deg, world.scene.longitude_deg, world.scene.altitude_m
-
-
 def boot_poses(world: World) -> list[BootPose]:
     """Return the boot pose of each drone of the record: on the ground below its start pose."""
     poses = []
@@ -419,21 +411,3 @@ class PacedSimulator(Generic[V]):
         if command == "pace":
             return self._keeper.figures()
         return None
-
-
-def load_world(
-    episode: str, airframe: str | None = None, count: int | None = None, conditions: SceneConditions = AS_BUILT
-) -> World:
-    """Return the world of an episode id or file. Raises UsageError.
-
-    Pictures show the drones with the shape of `airframe` (None: the default airframe). `count`: number of drones; None:
-    one for each start of the record.
-    """
-    return world_of(catalogue.load(episode), airframe, count, conditions)
-
-
-def world_of(
-    record: EpisodeRecord, airframe: str | None = None, count: int | None = None, conditions: SceneConditions = AS_BUILT
-) -> World:
-    """Return the world of a record; other arguments as in `load_world`. Raises UsageError."""
-    return World(record, outline(airframes.load(airframe or AIRFRAME)), count, conditions)

@@ -6,7 +6,8 @@ from typing import Any, Unpack
 
 from dronecats.flight.processes.child import Part
 from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.sitl.simulation import BootPose, PacedSimulator, Physics, SimulatedVehicle, build, load_world
+from dronecats.flight.sitl.episode_world import load_world
+from dronecats.flight.sitl.simulation import BootPose, PacedSimulator, Physics, SimulatedVehicle, build
 from dronecats.flight.sitl.sockets import Ports
 from foundation.airframe import Airframe
 from foundation.signing import load_key, timestamp

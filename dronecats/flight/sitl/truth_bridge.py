@@ -6,52 +6,19 @@ bus of the project's simulator.
 
 import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 from dronecats.flight.processes.child import Part
 from dronecats.flight.sitl.config import TruthBridgeConfig
-from dronecats.flight.sitl.simulation import TruthBus, boot_poses, load_world, origin
-from dronecats.flight.sitl.sockets import Listener, truth_port
+from dronecats.flight.sitl.episode_world import Placement, load_world, origin, placement_of
+from dronecats.flight.sitl.simulation import TruthBus, boot_poses
+from dronecats.flight.sitl.sockets import truth_port
+from dronecats.flight.sitl.truth_listener import Listener
 from foundation.errors import UsageError
-from foundation.frames import GRAVITY, Vec3, geodetic_to_ned, quat_from_euler, quat_multiply, quat_yaw, rotate, wrap_pi
+from foundation.frames import GRAVITY
 from foundation.mavlink import Packer, Parser, dialect
-from foundation.truth import TRUTH_COMPONENT, Origin, TruthSample, truth_message, truth_sample
-
-
-@dataclass(frozen=True, slots=True)
-class Placement:
-    """The transform from a vehicle's own world to the map: a shift and a rotation about the vertical."""
-
-    home: Origin  # lat °, lon °, alt m of the vehicle's first pose
-    place_ned: Vec3  # m, map frame, position of the first pose on the map
-    turn: float  # rad, heading on the map minus heading in the vehicle's own world, clockwise positive
-
-    def sample(self, message: dialect.MAVLink_message, time_us: int, drone: int = 0) -> TruthSample:
-        """Return the sample on the map for a HIL_STATE_QUATERNION."""
-        there = truth_sample(message, self.home)
-        turned = quat_from_euler(0.0, 0.0, self.turn)
-        return TruthSample(
-            drone,
-            time_us,
-            self._moved(there.position_ned),
-            rotate(turned, there.velocity_ned),
-            quat_multiply(turned, there.attitude),
-        )
-
-    def on_map(self, place: Origin) -> Vec3:
-        """Return the position on the map (m, NED) for a position in the vehicle's own world (lat °, lon °, alt m)."""
-        return self._moved(geodetic_to_ned(*self.home, *place))
-
-    def _moved(self, position_ned: Vec3) -> Vec3:
-        north, east, down = rotate(quat_from_euler(0.0, 0.0, self.turn), position_ned)
-        return (self.place_ned[0] + north, self.place_ned[1] + east, self.place_ned[2] + down)
-
-
-def placement_of(message: dialect.MAVLink_message, place_ned: Vec3, yaw: float) -> Placement:
-    """Return the placement that moves the pose in a HIL_STATE_QUATERNION to `place_ned` (m) and `yaw` (rad)."""
-    home = (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3)
-    return Placement(home, place_ned, wrap_pi(yaw - quat_yaw(tuple(message.attitude_quaternion))))
+from foundation.truth import TRUTH_COMPONENT, truth_message
 
 
 def speed(message: dialect.MAVLink_message) -> float:

@@ -16,8 +16,9 @@ from dronecats.flight.logger.logger_process import measured_in, subscribe
 from dronecats.flight.logger.recorder import Recorder
 from dronecats.flight.sitl.camera import WorldCamera
 from dronecats.flight.sitl.config import AIRFRAME, SimulatorConfig
+from dronecats.flight.sitl.episode_world import origin
 from dronecats.flight.sitl.px4 import Px4Simulator, Px4Vehicle
-from dronecats.flight.sitl.simulation import SimulatedVehicle, Simulation, V, VehiclePort, build, origin
+from dronecats.flight.sitl.simulation import SimulatedVehicle, Simulation, V, VehiclePort, build
 from dronecats.flight.sitl.sockets import AGENT_PORT
 from dronecats.flight.spec.disturbances import VehicleFaults
 from dronecats.flight.spec.flight import Flight

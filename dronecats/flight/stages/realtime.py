@@ -10,8 +10,8 @@ from pathlib import Path
 from dronecats.flight.logger.recorder import COPIED, EstimateLoggerConfig, LoggerConfig
 from dronecats.flight.processes.supervisor import ChildProcess
 from dronecats.flight.sitl.config import CameraConfig, TruthBridgeConfig
-from dronecats.flight.sitl.sockets import Listener
-from dronecats.flight.sitl.truth_bridge import Placement
+from dronecats.flight.sitl.episode_world import Placement
+from dronecats.flight.sitl.truth_listener import Listener
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
 from dronecats.flight.stages.stage import (

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.flight.run.ascent import StartOffset, ascend
-from dronecats.flight.sitl.simulation import world_of
+from dronecats.flight.sitl.episode_world import world_of
 from dronecats.flight.stages.lockstep import one_vehicle
 from dronecats.study.loop.hover import StepResponse
 from dronecats.study.loop.margins import StepFigures, step_figures

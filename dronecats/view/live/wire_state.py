@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from dronecats.flight.logger.logger_process import subscribe
-from dronecats.flight.sitl.sockets import Listener
+from dronecats.flight.sitl.truth_listener import Listener
 from dronecats.view.live.config import WatchedWires
 from dronecats.view.live.folder import is_intact
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment

@@ -8,8 +8,7 @@ import pytest
 
 from dronecats.flight.run.ascent import StartOffset, ascend
 from dronecats.flight.run.truth import TrueStart, estimate_faults, start_faults
-from dronecats.flight.sitl.simulation import load_world
-from dronecats.flight.sitl.truth_bridge import Placement
+from dronecats.flight.sitl.episode_world import Placement, load_world
 from foundation.errors import InfrastructureError
 from foundation.frames import quat_from_euler
 from foundation.truth import TruthSample

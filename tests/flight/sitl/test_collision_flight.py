@@ -7,7 +7,8 @@ import pytest
 
 from autopilot.records import FREE, NAN, CascadeSetpoint
 from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.sitl.simulation import SimulatedVehicle, build, load_world
+from dronecats.flight.sitl.episode_world import load_world
+from dronecats.flight.sitl.simulation import SimulatedVehicle, build
 from episodes.world.world import World
 from foundation.frames import rotate
 from foundation.mavlink import Parser

@@ -8,7 +8,7 @@ import pytest
 from dronecats.flight.logger.logger_process import measured_in
 from dronecats.flight.logger.recorder import Recorder
 from dronecats.flight.sitl.camera import WorldCamera
-from dronecats.flight.sitl.simulation import load_world, origin
+from dronecats.flight.sitl.episode_world import load_world, origin
 from episodes.camera.optics.options import Exposure, Optics
 from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler

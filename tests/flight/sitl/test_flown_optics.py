@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dronecats.cli.main import main
 from dronecats.flight.sitl.camera import WorldCamera, rates_between
-from dronecats.flight.sitl.simulation import origin
+from dronecats.flight.sitl.episode_world import origin
 from dronecats.flight.spec.flight import CAMERA, look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from episodes.camera.optics.file import load

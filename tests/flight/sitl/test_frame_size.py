@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dronecats.flight.sitl.camera import FrameServer, WorldCamera
-from dronecats.flight.sitl.simulation import origin
+from dronecats.flight.sitl.episode_world import origin
 from episodes.camera.optics.options import Optics, Sensor
 from episodes.records import catalogue
 from episodes.world.world import World

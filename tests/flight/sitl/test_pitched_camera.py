@@ -9,7 +9,8 @@ import pytest
 from dronecats.agent.action import Go
 from dronecats.agent.controller import displacement
 from dronecats.flight.sitl.camera import WorldCamera
-from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, origin
+from dronecats.flight.sitl.episode_world import origin
+from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle
 from episodes.camera.renderer import Renderer
 from episodes.records import catalogue
 from episodes.world.world import World

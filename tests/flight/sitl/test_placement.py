@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from dronecats.flight.processes.supervisor import ChildProcess
 from dronecats.flight.sitl.config import TruthBridgeConfig
-from dronecats.flight.sitl.simulation import boot_poses, load_world, origin
-from dronecats.flight.sitl.truth_bridge import TruthSource, placement_of
+from dronecats.flight.sitl.episode_world import load_world, origin, placement_of
+from dronecats.flight.sitl.simulation import boot_poses
+from dronecats.flight.sitl.truth_bridge import TruthSource
 from dronecats.flight.stages.stage import TRUTH_BRIDGE
 from foundation.errors import UsageError
 from foundation.frames import ned_to_geodetic, quat_from_euler, quat_to_euler, rotate, wrap_pi

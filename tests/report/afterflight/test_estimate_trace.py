@@ -14,7 +14,8 @@ import pytest
 from dronecats.cli.main import main
 from dronecats.flight.logger.recorder import EstimateRecorder
 from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.sitl.simulation import SimulatedVehicle, build, load_world, origin
+from dronecats.flight.sitl.episode_world import load_world, origin
+from dronecats.flight.sitl.simulation import SimulatedVehicle, build
 from dronecats.flight.stages.lockstep import Lockstep
 from dronecats.judge.episode import judge_folder
 from dronecats.report.afterflight import (

@@ -10,7 +10,7 @@ import pytest
 from dronecats.agent.action import Go
 from dronecats.flight.logger.logger_process import measured_in
 from dronecats.flight.logger.recorder import EstimateRecorder, Recorder
-from dronecats.flight.sitl.simulation import origin
+from dronecats.flight.sitl.episode_world import origin
 from dronecats.view.live.folder import FrameTail, load_world
 from dronecats.view.live.follow import FlightFollower
 from dronecats.view.live.moment import chosen_go, sight
