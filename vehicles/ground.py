@@ -7,6 +7,7 @@ rest stays at rest, in wind and on a slope. With friction that depends on veloci
 
 import math
 
+import cv2
 import numpy as np
 
 from foundation.compiled import Grid, Record, njit
@@ -33,9 +34,8 @@ CRASH_BODY = 1.0  # m/s, normal speed that breaks a propeller or the hull
 
 def peaks(terrain: HeightField, reach: float) -> Grid:
     """Return the highest ground (NED z, m, same shape as the grid) within `reach` (m) of each cell."""
-    from scipy.ndimage import minimum_filter  # slow to import; needed once per terrain
-
-    return np.ascontiguousarray(minimum_filter(terrain.down, size=2 * (math.ceil(reach / terrain.cell_m) + 1) + 1))
+    cells = 2 * (math.ceil(reach / terrain.cell_m) + 1) + 1
+    return np.asarray(cv2.erode(terrain.down, np.ones((cells, cells), np.uint8)))
 
 
 @njit(cache=True)
