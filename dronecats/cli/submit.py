@@ -34,7 +34,6 @@ def add_submit_options(parser: argparse.ArgumentParser) -> None:
 
 def _submit(args: argparse.Namespace) -> int:
     """Write the archive, verify it, and print the result."""
-    from dronecats.judge.metrics.judging import reread
     from dronecats.report.leaderboard.submission import secrets_of, submit
     from dronecats.report.leaderboard.verification import verify
     from dronecats.report.recorded.run import recorded_runs
@@ -46,7 +45,7 @@ def _submit(args: argparse.Namespace) -> int:
             recorded_runs(args.runs), draft, name=args.name, note=args.note, partial=args.partial,
             with_frames=args.with_frames, secrets=secrets_of(os.environ),
         )  # fmt: skip
-        entry = verify(draft, reread)
+        entry = verify(draft)
         if not entry.verified:
             raise UsageError(f"the archive would fail verification: {entry.differences[0]}. See: dronecats judge")
     if args.json:
@@ -66,10 +65,9 @@ def add_verify_options(parser: argparse.ArgumentParser) -> None:
 
 def _verify(args: argparse.Namespace) -> int:
     """Print the result of the verification. Return 0 if there are no differences, otherwise DIFFERS."""
-    from dronecats.judge.metrics.judging import reread
     from dronecats.report.leaderboard.verification import verify
 
-    entry = verify(args.file, reread)
+    entry = verify(args.file)
     if args.json:
         print(_as_json(entry))
     else:
@@ -131,8 +129,7 @@ def _leaderboard(args: argparse.Namespace) -> int:
 
 
 def _entry(file: Path) -> "Verification":
-    from dronecats.judge.metrics.judging import reread
     from dronecats.report.leaderboard.leaderboard import entry
     from dronecats.report.leaderboard.verification import verify
 
-    return entry(file) if file.suffix == ".json" else verify(file, reread)
+    return entry(file) if file.suffix == ".json" else verify(file)

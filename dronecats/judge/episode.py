@@ -2,13 +2,16 @@
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Iterator, Mapping, Sequence, Sized
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from msgspec import UNSET
 
+from dronecats.agent.action import AxisOrder
+from dronecats.agent.reply.reading import reading
 from dronecats.judge.judged_flight import JudgedFlight, gaps, outcome
 from dronecats.judge.verdict import NOTHING_KNOWN, SAME_S, consistent
 from foundation.errors import InfrastructureError, UsageError
@@ -16,7 +19,7 @@ from foundation.files import file_errors_as, write_json
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder import layout
 from foundation.run_folder.layout import COMMANDER, EPISODE
-from foundation.run_folder.reading import Logs, check_version, episodes, exchanges, json_object, read
+from foundation.run_folder.reading import Logs, exchanges, json_object, read
 from foundation.run_folder.results import Verdict
 from foundation.run_folder.rows import Decision, Exchange, FrameTruth, drone_label
 
@@ -31,9 +34,6 @@ CORE = (
     "declarations",
     "deciding",
 )  # fields that every version stored
-# Parses a reply again: (reply, number of drones, whether the lenient parser mended it) → possible readings, each with
-# an action per drone
-Rereading = Callable[[str, int, bool], Iterable[Sequence[Any]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,16 +109,11 @@ class Judged:
         }
 
 
-def judge_folder(folder: Path, delta_m: float = RADIUS_M, reread: Rereading | None = None) -> Judged:
-    """Return the verdict (`outcome`) of an episode folder, compared with its other files. Raises UsageError."""
-    return judged_against_files(JudgedFlight.read(folder, delta_m), reread)
-
-
-def judged_against_files(flight: JudgedFlight, reread: Rereading | None = None) -> Judged:
-    """Return the verdict of a flight, compared with its other files; replies are parsed again by `reread`."""
+def judged_against_files(flight: JudgedFlight) -> Judged:
+    """Return the verdict of a flight, compared with its other files."""
     sentences = log_contradictions(flight.logs)
     sentences += folder_contradictions(flight.folder.resolve().name, flight.record)
-    sentences += reply_contradictions(flight.logs, reread) if reread else []
+    sentences += reply_contradictions(flight.logs)
     try:
         sentences += commander_contradictions(flight.logs, exchanges(flight.folder))
     except UsageError as damage:
@@ -134,29 +129,7 @@ def _stored(path: Path, verdict: Verdict) -> Comparison | None:
     return compare(stored, verdict.as_json()) if same else None
 
 
-def judge_run(run: Path, delta_m: float = RADIUS_M, reread: Rereading | None = None) -> dict[str, Judged]:
-    """Return the results of `judge_folder` by folder name, for all episodes of a run folder or for an episode folder.
-
-    A damaged episode gets the outcome "error", and the others are still judged. Raises UsageError.
-    """
-    check_radius(delta_m)
-    if not run.is_dir():
-        raise UsageError(f"folder {run} does not exist")
-    folders = episodes(run)
-    if not folders:
-        raise UsageError(f"{run} has no episode. Name a folder that has {layout.DECISIONS} and {layout.TRUTH}")
-    check_version(folders[0].resolve().parent)
-    return {folder.resolve().name: _judged(folder, delta_m, reread) for folder in folders}
-
-
-def _judged(folder: Path, delta_m: float, reread: Rereading | None) -> Judged:
-    try:
-        return judge_folder(folder, delta_m, reread)
-    except UsageError as damage:
-        return judged_damage(folder, damage, delta_m)
-
-
-def judged_damage(folder: Path, damage: UsageError, delta_m: float, cap_s: float = CAP_S) -> Judged:
+def judged_damage(folder: Path, damage: UsageError, delta_m: float, cap_s: float) -> Judged:
     """Return the result for damaged logs: an error that describes the damage."""
     verdict = _damaged(damage, delta_m, cap_s)
     return Judged(verdict, _stored(folder / layout.VERDICT, verdict), ())
@@ -211,7 +184,7 @@ def log_contradictions(logs: Logs) -> list[str]:
     return sentences
 
 
-def reply_contradictions(logs: Logs, reread: Rereading) -> list[str]:
+def reply_contradictions(logs: Logs) -> list[str]:
     """Return one sentence about the decisions whose action differs from the logged reply; empty if there are none.
 
     A reply has one action for each drone of its group (`reply_groups`), in the order of the drones' numbers.
@@ -228,6 +201,21 @@ def reply_contradictions(logs: Logs, reread: Rereading) -> list[str]:
     if not differing:
         return []
     return [f"the reply of step {differing[0].step} gives another action than the logged one{_more(differing)}"]
+
+
+def reread(reply: str, drones: int, mended: bool = False) -> Iterator[tuple[dict[str, Any] | None, ...]]:
+    """Yield a reply's actions, one per drone, with the axis order xy, then yx: decisions.jsonl does not name the order.
+
+    `mended`: parse leniently. For a reply without faults, this gives the same as strict parsing.
+    """
+    yield _read(reply, drones, "xy", mended)
+    yield _read(reply, drones, "yx", mended)
+
+
+@lru_cache(64)  # the drones of a fleet share a reply, so it is parsed once
+def _read(reply: str, drones: int, order: AxisOrder, mended: bool) -> tuple[dict[str, Any] | None, ...]:
+    read = reading(reply, drones, order, "lenient" if mended else "strict")
+    return tuple(part.action.as_json() if part.action else None for part in read)
 
 
 def reply_groups(logs: Logs) -> dict[int, list[int]]:

@@ -5,6 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.judge import episode, judged_flight
+from dronecats.judge.judged_flight import JudgedFlight
+from dronecats.judge.metrics.judging import Judging, judged_episodes
+from dronecats.report.recorded.run import recorded_runs
 from foundation.run_folder.reading import Logs, parse_row
 from foundation.run_folder.rows import TRUTH_ROWS, Decision, FlownRecord
 
@@ -15,7 +18,7 @@ DECIDED = {**END, "reason": "decided", "t": 30.0}
 
 def decision(step, frame_id, t, action="finished", drone=0, **more):
     return {"step": step, "drone": drone, "frame_id": frame_id, "t_frame": t - 0.5, "t_decided": t,
-            "reply": "", "action": {"action": action} if action else None, "error": None, **more}  # fmt: skip
+            "action": {"action": action} if action else None, "error": None, **more}  # fmt: skip
 
 
 def frame(frame_id, t, distance_m, visible=True, drone=0, **more):
@@ -51,12 +54,14 @@ def logs(decisions=(), truth=(), begin=BEGIN, end=END, record=None) -> Logs:
 
 def judge_folder(folder: Path, *radius) -> dict[str, Any]:
     """Return the output of `dronecats judge --json` for an episode folder."""
-    return episode.judge_folder(folder, *radius).as_json()
+    return episode.judged_against_files(JudgedFlight.read(folder, *radius)).as_json()
 
 
-def judge_run(run: Path, *radius) -> dict[str, Any]:
+def judge_run(run: Path) -> dict[str, Any]:
     """Return the output of `dronecats judge --json` for a run."""
-    return {name: judged.as_json() for name, judged in episode.judge_run(run, *radius).items()}
+    (recorded,) = recorded_runs([run])
+    judged = judged_episodes(recorded.episodes, Judging())
+    return {episode.folder.resolve().name: episode.judged.as_json() for episode in judged}
 
 
 def outcome(flight: Logs, *radius) -> dict[str, Any]:

@@ -5,7 +5,6 @@ import json
 import pytest
 
 from dronecats.judge.episode import folder_contradictions, log_contradictions, reply_contradictions
-from dronecats.judge.metrics.judging import reread
 from tests.judge.episode_logs import BEGIN, DECIDED, END, decision, frame, judge_folder, logs, outcome, pose, write
 
 GO = [decision(0, 0, 5.0, "go")]
@@ -95,43 +94,43 @@ def test_the_logged_action_must_match_the_reply():
         replied("I cannot", None),
     ]
     for row in consistent:
-        assert reply_contradictions(logs([row]), reread) == []
+        assert reply_contradictions(logs([row])) == []
         other = {**row, "action": {"action": "think"}}
-        assert len(reply_contradictions(logs([other]), reread)) == 1
-    assert len(reply_contradictions(logs([replied("I cannot", {"action": "finished"})]), reread)) == 1
+        assert len(reply_contradictions(logs([other]))) == 1
+    assert len(reply_contradictions(logs([replied("I cannot", {"action": "finished"})]))) == 1
 
 
 def test_each_drone_of_a_fleet_must_have_its_own_action_of_the_reply():
     reply = '[{"action": "think"}, {"action": "finished"}]'
     fleet = [replied(reply, {"action": "think"}), replied(reply, {"action": "finished"}, 1)]
-    assert reply_contradictions(logs(fleet), reread) == []
+    assert reply_contradictions(logs(fleet)) == []
     swapped = [replied(reply, {"action": "finished"}), replied(reply, {"action": "think"}, 1)]
-    assert len(reply_contradictions(logs(swapped), reread)) == 1
+    assert len(reply_contradictions(logs(swapped))) == 1
 
 
 def test_a_repaired_reply_is_parsed_again_with_the_same_repairs():
     reply = "[{'drone': 2, 'action': 'think'}, {'drone': 1, 'action': 'finished'}]"
     fleet = [replied(reply, {"action": "finished"}), replied(reply, {"action": "think"}, 1)]
     mended = [{**row, "mended": ["single_quotes", "by_name"]} for row in fleet]
-    assert reply_contradictions(logs(mended), reread) == []
-    assert len(reply_contradictions(logs(fleet), reread)) == 1  # these rows record no repair
+    assert reply_contradictions(logs(mended)) == []
+    assert len(reply_contradictions(logs(fleet))) == 1  # these rows record no repair
     swapped = [{**row, "action": other["action"]} for row, other in zip(mended, reversed(fleet), strict=True)]
-    assert len(reply_contradictions(logs(swapped), reread)) == 1
+    assert len(reply_contradictions(logs(swapped))) == 1
 
 
 def test_drones_with_separate_requests_have_their_own_replies():
     """A commander's confirmation has no reply. The drone's own replies are parsed as replies for one drone."""
     rows = [{**replied('{"action": "think"}', {"action": "think"}, drone), "step": drone} for drone in range(3)]
     confirmed = {k: v for k, v in decision(3, 1, 6.0, drone=1).items() if k != "reply"}
-    assert reply_contradictions(logs([*rows, {**confirmed, "confirmed_by": 0}]), reread) == []
+    assert reply_contradictions(logs([*rows, {**confirmed, "confirmed_by": 0}])) == []
     other = {**rows[2], "action": {"action": "finished"}}
-    assert len(reply_contradictions(logs([*rows[:2], other]), reread)) == 1
+    assert len(reply_contradictions(logs([*rows[:2], other]))) == 1
 
 
 def test_a_fleet_step_cut_to_one_row_is_still_parsed_as_a_fleet_step():
     reply = '[{"action": "think"}, {"action": "finished"}]'
     complete = [replied(reply, {"action": "think"}), replied(reply, {"action": "finished"}, 1)]
-    assert reply_contradictions(logs([*complete, {**complete[0], "step": 1}]), reread) == []
+    assert reply_contradictions(logs([*complete, {**complete[0], "step": 1}])) == []
 
 
 def test_confirmed_declarations_must_match_the_commander_log_and_its_damage_is_only_reported(tmp_path):

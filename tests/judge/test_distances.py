@@ -72,7 +72,7 @@ def test_closest_and_dwell_come_from_the_poses_and_the_last_action_from_its_fram
     assert measured["closest"] == {"t": 4.0, "distance_m": 0.0, "std_m": 0.5, "within": True}
     assert measured["dwell_s"] == pytest.approx(5.5)
     assert (measured["last_action"]["distance_m"], measured["last_action"]["within"]) == (3, True)
-    assert "4.0 s" in distances_sentence(cast(Distances, episode.judge_folder(tmp_path / "e").verdict.distances), 5.0)
+    assert "4.0 s" in distances_sentence(cast(Distances, episode.verdict_of(tmp_path / "e").distances), 5.0)
 
 
 def test_without_an_estimate_or_a_target_the_outcome_is_unknown(tmp_path: Path) -> None:

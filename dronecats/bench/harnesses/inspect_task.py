@@ -25,7 +25,7 @@ from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER
 from dronecats.bench.harnesses.outside_flight import OutsideFlight
 from dronecats.flight.spec.flight_spec import LATENCY, ExternalHarness, FlightSpec, Simulated, latency_policy
-from dronecats.judge.episode import judge_folder
+from dronecats.judge.episode import verdict_of
 from episodes.records import catalogue
 from foundation.errors import InfrastructureError, UsageError
 from foundation.protocol import CAP_S
@@ -152,7 +152,7 @@ def verdict() -> Scorer:
 
     async def score(state: TaskState, target: Target) -> Score:
         folder = Path(str(state.store.get(FOLDER)))
-        judged = (await run_sync(judge_folder, folder)).verdict
+        judged = await run_sync(verdict_of, folder)
         error = "?" if judged.ne_m is None else f"{judged.ne_m:.2f} m"
         explanation = f"{judged.outcome}: navigation error {error}, {counted(judged.declarations, 'declaration')}"
         metadata = _metadata(judged.as_json(), folder)

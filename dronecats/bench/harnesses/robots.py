@@ -26,7 +26,7 @@ from inspect_robots.types import Action, Observation, StepResult
 from dronecats.agent.models.model import Request
 from dronecats.bench.harnesses.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, picture, reply
 from dronecats.flight.spec.flight_spec import LATENCY, ExternalHarness, FlightSpec, Simulated, latency_policy
-from dronecats.judge.episode import judge_folder
+from dronecats.judge.episode import verdict_of
 from episodes.records import catalogue
 from foundation.errors import InfrastructureError, UsageError
 from foundation.protocol import CAP_S, POINT_SPAN, SETPOINT_HZ
@@ -141,7 +141,7 @@ class Verdict5m:
         folder = next((step.result.info[FOLDER] for step in reversed(record.steps) if FOLDER in step.result.info), None)
         if folder is None:
             raise InfrastructureError(f"{record.scene_id} has no step and is not scored")
-        verdict = judge_folder(Path(str(folder))).verdict
+        verdict = verdict_of(Path(str(folder)))
         if verdict.outcome not in SCORED:  # for example, `max_steps` ended the trial
             reason = verdict.error or verdict.outcome
             raise InfrastructureError(f"the flight of {record.scene_id} did not end and is not scored: {reason}")

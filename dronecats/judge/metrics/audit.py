@@ -17,9 +17,8 @@ from typing import Any
 from msgspec import UNSET
 
 from dronecats.judge.diagnostics import hold_s
-from dronecats.judge.episode import reply_groups
+from dronecats.judge.episode import reply_groups, reread
 from dronecats.judge.judged_flight import FlightStep, JudgedFlight, outcome
-from dronecats.judge.metrics.judging import reread
 from dronecats.judge.metrics.outcomes import oracle_success, success_at_first
 from dronecats.judge.verdict import declarations, judge
 from foundation.errors import UsageError

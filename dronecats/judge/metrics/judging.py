@@ -12,12 +12,10 @@ import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from dronecats.agent.action import AxisOrder
-from dronecats.agent.reply.reading import reading
 from dronecats.judge.episode import Judged, check_radius, judged_against_files, judged_damage
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics import fleets, outcomes, pointing, replies
@@ -168,22 +166,13 @@ def judged_episode(folder: Path, options: Judging) -> JudgedEpisode:
         flight = JudgedFlight.read(folder, options.delta_m, options.cap_s)
     except UsageError as damage:
         return JudgedEpisode(folder, judged_damage(folder, damage, options.delta_m, options.cap_s), None, {})
-    judged = judged_against_files(flight, reread)
+    judged = judged_against_files(flight)
     return JudgedEpisode(folder, judged, failure_mode(flight), values_of(flight, _metrics(options)))
 
 
 def values_of(flight: JudgedFlight, metrics: Sequence[Metric]) -> dict[str, MetricValue | Sequence[MetricValue]]:
     """Return the values of these metrics for an episode, by name. Raises UsageError if one of them fails."""
     return {metric.name: _value(metric, flight) for metric in metrics}
-
-
-def reread(reply: str, drones: int, mended: bool = False) -> Iterator[tuple[dict[str, Any] | None, ...]]:
-    """Yield a reply's actions, one per drone, with the axis order xy, then yx: decisions.jsonl does not name the order.
-
-    `mended`: parse leniently. For a reply without faults, this gives the same as strict parsing.
-    """
-    yield _read(reply, drones, "xy", mended)
-    yield _read(reply, drones, "yx", mended)
 
 
 @cache
@@ -193,9 +182,3 @@ def _metrics(options: Judging) -> tuple[Metric, ...]:
     if twice:
         raise UsageError(f"--metric: two metrics have the name {min(twice)}. Rename one")
     return (*(METRICS.values() if options.measured else ()), *own)
-
-
-@lru_cache(64)  # the drones of a fleet share a reply, so it is parsed once
-def _read(reply: str, drones: int, order: AxisOrder, mended: bool) -> tuple[dict[str, Any] | None, ...]:
-    read = reading(reply, drones, order, "lenient" if mended else "strict")
-    return tuple(part.action.as_json() if part.action else None for part in read)

@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from dronecats import __version__
-from dronecats.judge.episode import judge_run
+from dronecats.judge.episode import verdict_of
 from dronecats.report.leaderboard.archive_file import (
     EPISODE_NAME,
     LOGS,
@@ -243,10 +243,11 @@ def _as_packed(run: RecordedRun, scrubber: Scrubber) -> Identity:
 
 
 def _unscored(run: RecordedRun) -> str | None:
-    for episode, judged in judge_run(run.folder).items():
-        if judged.verdict.outcome not in SCORED and any(episode == folder.name for folder in run.episodes):
-            reason = judged.verdict.error or f"its outcome is {judged.verdict.outcome}"
-            return f"{episode} of {run.folder.name} is not scored: {reason}"
+    for folder in run.episodes:
+        verdict = verdict_of(folder)
+        if verdict.outcome not in SCORED:
+            reason = verdict.error or f"its outcome is {verdict.outcome}"
+            return f"{folder.name} of {run.folder.name} is not scored: {reason}"
     return None
 
 

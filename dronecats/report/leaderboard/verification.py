@@ -11,7 +11,8 @@ from typing import Annotated, Any
 import msgspec
 
 from dronecats.agent.prompt import Prompt
-from dronecats.judge.episode import Judged, Rereading, compare, judge_run
+from dronecats.judge.episode import Judged, compare
+from dronecats.judge.metrics.judging import Judging, judged_episodes
 from dronecats.judge.statistics.shares import estimate_share
 from dronecats.report.leaderboard.archive_file import FileDigest, Manifest, unpack
 from dronecats.report.leaderboard.submission import common_suite, incompleteness_reason
@@ -69,18 +70,18 @@ class Verification:
     unchecked: tuple[str, ...]
 
 
-def verify(path: Path, reread: Rereading) -> Verification:
+def verify(path: Path) -> Verification:
     """Check an archive against its manifest and the shipped records, and return the result.
 
-    `reread` parses the replies again. The archive is unpacked only to a temporary folder. Raises UsageError if the file
-    is not such an archive, or is malicious.
+    The archive is unpacked only to a temporary folder. Raises UsageError if the file is not such an archive, or is
+    malicious.
     """
     try:
         with path.open("rb") as file, tempfile.TemporaryDirectory(prefix="dronecats-verify-") as place:
             manifest, differences, frames = unpack(file, Path(place))
             file.seek(0)
             packed = FileDigest(bytes=path.stat().st_size, sha256=hashlib.file_digest(file, "sha256").hexdigest())
-            return _verification(manifest, Path(place), [*differences], frames, packed, reread)
+            return _verification(manifest, Path(place), [*differences], frames, packed)
     except OSError as error:
         raise UsageError(f"{error.filename or path} cannot be read or unpacked: {error.strerror}") from None
     except UsageError as wrong:
@@ -90,7 +91,7 @@ def verify(path: Path, reread: Rereading) -> Verification:
 
 
 def _verification(
-    manifest: Manifest, place: Path, differences: list[str], frames: int, packed: FileDigest, reread: Rereading
+    manifest: Manifest, place: Path, differences: list[str], frames: int, packed: FileDigest
 ) -> Verification:
     for submitted in manifest.runs:
         _check_run(place / submitted.folder / layout.RUN)
@@ -98,7 +99,7 @@ def _verification(
     verdicts: list[tuple[str, Verdict]] = []  # (cell, verdict) of each flight
     flights: dict[str, list[bool]] = {}  # episode → whether each scored flight succeeded
     for run, submitted in zip(runs, manifest.runs, strict=True):
-        judged = judge_run(run.folder, reread=reread)
+        judged = {episode.folder.name: episode.judged for episode in judged_episodes(run.episodes, Judging())}
         for episode in judged.keys() & {*submitted.episodes}:
             cell = str((json_object(run.folder / episode / layout.EPISODE) or {}).get("cell"))
             verdict = judged[episode].verdict

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.judge.episode import judge_run, write_verdict
+from dronecats.judge.episode import write_verdict
 from dronecats.pilots.scripted import replies
+from dronecats.report.recorded.run import recorded_run
 from foundation.errors import UsageError
 from foundation.run_folder import layout, reading
 from foundation.run_folder.folder import create, write_run
@@ -49,8 +50,8 @@ def test_every_reader_and_writer_rejects_a_run_of_an_unknown_version(episode, sc
     before = (run / layout.RUN).read_bytes()
     for at_it in (
         lambda: reading.read(episode),
-        lambda: judge_run(run),
-        lambda: judge_run(episode),
+        lambda: recorded_run(run),
+        lambda: recorded_run(episode),
         lambda: create(run, "oracle", "e-02", {"seed": 1}).__enter__(),
         lambda: write_run(run, {"seed": 1}),
     ):

@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.judge import write_episode
 from dronecats.cli.main import main
-from dronecats.judge.episode import judge_folder
-from dronecats.judge.metrics.judging import METRICS, Judging, judged_episodes, reread
+from dronecats.judge.episode import verdict_of
+from dronecats.judge.metrics.judging import METRICS, Judging, judged_episodes
 from foundation.run_folder.writing import as_json
 from tests.support.refusal import refusal
 
@@ -50,7 +50,7 @@ def test_results_and_order_do_not_depend_on_the_number_of_processes(runs):
     assert [folder for folder, *_ in alone] == folders
     assert summaries(judged_episodes(folders, judging, processes=2)) == alone
     for folder, verdict, _, values in alone:
-        assert verdict == as_json(judge_folder(folder, 5.0, reread).verdict)
+        assert verdict == as_json(verdict_of(folder))
         assert list(values) == list(METRICS)
 
 

@@ -17,7 +17,7 @@ from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.episode_world import load_world, origin
 from dronecats.flight.sitl.simulation import SimulatedVehicle, build
 from dronecats.flight.stages.lockstep import Lockstep
-from dronecats.judge.episode import judge_folder
+from dronecats.judge.episode import verdict_of
 from dronecats.report.afterflight import (
     EstimatorLog,
     SurveyedTarget,
@@ -168,7 +168,7 @@ def test_a_surveyed_target_gives_distances_and_never_a_success(flight: Flown) ->
     """The target is at the vehicle's position at a declaration: the distance is near zero, the visibility unknown."""
     when = read(flight.folder).decisions[7].t_frame
     derive(flight.folder, surveyed(flight, flight.true(when) + np.array([0.3, 0.0, 0.0])))
-    verdict = judge_folder(flight.folder).as_json()
+    verdict = verdict_of(flight.folder).as_json()
     assert verdict["outcome"] == "distance only"
     assert verdict["success"] is None
     assert verdict["ne_m"] is None
@@ -190,7 +190,7 @@ def test_distance_errors_are_below_three_standard_deviations(flight: Flown, alti
     for row in rows(flight, "pose") + rows(flight, "frame"):
         true_m = float(np.linalg.norm((flight.true(row["t"]) - place)[:axes]))
         assert abs(row["distance_m"] - true_m) < 3.0 * row["distance_std_m"]
-    assert judge_folder(flight.folder).as_json()["distances"]["declarations"][0]["within"] is False
+    assert verdict_of(flight.folder).as_json()["distances"]["declarations"][0]["within"] is False
 
 
 def test_the_trace_command_writes_a_new_verdict(flight: Flown, capsys: pytest.CaptureFixture[str]) -> None:
@@ -234,7 +234,7 @@ def test_the_target_may_come_from_episode_json(flight: Flown) -> None:
     (flight.folder / "episode.json").write_text(json.dumps({"id": "x", "surveyed_target": target.as_json()}))
     try:
         derive(flight.folder)
-        assert judge_folder(flight.folder).as_json()["distances"]["target"] == target.as_json()
+        assert verdict_of(flight.folder).as_json()["distances"]["target"] == target.as_json()
         (flight.folder / "episode.json").write_text(json.dumps({"surveyed_target": {"latitude_deg": "north"}}))
         with pytest.raises(UsageError, match="latitude_deg"):
             derive(flight.folder)

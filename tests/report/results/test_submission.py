@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from dronecats.agent.latency import LatencyPolicy
-from dronecats.judge.metrics.judging import reread
 from dronecats.judge.statistics.shares import estimate_share, wilson
 from dronecats.report.leaderboard.submission import digest, submit
 from dronecats.report.leaderboard.verification import verify
@@ -19,7 +18,7 @@ from tests.report.results.synthetic_runs import write_run
 
 
 def test_a_complete_suite_is_verified_and_lists_unchecked_items(suite_archive):
-    report = verify(suite_archive, reread)
+    report = verify(suite_archive)
     assert report.differences == ()
     assert report.verified
     assert (report.pilot, report.is_model, report.suite, report.partial, report.flights) == (
@@ -44,7 +43,7 @@ def test_runs_with_different_seeds_are_one_entry(run, tmp_path):
     again = write_run(tmp_path / "second", QUICK, seed=7)
     manifest = submit(recorded_runs([again, run]), tmp_path / "two.tar.xz", name="Twice", note="a  note")
     assert [(run_entry.folder, run_entry.seed) for run_entry in manifest.runs] == [("runs/01", 0), ("runs/02", 7)]
-    report = verify(tmp_path / "two.tar.xz", reread)
+    report = verify(tmp_path / "two.tar.xz")
     assert (report.name, report.note, report.flights, report.verified) == ("Twice", "a note", 2, True)
     assert report.cells["commanding"].scored == 8
     expected = estimate_share(
@@ -68,7 +67,7 @@ def test_telemetry_and_frames_are_omitted_except_for_their_digests(tmp_path):
     assert not [name for name in contents(out) if name.endswith((".jpg", ".tlog"))]
     submit(recorded_runs([run]), out, partial=True, with_frames=True)
     assert contents(out)[f"{home}/frames/000001_d3.jpg"] == b"000001_d3.jpg"
-    report = verify(out, reread)
+    report = verify(out)
     assert report.verified
     assert "2 frames" in " ".join(report.unchecked)
 
@@ -105,7 +104,7 @@ def test_archives_contain_no_keys_and_no_local_paths(tmp_path):
     assert kept["flight"]["accounts"]["ledger"] == "ledger.sqlite"
     assert kept["versions"]["hint"] == "*** and recorded:replies.txt, b"
     assert set(manifest.scrubbed) == {"runs/01/run.json", f"runs/01/{TWO[0]}/decisions.jsonl"}
-    report = verify(out, reread)
+    report = verify(out)
     assert report.differences == ()
     assert any("2 files" in note for note in report.unchecked)
 
@@ -128,7 +127,7 @@ def test_an_incomplete_submission_is_rejected_or_marked_partial(change, part, tm
     manifest = submit(recorded_runs([tmp_path / "run"]), tmp_path / "a.tar.xz", partial=True)
     assert manifest.partial is not None
     assert re.search(part, manifest.partial)
-    assert verify(tmp_path / "a.tar.xz", reread).partial == manifest.partial
+    assert verify(tmp_path / "a.tar.xz").partial == manifest.partial
 
 
 def test_an_entry_must_have_one_pilot_and_one_configuration(tmp_path):
@@ -174,6 +173,6 @@ def test_the_served_model_is_archived_and_checked_against_the_manifest(tmp_path)
     submit(recorded_runs([run]), out, partial=True)
     name = f"runs/01/{TWO[0]}/identity.json"
     assert json.loads(contents(out)[name])["served"] == ["qwen"]
-    assert verify(out, reread).verified
+    assert verify(out).verified
     forged = changed(out, tmp_path / "b.tar.xz", lambda f: f.update({name: f[name].replace(b"qwen", b"gpt-5")}))
-    assert re.search("runs/01 .*settings", " ".join(verify(forged, reread).differences))
+    assert re.search("runs/01 .*settings", " ".join(verify(forged).differences))

@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import pytest
 
-from dronecats.judge.metrics.judging import reread
 from dronecats.report.leaderboard.verification import verify
 from foundation.errors import UsageError
 from tests.report.results.archives import TWO, changed, in_manifest
@@ -36,7 +35,7 @@ FORGED: list[tuple[Callable[[dict[str, bytes]], object], str]] = [
 
 def test_changes_are_detected(small, tmp_path):
     for k, (change, part) in enumerate(FORGED):
-        report = verify(changed(small, tmp_path / f"{k}.tar.xz", change), reread)
+        report = verify(changed(small, tmp_path / f"{k}.tar.xz", change))
         assert not report.verified, part
         assert re.search(part, " ".join(report.differences)), (part, report.differences)
 
@@ -47,8 +46,7 @@ def test_a_file_with_a_wrong_digest_is_named_in_the_differences(small, tmp_path)
         small, tmp_path / "x.tar.xz", lambda f: f.update({name: f[name].replace(b"true", b"True")}), digests=False
     )
     assert any(
-        difference.startswith(f"{name} ") and "digest" in difference
-        for difference in verify(forged, reread).differences
+        difference.startswith(f"{name} ") and "digest" in difference for difference in verify(forged).differences
     )
 
 
@@ -56,11 +54,11 @@ def test_a_file_with_a_wrong_size_is_an_error(small, tmp_path):
     name = f"runs/01/{TWO[0]}/truth.jsonl"
     forged = changed(small, tmp_path / "x.tar.xz", lambda f: f.update({name: f[name] + b"\n"}), digests=False)
     with pytest.raises(UsageError, match=rf"{name}.*manifest\.json"):
-        verify(forged, reread)
+        verify(forged)
 
 
 def test_terminal_escape_codes_are_removed_from_differences(small, tmp_path):
     forged = changed(small, tmp_path / "x.tar.xz", lambda f: line_of(f, "episode.json", '"id": "', '"id": "\\u001b[2J'))
-    report = verify(forged, reread)
+    report = verify(forged)
     assert report.differences
     assert all(difference.isprintable() for difference in report.differences)
