@@ -235,6 +235,11 @@ class JudgedFlight:
     def scored(self) -> bool:
         return self.verdict.outcome in SCORED
 
+    @property
+    def success(self) -> bool | None:
+        """Whether the flight is a success; None: it is not scored."""
+        return self.verdict.success if self.scored else None
+
     @cached_property
     def steps(self) -> tuple[FlightStep, ...]:
         """The decisions in the order of the log, each with the truth at the time of its picture."""

@@ -28,7 +28,7 @@ def tables(page: str) -> dict[str, str]:
         ]
         return {
             "metrics": markdown(("name", "in tables", "unit", "level", "meaning", "section of the paper"), metrics),
-            "modes": markdown(("mode", "holds when"), list(MODES.items())),
+            "modes": markdown(("mode", "holds when"), [(mode, text) for mode, (text, _) in MODES.items()]),
             "rules": markdown(
                 ("rule", "a flight succeeds if"), [(f"`{name}`", text) for name, (text, _) in RULES.items()]
             ),

@@ -250,7 +250,7 @@ def audited_episode(folder: Path, delta_m: float = RADIUS_M, cap_s: float = CAP_
 
 def audit_of(flight: JudgedFlight) -> EpisodeAudit:
     return EpisodeAudit(
-        success=flight.verdict.success if flight.scored else None,
+        success=flight.success,
         rules={name: rule(flight) if flight.scored else None for name, (_, rule) in RULES.items()},
         declarations=len(flight.declarations),
         false_declarations=sum(d.qualifies(flight.delta_m) is False for d in flight.declarations),
@@ -302,7 +302,7 @@ def strictness(flight: JudgedFlight) -> Strictness:
     mended = [d for d in counted if d.mended is not UNSET]
     read = {(d.step, d.drone): strictly(d, group[d.drone]) for d in mended}
     changed = [d for d in mended if read[d.step, d.drone] != d.action]
-    success = flight.verdict.success if flight.scored else None
+    success = flight.success
     if any(d.declares for d in changed):
         left = tuple(
             replace(d, action=read[d.step, d.drone]) if (d.step, d.drone) in read else d for d in flight.logs.decisions

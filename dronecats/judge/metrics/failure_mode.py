@@ -2,7 +2,7 @@
 
 Source: paper, "Failure Taxonomy" and appendix "Additional Results". The paper does not say which mode counts if several
 hold. Here the first mode of MODES that holds counts. After success, MODES has the order of the appendix, except for
-"did not move", which the appendix and `band` count as "timed out". "Did not move" is meant for simulation faults, so it
+"did not move", which the appendix counts as "timed out". "Did not move" is meant for simulation faults, so it
 holds only if moves were commanded. It precedes the modes from "never grounded" on, which assume a moving drone.
 
 For a fleet, one drone with a declaration or an arrival is enough. The closed share of the distance and the share of
@@ -16,7 +16,6 @@ movements below half a metre are not part of the track.
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal
@@ -29,22 +28,6 @@ from foundation.run_folder.rows import Pose
 FailureMode = Literal[
     "success", "declared", "arrived", "did not move", "never grounded", "oscillated", "never closed", "timed out"
 ]
-MODES: dict[FailureMode, str] = {  # in the order of precedence
-    "success": "a declaration qualifies",
-    "declared": "declarations were made, and none qualifies",
-    "arrived": "a drone came within the radius, and no drone declared",
-    "did not move": (
-        "the track (the path without movements below 0.5 m) is under 5 m, "
-        "although the commanded moves add up to 5 m or more"
-    ),
-    "never grounded": "the target was within 45° of the nose in fewer than 10 % of the steps",
-    "oscillated": (
-        "the path is more than eight times as long as the distance from its start to its end, "
-        "and the drone turned by 720° or more"
-    ),
-    "never closed": "less than 30 % of the start distance was closed",
-    "timed out": "none of these",
-}
 HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # half of the field of view; "never grounded": target ahead in a smaller share
 WANDERED, TURNED_DEG = 8.0, 720.0  # "oscillated": least ratio of path to net displacement; least sum of yaw changes
 CLOSED = 0.30  # "never closed": a smaller share of the start distance was closed
@@ -52,30 +35,11 @@ STUCK_M = 5.0  # m of track; a drone with less did not move
 STEP_M = 0.5  # m, least movement that counts: above the drift in a hover, below half of the shortest stride
 
 
-@dataclass(frozen=True, slots=True)
-class Wandering:
-    """Lengths and turns of one drone's trace within the cap (the time limit of the episode)."""
-
-    path_m: float  # m, along the poses
-    net_m: float  # m, from the first pose to the last
-    turned_deg: float  # °, sum of the absolute yaw changes
-
-    @property
-    def oscillated(self) -> bool:
-        """Whether the path is long and turns much, but ends near its start."""
-        return self.path_m > WANDERED * self.net_m and self.turned_deg >= TURNED_DEG
-
-
 def failure_mode(flight: JudgedFlight) -> FailureMode | None:
     """Return the first of MODES that holds; None for an unscored flight."""
     if not flight.scored:
         return None
-    return next(mode for mode, holds in _HOLDS if holds(flight))
-
-
-def band(mode: FailureMode) -> FailureMode:
-    """Return the mode for the bars of the paper's figure, in which "did not move" is a part of "timed out"."""
-    return "timed out" if mode == "did not move" else mode
+    return next(mode for mode, (_, holds) in MODES.items() if holds(flight))
 
 
 def share_ahead(flight: JudgedFlight) -> float | None:
@@ -96,25 +60,6 @@ def stride(depth_m: float) -> float:
     if depth_m < BRAKE_M:
         return 0.0
     return min(depth_m, STRIDE_MAX_M) * (NEAR_SCALE if depth_m < NEAR_M else 1.0)
-
-
-def wandering(poses: Sequence[Pose]) -> Wandering:
-    """Return lengths and turns of one drone's trace. `poses` are in the order of time."""
-    yaws = [pose.yaw_deg for pose in poses if pose.yaw_deg is not None]
-    return Wandering(
-        path_m=sum(math.dist(a.position_ned, b.position_ned) for a, b in pairwise(poses)),
-        net_m=math.dist(poses[0].position_ned, poses[-1].position_ned),
-        turned_deg=sum(abs(math.remainder(b - a, 360.0)) for a, b in pairwise(yaws)),
-    )
-
-
-def wanderings(flight: JudgedFlight) -> list[Wandering]:
-    """Return lengths and turns of the trace of every drone with poses within the cap."""
-    traces: dict[int, list[Pose]] = {}
-    for pose in sorted(flight.logs.poses, key=lambda pose: pose.t):
-        if pose.t <= flight.cap_s:
-            traces.setdefault(pose.drone, []).append(pose)
-    return [wandering(trace) for _, trace in sorted(traces.items())]
 
 
 def tracks_m(poses: Iterable[Pose]) -> Iterator[float]:
@@ -169,8 +114,20 @@ def _never_grounded(flight: JudgedFlight) -> bool:
 
 
 def _oscillated(flight: JudgedFlight) -> bool:
-    traces = wanderings(flight)
-    return bool(traces) and all(trace.oscillated for trace in traces)
+    traces: dict[int, list[Pose]] = {}
+    for pose in sorted(flight.logs.poses, key=lambda pose: pose.t):
+        if pose.t <= flight.cap_s:
+            traces.setdefault(pose.drone, []).append(pose)
+    return bool(traces) and all(map(_wandered, traces.values()))
+
+
+def _wandered(poses: Sequence[Pose]) -> bool:
+    """Return whether the path of one drone is long and turns much, but ends near its start."""
+    yaws = [pose.yaw_deg for pose in poses if pose.yaw_deg is not None]
+    path_m = sum(math.dist(a.position_ned, b.position_ned) for a, b in pairwise(poses))
+    turned_deg = sum(abs(math.remainder(b - a, 360.0)) for a, b in pairwise(yaws))
+    net_m = math.dist(poses[0].position_ned, poses[-1].position_ned)
+    return path_m > WANDERED * net_m and turned_deg >= TURNED_DEG
 
 
 def _never_closed(flight: JudgedFlight) -> bool:
@@ -178,13 +135,22 @@ def _never_closed(flight: JudgedFlight) -> bool:
     return diagnostics is not None and diagnostics.approach_ratio is not None and diagnostics.approach_ratio < CLOSED
 
 
-_HOLDS: tuple[tuple[FailureMode, Callable[[JudgedFlight], bool]], ...] = (
-    ("success", lambda flight: flight.verdict.outcome == "success"),
-    ("declared", lambda flight: flight.verdict.declarations > 0),
-    ("arrived", _arrived),
-    ("did not move", _did_not_move),
-    ("never grounded", _never_grounded),
-    ("oscillated", _oscillated),
-    ("never closed", _never_closed),
-    ("timed out", lambda flight: True),
-)
+# in the order of precedence: mode → its condition in words, and as a function
+MODES: dict[FailureMode, tuple[str, Callable[[JudgedFlight], bool]]] = {
+    "success": ("a declaration qualifies", lambda flight: flight.verdict.outcome == "success"),
+    "declared": ("declarations were made, and none qualifies", lambda flight: flight.verdict.declarations > 0),
+    "arrived": ("a drone came within the radius, and no drone declared", _arrived),
+    "did not move": (
+        "the track (the path without movements below 0.5 m) is under 5 m, "
+        "although the commanded moves add up to 5 m or more",
+        _did_not_move,
+    ),
+    "never grounded": ("the target was within 45° of the nose in fewer than 10 % of the steps", _never_grounded),
+    "oscillated": (
+        "the path is more than eight times as long as the distance from its start to its end, "
+        "and the drone turned by 720° or more",
+        _oscillated,
+    ),
+    "never closed": ("less than 30 % of the start distance was closed", _never_closed),
+    "timed out": ("none of these", lambda flight: True),
+}

@@ -11,7 +11,7 @@ from typing import Literal
 
 from dronecats.judge.commanding import COMMANDING
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.metric import Metric, MetricFunction, MetricValue
+from dronecats.judge.metrics.metric import Metric, MetricFunction, MetricValue, verdict_value
 from dronecats.judge.verdict import Measured
 from foundation.run_folder.rows import FrameTruth
 
@@ -73,11 +73,6 @@ def _outcome_count(outcome: DroneOutcome) -> MetricFunction:
     return of
 
 
-def _commanding_value(name: str) -> MetricFunction:
-    """Return a function that reads a commanding diagnostic. That function returns None for other episodes."""
-    return lambda flight: getattr(flight.verdict.commanding or None, name, None)
-
-
 def one_candidate_share(flight: JudgedFlight) -> float | None:
     """Of the steps in which every drone got a go, return the share in which all drones approach the same candidate."""
     commanding = flight.verdict.commanding
@@ -88,34 +83,30 @@ COMMAND = "Commanding Several Drones"
 METRICS = (
     Metric(
         name="drones_found", title="Found the target", unit="count", level="episode", better="more",
-        value_type=int,
         definition="number of drones with a declaration that qualifies",
         paper=COMMAND, of=_outcome_count("found"),
     ),
     Metric(
         name="drones_beside", title="Declared at a look-alike", unit="count", level="episode", better="less",
-        value_type=int,
         definition="number of drones without a declaration that qualifies, but with a declaration within the radius of"
         " a look-alike's centre",
         paper=COMMAND, of=_outcome_count("look-alike"),
     ),
     Metric(
         name="drones_elsewhere", title="Declared elsewhere", unit="count", level="episode", better="less",
-        value_type=int,
         definition="number of drones with declarations, of which none qualifies or is within the radius of a"
         " look-alike's centre",
         paper=COMMAND, of=_outcome_count("elsewhere"),
     ),
     Metric(
         name="drones_silent", title="Never declared", unit="count", level="episode", better=None,
-        value_type=int,
         definition="number of drones that never declared within the cap",
         paper=COMMAND, of=_outcome_count("never declared"),
     ),
     Metric(
         name="identical_share", title="Coordinate copying", unit="ratio", level="episode", better="less",
         definition="of the steps in which every drone got a go: share in which all points are equal",
-        paper=COMMAND, of=_commanding_value("identical_share"),
+        paper=COMMAND, of=verdict_value("commanding", "identical_share"),
     ),
     Metric(
         name="one_candidate_share", title="All at one candidate", unit="ratio", level="episode", better="less",
@@ -124,14 +115,13 @@ METRICS = (
     ),
     Metric(
         name="candidates_neared", title="Candidates neared", unit="count", level="episode", better="more",
-        value_type=int,
         definition="number of candidates (the target and its look-alikes) that at least one drone approached",
-        paper=COMMAND, of=_commanding_value("candidates_neared"),
+        paper=COMMAND, of=verdict_value("commanding", "candidates_neared"),
     ),
     Metric(
         name="spread_m", title="Spread", unit="m", level="episode", better=None,
         definition="per step, the mean distance over all pairs of places to which drones are sent; median over the"
         " steps",
-        paper=COMMAND, of=_commanding_value("spread_m"),
+        paper=COMMAND, of=verdict_value("commanding", "spread_m"),
     ),
 )  # fmt: skip

@@ -27,7 +27,6 @@ class Metric:
     definition: str  # one sentence
     paper: str  # section of the paper; empty: not in the paper
     better: Better | None  # the good direction; None: neither
-    value_type: type[bool] | type[int] | type[float] = float  # type of one value, and of the SQL column
     of: MetricFunction  # returns a value; for the level "step" a value per decision, in the order of the log
 
     @property
@@ -35,10 +34,22 @@ class Metric:
         """Whether the mean over episodes is a share of the episodes, such as a success rate."""
         return self.unit == "share"
 
+    @property
+    def value_type(self) -> type[bool] | type[int] | type[float]:
+        """The type of one value, and of the SQL column. A step may lack a value of a share, so it is a number there."""
+        if self.unit == "count":
+            return int
+        return bool if self.is_share and self.level == "episode" else float
+
 
 def per_step(value: Callable[[FlightStep], MetricValue]) -> Callable[[JudgedFlight], list[MetricValue]]:
     """Return the function that gives `value` of each decision of a flight; None after the time limit."""
     return lambda flight: [value(step) if step.counts else None for step in flight.steps]
+
+
+def verdict_value(part: str, name: str) -> MetricFunction:
+    """Return the function that reads a field of a part of the verdict; None: the verdict does not have the part."""
+    return lambda flight: getattr(getattr(flight.verdict, part), name, None)
 
 
 def known_values(values: Iterable[MetricValue]) -> list[float]:

@@ -4,9 +4,9 @@ Source: paper, "Maps, Episodes and Metrics" and "Metrics". For a fleet, most tra
 all drones (`fleet_diagnostics`); path, contacts and resets are sums. No metric affects the verdict.
 """
 
-from dronecats.judge.diagnostics import contacts, estimator_resets
+from dronecats.judge.diagnostics import estimator_resets
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.metric import Metric, MetricFunction
+from dronecats.judge.metrics.metric import Metric, verdict_value
 
 
 def oracle_success(flight: JudgedFlight) -> bool | None:
@@ -40,34 +40,21 @@ def min_distance_box(flight: JudgedFlight) -> float | None:
     return min((distance_m for distance_m in distances if distance_m is not None), default=None)
 
 
-def _diagnostic(name: str) -> MetricFunction:
-    """Return a function that reads a diagnostic of the verdict. That function returns None if nothing was measured."""
-    return lambda flight: getattr(flight.verdict.diagnostics, name, None)
-
-
-def _contact(name: str) -> MetricFunction:
-    """Return a function that reads a field of Contacts. That function returns None if hits were not logged."""
-    return lambda flight: getattr(contacts(flight.logs, flight.cap_s), name, None)
-
-
 # sections of the paper
 CRITERION, GAP = "One Success Criterion for the Whole Grid", "The Failure Is Declaration, Not Navigation"
 METRICS = (
     Metric(
         name="success", title="SR", unit="share", level="episode", better="more",
-        value_type=bool,
         definition="a declaration within the cap was within the radius of the target's centre, with the target in view",
-        paper=CRITERION, of=lambda flight: flight.verdict.success if flight.scored else None,
+        paper=CRITERION, of=lambda flight: flight.success,
     ),
     Metric(
         name="oracle_success", title="OSR", unit="share", level="episode", better="more",
-        value_type=bool,
         definition="a drone came within the radius at some time, with or without a declaration",
         paper="Main Results", of=oracle_success,
     ),
     Metric(
         name="declared", title="Declared", unit="share", level="episode", better=None,
-        value_type=bool,
         definition="at least one declaration was made within the cap",
         paper=GAP, of=lambda flight: flight.verdict.declarations > 0 if flight.scored else None,
     ),
@@ -84,19 +71,16 @@ METRICS = (
     ),
     Metric(
         name="declarations", title="Declarations", unit="count", level="episode", better=None,
-        value_type=int,
         definition="number of declarations within the cap",
         paper="Verifier Audit", of=lambda flight: flight.verdict.declarations,
     ),
     Metric(
         name="declarations_after_cap", title="After the cap", unit="count", level="episode", better="less",
-        value_type=int,
         definition="number of declarations after the cap; they do not count",
         paper="Verifier Audit", of=lambda flight: flight.verdict.declarations_after_cap,
     ),
     Metric(
         name="false_declarations", title="False declarations", unit="count", level="episode", better="less",
-        value_type=int,
         definition="number of declarations within the cap that do not qualify",
         paper="Verifier Audit", of=lambda flight: flight.verdict.false_declarations,
     ),
@@ -107,20 +91,18 @@ METRICS = (
     ),
     Metric(
         name="success_at_first", title="SR₁", unit="share", level="episode", better="more",
-        value_type=bool,
         definition="the first declaration qualifies",
         paper="Verifier Audit", of=success_at_first,
     ),
     Metric(
         name="success_within_three", title="SR₃", unit="share", level="episode", better="more",
-        value_type=bool,
         definition="one of the first three declarations qualifies",
         paper="", of=lambda flight: flight.verdict.success_within_three if flight.scored else None,
     ),
     Metric(
         name="min_distance_m", title="Min. distance", unit="m", level="episode", better="less",
         definition="smallest distance to the target's centre",
-        paper="Metrics", of=_diagnostic("min_distance_m"),
+        paper="Metrics", of=verdict_value("diagnostics", "min_distance_m"),
     ),
     Metric(
         name="min_distance_box_m", title="Min. distance to the box", unit="m", level="episode", better="less",
@@ -130,66 +112,63 @@ METRICS = (
     Metric(
         name="start_distance_m", title="Start distance", unit="m", level="episode", better=None,
         definition="distance to the target's centre at the first sample",
-        paper="Maps, Episodes and Metrics", of=_diagnostic("start_distance_m"),
+        paper="Maps, Episodes and Metrics", of=verdict_value("diagnostics", "start_distance_m"),
     ),
     Metric(
         name="approach_ratio", title="Approach ratio", unit="ratio", level="episode", better="more",
         definition="1 − smallest distance / start distance",
-        paper="Metrics", of=_diagnostic("approach_ratio"),
+        paper="Metrics", of=verdict_value("diagnostics", "approach_ratio"),
     ),
     Metric(
         name="first_acquisition_s", title="First acquisition", unit="s", level="episode", better="less",
         definition="time of the first sample with the target in view",
-        paper="Metrics", of=_diagnostic("first_seen_s"),
+        paper="Metrics", of=verdict_value("diagnostics", "first_seen_s"),
     ),
     Metric(
         name="dwell_s", title="Dwell", unit="s", level="episode", better="more",
         definition="total time within the radius with the target in view",
-        paper="Metrics", of=_diagnostic("dwell_s"),
+        paper="Metrics", of=verdict_value("diagnostics", "dwell_s"),
     ),
     Metric(
         name="longest_loss_s", title="Longest loss", unit="s", level="episode", better="less",
         definition="longest time without the target in view, also before the first sight of it",
-        paper="Metrics", of=_diagnostic("longest_loss_s"),
+        paper="Metrics", of=verdict_value("diagnostics", "longest_loss_s"),
     ),
     Metric(
         name="path_m", title="Path", unit="m", level="episode", better=None,
         definition="length of the path along the 2 Hz poses; for a fleet, the sum",
-        paper="Additional Results", of=_diagnostic("path_m"),
+        paper="Additional Results", of=verdict_value("diagnostics", "path_m"),
     ),
     Metric(
         name="flown_s", title="Flown", unit="s", level="episode", better=None,
         definition="time of the last sample within the cap",
-        paper="", of=_diagnostic("flown_s"),
+        paper="", of=verdict_value("diagnostics", "flown_s"),
     ),
     Metric(
         name="hits", title="Hits", unit="count", level="episode", better="less",
-        value_type=int,
         definition="number of times that a drone began to touch something; if it touches several things in one contact,"
         " each thing counts once. A contact that begins below 0.15 m/s counts if it lasts for 0.5 s. Standing does not"
         " count",
-        paper="", of=_contact("hits"),
+        paper="", of=verdict_value("contacts", "hits"),
     ),
     Metric(
         name="crashes", title="Crashes", unit="count", level="episode", better="less",
-        value_type=int,
         definition="number of drones that hit something faster than 1 m/s, or the ground with their feet faster than"
         " 5 m/s",
-        paper="", of=_contact("crashes"),
+        paper="", of=verdict_value("contacts", "crashes"),
     ),
     Metric(
         name="hardest_hit_mps", title="Hardest hit", unit="m/s", level="episode", better="less",
         definition="highest speed at the start of a contact",
-        paper="", of=_contact("hardest_hit_mps"),
+        paper="", of=verdict_value("contacts", "hardest_hit_mps"),
     ),
     Metric(
         name="contact_s", title="In contact", unit="s", level="episode", better="less",
         definition="time in contact with obstacles or other drones; for a fleet, the sum",
-        paper="", of=_contact("contact_s"),
+        paper="", of=verdict_value("contacts", "contact_s"),
     ),
     Metric(
         name="estimator_resets", title="Estimator resets", unit="count", level="episode", better="less",
-        value_type=int,
         definition="number of resets of the estimate of yaw, position, velocity or height; for a fleet, the sum",
         paper="", of=lambda flight: estimator_resets(flight.logs, flight.cap_s),
     ),

@@ -153,7 +153,6 @@ METRICS = (
     ),
     Metric(
         name="wide_rotations", title="Rotations > 90°", unit="count", level="episode", better="less",
-        value_type=int,
         definition="number of steps with wide_rotation",
         paper=EXECUTION, of=lambda flight: int(sum(known_values(wide_rotation(flight)))),
     ),

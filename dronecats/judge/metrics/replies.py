@@ -68,19 +68,16 @@ METRICS = (
     ),
     Metric(
         name="tokens_in", title="Tokens in", unit="count", level="step", better="less",
-        value_type=int,
         definition="tokens of the request, as the server counts them",
         paper="Serving and Decoding", of=_per_question("tokens_in"),
     ),
     Metric(
         name="tokens_out", title="Tokens out", unit="count", level="step", better="less",
-        value_type=int,
         definition="tokens of the reply, as the server counts them",
         paper="Serving and Decoding", of=_per_question("tokens_out"),
     ),
     Metric(
         name="questions", title="Steps", unit="count", level="episode", better=None,
-        value_type=int,
         definition="number of replies within the cap, one for each step; a reply for several drones counts once",
         paper="Commanding Several Drones",
         of=lambda flight: sum(step.counts and step.is_question for step in flight.steps),
@@ -107,37 +104,31 @@ METRICS = (
     ),
     Metric(
         name="all_tokens_in", title="Tokens in (all)", unit="count", level="episode", better="less",
-        value_type=int,
         definition="sum of tokens_in over the replies",
         paper="Serving and Decoding", of=_token_sum("tokens_in"),
     ),
     Metric(
         name="all_tokens_out", title="Tokens out (all)", unit="count", level="episode", better="less",
-        value_type=int,
         definition="sum of tokens_out over the replies",
         paper="Serving and Decoding", of=_token_sum("tokens_out"),
     ),
     Metric(
         name="decisions", title="Decisions", unit="count", level="episode", better=None,
-        value_type=int,
         definition="number of decisions within the cap; each drone counts",
         paper="", of=_decision_count(lambda decision: True),
     ),
     Metric(
         name="unreadable", title="Unreadable", unit="count", level="episode", better="less",
-        value_type=int,
         definition="number of decisions whose reply has no valid action",
         paper="", of=_decision_count(is_unreadable),
     ),
     Metric(
         name="refused", title="Refused", unit="count", level="episode", better="less",
-        value_type=int,
         definition="number of unreadable replies that the model refused or a filter of the provider withheld",
         paper="", of=_decision_count(is_refused),
     ),
     Metric(
         name="cut_off", title="Cut off", unit="count", level="episode", better="less",
-        value_type=int,
         definition="number of unreadable replies that ended at the token limit",
         paper="", of=_decision_count(is_cut_off),
     ),

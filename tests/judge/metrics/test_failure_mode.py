@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.failure_mode import band, failure_mode, share_ahead, stride
+from dronecats.judge.metrics.failure_mode import failure_mode, share_ahead, stride
 from tests.judge.episode_logs import END, decision, frame, logs, pose
 
 STRIDE = {"action": "go", "point": [500, 500], "depth_m": 9.0}
@@ -83,11 +83,6 @@ def test_a_flight_has_the_first_mode_whose_condition_holds():
 def test_unscored_flights_have_no_mode():
     assert failure_mode(episode(end={**END, "reason": "error", "error": "x"})) is None
     assert failure_mode(episode(end=None)) is None
-
-
-def test_the_papers_bars_count_immobile_flights_as_timed_out():
-    assert band("did not move") == "timed out"
-    assert band("oscillated") == "oscillated"
 
 
 def test_the_share_ahead_of_a_fleet_is_that_of_its_best_drone():
