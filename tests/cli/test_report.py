@@ -64,10 +64,20 @@ def test_the_html_page_is_written_next_to_the_report(place, capsys, monkeypatch)
 
 def test_a_report_without_a_page_removes_the_page_of_an_earlier_report(place, monkeypatch):
     monkeypatch.setattr("dronecats.report.page.pictures.GROUND_PX", 100)
+    report, frames = place / "report", place / "runs" / "oracle" / IDS[0] / "frames"
+    run = frames.parents[1] / "run.json"
+    run.write_text(run.read_text().replace('"rendered": false', '"rendered": true'))
+    frames.mkdir()
+    (frames / "000000.jpg").touch()
     assert main(["report", "runs", "--out", "report"]) == 0
+    assert [path.name for path in (report / "pictures").rglob("*")] == ["oracle", IDS[0], "000000.jpg"]
+    notes = report / "data" / "notes.txt"  # of the user
+    notes.touch()
     assert main(["report", "runs/oracle", "--out", "report", "--no-page"]) == 0
-    assert not (place / "report" / "index.html").exists()
-    (place / "report" / "index.html").mkdir()
+    assert not (report / "index.html").exists()
+    assert not (report / "pictures").exists()
+    assert [*(report / "data").rglob("*")] == [notes]
+    (report / "index.html").mkdir()
     assert main(["report", "runs/oracle", "--out", "report", "--no-page"]) == 3
 
 

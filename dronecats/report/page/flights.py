@@ -74,11 +74,11 @@ def _step(
         parts=None if prompt is None else [texts.number(part) for part in (prompt.head, prompt.tail)],
         history=None if prompt is None else texts.number(prompt.changed),
         picture=picture(decision),  # address of the picture
-        latency=_rounded_or_none(3, decision.latency_s),  # s
+        latency=_rounded(3, decision.latency_s),  # s
         tokens_in=decision.tokens_in,
         tokens_out=decision.tokens_out,
         thinking=decision.thinking or None,
-        rate=_rounded_or_none(2, decision.rate_hz),  # Hz
+        rate=_rounded(2, decision.rate_hz),  # Hz
         finish=decision.finish if isinstance(decision.finish, str) else None,
         mended=decision.mended if isinstance(decision.mended, tuple) else None,
         report=True if decision.report is True else None,
@@ -92,13 +92,13 @@ def _exchange(exchange: Exchange, prompt: str | None) -> PageObject:
     return fields(
         number=exchange.number,
         asked=_rounded(2, exchange.t_asked),  # s, time of the question
-        answered=_rounded_or_none(2, exchange.t_answered),  # s, time of the answer
+        answered=_rounded(2, exchange.t_answered),  # s, time of the answer
         causes=[cause.why if cause.drone is None else f"{cause.why} of {drone_label(cause.drone)}"
                 for cause in exchange.causes],
         orders=[f"{drone_label(order.drone).capitalize()}: {order.goal}" for order in exchange.orders],
         confirms=exchange.confirms,  # numbers of the drones whose reports the answer confirms
         error=exchange.error,
-        latency=_rounded_or_none(3, exchange.latency_s),  # s
+        latency=_rounded(3, exchange.latency_s),  # s
         tokens_in=exchange.tokens_in,
         tokens_out=exchange.tokens_out,
         model=exchange.model,
@@ -133,15 +133,15 @@ def _truth(decision: Decision, flight: RecordedFlight) -> PageObject | None:
     measured = frame if isinstance(frame, FrameTruth) else None
     place = frame.position_ned
     return fields(
-        north=_rounded_or_none(2, place and place[0]),  # m
-        east=_rounded_or_none(2, place and place[1]),  # m
-        yaw=_rounded_or_none(1, frame.yaw_deg),  # °
-        distance=_rounded_or_none(2, frame.distance_m),  # m, to the target's centre
-        box=_rounded_or_none(2, measured.distance_box_m if measured else None),  # m, to the target's box
+        north=_rounded(2, place and place[0]),  # m
+        east=_rounded(2, place and place[1]),  # m
+        yaw=_rounded(1, frame.yaw_deg),  # °
+        distance=_rounded(2, frame.distance_m),  # m, to the target's centre
+        box=_rounded(2, measured.distance_box_m if measured else None),  # m, to the target's box
         visible=frame.visible,
-        share=_rounded_or_none(3, measured.visible_fraction if measured else None),  # visible share, 0 … 1
-        bearing=_rounded_or_none(1, measured.bearing_deg if measured else None),  # ° from the nose, + right
-        depth=_rounded_or_none(2, measured.oracle_depth_m if measured else None),  # m, along the optical axis
+        share=_rounded(3, measured.visible_fraction if measured else None),  # visible share, 0 … 1
+        bearing=_rounded(1, measured.bearing_deg if measured else None),  # ° from the nose, + right
+        depth=_rounded(2, measured.oracle_depth_m if measured else None),  # m, along the optical axis
         # whether the declaration is a success; missing: unknown, or not a declaration
         qualifies=qualifies(decision, logs, flight.delta_m, flight.cap_s),
     )
@@ -156,8 +156,8 @@ def _trace(drone: int, poses: Sequence[Pose | EstimatedPose]) -> PageObject:
         "north": [_rounded(2, pose.position_ned[0]) for pose in own],  # m
         "east": [_rounded(2, pose.position_ned[1]) for pose in own],  # m
         "height": [_rounded(1, -pose.position_ned[2]) for pose in own],  # m above the frame's origin
-        "yaw": [_rounded_or_none(0, pose.yaw_deg) for pose in own],  # °
-        "distance": [_rounded_or_none(2, pose.distance_m) for pose in own],  # m, to the target's centre
+        "yaw": [_rounded(0, pose.yaw_deg) for pose in own],  # °
+        "distance": [_rounded(2, pose.distance_m) for pose in own],  # m, to the target's centre
         "visible": [pose.visible for pose in own],  # whether the target was in view
     }
 
@@ -197,11 +197,9 @@ def _named(entry: Any) -> str:
     return " ".join([*words, *([f"“{inscription}”"] if inscription else [])])
 
 
-def _rounded_or_none(digits: int, value: float | None) -> float | None:
-    return None if value is None else _rounded(digits, value)
-
-
-def _rounded(digits: int, value: float) -> float:
-    """Return a rounded number, as an integer if possible: 3 is shorter than 3.0."""
+def _rounded(digits: int, value: float | None) -> float | None:
+    """Return a rounded number, as an integer if possible: 3 is shorter than 3.0. None stays None."""
+    if value is None:
+        return None
     rounded = round(float(value), digits)
     return int(rounded) if rounded == int(rounded) else rounded

@@ -5,6 +5,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -195,7 +196,18 @@ def write_page(
 def remove_page(out: Path) -> None:
     """Remove the page of an earlier report from the folder, if there is one. Raises InfrastructureError."""
     with file_errors_as(InfrastructureError, f"the page {out / PAGE} cannot be removed"):
-        (out / PAGE).unlink(missing_ok=True)
+        if (out / PAGE).exists():
+            _remove_files(out)
+            (out / PAGE).unlink()
+
+
+def _remove_files(out: Path) -> None:
+    """Remove the files of flights and pictures beside a page, and their folders. Files of the user stay."""
+    for path in (*out.glob(f"{DATA}/*/*.js"), *out.glob(f"{FOLDER}/*/*/{'[0-9]' * 6}*.jpg")):
+        path.unlink()
+    for folder in sorted([*out.glob(f"{DATA}/**"), *out.glob(f"{FOLDER}/**")], reverse=True):
+        with suppress(OSError):  # it is not empty
+            folder.rmdir()
 
 
 def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, embed: bool, every: int) -> Path:
@@ -204,6 +216,8 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
     runs, entrants = _page_runs(collection)
     if embed:
         every = max(every, embedding_stride(collection.runs))
+        if (out / PAGE).exists():
+            _remove_files(out)
     places = {run.folder: number for number, run in enumerate(collection.runs)}
     named = _named(collection)
     episodes, blocks, seen_grounds = [], {}, []
@@ -300,7 +314,7 @@ def _flight(scored: ScoredEpisode, delta_m: float, key: str, out: Path, embed: b
     if not scored.run.is_rendered:
         picture: PictureAddress = no_pictures
     elif embed:
-        picture = embedded_pictures(scored.folder, wanted)
+        picture = embedded_pictures(flight, wanted)
     else:
-        picture = linked_pictures(out, Path(FOLDER, *key.split("/")), scored.folder, wanted)
+        picture = linked_pictures(flight, wanted, out, Path(FOLDER, *key.split("/")))
     return script_json(shown_flight(flight, picture))

@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.report.recorded.run import RecordedRun
 from foundation.errors import DronecatsError
 from foundation.protocol import FINISHED
@@ -42,20 +43,18 @@ def selected_frames(decisions: Sequence[Decision], every: int) -> set[tuple[int,
     return {(d.drone, d.frame_id) for d in decisions if d.step in chosen or d.kind == FINISHED}
 
 
-def linked_pictures(out: Path, place: Path, folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
+def linked_pictures(flight: JudgedFlight, wanted: set[tuple[int, int]], out: Path, place: Path) -> PictureAddress:
     """Return a function that puts a decision's picture into `out`/`place`, and returns its address relative to `out`.
 
-    The pictures are hard links, or copies if the file system does not allow hard links. This function and the returned
-    one raise OSError.
+    The pictures are hard links, or copies if the file system does not allow hard links. The function raises OSError.
     """
-    there = out / place
-    there.mkdir(parents=True, exist_ok=True)
 
     def address(decision: Decision) -> str | None:
-        source = _frame(folder, decision, wanted)
+        source = _frame(flight, decision, wanted)
         if source is None:
             return None
-        target = there / source.name
+        target = out / place / source.name
+        target.parent.mkdir(parents=True, exist_ok=True)
         if not (target.exists() and target.samefile(source)):
             with suppress(FileNotFoundError):
                 target.unlink()
@@ -68,11 +67,11 @@ def linked_pictures(out: Path, place: Path, folder: Path, wanted: set[tuple[int,
     return address
 
 
-def embedded_pictures(folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
+def embedded_pictures(flight: JudgedFlight, wanted: set[tuple[int, int]]) -> PictureAddress:
     """Return a function that returns a decision's picture in reduced size, as a data: URL."""
 
     def address(decision: Decision) -> str | None:
-        source = _frame(folder, decision, wanted)
+        source = _frame(flight, decision, wanted)
         picture = None if source is None else cv2.imread(str(source))
         if picture is None:
             return None
@@ -90,11 +89,8 @@ def no_pictures(decision: Decision) -> None:
     """Return None: the `PictureAddress` of runs without pictures."""
 
 
-def _frame(folder: Path, decision: Decision, wanted: set[tuple[int, int]]) -> Path | None:
-    if (decision.drone, decision.frame_id) not in wanted:
-        return None
-    path = folder / layout.FRAMES / layout.frame_name(decision.frame_id, decision.drone)
-    return path if path.is_file() else None
+def _frame(flight: JudgedFlight, decision: Decision, wanted: set[tuple[int, int]]) -> Path | None:
+    return flight.picture_path(decision) if (decision.drone, decision.frame_id) in wanted else None
 
 
 GROUND_PX = 1500
