@@ -64,7 +64,7 @@ def _in_words(values: Sequence[str]) -> list[str]:
     parsed = [_parsed(value) for value in values]
     if not any(isinstance(value, dict) for value in parsed):
         return [WORDS.get(value, DIGEST.sub(r"\1", value)) for value in values]
-    tables = [dict(_leaves(value)) if isinstance(value, dict) else {} for value in parsed]
+    tables = [dict(_set_leaves(value)) if isinstance(value, dict) else {} for value in parsed]
     keys = [key for key in dict.fromkeys(chain(*tables)) if len({str(table.get(key)) for table in tables}) > 1]
     more = [f"{len(keys) - KEYS_SHOWN} more"] if len(keys) > KEYS_SHOWN else []
     return [
@@ -176,26 +176,31 @@ def _run_values(configuration: Mapping[str, Any]) -> Iterator[tuple[str, frozens
         yield name, _value(agent_name(flight_fields.get("agent") or value) if key == "agent" else value)
     protocol = configuration.get("protocol")
     yield "the protocol", frozenset({"told" if isinstance(protocol, dict) else NOT_RECORDED})
-    for name, leaf in _leaves(protocol if isinstance(protocol, dict) else {}):
+    for name, leaf in _set_leaves(protocol if isinstance(protocol, dict) else {}):
         yield f"the protocol's {name}", _value(leaf)
     suite = configuration.get("suite")
     yield "the suite's version", _value(suite.get("version")) if isinstance(suite, dict) else frozenset({NOT_RECORDED})
     if isinstance(suite, dict):
         yield f"the suite {suite.get('name') or 'of episodes by name'}", _value(suite.get("sha256"))
-    for name, leaf in _leaves({key: leaf for key, leaf in flight_fields.items() if key not in IGNORED_FIELDS}):
+    for name, leaf in _set_leaves({key: leaf for key, leaf in flight_fields.items() if key not in IGNORED_FIELDS}):
         yield name, _value(leaf)
     versions = configuration.get("versions")
     for package, version in comparable_versions(versions if isinstance(versions, dict) else {}).items():
         yield f"the version of {package}", _value(version)
 
 
-def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (dotted name, value) of each leaf. Null values (not requested) are left out."""
-    if isinstance(value, dict):
+def leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield (dotted name, value) of each leaf of a JSON object, such as ("reasoning.enabled", False)."""
+    if isinstance(value, Mapping):
         for key, inner in value.items():
-            yield from _leaves(inner, f"{name}.{key}" if name else str(key))
-    elif value is not None:
+            yield from leaves(inner, f"{name}.{key}" if name else str(key))
+    else:
         yield name, value
+
+
+def _set_leaves(value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the leaves of a JSON object that are not null (not requested)."""
+    return ((name, leaf) for name, leaf in leaves(value) if leaf is not None)
 
 
 def _value(value: Any) -> frozenset[str]:

@@ -1,14 +1,13 @@
 """Makes the tables of settings and of costs, with a row per entrant (a pilot with its flights)."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
 
 from dronecats.agent.models.spec import PROVIDERS
 from dronecats.report.report_data import FLIGHTS, NAME, NONE, Cells, Entrant, ReportData
 from dronecats.report.results.collection import ScoredEpisode, Usage
-from dronecats.report.results.identity import DIGEST, NOT_RECORDED, identity
+from dronecats.report.results.identity import DIGEST, NOT_RECORDED, identity, leaves
 from dronecats.report.table import ReportTable, TableCell, TableColumn, words
 
 IDENTITY_COLUMNS = {  # column → its title, and the key of `identity` whose value it shows
@@ -81,16 +80,11 @@ def _reasoning(entrant: Entrant) -> str:
         provider_fields if (own := model.get(name)) is None else own
         for name, provider_fields in (("quick", provider.quick), ("thinking", provider.thinking))
     ]
-    return " | ".join(", ".join(_leaves(fields)) or "nothing" for fields in sent)
-
-
-def _leaves(fields: Any, name: str = "") -> Iterator[str]:
-    """Yield the fields of a request in words, such as `reasoning.enabled false`."""
-    if isinstance(fields, Mapping):
-        for key, inner in fields.items():
-            yield from _leaves(inner, f"{name}.{key}" if name else str(key))
-    else:
-        yield f"{name} {fields if isinstance(fields, str) else json.dumps(fields)}"
+    texts = (
+        ", ".join(f"{name} {leaf if isinstance(leaf, str) else json.dumps(leaf)}" for name, leaf in leaves(fields))
+        for fields in sent
+    )
+    return " | ".join(text or "nothing" for text in texts)
 
 
 COSTS = (
