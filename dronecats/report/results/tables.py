@@ -1,203 +1,264 @@
-"""The SQL tables of runs: their columns with units, and the rows that are made from run folders."""
+"""The SQL tables of runs: their columns with units, and the values of the columns that are read from run folders."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
-from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, get_args, get_type_hints
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
-from msgspec import UNSET, Meta
+from msgspec import UNSET
 
-from dronecats.agent.action import Go, Rotate
+from dronecats.agent.action import Action, Go, Rotate
 from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import Metric, MetricLevel
-from dronecats.judge.verdict import declaring_decisions, measured
+from dronecats.judge.verdict import Measured, in_order
 from dronecats.report.recorded.flight import RecordedFlight, action_of
 from dronecats.report.recorded.run import RecordedRun
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S
-from foundation.run_folder.results import SCORED
-from foundation.run_folder.rows import FrameTruth
+from foundation.run_folder.rows import Decision, FrameTruth, Pose
 
-SQL_TYPES = {bool: "BOOLEAN", int: "BIGINT", float: "DOUBLE", str: "VARCHAR"}
-
-
-def _of(description: str) -> Meta:
-    return Meta(description=description)
+SQL_TYPES = {bool: "BOOLEAN", int: "BIGINT", float: "DOUBLE"}  # type of a metric's value → SQL type
+Item = TypeVar("Item")
 
 
-RunName = Annotated[str, _of("the end of the run folder's path, long enough to be unique")]
-EpisodeId = Annotated[str, _of("id of the episode")]
-DroneIndex = Annotated[int, _of("number of the drone, from 0")]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunRow:
-    """A run folder: its pilot and settings."""
-
-    run: RunName
-    pilot: Annotated[str, _of("built-in pilot, or PROVIDER/NAME of the model")]
-    is_model: Annotated[bool, _of("whether a model flew, not a built-in pilot")]
-    command: Annotated[str | None, _of("flat, hierarchical or solo")]
-    latency: Annotated[str | None, _of("latency policy, as in `--latency`")]
-    parser: Annotated[str | None, _of("parser of replies: strict or lenient")]
-    seed: Annotated[int, _of("distinguishes flights of the same episodes")]
-    agent: Annotated[str | None, _of("paper, another built-in agent, or MODULE:NAME")]
-    prompt_sha256: Annotated[str | None, _of("digest of the prompt")]
-    dronecats: Annotated[str | None, _of("version of dronecats that flew the run")]
-    episodes: Annotated[int, _of("number of episodes")]
-    configuration: Annotated[str, _of("run.json, as JSON: `configuration->>'$.flight.model.temperature'`")]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EpisodeRow:
-    """One flight of one episode: its verdict, computed again from the logs, and every metric of the episode."""
-
-    run: RunName
-    episode: EpisodeId
-    map: Annotated[str | None, _of("the map's name")]
-    cell: Annotated[str | None, _of("approaching, searching, tracking, search-and-track or commanding")]
-    instruction: Annotated[str | None, _of("instruction to the pilot")]
-    drones: Annotated[int | None, _of("number of drones; null: no drone was logged")]
-    outcome: Annotated[
-        str | None,
-        _of("success, failure, error, censored, unknown or distance only (docs/run-folder.md); null: damaged"),
-    ]
-    scored: Annotated[bool, _of("whether the outcome is success or failure; other outcomes are not scored")]
-    error: Annotated[str | None, _of("why the flight is not scored, or what is damaged; null: it is scored")]
-    note: Annotated[str | None, _of("what remains uncertain in the verdict")]
-    censored: Annotated[bool | None, _of("whether the flight ended before its cap, so that later steps are unknown")]
-    ended: Annotated[
-        str | None,
-        _of("why it ended: cap, decided (success is certain), budget, rejected, interrupted, takeover or error"),
-    ]
-    ended_s: Annotated[float | None, _of("s of vehicle time at which the flight ended")]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StepRow:
+class Step(NamedTuple):
     """One decision of one drone, with the true state at the time of its image."""
 
-    run: RunName
-    episode: EpisodeId
-    drone_index: DroneIndex
-    step: Annotated[int, _of("number of the decision, from 0")]
-    frame_id: Annotated[int, _of("number of the image")]
-    t_frame_s: Annotated[float, _of("s since the episode began, time of the image")]
-    t_decided_s: Annotated[float, _of("s since the episode began, time of the reply")]
-    action: Annotated[str | None, _of("go, rotate, think or finished; null: the reply holds no valid action")]
-    point_x: Annotated[float | None, _of("point of a go: 0 is the image's left edge, 1000 its right edge")]
-    point_y: Annotated[float | None, _of("point of a go: 0 is the image's upper edge, 1000 its lower edge")]
-    depth_m: Annotated[float | None, _of("m, depth of a go, as in the reply")]
-    angle_deg: Annotated[float | None, _of("°, angle of a rotate, positive to the right, as in the reply")]
-    reply: Annotated[str | None, _of("the reply as received")]
-    error: Annotated[str | None, _of("why the reply holds no valid action")]
-    mended: Annotated[str | None, _of("codes of the repairs of the reply, with commas between them; null: no repair")]
-    latency_s: Annotated[float | None, _of("s of vehicle time that the reply took")]
-    tokens_in: Annotated[int | None, _of("tokens of the question")]
-    tokens_out: Annotated[int | None, _of("tokens of the reply")]
-    thinking: Annotated[bool | None, _of("whether extended reasoning was on")]
-    rate_hz: Annotated[float | None, _of("Hz, 1 / vehicle time since the previous decision; null: first decision")]
-    finish: Annotated[
-        str | None, _of("why the reply was cut off or withheld: length, filtered, refusal, …; null: it is complete")
-    ]
-    north_m: Annotated[float | None, _of("m, NED, position of the drone at the time of the image")]
-    east_m: Annotated[float | None, _of("m, NED, position of the drone at the time of the image")]
-    down_m: Annotated[float | None, _of("m, NED, position of the drone at the time of the image")]
-    yaw_deg: Annotated[float | None, _of("°, heading from north, positive to the east, at the time of the image")]
-    distance_m: Annotated[float | None, _of("m, distance to the target's centre, at the time of the image")]
-    distance_box_m: Annotated[
-        float | None, _of("m, distance to the nearest point of the target's box, at the time of the image")
-    ]
-    visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
-    visible_fraction: Annotated[float | None, _of("visible share of the target's silhouette, 0 … 1")]
-    bearing_deg: Annotated[float | None, _of("°, angle from the nose to the target's centre, positive to the right")]
-    oracle_depth_m: Annotated[
-        float | None, _of("m, true depth along the optical axis, median of the target's visible surface")
-    ]
+    decision: Decision
+    action: Action | None
+    truth: FrameTruth
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PoseRow:
-    """The pose of one drone, every half second."""
-
-    run: RunName
-    episode: EpisodeId
-    drone_index: DroneIndex
-    t_s: Annotated[float, _of("s of vehicle time since the episode began")]
-    north_m: Annotated[float, _of("m, NED, position of the drone")]
-    east_m: Annotated[float, _of("m, NED, position of the drone")]
-    down_m: Annotated[float, _of("m, NED, position of the drone")]
-    yaw_deg: Annotated[float | None, _of("°, heading from north, positive to the east")]
-    target_north_m: Annotated[float | None, _of("m, NED, position of the target's centre")]
-    target_east_m: Annotated[float | None, _of("m, NED, position of the target's centre")]
-    target_down_m: Annotated[float | None, _of("m, NED, position of the target's centre")]
-    distance_m: Annotated[float | None, _of("m, distance from the drone to the target's centre in three dimensions")]
-    visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeclarationRow:
+class Declaration(NamedTuple):
     """One declaration of arrival, measured as in Algorithm 1 of the paper (docs/glossary.md)."""
 
-    run: RunName
-    episode: EpisodeId
-    number: Annotated[int, _of("number of the declaration in the episode, in the order of time, from 1")]
-    drone_index: DroneIndex
-    step: Annotated[int, _of("number of the decision")]
-    t_s: Annotated[float, _of("s of vehicle time, time of the decision")]
-    counts: Annotated[bool, _of("whether it was made within the cap")]
-    distance_m: Annotated[
-        float | None,
-        _of("m, distance to the target's centre, at the time of the image of its decision; null: not measured"),
-    ]
-    visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
-    qualifies: Annotated[bool | None, _of("whether it meets the success rule, apart from the cap; null: not known")]
-    unmeasured: Annotated[str | None, _of("why the declaration was not measured; null: it was measured")]
+    number: int
+    measured: Measured
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SqlColumn:
+@dataclass(frozen=True, slots=True)
+class SqlColumn(Generic[Item]):
     name: str
     type: str  # SQL type
     description: str  # begins with the unit, if any
+    value: Callable[[Item], Any] | None = None  # returns the value of an item; None: its attribute with this name
+
+    def of(self, items: Iterable[Item]) -> list[Any]:
+        """Return the values of items; None for unknown values."""
+        values = (getattr(item, self.name) if self.value is None else self.value(item) for item in items)
+        return [None if value is UNSET else value for value in values]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunTable:
-    """A table. It has a column for each field of `row`, and for each metric of the level `level`."""
+@dataclass(frozen=True, slots=True)
+class RunTable(Generic[Item]):
+    """A table with a row per item. It has the columns `own`, and a column for each metric of the level `level`."""
 
     name: str
-    row: type
+    about: str  # description of a row, one sentence
+    items: Callable[[Any], Sequence[Item]]  # returns the items of a flight; for the table `runs`, of a run
+    own: tuple[SqlColumn[Item], ...]
     level: MetricLevel | None = None  # None: no metric has a column
 
     @property
-    def about(self) -> str:
-        """The description of a row, one sentence."""
-        return str(self.row.__doc__)
-
-    @property
-    def columns(self) -> tuple[SqlColumn, ...]:
-        """The columns in their order: the row's fields, then the metrics whose names are not fields."""
-        own = [_column(name, hint) for name, hint in get_type_hints(self.row, include_extras=True).items()]
-        return (*own, *(_metric_column(metric) for metric in self.metrics))
+    def columns(self) -> tuple[SqlColumn[Item], ...]:
+        """The columns in their order: the table's own columns, then the metrics whose names they do not have."""
+        return (*self.own, *(_metric_column(metric) for metric in self.metrics))
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
         """The metrics that have a column."""
-        taken = get_type_hints(self.row)
+        taken = {column.name for column in self.own}
         return tuple(m for m in METRICS.values() if m.level == self.level and m.name not in taken)
 
 
-TABLES: Mapping[str, RunTable] = {
+def _metric_column(metric: Metric) -> SqlColumn[Any]:
+    unit = {"share": "", "": ""}.get(metric.unit, f"{metric.unit}; ")
+    return SqlColumn(metric.name, SQL_TYPES[metric.value_type], f"{unit}{metric.definition}")
+
+
+def _text(value: Any) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+def _version(run: RecordedRun) -> str | None:
+    versions = run.configuration.get("versions")
+    return _text(versions.get("dronecats")) if isinstance(versions, dict) else None
+
+
+def _error(flight: RecordedFlight) -> str | None:
+    return None if flight.scored else flight.verdict.error or flight.verdict.outcome
+
+
+def _axis(place: Sequence[float] | None, axis: int) -> float | None:
+    return None if place is None else place[axis]
+
+
+def _steps(flight: RecordedFlight) -> list[Step]:
+    frames = flight.logs.frames
+    return [Step(d, action_of(d), frames.get((d.drone, d.frame_id), UNMEASURED)) for d in flight.logs.decisions]
+
+
+def _declarations(flight: RecordedFlight) -> list[Declaration]:
+    return [Declaration(k, d) for k, d in enumerate(in_order(flight.all_declarations, float("inf")), 1)]
+
+
+UNMEASURED = FrameTruth(frame_id=0, t=0.0, drone=0, distance_m=None, visible=None)
+RUN: SqlColumn[Any] = SqlColumn("run", "VARCHAR", "the end of the run folder's path, long enough to be unique")
+EPISODE: SqlColumn[Any] = SqlColumn("episode", "VARCHAR", "id of the episode")
+DRONE_INDEX = "drone_index", "BIGINT", "number of the drone, from 0"
+AT_IMAGE = "m, NED, position of the drone at the time of the image"
+POSITION, TARGET = "m, NED, position of the drone", "m, NED, position of the target's centre"
+VISIBLE = "visible", "BOOLEAN", "whether the target was in view; null: not measured"
+RUN_COLUMNS: tuple[SqlColumn[RecordedRun], ...] = (
+    RUN,
+    SqlColumn("pilot", "VARCHAR", "built-in pilot, or PROVIDER/NAME of the model"),
+    SqlColumn("is_model", "BOOLEAN", "whether a model flew, not a built-in pilot"),
+    SqlColumn("command", "VARCHAR", "flat, hierarchical or solo", lambda run: _text(run.flight.get("command"))),
+    SqlColumn("latency", "VARCHAR", "latency policy, as in `--latency`", lambda run: _text(run.flight.get("latency"))),
+    SqlColumn("parser", "VARCHAR", "parser of replies: strict or lenient", lambda run: _text(run.flight.get("parser"))),
+    SqlColumn("seed", "BIGINT", "distinguishes flights of the same episodes"),
+    SqlColumn("agent", "VARCHAR", "paper, another built-in agent, or MODULE:NAME"),
+    SqlColumn("prompt_sha256", "VARCHAR", "digest of the prompt",
+              lambda run: _text(run.configuration.get("prompt_sha256"))),
+    SqlColumn("dronecats", "VARCHAR", "version of dronecats that flew the run", _version),
+    SqlColumn("episodes", "BIGINT", "number of episodes", lambda run: len(run.episodes)),
+    SqlColumn("configuration", "VARCHAR", "run.json, as JSON: `configuration->>'$.flight.model.temperature'`",
+              lambda run: msgspec.json.encode(run.configuration).decode()),
+)  # fmt: skip
+EPISODE_COLUMNS: tuple[SqlColumn[RecordedFlight], ...] = (
+    RUN,
+    EPISODE,
+    SqlColumn("map", "VARCHAR", "the map's name", lambda flight: flight.map or None),
+    SqlColumn("cell", "VARCHAR", "approaching, searching, tracking, search-and-track or commanding",
+              lambda flight: flight.cell or None),
+    SqlColumn("instruction", "VARCHAR", "instruction to the pilot",
+              lambda flight: _text(flight.record.get("instruction"))),
+    SqlColumn("drones", "BIGINT", "number of drones; null: no drone was logged",
+              lambda flight: len(flight.verdict.drones) or None),
+    SqlColumn("outcome", "VARCHAR",
+              "success, failure, error, censored, unknown or distance only (docs/run-folder.md); null: damaged",
+              lambda flight: flight.verdict.outcome),
+    SqlColumn("scored", "BOOLEAN", "whether the outcome is success or failure; other outcomes are not scored"),
+    SqlColumn("error", "VARCHAR", "why the flight is not scored, or what is damaged; null: it is scored", _error),
+    SqlColumn("note", "VARCHAR", "what remains uncertain in the verdict", lambda flight: flight.verdict.note),
+    SqlColumn("censored", "BOOLEAN", "whether the flight ended before its cap, so that later steps are unknown",
+              lambda flight: flight.verdict.censored),
+    SqlColumn("ended", "VARCHAR",
+              "why it ended: cap, decided (success is certain), budget, rejected, interrupted, takeover or error",
+              lambda flight: flight.logs.end and flight.logs.end.reason),
+    SqlColumn("ended_s", "DOUBLE", "s of vehicle time at which the flight ended",
+              lambda flight: flight.logs.end and flight.logs.end.t),
+)  # fmt: skip
+STEP_COLUMNS: tuple[SqlColumn[Step], ...] = (
+    RUN,
+    EPISODE,
+    SqlColumn(*DRONE_INDEX, lambda step: step.decision.drone),
+    SqlColumn("step", "BIGINT", "number of the decision, from 0", lambda step: step.decision.step),
+    SqlColumn("frame_id", "BIGINT", "number of the image", lambda step: step.decision.frame_id),
+    SqlColumn("t_frame_s", "DOUBLE", "s since the episode began, time of the image",
+              lambda step: step.decision.t_frame),
+    SqlColumn("t_decided_s", "DOUBLE", "s since the episode began, time of the reply",
+              lambda step: step.decision.t_decided),
+    SqlColumn("action", "VARCHAR", "go, rotate, think or finished; null: the reply holds no valid action",
+              lambda step: step.decision.kind),
+    SqlColumn("point_x", "DOUBLE", "point of a go: 0 is the image's left edge, 1000 its right edge",
+              lambda step: step.action.x if isinstance(step.action, Go) else None),
+    SqlColumn("point_y", "DOUBLE", "point of a go: 0 is the image's upper edge, 1000 its lower edge",
+              lambda step: step.action.y if isinstance(step.action, Go) else None),
+    SqlColumn("depth_m", "DOUBLE", "m, depth of a go, as in the reply",
+              lambda step: step.action.depth_m if isinstance(step.action, Go) else None),
+    SqlColumn("angle_deg", "DOUBLE", "°, angle of a rotate, positive to the right, as in the reply",
+              lambda step: step.action.angle_deg if isinstance(step.action, Rotate) else None),
+    SqlColumn("reply", "VARCHAR", "the reply as received", lambda step: step.decision.reply),
+    SqlColumn("error", "VARCHAR", "why the reply holds no valid action", lambda step: step.decision.error),
+    SqlColumn("mended", "VARCHAR", "codes of the repairs of the reply, with commas between them; null: no repair",
+              lambda step: UNSET if step.decision.mended is UNSET else ",".join(step.decision.mended)),
+    SqlColumn("latency_s", "DOUBLE", "s of vehicle time that the reply took", lambda step: step.decision.latency_s),
+    SqlColumn("tokens_in", "BIGINT", "tokens of the question", lambda step: step.decision.tokens_in),
+    SqlColumn("tokens_out", "BIGINT", "tokens of the reply", lambda step: step.decision.tokens_out),
+    SqlColumn("thinking", "BOOLEAN", "whether extended reasoning was on", lambda step: step.decision.thinking),
+    SqlColumn("rate_hz", "DOUBLE", "Hz, 1 / vehicle time since the previous decision; null: first decision",
+              lambda step: step.decision.rate_hz),
+    SqlColumn("finish", "VARCHAR",
+              "why the reply was cut off or withheld: length, filtered, refusal, …; null: it is complete",
+              lambda step: step.decision.finish),
+    SqlColumn("north_m", "DOUBLE", AT_IMAGE, lambda step: _axis(step.truth.position_ned, 0)),
+    SqlColumn("east_m", "DOUBLE", AT_IMAGE, lambda step: _axis(step.truth.position_ned, 1)),
+    SqlColumn("down_m", "DOUBLE", AT_IMAGE, lambda step: _axis(step.truth.position_ned, 2)),
+    SqlColumn("yaw_deg", "DOUBLE", "°, heading from north, positive to the east, at the time of the image",
+              lambda step: step.truth.yaw_deg),
+    SqlColumn("distance_m", "DOUBLE", "m, distance to the target's centre, at the time of the image",
+              lambda step: step.truth.distance_m),
+    SqlColumn("distance_box_m", "DOUBLE",
+              "m, distance to the nearest point of the target's box, at the time of the image",
+              lambda step: step.truth.distance_box_m),
+    SqlColumn(*VISIBLE, lambda step: step.truth.visible),
+    SqlColumn("visible_fraction", "DOUBLE", "visible share of the target's silhouette, 0 … 1",
+              lambda step: step.truth.visible_fraction),
+    SqlColumn("bearing_deg", "DOUBLE", "°, angle from the nose to the target's centre, positive to the right",
+              lambda step: step.truth.bearing_deg),
+    SqlColumn("oracle_depth_m", "DOUBLE",
+              "m, true depth along the optical axis, median of the target's visible surface",
+              lambda step: step.truth.oracle_depth_m),
+)  # fmt: skip
+POSE_COLUMNS: tuple[SqlColumn[Pose], ...] = (
+    RUN,
+    EPISODE,
+    SqlColumn(*DRONE_INDEX, lambda pose: pose.drone),
+    SqlColumn("t_s", "DOUBLE", "s of vehicle time since the episode began", lambda pose: pose.t),
+    SqlColumn("north_m", "DOUBLE", POSITION, lambda pose: pose.position_ned[0]),
+    SqlColumn("east_m", "DOUBLE", POSITION, lambda pose: pose.position_ned[1]),
+    SqlColumn("down_m", "DOUBLE", POSITION, lambda pose: pose.position_ned[2]),
+    SqlColumn("yaw_deg", "DOUBLE", "°, heading from north, positive to the east"),
+    SqlColumn("target_north_m", "DOUBLE", TARGET, lambda pose: _axis(pose.target_ned, 0)),
+    SqlColumn("target_east_m", "DOUBLE", TARGET, lambda pose: _axis(pose.target_ned, 1)),
+    SqlColumn("target_down_m", "DOUBLE", TARGET, lambda pose: _axis(pose.target_ned, 2)),
+    SqlColumn("distance_m", "DOUBLE", "m, distance from the drone to the target's centre in three dimensions"),
+    SqlColumn(*VISIBLE),
+)
+DECLARATION_COLUMNS: tuple[SqlColumn[Declaration], ...] = (
+    RUN,
+    EPISODE,
+    SqlColumn("number", "BIGINT", "number of the declaration in the episode, in the order of time, from 1"),
+    SqlColumn(*DRONE_INDEX, lambda declaration: declaration.measured.drone),
+    SqlColumn("step", "BIGINT", "number of the decision", lambda declaration: declaration.measured.step),
+    SqlColumn("t_s", "DOUBLE", "s of vehicle time, time of the decision", lambda declaration: declaration.measured.t),
+    SqlColumn("counts", "BOOLEAN", "whether it was made within the cap",
+              lambda declaration: declaration.measured.t <= CAP_S),
+    SqlColumn("distance_m", "DOUBLE",
+              "m, distance to the target's centre, at the time of the image of its decision; null: not measured",
+              lambda declaration: declaration.measured.distance_m),
+    SqlColumn(*VISIBLE, lambda declaration: declaration.measured.visible),
+    SqlColumn("qualifies", "BOOLEAN", "whether it meets the success rule, apart from the cap; null: not known",
+              lambda declaration: declaration.measured.qualifies()),
+    SqlColumn("unmeasured", "VARCHAR", "why the declaration was not measured; null: it was measured",
+              lambda declaration: declaration.measured.unknown),
+)  # fmt: skip
+TABLES: Mapping[str, RunTable[Any]] = {
     table.name: table
     for table in (
-        RunTable(name="runs", row=RunRow),
-        RunTable(name="episodes", row=EpisodeRow, level="episode"),
-        RunTable(name="steps", row=StepRow, level="step"),
-        RunTable(name="poses", row=PoseRow),
-        RunTable(name="declarations", row=DeclarationRow),
+        RunTable("runs", "A run folder: its pilot and settings.", lambda run: [run], RUN_COLUMNS),
+        RunTable(
+            "episodes",
+            "One flight of one episode: its verdict, computed again from the logs, and every metric of the episode.",
+            lambda flight: [flight],
+            EPISODE_COLUMNS,
+            level="episode",
+        ),
+        RunTable(
+            "steps",
+            "One decision of one drone, with the true state at the time of its image.",
+            _steps,
+            STEP_COLUMNS,
+            level="step",
+        ),
+        RunTable("poses", "The pose of one drone, every half second.", lambda flight: flight.logs.poses, POSE_COLUMNS),
+        RunTable(
+            "declarations",
+            "One declaration of arrival, measured as in Algorithm 1 of the paper (docs/glossary.md).",
+            _declarations,
+            DECLARATION_COLUMNS,
+        ),
     )
 }
 
@@ -207,32 +268,12 @@ def markdown() -> str:
     return "\n".join(_section(table) for table in TABLES.values())
 
 
-def _section(table: RunTable) -> str:
-    metrics = {metric.name for metric in table.metrics}
+def _section(table: RunTable[Any]) -> str:
     lines = [f"### {table.name}", "", table.about, "", "| column | type | what |", "| --- | --- | --- |"]
-    lines += [
-        f"| `{c.name}` | {c.type} | {c.description.replace('|', chr(92) + '|')} |"
-        for c in table.columns
-        if c.name not in metrics
-    ]
+    lines += [f"| `{c.name}` | {c.type} | {c.description.replace('|', chr(92) + '|')} |" for c in table.own]
     return "\n".join([*lines, ""])
 
 
-def _column(name: str, hint: Any) -> SqlColumn:
-    plain, meta = get_args(hint)[:2]
-    return SqlColumn(name=name, type=SQL_TYPES[_plain(plain)], description=meta.description)
-
-
-def _metric_column(metric: Metric) -> SqlColumn:
-    unit = {"share": "", "": ""}.get(metric.unit, f"{metric.unit}; ")
-    return SqlColumn(name=metric.name, type=SQL_TYPES[metric.value_type], description=f"{unit}{metric.definition}")
-
-
-def _plain(hint: Any) -> Any:
-    return next(part for part in get_args(hint) if part is not type(None)) if isinstance(hint, UnionType) else hint
-
-
-UNMEASURED = FrameTruth(frame_id=0, t=0.0, drone=0, distance_m=None, visible=None)
 Values = dict[str, list[Any]]  # the values of a table, by column name
 
 
@@ -254,7 +295,7 @@ def tabulated(run: RecordedRun, name: str, wanted: Collection[str]) -> tuple[dic
     tables: dict[str, Values] = {table: {c.name: [] for c in TABLES[table].columns} for table in wanted}
     damaged: list[str] = []
     if "runs" in wanted:
-        _append(tables["runs"], _run_row(run, name))
+        _add(tables["runs"], TABLES["runs"], run, run=name)
     if set(wanted) <= {"runs"}:
         return tables, damaged
     for folder in run.episodes:
@@ -262,159 +303,23 @@ def tabulated(run: RecordedRun, name: str, wanted: Collection[str]) -> tuple[dic
             flight = RecordedFlight.read(folder)
         except UsageError as damage:
             damaged.append(str(damage))
-            if "episodes" in wanted:
-                _append(tables["episodes"], _damaged_row(name, folder, str(damage)))
+            known = {"run": name, "episode": folder.resolve().name, "scored": False, "error": str(damage)}
+            for column, values in tables.get("episodes", {}).items():
+                values.append(known.get(column))
             continue
-        for table, rows in EPISODE_TABLES.items():
-            if table in wanted:
-                for row, metrics in rows(flight, name, TABLES[table]):
-                    _append(tables[table], row, metrics)
+        for table in wanted:
+            if table != "runs":
+                _add(tables[table], TABLES[table], flight, run=name, episode=flight.id)
     return tables, damaged
 
 
-def _append(values: Values, row: Any, metrics: Mapping[str, Any] | None = None) -> None:
-    own = {column_field.name for column_field in fields(row)}
-    for column, column_values in values.items():
-        column_values.append(getattr(row, column) if column in own else (metrics or {}).get(column))
-
-
-def _run_row(run: RecordedRun, name: str) -> RunRow:
-    configuration, flight = run.configuration, run.flight
-    versions = configuration.get("versions")
-    return RunRow(
-        run=name,
-        pilot=run.pilot,
-        is_model=run.is_model,
-        command=_text(flight.get("command")),
-        latency=_text(flight.get("latency")),
-        parser=_text(flight.get("parser")),
-        seed=run.seed,
-        agent=run.agent,
-        prompt_sha256=_text(configuration.get("prompt_sha256")),
-        dronecats=_text(versions.get("dronecats")) if isinstance(versions, dict) else None,
-        episodes=len(run.episodes),
-        configuration=msgspec.json.encode(configuration).decode(),
-    )
-
-
-def _text(value: Any) -> str | None:
-    return value if isinstance(value, str) else None
-
-
-Rows = Iterator[tuple[Any, Mapping[str, Any]]]  # a row, and its metrics
-
-
-def _episode_rows(flight: RecordedFlight, run: str, table: RunTable) -> Rows:
-    verdict, end = flight.verdict, flight.logs.end
-    scored = verdict.outcome in SCORED
-    row = EpisodeRow(
-        run=run,
-        episode=flight.id,
-        map=flight.map or None,
-        cell=flight.cell or None,
-        instruction=_text(flight.record.get("instruction")),
-        drones=len(verdict.drones) or None,
-        outcome=verdict.outcome,
-        scored=scored,
-        error=None if scored else verdict.error or verdict.outcome,
-        note=verdict.note,
-        censored=verdict.censored,
-        ended=end.reason if end else None,
-        ended_s=end.t if end else None,
-    )
-    yield row, {metric.name: metric.of(flight) for metric in table.metrics}
-
-
-def _damaged_row(run: str, folder: Path, error: str) -> EpisodeRow:
-    nothing: dict[str, Any] = dict.fromkeys(column.name for column in fields(EpisodeRow))
-    return EpisodeRow(**{**nothing, "run": run, "episode": folder.resolve().name, "scored": False, "error": error})
-
-
-def _step_rows(flight: RecordedFlight, run: str, table: RunTable) -> Rows:
-    metric_values = {metric.name: metric.of(flight) for metric in table.metrics}
-    for number, decision in enumerate(flight.logs.decisions):
-        action, frame = action_of(decision), flight.logs.frames.get((decision.drone, decision.frame_id), UNMEASURED)
-        north_m, east_m, down_m = frame.position_ned or (None, None, None)
-        row = StepRow(
-            run=run,
-            episode=flight.id,
-            drone_index=decision.drone,
-            step=decision.step,
-            frame_id=decision.frame_id,
-            t_frame_s=decision.t_frame,
-            t_decided_s=decision.t_decided,
-            action=decision.kind,
-            point_x=action.x if isinstance(action, Go) else None,
-            point_y=action.y if isinstance(action, Go) else None,
-            depth_m=action.depth_m if isinstance(action, Go) else None,
-            angle_deg=action.angle_deg if isinstance(action, Rotate) else None,
-            reply=None if decision.reply is UNSET else decision.reply,
-            error=decision.error,
-            mended=None if decision.mended is UNSET else ",".join(decision.mended),
-            latency_s=decision.latency_s,
-            tokens_in=decision.tokens_in,
-            tokens_out=decision.tokens_out,
-            thinking=decision.thinking,
-            rate_hz=decision.rate_hz,
-            finish=None if decision.finish is UNSET else decision.finish,
-            north_m=north_m,
-            east_m=east_m,
-            down_m=down_m,
-            yaw_deg=frame.yaw_deg,
-            distance_m=frame.distance_m,
-            distance_box_m=frame.distance_box_m,
-            visible=frame.visible,
-            visible_fraction=frame.visible_fraction,
-            bearing_deg=frame.bearing_deg,
-            oracle_depth_m=frame.oracle_depth_m,
-        )
-        yield row, {name: values[number] for name, values in metric_values.items() if isinstance(values, Sequence)}
-
-
-def _pose_rows(flight: RecordedFlight, run: str, table: RunTable) -> Rows:
-    for pose in flight.logs.poses:
-        north_m, east_m, down_m = pose.position_ned
-        target_north_m, target_east_m, target_down_m = pose.target_ned or (None, None, None)
-        row = PoseRow(
-            run=run,
-            episode=flight.id,
-            drone_index=pose.drone,
-            t_s=pose.t,
-            north_m=north_m,
-            east_m=east_m,
-            down_m=down_m,
-            yaw_deg=pose.yaw_deg,
-            target_north_m=target_north_m,
-            target_east_m=target_east_m,
-            target_down_m=target_down_m,
-            distance_m=pose.distance_m,
-            visible=pose.visible,
-        )
-        yield row, {}
-
-
-def _declaration_rows(flight: RecordedFlight, run: str, table: RunTable) -> Rows:
-    declarations = [measured(decision, flight.logs) for decision in declaring_decisions(flight.logs)]
-    for number, declaration in enumerate(sorted(declarations, key=lambda d: (d.t, d.step, d.drone)), 1):
-        row = DeclarationRow(
-            run=run,
-            episode=flight.id,
-            number=number,
-            drone_index=declaration.drone,
-            step=declaration.step,
-            t_s=declaration.t,
-            counts=declaration.t <= CAP_S,
-            distance_m=declaration.distance_m,
-            visible=declaration.visible,
-            qualifies=declaration.qualifies(flight.delta_m),
-            unmeasured=declaration.unknown,
-        )
-        yield row, {}
-
-
-EPISODE_TABLES: Mapping[str, Callable[[RecordedFlight, str, RunTable], Rows]] = {
-    "episodes": _episode_rows,
-    "steps": _step_rows,
-    "poses": _pose_rows,
-    "declarations": _declaration_rows,
-}
+def _add(values: Values, table: RunTable[Any], source: RecordedRun | RecordedFlight, **keys: str) -> None:
+    """Add the rows of a run or a flight to a table. `keys`: values that are equal in these rows."""
+    items = table.items(source)
+    for key, value in keys.items():
+        values[key] += [value] * len(items)
+    for column in table.own[len(keys) :]:  # the keys are the first columns
+        values[column.name] += column.of(items)
+    for metric in table.metrics:
+        value = metric.of(source)
+        values[metric.name] += value if isinstance(value, Sequence) else [value]
