@@ -102,11 +102,16 @@ def label_rows(axis: Any, rows: Sequence[FigureLine], heads: Sequence[tuple[str,
     """Write the names of the rows and the titles of the blocks on the left."""
     axis.set_yticks([line.y for line in rows], [str(line.row.cells[0].value) for line in rows])
     axis.tick_params(axis="y", length=0, pad=6)
-    for title, y in heads:
-        axis.annotate(title, (0.0, y), xytext=(-6, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
-                      ha="right", va="center", style="italic", color=GREY)  # fmt: skip
+    _write_heads(axis, heads, 6)
     bottom = max(line.y for line in rows) + 0.6
     axis.set_ylim(bottom, min([line.y - 0.6 for line in rows] + [y - 0.4 for _, y in heads]))
+
+
+def _write_heads(axis: Any, heads: Sequence[tuple[str, float]], left_pt: int) -> None:
+    """Write titles and their vertical positions, `left_pt` points to the left of the axes."""
+    for title, y in heads:
+        axis.annotate(title, (0.0, y), xytext=(-left_pt, 0), xycoords=("axes fraction", "data"), ha="right",
+                      textcoords="offset points", va="center", style="italic", color=GREY)  # fmt: skip
 
 
 def save(drawing: Any, out: Path, name: str) -> Path:
@@ -148,17 +153,13 @@ def draw_reach_declare_succeed(table: ReportTable) -> Any:
             if c.low is not None and c.high is not None:
                 axis.plot([c.low, c.high], [y, y], color=INK, linewidth=0.9, solid_capstyle="butt")
     label_rows(axis, rows, heads)
-    _percent(axis, "% of the flights of approaching; lines: 95 % intervals")
-    drawing.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    return drawing
+    return _in_percent(drawing, axis, "% of the flights of approaching; lines: 95 % intervals")
 
 
 def draw_failure_modes(table: ReportTable) -> Any:
     """Return the figure of the table `failures`: a bar for each entrant, divided by failure modes."""
     drawing, axis = _stacked(table, FAILURE_MODE_COLUMNS, MODE_COLOURS)
-    _percent(axis, "% of the one-drone flights")
-    drawing.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return drawing
+    return _in_percent(drawing, axis, "% of the one-drone flights", 4)
 
 
 def draw_drone_outcomes(table: ReportTable) -> Any:
@@ -169,9 +170,7 @@ def draw_drone_outcomes(table: ReportTable) -> Any:
     below = [line.y + 0.36 for line in rows]  # on the edge of the bar, so that the bar's number stays readable
     axis.plot(won, below, "D", color="white", markeredgecolor=INK, markersize=4.5, label="Episodes won",
               linestyle="", clip_on=False, zorder=5)  # fmt: skip
-    _percent(axis, "% of the drones; diamonds: % of the episodes")
-    drawing.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    return drawing
+    return _in_percent(drawing, axis, "% of the drones; diamonds: % of the episodes")
 
 
 def cell(table: ReportTable, row: TableRow, name: str) -> TableCell:
@@ -204,9 +203,12 @@ def _stacked(table: ReportTable, outcomes: Sequence[OutcomeColumn], colours: Seq
     return drawing, axis
 
 
-def _percent(axis: Any, label: str) -> None:
+def _in_percent(drawing: Any, axis: Any, label: str, legend_columns: int = 3) -> Any:
+    """Return a figure with an axis of percentages, and a legend below it."""
     axis.set_xlim(0, 100)
     axis.set_xlabel(label)
+    drawing.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=legend_columns)
+    return drawing
 
 
 def rates(table: ReportTable) -> Any:
@@ -246,16 +248,13 @@ def episode_grid(data: ReportData) -> Any:
             y += 1.0
     drawing, axis = figure(y + 0.5, line_in=0.24, below_in=1.15)
     for entrant, height in lines:
+        tried = {flight.episode for flight in entrant.episodes}
         for x, name in enumerate(columns):
-            _grid_square(
-                axis, x, height, entrant.by_episode.get(name), any(e.episode == name for e in entrant.episodes)
-            )
+            _grid_square(axis, x, height, entrant.by_episode.get(name), name in tried)
     _grid_groups(axis, [(episodes[name][0], episodes[name][1]) for name in columns])
     axis.set_yticks([height for _, height in lines], [entrant.label for entrant, _ in lines])
     axis.tick_params(axis="both", length=0)
-    for title, height in heads:
-        axis.annotate(title, (0.0, height), xytext=(-4, 0), xycoords=("axes fraction", "data"), ha="right",
-                      textcoords="offset points", va="center", style="italic", color=GREY)  # fmt: skip
+    _write_heads(axis, heads, 4)
     axis.set_xlim(-0.7, len(columns) - 0.3)
     axis.set_ylim(y - 0.3, -0.6)
     for spine in axis.spines.values():

@@ -313,13 +313,13 @@ def tabulated(run: RecordedRun, name: str, wanted: Collection[str]) -> tuple[dic
     return tables, damaged
 
 
-def _add(values: Values, table: RunTable[Any], source: RecordedRun | RecordedFlight, **keys: str) -> None:
-    """Add the rows of a run or a flight to a table. `keys`: values that are equal in these rows."""
+def _add(values: Values, table: RunTable[Any], source: Any, **keys: str) -> None:
+    """Add the rows of a run or a flight, the source, to a table. `keys`: values that are equal in these rows."""
     items = table.items(source)
     for key, value in keys.items():
         values[key] += [value] * len(items)
     for column in table.own[len(keys) :]:  # the keys are the first columns
         values[column.name] += column.of(items)
     for metric in table.metrics:
-        value = metric.of(source)
-        values[metric.name] += value if isinstance(value, Sequence) else [value]
+        measured = metric.of(source)
+        values[metric.name] += measured if isinstance(measured, Sequence) else [measured]
