@@ -18,6 +18,7 @@ from foundation.protocol import CAP_S, POSE_PERIOD_S, RADIUS_M, ROTATE
 from foundation.run_folder.reading import Estimate, Logs
 from foundation.run_folder.results import Contacts, DecidedNear, Diagnostics, Distances, Nearness
 from foundation.run_folder.rows import Clear, Decision, EstimatedFrame, EstimatedPose, FrameTruth, Hit, Pose, Reset
+from foundation.run_folder.writing import as_json
 
 GAP_S = 1.5 * POSE_PERIOD_S  # s; samples that are farther apart have a gap between them
 TURN_MAX_DEG = 90.0  # largest rotation to either side that the prompt allows
@@ -270,14 +271,7 @@ def _estimated_dwell(trace: Sequence[tuple[float, float]], delta_m: float) -> fl
 def _decided_near(decision: Decision, estimate: Estimate, delta_m: float) -> DecidedNear:
     frame = estimate.frames.get((decision.drone, decision.frame_id))
     near = _nearness(frame, delta_m) if frame else Nearness(t=None, distance_m=None, std_m=None, within=None)
-    return DecidedNear(
-        step=decision.step,
-        drone=decision.drone,
-        t=decision.t_decided,
-        distance_m=near.distance_m,
-        std_m=near.std_m,
-        within=near.within,
-    )
+    return DecidedNear(step=decision.step, drone=decision.drone, **{**as_json(near), "t": decision.t_decided})
 
 
 def _nearness(row: EstimatedPose | EstimatedFrame, delta_m: float) -> Nearness:
@@ -285,9 +279,8 @@ def _nearness(row: EstimatedPose | EstimatedFrame, delta_m: float) -> Nearness:
     distance_m, std_m = row.distance_m, row.distance_std_m
     within = None
     if distance_m is not None and std_m is not None:
-        within = (
-            True if distance_m + SURE * std_m <= delta_m else False if distance_m - SURE * std_m > delta_m else None
-        )
+        is_within, is_outside = distance_m + SURE * std_m <= delta_m, distance_m - SURE * std_m > delta_m
+        within = True if is_within else False if is_outside else None
     return Nearness(t=row.t, distance_m=distance_m, std_m=std_m, within=within)
 
 

@@ -59,7 +59,7 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
     last = last_action(logs, cap_s) if logs.true else None
     verdict = judge(declared, last, delta_m, cap_s) if logs.true else Judgement(False, None, None)
     estimated = distances(logs, delta_m, cap_s)
-    error = None if verdict.success else _fault(logs, verdict)
+    error = None if verdict.success else reasons(verdict.unknown) or ending(logs) or gaps(logs)
     end = logs.end
     # a flight that ended at its own cap below CAP_S counts as if it had lasted for CAP_S
     asked_cap_s = max((logs.begin and logs.begin.cap_s) or CAP_S, CAP_S)
@@ -100,11 +100,6 @@ def succeeded(logs: Logs) -> bool | None:
     return judge(declarations(logs), None).success if logs.true else False
 
 
-def _fault(logs: Logs, verdict: Judgement) -> str | None:
-    """Return the reason why a flight without success is an error; None: no error."""
-    return reasons(verdict.unknown) or ending(logs) or gaps(logs)
-
-
 def _outcome_name(logs: Logs, verdict: Judgement, seen: bool, estimated: bool) -> Outcome:
     if not logs.true:
         return "distance only" if estimated else "unknown"
@@ -125,10 +120,8 @@ def _note(verdict: Judgement, last: Measured | None) -> str | None:
 
 
 def _deciding(declaration: Measured | None) -> Deciding | None:
-    if declaration is None:
-        return None
-    step, drone, t, distance_m = declaration.step, declaration.drone, declaration.t, declaration.distance_m
-    return Deciding(step=step, drone=drone, t=t, distance_m=distance_m)
+    names = ("step", "drone", "t", "distance_m")
+    return None if declaration is None else Deciding(**{name: getattr(declaration, name) for name in names})
 
 
 def _of_drone(drone: int, diagnostics: Diagnostics, declared: list[Measured], delta_m: float) -> DroneDiagnostics:

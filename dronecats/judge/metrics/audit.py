@@ -194,7 +194,6 @@ class Strictness:
     steps: int  # number of decisions
     mended: int  # decisions whose reply was mended
     changed: int  # mended decisions whose action strict parsing removes or changes
-    declarations: int  # changed decisions that are declarations
     success: bool | None  # under strict parsing; None: not scored, or unknown
 
 
@@ -310,13 +309,7 @@ def strictness(flight: JudgedFlight) -> Strictness:
         strict = outcome(replace(flight.logs, decisions=left), flight.delta_m, flight.cap_s)
         # None if the flight ended at a declaration that strict parsing removes: the rest is unknown
         success = strict.success if strict.outcome in SCORED else None
-    return Strictness(
-        steps=len(counted),
-        mended=len(mended),
-        changed=len(changed),
-        declarations=sum(d.declares for d in changed),
-        success=success,
-    )
+    return Strictness(steps=len(counted), mended=len(mended), changed=len(changed), success=success)
 
 
 def strictly(decision: Decision, drones: list[int]) -> dict[str, Any] | None:

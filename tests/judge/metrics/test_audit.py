@@ -131,7 +131,7 @@ def test_strict_parsing_loses_declarations_in_single_quotes_but_not_fenced_ones(
     more = {"reply": reply, **({"mended": mended} if mended else {})}
     flight = JudgedFlight(Path("x"), {}, logs([decision(0, 0, 5.0, **more)], [frame(0, 4.5, 4.0)]))
     strict = audit_of(flight).strict
-    assert (strict.steps, strict.mended, strict.changed, strict.declarations) == (1, bool(mended), changed, changed)
+    assert (strict.steps, strict.mended, strict.changed) == (1, bool(mended), changed)
     assert strict.success is success
     assert audit([audit_of(flight)]).strict.lost == changed
 
