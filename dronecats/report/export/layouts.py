@@ -7,10 +7,9 @@ flight has.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from xml.etree import ElementTree as Xml
 
 from dronecats.report.export.conventions import JUDGE, drone_name
@@ -20,6 +19,7 @@ FILES: Mapping[str, tuple[str, ...]] = {"mcap": (FOXGLOVE,), "ulog": (SINGLE_DRO
 COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")  # one per drone; PlotJuggler's first colours
 TRUTH_COLOUR = "#9467bd"  # for the true curves of a single drone; true curves of a fleet have COLOURS
 ESTIMATED, TRUE = "vehicle_local_position", "vehicle_local_position_groundtruth"
+DECISIONS = "decisions"  # the tab whose plots show single values
 
 
 def layout_files(kind: str, drones: set[int]) -> dict[str, int]:
@@ -116,22 +116,7 @@ def _stacked(panels: list[str]) -> Any:
     return {"direction": "column", "first": panels[0], "second": rest, "splitPercentage": round(100 / len(panels))}
 
 
-@dataclass(frozen=True, slots=True)
-class DrawnCurve:
-    """A curve: a field over time, or over another field."""
-
-    colour: str
-    y: str  # PlotJuggler's name of the field
-    x: str | None = None  # None: time
-
-
-@dataclass(frozen=True, slots=True)
-class PlotPane:
-    """A plot: one pair of axes with its curves."""
-
-    title: str
-    curves: tuple[DrawnCurve, ...]
-    style: Literal["Lines", "LinesAndDots", "Sticks"] = "Lines"
+Curves = list[dict[str, str]]  # the attributes of the curves of a plot
 
 
 def plotjuggler_layout(drones: int) -> Xml.Element:
@@ -139,49 +124,46 @@ def plotjuggler_layout(drones: int) -> Xml.Element:
     root = Xml.Element("root")
     window = Xml.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     for name, plots in _tabs(drones):
-        _tab(window, name, plots)
+        _tab(window, name, plots, "LinesAndDots" if name == DECISIONS else "Lines")
     Xml.SubElement(window, "currentTabIndex", index="0")
     Xml.SubElement(root, "use_relative_time_offset", enabled="1")
     return root
 
 
-def _tabs(drones: int) -> Iterator[tuple[str, list[PlotPane]]]:
-    colours = dict(enumerate((COLOURS * drones)[:drones]))
+def _tabs(drones: int) -> Iterator[tuple[str, dict[str, Curves]]]:
+    """Yield the name of each tab and its plots: the curves by the title of the plot."""
 
-    def curves(topic: str, field: str, against: str | None = None, colour: str | None = None) -> tuple[DrawnCurve, ...]:
-        def named(field_name: str, drone: int) -> str:
-            return f"{topic}/{field_name}" if drones == 1 else f"{topic}.{drone:02}/{field_name}"
+    def curves(topic: str, field: str, against: str | None = None, colour: str | None = None) -> Curves:
+        """Return the curves of a field over time, or over another field."""
+        drawn = []
+        for drone, own in enumerate((COLOURS * drones)[:drones]):
+            source = topic if drones == 1 else f"{topic}.{drone:02}"
+            name = f"{source}/[{against};{field}]" if against else f"{source}/{field}"
+            axes = {"curve_x": f"{source}/{against}", "curve_y": f"{source}/{field}"} if against else {}
+            drawn.append({"name": name, "color": colour or own, **axes})
+        return drawn
 
-        return tuple(
-            DrawnCurve(colour or own, named(field, drone), named(against, drone) if against else None)
-            for drone, own in colours.items()
-        )
-
-    def beside_truth(field: str, against: str | None = None) -> tuple[DrawnCurve, ...]:
+    def beside_truth(field: str, against: str | None = None) -> Curves:
         return curves(ESTIMATED, field, against) + curves(TRUE, field, against, TRUTH_COLOUR if drones == 1 else None)
 
-    yield "path", [PlotPane("north over east, m", curves(ESTIMATED, "x", "y"))]
+    yield "path", {"north over east, m": curves(ESTIMATED, "x", "y")}
     places = (("x", "north, m"), ("y", "east, m"), ("z", "down, m"))
-    yield "place", [PlotPane(title, curves(ESTIMATED, field)) for field, title in places]
-    yield "speed", [PlotPane(f"{title}/s", curves(ESTIMATED, f"v{field}")) for field, title in places]
+    yield "place", {title: curves(ESTIMATED, field) for field, title in places}
+    yield "speed", {f"{title}/s": curves(ESTIMATED, f"v{field}") for field, title in places}
     answers = (("action", "1 go, 2 rotate, 3 think, 4 finished"), ("depth_m", "depth, m"), ("latency_s", "latency, s"))
-    yield "decisions", [PlotPane(title, curves("agent_decision", field), "LinesAndDots") for field, title in answers]
-    yield f"{JUDGE}: path", [PlotPane("north over east, m, and the truth", beside_truth("x", "y"))]
-    yield f"{JUDGE}: place", [PlotPane(f"{title}, and the truth", beside_truth(field)) for field, title in places]
+    yield DECISIONS, {title: curves("agent_decision", field) for field, title in answers}
+    yield f"{JUDGE}: path", {"north over east, m, and the truth": beside_truth("x", "y")}
+    yield f"{JUDGE}: place", {f"{title}, and the truth": beside_truth(field) for field, title in places}
 
 
-def _tab(window: Xml.Element, name: str, plots: Sequence[PlotPane]) -> None:
+def _tab(window: Xml.Element, name: str, plots: Mapping[str, Curves], style: str) -> None:
     """Add a tab with plots of equal height, one below the other."""
     container = Xml.SubElement(Xml.SubElement(window, "Tab", tab_name=name, containers="1"), "Container")
     sizes = ";".join([f"{1 / len(plots):.4f}"] * len(plots))
     splitter = Xml.SubElement(container, "DockSplitter", orientation="-", count=str(len(plots)), sizes=sizes)
-    for plot in plots:
-        area = Xml.SubElement(splitter, "DockArea", name=plot.title)
-        mode = "XYPlot" if plot.curves[0].x else "TimeSeries"
-        made = Xml.SubElement(area, "plot", mode=mode, style=plot.style, flip_x="false", flip_y="false")
-        for curve in plot.curves:
-            if curve.x is None:
-                Xml.SubElement(made, "curve", name=curve.y, color=curve.colour)
-            else:
-                name = f"{curve.y.split('/')[0]}/[{curve.x.split('/')[1]};{curve.y.split('/')[1]}]"
-                Xml.SubElement(made, "curve", name=name, color=curve.colour, curve_x=curve.x, curve_y=curve.y)
+    for title, curves in plots.items():
+        area = Xml.SubElement(splitter, "DockArea", name=title)
+        mode = "XYPlot" if "curve_x" in curves[0] else "TimeSeries"
+        made = Xml.SubElement(area, "plot", mode=mode, style=style, flip_x="false", flip_y="false")
+        for curve in curves:
+            Xml.SubElement(made, "curve", curve)
