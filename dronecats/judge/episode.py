@@ -21,7 +21,7 @@ from foundation.run_folder import layout
 from foundation.run_folder.layout import COMMANDER, EPISODE
 from foundation.run_folder.reading import Logs, exchanges, json_object, read
 from foundation.run_folder.results import Verdict
-from foundation.run_folder.rows import Decision, Exchange, FrameTruth, drone_label
+from foundation.run_folder.rows import Exchange, drone_label
 
 SAME = 1.001e-3  # s or m, tolerance: numbers are rounded to a thousandth, so the last digit may differ
 EXPLANATIONS = ("error", "note")  # fields with a sentence; its words may differ between versions
@@ -168,13 +168,14 @@ def verdict_of(folder: Path, delta_m: float = RADIUS_M) -> Verdict:
 def log_contradictions(logs: Logs) -> list[str]:
     """Return the contradictions within the logs, a sentence each."""
     sentences = [fault] if (fault := gaps(logs)) else []
-    late = [d for d in logs.decisions if (f := _frame(d, logs)) and abs(f.t - d.t_frame) > SAME_S]
+    frames = logs.frames
+    late = [d for d in logs.decisions if (f := frames.get((d.drone, d.frame_id))) and abs(f.t - d.t_frame) > SAME_S]
     if late:
-        named_s, logged_s = late[0].t_frame, logs.frames[late[0].drone, late[0].frame_id].t
+        named_s, logged_s = late[0].t_frame, frames[late[0].drone, late[0].frame_id].t
         sentences.append(
             f"step {late[0].step} dates its frame at {named_s:g} s, but the logger at {logged_s:g} s{_more(late)}"
         )
-    for kind, rows in (("pose", logs.poses), ("frame", logs.frames.values())):
+    for kind, rows in (("pose", logs.poses), ("frame", frames.values())):
         off = [row for row in rows if not consistent(row)]
         if off:
             sentences.append(
@@ -247,10 +248,6 @@ def folder_contradictions(name: str, record: Mapping[str, Any] | None) -> list[s
     """Return a sentence if the folder's name is not the id in the record."""
     identity = (record or {}).get("id", name)
     return [] if identity == name else [f"{EPISODE} has the id {identity}, but its folder is named {name}"]
-
-
-def _frame(decision: Decision, logs: Logs) -> FrameTruth | None:
-    return logs.frames.get((decision.drone, decision.frame_id))
 
 
 def _more(rows: Sized) -> str:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dronecats.report.figures import canvas
 from foundation.errors import UsageError
 from foundation.run_folder.reading import Logs, episode_folder, read
-from foundation.run_folder.rows import Pose, drone_label
+from foundation.run_folder.rows import drone_label
 
 Array = NDArray[np.float64]
 GRID_S = 0.1  # s between two compared times
@@ -95,20 +95,12 @@ def trace(logs: Logs, drone: int, keep_north: bool) -> Trace:
     position = np.array([p.position_ned for p in poses], float)
     position = position - position[0]
     if not keep_north:
-        position = position @ _into_nose(_heading(poses[0])).T
+        if poses[0].yaw_deg is None:
+            raise UsageError("the first pose of one of the flights has no heading. Compare with --keep-north")
+        c, s = (turn(math.radians(poses[0].yaw_deg)) for turn in (math.cos, math.sin))
+        into_nose = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # north, east, down → ahead, right, down
+        position = position @ into_nose.T
     return Trace(np.array([p.t for p in poses], float), position)
-
-
-def _heading(pose: Pose) -> float:
-    if pose.yaw_deg is None:
-        raise UsageError("the first pose of one of the flights has no heading. Compare with --keep-north")
-    return math.radians(pose.yaw_deg)
-
-
-def _into_nose(yaw: float) -> Array:
-    """Return the (3, 3) rotation from north, east, down into ahead, right, down."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _compare(

@@ -192,10 +192,14 @@ def as_markdown(table: ReportTable, level: int = 2) -> str:
     """Return the table with its title as a heading of this level, its caption and its notes."""
     lines = [f"{'#' * level} {escaped(table.title)}", ""] if table.title else []
     lines += [escaped(table.caption), ""] if table.caption else []
-    lines.append(_markdown_line(_markdown_head(column) for column in table.columns))
+    lines.append(_markdown_line(escaped(f"{column.group} {column.head}".strip()) for column in table.columns))
     lines.append(_markdown_line("---:" if column.align == "right" else ":---" for column in table.columns))
     for block in table.blocks:
-        lines += _markdown_block(block, table.columns)
+        if block.title:
+            lines.append(_markdown_line([f"*{escaped(block.title)}*", *[""] * (len(table.columns) - 1)]))
+        for row in block.rows:
+            pairs = zip(row.cells, table.columns, strict=True)
+            lines.append(_markdown_line(_markdown_cell(cell, column) for cell, column in pairs))
     for note in table.notes:
         lines += ["", escaped(note)]
     return "\n".join(lines) + "\n"
@@ -211,15 +215,6 @@ def escaped(text: str) -> str:
     return MARKUP.sub(r"\\\1", plain).replace("://", ":\\//")
 
 
-def _markdown_block(block: TableBlock, columns: tuple[TableColumn, ...]) -> list[str]:
-    title = [_markdown_line([f"*{escaped(block.title)}*", *[""] * (len(columns) - 1)])] if block.title else []
-    rows = [
-        _markdown_line(_markdown_cell(cell, column) for cell, column in zip(row.cells, columns, strict=True))
-        for row in block.rows
-    ]
-    return [*title, *rows]
-
-
 def _markdown_cell(cell: TableCell, column: TableColumn) -> str:
     plain = " ".join(cell.text(column).split())
     text = f"`{plain.replace('`', '').replace('|', '∣')}`" if column.code and plain else escaped(plain)
@@ -227,10 +222,6 @@ def _markdown_cell(cell: TableCell, column: TableColumn) -> str:
     text = f"**{text}**" if cell.best else text
     interval = cell.interval(column)
     return f"{text} ({interval})" if interval else text
-
-
-def _markdown_head(column: TableColumn) -> str:
-    return escaped(f"{column.group} {column.head}".strip())
 
 
 def _markdown_line(cells: Iterable[str]) -> str:
@@ -406,12 +397,8 @@ def _latex_heads(columns: Sequence[TableColumn]) -> Iterator[str]:
             first += width
         yield _latex_line(cells)
         yield "".join(rules)
-    yield _latex_line([_latex_head(column) for column in columns])
-
-
-def _latex_head(column: TableColumn) -> str:
-    arrow = {"more": r" $\uparrow$", "less": r" $\downarrow$", None: ""}[column.better]
-    return latex_text(column.head) + arrow
+    arrow = {"more": r" $\uparrow$", "less": r" $\downarrow$", None: ""}
+    yield _latex_line([latex_text(column.head) + arrow[column.better] for column in columns])
 
 
 def _latex_block(block: TableBlock, columns: Sequence[TableColumn]) -> Iterator[str]:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Literal
 
 from dronecats.judge.judged_flight import JudgedFlight
+from dronecats.judge.metrics.outcomes import oracle_success
 from foundation.protocol import BRAKE_M, NEAR_M, NEAR_SCALE, STRIDE_MAX_M
 from foundation.run_folder.reading import truth
 from foundation.run_folder.rows import Pose
@@ -94,11 +95,6 @@ def poses_of(folder: Path) -> Iterator[Pose]:
     return (row for row in truth(folder) if isinstance(row, Pose))
 
 
-def _arrived(flight: JudgedFlight) -> bool:
-    diagnostics = flight.verdict.diagnostics
-    return diagnostics is not None and diagnostics.oracle_success is True
-
-
 def _did_not_move(flight: JudgedFlight) -> bool:
     commanded_m: dict[int, float] = {}
     for step in flight.steps:
@@ -131,15 +127,15 @@ def _wandered(poses: Sequence[Pose]) -> bool:
 
 
 def _never_closed(flight: JudgedFlight) -> bool:
-    diagnostics = flight.verdict.diagnostics
-    return diagnostics is not None and diagnostics.approach_ratio is not None and diagnostics.approach_ratio < CLOSED
+    closed = flight.verdict.diagnostics.approach_ratio if flight.verdict.diagnostics else None
+    return closed is not None and closed < CLOSED
 
 
 # in the order of precedence: mode → its condition in words, and as a function
 MODES: dict[FailureMode, tuple[str, Callable[[JudgedFlight], bool]]] = {
     "success": ("a declaration qualifies", lambda flight: flight.verdict.outcome == "success"),
     "declared": ("declarations were made, and none qualifies", lambda flight: flight.verdict.declarations > 0),
-    "arrived": ("a drone came within the radius, and no drone declared", _arrived),
+    "arrived": ("a drone came within the radius, and no drone declared", lambda flight: oracle_success(flight) is True),
     "did not move": (
         "the track (the path without movements below 0.5 m) is under 5 m, "
         "although the commanded moves add up to 5 m or more",

@@ -31,7 +31,7 @@ def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> PageObject:
     logs, camera = flight.logs, flight.camera
     poses: Sequence[Pose | EstimatedPose] = logs.poses if logs.true else flight.estimated_poses
     times = (*(pose.t for pose in poses), *(decision.t_decided for decision in logs.decisions))
-    texts = _Texts()
+    texts: dict[str, int] = {}  # text → its index; drones of a fleet share replies, and successive prompts share parts
     prompts = read_prompts(flight.folder)
     answered = prompts_of(logs.decisions, prompts)
     commanded = {prompt.row.number: prompt.text for prompt in prompts if prompt.row.role == "commander"}
@@ -48,16 +48,24 @@ def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> PageObject:
         traces=[_trace(drone, poses) for drone in sorted({pose.drone for pose in poses})],
         path=_path(poses),
         candidates=_look_alikes(flight.record.get("candidates")),
-        texts=texts.all,
+        texts=list(texts),
         steps=steps,
         exchanges=[_exchange(exchange, commanded.get(exchange.number)) for exchange in flight.exchanges],
     )
 
 
 def _step(
-    decision: Decision, flight: RecordedFlight, prompt: SentPrompt | None, texts: "_Texts", picture: PictureAddress
+    decision: Decision,
+    flight: RecordedFlight,
+    prompt: SentPrompt | None,
+    texts: dict[str, int],
+    picture: PictureAddress,
 ) -> PageObject:
     """Return one decision of one drone. `reply`, `parts` and `history` are indices into the flight's texts."""
+
+    def index(text: str) -> int:
+        return texts.setdefault(text, len(texts))
+
     action = action_of(decision)
     return fields(
         step=decision.step,
@@ -69,10 +77,10 @@ def _step(
         does=action_words(decision),  # the action in words
         says=None if action is None else compact(action),  # the action in the prompt's compact form
         error=decision.error,
-        reply=texts.number(decision.reply) if isinstance(decision.reply, str) else None,
+        reply=index(decision.reply) if isinstance(decision.reply, str) else None,
         # the parts of the prompt before and after the history
-        parts=None if prompt is None else [texts.number(part) for part in (prompt.head, prompt.tail)],
-        history=None if prompt is None else texts.number(prompt.changed),
+        parts=None if prompt is None else [index(part) for part in (prompt.head, prompt.tail)],
+        history=None if prompt is None else index(prompt.changed),
         picture=picture(decision),  # address of the picture
         latency=_rounded(3, decision.latency_s),  # s
         tokens_in=decision.tokens_in,
@@ -105,21 +113,6 @@ def _exchange(exchange: Exchange, prompt: str | None) -> PageObject:
         reply=exchange.reply,
         prompt=prompt,
     )  # fmt: skip
-
-
-class _Texts:
-    """The texts of a flight, each stored once: drones of a fleet share replies, and successive prompts share parts."""
-
-    def __init__(self) -> None:
-        self.all: list[str] = []
-        self._numbers: dict[str, int] = {}
-
-    def number(self, text: str) -> int:
-        """Return the index of a text. Adds a new text."""
-        if text not in self._numbers:
-            self._numbers[text] = len(self.all)
-            self.all.append(text)
-        return self._numbers[text]
 
 
 def _truth(decision: Decision, flight: RecordedFlight) -> PageObject | None:
