@@ -97,7 +97,8 @@ def trace(logs: Logs, drone: int, keep_north: bool) -> Trace:
     if not keep_north:
         if poses[0].yaw_deg is None:
             raise UsageError("the first pose of one of the flights has no heading. Compare with --keep-north")
-        c, s = (turn(math.radians(poses[0].yaw_deg)) for turn in (math.cos, math.sin))
+        yaw = math.radians(poses[0].yaw_deg)
+        c, s = math.cos(yaw), math.sin(yaw)
         into_nose = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # north, east, down → ahead, right, down
         position = position @ into_nose.T
     return Trace(np.array([p.t for p in poses], float), position)

@@ -19,6 +19,7 @@ from foundation.run_folder.prompts import SentPrompt, prompts_of, read_prompts
 from foundation.run_folder.rows import Decision, EstimatedFrame, EstimatedPose, Exchange, FrameTruth, Pose, drone_label
 
 PageObject = dict[str, Any]  # a JSON object of the page
+Texts = dict[str, int]  # text → its index; drones of a fleet share replies, and successive prompts share parts
 
 
 def fields(**values: Any) -> PageObject:
@@ -31,7 +32,7 @@ def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> PageObject:
     logs, camera = flight.logs, flight.camera
     poses: Sequence[Pose | EstimatedPose] = logs.poses if logs.true else flight.estimated_poses
     times = (*(pose.t for pose in poses), *(decision.t_decided for decision in logs.decisions))
-    texts: dict[str, int] = {}  # text → its index; drones of a fleet share replies, and successive prompts share parts
+    texts: Texts = {}
     prompts = read_prompts(flight.folder)
     answered = prompts_of(logs.decisions, prompts)
     commanded = {prompt.row.number: prompt.text for prompt in prompts if prompt.row.role == "commander"}
@@ -55,11 +56,7 @@ def shown_flight(flight: RecordedFlight, picture: PictureAddress) -> PageObject:
 
 
 def _step(
-    decision: Decision,
-    flight: RecordedFlight,
-    prompt: SentPrompt | None,
-    texts: dict[str, int],
-    picture: PictureAddress,
+    decision: Decision, flight: RecordedFlight, prompt: SentPrompt | None, texts: Texts, picture: PictureAddress
 ) -> PageObject:
     """Return one decision of one drone. `reply`, `parts` and `history` are indices into the flight's texts."""
 
