@@ -25,15 +25,8 @@ from foundation.run_folder.rows import Exchange, drone_label
 
 SAME = 1.001e-3  # s or m, tolerance: numbers are rounded to a thousandth, so the last digit may differ
 EXPLANATIONS = ("error", "note")  # fields with a sentence; its words may differ between versions
-CORE = (
-    "outcome",
-    "success",
-    "ne_m",
-    "delta_m",
-    "steps",
-    "declarations",
-    "deciding",
-)  # fields that every version stored
+# fields that every version stored
+CORE = ("outcome", "success", "ne_m", "delta_m", "steps", "declarations", "deciding")
 
 
 @dataclass(frozen=True, slots=True)

@@ -118,9 +118,8 @@ def success_curve(levels: Sequence[float] | Array, trials: Trials, places: int =
     spread = covariance(_design(at), counted, fitted)
     if spread is None:
         return SuccessCurve(x, shares, np.full(places, math.nan), np.full(places, math.nan))
-    slopes = np.stack(
-        [_curve_derivative(x, fitted, k) for k in range(3)], axis=1
-    )  # derivatives of the curve's log odds, (places, 3)
+    # derivatives of the curve's log odds, (places, 3)
+    slopes = np.stack([_curve_derivative(x, fitted, k) for k in range(3)], axis=1)
     error = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slopes, spread, slopes)))
     odds, reach = special.logit(shares), float(special.ndtri(0.5 + CONFIDENCE / 2))
     return SuccessCurve(x, shares, special.expit(odds - reach * error), special.expit(odds + reach * error))

@@ -130,16 +130,14 @@ def _likelihood(design: Array, moved: Array, trials: Trials, at: Array) -> tuple
     """Return the log likelihood and its gradient in coefficients and scatter."""
     nodes, weights = _nodes(trials.most)
     odds = (design @ at[:-1] + moved)[:, None] + at[-1] * nodes  # (conditions, nodes)
-    terms = (
-        _times(trials.successes, odds) - _times(trials.trials, np.logaddexp(0.0, odds)) + np.log(weights)
-    )  # (groups, nodes)
+    # (groups, nodes)
+    terms = _times(trials.successes, odds) - _times(trials.trials, np.logaddexp(0.0, odds)) + np.log(weights)
     most = terms.max(axis=1, keepdims=True)
     there = np.exp(terms - most)
     totals = there.sum(axis=1, keepdims=True)
     there /= totals  # distribution of each group's z, given the group's outcomes
-    pull = _times(trials.successes.T, there) - special.expit(odds) * _times(
-        trials.trials.T, there
-    )  # (conditions, nodes)
+    # (conditions, nodes)
+    pull = _times(trials.successes.T, there) - special.expit(odds) * _times(trials.trials.T, there)
     slope = np.append(design.T @ pull.sum(axis=1), (pull * nodes).sum())
     return float((most + np.log(totals)).sum()), slope
 

@@ -38,17 +38,8 @@ from foundation.errors import InfrastructureError, UsageError
 from foundation.files import file_errors_as, whole_file
 
 RESERVED = ("of",)  # first words of page addresses (#of/ENTRANT); no run may have them as its key
-SETTING_KEYS = (
-    "command",
-    "scripted",
-    "latency",
-    "rate_hz",
-    "parser",
-    "drones",
-    "seed",
-    "seconds",
-    "full",
-)  # fields of run.json's `flight` that the page shows
+# fields of run.json's `flight` that the page shows
+SETTING_KEYS = ("command", "scripted", "latency", "rate_hz", "parser", "drones", "seed", "seconds", "full")
 
 
 def keys(names: Sequence[str]) -> list[str]:

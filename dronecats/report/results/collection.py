@@ -57,13 +57,10 @@ class ScoredEpisode:
     verdict: Verdict | None  # None: the logs are damaged
     values: Mapping[str, MetricValue]  # by the metric's name
     error: str | None  # why the flight is not scored; None: it is scored
-    steps: Mapping[str, tuple[MetricValue, ...]] = field(
-        default_factory=dict
-    )  # by the metric's name, a value per decision
+    # by the metric's name, a value per decision
+    steps: Mapping[str, tuple[MetricValue, ...]] = field(default_factory=dict)
     mode: str | None = None  # success, or the failure mode; None: the flight is not scored
-    step_outlooks: tuple[
-        StepOutlook, ...
-    ] = ()  # input of the comparison of `think` with other actions, an entry per step
+    step_outlooks: tuple[StepOutlook, ...] = ()  # for the comparison of `think` with other actions, an entry per step
     host_stalls: int | None = None  # steps that the host delayed; None: not logged, as in lockstep
     left_out: str | None = None  # why the flight is left out of a report; None: it is not
     usage: Usage = Usage()

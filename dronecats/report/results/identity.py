@@ -22,12 +22,8 @@ from foundation.run_folder.reading import json_object, parse_row
 from foundation.run_folder.rows import EpisodeIdentity
 
 NOT_RECORDED = "not told"  # do not change: digests in archives include it. WORDS has the text for people
-WORDS = {
-    NOT_RECORDED: "not recorded",
-    "told": "recorded",
-    "null": "none",
-    "{}": "nothing",
-}  # value of an identity → its text in a sentence
+# value of an identity → its text in a sentence
+WORDS = {NOT_RECORDED: "not recorded", "told": "recorded", "null": "none", "{}": "nothing"}
 KEYS_SHOWN = 4  # a sentence lists at most this many keys of a JSON object
 NAMES = {  # key of run.json → its name in a sentence
     "code_sha256": "the code",
