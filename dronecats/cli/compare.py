@@ -39,13 +39,14 @@ def add_compare_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare the paths. Return 0 if they agree over --seconds, else 1."""
-    from dronecats.report.path_comparison import compare, figures, logs_of, same_replies
+    from dronecats.report.path_comparison import compare, figures, same_replies
+    from foundation.run_folder.reading import episode_folder, read
 
     for name in ("within", "seconds"):
         value = getattr(args, name)
         if not (math.isfinite(value) and value > 0):
             raise UsageError(f"--{name} must be a number above 0, got {value:g}")
-    a, b = logs_of(args.a), logs_of(args.b)
+    a, b = read(episode_folder(args.a)), read(episode_folder(args.b))
     same, steps = same_replies(a, b, args.seconds)
     align = args.align or ("step" if same == steps > 0 else "time")
     comparisons = compare(a, b, args.seconds, by_step=align == "step", keep_north=args.keep_north)

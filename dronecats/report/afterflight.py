@@ -14,7 +14,7 @@ acceleration), error of the reported position.
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -124,13 +124,7 @@ class Estimates:
     def between(self, from_us: float, to_us: float) -> "Estimates":
         """Return the estimates from `from_us` (included) to `to_us` (excluded)."""
         part = slice(*np.searchsorted(self.time_us, (from_us, to_us)))
-        return Estimates(
-            self.time_us[part],
-            self.position_ned[part],
-            self.velocity_ned[part],
-            self.position_std_m[part],
-            self.velocity_std_mps[part],
-        )
+        return Estimates(*(getattr(self, field.name)[part] for field in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +249,8 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
     if begin is None:
         raise UsageError(f"{folder} has no episode that began")
     record = from_ulog(ulog) if ulog else _estimator_log(flight)
-    target = target or _surveyed_target(flight)
+    declared = flight.record.get("surveyed_target")
+    target = target or (None if declared is None else target_of(declared))
     target_ned = None
     if target is not None:
         if record.origin is None:
@@ -275,7 +270,7 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
         target_ned=_rounded_place(target_ned),
     )
 
-    def fields(t: float) -> dict[str, Any] | None:
+    def common_fields(t: float) -> dict[str, Any] | None:
         """Return the common fields of poses and frames at a time (s); None without an estimate."""
         at_us = t0_us + t * 1e6
         index = int(np.searchsorted(path.time_us, at_us))
@@ -296,11 +291,11 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
             "visible": None,  # not measured
         }
 
-    poses = [EstimatedPose(drone=0, **common) for t in poses_s if (common := fields(float(t)))]
+    poses = [EstimatedPose(drone=0, **common) for t in poses_s if (common := common_fields(float(t)))]
     seen = [
         EstimatedFrame(frame_id=frame_id, drone=drone, **common)
         for (drone, frame_id), t in frames.items()
-        if (common := fields(t))
+        if (common := common_fields(t))
     ]
     file = folder / layout.ESTIMATE
     with file_errors_as(UsageError, f"{file} cannot be written"):
@@ -413,11 +408,6 @@ def _covers(times: Array, t: float) -> bool:
     if after == len(times) or (after == 0 and times[0] > t):
         return False
     return bool(times[after] == t or times[after] - times[after - 1] <= 1.5 * POSE_PERIOD_S)
-
-
-def _surveyed_target(flight: RecordedFlight) -> SurveyedTarget | None:
-    declared = flight.record.get("surveyed_target")
-    return None if declared is None else target_of(declared)
 
 
 def _rounded_number(value: float | None) -> float | None:

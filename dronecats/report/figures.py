@@ -5,7 +5,6 @@ The figures fit the width of a page. Their colours are distinguishable in greysc
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -51,12 +50,7 @@ SETTINGS: dict[str, Any] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class FigureLine:
-    """A line of a figure: a row of the table and its vertical position."""
-
-    row: TableRow
-    y: float  # in lines, downwards
+FigureLines = list[tuple[TableRow, float]]  # rows of the table with their vertical positions, in lines, downwards
 
 
 @contextmanager
@@ -68,7 +62,7 @@ def styled() -> Iterator[None]:
         yield
 
 
-def lines(table: ReportTable) -> tuple[list[FigureLine], list[tuple[str, float]]]:
+def lines(table: ReportTable) -> tuple[FigureLines, list[tuple[str, float]]]:
     """Return a table's rows, and the titles above its blocks of rows, with their vertical positions."""
     rows, heads, y = [], [], 0.0
     for block in table.blocks:
@@ -76,7 +70,7 @@ def lines(table: ReportTable) -> tuple[list[FigureLine], list[tuple[str, float]]
             heads.append((block.title, y))
             y += 0.8
         for row in block.rows:
-            rows.append(FigureLine(row, y))
+            rows.append((row, y))
             y += 1.0
         y += 0.3
     return rows, heads
@@ -98,13 +92,13 @@ def figure(height_lines: float, line_in: float = 0.26, below_in: float = 0.75) -
     return drawing, drawing.add_subplot()
 
 
-def label_rows(axis: Any, rows: Sequence[FigureLine], heads: Sequence[tuple[str, float]]) -> None:
+def label_rows(axis: Any, rows: FigureLines, heads: Sequence[tuple[str, float]]) -> None:
     """Write the names of the rows and the titles of the blocks on the left."""
-    axis.set_yticks([line.y for line in rows], [str(line.row.cells[0].value) for line in rows])
+    axis.set_yticks([y for _, y in rows], [str(row.cells[0].value) for row, _ in rows])
     axis.tick_params(axis="y", length=0, pad=6)
     _write_heads(axis, heads, 6)
-    bottom = max(line.y for line in rows) + 0.6
-    axis.set_ylim(bottom, min([line.y - 0.6 for line in rows] + [y - 0.4 for _, y in heads]))
+    bottom = max(y for _, y in rows) + 0.6
+    axis.set_ylim(bottom, min([y - 0.6 for _, y in rows] + [y - 0.4 for _, y in heads]))
 
 
 def _write_heads(axis: Any, heads: Sequence[tuple[str, float]], left_pt: int) -> None:
@@ -144,10 +138,10 @@ LABELLED = 7.0  # %, least width of a segment that shows its number
 def draw_reach_declare_succeed(table: ReportTable) -> Any:
     """Return the figure of the table `approaching`: how often each row's pilot arrives, declares and succeeds."""
     rows, heads = lines(table)
-    drawing, axis = figure(rows[-1].y + 1.0, line_in=0.36)
+    drawing, axis = figure(rows[-1][1] + 1.0, line_in=0.36)
     for k, (column, title, colour) in enumerate(NESTED):
-        cells = [cell(table, line.row, column) for line in rows]
-        heights = [line.y + 0.26 * (k - 1) for line in rows]
+        cells = [cell(table, row, column) for row, _ in rows]
+        heights = [y + 0.26 * (k - 1) for _, y in rows]
         axis.barh(heights, [number(c) for c in cells], height=0.24, color=colour, label=title)
         for c, y in zip(cells, heights, strict=True):
             if c.low is not None and c.high is not None:
@@ -166,8 +160,8 @@ def draw_drone_outcomes(table: ReportTable) -> Any:
     """Return the figure of the table `drones`: outcomes of drones as bars, the episodes won as diamonds."""
     drawing, axis = _stacked(table, DRONE_OUTCOMES, DRONE_COLOURS)
     rows, _ = lines(table)
-    won = [number(cell(table, line.row, "commanding_success_percent")) for line in rows]
-    below = [line.y + 0.36 for line in rows]  # on the edge of the bar, so that the bar's number stays readable
+    won = [number(cell(table, row, "commanding_success_percent")) for row, _ in rows]
+    below = [y + 0.36 for _, y in rows]  # on the edge of the bar, so that the bar's number stays readable
     axis.plot(won, below, "D", color="white", markeredgecolor=INK, markersize=4.5, label="Episodes won",
               linestyle="", clip_on=False, zorder=5)  # fmt: skip
     return _in_percent(drawing, axis, "% of the drones; diamonds: % of the episodes")
@@ -185,18 +179,18 @@ def number(value_cell: TableCell) -> float:
 def _stacked(table: ReportTable, outcomes: Sequence[OutcomeColumn], colours: Sequence[str]) -> tuple[Any, Any]:
     """Return a figure with a bar per row, divided by outcomes, and its axes."""
     rows, heads = lines(table)
-    drawing, axis = figure(rows[-1].y + 1.0, below_in=0.95)
+    drawing, axis = figure(rows[-1][1] + 1.0, below_in=0.95)
     begins = [0.0] * len(rows)
     for outcome, colour in zip(outcomes, colours, strict=True):
-        widths = [number(cell(table, line.row, outcome.column)) for line in rows]
+        widths = [number(cell(table, row, outcome.column)) for row, _ in rows]
         if not any(widths):
             continue
-        axis.barh([line.y for line in rows], widths, left=begins, height=0.72, color=colour, label=outcome.title,
+        axis.barh([y for _, y in rows], widths, left=begins, height=0.72, color=colour, label=outcome.title,
                   edgecolor=GREY if colour == "#FFFFFF" else "white", linewidth=0.6)  # fmt: skip
         dark = colour in (BLUE, VERMILION, GREEN)
-        for line, begin, width in zip(rows, begins, widths, strict=True):
+        for (_, y), begin, width in zip(rows, begins, widths, strict=True):
             if width >= LABELLED:
-                axis.text(begin + width / 2, line.y, rounded(width, 0), ha="center", va="center", fontsize=7,
+                axis.text(begin + width / 2, y, rounded(width, 0), ha="center", va="center", fontsize=7,
                           color="white" if dark else INK)  # fmt: skip
         begins = [begin + width for begin, width in zip(begins, widths, strict=True)]
     label_rows(axis, rows, heads)
@@ -214,13 +208,13 @@ def _in_percent(drawing: Any, axis: Any, label: str, legend_columns: int = 3) ->
 def rates(table: ReportTable) -> Any:
     """Return the figure of decision rates (table `served`): whiskers 5 to 95 %, boxes 25 to 75 %, lines at medians."""
     rows, heads = lines(table)
-    drawing, axis = figure(rows[-1].y + 1.0, below_in=0.6)
-    for line in rows:
-        values = [cell(table, line.row, f"rate_{q}_hz").value for q in QUANTILES]
+    drawing, axis = figure(rows[-1][1] + 1.0, below_in=0.6)
+    for row, y in rows:
+        values = [cell(table, row, f"rate_{q}_hz").value for q in QUANTILES]
         low, begin, middle, end, high = (float(value) for value in values if isinstance(value, int | float))
-        axis.plot([low, high], [line.y, line.y], color=INK, linewidth=0.8)
-        axis.barh(line.y, end - begin, left=begin, height=0.5, color=SKY, edgecolor=INK, linewidth=0.6, zorder=3)
-        axis.plot([middle, middle], [line.y - 0.25, line.y + 0.25], color=INK, linewidth=1.6, zorder=4)
+        axis.plot([low, high], [y, y], color=INK, linewidth=0.8)
+        axis.barh(y, end - begin, left=begin, height=0.5, color=SKY, edgecolor=INK, linewidth=0.6, zorder=3)
+        axis.plot([middle, middle], [y - 0.25, y + 0.25], color=INK, linewidth=1.6, zorder=4)
     label_rows(axis, rows, heads)
     axis.set_xlim(left=0.0)
     axis.set_xlabel("decisions per second of vehicle time: 5, 25, 50, 75 and 95 % of the steps")

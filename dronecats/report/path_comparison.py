@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dronecats.report.figures import canvas
 from foundation.errors import UsageError
-from foundation.run_folder.reading import Logs, episode_folder, read
+from foundation.run_folder.reading import Logs
 from foundation.run_folder.rows import drone_label
 
 Array = NDArray[np.float64]
@@ -172,11 +172,6 @@ def same_replies(a: Logs, b: Logs, seconds: float) -> tuple[int, int]:
     replies = [{(d.step, d.drone): d.reply for d in logs.decisions if d.t_decided <= seconds} for logs in (a, b)]
     common = replies[0].keys() & replies[1].keys()
     return sum(replies[0][key] == replies[1][key] for key in common), len(common)
-
-
-def logs_of(path: Path) -> Logs:
-    """Return the logs of a flight from its run or episode folder. Raises UsageError for another folder."""
-    return read(episode_folder(path))
 
 
 def figures(comparisons: tuple[PathComparison, ...], within_m: float, seconds: float) -> dict[str, Any]:

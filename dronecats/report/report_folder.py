@@ -63,7 +63,9 @@ def write(tables: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequ
     """
     page = out / "report.md"
     with file_errors_as(InfrastructureError, f"the report cannot be written into {out}"):
-        _remove_tables(set(TABLE_NAMES).difference(table.name for table in tables), out / "tables")
+        for name in set(TABLE_NAMES).difference(table.name for table in tables):
+            for suffix in (".csv", ".tex"):
+                (out / "tables" / f"{name}{suffix}").unlink(missing_ok=True)
         write_tables(tables, out / "tables")
         page.write_text(
             _page(tables, {name: path.relative_to(out) for name, path in figures.items()}, head), encoding="utf-8"
@@ -77,12 +79,6 @@ def write_tables(tables: Iterable[ReportTable], folder: Path) -> None:
     for table in tables:
         (folder / f"{table.name}.csv").write_text(as_csv(table), encoding="utf-8")
         (folder / f"{table.name}.tex").write_text(as_latex(table), encoding="utf-8")
-
-
-def _remove_tables(names: Iterable[str], folder: Path) -> None:
-    for name in names:
-        for suffix in (".csv", ".tex"):
-            (folder / f"{name}{suffix}").unlink(missing_ok=True)
 
 
 def _page(tables: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str]) -> str:

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.report.path_comparison import compare, figures, logs_of
+from dronecats.report.path_comparison import compare, figures
 from foundation.errors import UsageError
-from foundation.run_folder.reading import episode_folder
+from foundation.run_folder.reading import episode_folder, read
 
 
 def flight(
@@ -50,7 +50,7 @@ def straight(t: float) -> tuple[float, float, float]:
 
 
 def compared(a: Path, b: Path, seconds: float = 60.0, *, by_step: bool = False, **options):
-    return compare(logs_of(a), logs_of(b), seconds, by_step=by_step, **options)
+    return compare(read(episode_folder(a)), read(episode_folder(b)), seconds, by_step=by_step, **options)
 
 
 def test_paths_that_differ_only_in_start_and_heading_are_equal(tmp_path: Path) -> None:

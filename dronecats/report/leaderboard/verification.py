@@ -257,15 +257,13 @@ def _cells(verdicts: Sequence[tuple[str, Verdict]]) -> dict[str, CellScore]:
 
 
 VERSION_KEY = "suite version"
-SETTING_KEYS = ("command", "commander", "scripted", "latency", "parser", "drones", "seconds")
+SETTING_KEYS = ("command", "commander", "scripted", "latency", "parser", "drones", "seconds", "model")
 
 
 def _settings(configuration: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings that distinguish entries of one pilot, including the settings of a model."""
-    flight = configuration.get("flight")
-    settings = {key: flight[key] for key in SETTING_KEYS if isinstance(flight, dict) and flight.get(key) is not None}
-    model = flight.get("model") if isinstance(flight, dict) else None
-    settings |= {"model": model} if isinstance(model, dict) else {}
+    flight = configuration["flight"]
+    settings = {key: flight[key] for key in SETTING_KEYS if flight.get(key) is not None}
     settings |= {"agent": configuration.get("agent")}
     suite = configuration.get("suite")
     settings |= {VERSION_KEY: suite.get("version")} if isinstance(suite, dict) else {}
@@ -305,8 +303,7 @@ def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> 
 
 def _unusual(configuration: Mapping[str, Any]) -> Iterator[str]:
     """Yield a sentence for each setting that differs from the benchmark's setting."""
-    fields = configuration.get("flight")
-    flight: Mapping[str, Any] = fields if isinstance(fields, dict) else {}
+    flight = configuration["flight"]
     if configuration.get("prompt_sha256") != Prompt.load().digest:
         yield "the prompt: it is not the one that ships with DroneCATS"
     if flight.get("seconds", CAP_S) != CAP_S:

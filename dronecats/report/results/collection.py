@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from msgspec import UNSET
 
@@ -271,14 +270,11 @@ def unflown(runs: Iterable[RecordedRun]) -> list[Unflown]:
     episode_ids: dict[Path, dict[str, set[str]]] = {}  # benchmark → run → ids of its episodes
     for run in runs:
         episode_ids.setdefault(run.folder.parent, {})[run.folder.name] = {folder.name for folder in run.episodes}
-    counts = [
-        _unflown(folder, json_object(folder / layout.BENCH) or {}, there) for folder, there in episode_ids.items()
-    ]
-    return [count for count in counts if count.missing]
-
-
-def _unflown(folder: Path, benchmark: Mapping[str, Any], present: Mapping[str, set[str]]) -> Unflown:
-    listed = [run for run in benchmark.get("runs") or () if isinstance(run, dict)]
-    planned = {str(run.get("name")): set(run.get("episodes") or ()) for run in listed}
-    missing = sum(len(ids - present.get(name, set())) for name, ids in planned.items())
-    return Unflown(folder, sum(map(len, planned.values())), missing)
+    incomplete = []
+    for folder, present in episode_ids.items():
+        benchmark = json_object(folder / layout.BENCH) or {}
+        listed = [run for run in benchmark.get("runs") or () if isinstance(run, dict)]
+        planned = {str(run.get("name")): set(run.get("episodes") or ()) for run in listed}
+        if missing := sum(len(ids - present.get(name, set())) for name, ids in planned.items()):
+            incomplete.append(Unflown(folder, sum(map(len, planned.values())), missing))
+    return incomplete
