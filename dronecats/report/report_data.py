@@ -4,7 +4,7 @@ import json
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, wraps
 from pathlib import Path
 from typing import Any
 
@@ -292,6 +292,22 @@ class ReportData:
                 f"The rows are not fully comparable, because their runs differ in {', '.join(sorted(differing))}."
             )
         return tuple(sentences)
+
+
+TableFunction = Callable[[ReportData], ReportTable | None]
+
+
+def by_entrant(title: str, caption: str, columns: Sequence[TableColumn]) -> Callable[[RowFunction], TableFunction]:
+    """Return a decorator that makes a table from the function of its rows; the table has the name of the function."""
+
+    def decorated(row_of: RowFunction) -> TableFunction:
+        @wraps(row_of)
+        def table(data: ReportData) -> ReportTable | None:
+            return data.table(row_of.__name__, title, caption, columns, row_of)
+
+        return table
+
+    return decorated
 
 
 def is_common(name: str) -> bool:

@@ -13,6 +13,7 @@ from dronecats.report.report_data import (
     Cells,
     Entrant,
     ReportData,
+    by_entrant,
     cell_heading,
     fraction,
     known_values,
@@ -82,39 +83,34 @@ GROUNDING = (
 )  # fmt: skip
 
 
-def grounding(data: ReportData) -> ReportTable | None:
+@by_entrant(
+    title="Pointing and depth",
+    caption=(
+        "Go actions with the target in view: share of points within the target's box, and angle from its"
+        " centre. Depth error: depth of the action minus true depth, for points on the target (positive: too"
+        " deep). Rescaled copies: go actions that repeat the pixels of the previous go in the history. Over"
+        " the steps of all scored flights; without intervals, because the steps of a flight are not independent."
+    ),
+    columns=GROUNDING,
+)
+def grounding(entrant: Entrant) -> Cells | None:
     """Return errors of `go` actions (pointing, depth) and the share of turns beyond 90°; None without such steps."""
-
-    def row_of(entrant: Entrant) -> Cells | None:
-        flights = entrant.scored
-        angles, depths = steps(flights, "pointing_error_deg"), steps(flights, "depth_error_m")
-        distances, turns = steps(flights, "depth_error_abs_m"), steps(flights, "wide_rotation")
-        if not (angles or depths or turns):
-            return None
-        return [
-            len(angles) or None,
-            _share(steps(flights, "on_target")),
-            quantile(angles, 0.5),
-            quantile(angles, 0.95),
-            quantile(depths, 0.5),
-            quantile(distances, 0.5),
-            quantile(distances, 0.95),
-            _share(steps(flights, "rescaled")),
-            _share(turns),
-        ]
-
-    return data.table(
-        name="grounding",
-        title="Pointing and depth",
-        caption=(
-            "Go actions with the target in view: share of points within the target's box, and angle from its"
-            " centre. Depth error: depth of the action minus true depth, for points on the target (positive: too"
-            " deep). Rescaled copies: go actions that repeat the pixels of the previous go in the history. Over"
-            " the steps of all scored flights; without intervals, because the steps of a flight are not independent."
-        ),
-        columns=GROUNDING,
-        row_of=row_of,
-    )
+    flights = entrant.scored
+    angles, depths = steps(flights, "pointing_error_deg"), steps(flights, "depth_error_m")
+    distances, turns = steps(flights, "depth_error_abs_m"), steps(flights, "wide_rotation")
+    if not (angles or depths or turns):
+        return None
+    return [
+        len(angles) or None,
+        _share(steps(flights, "on_target")),
+        quantile(angles, 0.5),
+        quantile(angles, 0.95),
+        quantile(depths, 0.5),
+        quantile(distances, 0.5),
+        quantile(distances, 0.95),
+        _share(steps(flights, "rescaled")),
+        _share(turns),
+    ]
 
 
 def _share(values: Sequence[float]) -> TableCell:
@@ -133,28 +129,23 @@ REPLIES = (
 )  # fmt: skip
 
 
-def replies(data: ReportData) -> ReportTable | None:
+@by_entrant(
+    title="Replies",
+    caption=(
+        "% of the decisions of all scored flights. Unreadable: the reply has no action, and the drone hovers."
+        " Some of these: refused by the model or by a filter of its provider; cut off at max_tokens, so a"
+        " larger max_tokens or less reasoning may help."
+    ),
+    columns=REPLIES,
+)
+def replies(entrant: Entrant) -> Cells | None:
     """Return the shares of unreadable, refused and cut-off replies; None if only built-in pilots flew."""
-
-    def row_of(entrant: Entrant) -> Cells | None:
-        flights = entrant.scored
-        decisions = total(flights, "decisions")
-        if not (entrant.is_model and decisions):
-            return None
-        shares = [fraction(total(flights, name), decisions) for name in FAULTS]
-        return [len(flights), decisions, *shares, sum(bool(flight.values.get("unreadable")) for flight in flights)]
-
-    return data.table(
-        name="replies",
-        title="Replies",
-        caption=(
-            "% of the decisions of all scored flights. Unreadable: the reply has no action, and the drone hovers."
-            " Some of these: refused by the model or by a filter of its provider; cut off at max_tokens, so a"
-            " larger max_tokens or less reasoning may help."
-        ),
-        columns=REPLIES,
-        row_of=row_of,
-    )
+    flights = entrant.scored
+    decisions = total(flights, "decisions")
+    if not (entrant.is_model and decisions):
+        return None
+    shares = [fraction(total(flights, name), decisions) for name in FAULTS]
+    return [len(flights), decisions, *shares, sum(bool(flight.values.get("unreadable")) for flight in flights)]
 
 
 INCIDENTS = (
@@ -171,37 +162,32 @@ INCIDENTS = (
 )  # fmt: skip
 
 
-def incidents(data: ReportData) -> ReportTable | None:
+@by_entrant(
+    title="Collisions and estimator resets",
+    caption=(
+        "Scored flights. They never change a verdict. Hits: contacts with obstacles, the ground or other drones."
+        " Hardest: highest closing speed. In contact: sum over all drones. --exclude-above hits=0 and"
+        " --exclude-above estimator_resets=0 leave such flights out."
+    ),
+    columns=INCIDENTS,
+)
+def incidents(entrant: Entrant) -> Cells | None:
     """Return collisions and estimator resets, which never change a verdict; None if neither was logged."""
-
-    def row_of(entrant: Entrant) -> Cells | None:
-        flights = entrant.scored
-        hits, resets = known_values(flights, "hits"), known_values(flights, "estimator_resets")
-        if not (hits or resets):
-            return None
-        contact_s = known_values(flights, "contact_s")
-        return [
-            len(flights),
-            fraction(sum(map(bool, hits)), len(hits)),
-            total(flights, "hits") if hits else None,
-            total(flights, "crashes") if hits else None,
-            max(known_values(flights, "hardest_hit_mps"), default=None),
-            sum(contact_s) if hits else None,
-            fraction(sum(map(bool, resets)), len(resets)),
-            total(flights, "estimator_resets") if resets else None,
-        ]
-
-    return data.table(
-        name="incidents",
-        title="Collisions and estimator resets",
-        caption=(
-            "Scored flights. They never change a verdict. Hits: contacts with obstacles, the ground or other drones."
-            " Hardest: highest closing speed. In contact: sum over all drones. --exclude-above hits=0 and"
-            " --exclude-above estimator_resets=0 leave such flights out."
-        ),
-        columns=INCIDENTS,
-        row_of=row_of,
-    )
+    flights = entrant.scored
+    hits, resets = known_values(flights, "hits"), known_values(flights, "estimator_resets")
+    if not (hits or resets):
+        return None
+    contact_s = known_values(flights, "contact_s")
+    return [
+        len(flights),
+        fraction(sum(map(bool, hits)), len(hits)),
+        total(flights, "hits") if hits else None,
+        total(flights, "crashes") if hits else None,
+        max(known_values(flights, "hardest_hit_mps"), default=None),
+        sum(contact_s) if hits else None,
+        fraction(sum(map(bool, resets)), len(resets)),
+        total(flights, "estimator_resets") if resets else None,
+    ]
 
 
 QUANTILES = (5, 25, 50, 75, 95)  # %
@@ -216,35 +202,30 @@ SERVED = (
 )  # fmt: skip
 
 
-def served(data: ReportData) -> ReportTable | None:
+@by_entrant(
+    title="Served control rate",
+    caption=(
+        "Control rate: decisions per second of vehicle time. Latency: vehicle time from a question to its reply."
+        " The columns are quantiles over the steps of all scored flights. Delayed by the host: steps that this"
+        " computer delayed and not the model, for example when the simulator is too slow. It is known for flights"
+        " in real time only."
+    ),
+    columns=SERVED,
+)
+def served(entrant: Entrant) -> Cells | None:
     """Return the quantiles of rate and latency over all steps, and the share of steps that the host delayed."""
-
-    def row_of(entrant: Entrant) -> Cells | None:
-        rates, latencies = steps(entrant.scored, "rate_hz"), steps(entrant.scored, "latency_s")
-        if not rates:
-            return None
-        timed = [flight for flight in entrant.scored if flight.host_stalls is not None]
-        stalls = [flight.host_stalls or 0 for flight in timed]
-        return [
-            len(rates),
-            *(quantile(rates, q / 100) for q in QUANTILES),
-            *(quantile(latencies, q / 100) for q in (50, 95)),
-            fraction(sum(stalls), sum(flight.usage.questions for flight in timed)),
-            sum(map(bool, stalls)) if timed else None,
-        ]
-
-    return data.table(
-        name="served",
-        title="Served control rate",
-        caption=(
-            "Control rate: decisions per second of vehicle time. Latency: vehicle time from a question to its reply."
-            " The columns are quantiles over the steps of all scored flights. Delayed by the host: steps that this"
-            " computer delayed and not the model, for example when the simulator is too slow. It is known for flights"
-            " in real time only."
-        ),
-        columns=SERVED,
-        row_of=row_of,
-    )
+    rates, latencies = steps(entrant.scored, "rate_hz"), steps(entrant.scored, "latency_s")
+    if not rates:
+        return None
+    timed = [flight for flight in entrant.scored if flight.host_stalls is not None]
+    stalls = [flight.host_stalls or 0 for flight in timed]
+    return [
+        len(rates),
+        *(quantile(rates, q / 100) for q in QUANTILES),
+        *(quantile(latencies, q / 100) for q in (50, 95)),
+        fraction(sum(stalls), sum(flight.usage.questions for flight in timed)),
+        sum(map(bool, stalls)) if timed else None,
+    ]
 
 
 THINKING = (
@@ -260,28 +241,23 @@ THINKING = (
 )
 
 
-def thinking(data: ReportData) -> ReportTable | None:
+@by_entrant(
+    title="Effect of think",
+    caption=(
+        "Steps of the scored flights. Gain: metres per step that the three steps after a think closed, minus"
+        " the same for other steps with an equal closing rate before (matched). Stalls broken, and lost"
+        " targets seen again: within three steps. Pilots think when they are in trouble, so this comparison"
+        " is an observation and not a proof."
+    ),
+    columns=THINKING,
+)
+def thinking(entrant: Entrant) -> Cells | None:
     """Return the paper's three comparisons of `think` with other actions, by pilot; None if no step is a `think`."""
-
-    def row_of(entrant: Entrant) -> Cells | None:
-        effect = deliberation(step for flight in entrant.scored for step in flight.step_outlooks)
-        if not effect.thinks:
-            return None
-        gain = TableCell(value=effect.gain_m_per_step, of=None if effect.gain_m_per_step is None else effect.matched)
-        return [effect.thinks, effect.matched, gain, *_fractions(effect.stalls), *_fractions(effect.losses)]
-
-    return data.table(
-        name="thinking",
-        title="Effect of think",
-        caption=(
-            "Steps of the scored flights. Gain: metres per step that the three steps after a think closed, minus"
-            " the same for other steps with an equal closing rate before (matched). Stalls broken, and lost"
-            " targets seen again: within three steps. Pilots think when they are in trouble, so this comparison"
-            " is an observation and not a proof."
-        ),
-        columns=THINKING,
-        row_of=row_of,
-    )
+    effect = deliberation(step for flight in entrant.scored for step in flight.step_outlooks)
+    if not effect.thinks:
+        return None
+    gain = TableCell(value=effect.gain_m_per_step, of=None if effect.gain_m_per_step is None else effect.matched)
+    return [effect.thinks, effect.matched, gain, *_fractions(effect.stalls), *_fractions(effect.losses)]
 
 
 def _fractions(followed: Followed) -> tuple[TableCell, TableCell]:

@@ -18,6 +18,7 @@ from dronecats.report.report_data import (
     Entrant,
     ReportData,
     best_blind,
+    by_entrant,
     cell_heading,
     fraction,
     mean,
@@ -146,31 +147,31 @@ def cut_off(flights: Iterable[ScoredEpisode]) -> tuple[str, ...]:
     return (f"Flights that ended at their first success: {cut}. Values after that are missing.",)
 
 
-def failures(data: ReportData) -> ReportTable | None:
+@by_entrant(
+    title="Failure modes",
+    caption="One drone: how the scored flights ended, in %. Each flight has exactly one mode.",
+    columns=[NAME, FLIGHTS]
+    + [TableColumn(name=mode.column, title=mode.title, unit="%") for mode in FAILURE_MODE_COLUMNS],
+)
+def failures(entrant: Entrant) -> Cells | None:
     """Return the shares of the failure modes of one-drone flights; None if no mode is known."""
-
-    def row_of(entrant: Entrant) -> Cells | None:
-        flights = [flight for flight in entrant.scored if flight.cell in ONE_DRONE and flight.mode is not None]
-        ended = Counter(flight.mode for flight in flights)
-        return (
-            [len(flights), *(fraction(ended[mode.name], len(flights)) for mode in FAILURE_MODE_COLUMNS)]
-            if flights
-            else None
-        )
-
-    return data.table(
-        name="failures",
-        title="Failure modes",
-        caption="One drone: how the scored flights ended, in %. Each flight has exactly one mode.",
-        columns=[NAME, FLIGHTS]
-        + [TableColumn(name=mode.column, title=mode.title, unit="%") for mode in FAILURE_MODE_COLUMNS],
-        row_of=row_of,
+    flights = [flight for flight in entrant.scored if flight.cell in ONE_DRONE and flight.mode is not None]
+    ended = Counter(flight.mode for flight in flights)
+    return (
+        [len(flights), *(fraction(ended[mode.name], len(flights)) for mode in FAILURE_MODE_COLUMNS)]
+        if flights
+        else None
     )
 
 
-def commanding(data: ReportData) -> ReportTable | None:
-    """Return the success rate with one drone, and the rates of reaching, declaring and succeeding with a fleet."""
-    columns = [
+@by_entrant(
+    title="Commanding",
+    caption=(
+        "Approaching with one drone beside commanding a fleet, %. Reached: any drone came within the radius"
+        " of the named target. Declared: any drone declared arrival. One point for all: share of the steps"
+        f" with go actions for all drones in which all points are equal. {INTERVALS}"
+    ),
+    columns=[
         NAME,
         replace(rate("success", "SR", APPROACHING), group="One drone"),
         rate("oracle_success", "Reached", COMMANDING),
@@ -178,55 +179,38 @@ def commanding(data: ReportData) -> ReportTable | None:
         rate("success", "SR", COMMANDING),
         TableColumn(name="identical_percent", title="One point for all", group="Commanding", unit="%"),
         ERRORS,
-    ]
-
-    def row_of(entrant: Entrant) -> Cells | None:
-        fleet = of_cell(entrant.episodes, COMMANDING)
-        if not fleet:
-            return None
-        rates = [percent(fleet, metric) for metric in ("oracle_success", "declared", "success")]
-        commanded = [e.verdict.commanding for e in fleet if e.scored and e.verdict and e.verdict.commanding]
-        copied = fraction(sum(c.identical_points for c in commanded), sum(c.all_go_steps for c in commanded))
-        return [percent(of_cell(entrant.episodes, APPROACHING), "success"), *rates, copied, not_scored(fleet)]
-
-    return data.table(
-        name="commanding",
-        title="Commanding",
-        caption=(
-            "Approaching with one drone beside commanding a fleet, %. Reached: any drone came within the radius"
-            " of the named target. Declared: any drone declared arrival. One point for all: share of the steps"
-            f" with go actions for all drones in which all points are equal. {INTERVALS}"
-        ),
-        columns=columns,
-        row_of=row_of,
-    )
+    ],
+)
+def commanding(entrant: Entrant) -> Cells | None:
+    """Return the success rate with one drone, and the rates of reaching, declaring and succeeding with a fleet."""
+    fleet = of_cell(entrant.episodes, COMMANDING)
+    if not fleet:
+        return None
+    rates = [percent(fleet, metric) for metric in ("oracle_success", "declared", "success")]
+    commanded = [e.verdict.commanding for e in fleet if e.scored and e.verdict and e.verdict.commanding]
+    copied = fraction(sum(c.identical_points for c in commanded), sum(c.all_go_steps for c in commanded))
+    return [percent(of_cell(entrant.episodes, APPROACHING), "success"), *rates, copied, not_scored(fleet)]
 
 
-def drones(data: ReportData) -> ReportTable | None:
-    """Return the outcomes of the drones of a fleet, and the success rate; None if the outcomes are not known."""
-    columns = [
+@by_entrant(
+    title="Commanding, drone by drone",
+    caption=(
+        "Result of each drone of each scored flight, % of the drones. One drone with a true declaration"
+        " solves the episode; so the success rate counts episodes."
+    ),
+    columns=[
         NAME,
         TableColumn(name="drones", title="Drones"),
         *(TableColumn(name=o.column, title=o.title, group="Of the drones", unit="%") for o in DRONE_OUTCOMES),
         replace(rate("success", "SR", COMMANDING), group="Of the episodes"),
-    ]
-
-    def row_of(entrant: Entrant) -> Cells | None:
-        fleet = of_cell(entrant.scored, COMMANDING)
-        counts = [total(fleet, outcome.name) for outcome in DRONE_OUTCOMES]
-        shares = [fraction(count, sum(counts)) for count in counts]
-        return [sum(counts), *shares, percent(fleet, "success")] if sum(counts) else None
-
-    return data.table(
-        name="drones",
-        title="Commanding, drone by drone",
-        caption=(
-            "Result of each drone of each scored flight, % of the drones. One drone with a true declaration"
-            " solves the episode; so the success rate counts episodes."
-        ),
-        columns=columns,
-        row_of=row_of,
-    )
+    ],
+)
+def drones(entrant: Entrant) -> Cells | None:
+    """Return the outcomes of the drones of a fleet, and the success rate; None if the outcomes are not known."""
+    fleet = of_cell(entrant.scored, COMMANDING)
+    counts = [total(fleet, outcome.name) for outcome in DRONE_OUTCOMES]
+    shares = [fraction(count, sum(counts)) for count in counts]
+    return [sum(counts), *shares, percent(fleet, "success")] if sum(counts) else None
 
 
 TABLES = (main, per_map, approaching, failures, commanding, drones)

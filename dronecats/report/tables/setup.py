@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from dronecats.agent.models.spec import PROVIDERS
-from dronecats.report.report_data import FLIGHTS, NAME, NONE, Cells, Entrant, ReportData
+from dronecats.report.report_data import FLIGHTS, NAME, NONE, Cells, Entrant, ReportData, by_entrant
 from dronecats.report.results.collection import ScoredEpisode, Usage
 from dronecats.report.results.identity import DIGEST, NOT_RECORDED, identity, leaves
 from dronecats.report.table import ReportTable, TableCell, TableColumn, words
@@ -102,44 +102,39 @@ COSTS = (
 )
 
 
-def costs(data: ReportData) -> ReportTable | None:
+@by_entrant(
+    title="Costs",
+    caption=(
+        "Questions and tokens per flight: means over all flights, unscored ones too. A commander's questions"
+        " are included if it is a model, but not its cached and reasoning tokens. Cached: tokens in that the"
+        " vendor had cached. Reasoning: tokens out for reasoning. Both are known only if the vendor reports"
+        " them. $: by the prices in the runs, cached tokens at the full price. Repeated questions, and the"
+        " test question before take-off, are only in the run's ledger. Answered by: the provider that a router"
+        " such as OpenRouter chose."
+    ),
+    columns=COSTS,
+)
+def costs(entrant: Entrant) -> Cells | None:
     """Return the tokens and the price of each entrant's flights; None if no tokens were logged."""
-
-    def row_of(entrant: Entrant) -> Cells | None:
-        flights = entrant.episodes
-        usages = [_model_usage(flight) for flight in flights]
-        logged = [usage for usage in usages if usage.tokens_in is not None or usage.tokens_out is not None]
-        if not logged:
-            return None
-        questions = sum(usage.questions + usage.commander_questions for usage in usages)
-        usd, solved = _dollars(flights), sum(flight.success for flight in flights)
-        return [
-            len(flights),
-            _per(questions, len(flights)),
-            _mean([(usage.tokens_in or 0) + (usage.commander_in or 0) for usage in logged]),
-            _mean([usage.cached for usage in logged if usage.cached is not None]),
-            _mean([(usage.tokens_out or 0) + (usage.commander_out or 0) for usage in logged]),
-            _mean([usage.reasoning for usage in logged if usage.reasoning is not None]),
-            _per(usd, len(flights)),
-            usd,
-            _per(usd, solved),
-            ", ".join(sorted({name for usage in logged for name in usage.endpoints})) or None,
-        ]
-
-    return data.table(
-        name="costs",
-        title="Costs",
-        caption=(
-            "Questions and tokens per flight: means over all flights, unscored ones too. A commander's questions"
-            " are included if it is a model, but not its cached and reasoning tokens. Cached: tokens in that the"
-            " vendor had cached. Reasoning: tokens out for reasoning. Both are known only if the vendor reports"
-            " them. $: by the prices in the runs, cached tokens at the full price. Repeated questions, and the"
-            " test question before take-off, are only in the run's ledger. Answered by: the provider that a router"
-            " such as OpenRouter chose."
-        ),
-        columns=COSTS,
-        row_of=row_of,
-    )
+    flights = entrant.episodes
+    usages = [_model_usage(flight) for flight in flights]
+    logged = [usage for usage in usages if usage.tokens_in is not None or usage.tokens_out is not None]
+    if not logged:
+        return None
+    questions = sum(usage.questions + usage.commander_questions for usage in usages)
+    usd, solved = _dollars(flights), sum(flight.success for flight in flights)
+    return [
+        len(flights),
+        _per(questions, len(flights)),
+        _mean([(usage.tokens_in or 0) + (usage.commander_in or 0) for usage in logged]),
+        _mean([usage.cached for usage in logged if usage.cached is not None]),
+        _mean([(usage.tokens_out or 0) + (usage.commander_out or 0) for usage in logged]),
+        _mean([usage.reasoning for usage in logged if usage.reasoning is not None]),
+        _per(usd, len(flights)),
+        usd,
+        _per(usd, solved),
+        ", ".join(sorted({name for usage in logged for name in usage.endpoints})) or None,
+    ]
 
 
 def _model_usage(flight: ScoredEpisode) -> Usage:
