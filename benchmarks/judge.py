@@ -118,7 +118,7 @@ def measured(episodes: int, processes: int | None) -> dict[str, Any]:
         megabytes = sum(path.stat().st_size for path in Path(scratch).glob("*/*")) / 1e6
         machine = Machine()
         began, spent = time.perf_counter(), total_cpu_s()
-        doubtful = sum(episode.judged.doubtful for episode in judged_episodes(folders, Judging(), processes))
+        doubtful = sum(episode.doubtful for episode in judged_episodes(folders, Judging(), processes))
         judge_s, cpu_ms = time.perf_counter() - began, 1e3 * (total_cpu_s() - spent) / episodes
         machine.look()
     return {

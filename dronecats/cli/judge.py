@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
@@ -14,7 +14,6 @@ from foundation.protocol import CAP_S, RADIUS_M
 from foundation.wording import counted
 
 if TYPE_CHECKING:
-    from dronecats.judge.episode import Judged
     from dronecats.judge.metrics.audit import Audit, Followed
     from dronecats.judge.metrics.judging import JudgedEpisode
     from dronecats.judge.metrics.metric import MetricValue
@@ -60,12 +59,12 @@ def _judge(args: argparse.Namespace) -> int:
     names = _names([(run.folder, folder) for run in runs for folder in run.episodes])
     results = zip(names, judged_episodes(folders, judging), strict=True)
     if args.json:
-        episodes = {name: _as_json(episode) for name, episode in results}
+        episodes = {name: episode.as_json() for name, episode in results}
         doubtful = sum(bool(row["contradictions"]) or row["stored_agrees"] is False for row in episodes.values())
         print(json.dumps({"episodes": episodes}))
     else:
         judged = [(run, [next(results)[1] for _ in run.episodes]) for run in runs]
-        doubtful = sum(episode.judged.doubtful for _, of_run in judged for episode in of_run)
+        doubtful = sum(episode.doubtful for _, of_run in judged for episode in of_run)
         show(_table(judged))
         if len(folders) > 1:
             print(f"{counted(len(folders), 'episode')}, {doubtful} with a difference or contradiction")
@@ -80,10 +79,6 @@ def _names(folders: Sequence[tuple[Path, Path]]) -> list[str]:
         return [folder.resolve().name for _, folder in folders]
     ambiguous = len(set(runs.values())) < len(runs)
     return [f"{run if ambiguous else run.name}/{folder.resolve().name}" for run, folder in folders]
-
-
-def _as_json(episode: "JudgedEpisode") -> dict[str, Any]:
-    return {**episode.judged.as_json(), "failure_mode": episode.mode, "metrics": {**episode.values}}
 
 
 def _table(judged: "Sequence[tuple[RecordedRun, Sequence[JudgedEpisode]]]") -> "ReportTable":
@@ -104,16 +99,16 @@ def _table(judged: "Sequence[tuple[RecordedRun, Sequence[JudgedEpisode]]]") -> "
 
 
 def _line(name: str, episode: "JudgedEpisode") -> "tuple[CellValue, ...]":
-    verdict = episode.judged.verdict
+    verdict = episode.verdict
     mode = "ended at success" if verdict.outcome == "success" and verdict.censored else episode.mode or ""
-    return name, verdict.outcome, verdict.ne_m, verdict.steps, verdict.declarations, mode, _agreement(episode.judged)
+    return name, verdict.outcome, verdict.ne_m, verdict.steps, verdict.declarations, mode, _agreement(episode)
 
 
 def _remarks(episode: "JudgedEpisode") -> list[str]:
     from dronecats.judge.commanding import commanding_sentence
     from dronecats.judge.diagnostics import distances_sentence
 
-    verdict = episode.judged.verdict
+    verdict = episode.verdict
     remarks = [
         "the flight ended before it could fail at this radius and cap, so its outcome there is not known"
         if verdict.outcome == "censored"
@@ -123,7 +118,7 @@ def _remarks(episode: "JudgedEpisode") -> list[str]:
         *(f"{name} {_value(value)}" for name, value in episode.values.items()),
         verdict.error,
         verdict.note,
-        *episode.judged.contradictions,
+        *episode.contradictions,
     ]
     return [remark for remark in remarks if remark]
 
@@ -134,9 +129,9 @@ def _value(value: "MetricValue | Sequence[MetricValue]") -> str:
     return "–" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _agreement(judged: "Judged") -> str:
+def _agreement(episode: "JudgedEpisode") -> str:
     """Return a text on the agreement between verdict.json and the derived verdict."""
-    stored = judged.stored
+    stored = episode.stored
     if stored is None:
         return "no stored verdict"
     version = ", stored by an older version" if stored.older else ""

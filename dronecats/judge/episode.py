@@ -77,33 +77,8 @@ def _is_number(value: Any) -> bool:
 NOTHING = Logs((), {}, (), None, None)
 
 
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """The verdict of an episode folder, compared with its other files."""
-
-    verdict: Verdict
-    stored: Comparison | None  # comparison with verdict.json; None: no such file, or another radius or time limit
-    contradictions: tuple[str, ...]  # sentences about contradictions in the logs
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether the stored verdict differs or the logs contradict each other."""
-        return bool(self.contradictions or (self.stored and not self.stored.agrees))
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the JSON object of `dronecats judge --json`."""
-        stored = self.stored
-        return {
-            **self.verdict.as_json(),
-            "stored_agrees": stored.agrees if stored else None,
-            "stored_differs": [*stored.differing] if stored else [],
-            "stored_older": bool(stored and stored.older),
-            "contradictions": [*self.contradictions],
-        }
-
-
-def judged_against_files(flight: JudgedFlight) -> Judged:
-    """Return the verdict of a flight, compared with its other files."""
+def contradictions(flight: JudgedFlight) -> tuple[str, ...]:
+    """Return a sentence about each contradiction between the files of a flight."""
     sentences = log_contradictions(flight.logs)
     sentences += folder_contradictions(flight.folder.resolve().name, flight.record)
     sentences += reply_contradictions(flight.logs)
@@ -111,10 +86,12 @@ def judged_against_files(flight: JudgedFlight) -> Judged:
         sentences += commander_contradictions(flight.logs, exchanges(flight.folder))
     except UsageError as damage:
         sentences.append(str(damage))
-    return Judged(flight.verdict, _stored(flight.folder / layout.VERDICT, flight.verdict), tuple(sentences))
+    return tuple(sentences)
 
 
-def _stored(path: Path, verdict: Verdict) -> Comparison | None:
+def compare_stored(folder: Path, verdict: Verdict) -> Comparison | None:
+    """Return the comparison with verdict.json; None: no such file, or another radius or time limit."""
+    path = folder / layout.VERDICT
     stored = json_object(path)
     if stored is None:
         return Comparison((), False, damaged=True) if path.exists() else None
@@ -122,13 +99,8 @@ def _stored(path: Path, verdict: Verdict) -> Comparison | None:
     return compare(stored, verdict.as_json()) if same else None
 
 
-def judged_damage(folder: Path, damage: UsageError, delta_m: float, cap_s: float) -> Judged:
-    """Return the result for damaged logs: an error that describes the damage."""
-    verdict = _damaged(damage, delta_m, cap_s)
-    return Judged(verdict, _stored(folder / layout.VERDICT, verdict), ())
-
-
-def _damaged(damage: UsageError, delta_m: float, cap_s: float = CAP_S) -> Verdict:
+def damaged_verdict(damage: UsageError, delta_m: float, cap_s: float = CAP_S) -> Verdict:
+    """Return the verdict for damaged logs: an error that describes the damage."""
     return replace(outcome(NOTHING, delta_m, cap_s), **asdict(NOTHING_KNOWN), error=str(damage))
 
 
@@ -155,7 +127,7 @@ def verdict_of(folder: Path, delta_m: float = RADIUS_M) -> Verdict:
     try:
         return outcome(read(folder), delta_m)
     except UsageError as damage:
-        return _damaged(damage, delta_m)
+        return damaged_verdict(damage, delta_m)
 
 
 def log_contradictions(logs: Logs) -> list[str]:

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.judge import episode, judged_flight
-from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.judging import Judging, judged_episodes
+from dronecats.judge.metrics.judging import Judging, judged_episode, judged_episodes
 from dronecats.report.recorded.run import recorded_runs
+from foundation.protocol import RADIUS_M
 from foundation.run_folder.reading import Logs, parse_row
 from foundation.run_folder.rows import TRUTH_ROWS, Decision, FlownRecord
 
@@ -52,16 +52,16 @@ def logs(decisions=(), truth=(), begin=BEGIN, end=END, record=None) -> Logs:
     )
 
 
-def judge_folder(folder: Path, *radius) -> dict[str, Any]:
+def judge_folder(folder: Path, delta_m: float = RADIUS_M) -> dict[str, Any]:
     """Return the output of `dronecats judge --json` for an episode folder."""
-    return episode.judged_against_files(JudgedFlight.read(folder, *radius)).as_json()
+    return judged_episode(folder, Judging(delta_m=delta_m)).as_json()
 
 
 def judge_run(run: Path) -> dict[str, Any]:
     """Return the output of `dronecats judge --json` for a run."""
     (recorded,) = recorded_runs([run])
     judged = judged_episodes(recorded.episodes, Judging())
-    return {episode.folder.resolve().name: episode.judged.as_json() for episode in judged}
+    return {episode.folder.resolve().name: episode.as_json() for episode in judged}
 
 
 def outcome(flight: Logs, *radius) -> dict[str, Any]:

@@ -11,12 +11,12 @@ import math
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from dronecats.judge.episode import Judged, check_radius, judged_against_files, judged_damage
+from dronecats.judge.episode import Comparison, check_radius, compare_stored, contradictions, damaged_verdict
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics import fleets, outcomes, pointing, replies
 from dronecats.judge.metrics.failure_mode import FailureMode, failure_mode
@@ -24,6 +24,7 @@ from dronecats.judge.metrics.metric import Metric, MetricValue
 from foundation.errors import UsageError
 from foundation.machine import cores
 from foundation.protocol import CAP_S, RADIUS_M
+from foundation.run_folder.results import Verdict
 
 METRICS: dict[str, Metric] = {
     metric.name: metric for metric in (*outcomes.METRICS, *replies.METRICS, *pointing.METRICS, *fleets.METRICS)
@@ -114,12 +115,33 @@ class Judging:
 
 @dataclass(frozen=True, slots=True)
 class JudgedEpisode:
-    """The judgement of one episode folder."""
+    """The judgement of one episode folder: its verdict, compared with its other files, and its metrics."""
 
     folder: Path
-    judged: Judged
-    mode: FailureMode | None  # None: not scored
-    values: Mapping[str, MetricValue | Sequence[MetricValue]]  # metric name → value or values; empty for damaged logs
+    verdict: Verdict
+    stored: Comparison | None  # comparison with verdict.json; None: no such file, or another radius or time limit
+    contradictions: tuple[str, ...] = ()  # sentences about contradictions in the logs
+    mode: FailureMode | None = None  # None: not scored
+    # metric name → value or values; empty for damaged logs
+    values: Mapping[str, MetricValue | Sequence[MetricValue]] = field(default_factory=dict)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the stored verdict differs or the logs contradict each other."""
+        return bool(self.contradictions or (self.stored and not self.stored.agrees))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the JSON object of `dronecats judge --json`."""
+        stored = self.stored
+        return {
+            **self.verdict.as_json(),
+            "stored_agrees": stored.agrees if stored else None,
+            "stored_differs": [*stored.differing] if stored else [],
+            "stored_older": bool(stored and stored.older),
+            "contradictions": [*self.contradictions],
+            "failure_mode": self.mode,
+            "metrics": {**self.values},
+        }
 
 
 def judged_episodes(folders: Sequence[Path], options: Judging, processes: int | None = None) -> Iterator[JudgedEpisode]:
@@ -165,9 +187,10 @@ def judged_episode(folder: Path, options: Judging) -> JudgedEpisode:
     try:
         flight = JudgedFlight.read(folder, options.delta_m, options.cap_s)
     except UsageError as damage:
-        return JudgedEpisode(folder, judged_damage(folder, damage, options.delta_m, options.cap_s), None, {})
-    judged = judged_against_files(flight)
-    return JudgedEpisode(folder, judged, failure_mode(flight), values_of(flight, _metrics(options)))
+        verdict = damaged_verdict(damage, options.delta_m, options.cap_s)
+        return JudgedEpisode(folder, verdict, compare_stored(folder, verdict))
+    stored, values = compare_stored(folder, flight.verdict), values_of(flight, _metrics(options))
+    return JudgedEpisode(folder, flight.verdict, stored, contradictions(flight), failure_mode(flight), values)
 
 
 def values_of(flight: JudgedFlight, metrics: Sequence[Metric]) -> dict[str, MetricValue | Sequence[MetricValue]]:

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 import msgspec
 
 from dronecats.agent.prompt import Prompt
-from dronecats.judge.episode import Judged, compare
-from dronecats.judge.metrics.judging import Judging, judged_episodes
+from dronecats.judge.episode import compare
+from dronecats.judge.metrics.judging import JudgedEpisode, Judging, judged_episodes
 from dronecats.judge.statistics.shares import estimate_share
 from dronecats.report.leaderboard.archive_file import FileDigest, Manifest, unpack
 from dronecats.report.leaderboard.submission import common_suite, incompleteness_reason
@@ -99,7 +99,7 @@ def _verification(
     verdicts: list[tuple[str, Verdict]] = []  # (cell, verdict) of each flight
     flights: dict[str, list[bool]] = {}  # episode → whether each scored flight succeeded
     for run, submitted in zip(runs, manifest.runs, strict=True):
-        judged = {episode.folder.name: episode.judged for episode in judged_episodes(run.episodes, Judging())}
+        judged = {episode.folder.name: episode for episode in judged_episodes(run.episodes, Judging())}
         for episode in judged.keys() & {*submitted.episodes}:
             cell = str((json_object(run.folder / episode / layout.EPISODE) or {}).get("cell"))
             verdict = judged[episode].verdict
@@ -200,7 +200,7 @@ def _record_differences(run: RecordedRun, episode: str) -> Iterator[str]:
         yield "its record is not the shipped one of its id"
 
 
-def _verdict_differences(run: RecordedRun, episode: str, judged: Judged) -> Iterator[str]:
+def _verdict_differences(run: RecordedRun, episode: str, judged: JudgedEpisode) -> Iterator[str]:
     """Yield the differences between the stored and the new verdict, and the contradictions in the logs."""
     stored = json_object(run.folder / episode / layout.VERDICT)
     if stored is None:

@@ -10,8 +10,7 @@ from dronecats.cli.main import main
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.judge.episode import judged_against_files
-from dronecats.judge.judged_flight import JudgedFlight
+from dronecats.judge.metrics.judging import Judging, judged_episode
 from dronecats.pilots import scripted as commander
 from foundation.errors import UsageError
 from foundation.run_folder.reading import exchanges
@@ -45,7 +44,7 @@ def test_a_commander_gives_each_drone_its_own_place_and_confirms_a_declaration(t
     assert check(folder / "decisions.jsonl") == len(decisions) == result["steps"]
     for frame, drone in ((frame, drone) for exchange in commander_log for drone, frame in enumerate(exchange.frames)):
         assert (folder / "frames" / (f"{frame:06d}_d{drone}.jpg" if drone else f"{frame:06d}.jpg")).exists()
-    judged = judged_against_files(JudgedFlight.read(folder))
+    judged = judged_episode(folder, Judging())
     assert not judged.doubtful
     assert judged.verdict.commanding
     assert judged.verdict.commanding.candidates_neared >= 3
@@ -68,7 +67,7 @@ def test_solo_drones_fly_and_declare_without_a_commander(tmp_path):
     assert len({d["step"] for d in decisions}) == len(decisions)
     assert not any("report" in d or "confirmed_by" in d for d in decisions)
     assert not (folder / "commander.jsonl").exists()
-    judged = judged_against_files(JudgedFlight.read(folder))
+    judged = judged_episode(folder, Judging())
     assert not judged.doubtful
 
 

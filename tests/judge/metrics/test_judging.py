@@ -38,9 +38,7 @@ def runs(tmp_path_factory):
 
 
 def summaries(episodes):
-    return [
-        (episode.folder, as_json(episode.judged.verdict), episode.mode, dict(episode.values)) for episode in episodes
-    ]
+    return [(episode.folder, as_json(episode.verdict), episode.mode, dict(episode.values)) for episode in episodes]
 
 
 def test_results_and_order_do_not_depend_on_the_number_of_processes(runs):
@@ -73,9 +71,9 @@ def test_a_damaged_episode_does_not_affect_others(runs, tmp_path):
     write_episode(tmp_path / "r" / "e-2", 2)
     (tmp_path / "r" / "e-1" / "truth.jsonl").write_text("[]\n{}\n")
     damaged, intact = judged_episodes([tmp_path / "r" / "e-1", tmp_path / "r" / "e-2"], Judging(measured=True))
-    assert "line 1" in (damaged.judged.verdict.error or "")
+    assert "line 1" in (damaged.verdict.error or "")
     assert (damaged.mode, damaged.values) == (None, {})
-    assert intact.judged.verdict.outcome == "failure"
+    assert intact.verdict.outcome == "failure"
 
 
 def test_a_custom_metric_is_computed_and_printed(runs, tmp_path, capsys):
