@@ -7,6 +7,7 @@ further floats with the same number. (`longtable` does not work in two columns, 
 import csv
 import html
 import io
+import itertools
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
@@ -91,12 +92,16 @@ class _TerminalTable:
         if any(column.group for column in columns):
             lines.append(_group_line(columns, widths))
         if self.has_heads:
-            lines += _head_lines(columns, widths)
+            heads = [textwrap.wrap(column.head, max(1, size)) for column, size in zip(columns, widths, strict=True)]
+            high = max(map(len, heads))
+            lines += _merge_lines([[""] * (high - len(head)) + head for head in heads], columns, widths)
             lines.append(" ".join(["─" * size + " " * (GAP - 1) for size in widths]))
         for title, rows in self.blocks:
             lines += [title] if title else []
             for row in rows:
-                lines += _row_lines([row[k] for k in part], columns, widths)
+                sized = zip((row[k] for k in part), widths, strict=True)
+                cells = [[text for line in cell for text in _wrapped(line, size)] for cell, size in sized]
+                lines += _merge_lines(cells, columns, widths)
         return lines
 
     def _widths(self, part: Sequence[int], width: int | None) -> list[int]:
@@ -135,29 +140,14 @@ def _total(widths: Sequence[int]) -> int:
     return sum(widths) + GAP * (len(widths) - 1)
 
 
-def _head_lines(columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
-    """Return the lines of the heads, wrapped and aligned at the bottom."""
-    wrapped = [textwrap.wrap(column.head, max(1, size)) for column, size in zip(columns, widths, strict=True)]
-    high = max(map(len, wrapped))
-    return _merge_lines([[""] * (high - len(head)) + head for head in wrapped], columns, widths)
-
-
-def _row_lines(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
-    """Return the lines of cells side by side, wrapped to their widths."""
-    sized = zip(cells, widths, strict=True)
-    wrapped = [[part for line in cell for part in _wrapped(line, size)] for cell, size in sized]
-    high = max(map(len, wrapped))
-    return _merge_lines([cell + [""] * (high - len(cell)) for cell in wrapped], columns, widths)
-
-
 def _merge_lines(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
-    """Return the lines of cells side by side, with numbers aligned right. All cells have the same number of lines."""
+    """Return the lines of cells side by side, with numbers aligned right."""
     return [
         (" " * GAP).join(
             text.rjust(size) if column.align == "right" else text.ljust(size)
             for text, column, size in zip(line, columns, widths, strict=True)
         )
-        for line in zip(*cells, strict=True)
+        for line in itertools.zip_longest(*cells, fillvalue="")
     ]
 
 
