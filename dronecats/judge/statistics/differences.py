@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from statistics import NormalDist
 
 import numpy as np
@@ -67,9 +67,7 @@ def mean_difference(differences: Sequence[float]) -> MeanDifference:
     # A choice of signs flips the signs of a subset. The total falls if the sum of the subset is positive.
     sums = _subset_sums(differences)
     lesser = min(int((sums <= 0).sum()), int((sums >= 0).sum())) + 1  # + 1 for the empty subset
-    return MeanDifference(
-        estimate.episodes, estimate.mean, estimate.low, estimate.high, min(1.0, 2 * lesser / (len(sums) + 1))
-    )
+    return MeanDifference(**asdict(estimate), p=min(1.0, 2 * lesser / (len(sums) + 1)))
 
 
 def share_difference(differences: Sequence[float], flights: float = 1.0) -> MeanDifference:

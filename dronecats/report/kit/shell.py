@@ -11,7 +11,7 @@ import html
 import re
 import textwrap
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.resources import files
 
 from dronecats.report.kit import palette
@@ -43,13 +43,10 @@ def page(content: PageContent, blocks: Mapping[str, str] | None = None) -> Itera
     style = palette.css() + _read(__package__ or "", "kit.css") + _read(content.folder, "page.css")
     script = program(content.entry, content.folder)
     values = {
+        **asdict(content),
         "policy": _policy(content, script, style),
         "title": html.escape(content.title),
         "style": style,
-        "trail": content.trail,
-        "tools": content.tools,
-        "main": content.main,
-        "more": content.more,
         "script": script,
     }
     head, tail = (

@@ -35,14 +35,13 @@ def entry(path: Path) -> Verification:
         data = path.read_bytes()
         if len(data) > ENTRY_MAX:
             raise UsageError(f"{path} is too large for an entry. Name the output of `dronecats verify FILE --json`")
-        made = decode(data, Verification)
+        return decode(data, Verification)
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from None
     except (msgspec.DecodeError, UnicodeError, RecursionError) as wrong:
         raise UsageError(
             f"{path} is not an entry: {wrong}. Name the output of `dronecats verify FILE --json`"
         ) from None
-    return made
 
 
 def page(entries: Iterable[Verification]) -> str:

@@ -165,22 +165,6 @@ def _header(frame: bytes) -> tuple[int, int, int]:
     return frame[5], frame[6], frame[7] | frame[8] << 8 | frame[9] << 16
 
 
-class _Accuracy:
-    """The newest accuracies of the global position that the estimator and the GNSS receiver report.
-
-    `std_ned` is never better than the receiver's accuracy, because the estimator cannot detect an error of all fixes.
-    """
-
-    def __init__(self) -> None:
-        self.estimator = self.receiver = (math.nan, math.nan)  # m, horizontal and vertical
-
-    @property
-    def std_ned(self) -> Vec3:
-        """North, east, down (m): the larger of the estimator's and the receiver's accuracy. NaN: not reported."""
-        horizontal, vertical = (float(np.fmax(a, b)) for a, b in zip(self.estimator, self.receiver, strict=True))
-        return (horizontal, horizontal, vertical)
-
-
 @dataclass
 class _Autopilot:
     """Collects the messages of one autopilot. A separate clock object follows the time stamps of each message type."""
@@ -195,7 +179,9 @@ class _Autopilot:
     _state: VehicleState = field(default_factory=VehicleState)
     _clocks: dict[int, VehicleClock] = field(default_factory=dict)
     _texts: dict[int, StatusTexts] = field(default_factory=dict)  # by component
-    _accuracy: _Accuracy = field(default_factory=_Accuracy)
+    # m, newest horizontal and vertical accuracy of the global position; NaN: not reported
+    _estimator: tuple[float, float] = (math.nan, math.nan)
+    _receiver: tuple[float, float] = (math.nan, math.nan)
 
     def take(self, m: dialect.MAVLink_message) -> None:
         """Store the values of the next message."""
@@ -207,7 +193,7 @@ class _Autopilot:
         elif not own:
             return
         elif kind == LOCAL_POSITION:
-            self.places.append((self._stamped(m), m.x, m.y, m.z, m.vx, m.vy, m.vz, *self._accuracy.std_ned))
+            self.places.append((self._stamped(m), m.x, m.y, m.z, m.vx, m.vy, m.vz, *self._std_ned()))
         elif kind == ATTITUDE:
             self.angles.append((self._stamped(m), m.roll, m.pitch, m.yaw))
         elif kind == SETPOINT:
@@ -216,11 +202,19 @@ class _Autopilot:
         elif kind == ORIGIN:
             self.origin = (m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3)
         elif kind == GPS_RAW:
-            self._accuracy.receiver = (_positive(m.h_acc / 1e3), _positive(m.v_acc / 1e3))
+            self._receiver = (_positive(m.h_acc / 1e3), _positive(m.v_acc / 1e3))
         elif kind == ESTIMATOR:
-            self._accuracy.estimator = (_positive(m.pos_horiz_accuracy), _positive(m.pos_vert_accuracy))
+            self._estimator = (_positive(m.pos_horiz_accuracy), _positive(m.pos_vert_accuracy))
         else:
             self._take_state(m)
+
+    def _std_ned(self) -> Vec3:
+        """Return the larger of the estimator's and the receiver's accuracy (m), for north, east and down.
+
+        It is never better than the receiver's, because the estimator cannot detect an error of all fixes.
+        """
+        horizontal, vertical = (float(np.fmax(a, b)) for a, b in zip(self._estimator, self._receiver, strict=True))
+        return (horizontal, horizontal, vertical)
 
     def _take_state(self, m: dialect.MAVLink_message) -> None:
         self._state = update(self._state, m)

@@ -156,12 +156,10 @@ def cut_off(flights: Iterable[ScoredEpisode]) -> tuple[str, ...]:
 def failures(entrant: Entrant) -> Cells | None:
     """Return the shares of the failure modes of one-drone flights; None if no mode is known."""
     flights = [flight for flight in entrant.scored if flight.cell in ONE_DRONE and flight.mode is not None]
+    if not flights:
+        return None
     ended = Counter(flight.mode for flight in flights)
-    return (
-        [len(flights), *(fraction(ended[mode.name], len(flights)) for mode in FAILURE_MODE_COLUMNS)]
-        if flights
-        else None
-    )
+    return [len(flights), *(fraction(ended[mode.name], len(flights)) for mode in FAILURE_MODE_COLUMNS)]
 
 
 @by_entrant(
