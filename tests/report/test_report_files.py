@@ -110,7 +110,7 @@ def test_boxes_equal_the_quantiles_of_the_table():
 def test_models_and_built_in_pilots_are_in_separate_blocks_of_a_figure():
     lines, heads = style.lines(report_tables()["approaching"])
     assert [title for title, _ in heads] == [report_data.MODELS, report_data.BUILT_IN]
-    assert lines[0].y < heads[1][1] < lines[1].y
+    assert lines[0][1] < heads[1][1] < lines[1][1]
 
 
 def test_every_figure_is_drawn_in_three_formats_and_is_reproducible(tmp_path, monkeypatch):
