@@ -62,6 +62,10 @@ def _samples(logs: Logs, cap_s: float) -> tuple[list[Sample], list[Pose], float]
     return measured, poses, min(cap_s, max(last_s, logs.end.t if logs.end else 0.0))
 
 
+BEST_IF_SMALL = ("min_distance_m", "start_distance_m", "first_seen_s", "longest_loss_s")
+BEST_IF_LARGE = ("approach_ratio", "oracle_success", "dwell_s")
+
+
 def fleet_diagnostics(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
     """Return the diagnostics of an episode; None if nothing was measured.
 
@@ -70,18 +74,16 @@ def fleet_diagnostics(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
     """
     if not drones:
         return None
-    all_drones = list(drones.values())
+
+    def known(name: str) -> list[Any]:
+        return [value for d in drones.values() if (value := getattr(d, name)) is not None]
+
     return Diagnostics(
-        min_distance_m=min(_values(d.min_distance_m for d in all_drones), default=None),
-        start_distance_m=min(_values(d.start_distance_m for d in all_drones), default=None),
-        approach_ratio=max(_values(d.approach_ratio for d in all_drones), default=None),
-        oracle_success=max(_values(d.oracle_success for d in all_drones), default=None),
-        first_seen_s=min(_values(d.first_seen_s for d in all_drones), default=None),
-        dwell_s=max(_values(d.dwell_s for d in all_drones), default=None),
-        longest_loss_s=min(_values(d.longest_loss_s for d in all_drones), default=None),
-        path_m=round(sum(d.path_m for d in all_drones), 3),
-        flown_s=max(d.flown_s for d in all_drones),
-        untraced_s=max(d.untraced_s for d in all_drones),
+        **{name: min(known(name), default=None) for name in BEST_IF_SMALL},
+        **{name: max(known(name), default=None) for name in BEST_IF_LARGE},
+        path_m=round(sum(d.path_m for d in drones.values()), 3),
+        flown_s=max(d.flown_s for d in drones.values()),
+        untraced_s=max(d.untraced_s for d in drones.values()),
     )
 
 
@@ -168,10 +170,6 @@ def _of(rows: Iterable[Kind], drone: int) -> list[Kind]:
 
 def _within(sample: Sample, delta_m: float) -> bool:
     return sample.distance_m is not None and sample.distance_m <= delta_m
-
-
-def _values(values: Iterable[Any]) -> list[Any]:
-    return [value for value in values if value is not None]
 
 
 # s of wall time × speed; a step with a longer delay counts as delayed by the host (the flight's computer). The value is

@@ -60,11 +60,6 @@ class PathComparison:
     first: IntervalDistances  # the requested first seconds, or the common time if it is shorter
     beside_m: float  # m, largest distance of a path's points in `first` to the nearest point of the other path
 
-    @property
-    def final_m(self) -> float:
-        """The distance (m) at the end of the compared time."""
-        return float(self.distance_m[-1])
-
 
 def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool = False) -> tuple[PathComparison, ...]:
     """Return the comparison of every drone that both flights have. `seconds`: duration of `PathComparison.first`.
@@ -191,7 +186,7 @@ def figures(comparisons: tuple[PathComparison, ...], within_m: float, seconds: f
                 "drone": c.drone,
                 "first": span(c.first),
                 "minutes": [span(s) for s in c.spans],
-                "final_m": round(c.final_m, 4),
+                "final_m": round(float(c.distance_m[-1]), 4),
                 "beside_m": round(c.beside_m, 4),
                 "path_a_m": round(_length(c.a), 3),
                 "path_b_m": round(_length(c.b), 3),

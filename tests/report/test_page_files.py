@@ -168,13 +168,14 @@ def test_pictures_are_links_to_the_frames_of_the_run(tmp_path):
     assert all(path.samefile(run / "yard-approaching-01/frames" / path.name) for path in there.iterdir())
 
 
-def test_pictures_can_be_thinned_to_every_nth_step(tmp_path):
-    run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go"}, steps=9)
-    page_of(tmp_path / "report", run, every=4)
-    selected_frames = sorted(path.name for path in (tmp_path / "report/pictures/vision/yard-approaching-01").iterdir())
-    assert selected_frames == ["000000.jpg", "000004.jpg", "000008.jpg"]
-    _, flight = flight_in(tmp_path / "report/data/vision/yard-approaching-01.js")
-    assert ["picture" in step for step in flight["steps"]] == [step % 4 == 0 for step in range(9)]
+def test_too_many_embedded_pictures_are_thinned_to_every_nth_step(tmp_path, monkeypatch):
+    monkeypatch.setattr("dronecats.report.page.pictures.EMBEDDED_MAX", 3)
+    run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go"}, steps=10)
+    page = page_of(tmp_path / "report", run, embed=True).read_text()
+    match = re.search(r'id="flight:vision/yard-approaching-01">(.*)</script>', page)
+    assert match
+    flight = json.loads(match[1])
+    assert ["picture" in step for step in flight["steps"]] == [step in (0, 4, 8, 9) for step in range(10)]
 
 
 def test_every_declaration_keeps_its_picture():

@@ -69,7 +69,7 @@ def test_the_distances_between_diverging_paths_are_correct(tmp_path: Path) -> No
     assert only.first.mean_m == pytest.approx(0.3, abs=1e-3)
     assert only.first.rms_m == pytest.approx(0.6 / math.sqrt(3.0), abs=2e-3)
     assert [span.max_m for span in only.spans] == pytest.approx([0.6, 1.2], abs=1e-3)
-    assert only.final_m == pytest.approx(1.2, abs=1e-3)
+    assert only.distance_m[-1] == pytest.approx(1.2, abs=1e-3)
 
 
 def test_a_delay_along_the_same_path_is_no_lateral_distance(tmp_path: Path) -> None:

@@ -70,6 +70,9 @@ class Verification:
     unchecked: tuple[str, ...]
 
 
+OF_MANIFEST = ("name", "note", "pilot", "is_model", "suite", "partial", "identity", "dronecats")  # equal fields
+
+
 def verify(path: Path) -> Verification:
     """Check an archive against its manifest and the shipped records, and return the result.
 
@@ -118,21 +121,14 @@ def _verification(
     if len(differences) > SHOWN_MAX:
         differences = [*differences[:SHOWN_MAX], f"and {len(differences) - SHOWN_MAX} more"]
     return Verification(
-        name=manifest.name,
-        note=manifest.note,
-        pilot=manifest.pilot,
-        is_model=manifest.is_model,
-        suite=manifest.suite,
-        partial=manifest.partial,
+        **{name: getattr(manifest, name) for name in OF_MANIFEST},
         flights=len(manifest.runs),
         steps=sum(verdict.steps for _, verdict in verdicts),
         settings=_settings(runs[0].configuration),
         cells=cells,
         interval=(share.low, share.high),
-        identity=manifest.identity,
         archive_sha256=packed.sha256,
         archive_bytes=packed.bytes,
-        dronecats=manifest.dronecats,
         verified=not differences,
         differences=tuple(differences),
         checked=CHECKED,

@@ -25,7 +25,6 @@ from dronecats.report.page.pictures import (
     grounds,
     linked_pictures,
     no_pictures,
-    selected_frames,
 )
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import RecordedRun
@@ -170,18 +169,15 @@ MORE = """<noscript><p>This page needs JavaScript. It loads nothing from the net
 <script type="application/json" id="index">{index}</script>"""
 
 
-def write_page(
-    collection: Collection, tables: Sequence[ReportTable], out: Path, *, embed: bool = False, every: int = 1
-) -> Path:
+def write_page(collection: Collection, tables: Sequence[ReportTable], out: Path, *, embed: bool = False) -> Path:
     """Write the page of a collection into the folder `out`, and return its path, out/index.html.
 
-    Flights and pictures are in the folders data/ and pictures/ in `out`. `every` = n keeps only the pictures of every
-    n-th step, the last step and the declarations. `embed` puts flights and pictures into the page itself. Embedded
-    pictures are smaller, and `every` grows if a browser could not open a page with all of them. Raises UsageError if
-    the page cannot be written.
+    Flights and pictures are in the folders data/ and pictures/ in `out`. `embed` puts flights and pictures into the
+    page itself. Embedded pictures are smaller. If a browser could not open a page with all of them, the page keeps only
+    those of every n-th step, the last step and the declarations. Raises UsageError if the page cannot be written.
     """
     with file_errors_as(UsageError, f"the report cannot be written to {out}"):
-        return _write(collection, tables, out, embed, every)
+        return _write(collection, tables, out, embed)
 
 
 def remove_page(out: Path) -> None:
@@ -201,14 +197,13 @@ def _remove_files(out: Path) -> None:
             folder.rmdir()
 
 
-def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, embed: bool, every: int) -> Path:
+def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, embed: bool) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     metrics = _page_metrics(collection)
     runs, entrants = _page_runs(collection)
-    if embed:
-        every = max(every, embedding_stride(collection.runs))
-        if (out / PAGE).exists():
-            _remove_files(out)
+    every = embedding_stride(collection.runs) if embed else 1
+    if embed and (out / PAGE).exists():
+        _remove_files(out)
     places = {run.folder: number for number, run in enumerate(collection.runs)}
     named = _named(collection)
     episodes, blocks, seen_grounds = [], {}, []
@@ -301,11 +296,10 @@ def _named(collection: Collection) -> list[str]:
 def _flight(scored: ScoredEpisode, delta_m: float, key: str, out: Path, embed: bool, every: int) -> str:
     """Return a flight as JSON, and store its pictures for the page. Raises UsageError for a damaged log."""
     flight = RecordedFlight.read(scored.folder, delta_m)
-    wanted = selected_frames(flight.logs.decisions, every)
     if not scored.run.is_rendered:
         picture: PictureAddress = no_pictures
     elif embed:
-        picture = embedded_pictures(flight, wanted)
+        picture = embedded_pictures(flight, every)
     else:
-        picture = linked_pictures(flight, wanted, out, Path(FOLDER, *key.split("/")))
+        picture = linked_pictures(flight, out, Path(FOLDER, *key.split("/")))
     return script_json(shown_flight(flight, picture))

@@ -43,14 +43,14 @@ def selected_frames(decisions: Sequence[Decision], every: int) -> set[tuple[int,
     return {(d.drone, d.frame_id) for d in decisions if d.step in chosen or d.kind == FINISHED}
 
 
-def linked_pictures(flight: JudgedFlight, wanted: set[tuple[int, int]], out: Path, place: Path) -> PictureAddress:
+def linked_pictures(flight: JudgedFlight, out: Path, place: Path) -> PictureAddress:
     """Return a function that puts a decision's picture into `out`/`place`, and returns its address relative to `out`.
 
     The pictures are hard links, or copies if the file system does not allow hard links. The function raises OSError.
     """
 
     def address(decision: Decision) -> str | None:
-        source = _frame(flight, decision, wanted)
+        source = flight.picture_path(decision)
         if source is None:
             return None
         target = out / place / source.name
@@ -67,11 +67,12 @@ def linked_pictures(flight: JudgedFlight, wanted: set[tuple[int, int]], out: Pat
     return address
 
 
-def embedded_pictures(flight: JudgedFlight, wanted: set[tuple[int, int]]) -> PictureAddress:
-    """Return a function that returns a decision's picture in reduced size, as a data: URL."""
+def embedded_pictures(flight: JudgedFlight, every: int) -> PictureAddress:
+    """Return a function that returns a decision's picture in reduced size, as a data: URL; None if it is not kept."""
+    wanted = selected_frames(flight.logs.decisions, every)
 
     def address(decision: Decision) -> str | None:
-        source = _frame(flight, decision, wanted)
+        source = flight.picture_path(decision) if (decision.drone, decision.frame_id) in wanted else None
         picture = None if source is None else cv2.imread(str(source))
         if picture is None:
             return None
@@ -87,10 +88,6 @@ def embedded_pictures(flight: JudgedFlight, wanted: set[tuple[int, int]]) -> Pic
 
 def no_pictures(decision: Decision) -> None:
     """Return None: the `PictureAddress` of runs without pictures."""
-
-
-def _frame(flight: JudgedFlight, decision: Decision, wanted: set[tuple[int, int]]) -> Path | None:
-    return flight.picture_path(decision) if (decision.drone, decision.frame_id) in wanted else None
 
 
 GROUND_PX = 1500
