@@ -180,6 +180,7 @@ FLIGHTS = TableColumn(name="flights", title="Flights")
 ERRORS = TableColumn(name="not_scored", title="Not scored")
 
 Cells = Sequence[TableCell | CellValue]
+RowsFunction = Callable[[Sequence[Entrant]], Sequence[TableRow]]  # the rows of a block of entrants
 RowFunction = Callable[[Entrant], Cells | None]  # the cells after the name; None: the entrant has no row
 
 
@@ -235,24 +236,25 @@ class ReportData:
         """Return the maps that have flights, sorted by name."""
         return sorted({flight.map for flight in self.episodes} - {""})
 
-    def blocks(self, rows_of: Callable[[Sequence[Entrant]], Sequence[TableRow]]) -> tuple[TableBlock, ...]:
-        """Return a block of models and one of built-in pilots, without empty blocks. `rows_of` makes a block's rows."""
+    def table_of_rows(
+        self, columns: Sequence[TableColumn], rows_of: RowsFunction, notes: Sequence[str] = (), **texts: str
+    ) -> ReportTable | None:
+        """Return a table with a block of models and one of built-in pilots, without empty blocks; None: no block.
+
+        `texts`: name, title and caption of the table."""
         blocks = []
         for title, is_model in ((MODELS, True), (BUILT_IN, False)):
             if rows := rows_of([entrant for entrant in self.entrants if entrant.is_model is is_model]):
                 blocks.append(TableBlock(title=title, rows=tuple(rows)))
-        return tuple(blocks)
+        if not blocks:
+            return None
+        content: dict[str, Any] = {"columns": tuple(columns), "blocks": tuple(blocks), "notes": tuple(notes), **texts}
+        return ReportTable(**content, command=self.command)
 
     def table(
-        self,
-        name: str,
-        title: str,
-        caption: str,
-        columns: Sequence[TableColumn],
-        row_of: RowFunction,
-        notes: tuple[str, ...] = (),
+        self, columns: Sequence[TableColumn], row_of: RowFunction, notes: Sequence[str] = (), **texts: str
     ) -> ReportTable | None:
-        """Return a table with a block of models and one of built-in pilots; None: no entrant has a row.
+        """Return a table with a row for each entrant; None: no entrant has a row.
 
         The best cells of the models are marked. Built-in pilots are only references."""
 
@@ -261,13 +263,7 @@ class ReportData:
             rows = [row(label, *cells, entrant=label) for label, cells in named_cells if cells is not None]
             return _marked(rows, columns) if any(e.is_model for e in entrants) else rows
 
-        blocks = self.blocks(rows_of)
-        if not blocks:
-            return None
-        return ReportTable(
-            name=name, title=title, caption=caption, columns=tuple(columns), blocks=blocks, notes=notes,
-            command=self.command,
-        )  # fmt: skip
+        return self.table_of_rows(columns, rows_of, notes, **texts)
 
     def notes(self) -> tuple[str, ...]:
         """Return a sentence that describes each built-in pilot."""
@@ -297,13 +293,16 @@ class ReportData:
 TableFunction = Callable[[ReportData], ReportTable | None]
 
 
-def by_entrant(title: str, caption: str, columns: Sequence[TableColumn]) -> Callable[[RowFunction], TableFunction]:
-    """Return a decorator that makes a table from the function of its rows; the table has the name of the function."""
+def by_entrant(columns: Sequence[TableColumn], **texts: str) -> Callable[[RowFunction], TableFunction]:
+    """Return a decorator that makes a table from the function of its rows; the table has the name of the function.
+
+    `texts`: title and caption of the table.
+    """
 
     def decorated(row_of: RowFunction) -> TableFunction:
         @wraps(row_of)
         def table(data: ReportData) -> ReportTable | None:
-            return data.table(row_of.__name__, title, caption, columns, row_of)
+            return data.table(columns, row_of, name=row_of.__name__, **texts)
 
         return table
 

@@ -31,10 +31,7 @@ def comparison(data: ReportData) -> ReportTable | None:
 
     None if no pair has common episodes.
     """
-    blocks = data.blocks(lambda among: [row for suite, cells in SUITES for row in _pair_rows(among, suite, cells)])
-    if not blocks:
-        return None
-    return ReportTable(
+    return data.table_of_rows(
         name="comparison",
         title="Pair by pair",
         caption=(
@@ -47,8 +44,7 @@ def comparison(data: ReportData) -> ReportTable | None:
             " difference itself if that is larger."
         ),
         columns=COLUMNS,
-        blocks=blocks,
-        command=data.command,
+        rows_of=lambda among: [row for suite, cells in SUITES for row in _pair_rows(among, suite, cells)],
     )
 
 
@@ -106,10 +102,7 @@ def variance(data: ReportData) -> ReportTable | None:
                 notes.append(f"Of {entrant.label}, episodes left out that were not scored in every flight: {left}.")
         return rows
 
-    blocks = data.blocks(rows_of)
-    if not blocks:
-        return None
-    return ReportTable(
+    return data.table_of_rows(
         name="variance",
         title="From flight to flight",
         caption=(
@@ -119,10 +112,9 @@ def variance(data: ReportData) -> ReportTable | None:
             " of n independent flights with one success rate. By episode: the scatter of"
             " independent flights if each episode has its own estimated success rate."
         ),
-        columns=tuple(columns),
-        blocks=blocks,
-        notes=tuple(notes),
-        command=data.command,
+        columns=columns,
+        rows_of=rows_of,
+        notes=notes,
     )
 
 

@@ -104,7 +104,8 @@ def per_map(data: ReportData) -> ReportTable | None:
         rates = [percent(of_cell(entrant.episodes, c, m), "success") for m, c in places]
         return rates if any(cell.of for cell in rates) else None
 
-    return data.table("per_map", "By map", "Successes of the scored flights, by map and cell.", columns, row_of)
+    caption = "Successes of the scored flights, by map and cell."
+    return data.table(columns, row_of, name="per_map", title="By map", caption=caption)
 
 
 def approaching(data: ReportData) -> ReportTable | None:
