@@ -119,9 +119,10 @@ def _note(verdict: Judgement, last: Measured | None) -> str | None:
     return None
 
 
-def _deciding(declaration: Measured | None) -> Deciding | None:
-    names = ("step", "drone", "t", "distance_m")
-    return None if declaration is None else Deciding(**{name: getattr(declaration, name) for name in names})
+def _deciding(made: Measured | None) -> Deciding | None:
+    if made is None:
+        return None
+    return Deciding(step=made.step, drone=made.drone, t=made.t, distance_m=made.distance_m)
 
 
 def _of_drone(drone: int, diagnostics: Diagnostics, declared: list[Measured], delta_m: float) -> DroneDiagnostics:

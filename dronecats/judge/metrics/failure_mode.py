@@ -2,8 +2,8 @@
 
 Source: paper, "Failure Taxonomy" and appendix "Additional Results". The paper does not say which mode counts if several
 hold. Here the first mode of MODES that holds counts. After success, MODES has the order of the appendix, except for
-"did not move", which the appendix counts as "timed out". "Did not move" is meant for simulation faults, so it
-holds only if moves were commanded. It precedes the modes from "never grounded" on, which assume a moving drone.
+"did not move", which the appendix counts as "timed out". "Did not move" is meant for simulation faults, so it holds
+only if moves were commanded. It precedes the modes from "never grounded" on, which assume a moving drone.
 
 For a fleet, one drone with a declaration or an arrival is enough. The closed share of the distance and the share of
 steps with the target ahead are the best drone's. A fleet oscillated if every drone oscillated. It did not move if no
