@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from filterpy.common import Q_discrete_white_noise
-from filterpy.kalman import KalmanFilter
+from filterpy.kalman import update
 from numpy.typing import NDArray
 
 from foundation.frames import Vec3
@@ -25,12 +25,12 @@ SPEED_MAX = 1.5  # m/s, limit of estimated speeds; faster estimates come from er
 
 
 @dataclass(frozen=True, slots=True)
-class _Belief:
-    """The state of the filter before its last sighting."""
+class _Track:
+    """The state of the filter after a sighting."""
 
     state: NDArray[np.float64]  # (6, 1): place and velocity, m, m/s
     covariance: NDArray[np.float64]  # (6, 6)
-    time_s: float
+    time_s: float  # of the sighting
     sightings: int
 
 
@@ -49,67 +49,55 @@ class Pursuit:
     """
 
     def __init__(self) -> None:
-        self._filter: KalmanFilter | None = None
-        self._time_s = 0.0
-        self._before: _Belief | None = None  # state before the last sighting; None: there was no track
-        self.sightings = 0  # in this track
+        self._track: _Track | None = None
+        self._before: _Track | None = None  # the track before the last sighting
+
+    @property
+    def sightings(self) -> int:
+        """The number of sightings in this track."""
+        return self._track.sightings if self._track else 0
 
     def see(self, time_s: float, lens_ned: Vec3, place_ned: Vec3) -> bool:
         """Add a place that was seen from a lens at a time (m, local frame); return False if it begins a new track."""
-        noise = sighting_noise(lens_ned, place_ned)
-        if self._filter is not None and time_s == self._time_s:
-            self._believe(self._before)
-        self._before = self._belief()
-        if self._filter is not None and 0.0 <= time_s - self._time_s <= FORGET_S:
-            predicted, covariance = self._predicted(time_s)
-            off = np.array(place_ned) - predicted[:3]
+        noise, place = sighting_noise(lens_ned, place_ned), np.array(place_ned)
+        track = self._track
+        if track is not None and time_s == track.time_s:
+            track = self._before
+        self._before = track
+        if track is not None and 0.0 <= time_s - track.time_s <= FORGET_S:
+            step = transition(time_s - track.time_s)
+            predicted = step @ track.state
+            covariance = step @ track.covariance @ step.T + process_noise(time_s - track.time_s)
+            off = place - predicted[:3, 0]
             if float(off @ np.linalg.solve(covariance[:3, :3] + noise, off)) <= GATE:
-                self._filter.x, self._filter.P = predicted.reshape(6, 1), covariance
-                self._filter.update(np.array(place_ned).reshape(3, 1), R=noise)
-                self._time_s, self.sightings = time_s, self.sightings + 1
+                state, covariance = update(predicted, covariance, place.reshape(3, 1), noise, np.eye(3, 6))
+                self._track = _Track(state, covariance, time_s, track.sightings + 1)
                 return True
-        self._filter = _begun(place_ned, noise)
-        self._time_s, self.sightings = time_s, 1
+        covariance = np.diag([0.0] * 3 + [SPEED_STD**2] * 3)
+        covariance[:3, :3] = noise
+        self._track = _Track(np.array([*place_ned, 0.0, 0.0, 0.0]).reshape(6, 1), covariance, time_s, 1)
         return False
-
-    def _belief(self) -> _Belief | None:
-        if self._filter is None:
-            return None
-        return _Belief(self._filter.x, self._filter.P, self._time_s, self.sightings)
-
-    def _believe(self, belief: _Belief | None) -> None:
-        if belief is None:
-            self._filter, self.sightings = None, 0
-            return
-        assert self._filter is not None
-        self._filter.x, self._filter.P = belief.state, belief.covariance
-        self._time_s, self.sightings = belief.time_s, belief.sightings
 
     def at(self, time_s: float) -> Pursued | None:
         """Return the estimate at a time, which must not be before the last sighting; None if no track exists then."""
-        if self._filter is None or time_s - self._time_s > FORGET_S:
+        track = self._track
+        if track is None or time_s - track.time_s > FORGET_S:
             return None
-        velocity = self._velocity()
-        age = max(0.0, time_s - self._time_s)
-        seen = self._filter.x[:3, 0]
+        velocity = _velocity(track)
+        age = max(0.0, time_s - track.time_s)
+        seen = track.state[:3, 0]
         return Pursued((seen[0] + velocity[0] * age, seen[1] + velocity[1] * age, float(seen[2])), velocity)
 
-    def _velocity(self) -> Vec3:
-        assert self._filter is not None
-        velocity = self._filter.x[3:5, 0]
-        speed = float(np.hypot(*velocity))
-        if speed**2 == 0.0 or self.sightings < LEAST:  # the square of a tiny speed may be 0
-            return (0.0, 0.0, 0.0)
-        along = velocity / speed
-        doubt = float(along @ self._filter.P[3:5, 3:5] @ along) / speed**2
-        held = max(0.0, 1.0 - doubt) * min(1.0, SPEED_MAX / speed)  # 0 if the uncertainty exceeds the velocity
-        return (float(velocity[0]) * held, float(velocity[1]) * held, 0.0)
 
-    def _predicted(self, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        assert self._filter is not None
-        step = transition(time_s - self._time_s)
-        noise = process_noise(time_s - self._time_s)
-        return (step @ self._filter.x)[:, 0], step @ self._filter.P @ step.T + noise
+def _velocity(track: _Track) -> Vec3:
+    velocity = track.state[3:5, 0]
+    speed = float(np.hypot(*velocity))
+    if speed**2 == 0.0 or track.sightings < LEAST:  # the square of a tiny speed may be 0
+        return (0.0, 0.0, 0.0)
+    along = velocity / speed
+    doubt = float(along @ track.covariance[3:5, 3:5] @ along) / speed**2
+    held = max(0.0, 1.0 - doubt) * min(1.0, SPEED_MAX / speed)  # 0 if the uncertainty exceeds the velocity
+    return (float(velocity[0]) * held, float(velocity[1]) * held, 0.0)
 
 
 def transition(seconds: float) -> NDArray[np.float64]:
@@ -132,13 +120,3 @@ def sighting_noise(lens_ned: Vec3, place_ned: Vec3) -> NDArray[np.float64]:
     line = offset / distance if distance else np.array([1.0, 0.0, 0.0])
     along = np.outer(line, line)
     return (ALONG_M + ALONG * distance) ** 2 * along + (ACROSS_M + ACROSS * distance) ** 2 * (np.eye(3) - along)
-
-
-def _begun(place_ned: Vec3, noise: NDArray[np.float64]) -> KalmanFilter:
-    made = KalmanFilter(dim_x=6, dim_z=3)
-    made.x = np.array([*place_ned, 0.0, 0.0, 0.0]).reshape(6, 1)
-    made.P = np.zeros((6, 6))
-    made.P[:3, :3] = noise
-    made.P[3:, 3:] = SPEED_STD**2 * np.eye(3)
-    made.H = np.eye(3, 6)
-    return made

@@ -43,8 +43,8 @@ def test_the_filter_equals_least_squares_over_all_sightings_and_the_prior(gaps, 
             both = np.hstack([-step, np.eye(6)])
             weight[6 * k - 6 : 6 * k + 6, 6 * k - 6 : 6 * k + 6] += both.T @ q @ both
     state = np.linalg.solve(weight, right)[-6:]
-    assert track._filter is not None
-    assert track._filter.x[:, 0] == pytest.approx(state, abs=2e-3)
+    assert track._track is not None
+    assert track._track.state[:, 0] == pytest.approx(state, abs=2e-3)
 
 
 def test_process_noise_is_that_of_a_piecewise_constant_acceleration():
@@ -78,9 +78,9 @@ def test_a_stationary_target_has_almost_no_velocity():
         track, _ = seen([np.array([12.0, 0.0, 0.0]) + draw.normal(0.0, [2.4, 0.5, 0.3]) for _ in times], times)
         now = track.at(24.0)
         assert now is not None
-        assert track._filter is not None
+        assert track._track is not None
         believed.append(np.hypot(*now.velocity_ned[:2]))
-        raw.append(np.hypot(*track._filter.x[3:5, 0]))
+        raw.append(np.hypot(*track._track.state[3:5, 0]))
     assert np.mean(believed) < 0.5 * np.mean(raw)
     assert np.median(believed) < 0.03
 
