@@ -1,24 +1,19 @@
 """The interface between an agent and one episode: vehicles, camera, clock and logs. An agent gets nothing else."""
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from dronecats.agent.controller import Aircraft
-from dronecats.agent.latency import Question
-from dronecats.agent.models.model import Request
 from dronecats.agent.pictures import PicturePath
 from foundation.camera import Camera, CameraModel, Frame, encode, encode_depth
-from foundation.errors import CameraError
 from foundation.protocol import CAP_S
 from foundation.run_folder.layout import depth_name, frame_name
 from foundation.run_folder.rows import Decision
 from foundation.run_folder.writing import LineLog, PromptLog
-
-T = TypeVar("T")
 
 
 class HostPace:
@@ -102,43 +97,6 @@ class Cockpit:
     pictures: PicturePath | None = None  # declared disturbances of pictures, such as a delay; None: none
     host: HostPace | None = None  # paces the vehicle's clock in real time; None: lockstep
 
-    def newest_frames(
-        self,
-        question: Question,
-        drones: Sequence[int],
-        now_s: Callable[[], float],
-        cap_s: float,
-        patience_s: float | None,
-    ) -> Generator[None, None, list[Frame] | None]:
-        """Return the newest frame of each drone for a question; yield until they arrive.
-
-        Returns None if a declared disturbance holds the pictures back until the episode ends at `cap_s`. Raises
-        CameraError if a picture takes longer than `patience_s`.
-        """
-
-        def fetched(call: Callable[[], T]) -> Generator[None, None, T]:
-            coming = self.executor.submit(call)
-            start_s = now_s()
-            while not coming.done():
-                yield
-                if patience_s is not None and now_s() > start_s + patience_s:
-                    raise CameraError(
-                        f"the camera has sent no image for {patience_s:g} s. Check it with: dronecats camera check URL"
-                    )
-            return coming.result()
-
-        if self.pictures is None:
-            return (yield from fetched(lambda: [self.camera.newest(drone) for drone in drones]))
-        coming = self.pictures.frames(self.camera, question, drones, now_s, self.t0_us, fetched)
-        while True:
-            try:
-                next(coming)
-            except StopIteration as came:
-                return list(came.value)
-            if now_s() >= cap_s:
-                return None
-            yield
-
     def keep_pictures(self, frames: Sequence[Frame]) -> tuple[bytes, ...]:
         """Return frames as JPEGs for a model. Write each JPEG, with the depth image if any, into the run folder."""
         pictures = tuple(encode(frame.image_rgb) for frame in frames)
@@ -147,12 +105,6 @@ class Cockpit:
             if frame.depth_mm is not None:
                 (self.frames_dir / depth_name(frame.frame_id, frame.drone)).write_bytes(encode_depth(frame.depth_mm))
         return pictures
-
-    def log_prompt(self, request: Request, frames: Sequence[Frame], time_s: float) -> None:
-        """Log the text of a question, sent `time_s` after the episode began."""
-        if self.prompts:
-            ids = [frame.frame_id for frame in frames]
-            self.prompts.write(request.role, request.drone, request.step, time_s, ids, request.labels, request.text)
 
 
 class Agent(Protocol):

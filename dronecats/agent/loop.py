@@ -1,12 +1,13 @@
 """The loop of the paper's agent: see, decide, act, log. A step gets a frame, the instruction and the past actions.
 
 A `Decider` decides for a group of drones. It sends their pictures in one question, and one reply has an action for each
-drone. Its `fly` is a generator that yields while vehicle time passes, so several deciders run side by side.
+drone. The `fly` of an `Asker` is a generator that yields while vehicle time passes, so several run side by side.
 """
 
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor, Future, wait
 from dataclasses import dataclass
+from typing import TypeVar
 
 from msgspec import UNSET, UnsetType
 
@@ -22,6 +23,8 @@ from foundation.errors import CameraError, ModelError
 from foundation.protocol import CAP_S, HISTORY_LENGTH
 from foundation.run_folder.rows import Decision
 from foundation.threads import COMPUTING, DaemonExecutor
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +66,14 @@ class PendingQuestion:
         self._beside = beside and policy.foreseen
         self._future: Future[Reply] = (DaemonExecutor() if self._beside else executor).submit(model.ask, request)
         self._policy, self._question = policy, question
-        self._start_s, self._last_s = now_s, last_s
+        self.start_s, self._last_s = now_s, last_s
         self._charged_s: float | None = None
 
     def due(self, now_s: float) -> bool:
         """Return whether the reply has arrived and its latency has passed on the vehicle's clock."""
         if self._beside:  # only the due time counts: with the real arrival, flights would not be reproducible
             foreseen_s = self._charge() or 0.0
-            if now_s < self._start_s + foreseen_s - 1e-9:
+            if now_s < self.start_s + foreseen_s - 1e-9:
                 return False
             self._wait()
         if not self._future.done():
@@ -79,8 +82,8 @@ class PendingQuestion:
             return True
         charged_s = self._charge()
         if charged_s is None:
-            return now_s >= self._start_s - 1e-9  # a picture may be newer than the newest telemetry
-        return now_s >= self._start_s + charged_s - 1e-9
+            return now_s >= self.start_s - 1e-9  # a picture may be newer than the newest telemetry
+        return now_s >= self.start_s + charged_s - 1e-9
 
     @property
     def answered(self) -> bool:
@@ -103,7 +106,7 @@ class PendingQuestion:
         The value is the charge. Without a charge, or if the elapsed time exceeds the charge by more than SLACK_S, the
         value is the elapsed time.
         """
-        elapsed_s = (now_s - self._start_s) * self.reply().share  # without failed attempts
+        elapsed_s = (now_s - self.start_s) * self.reply().share  # without failed attempts
         charged_s = self._charge()
         if charged_s is None:
             return elapsed_s
@@ -111,46 +114,15 @@ class PendingQuestion:
 
     def after_s(self, cap_s: float) -> float:
         """Return the due time (vehicle seconds) of a reply that is too late; it is always later than `cap_s`."""
-        return max(self._start_s + (self._charge() or 0.0), cap_s + 1e-3)
+        return max(self.start_s + (self._charge() or 0.0), cap_s + 1e-3)
 
     def _charge(self) -> float | None:
         """Return the charge in vehicle seconds; None: real latency, nothing is charged."""
         if not self._policy.real and self._charged_s is None:
             reply = None if self._policy.foreseen else self.reply()
-            since_s = None if self._last_s is None else self._start_s - self._last_s
+            since_s = None if self._last_s is None else self.start_s - self._last_s
             self._charged_s = self._policy.charge_s(self._question, Circumstance(reply, since_s))
         return self._charged_s
-
-
-def await_reply(
-    asking: PendingQuestion,
-    now_s: Callable[[], float],
-    start_s: float,
-    cap_s: float,
-    patience_s: float | None = None,
-    last_reply: bool = True,
-) -> Generator[None, None, bool]:
-    """Yield until the reply is due or the episode is over; return whether it is due.
-
-    Times are vehicle seconds since the episode began. `last_reply`: wait for a reply under way at `cap_s`, although it
-    is too late to be an action. This tells a slow model (a failure) from a dead endpoint. Raises ModelError
-    beyond `patience_s` (None: only the model's client has a limit), and the errors of that client.
-    """
-    while not asking.due(now_s()):
-        yield
-        if now_s() >= cap_s:
-            break
-        if patience_s is not None and now_s() > start_s + patience_s:
-            raise ModelError(f"the model has not answered for {patience_s:g} s. Check its server")
-    if asking.due(now_s()):
-        return True
-    if last_reply:
-        while not asking.answered:
-            yield
-            if patience_s is not None and now_s() > start_s + patience_s:
-                raise ModelError(f"the model has not answered for {patience_s:g} s, nor before the end of the episode")
-        asking.reply()
-    return False
 
 
 class Tally:
@@ -165,42 +137,134 @@ class Tally:
         return self.taken - 1
 
 
-class Decider:
+class Asker:
+    """Asks one model about drones, question by question. Subclasses say when, and what follows from a reply."""
+
+    def __init__(self, questions: Questions, cockpit: Cockpit, now_s: Callable[[], float], tally: Tally) -> None:
+        """`now_s` reads the episode's clock; all askers of an episode share `tally`."""
+        self._questions, self._cockpit, self._now_s, self._tally = questions, cockpit, now_s, tally
+        self._questions_sent = 0
+        self._answered_s: float | None = None  # time of the last reply
+        self._served: str | None = None  # the model of the last reply, as the vendor names it
+
+    def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
+        """Ask and act until `cap_s`, or until `stop` returns True for a decision; yield once per tick.
+
+        Returns whether `stop` ended it. Raises ModelError, CameraError, LinkError.
+        """
+        while self._now_s() < cap_s:
+            decisions = yield from self._turn(cap_s)
+            if any(stop(decision) for decision in decisions):
+                return True
+        return False
+
+    def _turn(self, cap_s: float) -> Generator[None, None, Sequence[Decision]]:
+        """Yield while one question and its consequences take place, or once; return its decisions."""
+        raise NotImplementedError
+
+    def _newest_frames(
+        self, first: int, drones: Sequence[int], cap_s: float
+    ) -> Generator[None, None, list[Frame] | None]:
+        """Return the newest frame of each drone for the next question; yield until they arrive.
+
+        `first`: the `drone` of the `latency.Question`. Returns None if a declared disturbance holds the pictures back
+        until the episode ends at `cap_s`. Raises CameraError if a picture takes longer than `patience_s`.
+        """
+        cockpit, now_s, patience_s = self._cockpit, self._now_s, self._questions.patience_s
+
+        def fetched(call: Callable[[], T]) -> Generator[None, None, T]:
+            coming = cockpit.executor.submit(call)
+            start_s = now_s()
+            while not coming.done():
+                yield
+                if patience_s is not None and now_s() > start_s + patience_s:
+                    raise CameraError(
+                        f"the camera has sent no image for {patience_s:g} s. Check it with: dronecats camera check URL"
+                    )
+            return coming.result()
+
+        if cockpit.pictures is None:
+            return (yield from fetched(lambda: [cockpit.camera.newest(drone) for drone in drones]))
+        question = Question(cockpit.seed, self._questions_sent, first)
+        coming = cockpit.pictures.frames(cockpit.camera, question, drones, now_s, cockpit.t0_us, fetched)
+        while True:
+            try:
+                next(coming)
+            except StopIteration as came:
+                return list(came.value)
+            if now_s() >= cap_s:
+                return None
+            yield
+
+    def _ask(self, request: Request, frames: Sequence[Frame], first: int, now_s: float) -> PendingQuestion:
+        """Log and send a question about `frames` at `now_s`. `first`: the `drone` of the `latency.Question`."""
+        questions, cockpit = self._questions, self._cockpit
+        if cockpit.prompts:
+            ids = [frame.frame_id for frame in frames]
+            cockpit.prompts.write(request.role, request.drone, request.step, now_s, ids, request.labels, request.text)
+        self._questions_sent += 1
+        question, last_s = Question(cockpit.seed, request.step, first), self._answered_s
+        return PendingQuestion(
+            questions.model, request, cockpit.executor, questions.latency, question, now_s, questions.beside, last_s
+        )
+
+    def _await(self, asking: PendingQuestion, cap_s: float) -> Generator[None, None, bool]:
+        """Yield until the reply is due or the episode is over; return whether it is due.
+
+        With `last_reply`, wait for a reply under way at `cap_s`, although it is too late to be an action. This tells a
+        slow model (a failure) from a dead endpoint. Raises ModelError beyond `patience_s` (None: only the model's
+        client has a limit), and the errors of that client.
+        """
+        questions = self._questions
+
+        def check_patience(more: str) -> None:
+            if questions.patience_s is not None and self._now_s() > asking.start_s + questions.patience_s:
+                raise ModelError(f"the model has not answered for {questions.patience_s:g} s{more}")
+
+        while not asking.due(self._now_s()):
+            yield
+            if self._now_s() >= cap_s:
+                break
+            check_patience(". Check its server")
+        if asking.due(self._now_s()):
+            return True
+        if questions.last_reply:
+            while not asking.answered:
+                yield
+                check_patience(", nor before the end of the episode")
+            asking.reply()
+        return False
+
+    def _served_anew(self, reply: Reply) -> str | UnsetType:
+        """Return the name of the model that answered; UNSET if it is the same as for the last reply."""
+        if reply.served == self._served:
+            return UNSET
+        self._served = reply.served
+        return reply.served or self._questions.model.name
+
+    def _since_begin_s(self, frame: Frame) -> float:
+        return (frame.time_us - self._cockpit.t0_us) / 1e6
+
+
+class Decider(Asker):
     """Decides for its drones, step by step: the paper's pilot with one drone, the paper's joint command with four."""
 
     def __init__(
         self, questions: Questions, drones: Sequence[Drone], cockpit: Cockpit, now_s: Callable[[], float], tally: Tally
     ) -> None:
-        """`now_s` reads the episode's clock; all deciders of an episode share `tally`."""
-        self._questions, self._drones, self._cockpit = questions, drones, cockpit
-        self._now_s, self._tally = now_s, tally
-        self._questions_sent = 0
-        self._decided_s: float | None = None
-        self._served: str | None = None  # the model of the last reply, as the vendor names it
+        super().__init__(questions, cockpit, now_s, tally)
+        self._drones = drones
         self._host = cockpit.host.watch() if cockpit.host else None
 
-    def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
-        """Decide and act until `cap_s`, or until `stop` returns True for a decision; yield once per tick.
-
-        Returns whether `stop` ended it. Raises ModelError, CameraError, LinkError.
-        """
-        while self._now_s() < cap_s:
-            frames = yield from self._see(cap_s)
-            if frames is None:
-                break
-            decisions = yield from self._step(frames, cap_s)
-            if any(stop(decision) for decision in decisions):
-                return True
-        return False
+    def _turn(self, cap_s: float) -> Generator[None, None, Sequence[Decision]]:
+        frames = yield from self._see(cap_s)
+        return [] if frames is None else (yield from self._step(frames, cap_s))
 
     def _see(self, cap_s: float) -> Generator[None, None, list[Frame] | None]:
         """Return each drone's newest frame; None if the episode ended first. Drones store the pose of their frame."""
         indices = [drone.index for drone in self._drones]
         start_s = self._host.pace.now_s if self._host else 0.0
-        question = Question(self._cockpit.seed, self._questions_sent, indices[0])
-        frames = yield from self._cockpit.newest_frames(
-            question, indices, self._now_s, cap_s, self._questions.patience_s
-        )
+        frames = yield from self._newest_frames(indices[0], indices, cap_s)
         if frames is None:
             if not self._tally.taken:
                 raise CameraError("no image arrived before the end of the episode")
@@ -218,12 +282,8 @@ class Decider:
         # a frame may be newer than the newest telemetry, but the time of a question is never before its frames
         start_s = max(self._now_s(), *(self._since_begin_s(frame) for frame in frames))
         thinking = any(drone.thinks_next for drone in self._drones)  # one call decides for all drones
-        asking = self._send(frames, thinking, self._questions_sent, start_s)
-        self._questions_sent += 1
-        questions = self._questions
-        if not (
-            yield from await_reply(asking, self._now_s, start_s, cap_s, questions.patience_s, questions.last_reply)
-        ):
+        asking = self._send(frames, thinking, start_s)
+        if not (yield from self._await(asking, cap_s)):
             if not self._tally.taken:
                 if not asking.answered:
                     raise ModelError("the model sent no reply before the end of the episode")
@@ -243,23 +303,20 @@ class Decider:
             for drone in self._drones:
                 drone.advance(self._now_s())
 
-    def _send(self, frames: Sequence[Frame], thinking: bool, number: int, now_s: float) -> PendingQuestion:
-        questions, cockpit = self._questions, self._cockpit
-        pictures = cockpit.keep_pictures(frames)
-        text = questions.prompt.render(
-            self._instruction(), self._histories(), HISTORY_LENGTH, questions.axis_order, len(self._drones)
-        )
-        first = self._drones[0].index
-        taken_us = tuple(frame.time_us for frame in frames) if cockpit.pictures else ()
+    def _send(self, frames: Sequence[Frame], thinking: bool, now_s: float) -> PendingQuestion:
+        questions, cockpit, drones = self._questions, self._cockpit, len(self._drones)
         request = Request(
-            text, pictures, thinking, labels(len(self._drones)), step=number, drone=first, taken_us=taken_us
+            questions.prompt.render(
+                self._instruction(), self._histories(), HISTORY_LENGTH, questions.axis_order, drones
+            ),
+            cockpit.keep_pictures(frames),
+            thinking,
+            labels(drones),
+            step=self._questions_sent,
+            drone=self._drones[0].index,
+            taken_us=tuple(frame.time_us for frame in frames) if cockpit.pictures else (),
         )
-        cockpit.log_prompt(request, frames, now_s)
-        question = Question(cockpit.seed, number, first)
-        executor, last_s = cockpit.executor, self._decided_s
-        return PendingQuestion(
-            questions.model, request, executor, questions.latency, question, now_s, questions.beside, last_s
-        )
+        return self._ask(request, frames, request.drone, now_s)
 
     def _instruction(self) -> str:
         return self._questions.instruction
@@ -276,10 +333,9 @@ class Decider:
 
     def _decide(self, frames: Sequence[Frame], asking: PendingQuestion, thinking: bool, now_s: float) -> list[Decision]:
         reply, step = asking.reply(), self._tally.take()
-        rate_hz = None if self._decided_s is None or now_s <= self._decided_s else 1.0 / (now_s - self._decided_s)
-        self._decided_s = now_s
-        served = UNSET if reply.served == self._served else reply.served or self._questions.model.name
-        self._served = reply.served
+        rate_hz = None if self._answered_s is None or now_s <= self._answered_s else 1.0 / (now_s - self._answered_s)
+        self._answered_s = now_s
+        served = self._served_anew(reply)
         lag_s, waited_s = self._host.take() if self._host else (None, None)
         decisions = []
         readings = reading(reply.text, len(self._drones), self._questions.axis_order, self._questions.parser)
@@ -317,9 +373,6 @@ class Decider:
             decisions.append(decision)
             drone.plan(action)
         return decisions
-
-    def _since_begin_s(self, frame: Frame) -> float:
-        return (frame.time_us - self._cockpit.t0_us) / 1e6
 
 
 class SideBySideAgent:

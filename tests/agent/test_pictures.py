@@ -9,12 +9,15 @@ import pytest
 from scipy import stats
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.latency import COMMANDER, Question
+from dronecats.agent.latency import COMMANDER, LatencyPolicy, Question
+from dronecats.agent.loop import Asker, Questions, Tally
 from dronecats.agent.pictures import PicturePath
+from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel, Frame
 from foundation.errors import UsageError
 from foundation.run_folder.writing import LineLog
 from foundation.threads import InlineExecutor
+from tests.agent.test_deciders import Noting
 
 TICK_S = 0.05
 GREY = np.zeros((1, 1, 3), np.uint8)
@@ -49,14 +52,16 @@ def questions(tmp_path, count, *, drones=(0,), every_s=2.0, first=None, seed=(4,
     watch = Watch()
     cockpit = Cockpit(
         aircraft=[], camera=watch, camera_model=CameraModel(), log=LineLog(tmp_path / "decisions.jsonl"),
-        frames_dir=tmp_path, executor=InlineExecutor(), t0_us=Watch.T0_US,
+        frames_dir=tmp_path, executor=InlineExecutor(), t0_us=Watch.T0_US, seed=seed,
         pictures=PicturePath(**faults, recall=watch.at),
     )  # fmt: skip
+    asked = Questions(Noting(), Prompt.load(), "go", LatencyPolicy.parse("fixed:0"))
+    asker = Asker(asked, cockpit, watch.now_s, Tally())
     results: list[Any] = []
     for step in range(count):
         asked_s = watch.now_s()
-        question = Question(seed, step, drones[0] if first is None else first)
-        coming = cockpit.newest_frames(question, drones, watch.now_s, cap_s, None)
+        asker._questions_sent = step
+        coming = asker._newest_frames(drones[0] if first is None else first, drones, cap_s)
         while True:
             try:
                 next(coming)

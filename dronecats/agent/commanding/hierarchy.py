@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 
-from msgspec import UNSET, UnsetType
+from msgspec import UNSET
 
 from dronecats.agent.action import Action, Finished
 from dronecats.agent.cockpit import Cockpit
@@ -17,8 +17,8 @@ from dronecats.agent.commanding.command_prompt import (
     parse_orders,
     roster,
 )
-from dronecats.agent.latency import COMMANDER, Question
-from dronecats.agent.loop import Decider, PendingQuestion, Questions, SideBySideAgent, Tally, await_reply
+from dronecats.agent.latency import COMMANDER
+from dronecats.agent.loop import Asker, Decider, PendingQuestion, Questions, SideBySideAgent, Tally
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import History, labels
 from foundation.camera import Frame
@@ -40,7 +40,7 @@ class _Shown:
     reports: frozenset[int]  # drones with a report that the commander has not yet answered
 
 
-class FleetCommander:
+class FleetCommander(Asker):
     """The commander of a fleet: one model for all drones. It is asked after events and at intervals, not every step.
 
     The commander sees the picture of every camera, and the roster (the state of each drone as text). It gives goals.
@@ -62,28 +62,10 @@ class FleetCommander:
 
         `posts`: the states of drones 0, 1, 2 …. `tally` numbers the decisions. `keep` logs a question and its reply.
         """
-        self._questions, self._prompt, self._posts, self._cockpit = questions, prompt, posts, cockpit
-        self._now_s, self._tally, self._keep = now_s, tally, keep
-        self._questions_sent = 0
+        super().__init__(questions, cockpit, now_s, tally)
+        self._prompt, self._posts, self._keep = prompt, posts, keep
         self._sent_s = 0.0  # time of the last question
-        self._answered_s: float | None = None  # time of the last reply
-        self._served: str | None = None  # the model of the last reply, as the vendor names it
         self._sent_reports: set[int] = set()  # drones whose open report has already been in a question
-
-    def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
-        """Ask when there is a `Cause`, and carry out the orders, until `cap_s` (s) or until `stop` returns True.
-
-        Yields and returns like `Decider.fly`. Raises ModelError, CameraError.
-        """
-        while self._now_s() < cap_s:
-            causes = self._causes()
-            if not causes:
-                yield
-                continue
-            decisions = yield from self._exchange(causes, cap_s)
-            if any(stop(decision) for decision in decisions):
-                return True
-        return False
 
     def _causes(self) -> tuple[Cause, ...]:
         """Return the new causes for a question. Each report is a cause only once."""
@@ -101,20 +83,18 @@ class FleetCommander:
             causes.append(Cause(why="time"))
         return tuple(causes)
 
-    def _exchange(self, causes: tuple[Cause, ...], cap_s: float) -> Generator[None, None, list[Decision]]:
-        questions = self._questions
-        question = Question(self._cockpit.seed, self._questions_sent, COMMANDER)
-        frames = yield from self._cockpit.newest_frames(
-            question, range(len(self._posts)), self._now_s, cap_s, questions.patience_s
-        )
+    def _turn(self, cap_s: float) -> Generator[None, None, Sequence[Decision]]:
+        """Ask if there is a `Cause`, and carry out the orders. Raises ModelError, CameraError."""
+        causes = self._causes()
+        if not causes:
+            yield
+            return []
+        frames = yield from self._newest_frames(COMMANDER, range(len(self._posts)), cap_s)
         if frames is None:
             return []
         shown = self._show(causes, tuple(frames))
         asking = self._send(shown)
-        due = yield from await_reply(
-            asking, self._now_s, shown.sent_s, cap_s, questions.patience_s, questions.last_reply
-        )
-        if not due:
+        if not (yield from self._await(asking, cap_s)):
             if not (shown.number or asking.answered):
                 raise ModelError("the commander sent no reply before the end of the episode")
             self._keep(self._row(shown, None, FleetOrders(), "the episode was over before the reply"))
@@ -137,31 +117,26 @@ class FleetCommander:
         return decisions
 
     def _show(self, causes: tuple[Cause, ...], frames: tuple[Frame, ...]) -> _Shown:
-        now_s = max(self._now_s(), *((frame.time_us - self._cockpit.t0_us) / 1e6 for frame in frames))
+        now_s = max(self._now_s(), *map(self._since_begin_s, frames))
         reports = frozenset(drone for drone, post in enumerate(self._posts) if post.reported_s is not None)
+        self._sent_s, self._sent_reports = now_s, set(reports)
         shown = _Shown(self._questions_sent, now_s, causes, frames, roster(self._posts, now_s), reports)
-        self._questions_sent, self._sent_s, self._sent_reports = self._questions_sent + 1, now_s, set(reports)
         for post in self._posts:
             if post.steps_without_go >= STALL_STEPS:
                 post.steps_without_go = 0
         return shown
 
     def _send(self, shown: _Shown) -> PendingQuestion:
-        questions, drones = self._questions, len(self._posts)
+        drones = len(self._posts)
         request = Request(
-            self._prompt.render(questions.instruction, shown.roster, shown.causes, drones),
+            self._prompt.render(self._questions.instruction, shown.roster, shown.causes, drones),
             self._cockpit.keep_pictures(shown.frames),
             thinking=False,
             labels=labels(drones),
             step=shown.number,
             role="commander",
         )
-        self._cockpit.log_prompt(request, shown.frames, shown.sent_s)
-        question = Question(self._cockpit.seed, shown.number, COMMANDER)
-        executor, last_s = self._cockpit.executor, self._answered_s
-        return PendingQuestion(
-            questions.model, request, executor, questions.latency, question, shown.sent_s, last_s=last_s
-        )
+        return self._ask(request, shown.frames, COMMANDER, shown.sent_s)
 
     def _executable_orders(self, orders: FleetOrders, shown: _Shown) -> tuple[FleetOrders, list[str]]:
         """Return the orders that can be carried out, and the reason for each refused order."""
@@ -187,7 +162,7 @@ class FleetCommander:
             step=self._tally.take(),
             drone=drone,
             frame_id=frame.frame_id,
-            t_frame=round((frame.time_us - self._cockpit.t0_us) / 1e6, 6),
+            t_frame=round(self._since_begin_s(frame), 6),
             t_decided=round(now_s, 6),
             action=Finished().as_json(),
             latency_s=round(asking.latency_s(now_s), 6),
@@ -201,9 +176,6 @@ class FleetCommander:
     def _row(self, shown: _Shown, asking: PendingQuestion | None, orders: FleetOrders, error: str | None) -> Exchange:
         """Return the log row of an exchange; `asking` is None if the reply came too late."""
         reply, now_s = asking.reply() if asking else None, self._now_s()
-        served: str | UnsetType = UNSET
-        if reply and reply.served != self._served:
-            served, self._served = reply.served or self._questions.model.name, reply.served
         return Exchange(
             number=shown.number,
             t_asked=round(shown.sent_s, 6),
@@ -219,7 +191,7 @@ class FleetCommander:
             tokens_in=reply.tokens_in if reply else None,
             tokens_out=reply.tokens_out if reply else None,
             model=self._questions.model.name,
-            served=served,
+            served=self._served_anew(reply) if reply else UNSET,
         )
 
 
@@ -234,28 +206,21 @@ class Subordinate(Decider):
         self._post = post
         self._goal = post.goal  # goal of the current question
 
-    def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
-        """Fly to the goals; hover while the drone waits for an order. Yields and returns like `Decider.fly`."""
-        while self._now_s() < cap_s:
-            if self._post.waits:
-                yield
-                continue
-            self._take_up()
-            frames = yield from self._see(cap_s)
-            if frames is None:
-                break
-            self._take_up()  # the goal may have changed while the picture came
-            decisions = yield from self._step(frames, cap_s)
-            if any(stop(decision) for decision in decisions):
-                return True
-        return False
+    def _turn(self, cap_s: float) -> Generator[None, None, Sequence[Decision]]:
+        """Fly to the goal; hover while the drone waits for an order."""
+        if self._post.waits:
+            yield
+            return []
+        return (yield from super()._turn(cap_s))
 
-    def _take_up(self) -> None:
-        """Adopt the present goal. A new goal clears the history."""
+    def _see(self, cap_s: float) -> Generator[None, None, list[Frame] | None]:
+        """Return the newest frame, and adopt the present goal. A new goal clears the history."""
+        frames = yield from super()._see(cap_s)
         drone = self._post.drone
         if self._post.goal != self._goal:
             self._goal = self._post.goal
             drone.history, drone.thinks_next = History(drone.history.camera), False
+        return frames
 
     def _instruction(self) -> str:
         return self._goal
@@ -284,7 +249,13 @@ class Hierarchy(SideBySideAgent):
         posts = [CommandedDrone(drone, questions.instruction) for drone in self._drones]
         self._deciders = [Subordinate(questions, post, cockpit, lambda: self.now_s, self._tally) for post in posts]
         self._commander = FleetCommander(
-            replace(questions, model=commander), prompt, posts, cockpit, lambda: self.now_s, self._tally, self._keep
+            replace(questions, model=commander, beside=False),
+            prompt,
+            posts,
+            cockpit,
+            lambda: self.now_s,
+            self._tally,
+            self._keep,
         )
 
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
