@@ -88,7 +88,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {  # JSON Schemas of the fields of each act
 
 
 class ActionError(ValueError):
-    """A reply has no valid action; the message says why. The pilot has failed, not the infrastructure."""
+    """A reply has no valid action or orders; the message says why. The model has failed, not the infrastructure."""
 
 
 MAX_ROTATION_DEG = 3600.0  # the parser accepts up to ten turns in either direction

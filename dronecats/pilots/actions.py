@@ -13,6 +13,7 @@ from foundation.protocol import ACTIONS, FINISHED, GO, NEAR_SCALE, POINT_SPAN, R
 
 Pilot = Callable[[str, list[bytes]], str]  # (prompt, JPEGs in picture order) → reply
 
+ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
 LEVEL_PX = 360.0  # px, row of the horizon; the history uses pixels of a 1280 × 720 picture
 SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01  # depth of the shortest `go`, plus 1 cm for rounding
 

@@ -23,24 +23,20 @@ def check(name: str) -> str:
 
     Raises UsageError (with similar names) for an unknown name, or for a recording without replies.
     """
-    if name in NAMES or (name.removeprefix(BLIND) in PATTERNS and name.startswith(BLIND)):
+    if name in NAMES:
         return name
-    if name.startswith(FAILING):
-        if name.removeprefix(FAILING) in FAILURES:
-            return name
-        raise UsageError(f"pilot '{name}' is not known: {_similar(name, FAILING, FAILURES)}")
+    for prefix, kinds in ((BLIND, PATTERNS), (FAILING, FAILURES)):
+        if name.startswith(prefix):
+            if name.removeprefix(prefix) in kinds:
+                return name
+            # the cutoff is high, because the common prefix makes all names similar
+            hint = suggestion(name, [f"{prefix}{kind}" for kind in kinds], count=2, cutoff=0.8)
+            raise UsageError(f"pilot '{name}' is not known: {hint}")
     if name.startswith(RECORDED):
         answer(name)
         return name
-    if name.startswith(BLIND):
-        raise UsageError(f"pilot '{name}' is not known: {_similar(name, BLIND, PATTERNS)}")
     all_names = (*NAMES, f"{BLIND}NAME", f"{FAILING}NAME", f"{RECORDED}FILE")
     raise UsageError(f"pilot '{name}' is not known: {suggestion(name, all_names, count=2)}")
-
-
-def _similar(name: str, prefix: str, kinds: Iterable[str]) -> str:
-    """Return a hint with the nearest names. The cutoff is high, because the common prefix makes all names similar."""
-    return suggestion(name, [f"{prefix}{kind}" for kind in kinds], count=2, cutoff=0.8)
 
 
 def check_installed(name: str, instructions: Iterable[str]) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dronecats.pilots import actions
-from dronecats.pilots.actions import Pilot
+from dronecats.pilots.actions import ORDINALS, Pilot
 from foundation.errors import UsageError
 from foundation.protocol import BRAKE_M, GO, STRIDE_MAX_M, STRIDE_MIN_M
 from foundation.run_folder.layout import DECISIONS
@@ -213,7 +213,6 @@ def pattern_pilot(name: str) -> Pilot:
     return reply_to
 
 
-ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
 _PLACE = re.compile(rf"look at the ({'|'.join(ORDINALS)}) one from the left\b", re.IGNORECASE)
 CANDIDATES = 4  # number of look-alike things (one is the target) in every commanding episode
 _DRONE = re.compile(r"^Drone (\d+)$")

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.commanding.command_prompt import MAX_REPLY_CHARS, FleetOrders, OrdersError, parse_orders
+from dronecats.agent.action import ActionError
+from dronecats.agent.commanding.command_prompt import MAX_REPLY_CHARS, FleetOrders, parse_orders
 from tests.support.refusal import refusal
 
 LOOK: dict[str, Any] = {"drone": 2, "goal": "look at the left one"}
@@ -52,7 +53,7 @@ def test_invalid_replies_are_rejected_with_a_reason():
         ('{"orders":[{"drone":2,"goal":"a"},{"drone":2,"goal":"b"}]}', "drone 2"),
         ('{"orders":[{"drone":2,"goal":"a"}],"confirm":["2"]}', "number"),
     ]:
-        assert word in refusal(parse_orders, reply, 4, error=OrdersError)
+        assert word in refusal(parse_orders, reply, 4, error=ActionError)
 
 
 def test_orders_in_marked_reasoning_are_not_executed():
@@ -60,7 +61,7 @@ def test_orders_in_marked_reasoning_are_not_executed():
         ('<think>Drone 1 says it has arrived. I could answer {"orders": [], "confirm": [1]}, but the sign …', "reason"),
         ('<think>maybe {"orders":[],"confirm":[1]}</think>\nNo change.', "JSON"),
     ]:
-        assert word in refusal(parse_orders, reply, 4, error=OrdersError)
+        assert word in refusal(parse_orders, reply, 4, error=ActionError)
     reply = '<think>{"confirm":[1]}?</think>{"confirm":[2]}'
     assert parse_orders(reply, 4) == FleetOrders((), (1,))
 
@@ -77,7 +78,7 @@ values = st.recursive(
 def test_any_reply_gives_orders_for_existing_drones_or_an_error(reply, drones):
     try:
         read = parse_orders(reply, drones)
-    except OrdersError:
+    except ActionError:
         return
     named = [drone for drone, _ in read.goals]
     assert len(set(named)) == len(named)
@@ -88,7 +89,7 @@ def test_any_reply_gives_orders_for_existing_drones_or_an_error(reply, drones):
 
 @pytest.mark.parametrize("reply", ["{" * 10**6, '{"a":' * 10**5, '{"confirm":[' * 10**5, "{}" * 10**6])
 def test_a_reply_is_parsed_only_up_to_the_length_limit(reply):
-    with pytest.raises(OrdersError):
+    with pytest.raises(ActionError):
         parse_orders(reply, 4)
-    with pytest.raises(OrdersError):  # text beyond the limit is not read
+    with pytest.raises(ActionError):  # text beyond the limit is not read
         parse_orders(" " * MAX_REPLY_CHARS + '{"confirm":[1]}', 4)

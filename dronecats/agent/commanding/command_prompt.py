@@ -145,55 +145,47 @@ class FleetOrders:
     confirmed: tuple[int, ...] = ()  # drones whose report is confirmed
 
 
-class OrdersError(ValueError):
-    """A reply has no valid orders; the message says why. The commander has failed, not the infrastructure."""
-
-
 def parse_orders(reply: str, drones: int) -> FleetOrders:
     """Return the orders in a commander's reply to a fleet of `drones`.
 
     The parser skips reasoning in tags such as <think>, and text around the JSON object. The last object with the key
-    ORDERS or CONFIRM counts. Raises OrdersError if there is no such object, or if it is malformed.
+    ORDERS or CONFIRM counts. Raises ActionError if there is no such object, or if it is malformed.
     """
-    try:
-        answer = answer_of(reply[:MAX_REPLY_CHARS])
-    except ActionError as error:
-        raise OrdersError(str(error)) from None
-    objects = [span.value for span in json_spans(answer, "{")]
+    objects = [span.value for span in json_spans(answer_of(reply[:MAX_REPLY_CHARS]), "{")]
     answers = [value for value in objects if ORDERS in value or CONFIRM in value]
     if not answers:
-        raise OrdersError(f'no JSON object with "{ORDERS}" or "{CONFIRM}" in the reply')
+        raise ActionError(f'no JSON object with "{ORDERS}" or "{CONFIRM}" in the reply')
     goals = tuple(_goal(order, drones) for order in _list(answers[-1], ORDERS))
     confirmed = tuple(_drone(number, drones) for number in _list(answers[-1], CONFIRM))
     counts = Counter(drone for drone, _ in goals)
     for drone, count in counts.items():
         if count > 1:
-            raise OrdersError(f"drone {drone + 1} has two goals")
+            raise ActionError(f"drone {drone + 1} has two goals")
     return FleetOrders(goals, tuple(dict.fromkeys(confirmed)))
 
 
 def _list(value: dict[str, Any], key: str) -> list[Any]:
     items = value.get(key, [])
     if not isinstance(items, list):
-        raise OrdersError(f'"{key}" is not a list')
+        raise ActionError(f'"{key}" is not a list')
     return items
 
 
 def _goal(order: Any, drones: int) -> tuple[int, str]:
     if not isinstance(order, dict):
-        raise OrdersError("an order is not a JSON object")
+        raise ActionError("an order is not a JSON object")
     goal = order.get("goal")
     if not isinstance(goal, str):
-        raise OrdersError('an order has no "goal" in words')
+        raise ActionError('an order has no "goal" in words')
     line = " ".join(goal.split())  # a goal is one line of a prompt
     if not line or len(line) > MAX_GOAL_CHARS or not line.isprintable():
-        raise OrdersError(f"a goal must be 1 … {MAX_GOAL_CHARS} printable characters")
+        raise ActionError(f"a goal must be 1 … {MAX_GOAL_CHARS} printable characters")
     return _drone(order.get("drone"), drones), line
 
 
 def _drone(number: Any, drones: int) -> int:
     if isinstance(number, bool) or not isinstance(number, int):
-        raise OrdersError("a drone is not named by its number")
+        raise ActionError("a drone is not named by its number")
     if not 1 <= number <= drones:
-        raise OrdersError(f"there is no drone {str(number)[:20]}, but 1 to {drones}")
+        raise ActionError(f"there is no drone {str(number)[:20]}, but 1 to {drones}")
     return number - 1

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from msgspec import UNSET
 
-from dronecats.agent.action import Action, Finished
+from dronecats.agent.action import Action, ActionError, Finished
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.commanding.command_prompt import (
     INTERVAL_S,
@@ -13,7 +13,6 @@ from dronecats.agent.commanding.command_prompt import (
     CommandedDrone,
     CommandPrompt,
     FleetOrders,
-    OrdersError,
     parse_orders,
     roster,
 )
@@ -105,7 +104,7 @@ class FleetCommander(Asker):
         try:
             orders, refusals = self._executable_orders(parse_orders(reply.text, len(self._posts)), shown)
             error = "; ".join(refusals) or None
-        except OrdersError as unreadable:
+        except ActionError as unreadable:
             orders, error = FleetOrders(), str(unreadable)
         self._keep(self._row(shown, asking, orders, error))
         decisions = [self._declare(drone, shown, asking) for drone in orders.confirmed]

@@ -29,16 +29,10 @@ class SteadyDrone(Drone):
         super().__init__(index, aircraft, camera_model)
         self.period_s = 0.0  # estimated s from one decision to the next
         self._pursuit = Pursuit()
-        self._seen_s = 0.0  # s of the aircraft's clock at which the picture was taken
         self._place: SeenPlace | None = None  # destination of a go
         self._leg: Leg | None = None
         self._course: float | None = None  # rad, last course on the leg
         self._resting = False  # the drone has reached the goal or the leg has ended, and there is no new decision
-
-    def see(self, time_us: int) -> None:
-        """Remember the time of a picture (µs, vehicle's clock) and the pose at that time."""
-        super().see(time_us)
-        self._seen_s = time_us / 1e6
 
     def plan(self, action: Action | None) -> None:
         """Plan an action (None: the reply was unreadable). `begin` flies it."""
@@ -50,7 +44,7 @@ class SteadyDrone(Drone):
         self._settle()
         assert self._seen is not None  # every action has a picture
         seen = seen_place(action, self._seen, self.history.camera)
-        self._pursuit.see(self._seen_s, seen.lens_ned, seen.place_ned)
+        self._pursuit.see(self._seen_us / 1e6, seen.lens_ned, seen.place_ned)
         if seen.reach <= 0.0:
             super().plan(None)
             return
@@ -115,7 +109,7 @@ class SteadyDrone(Drone):
         velocity = believed.velocity_ned if believed else (0.0, 0.0, 0.0)
         if believed and seen.depth_m >= NEAR_M:
             return believed.place_ned, velocity
-        old_s = now_s - self._seen_s  # a depth below NEAR_M is the distance to fly, not to the object
+        old_s = now_s - self._seen_us / 1e6  # a depth below NEAR_M is the distance to fly, not to the object
         north, east, down = seen.place_ned
         return (north + velocity[0] * old_s, east + velocity[1] * old_s, down), velocity
 
@@ -140,7 +134,7 @@ class SteadyDrone(Drone):
         stride does not move and is at most as far as the place in the picture. Without this limit, a drone would fly
         faster and faster if its pilot named the same small depth again and again.
         """
-        old_s = self.aircraft.time_us / 1e6 - self._seen_s
+        old_s = self.aircraft.time_us / 1e6 - self._seen_us / 1e6
         place, velocity = self._place_now(seen)
         if self._careful:
             stride = [seen.reach * (p - lens) for p, lens in zip(seen.place_ned, seen.lens_ned, strict=True)]

@@ -15,6 +15,7 @@ processor and the linear algebra library.
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -28,16 +29,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m dronecats.pilots.fitting", description="Fits the vision pilot.")
     fits = parser.add_subparsers(dest="fit", required=True)
     shipped = Path(color_detector.__file__).parent
-    for name, fit in (("shapes", shapes), ("colors", colors)):
+    networks: dict[str, Any] = {"shapes": shapes, "colors": colors}
+    for name, fit in networks.items():
         network = fits.add_parser(name, help=f"the network of the {name}")
         network.add_argument("--out", type=Path, help="folder to write to (default: replace the shipped files)")
-        network.add_argument(
-            "--scenes", type=int, default=fit.SCENES, help=f"number of scenes to fit to (default {fit.SCENES})"
-        )
-        network.add_argument(
-            "--pictures", type=int, default=fit.PICTURES, help=f"pictures of each scene (default {fit.PICTURES})"
-        )
-        network.add_argument("--rounds", type=int, default=fit.ROUNDS, help=f"rounds of the fit (default {fit.ROUNDS})")
+        for option, count, what in (
+            ("--scenes", fit.SCENES, "number of scenes to fit to"),
+            ("--pictures", fit.PICTURES, "pictures of each scene"),
+            ("--rounds", fit.ROUNDS, "rounds of the fit"),
+        ):
+            network.add_argument(option, type=int, default=count, help=f"{what} (default {count})")
         network.add_argument(
             "--check", type=Path, nargs="?", const=shipped, help="only check the network in this folder"
         )
@@ -51,19 +52,26 @@ def main() -> None:
         args.out.mkdir(parents=True, exist_ok=True)
     if args.fit == "vision-errors":
         try:
-            fitted = vision_errors.fit_run(args.run)
+            errors_of_run = vision_errors.fit_run(args.run)
         except UsageError as error:
             parser.error(str(error))
-        data = msgspec.json.format(msgspec.json.encode(fitted), indent=2) + b"\n"
+        data = msgspec.json.format(msgspec.json.encode(errors_of_run), indent=2) + b"\n"
         (args.out / noisy.FILE.name).write_bytes(data)
         print(data.decode(), end="")
         return
-    fit = {"shapes": shapes, "colors": colors}[args.fit]
-    if args.check is not None:
-        fit.check(args.check, args.short)
-    else:
-        size = (1, fit.SHORT_PICTURES, 1) if args.short else (args.scenes, args.pictures, args.rounds)
-        fit.fit_and_check(*size, args.out or (None if args.short else shipped), args.short)
+    fit = networks[args.fit]
+    folder = args.check
+    if folder is None:
+        network = fit.fit_scenes(
+            *((1, fit.SHORT_PICTURES, 1) if args.short else (args.scenes, args.pictures, args.rounds))
+        )
+        folder = args.out or (None if args.short else shipped)
+        if folder is not None:
+            fit.save(network, folder)
+    if folder is not None:
+        network = fit.NETWORK.load(folder / fit.NETWORK.FILE)
+    size = (1, fit.SHORT_PICTURES) if args.short else (fit.CHECK_SCENES, fit.CHECK_PICTURES)
+    fit.print_table(network, list(fit.draw(fit.CHECK_SEED, *size)))
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.pilots.fitting import training
-from dronecats.pilots.fitting.training import BATCH, CAMERA, Floats, OutputGradient
+from dronecats.pilots.fitting.training import BATCH, CAMERA, Examples, Floats, OutputGradient
 from dronecats.pilots.vision import color_detector, color_target
 from dronecats.pilots.vision.color_detector import CHANNELS, LENGTH, SIDE, PatchNetwork
 from dronecats.pilots.vision.colors import Picture
@@ -147,6 +148,7 @@ DISTANCE_SCALE = 0.15  # scale of the distance output: standard deviation of the
 _CELLS = SIDE * SIDE
 _PATCH = _CELLS * CHANNELS
 
+NETWORK = PatchNetwork
 BANDS_M = (3.0, 5.0, 7.0, 10.0, 15.0, 22.0, 32.5)  # m, edges of the distance bands of the check
 ASIDE_PX = 4  # px; the middle of a correct detection is at most this far left or right of the target's box
 
@@ -159,13 +161,6 @@ STEEP = 6.0  # slope of further directions, up and down; an outline also has the
 TargetJpeg = tuple[bytes, Target]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PatchExamples:
-    inputs: NDArray[np.float16]  # (N, LENGTH), the network's input
-    is_target: NDArray[np.float32]  # (N,) 1: the target, 0: not the target
-    factor: NDArray[np.float32]  # (N,) log(true distance / distance estimated by size); 0 if not the target
-
-
 @dataclass(frozen=True, slots=True)
 class DetectionResult:
     """The detection for one picture's instruction."""
@@ -175,25 +170,21 @@ class DetectionResult:
     is_right: bool  # the detection is the target
 
 
-def join(examples: Iterable[PatchExamples]) -> PatchExamples:
-    batches = list(examples)
-    names = ("inputs", "is_target", "factor")
-    return PatchExamples(*(np.concatenate([getattr(e, name) for e in batches]) for name in names))
+draw = partial(training.draw, build, photograph)
 
 
-def draw(first: int, scenes: int, pictures: int) -> Iterator[TargetJpeg]:
-    return training.draw(build, photograph, first, scenes, pictures)
+def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> Examples:
+    """Return the patches of a picture for several instructions: one for its target, others for absent ones.
 
-
-def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> PatchExamples:
-    """Return the labelled patches of a picture for several instructions: one for its target, others for absent ones."""
+    Labels: 1 for the target, else 0; for the target, log(true distance / distance estimated by size), else 0.
+    """
     wanted = [(target.asset, target.paint)]
     while len(wanted) <= ABSENT_TARGETS:
         paints = LIKE_BRICK if rng.random() < 0.5 else PAINTS
         absent = (str(rng.choice(list(NOUNS))), str(rng.choice(paints)))
         if absent[1] != target.paint:
             wanted.append(absent)
-    inputs, is_target, factor = [], [], []
+    inputs, labels = [], []
     for asset, paint in wanted:
         patches, rows = color_detector.color_patches(picture, read_referent(f"go to the {paint} {NOUNS[asset]}"))
         is_present = (asset, paint) == (target.asset, target.paint)
@@ -202,10 +193,9 @@ def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> P
             is_part = inside > NEGATIVE_SHARE
             if (is_present and union >= POSITIVE_IOU) or not is_part:
                 inputs.append(row)
-                is_target.append(float(is_part))
-                factor.append(np.log(target.distance_m / patch.range.distance_m) if is_part else 0.0)
+                labels.append((float(is_part), np.log(target.distance_m / patch.range.distance_m) if is_part else 0.0))
     array = np.array(inputs, np.float16).reshape(-1, LENGTH)
-    return PatchExamples(array, np.array(is_target, np.float32), np.array(factor, np.float32))
+    return Examples(array, np.array(labels, np.float32).reshape(-1, 2))
 
 
 def overlap(box: BoundingBox, true: tuple[int, int, int, int] | None, shape: tuple[int, int]) -> tuple[float, float]:
@@ -225,21 +215,19 @@ def fit_scenes(scenes: int, pictures: int, rounds: int) -> PatchNetwork:
     """Return a network fitted to `scenes` neighbourhoods with `pictures` pictures each."""
     rng = np.random.default_rng(5)
     jpegs = draw(FIT_SEED, scenes, pictures)
-    return fit(join(examples_of(decode(data), target, rng) for data, target in jpegs), rounds, 1)
+    return fit(Examples.join(examples_of(decode(data), target, rng) for data, target in jpegs), rounds, 1)
 
 
-def fit(examples: PatchExamples, rounds: int, seed: int) -> PatchNetwork:
+def fit(examples: Examples, rounds: int, seed: int) -> PatchNetwork:
     """Return a network fitted in `rounds` passes over the examples. Equal arguments give the same network."""
     rng = np.random.default_rng((seed, 32))
     sample = examples.inputs[:: max(1, len(examples.inputs) // 6000)].astype(np.float32)
     mean, deviation = sample.mean(axis=0), np.maximum(sample.std(axis=0), 0.05)
-    weights = training.initial_weights(rng, LENGTH, HIDDEN, 2)
-    steps = rounds * (len(examples.is_target) // BATCH)
-    training.train(weights, _batches(examples, rounds, mean, deviation, rng), steps, DECAY, rng)
-    # fold mean, deviation and DISTANCE_SCALE into the weights: the network takes raw inputs and outputs the log factor
-    hidden = weights[0] / deviation[:, None]
-    scale = np.array((1.0, DISTANCE_SCALE), np.float32)
-    return PatchNetwork(hidden, weights[1] - mean @ hidden, weights[2] * scale, weights[3] * scale)
+    steps = rounds * (len(examples.labels) // BATCH)
+    examples_seen = _batches(examples, rounds, mean, deviation, rng)
+    hidden, hidden_bias, out, out_bias = training.fit(examples_seen, mean, deviation, (HIDDEN, 2), steps, DECAY, rng)
+    scale = np.array((1.0, DISTANCE_SCALE), np.float32)  # the network outputs the log factor
+    return PatchNetwork(hidden, hidden_bias, out * scale, out_bias * scale)
 
 
 def mirrored(inputs: Floats) -> Floats:
@@ -252,30 +240,29 @@ def mirrored(inputs: Floats) -> Floats:
 
 
 def _batches(
-    examples: PatchExamples, rounds: int, mean: Floats, deviation: Floats, rng: np.random.Generator
+    examples: Examples, rounds: int, mean: Floats, deviation: Floats, rng: np.random.Generator
 ) -> Iterator[tuple[Floats, OutputGradient]]:
-    yes = np.flatnonzero(examples.is_target > 0.5)
-    no = np.flatnonzero(examples.is_target < 0.5)
-    for _ in range(rounds):
-        # targets are rarer, so they are drawn repeatedly, until they are a third of the examples
-        order = rng.permutation(np.concatenate((no, rng.choice(yes, max(1, len(no) // 2)))))[: len(examples.is_target)]
-        for k in range(len(order) // BATCH):
-            take = order[k * BATCH : (k + 1) * BATCH]
-            x = examples.inputs[take].astype(np.float32)
-            if rng.random() < 0.5:
-                x = mirrored(x)
-            patch = x[:, :_PATCH].reshape(len(x), _CELLS, CHANNELS)
-            patch[:, :, :3] *= np.minimum(np.exp(rng.normal(0.0, BRIGHTNESS_LOG_STD, (len(x), 1, 1))), 1.15).astype(
-                np.float32
-            )
-            x = (np.concatenate((patch.reshape(len(x), _PATCH), x[:, _PATCH:]), axis=1) - mean) / deviation
-            visible = (rng.random((len(x), _CELLS), np.float32) >= CELL_DROPOUT) / np.float32(1.0 - CELL_DROPOUT)
-            x[:, :_PATCH] *= np.repeat(visible, CHANNELS, axis=1)
-            yield x, cost_gradient(examples.is_target[take], examples.factor[take])
+    yes = np.flatnonzero(examples.labels[:, 0] > 0.5)
+    no = np.flatnonzero(examples.labels[:, 0] < 0.5)
+    # targets are rarer, so they are drawn repeatedly, until they are a third of the examples
+    orders = (
+        rng.permutation(np.concatenate((no, rng.choice(yes, max(1, len(no) // 2)))))[: len(examples.labels)]
+        for _ in range(rounds)
+    )
+    for x, labels in training.batches(examples, orders, mirrored, rng):
+        patch = x[:, :_PATCH].reshape(len(x), _CELLS, CHANNELS)
+        patch[:, :, :3] *= np.minimum(np.exp(rng.normal(0.0, BRIGHTNESS_LOG_STD, (len(x), 1, 1))), 1.15).astype(
+            np.float32
+        )
+        x = (np.concatenate((patch.reshape(len(x), _PATCH), x[:, _PATCH:]), axis=1) - mean) / deviation
+        visible = (rng.random((len(x), _CELLS), np.float32) >= CELL_DROPOUT) / np.float32(1.0 - CELL_DROPOUT)
+        x[:, :_PATCH] *= np.repeat(visible, CHANNELS, axis=1)
+        yield x, cost_gradient(labels)
 
 
-def cost_gradient(is_target: NDArray[np.floating], factor: NDArray[np.floating]) -> OutputGradient:
+def cost_gradient(labels: NDArray[np.floating]) -> OutputGradient:
     """Return a function that computes the gradient of the mean cost: cross-entropy plus the targets' distance error."""
+    is_target, factor = labels.T
 
     def gradient(outputs: NDArray[np.floating]) -> NDArray[np.floating]:
         error = np.empty_like(outputs)
@@ -313,12 +300,6 @@ def outline(asset: str) -> NDArray[np.float32]:
     return np.unique(np.round(np.array(points), 2).astype(np.float32), axis=0)
 
 
-def write_outlines(file: Path) -> None:
-    """Write the outlines of all assets that may be the target of a residential record."""
-    outlines: dict[str, Any] = {asset: outline(asset) for asset in NOUNS}
-    np.savez(file, **outlines)
-
-
 def evaluate(network: PatchNetwork, jpegs: Iterable[TargetJpeg]) -> list[DetectionResult]:
     results = []
     for data, target in jpegs:
@@ -329,24 +310,16 @@ def evaluate(network: PatchNetwork, jpegs: Iterable[TargetJpeg]) -> list[Detecti
     return results
 
 
-def check(folder: Path, short: bool) -> None:
+def save(network: PatchNetwork, folder: Path) -> None:
+    """Write the network, and the outlines of all assets that may be the target of a residential record."""
+    outlines: dict[str, Any] = {asset: outline(asset) for asset in NOUNS}
+    np.savez(folder / OUTLINES, **outlines)
+    network.save(folder / network.FILE)
+
+
+def print_table(network: PatchNetwork, jpegs: Iterable[TargetJpeg]) -> None:
     """Print the rates and distance errors of a network's detections, by distance and kind, and its false detections."""
-    jpegs = draw(CHECK_SEED, *((1, SHORT_PICTURES) if short else (CHECK_SCENES, CHECK_PICTURES)))
-    _print_table(evaluate(PatchNetwork.load(folder / PatchNetwork.FILE), jpegs))
-
-
-def fit_and_check(scenes: int, pictures: int, rounds: int, out: Path | None, short: bool) -> None:
-    """Fit a network and print an evaluation. Write network and outlines to the folder `out`, if there is one."""
-    network = fit_scenes(scenes, pictures, rounds)
-    if out is not None:
-        write_outlines(out / OUTLINES)
-        network.save(out / network.FILE)
-        check(out, short)
-        return
-    _print_table(evaluate(network, draw(CHECK_SEED, 1, SHORT_PICTURES)))
-
-
-def _print_table(results: list[DetectionResult]) -> None:
+    results = evaluate(network, jpegs)
     groups: dict[str, list[DetectionResult]] = defaultdict(list)
     for result in results:
         if result.target.box is not None:

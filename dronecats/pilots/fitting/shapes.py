@@ -11,16 +11,17 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.pilots.fitting import training
-from dronecats.pilots.fitting.training import BATCH, CAMERA, Floats, OutputGradient
+from dronecats.pilots.fitting.training import BATCH, CAMERA, Examples, Floats, OutputGradient
 from dronecats.pilots.vision import shape_detector
 from dronecats.pilots.vision.colors import Picture
+from dronecats.pilots.vision.pilot import decode
 from dronecats.pilots.vision.shape_detector import KINDS, ShapeNetwork
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets, campus, campus_ground, campus_plan
@@ -190,6 +191,7 @@ DECAY = 2e-4  # weight decay
 COVERED = 0.2  # share of a window's cells that are blanked in a training step
 BRIGHTNESS_LOG_STD = 0.25  # standard deviation of the log of a brightness factor, which imitates shadows
 
+NETWORK = ShapeNetwork
 CHECKED_M = (3.2, 20.0, 40.0)  # m, edges of the two distance bands of `check`, near and far
 PLAINLY = 0.5  # visible share from which a thing must be detected
 ODDS = (-0.9, 0.3, 1.5)  # log odds from which a thing counts as detected; the printed table has each
@@ -197,27 +199,7 @@ ODDS = (-0.9, 0.3, 1.5)  # log odds from which a thing counts as detected; the p
 CampusJpeg = tuple[bytes, tuple[VisibleThing, ...]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class WindowExamples:
-    """Windows and the kinds of things that they hold."""
-
-    windows: NDArray[np.float16]  # (N, rows · columns · CHANNELS)
-    kinds: NDArray[np.int8]  # (N,) index into KINDS
-
-
-def join(examples: Iterable[WindowExamples]) -> WindowExamples:
-    batches = list(examples)
-    return WindowExamples(np.concatenate([e.windows for e in batches]), np.concatenate([e.kinds for e in batches]))
-
-
-def draw(first: int, scenes: int, pictures: int) -> Iterator[CampusJpeg]:
-    return training.draw(build, photograph, first, scenes, pictures)
-
-
-def decoded(jpegs: Iterable[CampusJpeg]) -> Iterator[tuple[Picture, tuple[VisibleThing, ...]]]:
-    """Yield decoded pictures (BGR) with their visible things."""
-    for data, items in jpegs:
-        yield np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR), np.uint8), items
+draw = partial(training.draw, build, photograph)
 
 
 def usual_fill(jpegs: Iterable[CampusJpeg]) -> dict[str, float]:
@@ -278,8 +260,10 @@ def examples_of(
     rng: np.random.Generator,
     empty_windows: int,
     network: ShapeNetwork | None = None,
-) -> WindowExamples:
+) -> Examples:
     """Return windows of one picture: all that hold a thing, and at most `empty_windows` that hold nothing.
+
+    Inputs: windows (N, rows · columns · CHANNELS). Labels: indices into KINDS.
 
     Without a network, the empty windows are random. With a network, they are the windows that the network most mistakes
     for a thing, plus up to DISPLACED_WINDOWS that show a part of a thing.
@@ -312,15 +296,15 @@ def examples_of(
     chosen = np.concatenate(empty)[np.argsort(np.concatenate(rank), kind="stable")[:empty_windows]]
     beside = rng.permutation(np.concatenate(displaced))[:DISPLACED_WINDOWS] if displaced else chosen[:0]
     none = np.concatenate((chosen, beside))
-    return WindowExamples(np.concatenate((*windows, none)), np.concatenate((*kinds, np.zeros(len(none), np.int8))))
+    return Examples(np.concatenate((*windows, none)), np.concatenate((*kinds, np.zeros(len(none), np.int8))))
 
 
 def collect(
     jpegs: list[CampusJpeg], fill: dict[str, float], seed: int, empty: int, network: ShapeNetwork | None = None
-) -> WindowExamples:
+) -> Examples:
     """Return the examples of all pictures. `empty`: windows per picture that hold nothing."""
     rng = np.random.default_rng((seed, 77))
-    return join(examples_of(*picture, fill, rng, empty, network) for picture in decoded(jpegs))
+    return Examples.join(examples_of(decode(data), items, fill, rng, empty, network) for data, items in jpegs)
 
 
 def fit_scenes(scenes: int, pictures: int, rounds: int) -> ShapeNetwork:
@@ -329,24 +313,21 @@ def fit_scenes(scenes: int, pictures: int, rounds: int) -> ShapeNetwork:
     fill = usual_fill(jpegs)
     random = collect(jpegs[: min(FIRST_SCENES, scenes) * pictures], fill, 1, RANDOM_WINDOWS)
     mistaken = collect(jpegs, fill, 2, MISTAKEN_WINDOWS, fit(random, FIRST_ROUNDS, 1))
-    return fit(join((random, mistaken)), rounds, 2)
+    return fit(Examples.join((random, mistaken)), rounds, 2)
 
 
-def fit(examples: WindowExamples, rounds: int, seed: int) -> ShapeNetwork:
+def fit(examples: Examples, rounds: int, seed: int) -> ShapeNetwork:
     """Return a network fitted in `rounds` passes over the examples. Equal arguments give the same network."""
     rng = np.random.default_rng((seed, 31))
-    cells = examples.windows[:: max(1, len(examples.windows) // 4000)].astype(np.float32)
+    cells = examples.inputs[:: max(1, len(examples.inputs) // 4000)].astype(np.float32)
     channels = cells.reshape(-1, shape_detector.CHANNELS)
-    length = examples.windows.shape[1]
+    length = examples.inputs.shape[1]
     repeats = length // shape_detector.CHANNELS
     mean = np.tile(np.asarray(channels.mean(axis=0), np.float32), repeats)
     deviation = np.tile(np.asarray(channels.std(axis=0), np.float32), repeats)
-    weights = training.initial_weights(rng, length, HIDDEN, len(KINDS))
-    steps = rounds * (len(examples.kinds) // BATCH)
-    training.train(weights, _batches(examples, rounds, mean, deviation, rng), steps, DECAY, rng)
-    # the weights include mean and deviation, so the network takes raw features
-    hidden = weights[0] / deviation[:, None]
-    return ShapeNetwork(hidden, weights[1] - mean @ hidden, weights[2], weights[3])
+    steps = rounds * (len(examples.labels) // BATCH)
+    windows = _batches(examples, rounds, mean, deviation, rng)
+    return ShapeNetwork(*training.fit(windows, mean, deviation, (HIDDEN, len(KINDS)), steps, DECAY, rng))
 
 
 def mirrored(windows: Floats) -> Floats:
@@ -356,20 +337,15 @@ def mirrored(windows: Floats) -> Floats:
 
 
 def _batches(
-    examples: WindowExamples, rounds: int, mean: Floats, deviation: Floats, rng: np.random.Generator
+    examples: Examples, rounds: int, mean: Floats, deviation: Floats, rng: np.random.Generator
 ) -> Iterator[tuple[Floats, OutputGradient]]:
-    for _ in range(rounds):
-        order = rng.permutation(len(examples.kinds))
-        for k in range(len(order) // BATCH):
-            take = order[k * BATCH : (k + 1) * BATCH]
-            x = examples.windows[take].astype(np.float32)
-            if rng.random() < 0.5:
-                x = mirrored(x)
-            light = np.exp(rng.normal(0.0, BRIGHTNESS_LOG_STD, (len(x), 1))).astype(np.float32)
-            x = x * np.minimum(light, 1.15)
-            visible = rng.random((len(x), x.shape[1] // shape_detector.CHANNELS), np.float32) >= COVERED
-            factor = np.repeat(visible / np.float32(1.0 - COVERED), shape_detector.CHANNELS, axis=1)
-            yield np.asarray((x - mean) / deviation * factor, np.float32), cross_entropy_gradient(examples.kinds[take])
+    orders = (rng.permutation(len(examples.labels)) for _ in range(rounds))
+    for x, kinds in training.batches(examples, orders, mirrored, rng):
+        light = np.exp(rng.normal(0.0, BRIGHTNESS_LOG_STD, (len(x), 1))).astype(np.float32)
+        x = x * np.minimum(light, 1.15)
+        visible = rng.random((len(x), x.shape[1] // shape_detector.CHANNELS), np.float32) >= COVERED
+        factor = np.repeat(visible / np.float32(1.0 - COVERED), shape_detector.CHANNELS, axis=1)
+        yield np.asarray((x - mean) / deviation * factor, np.float32), cross_entropy_gradient(kinds)
 
 
 def cross_entropy_gradient(kinds: NDArray[np.int8]) -> OutputGradient:
@@ -395,8 +371,8 @@ def evaluate(
     fill = usual_fill(jpegs)
     present: dict[str, list[tuple[float, float]]] = defaultdict(list)
     false: dict[str, list[float]] = defaultdict(list)
-    for picture, items in decoded(jpegs):
-        detected = shape_detector.find(picture, KINDS[1:], network)
+    for data, items in jpegs:
+        detected = shape_detector.find(decode(data), KINDS[1:], network)
         for item in items:
             is_plain = item.kind in KINDS and item.pixels >= PLAINLY * item.box_pixels * fill[item.kind]
             if is_plain and CHECKED_M[0] <= item.depth_m < CHECKED_M[-1]:
@@ -413,23 +389,12 @@ def _is(detection: shape_detector.PlacedThing, item: VisibleThing, ratio_log: fl
     return abs(math.log(detection.depth_m / item.depth_m)) < ratio_log and off < aside
 
 
-def check(folder: Path, short: bool) -> None:
+def save(network: ShapeNetwork, folder: Path) -> None:
+    network.save(folder / network.FILE)
+
+
+def print_table(network: ShapeNetwork, jpegs: list[CampusJpeg]) -> None:
     """Print per kind how many of the near and far visible things are detected, and the false detections per picture."""
-    jpegs = list(draw(CHECK_SEED, *((1, SHORT_PICTURES) if short else (CHECK_SCENES, CHECK_PICTURES))))
-    _print_table(ShapeNetwork.load(folder / ShapeNetwork.FILE), jpegs)
-
-
-def fit_and_check(scenes: int, pictures: int, rounds: int, out: Path | None, short: bool) -> None:
-    """Fit a network, write it to the folder `out` unless it is None, and print the table of `check`."""
-    network = fit_scenes(scenes, pictures, rounds)
-    if out is not None:
-        network.save(out / network.FILE)
-        check(out, short)
-        return
-    _print_table(network, list(draw(CHECK_SEED, 1, SHORT_PICTURES)))
-
-
-def _print_table(network: ShapeNetwork, jpegs: list[CampusJpeg]) -> None:
     print(f"{'':17}" + "".join(f"| {f'odds over e^{least:g}':^26} " for least in ODDS))
     print(f"{'':17}" + "| under 20 m   20–40 m   false " * len(ODDS))
     for kind, (present, false) in evaluate(network, jpegs).items():

@@ -5,7 +5,8 @@ out (H, outputs), and out bias (outputs,).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -46,32 +47,66 @@ def draw(
         renderer.close()
 
 
-def initial_weights(rng: np.random.Generator, inputs: int, hidden: int, outputs: int) -> list[Floats]:
-    return [
+@dataclass(frozen=True, slots=True, eq=False)
+class Examples:
+    """Inputs of a network, and what they show."""
+
+    inputs: NDArray[np.float16]  # (N, inputs)
+    labels: NDArray[Any]  # (N,) or (N, labels)
+
+    @classmethod
+    def join(cls, examples: Iterable["Examples"]) -> "Examples":
+        batches = list(examples)
+        return cls(np.concatenate([e.inputs for e in batches]), np.concatenate([e.labels for e in batches]))
+
+
+def batches(
+    examples: Examples,
+    orders: Iterable[NDArray[np.int64]],
+    mirrored: Callable[[Floats], Floats],
+    rng: np.random.Generator,
+) -> Iterator[tuple[Floats, NDArray[Any]]]:
+    """Yield the inputs and labels of BATCH examples; half of the batches are mirrored. `orders`: one for each round."""
+    for order in orders:
+        for k in range(len(order) // BATCH):
+            take = order[k * BATCH : (k + 1) * BATCH]
+            x = examples.inputs[take].astype(np.float32)
+            yield mirrored(x) if rng.random() < 0.5 else x, examples.labels[take]
+
+
+def fit(
+    batches: Iterable[tuple[Floats, OutputGradient]],
+    mean: Floats,
+    deviation: Floats,
+    layers: tuple[int, int],
+    steps: int,
+    decay: float,
+    rng: np.random.Generator,
+) -> list[Floats]:
+    """Return the weights of a network with `layers` (hidden units, outputs), trained in `steps` batches.
+
+    The training has Adam, a cosine schedule of the learning rate, dropout and decoupled weight decay. The inputs in
+    `batches` are normalised with `mean` and `deviation`, (inputs,) each. The weights include both, so the network takes
+    raw inputs.
+    """
+    (hidden, outputs), inputs = layers, len(mean)
+    weights = [
         rng.normal(0.0, (2.0 / inputs) ** 0.5, (inputs, hidden)).astype(np.float32),
         np.zeros(hidden, np.float32),
         rng.normal(0.0, (1.0 / hidden) ** 0.5, (hidden, outputs)).astype(np.float32),
         np.zeros(outputs, np.float32),
     ]
-
-
-def train(
-    weights: list[Floats],
-    batches: Iterable[tuple[Floats, OutputGradient]],
-    steps: int,
-    decay: float,
-    rng: np.random.Generator,
-) -> None:
-    """Train weights in place with Adam, a cosine schedule of the learning rate, dropout and decoupled weight decay."""
     firsts, seconds = [np.zeros_like(w) for w in weights], [np.zeros_like(w) for w in weights]
     for k, (x, output_gradient) in enumerate(batches):
         rate = np.float32(RATE * 0.5 * (1.0 + np.cos(np.pi * k / steps)) + 1e-5)
-        active = (rng.random((len(x), len(weights[1])), np.float32) >= DROPOUT) / np.float32(1.0 - DROPOUT)
+        active = (rng.random((len(x), hidden), np.float32) >= DROPOUT) / np.float32(1.0 - DROPOUT)
         for i, gradient in enumerate(gradients(weights, x, active, output_gradient)):
             firsts[i] += (1.0 - FIRST) * (gradient - firsts[i])
             seconds[i] += (1.0 - SECOND) * (gradient * gradient - seconds[i])
             step = firsts[i] / (1.0 - FIRST ** (k + 1)) / (np.sqrt(seconds[i] / (1.0 - SECOND ** (k + 1))) + 1e-8)
             weights[i] -= rate * (step + (decay * weights[i] if weights[i].ndim > 1 else 0.0)).astype(np.float32)
+    raw = weights[0] / deviation[:, None]
+    return [raw, weights[1] - mean @ raw, *weights[2:]]
 
 
 def gradients(

@@ -74,7 +74,9 @@ def next_action(state: TrueState) -> str:
     if in_picture and distance <= ARRIVED_M:
         return actions.finished()
 
-    aim = _after_step(state.target_ned, state.target_velocity_ned)
+    moved = (p + v * STEP_S for p, v in zip(state.target_ned, state.target_velocity_ned, strict=True))
+    n, e, d = moved  # the target's place at the end of the next step
+    aim = (n, e, d)
     ahead = in_camera(state, aim)
     x, y = pixel(ahead, camera)
     if not 0.0 <= x <= camera.width:
@@ -94,15 +96,6 @@ def next_action(state: TrueState) -> str:
         span = _LEVEL * math.hypot(f, x - camera.width / 2.0)
         y = min(max(y, middle - span), middle + span)
     return actions.go(POINT_SPAN * x / camera.width, POINT_SPAN * y / camera.height, depth)
-
-
-def _after_step(point_ned: Vec3, velocity_ned: Vec3) -> Vec3:
-    """Return the place of a moving point at the end of the next step."""
-    return (
-        point_ned[0] + velocity_ned[0] * STEP_S,
-        point_ned[1] + velocity_ned[1] * STEP_S,
-        point_ned[2] + velocity_ned[2] * STEP_S,
-    )
 
 
 def depth_for(travel_m: float, depth_m: float) -> float:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from dronecats.agent.models.model import Reply, Request
+from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.pilots import actions
 from dronecats.pilots import scripted as commander
 from dronecats.pilots.oracle import oracle
@@ -21,7 +21,7 @@ from foundation.truth import KEPT, NewestTruth, Origin, TruthSample
 AHEAD_S = 0.5  # s, interval over which the target's velocity is computed
 
 
-class OracleModel:
+class OracleModel(Model):
     """Model whose replies come from a pilot that knows the truth, by default the oracle."""
 
     def __init__(
@@ -62,12 +62,6 @@ class OracleModel:
         if len(drones) == 1 and self._obeys:
             return Reply(self._reply_alone(request.drone, request.step, actions.read_prompt(request.text).command), 0.0)
         return Reply(self._pilot([self._state(drone, request.step) for drone in drones]), 0.0)
-
-    def check(self) -> None:
-        """Do nothing: the pilot needs no endpoint."""
-
-    def close(self) -> None:
-        pass
 
     def _reply_alone(self, drone: int, step: int, command: str) -> str:
         """Return the action of the only drone in a request: it flies to the candidate that the goal `command` names.

@@ -7,7 +7,7 @@ the viewing angle.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ from dronecats.pilots import actions
 from dronecats.pilots.vision import ocr
 from dronecats.pilots.vision.colors import Mask, Picture
 from dronecats.pilots.vision.command import Inscription
-from dronecats.pilots.vision.division import Candidate, GroundPoint
+from dronecats.pilots.vision.division import Candidate, Color, GroundPoint
 from dronecats.pilots.vision.ocr import ReadText
 from dronecats.pilots.vision.ranging import CAMERA_AHEAD_M
 from foundation.protocol import NEAR_M, STRIDE_MAX_M, STRIDE_MIN_M
@@ -32,6 +32,7 @@ _FILLED = 0.5  # at least this share of a board's rectangle is paint and not let
 # range of the distance of a board's upper edge below the horizon, in board heights; for a camera at 1 … 2.4 m height
 _TOP_RANGE = (-0.7, 1.25)
 _BAND_FROM = 0.3  # fraction of the picture's height; the search uses the rows below
+_SAME_LOOKS = 26.0  # largest color_difference between sun and shade of the same paint
 _SAME_OVERLAP = 0.5  # overlap above which two rectangles are the same board
 _POST = 0.73  # distance of the posts from the board's middle, in half board widths
 _POST_OFF = 14.0  # the posts differ from the ground between them by more than this many grey levels
@@ -43,26 +44,10 @@ _BELOW_M = 1.0  # assumed height of the camera above a board's middle: large, so
 _LINE_ROWS = (0.27, 0.73)  # rows of the text on a board with one line, in board heights
 _STRETCH_MAX = 3.0  # largest widening of a board seen at an angle
 
-Color = tuple[float, float, float]  # CIE Lab on OpenCV's 8-bit scale
 _Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 
 
-@dataclass(frozen=True, slots=True)
-class NoticeBoard:
-    left: int  # px, like top, right and bottom
-    top: int
-    right: int
-    bottom: int
-    depth_m: float  # along the optical axis
-    color: Color  # median colour of the board's face
-
-    @property
-    def middle(self) -> float:
-        """The column (px) of the board's middle."""
-        return 0.5 * (self.left + self.right)
-
-
-def find(picture: Picture) -> list[NoticeBoard]:
+def find(picture: Picture) -> list[Candidate]:
     """Return the boards in a BGR picture (H, W, 3), of any paint, left to right."""
     lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
     masks = []
@@ -74,11 +59,37 @@ def find(picture: Picture) -> list[NoticeBoard]:
     return _boards_in(picture, lab, masks)
 
 
-def find_of_color(picture: Picture, color: Color) -> list[NoticeBoard]:
+def _find_of_color(picture: Picture, color: Color) -> list[Candidate]:
     """Return the boards of one paint, left to right. It finds more boards of this paint than `find`."""
     lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
     away = color_difference(_band(lab).astype(np.float32), color)
     return _boards_in(picture, lab, [away < limit for limit in _TOLERANCES])
+
+
+def find_alike(pictures: Sequence[Picture], most: int) -> list[list[Candidate]]:
+    """Return the boards of each picture that have the paint of the most boards, left to right.
+
+    most: at most this many boards of a picture count for a paint.
+    """
+    views = [find(picture) for picture in pictures]
+    all_boards = [board for view in views for board in view]
+    if not all_boards:
+        return views
+    board_colors = np.array([board.color for board in all_boards], np.float32)
+    view_of_board = np.repeat(np.arange(len(views)), [len(view) for view in views])
+    same = [color_difference(board_colors, board.color) < _SAME_LOOKS for board in all_boards]
+    counts = [np.minimum(np.bincount(view_of_board[s], minlength=len(views)), most).sum() for s in same]
+    color = tuple(np.median(board_colors[same[int(np.argmax(counts))]], axis=0).tolist())
+    alike = []
+    for view, picture in zip(views, pictures, strict=True):
+        more = [
+            board
+            for board in _find_of_color(picture, color)
+            if all(board.right <= first.left or board.left >= first.right for first in view)
+        ]
+        both = sorted(view + more, key=lambda board: (board.middle, board.top))
+        alike.append([b for b in both if color_difference(np.array(b.color, np.float32), color) < _SAME_LOOKS])
+    return alike
 
 
 def color_difference(lab: NDArray[np.float32], color: Color) -> NDArray[np.float32]:
@@ -91,7 +102,7 @@ def _band(lab: Picture) -> Picture:
     return lab[round(_BAND_FROM * lab.shape[0]) :]
 
 
-def _boards_in(picture: Picture, lab: Picture, masks: list[Mask]) -> list[NoticeBoard]:
+def _boards_in(picture: Picture, lab: Picture, masks: list[Mask]) -> list[Candidate]:
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.float32)
     boxes: set[_Box] = set()
     for mask in masks:
@@ -136,12 +147,13 @@ def _overlap(a: _Box, b: _Box) -> float:
     return max(0, w) * max(0, h) / least
 
 
-def _board(lab: Picture, group: list[_Box]) -> NoticeBoard:
+def _board(lab: Picture, group: list[_Box]) -> Candidate:
     left, top, right, bottom = (round(float(v)) for v in np.median(np.array(group), axis=0))
     face = lab[top:bottom, left:right].reshape(-1, 3)
-    color = np.median(face, axis=0)
-    depth = 0.5 * lab.shape[1] * HEIGHT_M / (bottom - top)
-    return NoticeBoard(left, top, right, bottom, depth, (float(color[0]), float(color[1]), float(color[2])))
+    half = 0.5 * lab.shape[1]
+    depth = half * HEIGHT_M / (bottom - top)
+    spot = GroundPoint((0.5 * (left + right) - half) / half * depth, depth)
+    return Candidate(left, top, right, bottom, spot, color=tuple(np.median(face, axis=0).tolist()))
 
 
 def _on_posts(grey: NDArray[np.float32], box: _Box) -> bool:

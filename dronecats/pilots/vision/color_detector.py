@@ -44,6 +44,8 @@ _EXPECTED_PREFERENCE = 3.0  # factor on the rank of a detection at the expected 
 _AREA_POWER = 0.3  # exponent of a patch's number of pixels in the rank; larger patches are preferred
 _HORIZON_SLACK = 0.05  # fraction of the width; a patch whose foot is farther above the picture's middle is ignored
 
+_Box = tuple[int, int, int, int]  # left, top, right, bottom, px
+
 
 class PatchNetwork(Network):
     """The network with LENGTH inputs and two outputs: log odds of the target, log of the factor on the distance."""
@@ -104,12 +106,13 @@ def _resample(layers: Floats, box: BoundingBox) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """A thing in a picture that may be the target."""
+    """A patch of a colour in a picture that may be the target."""
 
     box: BoundingBox
-    range: Range
-    score: float  # 0 … 1
+    range: Range  # distance, assuming a thing with the size of the referent
+    score: float = 0.0  # 0 … 1
     lean: float = 0.0  # (upper edge of the right third − upper edge of the left third, y down) / picture width
+    pixels: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,21 +128,8 @@ class ExpectedPlace:
         return aside < _EXPECTED_ASIDE and abs(math.log(estimate.depth_m / self.depth_m)) < _EXPECTED_DEPTH_LOG
 
 
-@dataclass(frozen=True, slots=True)
-class _Blob:
-    left: int
-    top: int
-    right: int
-    bottom: int
-    pixels: int
-    members: tuple[int, ...]  # labels of the joined connected components
-
-
 def find(
-    picture: colors.Picture,
-    referent: Referent,
-    expected: ExpectedPlace | None = None,
-    network: PatchNetwork | None = None,
+    picture: Picture, referent: Referent, expected: ExpectedPlace | None = None, network: PatchNetwork | None = None
 ) -> Detection | None:
     """Return the best detection of a referent (the thing that the command names); None without a detection.
 
@@ -149,59 +139,60 @@ def find(
         detections = _detect_by_look(picture, referent, expected, network or PatchNetwork.shipped())
     else:
         detections = _detect_by_size(picture, referent)
-    best: Detection | None = None
-    best_rank = 0.0
-    for detection, pixels in detections:
+
+    def rank(detection: Detection) -> float:
         is_expected = expected is not None and expected.matches(detection.box, detection.range)
-        rank = detection.score * pixels**_AREA_POWER * (_EXPECTED_PREFERENCE if is_expected else 1.0)
-        if rank > best_rank:
-            best, best_rank = detection, rank
-    return best
+        return detection.score * detection.pixels**_AREA_POWER * (_EXPECTED_PREFERENCE if is_expected else 1.0)
+
+    return max(detections, key=rank, default=None)
 
 
-@dataclass(frozen=True, slots=True)
-class ColorPatch:
-    """A patch of the referent's colour."""
-
-    box: BoundingBox
-    range: Range  # distance, assuming a thing with the size of the referent
-    pixels: int
-    lean: float  # see `Detection.lean`
-
-
-def color_patches(picture: colors.Picture, referent: Referent) -> tuple[list[ColorPatch], Floats]:
-    """Return the patches of a referent's colour, and the network's inputs (N, LENGTH), one row per patch."""
+def _patches(picture: Picture, referent: Referent, mask: Mask) -> Iterator[tuple[Detection, Mask, _Box]]:
+    """Yield the patches of a referent's masked colour, without a score, each with its mask and its rectangle (px)."""
     height, width = picture.shape[:2]
+    for where in _blobs(picture, mask, referent.color or ""):
+        core = _core(where)
+        left, top, right, bottom = core
+        box = BoundingBox(
+            (left - 0.5 * width) / width,
+            (top - 0.5 * height) / width,
+            (right - 0.5 * width) / width,
+            (bottom - 0.5 * height) / width,
+        )
+        if box.bottom < -_HORIZON_SLACK:
+            continue
+        estimate = ranging.measure(box, referent.size, height / width)
+        if estimate.depth_m <= _FARTHEST_M:
+            yield Detection(box, estimate, pixels=int(where.sum())), where, core
+
+
+def color_patches(picture: Picture, referent: Referent) -> tuple[list[Detection], Floats]:
+    """Return the patches of a referent's colour, and the network's inputs (N, LENGTH), one row per patch."""
     color = referent.color or ""
     mask = colors.mask(picture, color)
     layers = picture_layers(picture, mask)
-    patches: list[ColorPatch] = []
-    for blob, where in _blobs(picture, mask, color):
-        core = _core(blob, where)
-        box = _bounding_box(core, width, height)
-        if box.bottom < -_HORIZON_SLACK:
-            continue
-        rng = ranging.measure(box, referent.size, height / width)
-        if rng.depth_m <= _FARTHEST_M:
-            patches.append(ColorPatch(box, rng, blob.pixels, _lean(core, where) / width))
+    patches = [
+        replace(patch, lean=_lean(core, where) / mask.shape[1])
+        for patch, where, core in _patches(picture, referent, mask)
+    ]
     examples = [network_input(layers, patch.box, patch.range, referent.size.outline, color) for patch in patches]
     return patches, np.array(examples, np.float32).reshape(-1, LENGTH)
 
 
 def _detect_by_look(
-    picture: colors.Picture, referent: Referent, expected: ExpectedPlace | None, network: PatchNetwork
-) -> Iterator[tuple[Detection, int]]:
-    """Yield the network's detections of a referent whose kind is in KINDS, each with its number of pixels."""
+    picture: Picture, referent: Referent, expected: ExpectedPlace | None, network: PatchNetwork
+) -> Iterator[Detection]:
+    """Yield the network's detections of a referent whose kind is in KINDS."""
     patches, examples = color_patches(picture, referent)
     if not patches:
         return
     for patch, share, factor in zip(patches, *network.classify(examples), strict=True):
         estimate = patch.range.scaled(float(factor))
         if share >= (_EXPECTED_SCORE if expected and expected.matches(patch.box, estimate) else _LIKELY_SCORE):
-            yield Detection(patch.box, estimate, float(share), patch.lean), patch.pixels
+            yield replace(patch, range=estimate, score=float(share))
 
 
-def _lean(core: tuple[int, int, int, int], where: colors.Mask) -> float:
+def _lean(core: _Box, where: Mask) -> float:
     """Return `Detection.lean` in px."""
     left, top, right, bottom = core
     region = where[top:bottom, left:right]
@@ -210,117 +201,67 @@ def _lean(core: tuple[int, int, int, int], where: colors.Mask) -> float:
     return float(np.median(tops[-third:]) - np.median(tops[:third]))
 
 
-def find_all(picture: colors.Picture, referent: Referent) -> list[Detection]:
+def find_all(picture: Picture, referent: Referent) -> list[Detection]:
     """Return all detections of a referent's colour and size, left to right, without the network."""
     any_look = replace(referent, size=replace(referent.size, outline=""))
-    detections = (detection for detection, _ in _detect_by_size(picture, any_look))
-    return sorted(detections, key=lambda d: d.box.left + d.box.right)
+    return sorted(_detect_by_size(picture, any_look), key=lambda d: d.box.left + d.box.right)
 
 
-def _detect_by_size(picture: colors.Picture, referent: Referent) -> Iterator[tuple[Detection, int]]:
-    """Yield the detections of a referent by colour and size, each with its number of pixels."""
+def _detect_by_size(picture: Picture, referent: Referent) -> Iterator[Detection]:
+    """Yield the detections of a referent by colour and size."""
     if referent.color is None:
         return
-    height, width = picture.shape[:2]
-    mask = colors.mask(picture, referent.color)
     saturation = colors.saturation(picture)
-    for blob, where in _blobs(picture, mask, referent.color):
-        detection = _score_blob(blob, where, saturation, referent, width, height)
-        if detection is not None:
-            yield detection, blob.pixels
+    for patch, where, (left, top, right, bottom) in _patches(picture, referent, colors.mask(picture, referent.color)):
+        color = _vividness(saturation[where], referent.color)
+        solid = _solidity(where[top:bottom, left:right], referent.size)
+        score = patch.range.fit * color * solid
+        if score >= _LEAST_SCORE:
+            yield replace(patch, score=score)
 
 
-def _blobs(picture: colors.Picture, mask: colors.Mask, color: str) -> Iterator[tuple[_Blob, colors.Mask]]:
-    """Yield the largest patches of a masked colour, each with its mask."""
+def _blobs(picture: Picture, mask: Mask, color: str) -> Iterator[Mask]:
+    """Yield the masks of the largest patches of a masked colour."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     tint = colors.tint(picture, labels, count) if colors.BANDS[color].vivid else None
-    for blob in _grouped(stats, count, tint):
-        yield blob, np.isin(labels, blob.members)
+    for members in _grouped(stats, tint):
+        yield np.isin(labels, members)
 
 
-def _grouped(stats: NDArray[np.int32], count: int, tint: NDArray[np.float64] | None) -> list[_Blob]:
-    """Return the largest patches of colour, each joined with the patches of the same tint that are near it.
+def _grouped(stats: NDArray[np.int32], tint: NDArray[np.float64] | None) -> Iterator[NDArray[np.int64]]:
+    """Yield the labels of the largest patches of colour, each joined with the patches of the same tint that are near.
 
     Glass, pillars and trim divide the paint of one vehicle into roof, doors and bonnet.
     """
-    blobs: list[_Blob] = []
-    order = sorted(range(1, count), key=lambda i: (-int(stats[i, cv2.CC_STAT_AREA]), i))
-    taken: set[int] = set()
-    for seed in order:
-        if seed in taken or stats[seed, cv2.CC_STAT_AREA] < _SMALLEST_PX // 2 or len(blobs) == _MOST_PATCHES:
+    left, top, wide, high, area = stats.T
+    right, bottom = left + wide, top + high
+    free = np.arange(len(stats)) > 0  # label 0 is the background
+    blobs = 0
+    for seed in np.argsort(-area, kind="stable"):
+        if not free[seed] or area[seed] < _SMALLEST_PX // 2 or blobs == _MOST_PATCHES:
             continue
-        x, y, w, h, area = (int(v) for v in stats[seed])
-        blob = _Blob(x, y, x + w, y + h, area, (seed,))
-        taken.add(seed)
-        same_tint = order if tint is None else [i for i in order if float(tint[i] @ tint[seed]) > _SAME_TINT]
+        members = np.array([seed])
+        free[seed] = False
+        same_tint = True if tint is None else np.array([float(other @ tint[seed]) > _SAME_TINT for other in tint])
         for _ in range(3):  # an added patch extends the reach
-            grown = _absorb(blob, stats, same_tint, taken)
-            if grown == blob:
-                break
-            blob = grown
-        if blob.pixels >= _SMALLEST_PX:
-            blobs.append(blob)
-    return blobs
+            x0, y0, x1, y1 = left[members].min(), top[members].min(), right[members].max(), bottom[members].max()
+            reach_x, reach_y = max(2, 0.06 * (x1 - x0)), max(2, min(0.45 * (y1 - y0), 0.25 * (x1 - x0)))
+            near = (left < x1 + reach_x) & (right > x0 - reach_x) & (top < y1 + reach_y) & (bottom > y0 - reach_y)
+            near &= free & same_tint & (area >= max(4, 0.01 * area[members].sum()))
+            free &= ~near
+            members = np.append(members, np.flatnonzero(near))
+        if area[members].sum() >= _SMALLEST_PX:
+            blobs += 1
+            yield members
 
 
-def _absorb(blob: _Blob, stats: NDArray[np.int32], order: list[int], taken: set[int]) -> _Blob:
-    w, h = blob.right - blob.left, blob.bottom - blob.top
-    reach_x, reach_y = max(2, 0.06 * w), max(2, min(0.45 * h, 0.25 * w))
-    left, top, right, bottom = blob.left, blob.top, blob.right, blob.bottom
-    pixels, members = blob.pixels, list(blob.members)
-    for i in order:
-        if i in taken:
-            continue
-        x, y, iw, ih, area = (int(v) for v in stats[i])
-        near = (
-            x < blob.right + reach_x
-            and x + iw > blob.left - reach_x
-            and y < blob.bottom + reach_y
-            and y + ih > blob.top - reach_y
-        )
-        if near and area >= max(4, 0.01 * blob.pixels):
-            taken.add(i)
-            members.append(i)
-            left, top, right, bottom = min(left, x), min(top, y), max(right, x + iw), max(bottom, y + ih)
-            pixels += area
-    return _Blob(left, top, right, bottom, pixels, tuple(members))
-
-
-def _score_blob(
-    blob: _Blob, where: colors.Mask, saturation: NDArray[np.uint8], referent: Referent, width: int, height: int
-) -> Detection | None:
-    left, top, right, bottom = core = _core(blob, where)
-    box = _bounding_box(core, width, height)
-    if box.bottom < -_HORIZON_SLACK:
-        return None
-    rng = ranging.measure(box, referent.size, height / width)
-    if rng.depth_m > _FARTHEST_M:
-        return None
-    color = _vividness(saturation[where], referent.color or "")
-    solid = _solidity(where[top:bottom, left:right], referent.size)
-    score = rng.fit * color * solid
-    return Detection(box, rng, score) if score >= _LEAST_SCORE else None
-
-
-def _bounding_box(core: tuple[int, int, int, int], width: int, height: int) -> BoundingBox:
-    """Return a rectangle of pixels (left, top, right, bottom) relative to the middle, in fractions of the width."""
-    left, top, right, bottom = core
-    return BoundingBox(
-        (left - 0.5 * width) / width,
-        (top - 0.5 * height) / width,
-        (right - 0.5 * width) / width,
-        (bottom - 0.5 * height) / width,
-    )
-
-
-def _core(blob: _Blob, where: colors.Mask) -> tuple[int, int, int, int]:
-    """Return the rectangle of a blob without thin outliers: 0.6 % of the pixels are cut off on each side."""
-    region = where[blob.top : blob.bottom, blob.left : blob.right]
-    columns, rows = np.cumsum(region.sum(axis=0)), np.cumsum(region.sum(axis=1))
+def _core(where: Mask) -> _Box:
+    """Return the rectangle of a patch without thin outliers: 0.6 % of the pixels are cut off on each side."""
+    columns, rows = np.cumsum(where.sum(axis=0)), np.cumsum(where.sum(axis=1))
     total = columns[-1]
     x0, x1 = (int(v) for v in np.searchsorted(columns, (0.006 * total, 0.994 * total)))
     y0, y1 = (int(v) for v in np.searchsorted(rows, (0.006 * total, 0.994 * total)))
-    return blob.left + x0, blob.top + y0, blob.left + x1 + 1, blob.top + y1 + 1
+    return x0, y0, x1 + 1, y1 + 1
 
 
 def _vividness(saturation: NDArray[np.uint8], color: str) -> float:
@@ -332,7 +273,7 @@ def _vividness(saturation: NDArray[np.uint8], color: str) -> float:
     return float(np.clip(0.2 + 0.8 * (strong - 0.6 * vivid) / (0.4 * vivid), 0.05, 1.0))
 
 
-def _solidity(region: colors.Mask, size: Size) -> float:
+def _solidity(region: Mask, size: Size) -> float:
     """Return a score 0 … 1; it is high for a few large pieces (paint), low for many holes (leaves and grass)."""
     filled = float(region.mean())
     edges = float((region[:, 1:] != region[:, :-1]).sum() + (region[1:] != region[:-1]).sum())

@@ -1,7 +1,10 @@
 """Parses the target of a command: colour and kind, place beside a landmark, inscription, and place in a row."""
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+
+from dronecats.pilots.actions import ORDINALS
 
 COLORS: dict[str, str] = {
     "red": "red", "crimson": "red", "scarlet": "red", "maroon": "red",
@@ -79,13 +82,12 @@ class Referent:
     size: Size
 
 
-def _longest_first(words: dict[str, object]) -> re.Pattern[str]:
-    ordered = sorted(words, key=lambda w: (-len(w), w))
-    return re.compile(r"\b(" + "|".join(re.escape(w) for w in ordered) + r")(?:s|es)?\b")
+def _alternatives(words: Iterable[str]) -> str:
+    return "|".join(re.escape(w) for w in sorted(words, key=lambda w: (-len(w), w)))
 
 
-_COLOR_WORD = _longest_first(dict(COLORS))
-_SIZED_NOUN = _longest_first(dict(SIZES))
+_COLOR_WORD = re.compile(rf"\b({_alternatives(COLORS)})(?:s|es)?\b")
+_SIZED_NOUN = re.compile(rf"\b({_alternatives(SIZES)})(?:s|es)?\b")
 
 
 def read_referent(command: str) -> Referent:
@@ -124,10 +126,6 @@ KIND_OF_NOUN: dict[str, str] = {
     "service cart": "service-cart", "cart": "service-cart", "statue": "statue", "vending machine": "vending-machine",
 }  # fmt: skip
 """Noun → kind in `shape_detector.KINDS`."""
-
-
-def _alternatives(words: dict[str, str]) -> str:
-    return "|".join(re.escape(w) for w in sorted(words, key=lambda w: (-len(w), w)))
 
 
 _EXPRESSION = re.compile(rf"\bthe ({_alternatives(KIND_OF_NOUN)}) ({_alternatives(_RELATIONS)}) (.+)", re.IGNORECASE)
@@ -183,9 +181,8 @@ _INSCRIPTION = re.compile(
     r"[:\s]+[\"'“‘]?([A-Z0-9][A-Z0-9]*(?:[ -][A-Z0-9]+)*)\b"
 )
 _PLATE = re.compile(r"\bplates?\b", re.IGNORECASE)
-_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
 _ORDINAL_PLACE = re.compile(
-    rf"\b(?:(?P<nth>{'|'.join(_ORDINALS)})(?:\s+\w+)?\s+from the\s+)?(?P<side>left|right)(?:most)?\b"
+    rf"\b(?:(?P<nth>{'|'.join(ORDINALS)})(?:\s+\w+)?\s+from the\s+)?(?P<side>left|right)(?:most)?\b"
 )
 _OUTERMOST = re.compile(r"\b(left|right)\s?-?most\b")
 
@@ -215,7 +212,7 @@ def read_place_in_row(command: str) -> int | None:
         return 0 if outermost[1] == "left" else -1
     for match in _ORDINAL_PLACE.finditer(text):
         if match["nth"]:
-            n = _ORDINALS.index(match["nth"])
+            n = ORDINALS.index(match["nth"])
             return n if match["side"] == "left" else -1 - n
     return None
 

@@ -12,6 +12,8 @@ _APART_M = 4.2  # largest shift between two drones' frames, including the error 
 # two drones' points of one thing differ by less than _TOLERANCE_M + _TOLERANCE_PER_M × the thing's distance
 _TOLERANCE_M, _TOLERANCE_PER_M = 0.8, 0.09
 
+Color = tuple[float, ...]  # (3,) CIE Lab on OpenCV's 8-bit scale
+
 
 @dataclass(frozen=True, slots=True)
 class GroundPoint:
@@ -41,6 +43,12 @@ class Candidate:
     bottom: int  # px
     spot: GroundPoint
     score: float = 1.0  # 0 … 1, similarity to the wanted kind
+    color: Color = ()  # of a board: median colour of its face
+
+    @property
+    def middle(self) -> float:
+        """The column (px) of the rectangle's middle."""
+        return 0.5 * (self.left + self.right)
 
     @property
     def size_px(self) -> float:

@@ -10,8 +10,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from dronecats.pilots import actions
 from dronecats.pilots.actions import LEVEL_PX, PastAction
 from dronecats.pilots.vision import boards, color_detector, colors, ocr, plates
@@ -35,7 +33,6 @@ _LOST_M = 16.0  # a drone that turns to its lost thing accepts only things neare
 _SHORT_OF_M = 6.0  # after a short stride, a drone's own thing should be within this distance
 _WANDER_M = 8.0  # depth of a stride to another place
 _NEXT_THING_TURN_DEG = 60.0  # turn to look for the next thing after reading one
-_SAME_LOOKS = 26.0  # largest boards.color_difference between sun and shade of the same paint
 DULL = ("brown",)  # tried only if no other paint fits: bricks and tree trunks have this colour too
 VIVID = tuple(color for color, band in colors.BANDS.items() if band.vivid and color not in DULL)
 _LOOK_ALIKES = 4  # usual number of things that look alike; of a picture with more, only this many count
@@ -141,7 +138,7 @@ def find_candidates(
     kind: the vehicle that the command names; not used for boards. own: finds a drone's own thing; None before the
     first action. With `own`, the scores of the drones' own things decide the paint of the vehicles.
     """
-    return _find_vehicles(pictures, kind, own) if wanted.on_plate else _find_boards(pictures)
+    return _find_vehicles(pictures, kind, own) if wanted.on_plate else boards.find_alike(pictures, _LOOK_ALIKES)
 
 
 def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidate | None) -> list[list[Candidate]]:
@@ -170,37 +167,3 @@ def _vehicle_candidate(detection: color_detector.Detection, picture: Picture) ->
     # the middle, (left + right) / 2, divided by the focal length of 1/2
     aside = (detection.box.left + detection.box.right) * detection.range.depth_m
     return Candidate(left, top, right, bottom, GroundPoint(aside, detection.range.depth_m), detection.score)
-
-
-def _find_boards(pictures: Sequence[Picture]) -> list[list[Candidate]]:
-    views = [boards.find(picture) for picture in pictures]
-    all_boards = [board for view in views for board in view]
-    if not all_boards:
-        return [[] for _ in pictures]
-    # choose the colour with the most boards, counted up to _LOOK_ALIKES per picture
-    board_colors = np.array([b.color for b in all_boards], np.float32)
-    view_of_board = np.repeat(np.arange(len(views)), [len(view) for view in views])
-    same = [boards.color_difference(board_colors, b.color) < _SAME_LOOKS for b in all_boards]
-    counts = [np.minimum(np.bincount(view_of_board[s], minlength=len(views)), _LOOK_ALIKES).sum() for s in same]
-    median = np.median(board_colors[same[int(np.argmax(counts))]], axis=0)
-    color = (float(median[0]), float(median[1]), float(median[2]))
-    merged = [_merged(view, boards.find_of_color(p, color)) for view, p in zip(views, pictures, strict=True)]
-    return [
-        [
-            _board_candidate(b, p.shape[1])
-            for b in view
-            if boards.color_difference(np.array(b.color, np.float32), color) < _SAME_LOOKS
-        ]
-        for view, p in zip(merged, pictures, strict=True)
-    ]
-
-
-def _merged(first: list[boards.NoticeBoard], second: list[boards.NoticeBoard]) -> list[boards.NoticeBoard]:
-    """Return the boards of two lists without duplicates, left to right."""
-    new = [b for b in second if all(b.right <= a.left or b.left >= a.right for a in first)]
-    return sorted(first + new, key=lambda b: (b.middle, b.top))
-
-
-def _board_candidate(board: boards.NoticeBoard, width: int) -> Candidate:
-    aside = (board.middle - 0.5 * width) / (0.5 * width) * board.depth_m
-    return Candidate(board.left, board.top, board.right, board.bottom, GroundPoint(aside, board.depth_m))

@@ -80,12 +80,9 @@ def find(picture: Picture, box: tuple[int, int, int, int], height_px: float) -> 
     An unreadable plate counts only if it is the only candidate. height_px: height of a plate at the vehicle's distance.
     """
     candidates = _pale_rectangles(picture, box, height_px)[:_MOST_READ]
-    best: Plate | None = None
-    for left, top, right, bottom in candidates:
-        plate = Plate(left, top, right, bottom, _read(picture, (left, top, right, bottom)))
-        if best is None or _rank(plate) > _rank(best):
-            best = plate
-    return best if best is not None and (best.reading is not None or len(candidates) == 1) else None
+    plates = [Plate(*rectangle, _read(picture, rectangle)) for rectangle in candidates]
+    best = max(plates, key=_rank, default=None)
+    return best if best is not None and (best.reading is not None or len(plates) == 1) else None
 
 
 def _rank(plate: Plate) -> tuple[bool, float]:

@@ -30,6 +30,8 @@ _SPREAD_LOG = 0.10  # relative standard deviation of the sizes of one kind
 _SPREAD_EDGE = 0.006  # fraction of picture width, standard deviation of lengths from blur, JPEG, unpainted edges
 _SPREAD_HORIZON = 0.02  # fraction of picture width, standard deviation of the horizon's row from about 2.5° of pitch
 
+Floats = NDArray[np.float64]
+
 
 @dataclass(frozen=True, slots=True)
 class BoundingBox:
@@ -58,15 +60,15 @@ class Range:
 def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
     """Return the distance of a thing of `size` that fills `box`; `aspect` is picture height / width."""
     half = 0.5 * aspect
-    grid = _grid(size, round(half, 4))
+    left, right, top, bottom = _grid(size, round(half, 4))
     # the grid predicts a thing straight ahead: move the predictions to the rectangle
     middle = 0.5 * (box.left + box.right)
-    shift = _shift(box, grid)
+    shift = _shift(box, left, right)
     # only a rectangle that touches an edge can be cut off there
-    left = np.maximum(grid.left + shift, -0.5 if box.left < _EDGE - 0.5 else -np.inf)
-    right = np.minimum(grid.right + shift, 0.5 if box.right > 0.5 - _EDGE else np.inf)
-    top = np.maximum(grid.top, -half if box.top < _EDGE - half else -np.inf)
-    bottom = np.minimum(grid.bottom, half if box.bottom > half - _EDGE else np.inf)
+    left = np.maximum(left + shift, -0.5 if box.left < _EDGE - 0.5 else -np.inf)
+    right = np.minimum(right + shift, 0.5 if box.right > 0.5 - _EDGE else np.inf)
+    top = np.maximum(top, -half if box.top < _EDGE - half else -np.inf)
+    bottom = np.minimum(bottom, half if box.bottom > half - _EDGE else np.inf)
     cost = _mismatch(box.right - box.left, right - left) ** 2
     cost = cost + _mismatch(box.bottom - box.top, bottom - top) ** 2
     cost += 0.5 * ((box.top - top) / (_SPREAD_HORIZON + 0.02 * (bottom - top))) ** 2
@@ -94,22 +96,22 @@ def middle_to_near_end_m(box: BoundingBox, estimate: Range, size: Size) -> float
     return 0.5 * (size.length_m - sideways * span)
 
 
-def _shift(box: BoundingBox, grid: "_Grid") -> NDArray[np.float64] | float:
+def _shift(box: BoundingBox, left: Floats, right: Floats) -> Floats:
     """Return the shift of the predictions onto the detected rectangle, using the sides that are not cut off."""
     cut_left, cut_right = box.left < _EDGE - 0.5, box.right > 0.5 - _EDGE
     if cut_left and not cut_right:
-        return box.right - grid.right
+        return box.right - right
     if cut_right and not cut_left:
-        return box.left - grid.left
-    return 0.5 * (box.left + box.right) - 0.5 * (grid.left + grid.right)
+        return box.left - left
+    return 0.5 * (box.left + box.right) - 0.5 * (left + right)
 
 
-def _mismatch(length: float, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
+def _mismatch(length: float, predicted: Floats) -> Floats:
     """Return the difference of two lengths in standard deviations (of blur and of the sizes of the kind)."""
     return (length - predicted) / np.hypot(_SPREAD_EDGE, _SPREAD_LOG * predicted)
 
 
-def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def outline(size: Size) -> tuple[Floats, Floats, Floats]:
     """Return points on the outside of the painted body: metres forward, right and above the ground, (P,) each.
 
     The points come from outlines.npz if the kind has an outline, otherwise from the usual size.
@@ -130,21 +132,12 @@ def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArr
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Grid:
-    """Predicted rectangles of a thing straight ahead, in fractions of the picture width.
-
-    The axes of each array are depth, heading and camera height.
-    """
-
-    left: NDArray[np.float64]
-    right: NDArray[np.float64]
-    top: NDArray[np.float64]
-    bottom: NDArray[np.float64]
-
-
 @lru_cache(maxsize=16)
-def _grid(size: Size, half: float) -> _Grid:
+def _grid(size: Size, half: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the left, right, top and bottom of predicted rectangles of a thing straight ahead.
+
+    In fractions of the picture width. The axes of each array are depth, heading and camera height.
+    """
     x, y, z = outline(size)
     c, s = np.cos(_HEADINGS_RAD)[:, None], np.sin(_HEADINGS_RAD)[:, None]
     ahead, right = c * x - s * y, s * x + c * y  # (headings, points)
@@ -156,4 +149,4 @@ def _grid(size: Size, half: float) -> _Grid:
     u = np.broadcast_to(u[:, :, None, :], v.shape)
     left = np.where(inside, u, np.inf).min(axis=-1)
     rightmost = np.where(inside, u, -np.inf).max(axis=-1)
-    return _Grid(left, rightmost, v.min(axis=-1), v.max(axis=-1))
+    return left, rightmost, v.min(axis=-1), v.max(axis=-1)

@@ -7,6 +7,7 @@ state of the search.
 """
 
 import math
+from itertools import takewhile
 
 import cv2
 import numpy as np
@@ -76,22 +77,12 @@ def open_direction(picture: colors.Picture) -> tuple[float, float]:
 
 def count_trailing(past: tuple[PastAction, ...], kind: str) -> int:
     """Return the number of actions of one kind at the end of the history."""
-    count = 0
-    for action in reversed(past):
-        if action.kind != kind:
-            break
-        count += 1
-    return count
+    return len(list(takewhile(lambda action: action.kind == kind, reversed(past))))
 
 
 def count_wander_strides(past: tuple[PastAction, ...]) -> int:
     """Return the number of strides to a new vantage point at the end of the history."""
-    count = 0
-    for action in reversed(past):
-        if action.kind != GO or abs(action.depth_m - WANDER_M) > 0.3:
-            break
-        count += 1
-    return count
+    return len(list(takewhile(lambda a: a.kind == GO and abs(a.depth_m - WANDER_M) <= 0.3, reversed(past))))
 
 
 def avoid_wander_depth(depth_m: float) -> float:

@@ -139,11 +139,6 @@ class PlacedThing:
     below_m: float  # height of the camera above the foot
     odds: float  # log odds
 
-    @property
-    def distance_m(self) -> float:
-        """The horizontal distance (m) from the camera."""
-        return math.hypot(self.depth_m, self.right_m)
-
 
 def half_width_m(kind: str) -> float:
     return _HALF_WIDTH_M.get(kind, _USUAL_HALF_WIDTH_M)

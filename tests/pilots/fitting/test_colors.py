@@ -22,15 +22,17 @@ def two_looks(count=500):
     is_target = rng.integers(0, 2, count).astype(np.float32)
     looks = rng.normal(0.0, 0.3, (2, color_detector.LENGTH))
     seen = looks[is_target.astype(int)] + rng.normal(0.0, 0.2, (count, color_detector.LENGTH))
-    return colors.PatchExamples(seen.astype(np.float16), is_target, is_target * np.float32(np.log(1.5)))
+    return training.Examples(
+        seen.astype(np.float16), np.stack((is_target, is_target * np.float32(np.log(1.5))), axis=1)
+    )
 
 
 def test_the_fit_learns_the_examples_and_is_reproducible():
     examples = two_looks()
     once, again = colors.fit(examples, 25, 1), colors.fit(examples, 25, 1)
     probability, factor = once.classify(examples.inputs.astype(np.float32))
-    assert ((probability > 0.5) == (examples.is_target > 0.5)).mean() > 0.97
-    assert np.median(factor[examples.is_target > 0.5]) == pytest.approx(1.5, rel=0.06)
+    assert ((probability > 0.5) == (examples.labels[:, 0] > 0.5)).mean() > 0.97
+    assert np.median(factor[examples.labels[:, 0] > 0.5]) == pytest.approx(1.5, rel=0.06)
     assert np.array_equal(once.hidden, again.hidden)
 
 
@@ -42,12 +44,12 @@ def test_the_gradients_match_finite_differences_of_the_cost():
 
     def cost():
         raw = np.maximum(x @ weights[0] + weights[1], 0.0) @ weights[2] + weights[3]
-        entropy = np.log1p(np.exp(raw[:, 0])) - examples.is_target * raw[:, 0]
-        off = np.abs(raw[:, 1] - examples.factor / colors.DISTANCE_SCALE)
+        entropy = np.log1p(np.exp(raw[:, 0])) - examples.labels[:, 0] * raw[:, 0]
+        off = np.abs(raw[:, 1] - examples.labels[:, 1] / colors.DISTANCE_SCALE)
         huber = np.where(off <= 3.0, 0.5 * off**2, 3.0 * off - 4.5)
-        return float(np.mean(entropy + 0.1 * colors.DISTANCE_WEIGHT * examples.is_target * huber))
+        return float(np.mean(entropy + 0.1 * colors.DISTANCE_WEIGHT * examples.labels[:, 0] * huber))
 
-    output_gradient = colors.cost_gradient(examples.is_target, examples.factor)
+    output_gradient = colors.cost_gradient(examples.labels)
     gradients = training.gradients(weights, x, np.ones((len(x), 6)), output_gradient)
     for which, at in ((0, (7, 2)), (1, (3,)), (2, (4, 1)), (3, (0,)), (3, (1,))):
         before, step = cost(), 1e-6

@@ -21,29 +21,29 @@ def patterns(count=600):
     rng = np.random.default_rng(3)
     kinds = rng.integers(0, 3, count).astype(np.int8)
     means = rng.normal(0.0, 0.3, (3, SIZE))
-    return shapes.WindowExamples((means[kinds] + rng.normal(0.0, 0.3, (count, SIZE))).astype(np.float16), kinds)
+    return training.Examples((means[kinds] + rng.normal(0.0, 0.3, (count, SIZE))).astype(np.float16), kinds)
 
 
 def test_the_fit_learns_the_examples_and_is_reproducible():
     examples = patterns()
     once, again = shapes.fit(examples, 12, 1), shapes.fit(examples, 12, 1)
-    kinds = once.probabilities(examples.windows.astype(np.float32)).argmax(axis=1)
-    assert (kinds == examples.kinds).mean() > 0.95
+    kinds = once.probabilities(examples.inputs.astype(np.float32)).argmax(axis=1)
+    assert (kinds == examples.labels).mean() > 0.95
     assert all(np.array_equal(getattr(once, name), getattr(again, name)) for name in ("hidden", "out"))
 
 
 def test_the_gradients_match_finite_differences_of_the_cross_entropy():
     rng = np.random.default_rng(5)
     examples = patterns(8)
-    x = examples.windows.astype(np.float64)
+    x = examples.inputs.astype(np.float64)
     kinds = len(shape_detector.KINDS)
     weights = [rng.normal(0.0, 0.05, s) for s in ((SIZE, 6), (6,), (6, kinds), (kinds,))]
 
     def cost():
         raw = np.maximum(x @ weights[0] + weights[1], 0.0) @ weights[2] + weights[3]
-        return float(np.mean(np.log(np.exp(raw).sum(axis=1)) - raw[np.arange(len(x)), examples.kinds]))
+        return float(np.mean(np.log(np.exp(raw).sum(axis=1)) - raw[np.arange(len(x)), examples.labels]))
 
-    output_gradient = shapes.cross_entropy_gradient(examples.kinds)
+    output_gradient = shapes.cross_entropy_gradient(examples.labels)
     gradients = training.gradients(weights, x, np.ones((len(x), 6)), output_gradient)
     for which, at in ((0, (7, 2)), (1, (3,)), (3, (1,))):
         before, step = cost(), 1e-6
@@ -53,7 +53,7 @@ def test_the_gradients_match_finite_differences_of_the_cross_entropy():
 
 
 def test_mirroring_windows_twice_restores_them():
-    windows = patterns(5).windows.astype(np.float32)
+    windows = patterns(5).inputs.astype(np.float32)
     assert np.array_equal(shapes.mirrored(shapes.mirrored(windows)), windows)
     assert not np.array_equal(shapes.mirrored(windows), windows)
 

@@ -118,7 +118,7 @@ def test_a_board_is_distinguished_from_other_rectangles():
     cv2.rectangle(blank, (307, 213), (310, 245), (80, 76, 72), -1)
     cv2.rectangle(blank, (350, 213), (353, 245), (80, 76, 72), -1)
     (board,) = boards.find(blank)
-    assert board.depth_m == pytest.approx(320.0 * boards.HEIGHT_M / 43, rel=0.05)
+    assert board.spot.ahead_m == pytest.approx(320.0 * boards.HEIGHT_M / 43, rel=0.05)
 
 
 def test_a_drone_that_has_read_another_text_waits():
