@@ -173,13 +173,9 @@ def _options_end(text: str) -> int:
 NONE_YET = "(none yet — this is the first step)"  # the history at the first step
 
 
-def compact(action: Action, camera: CameraModel | None = None) -> str:
-    """Return the action on one line.
-
-    With `camera`, the point of a GO is in pixels, as in the history of the paper's prompt. Without `camera`, it is on
-    the scale 0–1000, as in a reply.
-    """
-    if camera is None or not isinstance(action, Go):
+def compact(action: Action, camera: CameraModel) -> str:
+    """Return the action on one line. The point of a GO is in pixels, as in the history of the paper's prompt."""
+    if not isinstance(action, Go):
         return action.line
     x_px, y_px = action.x * camera.width / POINT_SPAN, action.y * camera.height / POINT_SPAN
     return f"GO x={x_px:.0f} y={y_px:.0f} depth={action.depth_m:.4g}m"

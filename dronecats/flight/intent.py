@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from dronecats.agent.action import Go, action_from
 from dronecats.agent.controller import Segment, plan
-from dronecats.agent.prompt import compact
 from foundation.camera import CameraModel
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder import layout
@@ -41,7 +40,7 @@ def _marked(picture: NDArray[np.uint8], decision: Decision, camera: CameraModel)
         words.append(f"unreadable: {decision.error}")
     else:
         action = action_from(decision.action)
-        words.append(compact(action))
+        words.append(action.line)
         words += [_describe_segment(segment) for segment in plan(action, camera)]
         if isinstance(action, Go):
             at = (round(action.x * width / POINT_SPAN), round(action.y * height / POINT_SPAN))

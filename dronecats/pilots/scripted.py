@@ -94,9 +94,7 @@ def fan(seat: DroneContext) -> Iterator[str]:
         before = 0.0
         for ray in (0.0, spread, -spread, *(sign * k * 30.0 for k in (2, 3, 4, 5) for sign in (1, -1)), 180.0):
             yield from turn(math.remainder(ray - before, 360.0))
-            for _ in range(round(far / LONG_M)):
-                yield actions.go(500, 500, LONG_DEPTH_M)
-                yield actions.finished()
+            yield from [actions.go(500, 500, LONG_DEPTH_M), actions.finished()] * round(far / LONG_M)
             yield from turn(180.0)
             yield from long_strides(far)
             before = ray + 180.0
@@ -109,9 +107,7 @@ def spiral(seat: DroneContext) -> Iterator[str]:
     legs = 2
     while True:
         for _ in range(2):
-            for _ in range(legs):
-                yield actions.go(500, 500, LONG_DEPTH_M)
-                yield actions.finished()
+            yield from [actions.go(500, 500, LONG_DEPTH_M), actions.finished()] * legs
             yield actions.rotate(90.0)
         legs += 2
 

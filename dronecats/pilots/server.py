@@ -11,11 +11,14 @@ import hashlib
 import json
 import socket
 import threading
+import time
+from dataclasses import dataclass
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from dronecats.agent.models.model import IMAGE_TOKENS, tokens_of_text
+from dronecats.pilots import roster
 from dronecats.pilots.actions import Pilot
 from foundation.errors import UsageError
 
@@ -72,6 +75,35 @@ class PilotServer:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PilotConfig:
+    """The configuration of a pilot in a child process."""
+
+    pilot: str  # name of the pilot (`dronecats.pilots.roster`)
+    port: int = 0  # TCP port; 0: the system chooses one
+
+
+class PilotPart:
+    """The endpoint of a pilot, with the interface `Part` of child processes (`dronecats.flight.processes.child`)."""
+
+    def __init__(self, config: PilotConfig) -> None:
+        """Raises UsageError if the pilot replays a file that has no replies."""
+        name = config.pilot
+        self._server = PilotServer(roster.answer(name), name, owned_by=roster.owner(name), port=config.port).start()
+
+    def ready(self) -> dict[str, Any]:
+        return {"base_url": self._server.base_url}
+
+    def do(self, command: str, arguments: dict[str, Any]) -> Any:
+        return None
+
+    def turn(self) -> None:
+        time.sleep(0.05)  # the server runs in its own thread; this thread only polls for the parent's commands
+
+    def close(self) -> None:
+        self._server.close()
 
 
 def read_request(body: bytes) -> tuple[str, list[bytes]]:

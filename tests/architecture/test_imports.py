@@ -24,7 +24,7 @@ class Refuse(importlib.abc.MetaPathFinder):
 sys.meta_path.insert(0, Refuse())
 import dronecats.agent.loop, dronecats.agent.models.wire_formats, hil.link.link, hil.link.transport, hil.cameras.open
 import dronecats.judge.episode, dronecats.flight.logger.recorder
-import dronecats.flight.run.connected, dronecats.pilots.pilot_process, dronecats.pilots.vision.pilot
+import dronecats.flight.run.connected, dronecats.pilots.server, dronecats.pilots.vision.pilot
 import dronecats.cli.fly, dronecats.cli.judge, dronecats.cli.doctor
 """
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)

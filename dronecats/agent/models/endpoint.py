@@ -27,6 +27,7 @@ from foundation.threads import COMPUTING, DaemonExecutor
 from foundation.wording import printable
 
 BUSY, DOWN, BAD_REQUEST = 429, 503, 400
+BROKEN_OFF = "stopped in the middle of its reply"
 _WORDS = (
     (BUSY, re.compile(r"rate.?limit|too.?many|resource.?exhausted", re.IGNORECASE)),
     (
@@ -42,16 +43,10 @@ _EXHAUSTED = re.compile(
 _DELAY = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)s")  # retryDelay of google.rpc.RetryInfo
 
 
-@dataclass(frozen=True, slots=True)
-class BodyFault:
-    """An error in the body of an answer with status 200."""
-
-    status: int  # HTTP status: given by the vendor, or derived from the vendor's words
-    cut: bool = False  # the body ends in the middle of its JSON
-
-
-def fault_in(body: bytes) -> BodyFault | None:
+def fault_in(body: bytes) -> tuple[int, str] | None:
     """Return the error in the body of an answer with status 200; None if there is none.
+
+    The result is the HTTP status (given by the vendor, or derived from the vendor's words) and `Exchanged.outcome`.
 
     The error may be at the top level (Gemini, Anthropic, OpenRouter) or in the first choice (OpenRouter, for an error
     in the middle of a reply).
@@ -59,11 +54,11 @@ def fault_in(body: bytes) -> BodyFault | None:
     try:
         data = json.loads(body)
     except ValueError:
-        return BodyFault(DOWN, cut=True) if body.lstrip()[:1] == b"{" else None
+        return (DOWN, BROKEN_OFF) if body.lstrip()[:1] == b"{" else None
     except RecursionError:
         return None
     for error in _errors(data):
-        return BodyFault(_status(error))
+        return _status(error), "answered 200 with an error {}"
     return None
 
 
@@ -308,7 +303,7 @@ class Endpoint:
                 raise self._silent(self.patience.give_up_s) from None
             except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
                 is_down = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout | httpx.ProxyError)
-                what = "cannot be reached" if is_down else "stopped in the middle of its reply"
+                what = "cannot be reached" if is_down else BROKEN_OFF
                 reason, again = f"{what}: {self._reason(error)}", isinstance(error, httpx.TransportError)
             else:
                 if came.status == 200 or came.filtered:
@@ -349,11 +344,10 @@ class Endpoint:
             wish_s = retry_after_s(response.headers)
         if wish_s is None and (delay_s := delay_in(body)) is not None:
             wish_s = min(delay_s, MAX_PAUSE_S)
-        fault = fault_in(body) if status == 200 else None
-        if fault is None:
-            return Exchanged(status, body, wish_s)
-        outcome = "stopped in the middle of its reply" if fault.cut else "answered 200 with an error {}"
-        return Exchanged(fault.status, body, wish_s, outcome)
+        if status == 200 and (fault := fault_in(body)):
+            status, outcome = fault
+            return Exchanged(status, body, wish_s, outcome)
+        return Exchanged(status, body, wish_s)
 
     def _body(self, response: httpx.Response, until: float) -> bytes:
         """Return the body, decompressed. Raises ModelError if it is too slow or too long."""

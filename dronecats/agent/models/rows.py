@@ -50,9 +50,8 @@ def rows() -> dict[str, ModelRow]:
     Raises UsageError with file, row and key.
     """
     shipped = files("dronecats.agent.models").joinpath(SHIPPED).read_bytes()
-    tables = {name: (SHIPPED, table) for name, table in _tables(shipped, SHIPPED).items()}
-    for name, table in _own().items():
-        where, stated = table
+    tables = _tables(shipped, SHIPPED)
+    for name, (where, stated) in _own().items():
         before = tables[name][1] if name in tables else {}
         if any(price in stated for price in PRICES):
             before = {key: value for key, value in before.items() if key != "source"}
@@ -99,7 +98,7 @@ def model_of(word: str, base_url: str | None = None) -> ModelSpec:
 
 
 def _own() -> dict[str, tuple[str, dict[str, Any]]]:
-    """Return the rows of the user's file by name, each with the path of the file. Raises UsageError."""
+    """Return the rows of the user's file like `_tables`. Raises UsageError."""
     path = own_file()
     if path is None:
         if named_path := os.environ.get(OWN_FILE):
@@ -109,19 +108,18 @@ def _own() -> dict[str, tuple[str, dict[str, Any]]]:
         if os.environ.get(OWN_FILE):
             raise UsageError(f"{OWN_FILE} names {path}, which does not exist")
         return {}
-    data = file_bytes(path, str(path))
-    return {name: (str(path), table) for name, table in _tables(data, str(path)).items()}
+    return _tables(file_bytes(path, str(path)), str(path))
 
 
-def _tables(data: bytes, where: str) -> dict[str, dict[str, Any]]:
-    """Return the valid settings of a file's rows by name and key. Raises UsageError."""
+def _tables(data: bytes, where: str) -> dict[str, tuple[str, dict[str, Any]]]:
+    """Return the rows of a file by name: `where`, and the valid settings by key. Raises UsageError."""
     tables = {}
     for name, table in toml_of(data, where).items():
         if not isinstance(table, dict):
             raise UsageError(f"{where}: '{name[:40]}' is outside of a row. Put it below a line [NAME]")
         if not _NAME.fullmatch(name):
             raise UsageError(f"{where}: '{name[:40]}' cannot name a row. Use letters, digits, '.', '_' and '-'")
-        tables[name] = {key: _stated(key, value, f"{where}: [{name}]") for key, value in table.items()}
+        tables[name] = where, {key: _stated(key, value, f"{where}: [{name}]") for key, value in table.items()}
     return tables
 
 

@@ -5,7 +5,8 @@ the pictures.
 """
 
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -68,7 +69,7 @@ def _assigned(answer: str, drones: int) -> Assignment:
         strict_error = ActionError(f"expected {drones} actions, got {len(array.value)}")
         if len(array.value) == drones:
             other_arrays = [span for span in strict.json_spans(answer, "[") if span.begin != array.begin]
-            spans = sorted((span.begin, span.end) for span in (array, *other_arrays))
+            spans = sorted((array, *other_arrays), key=lambda span: span.begin)
             division = _assign_list(array.value, drones)
             division.mends |= around(answer, spans) | ({"several"} if any(map(_holds_objects, other_arrays)) else set())
             return division
@@ -76,7 +77,7 @@ def _assigned(answer: str, drones: int) -> Assignment:
         strict_error = error
     drone_values = _drone_values(answer)
     division = _of_values(drone_values, drones)
-    division.mends |= around(answer, [(span.begin, span.end) for span in drone_values])
+    division.mends |= around(answer, drone_values)
     for span in drone_values:
         division.mends |= span.mends
     if division.mends <= TOLERATED.keys():  # nothing was mended, so the strict rejection holds
@@ -137,11 +138,8 @@ def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Assignment
     """
     keyed = {key: match for key in value if (match := _NAME.fullmatch(key.strip()))}
     if keyed:
-        numbers = {key: int(match.group(1)) for key, match in keyed.items()}
-        places, zero_based = _places(list(numbers.values()), drones)
         division = Assignment({}, {"keyed"})
-        division.mends |= {"zero_based"} if zero_based else set()
-        _place(division, [(place, value[key]) for key, place in zip(numbers, places, strict=True)], drones)
+        _place(division, [(int(match.group(1)), value[key]) for key, match in keyed.items()], drones)
         return division
     inner = [member for member in value.values() if _items(member) or isinstance(member, dict)]
     if len(inner) != 1 or depth == _NESTED_MAX or (is_action(value) and "action" in value):
@@ -169,42 +167,35 @@ def _assign_list(items: list[Any], drones: int) -> Assignment:
     items = items[:-1] if items and isinstance(items[-1], Cut) else items
     names = [_name(item) for item in items]
     division = Assignment({})
-    numbers = [name for name in names if name is not None]
-    places, zero_based = _places(numbers, drones)
-    ordered = iter(places)
-    named = [None if name is None else next(ordered) for name in names]
-    if all(place in (None, k) for k, place in enumerate(named)):
+    if all(name in (None, k) for k, name in enumerate(names, _first_number(names, drones))):
         division.items = dict(enumerate(items[:drones]))
         if len(items) != drones:
             division.mends.add("short" if len(items) < drones else "extra")
         return division
     division.mends.add("by_name")
-    division.mends |= {"zero_based"} if zero_based else set()
-    _place(division, [(place, item) for place, item in zip(named, items, strict=True)], drones)
+    _place(division, list(zip(names, items, strict=True)), drones)
     return division
 
 
-def _place(division: Assignment, placed_items: list[tuple[int | None, Any]], drones: int) -> None:
+def _place(division: Assignment, numbered: list[tuple[int | None, Any]], drones: int) -> None:
     """Give each drone the object that names it. Objects without a drone, or with an unknown one, are skipped."""
-    counts: dict[int, int] = {}
-    for place, item in placed_items:
-        if place is None or not 0 <= place < drones:
+    first = _first_number([number for number, _ in numbered], drones)
+    division.mends |= set() if first else {"zero_based"}
+    counts: Counter[int] = Counter()
+    for number, item in numbered:
+        if number is None or not first <= number < first + drones:
             division.mends.add("extra")
             continue
-        counts[place] = counts.get(place, 0) + 1
-        division.items[place] = item
+        counts[number - first] += 1
+        division.items[number - first] = item
     if len(counts) < drones:
         division.mends.add("short")
     division.duplicated = frozenset(place for place, count in counts.items() if count > 1)
 
 
-def _places(names: list[int], drones: int) -> tuple[list[int], bool]:
-    """Return the drones' indices for the numbers in a reply, and whether these numbers count from 0.
-
-    The numbers count from 0 if 0 is among them and `drones` is not.
-    """
-    zero_based = 0 in names and drones not in names
-    return [name if zero_based else name - 1 for name in names], zero_based
+def _first_number(names: Sequence[int | None], drones: int) -> int:
+    """Return the number of the first drone in a reply: 0 if 0 is among the names and `drones` is not, else 1."""
+    return 0 if 0 in names and drones not in names else 1
 
 
 def _name(item: Any) -> int | None:

@@ -4,6 +4,8 @@ import re
 from collections.abc import Collection, Iterable
 from typing import Literal
 
+from dronecats.agent.reply.strict import JsonSpan
+
 Mend = Literal[
     "prose", "fence", "array", "several", "reasoning",
     "trailing_comma", "missing_comma", "comment", "single_quotes", "smart_quotes", "unquoted",
@@ -74,15 +76,12 @@ def in_order(mends: Collection[Mend]) -> tuple[Mend, ...]:
 _FENCE = re.compile(r"(?:```|~~~)[ \t]*[\w-]*")
 
 
-def around(text: str, spans: Iterable[tuple[int, int]]) -> set[Mend]:
-    """Return the mends for the text around the values of a reply: fence, array and prose.
-
-    `spans`: (begin, end) of each value, in order.
-    """
+def around(text: str, spans: Iterable[JsonSpan]) -> set[Mend]:
+    """Return the mends for the text around the values of a reply (in order): fence, array and prose."""
     pieces, at = [], 0
-    for begin, end in spans:
-        pieces.append(text[at:begin])
-        at = end
+    for span in spans:
+        pieces.append(text[at : span.begin])
+        at = span.end
     pieces.append(text[at:])
     mends: set[Mend] = set()
     rest = "\0".join(pieces)

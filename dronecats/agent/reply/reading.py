@@ -60,13 +60,13 @@ def _single_action(reply: str, axis_order: AxisOrder, mends: set[Mend]) -> Actio
     except ActionError as error:
         strict_error = error
     else:
-        spans = [(span.begin, span.end) for span in strict.json_spans(answer, "{")]
+        spans = strict.json_spans(answer, "{")
         mends |= around(answer, spans)
         mends |= {"several"} if len(spans) > 1 else set()
         return action
     for text in (answer, _unescaped(answer)):
         if objects := action_objects(text):
-            mends |= around(text, [(value.begin, value.end) for value in objects]) | objects[-1].mends
+            mends |= around(text, objects) | objects[-1].mends
             mends |= {"escaped"} if text is not answer else set()
             mends |= {"several"} if len(objects) > 1 else set()
             action = action_of(objects[-1].value, axis_order, mends)

@@ -11,7 +11,7 @@ from typing import Any
 from unicodedata import normalize
 
 from dronecats.agent.reply.mends import Mend
-from dronecats.agent.reply.strict import MAX_REPLY_CHARS, MAX_TRIES
+from dronecats.agent.reply.strict import MAX_REPLY_CHARS, MAX_TRIES, JsonSpan
 
 MAX_VAIN_CHARS = MAX_REPLY_CHARS  # limit of all failed attempts together; strict.py, which is faster, has 5 × this
 MAX_DEPTH = 40  # deepest nesting of brackets; the actions of a fleet have three levels
@@ -48,13 +48,12 @@ class Quantity:
 
 
 @dataclass(frozen=True, slots=True)
-class ReadValue:
-    """A value in a text."""
+class ReadValue(JsonSpan):
+    """A value in a text: as `json` returns it, plus Quantity, and CUT for a cut-off value.
 
-    # as `json` returns it, plus Quantity, and CUT for a cut-off value; a cut-off object has CUT under the key ""
-    value: Any
-    begin: int
-    end: int
+    A cut-off object has CUT under the key "".
+    """
+
     mends: frozenset[Mend]
     inner: bool  # the value begins inside another value that is broken or cut off
 

@@ -21,13 +21,12 @@ from dronecats.flight.run.accounts import accounted
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.stages.stage import Stage
 from dronecats.pilots import roster
-from dronecats.pilots.pilot_process import PilotConfig
-from dronecats.pilots.server import PilotServer
+from dronecats.pilots.server import PilotConfig, PilotServer
 from foundation.errors import UsageError
 from foundation.wording import suggestion
 
-COMMANDER = ChildKind("commander", "dronecats.pilots.pilot_process:PilotPart", PilotConfig)
-PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process:PilotPart", PilotConfig)
+COMMANDER = ChildKind("commander", "dronecats.pilots.server:PilotPart", PilotConfig)
+PILOT = ChildKind("pilot", "dronecats.pilots.server:PilotPart", PilotConfig)
 
 
 def questions_of(flight: Flight, model: Model) -> Questions:

@@ -10,7 +10,6 @@ from msgspec import UNSET
 
 from dronecats.agent.action import action_from
 from dronecats.agent.models.model import ending_reason
-from dronecats.agent.prompt import compact
 from foundation.errors import UnreadableError
 from foundation.protocol import FINISHED
 from foundation.run_folder.rows import ActiveLimits, Decision, EnvelopeRow, drone_label
@@ -40,7 +39,7 @@ class StepLines:
 
     def __call__(self, decision: Decision) -> None:
         """Print a decision. Raises UnreadableError if too many replies in a row have no action."""
-        text = compact(action_from(decision.action)) if decision.action else f"! {unreadable(decision)}"
+        text = action_from(decision.action).line if decision.action else f"! {unreadable(decision)}"
         text += " (a report)" if decision.report is True and decision.kind == FINISHED else ""
         text += " (confirmed)" if decision.confirmed_by is not UNSET else ""
         drone = f" {drone_label(decision.drone)}" if self._drones > 1 else ""

@@ -74,9 +74,8 @@ def next_action(state: TrueState) -> str:
     if in_picture and distance <= ARRIVED_M:
         return actions.finished()
 
-    moved = (p + v * STEP_S for p, v in zip(state.target_ned, state.target_velocity_ned, strict=True))
-    n, e, d = moved  # the target's place at the end of the next step
-    aim = (n, e, d)
+    n, e, d = (p + v * STEP_S for p, v in zip(state.target_ned, state.target_velocity_ned, strict=True))
+    aim = (n, e, d)  # the target's place at the end of the next step
     ahead = in_camera(state, aim)
     x, y = pixel(ahead, camera)
     if not 0.0 <= x <= camera.width:

@@ -11,7 +11,7 @@ import pytest
 
 from dronecats.flight.processes.supervisor import ChildKind, Supervisor
 from dronecats.flight.run.pilot import PILOT
-from dronecats.pilots.pilot_process import PilotConfig
+from dronecats.pilots.server import PilotConfig
 from foundation.errors import InfrastructureError, LinkError, UsageError
 from tests.flight.processes.ending_part import EndingConfig
 

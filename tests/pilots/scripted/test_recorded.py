@@ -8,8 +8,8 @@ import httpx
 import pytest
 
 from dronecats.pilots import roster
-from dronecats.pilots.pilot_process import PilotConfig, PilotPart
 from dronecats.pilots.scripted import player, replies
+from dronecats.pilots.server import PilotConfig, PilotPart
 from foundation.errors import UsageError
 
 JPEG = b"\xff\xd8\xff\xd9"
