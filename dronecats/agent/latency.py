@@ -110,8 +110,7 @@ class LatencyPolicy:
     @property
     def trace(self) -> tuple[float, ...] | None:
         """The recorded latencies, s."""
-        part = self.part(TRACE)
-        return part.numbers if part else None
+        return self.numbers(TRACE) or None
 
     def part(self, kind: str) -> LatencyPart | None:
         """Return the part of a kind; None if there is none."""

@@ -85,18 +85,13 @@ class Prompt:
             return "dronecats"
         return "paper" if template_sha256(self.template) == PAPER_SHA256 else "custom"
 
-    @property
-    def supports_fleets(self) -> bool:
-        """Return whether the template asks a fleet for an array: it names {answer} or {drones}."""
-        return "{answer}" in self.template or "{drones}" in self.template
-
     def render(
         self, instruction: str, history: str, history_len: int, axis_order: AxisOrder = "xy", drones: int = 1
     ) -> str:
         """Return the text of the question of one step, for one drone or for a fleet."""
         words = SINGLE if drones == 1 else {key: text.replace("{n}", str(drones)) for key, text in FLEET.items()}
         template = self.template
-        if drones > 1 and not self.supports_fleets:
+        if drones > 1 and "{answer}" not in template and "{drones}" not in template:  # not written for a fleet
             before, after = (text.replace("{n}", str(drones)) for text in FRAMED)
             template = before + template.strip() + after
         values = {

@@ -36,6 +36,11 @@ class PastAction:
     depth_m: float = 0.0  # go: depth of the point, m
     angle_deg: float = 0.0  # rotate: deg, positive to the right
 
+    @property
+    def is_shortest_stride(self) -> bool:
+        """Whether this is the shortest stride, the last one to a target."""
+        return self.kind == GO and self.depth_m <= SHORTEST_DEPTH_M + 0.1
+
 
 @dataclass(frozen=True, slots=True)
 class Briefing:

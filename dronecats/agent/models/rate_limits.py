@@ -13,10 +13,13 @@ LONGEST_S = 86_400.0  # s; a reset after a longer time counts as one day
 _UNIT_S = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}
 _DURATION = re.compile(r"(\d{1,9}(?:\.\d{1,9})?)(ms|s|m|h|d)")
 _EPOCH_MS = re.compile(r"\d{13}")
-_ANTHROPIC: tuple[tuple[Kind, str], ...] = (  # kind, and its name in the headers
-    ("requests", "requests"),
-    ("tokens", "tokens"),
-    ("tokens", "input-tokens"),
+_HEADERS: tuple[tuple[Kind, str, bool], ...] = (  # kind; its header, {} for a word such as "limit"; `Allowance.steady`
+    ("requests", "x-ratelimit-{}-requests", True),
+    ("tokens", "x-ratelimit-{}-tokens", True),
+    ("requests", "anthropic-ratelimit-requests-{}", True),
+    ("tokens", "anthropic-ratelimit-tokens-{}", True),
+    ("tokens", "anthropic-ratelimit-input-tokens-{}", True),
+    ("requests", "x-ratelimit-{}", False),  # OpenRouter's fixed window
 )
 
 
@@ -38,23 +41,12 @@ def allowances(headers: Mapping[str, str], now: datetime | None = None) -> tuple
     """
     date = http_date(headers.get("date")) or now or datetime.now(UTC)
     by_kind: dict[Kind, Allowance] = {}
-    kinds: tuple[Kind, ...] = ("requests", "tokens")
-    for kind in kinds:
-        stem = "x-ratelimit-{}-" + kind
-        _put(by_kind, kind, [headers.get(stem.format(word)) for word in ("limit", "remaining", "reset")], date, True)
-    for kind, name in _ANTHROPIC:
-        stem = f"anthropic-ratelimit-{name}-"
-        _put(by_kind, kind, [headers.get(stem + word) for word in ("limit", "remaining", "reset")], date, True)
-    words = [headers.get(f"x-ratelimit-{word}") for word in ("limit", "remaining", "reset")]
-    _put(by_kind, "requests", words, date, False)  # OpenRouter's fixed window
+    for kind, header, steady in _HEADERS:
+        limit, left = (_number(headers.get(header.format(word))) for word in ("limit", "remaining"))
+        reset_s = until(headers.get(header.format("reset")), date)
+        if kind not in by_kind and limit and left is not None and reset_s is not None:
+            by_kind[kind] = Allowance(kind, limit, min(left, limit), reset_s, steady)
     return tuple(by_kind.values())
-
-
-def _put(by_kind: dict[Kind, Allowance], kind: Kind, words: list[str | None], now: datetime, steady: bool) -> None:
-    """Add an allowance unless there is one of its kind, or `words` (limit, remaining, reset) are invalid."""
-    limit, left, reset_s = _number(words[0]), _number(words[1]), until(words[2], now)
-    if kind not in by_kind and limit and left is not None and reset_s is not None:
-        by_kind[kind] = Allowance(kind, limit, min(left, limit), reset_s, steady)
 
 
 def until(text: str | None, now: datetime) -> float | None:

@@ -144,7 +144,11 @@ def is_action(value: Any, inner: bool = False) -> bool:
     """
     if not isinstance(value, dict):
         return False
-    return any(_plain(key) == "action" for key in value) or (_unfold(value, set(), 0) is not None and not inner)
+    return _has_action(value) or (_unfold(value, set(), 0) is not None and not inner)
+
+
+def _has_action(value: dict[str, Any]) -> bool:
+    return any(_plain(key) == "action" for key in value)
 
 
 def action_of(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> Action:
@@ -196,7 +200,10 @@ def _unfold(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | N
     if isinstance(value.get("action"), dict):
         mends.add("nested")
         return _unfold(value["action"], mends, depth + 1)
-    return _call(value, mends, depth) or _keyed(value, mends) or _implied(value, mends) or _wrapped(value, mends, depth)
+    called = _call(value, mends, depth)
+    if called or _has_action(value):
+        return called
+    return _keyed(value, mends) or _implied(value, mends) or _wrapped(value, mends, depth)
 
 
 def _named(name: Any) -> tuple[str, int] | None:
@@ -264,8 +271,6 @@ def _keyed(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
 
 def _implied(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
     """Return the action of an object that has fields but no name; None unless exactly one action fits."""
-    if any(_plain(key) == "action" for key in value):
-        return None
     # only `depth_m` counts, because results of object detection may have a "depth"
     aims = DEPTHS[0] in value and any(key in value for key in POINTS)
     turns = ANGLES[0] in value
@@ -277,8 +282,6 @@ def _implied(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
 
 def _wrapped(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
     """Return the only action within an object that is not an action itself."""
-    if any(_plain(key) == "action" for key in value):
-        return None
     held = [item for member in value.values() for item in (member if isinstance(member, list) else [member])]
     if len(held) > _HELD_MAX:
         return None
@@ -287,7 +290,7 @@ def _wrapped(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | 
         own: set[Mend] = {"wrapped"}
         inner = _within(item, own) if isinstance(item, str) and "{" in item else item
         unfolded = _unfold(inner, own, depth + 1) if isinstance(inner, dict) else None
-        names = isinstance(inner, dict) and any(_plain(key) == "action" for key in inner)
+        names = isinstance(inner, dict) and _has_action(inner)
         if unfolded or names or isinstance(inner, Cut):  # a cut member may have held another action
             meant.append((unfolded, own))
     if len(meant) != 1 or meant[0][0] is None:

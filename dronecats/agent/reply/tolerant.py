@@ -177,14 +177,11 @@ class _Reader:
     def _key(self) -> Any:
         if self._peek() in _CLOSING:
             return self._string()
-        word = _WORD.match(self.text, self.at)
-        if word is None:
-            raise _BrokenError
-        self.at = word.end()
+        word = self._take(_WORD)
         if self.at == len(self.text):
             return self._cut()
         self.mends.add("unquoted")
-        return word.group()
+        return word
 
     def _string(self) -> Any:
         quote = self.text[self.at]
@@ -204,15 +201,11 @@ class _Reader:
         return _ESCAPE.sub(_unescaped, text) if "\\" in text else text
 
     def _number(self) -> Any:
-        number = _NUMBER.match(self.text, self.at)
-        if number is None:
-            raise _BrokenError
-        self.at = number.end()
-        if len(number.group()) > MAX_DIGITS:
+        digits = self._take(_NUMBER)
+        if len(digits) > MAX_DIGITS:
             raise _BrokenError
         if self.at == len(self.text):
             return self._cut()  # digits may be missing
-        digits = number.group()
         plain = _JSON_NUMBER.fullmatch(digits) is not None
         if not plain:
             self.mends.add("number_form" if digits.isascii() else "full_width")
@@ -226,13 +219,9 @@ class _Reader:
         return Quantity(read, unit.group(1))
 
     def _word(self) -> Any:
-        word = _WORD.match(self.text, self.at)
-        if word is None:
-            raise _BrokenError
-        self.at = word.end()
+        name = self._take(_WORD)
         if self.at == len(self.text):
             return self._cut()
-        name = word.group()
         if name in _WORDS:
             return _WORDS[name]
         if name in _PYTHON:
@@ -240,6 +229,13 @@ class _Reader:
             return _PYTHON[name]
         self.mends.add("unquoted")
         return name
+
+    def _take(self, pattern: re.Pattern[str]) -> str:
+        match = pattern.match(self.text, self.at)
+        if match is None:
+            raise _BrokenError
+        self.at = match.end()
+        return match.group()
 
     def _peek(self) -> str:
         """Return the next character after spaces and comments, as ASCII if it is full-width; "" at the end."""

@@ -195,10 +195,10 @@ def _expected(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
 
 def _without_detection(picture: colors.Picture, expected: ExpectedPlace | None, past: tuple[PastAction, ...]) -> str:
     """Return the action without a detection: a declaration after the last stride, else a stride, turn or search."""
-    if _was_last_stride(past):
+    if past and past[-1].is_shortest_stride:  # so near that the glass and the shadow of the target fill the picture
         return actions.finished()
     if search.has_turned_away(past):
-        return search.stride_away(picture)
+        return actions.go(search.open_direction(picture)[0], 500.0, search.WANDER_M)
     turn = turn_to_flank(past)
     if turn:
         return turn
@@ -235,14 +235,6 @@ def _fills(box: ranging.BoundingBox, aspect: float) -> bool:
     A car of 4.7 m, seen from the side, is within 4 m if it is wider than 0.6 of a 90° picture.
     """
     return box.bottom >= 0.5 * aspect - _EDGE and box.right - box.left >= _FILLS
-
-
-def _was_last_stride(past: tuple[PastAction, ...]) -> bool:
-    """Return whether the last action was the shortest stride, which ends at the target.
-
-    If the target is not detected after that stride, it is so near that its glass and its shadow fill the picture.
-    """
-    return bool(past) and past[-1].kind == GO and past[-1].depth_m <= actions.SHORTEST_DEPTH_M + 0.1
 
 
 def _approach(detection: Detection, aspect: float, past: tuple[PastAction, ...]) -> str:

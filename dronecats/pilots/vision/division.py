@@ -22,6 +22,12 @@ class GroundPoint:
     right_m: float  # right of the optical axis
     ahead_m: float  # along the optical axis
 
+    def __add__(self, shift: "GroundPoint") -> "GroundPoint":
+        return GroundPoint(self.right_m + shift.right_m, self.ahead_m + shift.ahead_m)
+
+    def __sub__(self, other: "GroundPoint") -> "GroundPoint":
+        return GroundPoint(self.right_m - other.right_m, self.ahead_m - other.ahead_m)
+
     @property
     def bearing_rad(self) -> float:
         """The angle from the optical axis, positive to the right."""
@@ -75,26 +81,18 @@ def assign_things(views: Sequence[Sequence[GroundPoint]]) -> list[GroundPoint | 
     shifts = [GroundPoint(0.0, 0.0)] * len(views)
     for k in order:
         shifts[k] = _shift(shared, views[k])
-        shared = _joined(shared, [_moved(s, shifts[k]) for s in views[k]])
+        shared = _joined(shared, [s + shifts[k] for s in views[k]])
     if not shared:
         return [None] * len(views)
     chosen = sorted(shared, key=lambda candidate: (-candidate.views, candidate.spot.distance_m))[: len(views)]
     chosen.sort(key=lambda candidate: candidate.spot.bearing_rad)
-    return [_moved(chosen[k % len(chosen)].spot, _back(shifts[k])) for k in range(len(views))]
-
-
-def _moved(spot: GroundPoint, by: GroundPoint) -> GroundPoint:
-    return GroundPoint(spot.right_m + by.right_m, spot.ahead_m + by.ahead_m)
-
-
-def _back(shift: GroundPoint) -> GroundPoint:
-    return GroundPoint(-shift.right_m, -shift.ahead_m)
+    return [chosen[k % len(chosen)].spot - shifts[k] for k in range(len(views))]
 
 
 def _gap(point: GroundPoint, reference: GroundPoint) -> float:
     """Return the distance of two points divided by the tolerance. Below 1 the points are of the same thing."""
     allowed = _TOLERANCE_M + _TOLERANCE_PER_M * min(point.distance_m, reference.distance_m)
-    return math.hypot(point.right_m - reference.right_m, point.ahead_m - reference.ahead_m) / allowed
+    return (point - reference).distance_m / allowed
 
 
 def _pairs(shared: Sequence[_SharedThing], points: Sequence[GroundPoint]) -> list[tuple[int, int]]:
@@ -112,10 +110,10 @@ def _shift(shared: Sequence[_SharedThing], points: Sequence[GroundPoint]) -> Gro
     best, most = GroundPoint(0.0, 0.0), (0, 0.0)
     for candidate in shared:
         for spot in points:
-            shift = GroundPoint(candidate.spot.right_m - spot.right_m, candidate.spot.ahead_m - spot.ahead_m)
-            if math.hypot(shift.right_m, shift.ahead_m) > _APART_M:
+            shift = candidate.spot - spot
+            if shift.distance_m > _APART_M:
                 continue
-            moved = [_moved(s, shift) for s in points]
+            moved = [s + shift for s in points]
             pairs = _pairs(shared, moved)
             score = (len(pairs), -sum(_gap(shared[i].spot, moved[j]) for i, j in pairs))
             if score > most:

@@ -52,18 +52,13 @@ def check_installed() -> None:
 
 
 @cache
-def _engine() -> Any:
-    """Return the OCR engine, one per process."""
+def load_engine() -> Any:
+    """Return the OCR engine, one per process. Raises UsageError if one of its packages is not installed."""
     check_installed()
     from rapidocr import RapidOCR
 
     threads = {f"EngineConfig.onnxruntime.{which}_op_num_threads": 1 for which in ("intra", "inter")}
     return RapidOCR(params={"Global.log_level": "error", "Global.text_score": 0.0, **threads})
-
-
-def load_engine() -> None:
-    """Load the OCR engine. Raises UsageError if one of its packages is not installed."""
-    _engine()
 
 
 def read_line(part: Picture, stretch: float = 1.0) -> list[ReadText]:
@@ -73,7 +68,7 @@ def read_line(part: Picture, stretch: float = 1.0) -> list[ReadText]:
     """
     if min(part.shape[:2]) < _LEAST_PX:
         return []
-    result = _engine()(_enlarged(part, stretch), use_det=False, use_cls=False, use_rec=True)
+    result = load_engine()(_enlarged(part, stretch), use_det=False, use_cls=False, use_rec=True)
     return _readings(result)
 
 
@@ -81,7 +76,7 @@ def read_lines(part: Picture, stretch: float = 1.0) -> list[ReadText]:
     """Return the lines of text in `part` (H, W, 3) BGR, top to bottom; several lines also joined as a last entry."""
     if min(part.shape[:2]) < 2 * _LEAST_PX:
         return []
-    result = _engine()(_enlarged(part, stretch), use_det=True, use_cls=False, use_rec=True)
+    result = load_engine()(_enlarged(part, stretch), use_det=True, use_cls=False, use_rec=True)
     readings = _readings(result)
     if len(readings) > 1:
         readings.append(ReadText(" ".join(r.text for r in readings), min(r.confidence for r in readings)))

@@ -65,7 +65,7 @@ def _after_declaration(picture: Picture, wanted: list[PlacedThing], past: tuple[
 
     The drone also comes closer without a detection: the detector may miss a near thing that fills the picture.
     """
-    again = len(past) > 1 and past[-2].kind == GO and past[-2].depth_m <= actions.SHORTEST_DEPTH_M + 0.1
+    again = len(past) > 1 and past[-2].is_shortest_stride
     here = [t for t in wanted if _away_m(t) < _VISITED_M and abs(t.right_m) < _FOLLOWS_M]
     if not again and not here:
         return actions.go(500.0, 500.0, actions.SHORTEST_DEPTH_M)
@@ -96,7 +96,7 @@ def _follow(
     last = past[-1]
     stride = STRIDE_MAX_M if last.depth_m >= NEAR_M else NEAR_SCALE * last.depth_m
     expected = max(last.depth_m - stride, 3.0) if last.depth_m >= NEAR_M else _ARRIVED_M
-    if len(past) > 1 and past[-2].kind == FINISHED and last.depth_m <= actions.SHORTEST_DEPTH_M + 0.1:
+    if len(past) > 1 and past[-2].kind == FINISHED and last.is_shortest_stride:
         return actions.finished()
     reach = max(math.radians(_FOLLOWS_DEG), math.atan(_FOLLOWS_M / expected))
     is_there = not expression.needs_search  # the first picture showed the target

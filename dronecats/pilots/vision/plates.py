@@ -151,7 +151,7 @@ def vantage_point(middle: GroundPoint, heading: float, nearer_end: int, size: Si
     across, back = nearer_end * math.sin(heading), -math.cos(heading)
     right = across * math.cos(bearing) + back * math.sin(bearing)
     ahead = -across * math.sin(bearing) + back * math.cos(bearing)
-    return GroundPoint(middle.right_m + reach * right, middle.ahead_m + reach * ahead)
+    return middle + GroundPoint(reach * right, reach * ahead)
 
 
 def plate_side(plate_px: float, left_px: float, right_px: float) -> int:
@@ -243,16 +243,12 @@ def _approach_end(
         if abs(vehicle.spot.bearing_rad) > _FACING_RAD:
             return actions.rotate(math.degrees(vehicle.spot.bearing_rad))
         if vehicle.spot.ahead_m <= NEAR_M:
-            return _go_round(vehicle, end)
+            # this side has no readable plate: fly round the vehicle
+            return _stride_to(vehicle.spot.bearing_rad + end * _WIDEST_RAD, STRIDE_MAX_M, NEAR_M, -end)
         return _stride_to(vehicle.spot.bearing_rad, _UNREAD_M, 0.0, 0)
     bearing = _clip_bearing(vantage.bearing_rad)
     aside = 1 if vehicle.spot.bearing_rad > bearing else -1
     return _stride_to(bearing, min(max(vantage.distance_m, _UNREAD_M), STRIDE_MAX_M), vehicle.spot.distance_m, aside)
-
-
-def _go_round(vehicle: Candidate, end: int) -> str:
-    """Return a stride round a vehicle that has no readable plate on this side."""
-    return _stride_to(_clip_bearing(vehicle.spot.bearing_rad + end * _WIDEST_RAD), STRIDE_MAX_M, NEAR_M, -end)
 
 
 def _chosen_end(past: tuple[PastAction, ...]) -> int:

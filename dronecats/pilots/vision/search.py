@@ -114,9 +114,3 @@ def is_rejected(detection: Detection, past: tuple[PastAction, ...]) -> bool:
     if not has_turned_away(past) or detection.range.distance_m > _REJECTED_WITHIN_M:
         return False
     return (detection.box.left if past[-1].angle_deg > 0.0 else -detection.box.right) < -0.5 + 0.01
-
-
-def stride_away(picture: colors.Picture) -> str:
-    """Return a stride in the direction with the most open view."""
-    u, _ = open_direction(picture)
-    return actions.go(u, 500.0, WANDER_M)
