@@ -7,7 +7,7 @@ from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.prompt import NONE_YET, History, Prompt, labels
 from dronecats.pilots import actions
 from dronecats.pilots import scripted as blind
-from dronecats.pilots.vision.command import read_referent
+from dronecats.pilots.vision.command import SIZES, read_referent
 from foundation.camera import CameraModel
 
 
@@ -60,11 +60,11 @@ def test_colour_and_noun_are_read_from_a_command():
         ("go to the person in the orange jacket", "orange", "person"),
         ("Find the blue car with license plate 4017", "blue", "car"),
         ("go to the school bus", None, "school bus"),
-        ("the turquoise thing", "cyan", "thing"),
-        ("", None, "thing"),
+        ("the turquoise thing", "cyan", "car"),
+        ("", None, "car"),
     ):
         named = read_referent(command)
-        assert (named.color, named.noun) == (color, noun), command
+        assert (named.color, named.size) == (color, SIZES[noun]), command
 
 
 def test_blind_never_declares_and_answers_once_per_picture():

@@ -32,11 +32,6 @@ class Size:
     paint_to_m: float  # m above ground, upper edge of the painted body
     outline: str = ""  # key of the kind in outlines.npz; '' for a kind without an outline
 
-    @property
-    def paint_height_m(self) -> float:
-        """The height (m) of the painted body. It is the same from every viewing direction."""
-        return self.paint_to_m - self.paint_from_m
-
 
 # Ordinary European and North American vehicles, rounded; a roof is painted, the sill and the wheels are not.
 _SUV = Size(4.7, 1.9, 1.72, 0.42, 1.72, "suv")
@@ -78,8 +73,7 @@ class Referent:
     """The thing that a command names, by colour and size."""
 
     color: str | None  # a value of COLORS; None: the command has no colour word
-    noun: str  # a key of SIZES; 'thing' if the command has no such noun
-    size: Size
+    size: Size  # of the named kind; of a car if the command has no noun of SIZES
 
 
 def _alternatives(words: Iterable[str]) -> str:
@@ -94,7 +88,7 @@ def read_referent(command: str) -> Referent:
     """Return the first noun of SIZES that follows a colour word, and the colour word nearest before it.
 
     'the red car parked by the white house' → red car. Without such a pair: the first colour word and the first noun.
-    Without a noun: 'thing' with the size of a car.
+    Without a noun: the size of a car.
     """
     text = command.lower()
     nouns = list(_SIZED_NOUN.finditer(text))
@@ -102,9 +96,9 @@ def read_referent(command: str) -> Referent:
     for noun in nouns:
         before = [c for c in colors if c.end() <= noun.start()]
         if before:
-            return Referent(COLORS[before[-1][1]], noun[1], SIZES[noun[1]])
+            return Referent(COLORS[before[-1][1]], SIZES[noun[1]])
     color = COLORS[colors[0][1]] if colors else None
-    return Referent(color, nouns[0][1], SIZES[nouns[0][1]]) if nouns else Referent(color, "thing", _CAR)
+    return Referent(color, SIZES[nouns[0][1]] if nouns else _CAR)
 
 
 NEAREST, LEFT, RIGHT, BEFORE, BEHIND, BETWEEN = "nearest", "left of", "right of", "in front of", "behind", "between"
@@ -137,20 +131,13 @@ _CLAUSE_END = re.compile(
 
 
 @dataclass(frozen=True, slots=True)
-class NamedLandmark:
-    """A landmark that a command names to locate its target."""
-
-    words: str  # as in the command, without the article
-    kind: str | None  # one of `shape_detector.KINDS`; None: a thing that the detector cannot find, such as a hall
-
-
-@dataclass(frozen=True, slots=True)
 class PlaceExpression:
     """A target that is named by its place: "the NOUN RELATION LANDMARK". The relation BETWEEN has two landmarks."""
 
     kind: str  # one of `shape_detector.KINDS`
     relation: str  # NEAREST, LEFT, RIGHT, BEFORE, BEHIND or BETWEEN
-    landmarks: tuple[NamedLandmark, ...]
+    # kind of each landmark, like `kind`; None: a thing that the detector cannot find, such as a hall
+    landmarks: tuple[str | None, ...]
     needs_search: bool = False  # the command has a search verb, so the target is not in the first picture
 
 
@@ -166,14 +153,13 @@ def read_place_expression(command: str) -> PlaceExpression | None:
         return None
     needs_search = _SEARCH_VERB.search(command[: match.start()]) is not None
     return PlaceExpression(
-        KIND_OF_NOUN[match[1].lower()], relation, tuple(map(_read_landmark, landmarks)), needs_search
+        KIND_OF_NOUN[match[1].lower()], relation, tuple(map(_landmark_kind, landmarks)), needs_search
     )
 
 
-def _read_landmark(words: str) -> NamedLandmark:
+def _landmark_kind(words: str) -> str | None:
     match = _LANDMARK.fullmatch(words)
-    kind = KIND_OF_NOUN[match[1].lower()] if match else None
-    return NamedLandmark(re.sub(r"^the ", "", words, flags=re.IGNORECASE), kind)
+    return KIND_OF_NOUN[match[1].lower()] if match else None
 
 
 _INSCRIPTION = re.compile(

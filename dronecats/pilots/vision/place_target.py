@@ -41,8 +41,8 @@ _KINDS_FOR = {"fountain": ("fountain", "tiered-fountain")}  # words that may mea
 def decide(picture: Picture, expression: PlaceExpression, past: tuple[PastAction, ...]) -> str:
     """Return the action for one picture, for the target's expression and the drone's history."""
     kinds = _kinds_for(expression.kind)
-    landmark_kinds = {kind for mark in expression.landmarks if mark.kind for kind in _kinds_for(mark.kind)}
-    detections = shape_detector.find(picture, sorted({*kinds, *landmark_kinds}), shape_detector.ShapeNetwork.shipped())
+    landmark_kinds = _kinds_for(*expression.landmarks)
+    detections = shape_detector.find(picture, sorted(kinds | landmark_kinds), shape_detector.ShapeNetwork.shipped())
     wanted = [t for t in detections if t.kind in kinds]
     if past and past[-1].kind == FINISHED:
         return _after_declaration(picture, wanted, past)
@@ -51,8 +51,8 @@ def decide(picture: Picture, expression: PlaceExpression, past: tuple[PastAction
     return _choose(picture, wanted, past, expression, detections)
 
 
-def _kinds_for(kind: str) -> tuple[str, ...]:
-    return _KINDS_FOR.get(kind, (kind,))
+def _kinds_for(*words: str | None) -> set[str]:
+    return {kind for word in words if word for kind in _KINDS_FOR.get(word, (word,))}
 
 
 def _away_m(detection: PlacedThing) -> float:
@@ -147,7 +147,7 @@ def _choose(
     ranked = sorted(((_log_odds(t, expression, detections), t) for t in open_to), key=lambda pair: -pair[0])
     # If the command says to search, the first picture does not show the target. During the first full turn the
     # drone accepts only a thing for which the relation to the landmark holds.
-    has_known_landmarks = all(mark.kind for mark in expression.landmarks)
+    has_known_landmarks = all(expression.landmarks)
     first_circle = expression.needs_search and turns == len(past) and turns < search.CIRCLE_TURNS
     least = _SURE + 0.3 * _WEIGHT if first_circle and has_known_landmarks else _SURE
     if not past and not expression.needs_search:  # the first picture shows the target, so accept any detection
@@ -157,7 +157,7 @@ def _choose(
         tours = expression.needs_search and not has_known_landmarks
         best = likely[_picture_number(picture) % len(likely)] if tours else ranked[0][1]
         return _approach(best, _away_m(best))
-    landmark_kinds = {kind for mark in expression.landmarks if mark.kind for kind in _kinds_for(mark.kind)}
+    landmark_kinds = _kinds_for(*expression.landmarks)
     far = [t for t in detections if t.kind in landmark_kinds and t.odds >= _SURE and _away_m(t) > 2.0 * _VISITED_M]
     if turns and far and not wanted:
         best = max(far, key=lambda t: t.odds)
@@ -167,8 +167,7 @@ def _choose(
 
 def _log_odds(detection: PlacedThing, expression: PlaceExpression, detections: Iterable[PlacedThing]) -> float:
     landmarks = [
-        [t for t in detections if mark.kind and t.kind in _kinds_for(mark.kind) and t is not detection]
-        for mark in expression.landmarks
+        [t for t in detections if t.kind in _kinds_for(mark) and t is not detection] for mark in expression.landmarks
     ]
     if not all(landmarks):
         return detection.odds

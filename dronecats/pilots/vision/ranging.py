@@ -122,7 +122,7 @@ def outline(size: Size) -> tuple[Floats, Floats, Floats]:
         return x, y, z
     along = np.repeat(np.linspace(-0.5, 0.5, 6), 2) * size.length_m
     across = np.tile((0.5, -0.5), 6) * size.width_m
-    waist = size.paint_from_m + 0.5 * size.paint_height_m
+    waist = size.paint_from_m + 0.5 * (size.paint_to_m - size.paint_from_m)
     # As on a vehicle, sill and waist have the full footprint, and the roof has a smaller one.
     # Points along the whole sides keep the far part in the prediction if the picture cuts off the near part.
     return (

@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from dronecats.pilots.vision import place_target, shape_detector
-from dronecats.pilots.vision.command import KIND_OF_NOUN, NamedLandmark, PlaceExpression, read_place_expression
+from dronecats.pilots.vision.command import KIND_OF_NOUN, PlaceExpression, read_place_expression
 from episodes.authoring.check import referring
 from episodes.authoring.propose import draft
 from episodes.maps import campus
@@ -26,10 +26,9 @@ def test_campus_instructions_are_parsed_as_the_episode_check_parses_them():
         assert theirs is not None, episode
         assert (ours.relation, len(ours.landmarks)) == (theirs.relation, len(theirs.landmarks)), episode
         assert ours.kind == KIND_OF_NOUN[theirs.noun], episode
-        assert [landmark.words for landmark in ours.landmarks] == [p.removeprefix("the ") for p in theirs.landmarks], (
-            episode
-        )
-        assert [landmark.kind is None for landmark in ours.landmarks] == [
+        named = [KIND_OF_NOUN.get(phrase.removeprefix("the ")) for phrase in theirs.landmarks]
+        assert list(ours.landmarks) == named, episode
+        assert [kind is None for kind in named] == [
             any(p in HALLS or "Hall" in p for p in [mark]) for mark in theirs.landmarks
         ], episode
 
@@ -47,16 +46,14 @@ def test_any_thing_in_any_relation_is_read_from_any_sentence(verb, noun, relatio
     instruction = verb.format(what=f"the {noun} {relation} {mark}", it=pronoun)
     landmark_kind = KIND_OF_NOUN.get(mark.removeprefix("the "))
     sought = verb in draft.VERBS["searching"] or verb in draft.VERBS["search-and-track"]
-    assert read_place_expression(instruction) == PlaceExpression(
-        KIND_OF_NOUN[noun], relation, (NamedLandmark(mark.removeprefix("the "), landmark_kind),), sought
-    )
+    assert read_place_expression(instruction) == PlaceExpression(KIND_OF_NOUN[noun], relation, (landmark_kind,), sought)
 
 
 @given(KINDS, KINDS, KINDS)
 def test_between_has_two_landmarks(noun, first, second):
     read = read_place_expression(f"fly after the {noun} between the {first} and the {second} and reach them")
     assert read is not None
-    assert [mark.words for mark in read.landmarks] == [first, second]
+    assert read.landmarks == (KIND_OF_NOUN[first], KIND_OF_NOUN[second])
     assert read_place_expression(f"fly to the {noun} between the {first}") is None
 
 
